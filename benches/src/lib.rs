@@ -1,0 +1,1 @@
+//! Micro-benchmarks of the libraries; see the `benches/` folder of this package.

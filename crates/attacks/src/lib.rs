@@ -1,0 +1,1 @@
+//! Attacks on obfuscated queries: keypoint recovery and the guesses it must beat.

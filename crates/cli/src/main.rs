@@ -1,0 +1,3 @@
+//! The `veiloc` binary.
+
+fn main() {}

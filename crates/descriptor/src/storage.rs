@@ -1,0 +1,183 @@
+//! Descriptors as rows of bytes: what is extracted, sent and stored is one and the same code.
+
+use crate::DescriptorError;
+
+/// Which extractor made a descriptor, and so what its bytes mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum DescriptorKind {
+    /// SIFT histograms, L1-normalized, square-rooted (RootSIFT), times 512, rounded, cut at 255. 128 bytes.
+    RootSift,
+}
+
+impl DescriptorKind {
+    /// Bytes of one descriptor.
+    pub const fn dim(self) -> usize {
+        match self {
+            Self::RootSift => 128,
+        }
+    }
+
+    /// The number in files and messages.
+    pub const fn code(self) -> u32 {
+        match self {
+            Self::RootSift => 1,
+        }
+    }
+
+    /// The kind with this number; `None` for a number of a later version.
+    pub const fn from_code(code: u32) -> Option<Self> {
+        match code {
+            1 => Some(Self::RootSift),
+            _ => None,
+        }
+    }
+
+    /// The name on the command line and in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::RootSift => "sift",
+        }
+    }
+}
+
+/// Descriptors of one picture, `[N, dim]`, row by row.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Descriptors {
+    kind: DescriptorKind,
+    bytes: Vec<u8>,
+}
+
+// Descriptors betray what is in a picture: a log may know how many there are, and no more (leak L8).
+impl std::fmt::Debug for Descriptors {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Descriptors({:?}, {})", self.kind, self.len())
+    }
+}
+
+impl Descriptors {
+    /// From rows one after another.
+    ///
+    /// # Errors
+    /// [`DescriptorError::Length`] when the bytes are not whole rows.
+    pub fn new(kind: DescriptorKind, bytes: Vec<u8>) -> Result<Self, DescriptorError> {
+        DescriptorView::new(kind, &bytes)?;
+        Ok(Self { kind, bytes })
+    }
+
+    /// None at all.
+    pub const fn empty(kind: DescriptorKind) -> Self {
+        Self { kind, bytes: Vec::new() }
+    }
+
+    /// Borrows all rows.
+    pub fn view(&self) -> DescriptorView<'_> {
+        DescriptorView { kind: self.kind, bytes: &self.bytes }
+    }
+
+    /// Their kind.
+    pub const fn kind(&self) -> DescriptorKind {
+        self.kind
+    }
+
+    /// How many there are.
+    pub const fn len(&self) -> usize {
+        self.bytes.len() / self.kind.dim()
+    }
+
+    /// True when there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
+    /// The bytes of descriptor `index`, `[dim]`.
+    pub fn row(&self, index: usize) -> &[u8] {
+        self.view().row(index)
+    }
+
+    /// The chosen rows, in the order given.
+    pub fn select(&self, indices: impl IntoIterator<Item = usize>) -> Self {
+        let bytes = indices.into_iter().flat_map(|i| self.row(i).iter().copied()).collect();
+        Self { kind: self.kind, bytes }
+    }
+
+    /// Appends one row; its length must be `dim`.
+    ///
+    /// # Errors
+    /// [`DescriptorError::Length`] when it is not.
+    pub fn push(&mut self, row: &[u8]) -> Result<(), DescriptorError> {
+        if row.len() != self.kind.dim() {
+            return Err(DescriptorError::Length { bytes: row.len(), dim: self.kind.dim() });
+        }
+        self.bytes.extend_from_slice(row);
+        Ok(())
+    }
+
+    /// All rows one after another.
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// Descriptors that live elsewhere, in a map file for example; `[N, dim]`, row by row.
+#[derive(Clone, Copy)]
+pub struct DescriptorView<'a> {
+    kind: DescriptorKind,
+    bytes: &'a [u8],
+}
+
+impl std::fmt::Debug for DescriptorView<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "DescriptorView({:?}, {})", self.kind, self.len())
+    }
+}
+
+impl<'a> DescriptorView<'a> {
+    /// Borrows rows one after another.
+    ///
+    /// # Errors
+    /// [`DescriptorError::Length`] when the bytes are not whole rows.
+    pub fn new(kind: DescriptorKind, bytes: &'a [u8]) -> Result<Self, DescriptorError> {
+        if !bytes.len().is_multiple_of(kind.dim()) {
+            return Err(DescriptorError::Length { bytes: bytes.len(), dim: kind.dim() });
+        }
+        Ok(Self { kind, bytes })
+    }
+
+    /// Their kind.
+    pub const fn kind(&self) -> DescriptorKind {
+        self.kind
+    }
+
+    /// How many there are.
+    pub const fn len(&self) -> usize {
+        self.bytes.len() / self.kind.dim()
+    }
+
+    /// True when there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
+    /// The bytes of descriptor `index`, `[dim]`.
+    pub fn row(&self, index: usize) -> &'a [u8] {
+        let dim = self.kind.dim();
+        &self.bytes[index * dim..(index + 1) * dim]
+    }
+
+    /// Rows `range`.
+    pub fn rows(&self, range: std::ops::Range<usize>) -> Self {
+        let dim = self.kind.dim();
+        Self { kind: self.kind, bytes: &self.bytes[range.start * dim..range.end * dim] }
+    }
+
+    /// All rows one after another.
+    pub const fn as_bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// A copy that owns its rows.
+    pub fn to_owned(&self) -> Descriptors {
+        Descriptors { kind: self.kind, bytes: self.bytes.to_vec() }
+    }
+}

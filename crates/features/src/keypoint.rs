@@ -1,0 +1,33 @@
+//! Keypoints with their descriptors.
+
+use veiloc_descriptor::Descriptors;
+use veiloc_geometry::Pixel;
+
+/// A place in a picture that can be found again.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Keypoint {
+    /// Where, COLMAP's pixel convention, in the picture it was extracted from (still distorted).
+    pub pixel: Pixel,
+    /// Standard deviation of the Gaussian at which it was found, pixels.
+    pub scale: f32,
+    /// Dominant gradient direction, radians from the `u` axis towards `v`, in (-π, π].
+    pub orientation: f32,
+    /// Strength by which keypoints are ranked; larger is stronger.
+    pub response: f32,
+}
+
+/// What was extracted from one picture, strongest keypoint first.
+#[derive(Clone, PartialEq)]
+pub struct Features {
+    /// `[N]`
+    pub keypoints: Vec<Keypoint>,
+    /// `[N, dim]`, row `i` belongs to keypoint `i`.
+    pub descriptors: Descriptors,
+}
+
+// Keypoint positions must never reach a log (leak L8).
+impl std::fmt::Debug for Features {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Features({})", self.keypoints.len())
+    }
+}

@@ -1,0 +1,253 @@
+//! Coordinate frames as types: points that know their frame, and rigid transforms that know both of theirs.
+
+use std::marker::PhantomData;
+
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+
+/// The frame of the map: whatever frame and unit its poses were given in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum World {}
+
+/// The frame of a camera: `x` right, `y` down, `z` forward, origin in the projection centre.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Camera {}
+
+/// A camera whose axes were turned about its own centre, as the radial solvers do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TurnedCamera {}
+
+/// A 3D point in frame `F`, in map units.
+#[derive(Debug)]
+#[repr(transparent)]
+pub struct Point3<F> {
+    /// Coordinates along the axes of `F`.
+    pub coords: Vector3<f64>,
+    frame: PhantomData<F>,
+}
+
+// Written out because a derive would ask the marker types for the same traits.
+impl<F> Clone for Point3<F> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<F> Copy for Point3<F> {}
+
+impl<F> PartialEq for Point3<F> {
+    fn eq(&self, other: &Self) -> bool {
+        self.coords == other.coords
+    }
+}
+
+impl<F> Point3<F> {
+    /// The point with these coordinates along the axes of `F`.
+    pub const fn new(x: f64, y: f64, z: f64) -> Self {
+        Self { coords: Vector3::new(x, y, z), frame: PhantomData }
+    }
+
+    /// The same from a vector.
+    pub const fn from_vector(coords: Vector3<f64>) -> Self {
+        Self { coords, frame: PhantomData }
+    }
+
+    /// Euclidean distance to another point of the same frame.
+    pub fn distance(&self, other: &Self) -> f64 {
+        (self.coords - other.coords).norm()
+    }
+
+    /// True when no coordinate is NaN or infinite.
+    pub fn is_finite(&self) -> bool {
+        self.coords.iter().all(|c| c.is_finite())
+    }
+}
+
+impl Point3<Camera> {
+    /// Distance in front of the camera along its optical axis; negative behind it.
+    pub fn depth(&self) -> f64 {
+        self.coords.z
+    }
+}
+
+/// A rigid transform that takes points of frame `In` to frame `Out`: `x_out = R x_in + t`.
+///
+/// ```text
+/// | R  t |      R: rotation, orthonormal, det +1
+/// | 0  1 |      t: the origin of `In`, seen in `Out`
+/// ```
+#[derive(Debug)]
+pub struct Rigid3<Out, In> {
+    rotation: Rotation3<f64>,
+    translation: Vector3<f64>,
+    frames: PhantomData<(Out, In)>,
+}
+
+/// The pose of a camera in the map, `x_cam = R x_world + t`.
+pub type CameraFromWorld = Rigid3<Camera, World>;
+
+impl<Out, In> Clone for Rigid3<Out, In> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<Out, In> Copy for Rigid3<Out, In> {}
+
+impl<Out, In> PartialEq for Rigid3<Out, In> {
+    fn eq(&self, other: &Self) -> bool {
+        self.rotation == other.rotation && self.translation == other.translation
+    }
+}
+
+impl<Out, In> Rigid3<Out, In> {
+    /// From a rotation and a translation.
+    pub const fn new(rotation: Rotation3<f64>, translation: Vector3<f64>) -> Self {
+        Self { rotation, translation, frames: PhantomData }
+    }
+
+    /// From a Hamilton quaternion `[w, x, y, z]` of any length and a translation.
+    ///
+    /// `None` when a number is not finite or the quaternion has no direction.
+    pub fn from_quaternion(wxyz: [f64; 4], translation: [f64; 3]) -> Option<Self> {
+        let q = Quaternion::new(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
+        let norm = q.norm();
+        let finite = norm.is_finite() && translation.iter().all(|c| c.is_finite());
+        if !finite || norm < 1e-12 {
+            return None;
+        }
+        Some(Self::new(UnitQuaternion::from_quaternion(q).to_rotation_matrix(), Vector3::from(translation)))
+    }
+
+    /// From a matrix that is a rotation up to rounding; the nearest rotation is kept.
+    ///
+    /// `None` when it is not finite or not within about 1e-3 of a rotation.
+    pub fn from_matrix(rotation: Matrix3<f64>, translation: Vector3<f64>) -> Option<Self> {
+        let orthonormal = (rotation * rotation.transpose() - Matrix3::identity()).norm() < 1e-3;
+        if !orthonormal || rotation.determinant() <= 0.0 || !translation.iter().all(|c| c.is_finite()) {
+            return None;
+        }
+        let svd = rotation.svd(true, true);
+        let nearest = svd.u? * svd.v_t?;
+        Some(Self::new(Rotation3::from_matrix_unchecked(nearest), translation))
+    }
+
+    /// The transform that changes nothing.
+    pub fn identity() -> Self {
+        Self::new(Rotation3::identity(), Vector3::zeros())
+    }
+
+    /// `R`, the rotation from `In` to `Out`.
+    pub const fn rotation(&self) -> &Rotation3<f64> {
+        &self.rotation
+    }
+
+    /// `t`, the origin of `In` seen in `Out`, map units.
+    pub const fn translation(&self) -> &Vector3<f64> {
+        &self.translation
+    }
+
+    /// The rotation as a Hamilton quaternion `[w, x, y, z]` with `w >= 0`.
+    pub fn quaternion(&self) -> [f64; 4] {
+        let q = UnitQuaternion::from_rotation_matrix(&self.rotation);
+        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+        [sign * q.w, sign * q.i, sign * q.j, sign * q.k]
+    }
+
+    /// Takes a point from `In` to `Out`.
+    pub fn transform(&self, point: &Point3<In>) -> Point3<Out> {
+        Point3::from_vector(self.rotation * point.coords + self.translation)
+    }
+
+    /// The transform the other way round.
+    pub fn inverse(&self) -> Rigid3<In, Out> {
+        let rotation = self.rotation.inverse();
+        Rigid3::new(rotation, -(rotation * self.translation))
+    }
+
+    /// `self * other`: first `other`, then `self`.
+    pub fn compose<Before>(&self, other: &Rigid3<In, Before>) -> Rigid3<Out, Before> {
+        Rigid3::new(self.rotation * other.rotation, self.rotation * other.translation + self.translation)
+    }
+
+    /// Angle of the rotation between two transforms, in degrees, 0 to 180.
+    ///
+    /// Accurate for tiny angles too (the usual arc cosine of the trace loses half the digits there).
+    pub fn rotation_error_degrees(&self, other: &Self) -> f64 {
+        let between = self.rotation.inverse() * other.rotation;
+        UnitQuaternion::from_rotation_matrix(&between).angle().to_degrees()
+    }
+
+    /// True when no number in it is NaN or infinite.
+    pub fn is_finite(&self) -> bool {
+        self.rotation.matrix().iter().chain(self.translation.iter()).all(|c| c.is_finite())
+    }
+}
+
+impl CameraFromWorld {
+    /// The projection centre in the map, `-Rᵀ t`, map units.
+    pub fn center(&self) -> Point3<World> {
+        Point3::from_vector(-(self.rotation.inverse() * self.translation))
+    }
+
+    /// Distance between the two projection centres, `‖Rᵀt − R̂ᵀt̂‖`, in map units (the paper's translation error).
+    pub fn translation_error(&self, other: &Self) -> f64 {
+        self.center().distance(&other.center())
+    }
+
+    /// The pose with the tangent step `[ω, v]` applied on the left: `R' = exp(ω) R`, `t' = exp(ω) t + v`.
+    ///
+    /// `ω` is in radians about the camera's axes, `v` in map units along them. Refinement and covariance use
+    /// this chart, so the first three rows of a pose covariance are rotation, the last three translation.
+    pub fn perturbed(&self, step: &[f64; 6]) -> Self {
+        let turn = Rotation3::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
+        Self::new(turn * self.rotation, turn * self.translation + Vector3::new(step[3], step[4], step[5]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pose(seed: f64) -> CameraFromWorld {
+        let axis = Vector3::new(seed.sin(), (2.0 * seed).cos(), (3.0 * seed).sin());
+        Rigid3::new(Rotation3::from_scaled_axis(axis), Vector3::new(seed, -2.0 * seed, 0.3))
+    }
+
+    #[test]
+    fn group_laws_hold() {
+        for i in 0..200 {
+            let a = pose(f64::from(i) * 0.137);
+            let b = pose(f64::from(i) * 0.731 + 1.0).inverse();
+            let x = Point3::<Camera>::new(0.3, -1.0, 2.0 + f64::from(i));
+            let there_and_back = a.inverse().transform(&a.transform(&b.transform(&x)));
+            assert!(there_and_back.distance(&b.transform(&x)) < 1e-10);
+            assert!(a.compose(&b).transform(&x).distance(&a.transform(&b.transform(&x))) < 1e-10);
+        }
+    }
+
+    #[test]
+    fn quaternion_round_trip_and_refusals() {
+        for i in 0..100 {
+            let a = pose(f64::from(i) * 0.31);
+            let t = a.translation();
+            let b = CameraFromWorld::from_quaternion(a.quaternion(), [t.x, t.y, t.z]).expect("finite");
+            assert!(a.rotation_error_degrees(&b) < 1e-9);
+        }
+        assert!(CameraFromWorld::from_quaternion([0.0; 4], [0.0; 3]).is_none());
+        assert!(CameraFromWorld::from_quaternion([1.0, f64::NAN, 0.0, 0.0], [0.0; 3]).is_none());
+        assert!(CameraFromWorld::from_quaternion([1.0, 0.0, 0.0, 0.0], [f64::INFINITY, 0.0, 0.0]).is_none());
+        assert!(CameraFromWorld::from_matrix(-Matrix3::identity(), Vector3::zeros()).is_none());
+        assert!(CameraFromWorld::from_matrix(Matrix3::repeat(f64::NAN), Vector3::zeros()).is_none());
+    }
+
+    #[test]
+    fn errors_measure_what_they_say() {
+        let a = pose(0.4);
+        let b = a.perturbed(&[0.0, 0.02_f64.to_radians(), 0.0, 0.0, 0.0, 0.0]);
+        assert!((a.rotation_error_degrees(&b) - 0.02).abs() < 1e-9);
+        // Turning the whole camera frame about its own centre leaves the centre where it was.
+        assert!(a.translation_error(&b) < 1e-12);
+        let c = a.perturbed(&[0.0, 0.0, 0.0, 0.5, 0.0, 0.0]);
+        assert!((a.translation_error(&c) - 0.5).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,1 @@
+//! Sealed query and map to camera pose.

@@ -1,0 +1,1 @@
+//! The map model, its file format, and the import of COLMAP models.

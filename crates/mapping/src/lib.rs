@@ -1,0 +1,1 @@
+//! Posed pictures to map: pairs, matching, tracks, triangulation.

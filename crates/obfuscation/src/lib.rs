@@ -1,0 +1,1 @@
+//! The only door from keypoint to line: obfuscation schemes and sealing.

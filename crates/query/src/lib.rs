@@ -1,0 +1,1 @@
+//! The sealed query, the device profile, and their versioned wire formats.

@@ -1,0 +1,1 @@
+//! Robust estimation: LO-RANSAC, scores, samplers, refinement and covariance.

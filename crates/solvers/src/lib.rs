@@ -1,0 +1,1 @@
+//! Minimal solvers for absolute pose and the polynomial roots they need.

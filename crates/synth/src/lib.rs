@@ -1,0 +1,1 @@
+//! Rendered places and geometric problems with ground truth.
