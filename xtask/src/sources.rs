@@ -1,0 +1,89 @@
+//! What every source file owes the reader, and what none may hold.
+
+use std::path::Path;
+use std::process::Command;
+
+/// The room that may hold `unsafe` code.
+const UNSAFE_ROOM: &str = "crates/kernels/";
+
+/// Beginnings of paths that exist on one person's machine only.
+const PERSONAL_PATHS: &[&str] = &["/home/", "/root/", "/Users/", "/work/"];
+
+/// Checks all files git knows; returns how many were read.
+pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, String> {
+    let listed = Command::new("git")
+        .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])
+        .current_dir(root)
+        .output()
+        .map_err(|e| format!("git ls-files: {e}"))?;
+    if !listed.status.success() {
+        return Err(format!("git ls-files: {}", String::from_utf8_lossy(&listed.stderr)));
+    }
+    let architecture = std::fs::read_to_string(root.join("ARCHITECTURE.md"))
+        .map_err(|e| format!("ARCHITECTURE.md: {e}"))?;
+    let mut files = 0;
+    for name in String::from_utf8_lossy(&listed.stdout).split('\0').filter(|n| !n.is_empty()) {
+        // A file of bytes is nobody's prose; one that was just deleted is not there to read.
+        let Ok(text) = std::fs::read_to_string(root.join(name)) else { continue };
+        files += 1;
+        check_file(name, &text, faults);
+        if let Some(room) = name.strip_prefix("crates/").and_then(|n| n.strip_suffix("/Cargo.toml")) {
+            if !architecture.contains(&format!("`{room}`")) {
+                faults.push(format!("{name}: ARCHITECTURE.md does not say what `{room}` is for"));
+            }
+        }
+    }
+    Ok(files)
+}
+
+fn check_file(name: &str, text: &str, faults: &mut Vec<String>) {
+    let is_rust = Path::new(name).extension().is_some_and(|e| e == "rs");
+    if is_rust {
+        if !text.starts_with("//!") {
+            faults.push(format!("{name}: does not open with `//!` saying what it is for"));
+        }
+        let is_root = name.starts_with("crates/") && name.ends_with("/src/lib.rs");
+        if is_root && !name.starts_with(UNSAFE_ROOM) && !text.contains("#![forbid(unsafe_code)]") {
+            faults.push(format!("{name}: lacks #![forbid(unsafe_code)]"));
+        }
+    }
+    if name.starts_with("xtask/") || name == "Cargo.lock" {
+        return;
+    }
+    for (number, line) in text.lines().enumerate() {
+        if let Some(path) = PERSONAL_PATHS.iter().find(|p| starts_a_path(line, p)) {
+            faults.push(format!("{name}:{}: names a place of one machine ({path}…)", number + 1));
+        }
+    }
+}
+
+/// Whether `prefix` begins an absolute path in the line: `a/home/x` and `https://host/home/` do not count.
+fn starts_a_path(line: &str, prefix: &str) -> bool {
+    line.match_indices(prefix).any(|(at, _)| {
+        let before = line[..at].chars().next_back();
+        before.is_none_or(|c| !(c.is_alphanumeric() || "./_-})".contains(c)))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_are_found() {
+        let mut faults = Vec::new();
+        check_file("crates/map/src/lib.rs", "fn main() {}", &mut faults);
+        assert_eq!(faults.len(), 2, "{faults:?}");
+        faults.clear();
+        check_file("docs/x.md", "see /home/me/data", &mut faults);
+        assert_eq!(faults.len(), 1, "{faults:?}");
+    }
+
+    #[test]
+    fn ordinary_files_pass() {
+        let mut faults = Vec::new();
+        check_file("crates/map/src/lib.rs", "//! Maps.\n#![forbid(unsafe_code)]\n", &mut faults);
+        check_file("docs/x.md", "a service answers at host/home/ and ../shared/data", &mut faults);
+        assert!(faults.is_empty(), "{faults:?}");
+    }
+}
