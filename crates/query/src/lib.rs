@@ -1,1 +1,37 @@
 //! The sealed query, the device profile, and their versioned wire formats.
+//!
+//! This room is what both sides of the wire share: the device seals into it (`veiloc-obfuscation`), the server
+//! reads from it (`veiloc-localize`). It holds codes and turns codes into lines; nothing in it turns a keypoint
+//! into a code, and for the line schemes no type in it has a field that could hold a keypoint.
+//!
+//! - [`Scheme`]: what happens to keypoint positions; [`DclLayout`]: where Dual Convergent Lines puts its anchors.
+//! - [`Profile`]: what a device needs to know before it can seal for a map. No map data.
+//! - [`SealedQuery`]: what leaves the device; [`Observations`]: what it tells about positions.
+//! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
+//!
+//! The bytes are described in `docs/wire-format.md` and `proto/veiloc/v1/`, the reasons in `docs/privacy.md`.
+#![forbid(unsafe_code)]
+
+mod angle;
+mod bits;
+mod camera;
+mod error;
+mod layout;
+mod observations;
+mod profile;
+mod rows;
+mod scheme;
+mod sealed;
+mod size_class;
+mod wire;
+
+pub use angle::AngleBits;
+pub use camera::CanonicalCamera;
+pub use error::QueryError;
+pub use layout::DclLayout;
+pub use observations::{AnchoredLine, Observations};
+pub use profile::{ExtractionLimits, Profile, ProfileId};
+pub use rows::{AnchoredRow, LineRow, PositionRow, Rows};
+pub use scheme::Scheme;
+pub use sealed::SealedQuery;
+pub use size_class::SizeClass;

@@ -1,0 +1,58 @@
+//! Why a picture could not be sealed, and what to do about it.
+
+use veiloc_query::QueryError;
+
+/// Why nothing was sealed. Holds counts and indices, never positions.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SealError {
+    /// A keypoint whose position is not a number.
+    #[error("keypoint {index} has a position that is not finite; the extractor that made it is faulty")]
+    NotFinite {
+        /// Its index in the input.
+        index: usize,
+    },
+    /// A position further from the centre of the picture than the wire format can tell.
+    #[error(
+        "keypoint {index} is more than 8191 px from the centre of the picture; extract from a smaller picture"
+    )]
+    TooFar {
+        /// Its index in the input.
+        index: usize,
+    },
+    /// Not one descriptor for each keypoint.
+    #[error("{keypoints} keypoints but {descriptors} descriptors; both must come from one extraction")]
+    Unpaired {
+        /// Number of keypoints.
+        keypoints: usize,
+        /// Number of descriptors.
+        descriptors: usize,
+    },
+    /// No keypoint is usable.
+    #[error(
+        "no usable keypoint among {extracted}: the picture shows no texture, or the camera parameters are not \
+         those of this picture; take another picture or check the camera"
+    )]
+    NoKeypoints {
+        /// How many there were.
+        extracted: usize,
+    },
+    /// All keypoints belong to one anchor, whose lines alone do not fix a pose.
+    #[error(
+        "all {keypoints} keypoints lie on one side of the dividing line, which leaves the pose undetermined; \
+         turn the camera so that both sides show texture, or turn the dividing line (dcl:horizontal)"
+    )]
+    OneSided {
+        /// How many there are.
+        keypoints: usize,
+    },
+    /// The operating system gave no random numbers.
+    #[error("the operating system gave no random numbers ({reason}); without them nothing can be sealed")]
+    NoEntropy {
+        /// What the system said.
+        reason: String,
+    },
+    /// Camera, profile and features do not go together.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+}

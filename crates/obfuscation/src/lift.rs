@@ -1,0 +1,129 @@
+//! From positions to rows: dither, then line, then quantization. Shared by sealing and by evaluation.
+
+use std::collections::BTreeMap;
+
+use rand::Rng;
+use rand::seq::SliceRandom;
+use veiloc_geometry::{DualAnchors, Pixel};
+use veiloc_query::{AnchoredRow, AngleBits, LineRow, PositionRow, Rows, Scheme};
+
+use crate::SealError;
+
+/// Positions without repetition, and which of them each keypoint has.
+///
+/// An extractor gives several features with one position when it finds several orientations there, and a list of
+/// matches repeats a keypoint. Two different lines for one position would cross in it (rule L7), so dither, line and
+/// permutation partner belong to the place, not to the feature.
+pub(crate) struct Places {
+    /// Each position once, in order of first appearance.
+    pub(crate) pixels: Vec<Pixel>,
+    /// `[N]`: the place of each keypoint.
+    pub(crate) of: Vec<usize>,
+}
+
+impl Places {
+    pub(crate) fn new(positions: impl IntoIterator<Item = Pixel>) -> Self {
+        let mut known = BTreeMap::new();
+        let mut places = Self { pixels: Vec::new(), of: Vec::new() };
+        for pixel in positions {
+            // Adding zero turns −0 into 0, so that equal numbers have equal bits.
+            let key = [(pixel.u + 0.0).to_bits(), (pixel.v + 0.0).to_bits()];
+            let place = *known.entry(key).or_insert(places.pixels.len());
+            if place == places.pixels.len() {
+                places.pixels.push(pixel);
+            }
+            places.of.push(place);
+        }
+        places
+    }
+}
+
+/// Moves a position by up to half a pixel each way, so that one on a lattice cannot be named (rule L2).
+pub(crate) fn dither<R: Rng + ?Sized>(pixel: Pixel, rng: &mut R) -> Pixel {
+    let mut step = || rng.random::<f64>() - 0.5;
+    Pixel::new(pixel.u + step(), pixel.v + step())
+}
+
+/// One row per place. `dithered` are positions in a picture of this size.
+///
+/// The error names the index of a place.
+pub(crate) fn lift<R: Rng + ?Sized>(
+    dithered: &[Pixel],
+    size: [u32; 2],
+    scheme: Scheme,
+    bits: AngleBits,
+    rng: &mut R,
+) -> Result<Rows, SealError> {
+    let center = [f64::from(size[0]) / 2.0, f64::from(size[1]) / 2.0];
+    let from_center = |p: &Pixel| [p.u - center[0], p.v - center[1]];
+    let positions = |places: &[[f64; 2]]| each(places, |&[u, v]| PositionRow::new(u, v));
+    match scheme {
+        Scheme::Points => {
+            let places: Vec<_> = dithered.iter().map(from_center).collect();
+            Ok(Rows::Points(positions(&places)?))
+        }
+        Scheme::RandomLines => {
+            // All directions are drawn before any position is looked at (rule L9).
+            let angles: Vec<u16> =
+                (0..dithered.len()).map(|_| rng.random_range(0..bits.levels()) as u16).collect();
+            let places: Vec<_> = angles.into_iter().zip(dithered.iter().map(from_center)).collect();
+            Ok(Rows::RandomLines(each(&places, |&(angle, [u, v])| LineRow::through(bits, angle, u, v))?))
+        }
+        Scheme::CoordinatePermutation => {
+            let mut places: Vec<_> = dithered.iter().map(from_center).collect();
+            permute(&mut places, center, rng);
+            Ok(Rows::CoordinatePermutation(positions(&places)?))
+        }
+        Scheme::Dcl(layout) => {
+            let anchors = layout.anchors(size[0], size[1]);
+            Ok(Rows::Dcl(dithered.iter().map(|&pixel| anchored(&anchors, bits, pixel)).collect()))
+        }
+        other => Err(veiloc_query::QueryError::SchemeSyntax { text: other.to_string() }.into()),
+    }
+}
+
+fn anchored(anchors: &DualAnchors, bits: AngleBits, pixel: Pixel) -> AnchoredRow {
+    let anchor = anchors.anchor_of(pixel);
+    AnchoredRow::new(bits, anchor, anchors.angle_of(anchor, pixel))
+}
+
+/// Rows of all places, or the first that has none.
+fn each<P, T>(places: &[P], row: impl Fn(&P) -> Option<T>) -> Result<Vec<T>, SealError> {
+    places.iter().enumerate().map(|(index, p)| row(p).ok_or(SealError::TooFar { index })).collect()
+}
+
+/// Pairs all places at random and exchanges one coordinate within each pair, `u` or `v` by the toss of a coin.
+///
+/// Of an odd number, the last three form a ring and pass the coordinate on. A single place has nobody to exchange
+/// with and gets a coordinate drawn uniformly from the picture.
+fn permute<R: Rng + ?Sized>(places: &mut [[f64; 2]], center: [f64; 2], rng: &mut R) {
+    if let [only] = places {
+        let axis = usize::from(rng.random::<bool>());
+        only[axis] = (rng.random::<f64>() * 2.0 - 1.0) * center[axis];
+        return;
+    }
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.shuffle(rng);
+    let mut rest = order.as_slice();
+    while !rest.is_empty() {
+        let (ring, after) = rest.split_at(if rest.len() == 3 { 3 } else { 2 });
+        let axis = usize::from(rng.random::<bool>());
+        let first = places[ring[0]][axis];
+        for pair in ring.windows(2) {
+            places[pair[0]][axis] = places[pair[1]][axis];
+        }
+        places[ring[ring.len() - 1]][axis] = first;
+        rest = after;
+    }
+}
+
+/// Row `i` of the result is row `order[i]` of `rows`.
+pub(crate) fn select(rows: &Rows, order: impl Iterator<Item = usize> + Clone) -> Rows {
+    match rows {
+        Rows::Points(r) => Rows::Points(order.map(|i| r[i]).collect()),
+        Rows::RandomLines(r) => Rows::RandomLines(order.map(|i| r[i]).collect()),
+        Rows::CoordinatePermutation(r) => Rows::CoordinatePermutation(order.map(|i| r[i]).collect()),
+        Rows::Dcl(r) => Rows::Dcl(order.map(|i| r[i]).collect()),
+        other => unreachable!("{other:?} is not made by `lift`"),
+    }
+}

@@ -1,0 +1,165 @@
+//! Sealing: from the features of one picture to the one message that leaves the device.
+
+use rand::CryptoRng;
+use rand::seq::SliceRandom;
+use veiloc_features::Features;
+use veiloc_geometry::{Anchor, DualAnchors, Intrinsics, Pixel};
+use veiloc_query::{CanonicalCamera, Profile, QueryError, Scheme, SealedQuery, SizeClass};
+
+use crate::SealError;
+use crate::audit::SealTruth;
+use crate::decoy;
+use crate::lift::{Places, dither, lift, select};
+
+/// Keypoints nearer than this to an anchor, pixels, have no useful angle and are dropped.
+const ANCHOR_CLEARANCE: f64 = 1.0;
+
+/// Seals the features of one picture: the only door from keypoint to line.
+///
+/// 1. Each keypoint is undistorted and re-projected into the canonical camera (L6). Those without a ray, outside
+///    that camera's picture, or within one pixel of an anchor are dropped.
+/// 2. The strongest are kept, as many as the largest size class not above the count and the profile's limit; below
+///    the smallest class the rest is filled with decoys (L5).
+/// 3. Position, dithered by up to half a pixel (L2); side, line, code (L1, L9). Features with one position share
+///    one dither and one line (L7).
+/// 4. Rows are shuffled (L3); strength, scale and orientation have been left behind (L4).
+///
+/// The features are taken by value: a picture is sealed once (L7). When the network fails, send the same bytes
+/// again; sealing a second time would draw second lines through the same keypoints, and their crossings are the
+/// keypoints.
+///
+/// ```compile_fail
+/// # use veiloc_obfuscation::{seal, device_rng};
+/// # fn f(features: veiloc_features::Features, camera: veiloc_geometry::Intrinsics, profile: veiloc_query::Profile) {
+/// let first = seal(features, &camera, &profile, &mut device_rng().unwrap());
+/// let retry = seal(features, &camera, &profile, &mut device_rng().unwrap()); // the picture is used up
+/// # }
+/// ```
+///
+/// `rng`: [`crate::device_rng`] on a device; tests pass a seeded generator.
+///
+/// # Errors
+/// [`SealError`]: no usable keypoint, all on one side of the dividing line (dcl), a position that is not finite, a
+/// camera that is not possible, descriptors of another kind than the profile's.
+pub fn seal(
+    features: Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    rng: &mut impl CryptoRng,
+) -> Result<SealedQuery, SealError> {
+    seal_frame(features, camera, profile, rng).map(|(query, _)| query)
+}
+
+/// A keypoint that is kept.
+#[derive(Clone, Copy)]
+struct Kept {
+    source: usize,
+    pixel: Pixel,
+}
+
+pub(crate) fn seal_frame(
+    features: Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    rng: &mut impl CryptoRng,
+) -> Result<(SealedQuery, SealTruth), SealError> {
+    check(&features, profile)?;
+    let canonical = CanonicalCamera::for_intrinsics(camera)?;
+    let size = [canonical.width(), canonical.height()];
+    let anchors = match profile.scheme() {
+        Scheme::Dcl(layout) => Some(layout.anchors(size[0], size[1])),
+        _ => None,
+    };
+
+    let mut usable = strongest_first(&features)
+        .into_iter()
+        .filter_map(|source| {
+            let pixel = reproject(features.keypoints[source].pixel, camera, canonical, anchors.as_ref())?;
+            Some(Kept { source, pixel })
+        })
+        .take(profile.limits().max_keypoints as usize)
+        .collect::<Vec<_>>();
+    if usable.is_empty() {
+        return Err(SealError::NoKeypoints { extracted: features.keypoints.len() });
+    }
+    let rows = SizeClass::for_count(usable.len()).rows();
+    usable.truncate(rows);
+
+    let mut places = Places::new(usable.iter().map(|kept| kept.pixel));
+    let real_places = places.pixels.len();
+    let decoys = rows - usable.len();
+    let clear = |pixel| in_picture(pixel, canonical, anchors.as_ref());
+    decoy::add_places(&mut places, usable.len(), decoys, size, clear, rng);
+    let mut descriptors = features.descriptors.select(usable.iter().map(|kept| kept.source));
+    decoy::add_descriptors(&mut descriptors, &features.descriptors, decoys, rng);
+
+    let dithered: Vec<Pixel> = places.pixels.iter().map(|p| dither(*p, rng)).collect();
+    if let Some(anchors) = &anchors {
+        let first = dithered[..real_places].iter().filter(|p| anchors.anchor_of(**p) == Anchor::First);
+        if [0, real_places].contains(&first.count()) {
+            return Err(SealError::OneSided { keypoints: usable.len() });
+        }
+    }
+    let lifted = lift(&dithered, size, profile.scheme(), profile.angle_bits(), rng)?;
+
+    let mut order: Vec<usize> = (0..rows).collect();
+    order.shuffle(rng);
+    let query = SealedQuery::new(
+        profile,
+        canonical,
+        select(&lifted, order.iter().map(|&row| places.of[row])),
+        descriptors.select(order.iter().copied()),
+    )?;
+    let truth = SealTruth {
+        source: order.iter().map(|&row| usable.get(row).map(|kept| kept.source)).collect(),
+        pixels: order.iter().map(|&row| places.pixels[places.of[row]]).collect(),
+    };
+    Ok((query, truth))
+}
+
+fn check(features: &Features, profile: &Profile) -> Result<(), SealError> {
+    let (keypoints, descriptors) = (features.keypoints.len(), features.descriptors.len());
+    if keypoints != descriptors {
+        return Err(SealError::Unpaired { keypoints, descriptors });
+    }
+    if let Some(index) = features.keypoints.iter().position(|k| !k.pixel.is_finite()) {
+        return Err(SealError::NotFinite { index });
+    }
+    let (expected, actual) = (profile.descriptor_kind(), features.descriptors.kind());
+    if expected != actual {
+        return Err(SealError::Query(QueryError::Mismatch {
+            what: "descriptor kind",
+            expected: format!("{expected:?}"),
+            actual: format!("{actual:?}"),
+        }));
+    }
+    Ok(())
+}
+
+/// Indices by falling response, equal ones in the order given; a response that is no number counts as the weakest.
+fn strongest_first(features: &Features) -> Vec<usize> {
+    let strength = |i: &usize| {
+        let response = features.keypoints[*i].response;
+        if response.is_nan() { f32::NEG_INFINITY } else { response }
+    };
+    let mut order: Vec<usize> = (0..features.keypoints.len()).collect();
+    order.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
+    order
+}
+
+fn reproject(
+    pixel: Pixel,
+    camera: &Intrinsics,
+    canonical: CanonicalCamera,
+    anchors: Option<&DualAnchors>,
+) -> Option<Pixel> {
+    let pixel = canonical.pinhole().project(camera.unproject(pixel)?);
+    in_picture(pixel, canonical, anchors).then_some(pixel)
+}
+
+fn in_picture(pixel: Pixel, canonical: CanonicalCamera, anchors: Option<&DualAnchors>) -> bool {
+    canonical.pinhole().contains(pixel, 0.0)
+        && anchors.is_none_or(|anchors| {
+            Anchor::BOTH.iter().all(|a| anchors.position(*a).distance(&pixel) > ANCHOR_CLEARANCE)
+        })
+}

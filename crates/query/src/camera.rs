@@ -1,0 +1,180 @@
+//! The camera in which a sealed query tells positions: one of few, so that it names no individual lens (rule L6).
+
+use veiloc_geometry::{Intrinsics, Pinhole, Pixel, PlanePoint};
+
+use crate::QueryError;
+
+/// A pinhole camera from a short list: centred principal point, one focal length from the ladder `2^(k/4)`, width
+/// and height multiples of 32.
+///
+/// Intrinsics are a fingerprint: calibrated to a hundredth of a pixel they tell devices of one model apart. So the
+/// device undoes its distortion, turns each keypoint into a ray and projects the ray into this camera. The ray is
+/// the same, nothing is lost by the rounding of the focal length; only the unit "pixel" changes, by at most 9 %.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct CanonicalCamera {
+    /// `k`, quarter octaves.
+    focal_step: u8,
+    /// Width, units of 32 pixels.
+    width_blocks: u16,
+    /// Height, units of 32 pixels.
+    height_blocks: u16,
+}
+
+impl CanonicalCamera {
+    /// Pixels of one unit of width and height.
+    pub const BLOCK: u32 = 32;
+    /// Widest and highest picture: 8192 pixels.
+    pub const MAX_BLOCKS: u16 = 256;
+    /// Steps of the ladder that are allowed: focal lengths of 16 to 32768 pixels.
+    pub const FOCAL_STEPS: std::ops::RangeInclusive<u8> = 16..=60;
+
+    /// The camera for pictures of a device: the nearest focal length, and the smallest picture that covers all that
+    /// the device's picture shows once its distortion is undone.
+    ///
+    /// # Errors
+    /// [`QueryError::Focal`] and [`QueryError::PictureSize`] for cameras this list does not reach, which in practice
+    /// are wrong calibrations.
+    pub fn for_intrinsics(device: &Intrinsics) -> Result<Self, QueryError> {
+        let focal = device.pinhole().mean_focal();
+        let step = (4.0 * focal.log2()).round();
+        let (first, last) = (f64::from(*Self::FOCAL_STEPS.start()), f64::from(*Self::FOCAL_STEPS.end()));
+        if !(first..=last).contains(&step) {
+            return Err(QueryError::Focal { focal });
+        }
+        let focal_step = step as u8;
+        let [half_width, half_height] = half_extent(device);
+        let blocks = |half: f64| (2.0 * half * focal_of(focal_step) / f64::from(Self::BLOCK)).ceil();
+        let (width, height) = (blocks(half_width), blocks(half_height));
+        let allowed = 1.0..=f64::from(Self::MAX_BLOCKS);
+        if !(allowed.contains(&width) && allowed.contains(&height)) {
+            return Err(QueryError::PictureSize {
+                width: width * f64::from(Self::BLOCK),
+                height: height * f64::from(Self::BLOCK),
+            });
+        }
+        Ok(Self { focal_step, width_blocks: width as u16, height_blocks: height as u16 })
+    }
+
+    /// From the numbers on the wire: step of the focal length, width and height in units of 32 pixels.
+    ///
+    /// # Errors
+    /// [`QueryError::Field`] for a number out of range.
+    pub fn from_codes(focal: u32, width: u32, height: u32) -> Result<Self, QueryError> {
+        let blocks = |field, value: u32| {
+            u16::try_from(value)
+                .ok()
+                .filter(|b| (1..=Self::MAX_BLOCKS).contains(b))
+                .ok_or(QueryError::Field { field, value, allowed: "a number from 1 to 256" })
+        };
+        let focal_step =
+            u8::try_from(focal).ok().filter(|k| Self::FOCAL_STEPS.contains(k)).ok_or(QueryError::Field {
+                field: "camera_focal",
+                value: focal,
+                allowed: "a number from 16 to 60",
+            })?;
+        let (width_blocks, height_blocks) =
+            (blocks("camera_width", width)?, blocks("camera_height", height)?);
+        Ok(Self { focal_step, width_blocks, height_blocks })
+    }
+
+    /// `(focal, width, height)` as on the wire.
+    pub const fn codes(self) -> (u32, u32, u32) {
+        (self.focal_step as u32, self.width_blocks as u32, self.height_blocks as u32)
+    }
+
+    /// Focal length, pixels.
+    pub fn focal(self) -> f64 {
+        focal_of(self.focal_step)
+    }
+
+    /// Picture width, pixels.
+    pub const fn width(self) -> u32 {
+        self.width_blocks as u32 * Self::BLOCK
+    }
+
+    /// Picture height, pixels.
+    pub const fn height(self) -> u32 {
+        self.height_blocks as u32 * Self::BLOCK
+    }
+
+    /// The camera as the pose estimator wants it.
+    pub fn pinhole(self) -> Pinhole {
+        Pinhole {
+            width: self.width(),
+            height: self.height(),
+            focal: [self.focal(); 2],
+            principal: [f64::from(self.width()) / 2.0, f64::from(self.height()) / 2.0],
+        }
+    }
+}
+
+/// `2^(step/4)`, to the last bit the same on every machine.
+fn focal_of(step: u8) -> f64 {
+    /// `2^(0/4)` to `2^(3/4)`.
+    const QUARTERS: [f64; 4] = [1.0, 1.189_207_115_002_721, std::f64::consts::SQRT_2, 1.681_792_830_507_429];
+    f64::from(1_u32 << (step / 4).min(31)) * QUARTERS[usize::from(step % 4)]
+}
+
+/// Largest `|x|` and `|y|` on the plane `z = 1` of what the picture shows, sampled over border and inside (inside,
+/// because a border beyond the fold of a distortion has no ray).
+fn half_extent(device: &Intrinsics) -> [f64; 2] {
+    const SAMPLES: u32 = 32;
+    let at = |i: u32, size: u32| f64::from(size) * f64::from(i) / f64::from(SAMPLES);
+    (0..=SAMPLES)
+        .flat_map(|i| (0..=SAMPLES).map(move |j| (i, j)))
+        .filter_map(|(i, j)| device.unproject(Pixel::new(at(i, device.width), at(j, device.height))))
+        .fold([0.0; 2], |[x, y], p: PlanePoint| [f64::max(x, p.x.abs()), f64::max(y, p.y.abs())])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn covers_the_picture_and_keeps_the_scale() {
+        for (text, focal, width, height) in [
+            ("SIMPLE_PINHOLE,640,480,525.5,320,240", 512.0, 640, 480),
+            ("PINHOLE,1536,1024,1379.74,1382.08,760.6,503.7", 1448.154_687_870_049, 1632, 1120),
+            ("OPENCV,1000,800,900,905,510,390,-0.15,0.05,0.001,-0.0007", 861.077_929_219_003_7, 1056, 864),
+        ] {
+            let device: Intrinsics = text.parse().expect("valid");
+            let camera = CanonicalCamera::for_intrinsics(&device).expect("ordinary");
+            assert!((camera.focal() - focal).abs() < 1e-9, "{text}: {}", camera.focal());
+            assert_eq!((camera.width(), camera.height()), (width, height), "{text}");
+            let (a, b, c) = camera.codes();
+            assert_eq!(CanonicalCamera::from_codes(a, b, c).expect("own codes"), camera);
+            let pinhole = camera.pinhole();
+            for i in 0..=50 {
+                let t = f64::from(i) / 50.0;
+                for (u, v) in [(t, 0.0), (t, 1.0), (0.0, t), (1.0, t)] {
+                    let pixel = Pixel::new(u * f64::from(device.width), v * f64::from(device.height));
+                    let ray = device.unproject(pixel).expect("unfolded");
+                    assert!(pinhole.contains(pinhole.project(ray), 0.0), "{text} {pixel:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_ladder_is_a_ladder() {
+        for step in CanonicalCamera::FOCAL_STEPS {
+            let expected = 2_f64.powf(f64::from(step) / 4.0);
+            assert!((focal_of(step) / expected - 1.0).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn absurd_cameras_are_refused() {
+        let of = |text: &str| CanonicalCamera::for_intrinsics(&text.parse().expect("valid"));
+        assert!(matches!(of("SIMPLE_PINHOLE,640,480,1,320,240"), Err(QueryError::Focal { .. })));
+        assert!(matches!(of("SIMPLE_PINHOLE,640,480,1e9,320,240"), Err(QueryError::Focal { .. })));
+        assert!(matches!(of("SIMPLE_PINHOLE,640,480,500,99999,240"), Err(QueryError::PictureSize { .. })));
+        assert!(matches!(
+            of("SIMPLE_PINHOLE,4000000000,480,500,320,240"),
+            Err(QueryError::PictureSize { .. })
+        ));
+        assert!(CanonicalCamera::from_codes(15, 1, 1).is_err());
+        assert!(CanonicalCamera::from_codes(30, 0, 1).is_err());
+        assert!(CanonicalCamera::from_codes(30, 1, 257).is_err());
+    }
+}

@@ -1,0 +1,202 @@
+//! What happens to the positions of keypoints before they leave the device.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::{DclLayout, QueryError};
+
+/// An obfuscation scheme.
+///
+/// | scheme | what is sent per keypoint | source |
+/// |---|---|---|
+/// | `points` | its position: **no protection**, the baseline | |
+/// | `random-lines` | a line through it in a random direction | Speciale et al., ICCV 2019 |
+/// | `coordinate-permutation` | a position with one of its two coordinates exchanged with another keypoint's | Pan et al., 2023 |
+/// | `dcl` | one of two anchors and the angle of the line to it | Dual Convergent Lines, CVPR 2026 |
+///
+/// As text: the names above; `dcl` may be followed by a colon and, separated by commas, `vertical`, `horizontal` or
+/// `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in half picture heights).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Scheme {
+    /// Positions as they are.
+    Points,
+    /// Random lines.
+    RandomLines,
+    /// Coordinate permutation.
+    CoordinatePermutation,
+    /// Dual Convergent Lines.
+    Dcl(DclLayout),
+}
+
+impl Scheme {
+    /// Every scheme once, `dcl` with its default layout.
+    pub const ALL: [Self; 4] =
+        [Self::Points, Self::RandomLines, Self::CoordinatePermutation, Self::Dcl(DclLayout::VERTICAL)];
+
+    /// The name without layout.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Points => "points",
+            Self::RandomLines => "random-lines",
+            Self::CoordinatePermutation => "coordinate-permutation",
+            Self::Dcl(_) => "dcl",
+        }
+    }
+
+    /// Whether anything at all is hidden: false for `points`.
+    pub const fn hides_positions(self) -> bool {
+        !matches!(self, Self::Points)
+    }
+
+    /// `(scheme, dividing_angle, anchor_distance)` as on the wire.
+    pub(crate) const fn codes(self) -> (u32, u32, u32) {
+        match self {
+            Self::Points => (1, 0, 0),
+            Self::RandomLines => (2, 0, 0),
+            Self::CoordinatePermutation => (3, 0, 0),
+            Self::Dcl(layout) => {
+                let (angle, distance) = layout.codes();
+                (4, angle, distance)
+            }
+        }
+    }
+
+    pub(crate) fn from_codes(scheme: u32, angle: u32, distance: u32) -> Result<Self, QueryError> {
+        let found = match scheme {
+            1 => Self::Points,
+            2 => Self::RandomLines,
+            3 => Self::CoordinatePermutation,
+            4 => return DclLayout::from_codes(angle, distance).map(Self::Dcl),
+            _ => {
+                return Err(QueryError::Field {
+                    field: "scheme",
+                    value: scheme,
+                    allowed: "1 (points), 2 (random-lines), 3 (coordinate-permutation) or 4 (dcl)",
+                });
+            }
+        };
+        for (field, value) in [("dividing_angle", angle), ("anchor_distance", distance)] {
+            if value != 0 {
+                return Err(QueryError::Field { field, value, allowed: "0, because only dcl has one" });
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// `dcl` with its default layout.
+impl Default for Scheme {
+    fn default() -> Self {
+        Self::Dcl(DclLayout::VERTICAL)
+    }
+}
+
+impl FromStr for Scheme {
+    type Err = QueryError;
+
+    fn from_str(text: &str) -> Result<Self, QueryError> {
+        let refuse = || QueryError::SchemeSyntax { text: text.chars().take(80).collect() };
+        let (name, layout) = match text.split_once(':') {
+            Some((name, layout)) => (name, Some(layout)),
+            None => (text, None),
+        };
+        match (name, layout) {
+            ("points", None) => Ok(Self::Points),
+            ("random-lines", None) => Ok(Self::RandomLines),
+            ("coordinate-permutation", None) => Ok(Self::CoordinatePermutation),
+            ("dcl", None) => Ok(Self::default()),
+            ("dcl", Some(layout)) => {
+                let (mut degrees, mut s) = (None, None);
+                for part in layout.split(',').map(str::trim) {
+                    let (slot, value) = match part.split_once('=') {
+                        None if part == "vertical" => (&mut degrees, 90.0),
+                        None if part == "horizontal" => (&mut degrees, 0.0),
+                        Some(("angle", number)) => (&mut degrees, number.parse().map_err(|_| refuse())?),
+                        Some(("s", number)) => (&mut s, number.parse().map_err(|_| refuse())?),
+                        _ => return Err(refuse()),
+                    };
+                    if slot.replace(value).is_some() {
+                        return Err(refuse());
+                    }
+                }
+                DclLayout::new(degrees.unwrap_or(90.0), s.unwrap_or(1.0)).map(Self::Dcl)
+            }
+            _ => Err(refuse()),
+        }
+    }
+}
+
+impl fmt::Display for Scheme {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())?;
+        let Self::Dcl(layout) = self else { return Ok(()) };
+        let (angle, distance) = layout.codes();
+        let mut separator = ":";
+        if angle == 0 {
+            write!(f, "{separator}horizontal")?;
+            separator = ",";
+        } else if angle != DclLayout::VERTICAL.codes().0 {
+            write!(f, "{separator}angle={}", layout.degrees())?;
+            separator = ",";
+        }
+        if distance != 100 {
+            write!(f, "{separator}s={}", layout.s())?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_round_trips() {
+        for text in [
+            "points",
+            "random-lines",
+            "coordinate-permutation",
+            "dcl",
+            "dcl:horizontal",
+            "dcl:angle=30",
+            "dcl:s=2",
+            "dcl:horizontal,s=0.5",
+            "dcl:angle=12.34,s=20",
+        ] {
+            assert_eq!(text.parse::<Scheme>().expect(text).to_string(), text);
+        }
+        assert_eq!("dcl:vertical".parse::<Scheme>().expect("known").to_string(), "dcl");
+    }
+
+    #[test]
+    fn other_text_is_refused() {
+        for text in [
+            "",
+            "DCL",
+            "lines",
+            "points:s=2",
+            "dcl:",
+            "dcl:s",
+            "dcl:s=",
+            "dcl:s=-1",
+            "dcl:s=nan",
+            "dcl:angle=180",
+            "dcl:angle=30,angle=40",
+            "dcl:vertical,horizontal",
+        ] {
+            assert!(text.parse::<Scheme>().is_err(), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn codes_round_trip_and_others_are_refused() {
+        for scheme in Scheme::ALL {
+            let (a, b, c) = scheme.codes();
+            assert_eq!(Scheme::from_codes(a, b, c).expect("own codes"), scheme);
+        }
+        for (a, b, c) in [(0, 0, 0), (5, 0, 0), (1, 1, 0), (2, 0, 1), (4, 0, 0), (4, 18_000, 100)] {
+            assert!(Scheme::from_codes(a, b, c).is_err(), "{a} {b} {c}");
+        }
+    }
+}
