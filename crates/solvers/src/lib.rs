@@ -1,1 +1,24 @@
 //! Minimal solvers for absolute pose and the polynomial roots they need.
+//!
+//! | solver | sample | solutions | source |
+//! |---|---|---|---|
+//! | [`p3p`] | three points | 0–4 | Persson and Nordberg 2018; Ding et al. 2023 |
+//! | [`p6lp`] | six line–point pairs | 0–8 | Speciale et al. 2019; Kukelova et al. 2016 |
+//!
+//! Names follow PoseLib: how many 2D-point–3D-point (`p`) and 2D-line–3D-point (`lp`) constraints a sample has.
+//! Runtimes: `cargo bench -p veiloc-benches --bench solvers`.
+//!
+//! Every solver is deterministic, allocates nothing, never panics, and answers a degenerate or non-finite sample with
+//! no poses: that is not an error, RANSAC draws again.
+#![forbid(unsafe_code)]
+#![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
+
+mod p3p;
+mod p6lp;
+pub mod polynomial;
+mod quadrics;
+
+/// Where solvers put their solutions.
+pub use arrayvec::ArrayVec;
+pub use p3p::p3p;
+pub use p6lp::p6lp;
