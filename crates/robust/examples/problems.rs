@@ -1,0 +1,196 @@
+//! Recall, median errors and milliseconds of each recipe on the problems of a `problems.jsonl.gz`.
+//!
+//! ```text
+//! cargo run --release -p veiloc-robust --example problems -- $VEILOC_DATA/problems/redkitchen_nn.jsonl.gz \
+//!     --threshold 0.05/5 --hypotheses 1000 --seeds 3
+//! ```
+//!
+//! Options: `--threshold UNITS/DEGREES`, `--hypotheses N` (exactly that many; adaptive without), `--seeds N` runs per
+//! query, `--recipes a,b,…` of `points`, `lines`, `dcl`, each optionally with `:msac` or `:likelihood` and `+prior`,
+//! `--noise PX`, `--max-error PX`.
+#![expect(clippy::print_stdout, reason = "the table is the product")]
+
+use std::io::{BufRead, BufReader};
+use std::time::Instant;
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde_json::Value;
+use veiloc_geometry::frames::World;
+use veiloc_geometry::{CameraFromWorld, DualAnchors, Intrinsics, Pinhole, Pixel, PixelLine, Point3};
+use veiloc_robust::{Correspondences, PoseOptions, PoseProblem, ScoreKind, estimate_pose};
+
+type Failure = Box<dyn std::error::Error>;
+
+struct Query {
+    camera: Pinhole,
+    pixels: Vec<Pixel>,
+    points: Vec<Point3<World>>,
+    truth: CameraFromWorld,
+    prior: Vec<f64>,
+}
+
+struct Recipe {
+    name: String,
+    scheme: String,
+    score: Option<ScoreKind>,
+    prior: bool,
+}
+
+fn main() -> Result<(), Failure> {
+    let mut files = Vec::new();
+    let mut options = PoseOptions::default();
+    let (mut units, mut degrees, mut seeds) = (0.05, 5.0, 1_u64);
+    let mut recipes = "points:msac,points:likelihood,lines:msac,lines:likelihood,dcl:msac,dcl:likelihood,\
+                       points:likelihood+prior,lines:likelihood+prior,dcl:likelihood+prior"
+        .to_owned();
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        let mut value = || arguments.next().ok_or(format!("{argument} wants a value"));
+        match argument.as_str() {
+            "--threshold" => {
+                let text = value()?;
+                let (u, d) = text.split_once('/').ok_or("--threshold wants UNITS/DEGREES")?;
+                (units, degrees) = (u.parse()?, d.parse()?);
+            }
+            "--hypotheses" => options.fixed_hypotheses = Some(value()?.parse()?),
+            "--seeds" => seeds = value()?.parse()?,
+            "--recipes" => recipes = value()?,
+            "--noise" => options.noise_px = value()?.parse()?,
+            "--max-error" => options.max_error_px = value()?.parse()?,
+            _ => files.push(argument),
+        }
+    }
+    for file in &files {
+        let queries = read(file)?;
+        println!("{file}: {} queries, {seeds} seeds, recall at {units} units / {degrees} deg", queries.len());
+        println!(
+            "{:28} {:>8} {:>10} {:>10} {:>8} {:>10} {:>8}",
+            "recipe", "recall", "med units", "med deg", "inliers", "samples", "med ms"
+        );
+        for text in recipes.split(',') {
+            evaluate(&recipe(text)?, &queries, &options, seeds, (units, degrees));
+        }
+    }
+    Ok(())
+}
+
+fn recipe(text: &str) -> Result<Recipe, Failure> {
+    let (rest, prior) = text.strip_suffix("+prior").map_or((text, false), |r| (r, true));
+    let (scheme, score) = match rest.split_once(':') {
+        Some((scheme, score)) => (scheme, Some(score.parse()?)),
+        None => (rest, None),
+    };
+    Ok(Recipe { name: text.to_owned(), scheme: scheme.to_owned(), score, prior })
+}
+
+fn evaluate(recipe: &Recipe, queries: &[Query], options: &PoseOptions, seeds: u64, threshold: (f64, f64)) {
+    let mut options = options.clone();
+    options.score = recipe.score;
+    let (mut hits, mut units, mut degrees, mut ms) = (0, Vec::new(), Vec::new(), Vec::new());
+    let (mut inliers, mut samples) = (Vec::new(), Vec::new());
+    for (index, query) in queries.iter().enumerate() {
+        for seed in 0..seeds {
+            let mut rng = ChaCha8Rng::seed_from_u64(1000 * seed + index as u64);
+            let problem = PoseProblem {
+                camera: query.camera,
+                observations: obfuscate(query, &recipe.scheme, &mut rng),
+                points: query.points.clone(),
+                prior: recipe.prior.then(|| query.prior.clone()),
+            };
+            let started = Instant::now();
+            let estimate = estimate_pose(&problem, &options, &mut rng);
+            ms.push(started.elapsed().as_secs_f64() * 1e3);
+            let (u, d) = estimate.as_ref().map_or((f64::INFINITY, f64::INFINITY), |e| {
+                (
+                    e.cam_from_world.translation_error(&query.truth),
+                    e.cam_from_world.rotation_error_degrees(&query.truth),
+                )
+            });
+            hits += usize::from(u <= threshold.0 && d <= threshold.1);
+            units.push(u);
+            degrees.push(d);
+            inliers.push(estimate.as_ref().map_or(0.0, |e| e.inlier_count as f64));
+            samples.push(estimate.as_ref().map_or(0.0, |e| e.hypotheses as f64));
+        }
+    }
+    println!(
+        "{:28} {:>7.1}% {:>10.4} {:>10.3} {:>8.0} {:>10.0} {:>8.1}",
+        recipe.name,
+        100.0 * hits as f64 / ms.len() as f64,
+        median(&mut units),
+        median(&mut degrees),
+        median(&mut inliers),
+        median(&mut samples),
+        median(&mut ms)
+    );
+}
+
+/// The schemes in a few lines: dither of half a pixel, angles in 12 bits, one line a keypoint.
+fn obfuscate(query: &Query, scheme: &str, rng: &mut ChaCha8Rng) -> Correspondences {
+    if scheme == "points" {
+        return Correspondences::Points { pixels: query.pixels.clone() };
+    }
+    let anchors = DualAnchors::vertical(query.camera.width, query.camera.height);
+    let step = std::f64::consts::PI / 4096.0;
+    let quantized = |angle: f64| ((angle / step).floor().clamp(0.0, 4095.0) + 0.5) * step;
+    let mut known = std::collections::BTreeMap::new();
+    let drawn: Vec<(Pixel, f64)> = query
+        .pixels
+        .iter()
+        .map(|p| {
+            *known.entry((p.u.to_bits(), p.v.to_bits())).or_insert_with(|| {
+                let dither = Pixel::new(p.u + rng.random_range(-0.5..0.5), p.v + rng.random_range(-0.5..0.5));
+                (dither, rng.random_range(0.0..std::f64::consts::PI))
+            })
+        })
+        .collect();
+    if scheme == "lines" {
+        return Correspondences::Lines {
+            lines: drawn.iter().map(|(p, a)| PixelLine::through(*p, quantized(*a))).collect(),
+        };
+    }
+    let anchored = |p: Pixel| {
+        let anchor = anchors.anchor_of(p);
+        (anchor, quantized(anchors.angle_of(anchor, p)))
+    };
+    Correspondences::Anchored { anchors, lines: drawn.iter().map(|(p, _)| anchored(*p)).collect() }
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn read(path: &str) -> Result<Vec<Query>, Failure> {
+    let file = BufReader::new(flate2::read::MultiGzDecoder::new(std::fs::File::open(path)?));
+    file.lines().map(|line| query(&serde_json::from_str(&line?)?)).collect()
+}
+
+fn query(line: &Value) -> Result<Query, Failure> {
+    let numbers = |v: &Value| -> Vec<f64> {
+        v.as_array().map(|a| a.iter().filter_map(Value::as_f64).collect()).unwrap_or_default()
+    };
+    let rows = |v: &Value| -> Vec<Vec<f64>> {
+        v.as_array().map(|a| a.iter().map(numbers).collect()).unwrap_or_default()
+    };
+    let size = |key: &str| line["camera"][key].as_u64().ok_or("camera without size");
+    let model = line["camera"]["model"].as_str().ok_or("camera without model")?;
+    let camera = Intrinsics::new(
+        model,
+        size("width")? as u32,
+        size("height")? as u32,
+        &numbers(&line["camera"]["params"]),
+    )?;
+    let pose = &line["cam_from_world"];
+    let (q, t) = (numbers(&pose["q"]), numbers(&pose["t"]));
+    let truth = CameraFromWorld::from_quaternion(q.as_slice().try_into()?, t.as_slice().try_into()?)
+        .ok_or("bad pose")?;
+    let pixels = rows(&line["points2d"])
+        .iter()
+        .map(|p| camera.undistort_pixel(Pixel::new(p[0], p[1])).ok_or("pixel without ray"))
+        .collect::<Result<_, _>>()?;
+    let points: Vec<_> = rows(&line["points3d"]).iter().map(|p| Point3::new(p[0], p[1], p[2])).collect();
+    let prior = vec![0.2; points.len()];
+    Ok(Query { camera: camera.pinhole(), pixels, points, truth, prior })
+}

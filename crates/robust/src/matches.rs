@@ -1,0 +1,338 @@
+//! The correspondences as the estimators see them: residuals in pixels, their derivatives, and what each is worth.
+//!
+//! # The likelihood
+//! For each correspondence the logarithm of how much better "right, with Gaussian noise" explains what was observed
+//! than "wrong, anything goes". With `γ` the probability that it is right, `e` the distance in pixels of the projection
+//! from the observation and `σ` the noise,
+//!
+//! | kind | observed | spread of wrong ones | log likelihood ratio |
+//! |---|---|---|---|
+//! | points | position | the picture, `1/(W H)` | `logit γ + log(W H / (2π σ²)) − e²/(2σ²)` |
+//! | lines | offset, given the direction | its chord's share of the picture, `L/(W H)` | `logit γ + log(W H / (L σ √(2π))) − e²/(2σ²)` |
+//! | anchored | angle about the anchor | the half circle, `1/π` | `logit γ + log(π r / (σ √(2π))) − e²/(2σ²)` |
+//!
+//! where `r` is the distance of the projection from the anchor: an angle seen from far is worth more than one seen
+//! from near, and the collapse of the scene into an anchor is worth nothing. It counts only when the point is in front
+//! of the camera, inside the picture and, for anchored lines, on the anchor's side (each with a small margin).
+
+use veiloc_geometry::nalgebra::{Vector2, Vector3};
+use veiloc_geometry::{Anchor, CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine};
+
+use crate::problem::{Correspondences, PoseProblem};
+
+/// Priors are kept this far from certainty: no single match may decide.
+const PRIOR_LIMIT: f64 = 1e-3;
+
+/// How far outside the picture, or over the dividing line, a projection may lie, as a share of the picture's width.
+const MARGIN: f64 = 0.01;
+
+/// What kind of observation all correspondences are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Kind {
+    Points,
+    Lines,
+    Anchored(DualAnchors),
+}
+
+/// The correspondences of one problem, checked.
+#[derive(Debug, Clone)]
+pub(crate) struct Matches {
+    pub(crate) camera: Pinhole,
+    pub(crate) kind: Kind,
+    /// `X`, world frame.
+    pub(crate) points: Vec<Vector3<f64>>,
+    /// Lines: `(a, b, c)` of unit normal in pixels. Points: `(u, v, 1)`.
+    pub(crate) observed: Vec<Vector3<f64>>,
+    /// Anchor of each line; `First` for all where there are none.
+    pub(crate) anchor: Vec<Anchor>,
+    /// Log likelihood ratio without `σ`, `e` and `log r`.
+    pub(crate) worth: Vec<f64>,
+    /// How often each is drawn.
+    pub(crate) weight: Vec<f64>,
+}
+
+/// One correspondence under one pose.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Residual {
+    /// Pixels; lines have one, points two (the second is 0 for lines).
+    pub(crate) error: [f64; 2],
+    /// Derivative of each by the six numbers of [`CameraFromWorld::perturbed`].
+    pub(crate) jacobian: [[f64; 6]; 2],
+    /// `log r`, 0 without anchors.
+    pub(crate) log_radius: f64,
+    /// Its derivative.
+    pub(crate) radius_jacobian: [f64; 6],
+}
+
+impl Residual {
+    pub(crate) fn squared(&self) -> f64 {
+        self.error[0] * self.error[0] + self.error[1] * self.error[1]
+    }
+}
+
+impl Matches {
+    /// The problem must have passed its check.
+    pub(crate) fn new(problem: &PoseProblem, expected_inlier_ratio: f64) -> Self {
+        let camera = problem.camera;
+        let n = problem.points.len();
+        let area = f64::from(camera.width) * f64::from(camera.height);
+        let root_tau = std::f64::consts::TAU.sqrt();
+        let mut anchor = vec![Anchor::First; n];
+        let (kind, observed, spread): (Kind, Vec<Vector3<f64>>, Vec<f64>) = match &problem.observations {
+            Correspondences::Points { pixels } => (
+                Kind::Points,
+                pixels.iter().map(|p| p.homogeneous()).collect(),
+                vec![area / std::f64::consts::TAU; n],
+            ),
+            Correspondences::Lines { lines } => (
+                Kind::Lines,
+                lines.iter().map(|l| *l.coefficients()).collect(),
+                lines.iter().map(|l| area / (chord_length(l, &camera) * root_tau)).collect(),
+            ),
+            Correspondences::Anchored { anchors, lines } => {
+                anchor = lines.iter().map(|(a, _)| *a).collect();
+                (
+                    Kind::Anchored(*anchors),
+                    lines.iter().map(|(a, angle)| *anchors.line(*a, *angle).coefficients()).collect(),
+                    vec![std::f64::consts::PI / root_tau; n],
+                )
+            }
+        };
+        let prior = |i: usize| {
+            let p = problem.prior.as_ref().map_or(expected_inlier_ratio, |p| p[i]);
+            p.clamp(PRIOR_LIMIT, 1.0 - PRIOR_LIMIT)
+        };
+        Self {
+            camera,
+            kind,
+            points: problem.points.iter().map(|p| p.coords).collect(),
+            observed,
+            anchor,
+            worth: (0..n).map(|i| (prior(i) / (1.0 - prior(i))).ln() + spread[i].ln()).collect(),
+            weight: (0..n).map(prior).collect(),
+        }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Residuals of one correspondence: two for points, one for lines.
+    pub(crate) const fn rows(&self) -> usize {
+        match self.kind {
+            Kind::Points => 2,
+            Kind::Lines | Kind::Anchored(_) => 1,
+        }
+    }
+
+    /// `−log σ` as often as the noise enters, for [`Self::worth`].
+    pub(crate) fn noise_term(&self, noise: f64) -> f64 {
+        -(self.rows() as f64) * noise.ln()
+    }
+
+    /// Margin of the gates, pixels.
+    pub(crate) fn margin(&self) -> f64 {
+        MARGIN * f64::from(self.camera.width)
+    }
+
+    /// Where the point projects; `None` when it is not in front.
+    fn project(&self, i: usize, pose: &CameraFromWorld) -> Option<(Vector3<f64>, Vector2<f64>)> {
+        let p = pose.rotation() * self.points[i] + pose.translation();
+        let c = &self.camera;
+        (p.z > 0.0).then(|| {
+            let pixel = Vector2::new(
+                c.focal[0] * p.x / p.z + c.principal[0],
+                c.focal[1] * p.y / p.z + c.principal[1],
+            );
+            (p, pixel)
+        })
+    }
+
+    /// Whether a projection may be what was seen: inside the picture, on its anchor's side.
+    fn admits(&self, i: usize, pixel: &Vector2<f64>) -> bool {
+        let margin = self.margin();
+        let pixel = Pixel::new(pixel.x, pixel.y);
+        let own_side = match self.kind {
+            Kind::Anchored(anchors) => {
+                let side = anchors.signed_side(pixel);
+                (if self.anchor[i] == Anchor::First { side } else { -side }) >= -margin
+            }
+            Kind::Points | Kind::Lines => true,
+        };
+        own_side && self.camera.contains(pixel, margin)
+    }
+
+    /// Residual with derivatives; `None` behind the camera or, when `gated`, where nothing can have been seen.
+    pub(crate) fn residual(&self, i: usize, pose: &CameraFromWorld, gated: bool) -> Option<Residual> {
+        let (p, pixel) = self.project(i, pose)?;
+        if gated && !self.admits(i, &pixel) {
+            return None;
+        }
+        let c = &self.camera;
+        let plane = Vector2::new(p.x / p.z, p.y / p.z);
+        // Gradients of u and v by the point in the camera frame.
+        let du = Vector3::new(c.focal[0], 0.0, -c.focal[0] * plane.x) / p.z;
+        let dv = Vector3::new(0.0, c.focal[1], -c.focal[1] * plane.y) / p.z;
+        let chart = |g: Vector3<f64>| {
+            let turn = p.cross(&g);
+            [turn.x, turn.y, turn.z, g.x, g.y, g.z]
+        };
+        let o = &self.observed[i];
+        let mut residual =
+            Residual { error: [0.0; 2], jacobian: [[0.0; 6]; 2], log_radius: 0.0, radius_jacobian: [0.0; 6] };
+        if self.kind == Kind::Points {
+            residual.error = [pixel.x - o.x, pixel.y - o.y];
+            residual.jacobian = [chart(du), chart(dv)];
+        } else {
+            residual.error[0] = o.x * pixel.x + o.y * pixel.y + o.z;
+            residual.jacobian[0] = chart(du * o.x + dv * o.y);
+        }
+        if let Kind::Anchored(anchors) = self.kind {
+            let from_anchor = pixel - anchors.position(self.anchor[i]).vector();
+            let squared = from_anchor.norm_squared().max(1e-12);
+            residual.log_radius = 0.5 * squared.ln();
+            residual.radius_jacobian = chart((du * from_anchor.x + dv * from_anchor.y) / squared);
+        }
+        Some(residual)
+    }
+
+    /// Squared distance in pixels; `None` behind the camera.
+    pub(crate) fn squared_error(&self, i: usize, pose: &CameraFromWorld) -> Option<f64> {
+        let (_, pixel) = self.project(i, pose)?;
+        let o = &self.observed[i];
+        Some(if self.kind == Kind::Points {
+            (pixel.x - o.x).powi(2) + (pixel.y - o.y).powi(2)
+        } else {
+            (o.x * pixel.x + o.y * pixel.y + o.z).powi(2)
+        })
+    }
+
+    /// The log likelihood ratio; `None` where nothing can have been seen.
+    pub(crate) fn log_likelihood_ratio(&self, i: usize, pose: &CameraFromWorld, noise: f64) -> Option<f64> {
+        let (_, pixel) = self.project(i, pose)?;
+        if !self.admits(i, &pixel) {
+            return None;
+        }
+        let log_radius = match self.kind {
+            Kind::Anchored(anchors) => {
+                (pixel - anchors.position(self.anchor[i]).vector()).norm().max(1e-6).ln()
+            }
+            Kind::Points | Kind::Lines => 0.0,
+        };
+        let squared = self.squared_error(i, pose)?;
+        Some(self.worth[i] + self.noise_term(noise) + log_radius - squared / (2.0 * noise * noise))
+    }
+}
+
+/// Length of a line inside the picture, at least one pixel.
+fn chord_length(line: &PixelLine, camera: &Pinhole) -> f64 {
+    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+    let foot = line.closest_point(Pixel::new(w / 2.0, h / 2.0));
+    let along = line.direction();
+    // Clip foot + s·along against both pairs of sides.
+    let mut span = (f64::NEG_INFINITY, f64::INFINITY);
+    for (at, d, size) in [(foot.u, along.x, w), (foot.v, along.y, h)] {
+        if d.abs() > 1e-12 {
+            let (a, b) = (-at / d, (size - at) / d);
+            span = (span.0.max(a.min(b)), span.1.min(a.max(b)));
+        } else if !(0.0..=size).contains(&at) {
+            return 1.0;
+        }
+    }
+    (span.1 - span.0).max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use veiloc_geometry::nalgebra::Rotation3;
+    use veiloc_geometry::{Point3, Rigid3};
+
+    fn problem(kind: usize) -> PoseProblem {
+        let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
+        let anchors = DualAnchors::vertical(640, 480);
+        let pixels: Vec<Pixel> = (0..30)
+            .map(|i| Pixel::new(f64::from(i * 97 % 640) + 0.3, f64::from(i * 53 % 480) + 0.7))
+            .collect();
+        let points = pixels
+            .iter()
+            .enumerate()
+            .map(|(i, p)| Point3::from_vector(camera.unproject(*p).homogeneous() * (2.0 + 0.1 * i as f64)))
+            .collect();
+        let observations = match kind {
+            0 => Correspondences::Points { pixels },
+            1 => Correspondences::Lines {
+                lines: pixels.iter().enumerate().map(|(i, p)| PixelLine::through(*p, i as f64)).collect(),
+            },
+            _ => Correspondences::Anchored {
+                anchors,
+                lines: pixels
+                    .iter()
+                    .map(|p| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p)))
+                    .collect(),
+            },
+        };
+        PoseProblem { camera, observations, points, prior: None }
+    }
+
+    fn near_identity() -> CameraFromWorld {
+        Rigid3::new(Rotation3::from_euler_angles(0.01, -0.02, 0.015), Vector3::new(0.02, -0.03, 0.05))
+    }
+
+    #[test]
+    fn jacobians_agree_with_finite_differences() {
+        for kind in 0..3 {
+            let matches = Matches::new(&problem(kind), 0.2);
+            let pose = near_identity();
+            for i in 0..matches.len() {
+                let here = matches.residual(i, &pose, false).expect("in front");
+                for k in 0..6 {
+                    let h = 1e-6;
+                    let at = |s: f64| {
+                        let mut step = [0.0; 6];
+                        step[k] = s;
+                        matches.residual(i, &pose.perturbed(&step), false).expect("in front")
+                    };
+                    let (plus, minus) = (at(h), at(-h));
+                    for row in 0..2 {
+                        let numeric = (plus.error[row] - minus.error[row]) / (2.0 * h);
+                        let given = here.jacobian[row][k];
+                        assert!((numeric - given).abs() < 1e-4 * (1.0 + given.abs()), "{numeric} {given}");
+                    }
+                    let numeric = (plus.log_radius - minus.log_radius) / (2.0 * h);
+                    let given = here.radius_jacobian[k];
+                    assert!((numeric - given).abs() < 1e-4 * (1.0 + given.abs()), "{numeric} {given}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_likelihood_of_a_true_anchored_match_is_the_formula() {
+        let problem = problem(2);
+        let matches = Matches::new(&problem, 0.25);
+        let anchors = DualAnchors::vertical(640, 480);
+        for i in 0..matches.len() {
+            let pixel = problem.camera.project(
+                veiloc_geometry::PlanePoint::from_camera_point(&Point3::from_vector(matches.points[i]))
+                    .expect("front"),
+            );
+            let r = pixel.distance(&anchors.position(anchors.anchor_of(pixel)));
+            let expected = (0.25_f64 / 0.75).ln()
+                + (std::f64::consts::PI * r / (1.5 * std::f64::consts::TAU.sqrt())).ln();
+            let found = matches.log_likelihood_ratio(i, &CameraFromWorld::identity(), 1.5).expect("visible");
+            assert!((found - expected).abs() < 1e-9, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn chords() {
+        let camera = Pinhole { width: 640, height: 480, focal: [1.0; 2], principal: [0.0; 2] };
+        let line = |u, v, angle| chord_length(&PixelLine::through(Pixel::new(u, v), angle), &camera);
+        assert!((line(5.0, 100.0, 0.0) - 640.0).abs() < 1e-9);
+        assert!((line(5.0, 100.0, std::f64::consts::FRAC_PI_2) - 480.0).abs() < 1e-9);
+        assert!((line(0.0, 0.0, 3.0_f64.atan2(4.0)) - 800.0).abs() < 1e-9);
+        assert_eq!(line(-50.0, -50.0, -std::f64::consts::FRAC_PI_4), 1.0);
+        assert_eq!(line(0.0, 600.0, 0.0), 1.0);
+    }
+}

@@ -1,0 +1,129 @@
+//! How to estimate: plain options, each with its unit and why the default.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::error::PoseError;
+
+/// How hypotheses are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ScoreKind {
+    /// The paper's recipe: truncated squared pixel distance of the projection from the point or line.
+    Msac,
+    /// The log likelihood ratio of what was observed, which knows the anchors of Dual Convergent Lines.
+    Likelihood,
+}
+
+impl ScoreKind {
+    /// Likelihood for anchored lines, whose collapse misleads MSAC; MSAC otherwise.
+    pub const fn default_for(anchored: bool) -> Self {
+        if anchored { Self::Likelihood } else { Self::Msac }
+    }
+}
+
+impl fmt::Display for ScoreKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Msac => "msac",
+            Self::Likelihood => "likelihood",
+        })
+    }
+}
+
+/// A text named no score.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{text:?} is no score; there are msac and likelihood")]
+pub struct UnknownScore {
+    /// The text as given.
+    pub text: String,
+}
+
+impl FromStr for ScoreKind {
+    type Err = UnknownScore;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "msac" => Ok(Self::Msac),
+            "likelihood" => Ok(Self::Likelihood),
+            _ => Err(UnknownScore { text: text.to_owned() }),
+        }
+    }
+}
+
+/// Options of [`crate::estimate_pose`].
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct PoseOptions {
+    /// How hypotheses are compared; `None` chooses by [`ScoreKind::default_for`].
+    pub score: Option<ScoreKind>,
+    /// MSAC's inlier threshold for points, pixels; lines use it divided by √2. 4 is the paper's for 7Scenes (640 × 480);
+    /// it takes 8 for Aachen and 18 for Cambridge.
+    pub max_error_px: f64,
+    /// Standard deviation of a keypoint across its line (for points: along each axis), pixels; the likelihood's only
+    /// scale. Detector noise, dither, angle quantization and the map's own error together.
+    pub noise_px: f64,
+    /// Share of right correspondences assumed where the problem brings no prior. Only its logarithm counts.
+    pub expected_inlier_ratio: f64,
+    /// Least number of minimal samples.
+    pub min_hypotheses: usize,
+    /// Largest number of minimal samples.
+    pub max_hypotheses: usize,
+    /// Exactly this many samples instead of stopping by confidence: for comparisons at equal effort.
+    pub fixed_hypotheses: Option<usize>,
+    /// Stop when the probability to have missed a better sample is below one minus this.
+    pub confidence: f64,
+    /// Fewer inliers than this are no consensus. Six lines always agree with some pose, so it must be well above six.
+    pub min_inliers: usize,
+}
+
+impl Default for PoseOptions {
+    fn default() -> Self {
+        Self {
+            score: None,
+            max_error_px: 4.0,
+            noise_px: 1.5,
+            expected_inlier_ratio: 0.2,
+            min_hypotheses: 200,
+            max_hypotheses: 10_000,
+            fixed_hypotheses: None,
+            confidence: 0.9999,
+            min_inliers: 10,
+        }
+    }
+}
+
+impl PoseOptions {
+    /// Refuses impossible values.
+    pub(crate) fn check(&self) -> Result<(), PoseError> {
+        for (what, value) in [("max_error_px", self.max_error_px), ("noise_px", self.noise_px)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(PoseError::BadValue { what, value });
+            }
+        }
+        for (what, value) in
+            [("confidence", self.confidence), ("expected_inlier_ratio", self.expected_inlier_ratio)]
+        {
+            if !(value > 0.0 && value < 1.0) {
+                return Err(PoseError::BadValue { what, value });
+            }
+        }
+        if self.max_hypotheses == 0 || self.fixed_hypotheses == Some(0) {
+            return Err(PoseError::BadValue { what: "number of hypotheses", value: 0.0 });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scores_read_what_they_print() {
+        for score in [ScoreKind::Msac, ScoreKind::Likelihood] {
+            assert_eq!(score.to_string().parse(), Ok(score));
+        }
+        assert!("MSAC".parse::<ScoreKind>().is_err());
+    }
+}

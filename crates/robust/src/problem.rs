@@ -1,0 +1,146 @@
+//! What goes into pose estimation: correspondences between one query and the map.
+
+use veiloc_geometry::frames::World;
+use veiloc_geometry::{Anchor, CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine, Point3};
+
+use crate::error::PoseError;
+
+/// What the query tells about each correspondence, `[N]`.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Correspondences {
+    /// The keypoints themselves.
+    Points {
+        /// `[N]`, undistorted.
+        pixels: Vec<Pixel>,
+    },
+    /// Lines through the keypoints, of any direction.
+    Lines {
+        /// `[N]`, in undistorted pixels.
+        lines: Vec<PixelLine>,
+    },
+    /// Dual Convergent Lines: half-lines from one of two anchors.
+    Anchored {
+        /// Where the anchors are.
+        anchors: DualAnchors,
+        /// `[N]`, anchor and angle as [`DualAnchors::angle_of`] measures it.
+        lines: Vec<(Anchor, f64)>,
+    },
+}
+
+impl Correspondences {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Points { pixels } => pixels.len(),
+            Self::Lines { lines } => lines.len(),
+            Self::Anchored { lines, .. } => lines.len(),
+        }
+    }
+
+    /// True when there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Correspondences in a minimal sample: three points or six lines.
+    pub const fn sample_size(&self) -> usize {
+        match self {
+            Self::Points { .. } => 3,
+            Self::Lines { .. } | Self::Anchored { .. } => 6,
+        }
+    }
+}
+
+/// A query's correspondences and the camera that saw them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PoseProblem {
+    /// The camera of the observations, without distortion.
+    pub camera: Pinhole,
+    /// What was seen, `[N]`.
+    pub observations: Correspondences,
+    /// The map points proposed for them, `[N]`, map units.
+    pub points: Vec<Point3<World>>,
+    /// Probability in (0, 1) that each correspondence is right, `[N]`; `None` treats all alike.
+    ///
+    /// Weighs the drawing of samples under both scores, and the likelihood. See `prior`.
+    pub prior: Option<Vec<f64>>,
+}
+
+impl PoseProblem {
+    /// Refuses what no pose can be estimated from.
+    pub(crate) fn check(&self) -> Result<(), PoseError> {
+        let n = self.observations.len();
+        let required = self.observations.sample_size();
+        if self.points.len() != n {
+            return Err(PoseError::LengthMismatch { what: "points", expected: n, actual: self.points.len() });
+        }
+        let c = &self.camera;
+        for (what, value) in [("focal length fx", c.focal[0]), ("focal length fy", c.focal[1])] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(PoseError::BadValue { what, value });
+            }
+        }
+        for (what, value) in [("principal point cx", c.principal[0]), ("principal point cy", c.principal[1])]
+        {
+            if !value.is_finite() {
+                return Err(PoseError::BadValue { what, value });
+            }
+        }
+        if c.width == 0 || c.height == 0 {
+            return Err(PoseError::BadValue { what: "picture size", value: 0.0 });
+        }
+        let bad = match &self.observations {
+            Correspondences::Points { pixels } => pixels.iter().position(|p| !p.is_finite()),
+            Correspondences::Lines { lines } => {
+                lines.iter().position(|l| !l.coefficients().iter().all(|c| c.is_finite()))
+            }
+            Correspondences::Anchored { lines, .. } => lines.iter().position(|(_, angle)| !angle.is_finite()),
+        };
+        if let Some(index) = bad {
+            return Err(PoseError::NotFinite { what: "observation", index });
+        }
+        if let Some(index) = self.points.iter().position(|p| !p.is_finite()) {
+            return Err(PoseError::NotFinite { what: "point", index });
+        }
+        if let Some(prior) = &self.prior {
+            if prior.len() != n {
+                return Err(PoseError::LengthMismatch { what: "prior", expected: n, actual: prior.len() });
+            }
+            if let Some(index) = prior.iter().position(|p| !(0.0..=1.0).contains(p)) {
+                return Err(PoseError::BadPrior { index, value: prior[index] });
+            }
+        }
+        if n < required {
+            return Err(PoseError::TooFew { required, actual: n });
+        }
+        if let Correspondences::Anchored { lines, .. } = &self.observations
+            && lines.iter().all(|(anchor, _)| *anchor == lines[0].0)
+        {
+            return Err(PoseError::OneSided { lines: n });
+        }
+        Ok(())
+    }
+}
+
+/// Where the camera was, and how well that is known.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct PoseEstimate {
+    /// The pose.
+    pub cam_from_world: CameraFromWorld,
+    /// Which correspondences agree with it, `[N]`.
+    pub inliers: Vec<bool>,
+    /// How many do.
+    pub inlier_count: usize,
+    /// Minimal samples drawn.
+    pub hypotheses: usize,
+    /// What the search minimised, lower is better: the MSAC value in units of whole outliers (between 0 and `N`), or
+    /// minus the log likelihood ratio against "all are outliers" (below 0).
+    pub score: f64,
+    /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): the variance of the
+    /// inliers' residuals times the inverse of `JᵀJ`. Infinite on the diagonal when the inliers leave a direction free.
+    pub covariance: [[f64; 6]; 6],
+    /// Whether the final refinement was kept. It is dropped when it made the score worse.
+    pub refined: bool,
+}

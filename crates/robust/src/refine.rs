@@ -1,0 +1,186 @@
+//! Levenberg–Marquardt on the six numbers of a pose, with robust losses and the anchored likelihood.
+
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Matrix6, Vector6};
+
+use crate::matches::{Matches, Residual};
+
+/// What is minimised over the chosen correspondences.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Loss {
+    /// `½ e²`.
+    Squared,
+    /// `½ min(e², τ²)`: what MSAC scores.
+    Truncated { threshold: f64 },
+    /// `−log(1 + exp(llr))`: the likelihood of "right or wrong, whichever", with the `log r` of anchored lines.
+    Likelihood { noise: f64 },
+}
+
+/// A pose and the loss at it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Refined {
+    pub(crate) pose: CameraFromWorld,
+    pub(crate) loss: f64,
+}
+
+/// Gauss–Newton system `H δ = −g` at one pose.
+struct System {
+    loss: f64,
+    gradient: Vector6<f64>,
+    hessian: Matrix6<f64>,
+}
+
+/// Minimises the loss over the correspondences `active`, at most `steps` accepted or refused steps.
+///
+/// Never returns a pose with a larger loss than the start's.
+pub(crate) fn refine(
+    matches: &Matches,
+    active: &[usize],
+    loss: Loss,
+    start: &CameraFromWorld,
+    steps: usize,
+) -> Refined {
+    let mut pose = *start;
+    let mut system = linearize(matches, active, loss, &pose);
+    let mut damping = 1e-4;
+    for _ in 0..steps {
+        let Some(step) = damped_step(&system, damping) else {
+            damping *= 10.0;
+            if damping > 1e8 {
+                break;
+            }
+            continue;
+        };
+        let next = pose.perturbed(&step.into());
+        let there = linearize(matches, active, loss, &next);
+        if there.loss < system.loss {
+            let gained = system.loss - there.loss;
+            pose = next;
+            let small = gained <= 1e-9 * (1.0 + system.loss.abs());
+            system = there;
+            damping = (damping * 0.1).max(1e-10);
+            if small {
+                break;
+            }
+        } else {
+            damping *= 10.0;
+            if damping > 1e8 {
+                break;
+            }
+        }
+    }
+    Refined { pose: reorthonormalized(&pose), loss: system.loss }
+}
+
+fn damped_step(system: &System, damping: f64) -> Option<Vector6<f64>> {
+    let mut h = system.hessian;
+    for k in 0..6 {
+        h[(k, k)] += damping * h[(k, k)].max(1e-12);
+    }
+    let step = h.cholesky()?.solve(&-system.gradient);
+    step.iter().all(|s| s.is_finite()).then_some(step)
+}
+
+/// Products of rotations drift off orthonormality by rounding only; once at the end is enough.
+fn reorthonormalized(pose: &CameraFromWorld) -> CameraFromWorld {
+    let mut rotation = *pose.rotation();
+    rotation.renormalize();
+    CameraFromWorld::new(rotation, *pose.translation())
+}
+
+fn linearize(matches: &Matches, active: &[usize], loss: Loss, pose: &CameraFromWorld) -> System {
+    let mut system = System { loss: 0.0, gradient: Vector6::zeros(), hessian: Matrix6::zeros() };
+    let gated = matches!(loss, Loss::Likelihood { .. });
+    let noise_term = match loss {
+        Loss::Likelihood { noise } => matches.noise_term(noise),
+        _ => 0.0,
+    };
+    for &i in active {
+        let Some(residual) = matches.residual(i, pose, gated) else {
+            system.loss += loss_out_of_sight(loss);
+            continue;
+        };
+        let e2 = residual.squared();
+        // Loss, weight of each squared residual, weight of −log r.
+        let (value, weight, radial) = match loss {
+            Loss::Squared => (0.5 * e2, 1.0, 0.0),
+            Loss::Truncated { threshold } => {
+                let t2 = threshold * threshold;
+                (0.5 * e2.min(t2), if e2 < t2 { 1.0 } else { 0.0 }, 0.0)
+            }
+            Loss::Likelihood { noise } => {
+                let s2 = noise * noise;
+                let llr = matches.worth[i] + noise_term + residual.log_radius - 0.5 * e2 / s2;
+                let right = 1.0 / (1.0 + (-llr).exp());
+                let softplus = llr.max(0.0) + (-llr.abs()).exp().ln_1p();
+                (-softplus, right / s2, right)
+            }
+        };
+        system.loss += value;
+        system.add(&residual, weight, radial, matches.rows());
+    }
+    for row in 0..6 {
+        for column in 0..row {
+            system.hessian[(row, column)] = system.hessian[(column, row)];
+        }
+    }
+    system
+}
+
+/// A correspondence that cannot have been seen counts as one that is certainly wrong.
+fn loss_out_of_sight(loss: Loss) -> f64 {
+    match loss {
+        // A finite number that no residual in sight reaches: least squares may not push points behind the camera.
+        Loss::Squared => 1e12,
+        Loss::Truncated { threshold } => 0.5 * threshold * threshold,
+        Loss::Likelihood { .. } => 0.0,
+    }
+}
+
+impl System {
+    fn add(&mut self, residual: &Residual, weight: f64, radial: f64, rows: usize) {
+        if weight <= 0.0 {
+            return;
+        }
+        for k in 0..rows {
+            let (e, j) = (residual.error[k], &residual.jacobian[k]);
+            for a in 0..6 {
+                let wj = weight * j[a];
+                self.gradient[a] += wj * e;
+                for b in a..6 {
+                    self.hessian[(a, b)] += wj * j[b];
+                }
+            }
+        }
+        if radial > 0.0 {
+            for a in 0..6 {
+                self.gradient[a] -= radial * residual.radius_jacobian[a];
+            }
+        }
+    }
+}
+
+/// Covariance of the pose from its inliers: residual variance times `(JᵀJ)⁻¹`.
+///
+/// Infinite on the diagonal when the inliers do not determine the pose.
+pub(crate) fn covariance(matches: &Matches, inliers: &[usize], pose: &CameraFromWorld) -> [[f64; 6]; 6] {
+    let system = linearize(matches, inliers, Loss::Squared, pose);
+    let measured = matches.rows() * inliers.len();
+    let unknown: [[f64; 6]; 6] =
+        std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 }));
+    if measured <= 6 {
+        return unknown;
+    }
+    let variance = 2.0 * system.loss / (measured - 6) as f64;
+    match system.hessian.cholesky() {
+        Some(factor) => {
+            let c = factor.inverse() * variance;
+            if c.iter().all(|x| x.is_finite()) {
+                std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (c[(i, j)] + c[(j, i)])))
+            } else {
+                unknown
+            }
+        }
+        None => unknown,
+    }
+}
