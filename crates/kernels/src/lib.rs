@@ -1,1 +1,26 @@
 //! The only room with unsafe code: vectorized kernels and memory-mapped files, behind safe functions.
+//!
+//! - [`PackedRows`], [`best_two`], [`best_two_with_columns`]: exact brute-force nearest neighbours of byte vectors.
+//! - [`dot_u8`], [`dot_i8`]: one dot product.
+//! - [`MappedFile`]: a file read as one slice.
+//!
+//! Every kernel has a portable twin without intrinsics ([`Backend::PORTABLE`]), which is also what machines other than
+//! x86-64 run. All results are integers and equal on every backend; the tests hold each one against naive loops.
+#![deny(unsafe_op_in_unsafe_fn)]
+#![expect(
+    unsafe_code,
+    reason = "vector loads, calls into code for detected CPU features, and memory maps live here alone"
+)]
+
+mod backend;
+mod dot;
+mod mapped;
+mod packed;
+mod scan;
+mod tile;
+
+pub use backend::Backend;
+pub use dot::{dot_i8, dot_u8};
+pub use mapped::MappedFile;
+pub use packed::{MAX_DIM, PackedRows};
+pub use scan::{BestTwo, ColumnBest, best_two, best_two_with_columns};

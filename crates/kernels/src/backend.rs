@@ -1,0 +1,83 @@
+//! Which instruction set a kernel runs on: detected once, carried as a value.
+
+/// An instruction set that this machine has been seen to support.
+///
+/// The value is the evidence: it can only be had from [`Backend::best`], [`Backend::available`] or
+/// [`Backend::PORTABLE`], so whoever holds one may run its instructions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Backend(Kind);
+
+/// The instruction sets there are kernels for, slowest first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512Vnni,
+}
+
+impl Backend {
+    /// Plain Rust, on every machine; the twin the others are tested against.
+    pub const PORTABLE: Self = Self(Kind::Portable);
+
+    /// The fastest one here. The answer of the CPU is cached, so asking again costs a load and a branch.
+    pub fn best() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            if has_avx512_vnni() {
+                return Self(Kind::Avx512Vnni);
+            }
+            if has_avx2() {
+                return Self(Kind::Avx2);
+            }
+        }
+        Self::PORTABLE
+    }
+
+    /// All that run here, slowest first; the first is always [`Backend::PORTABLE`].
+    pub fn available() -> Vec<Self> {
+        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "only x86-64 has more than one"))]
+        let mut all = vec![Self::PORTABLE];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if has_avx2() {
+                all.push(Self(Kind::Avx2));
+            }
+            if has_avx512_vnni() {
+                all.push(Self(Kind::Avx512Vnni));
+            }
+        }
+        all
+    }
+
+    /// Its name in logs and benchmarks.
+    pub const fn name(self) -> &'static str {
+        match self.0 {
+            Kind::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Vnni => "avx512-vnni",
+        }
+    }
+
+    /// What kernels dispatch on.
+    pub(crate) const fn kind(self) -> Kind {
+        self.0
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_avx2() -> bool {
+    is_x86_feature_detected!("avx2")
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_avx512_vnni() -> bool {
+    has_avx2()
+        && is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512bw")
+        && is_x86_feature_detected!("avx512vl")
+        && is_x86_feature_detected!("avx512vnni")
+}

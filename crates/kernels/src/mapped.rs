@@ -1,0 +1,93 @@
+//! A file read as one slice, without copying it into memory first.
+
+use std::{fs::File, io, ops::Deref, path::Path};
+
+use memmap2::Mmap;
+
+/// The bytes of a file, mapped read-only into memory; the operating system loads pages when they are first read.
+///
+/// # The hazard
+/// The slice is the file. If another program writes into the file, or cuts it short, while it is mapped, the bytes
+/// change under a reader that was promised constant ones, or the read ends the process with a bus error. No check at
+/// opening time can rule this out.
+///
+/// This project avoids it by never writing into a file in place: a new version is written beside the old one, flushed,
+/// and renamed over it. The old version lives on, unchanged, for everyone who has it mapped. Files handed to this type
+/// must be treated the same way by whoever else can write to them; do not map files that strangers can write.
+#[derive(Debug)]
+pub struct MappedFile {
+    // An empty file has nothing to map, and some systems refuse to.
+    map: Option<Mmap>,
+}
+
+impl MappedFile {
+    /// Maps the file at `path`; an empty file gives an empty slice.
+    ///
+    /// # Errors
+    /// The operating system's, when the file cannot be opened or mapped; `path` is not part of the message. A directory
+    /// is refused.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        let file = File::open(path)?;
+        let metadata = file.metadata()?;
+        if metadata.is_dir() {
+            return Err(io::Error::from(io::ErrorKind::IsADirectory));
+        }
+        if metadata.len() == 0 {
+            return Ok(Self { map: None });
+        }
+        // SAFETY: the mapping is read-only and private to this value, which owns it until it is dropped. That nobody
+        // else writes into the file meanwhile is this project's rule for the files it maps (see the type's doc).
+        let map = unsafe { Mmap::map(&file)? };
+        Ok(Self { map: Some(map) })
+    }
+}
+
+impl Deref for MappedFile {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        self.map.as_deref().unwrap_or(&[])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_what_was_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("some.bin");
+        let bytes: Vec<u8> = (0..10_000_u32).map(|i| i as u8).collect();
+        std::fs::write(&path, &bytes).unwrap();
+        assert_eq!(&*MappedFile::open(&path).unwrap(), bytes);
+    }
+
+    #[test]
+    fn an_empty_file_is_an_empty_slice() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("empty.bin");
+        std::fs::write(&path, []).unwrap();
+        assert!(MappedFile::open(&path).unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_missing_file_and_a_directory_are_errors() {
+        let dir = tempfile::tempdir().unwrap();
+        assert_eq!(MappedFile::open(&dir.path().join("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
+        assert!(MappedFile::open(dir.path()).is_err());
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn replacing_by_rename_leaves_the_old_version_readable() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, beside) = (dir.path().join("map"), dir.path().join("map.new"));
+        std::fs::write(&path, [1; 8192]).unwrap();
+        let old = MappedFile::open(&path).unwrap();
+        std::fs::write(&beside, [2; 10]).unwrap();
+        std::fs::rename(&beside, &path).unwrap();
+        assert!(old.iter().all(|&b| b == 1));
+        assert_eq!(&*MappedFile::open(&path).unwrap(), &[2; 10]);
+    }
+}
