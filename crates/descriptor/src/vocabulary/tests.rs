@@ -1,0 +1,215 @@
+//! Training, aggregation and the byte format.
+
+use proptest::prelude::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+use crate::test_data::{clustered_descriptors, random_descriptors};
+
+fn rng(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(seed)
+}
+
+/// VLAD as in the doc of [`Vocabulary`], in f64 and with loops a reader can check; `[K * dim]`, unit length.
+fn reference(words: DescriptorView<'_>, rows: DescriptorView<'_>) -> Vec<f64> {
+    let dim = words.kind().dim();
+    let distance = |a: &[u8], b: &[u8]| {
+        a.iter().zip(b).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum::<f64>()
+    };
+    let mut vlad = vec![0.0; words.len() * dim];
+    for i in 0..rows.len() {
+        let row = rows.row(i);
+        let word = (0..words.len())
+            .min_by(|&a, &b| distance(words.row(a), row).total_cmp(&distance(words.row(b), row)))
+            .unwrap();
+        for d in 0..dim {
+            vlad[word * dim + d] += f64::from(row[d]) - f64::from(words.row(word)[d]);
+        }
+    }
+    for block in vlad.chunks_exact_mut(dim) {
+        normalize(block);
+    }
+    normalize(&mut vlad);
+    vlad
+}
+
+fn normalize(vector: &mut [f64]) {
+    let length = vector.iter().map(|v| v * v).sum::<f64>().sqrt();
+    if length > 0.0 {
+        for v in vector {
+            *v /= length;
+        }
+    }
+}
+
+fn cosine(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[test]
+fn clusters_are_found_again() {
+    let samples = clustered_descriptors(4000, 16, 3, 7);
+    let vocabulary = Vocabulary::train(samples.view(), 16, &mut rng(1)).unwrap();
+    let nearest = crate::two_nearest(samples.view(), vocabulary.words());
+    let worst = nearest.iter().map(|n| n.unwrap().nearest.distance).max().unwrap();
+    assert!(worst < 128 * 16, "a sample is {worst} away from its word");
+}
+
+#[test]
+fn training_is_the_same_for_every_number_of_threads() {
+    let samples = random_descriptors(9000, 3);
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| Vocabulary::train(samples.view(), 20, &mut rng(5)).unwrap())
+    };
+    let one = run(1);
+    assert_eq!(one, run(2));
+    assert_eq!(one, run(3));
+    assert_ne!(one, Vocabulary::train(samples.view(), 20, &mut rng(6)).unwrap());
+}
+
+#[test]
+fn lloyd_improves_on_its_seeds() {
+    let samples = random_descriptors(5000, 11);
+    let total = |words: DescriptorView<'_>| -> u64 {
+        let nearest = crate::two_nearest(samples.view(), words);
+        nearest.iter().map(|n| u64::from(n.unwrap().nearest.distance)).sum()
+    };
+    let trained = Vocabulary::train(samples.view(), 32, &mut rng(2)).unwrap();
+    let untrained = samples.select(0..32);
+    assert!(total(trained.words()) < total(untrained.view()) * 7 / 10);
+}
+
+#[test]
+fn as_many_words_as_different_samples() {
+    // Each of 8 rows three times: each word must be one of them, and none may be left out.
+    let rows = random_descriptors(8, 21);
+    let samples = rows.select((0..24).map(|i| i % 8));
+    let vocabulary = Vocabulary::train(samples.view(), 8, &mut rng(1)).unwrap();
+    let nearest = crate::two_nearest(samples.view(), vocabulary.words());
+    assert!(nearest.iter().all(|n| n.unwrap().nearest.distance == 0));
+}
+
+#[test]
+fn a_word_without_samples_moves_to_the_farthest_sample() {
+    let samples = clustered_descriptors(300, 3, 2, 5);
+    // The second word is a copy of the first, so nothing is nearest to it (ties go to the lowest index).
+    let words = samples.select([0, 0, 1]);
+    let next = kmeans::lloyd_round(samples.view(), words.as_bytes());
+    let before = crate::two_nearest(samples.view(), words.view());
+    let farthest =
+        (0..300).max_by_key(|&i| (before[i].unwrap().nearest.distance, std::cmp::Reverse(i))).unwrap();
+    assert_eq!(&next[128..256], samples.row(farthest));
+}
+
+#[test]
+fn too_few_samples_are_refused() {
+    let few = random_descriptors(5, 1);
+    let refused = |samples: DescriptorView<'_>, k| Vocabulary::train(samples, k, &mut rng(1)).unwrap_err();
+    assert_eq!(refused(few.view(), 6), DescriptorError::TooFewSamples { samples: 5, distinct: 5, words: 6 });
+    let same = few.select([2; 100]);
+    assert_eq!(
+        refused(same.view(), 2),
+        DescriptorError::TooFewSamples { samples: 100, distinct: 1, words: 2 }
+    );
+    let none = Descriptors::empty(DescriptorKind::RootSift);
+    assert_eq!(refused(none.view(), 1), DescriptorError::TooFewSamples { samples: 0, distinct: 0, words: 1 });
+    let max = Vocabulary::MAX_LEN;
+    assert_eq!(refused(few.view(), 0), DescriptorError::WordCount { words: 0, max });
+    assert_eq!(refused(few.view(), max + 1), DescriptorError::WordCount { words: max + 1, max });
+}
+
+#[test]
+fn cosines_of_codes_are_those_of_exact_vectors() {
+    let vocabulary = Vocabulary::train(random_descriptors(3000, 1).view(), 64, &mut rng(1)).unwrap();
+    // Pictures that share some, all or none of their descriptors; with 1 to 2000 descriptors.
+    let all = random_descriptors(4000, 2);
+    let mut worst = 0.0_f64;
+    for (a, b) in
+        [(0..1, 0..1), (0..1, 0..2), (0..7, 3..20), (0..100, 50..150), (0..2000, 1000..3000), (0..9, 9..2000)]
+    {
+        let (a, b) = (all.view().rows(a), all.view().rows(b));
+        let exact = cosine(&reference(vocabulary.words(), a), &reference(vocabulary.words(), b));
+        let codes = vocabulary.aggregate(a).similarity(vocabulary.aggregate(b).as_codes());
+        worst = worst.max((exact - f64::from(codes)).abs());
+    }
+    assert!(worst < 0.002, "cosine off by {worst}");
+}
+
+#[test]
+fn a_residual_in_one_component_does_not_saturate() {
+    let mut word = [0; 128];
+    let words = Descriptors::new(DescriptorKind::RootSift, word.to_vec()).unwrap();
+    word[5] = 255;
+    let row = Descriptors::new(DescriptorKind::RootSift, word.to_vec()).unwrap();
+    let global = Vocabulary::new(words).unwrap().aggregate(row.view());
+    assert!(global.as_codes().iter().enumerate().all(|(i, &code)| code == if i == 5 { 127 } else { 0 }));
+}
+
+#[test]
+fn no_descriptors_give_zeros() {
+    let vocabulary = Vocabulary::new(random_descriptors(4, 1)).unwrap();
+    let global = vocabulary.aggregate(Descriptors::empty(DescriptorKind::RootSift).view());
+    assert_eq!(global.as_codes(), [0; 4 * 128]);
+    assert_eq!(global.len(), vocabulary.global_len());
+    // A descriptor that is a word leaves no residual either.
+    let global = vocabulary.aggregate(vocabulary.words());
+    assert_eq!(global.as_codes(), [0; 4 * 128]);
+}
+
+#[test]
+fn the_order_of_descriptors_does_not_matter() {
+    let vocabulary = Vocabulary::new(random_descriptors(16, 1)).unwrap();
+    let rows = random_descriptors(500, 2);
+    let reversed = rows.select((0..500).rev());
+    assert_eq!(vocabulary.aggregate(rows.view()), vocabulary.aggregate(reversed.view()));
+}
+
+#[test]
+fn bytes_are_pinned() {
+    let words = Descriptors::new(DescriptorKind::RootSift, (0..=255).collect()).unwrap();
+    let bytes = Vocabulary::new(words).unwrap().to_bytes();
+    assert_eq!(&bytes[..16], b"VLAD\x01\0\0\0\x01\0\0\0\x02\0\0\0");
+    assert_eq!(&bytes[16..], (0..=255).collect::<Vec<u8>>());
+}
+
+#[test]
+fn damaged_bytes_are_refused_by_name() {
+    let good = Vocabulary::new(random_descriptors(3, 1)).unwrap().to_bytes();
+    let refused = |at: usize, value: u8| {
+        let mut bytes = good.clone();
+        bytes[at] = value;
+        Vocabulary::from_bytes(&bytes).unwrap_err()
+    };
+    assert_eq!(refused(0, b'X'), DescriptorError::NotAVocabulary);
+    assert_eq!(refused(4, 2), DescriptorError::VocabularyVersion { found: 2, supported: 1 });
+    assert_eq!(refused(8, 99), DescriptorError::UnknownKind { code: 99 });
+    assert_eq!(refused(12, 0), DescriptorError::WordCount { words: 0, max: Vocabulary::MAX_LEN });
+    assert_eq!(refused(12, 4), DescriptorError::VocabularyLength { expected: 528, found: 400 });
+    assert_eq!(refused(15, 255), DescriptorError::WordCount { words: 0xff00_0003, max: Vocabulary::MAX_LEN });
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn bytes_come_back(words in 1_usize..20, seed: u64) {
+        let vocabulary = Vocabulary::new(random_descriptors(words, seed)).unwrap();
+        prop_assert_eq!(Vocabulary::from_bytes(&vocabulary.to_bytes()).unwrap(), vocabulary);
+    }
+
+    #[test]
+    fn cut_or_longer_bytes_are_refused(words in 1_usize..4, cut: prop::sample::Index, more in 1_usize..300) {
+        let mut bytes = Vocabulary::new(random_descriptors(words, 1)).unwrap().to_bytes();
+        prop_assert!(Vocabulary::from_bytes(&bytes[..cut.index(bytes.len())]).is_err());
+        bytes.resize(bytes.len() + more, 0);
+        prop_assert!(Vocabulary::from_bytes(&bytes).is_err());
+    }
+
+    #[test]
+    fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        let _ = Vocabulary::from_bytes(&bytes);
+        let with_mark = [b"VLAD\x01\0\0\0\x01\0\0\0", &bytes[..]].concat();
+        let _ = Vocabulary::from_bytes(&with_mark);
+    }
+}
