@@ -78,7 +78,9 @@ mod tests {
         let values: Vec<(u32, u32)> =
             (1..=32).flat_map(|bits| [(0, bits), (u32::MAX >> (32 - bits), bits), (1, bits)]).collect();
         let mut writer = BitWriter::with_capacity(0);
-        values.iter().for_each(|&(value, bits)| writer.write(value, bits));
+        for &(value, bits) in &values {
+            writer.write(value, bits);
+        }
         let bytes = writer.finish();
         let mut reader = BitReader::new(&bytes);
         for (value, bits) in values {

@@ -4,13 +4,13 @@ use std::fmt;
 
 use prost::Message;
 use sha2::{Digest, Sha256};
-use veiloc_descriptor::{DescriptorKind, Vocabulary};
+use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 
 use crate::wire::{ProfileMessage, VERSION, parse, present};
 use crate::{AngleBits, QueryError, Scheme, SealedQuery};
 
-/// Most bytes a profile may have: 512 centroids of 512 bytes and the fields around them.
-const MAX_BYTES: usize = 512 * 512 + 4096;
+/// Most bytes a profile may have: the largest vocabulary and the fields around it.
+const MAX_BYTES: usize = Vocabulary::MAX_LEN * 128 + 4096;
 
 /// How much to extract from a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -139,7 +139,7 @@ impl Profile {
             descriptor_kind: Some(self.descriptor_kind().code()),
             max_keypoints: Some(self.limits.max_keypoints),
             max_image_side: Some(self.limits.max_image_side),
-            vocabulary: Some(self.vocabulary.to_bytes()),
+            vocabulary: Some(self.vocabulary.words().as_bytes().to_vec()),
         };
         message.encode_to_vec()
     }
@@ -161,7 +161,8 @@ impl Profile {
             max_keypoints: present("max_keypoints", message.max_keypoints)?,
             max_image_side: present("max_image_side", message.max_image_side)?,
         };
-        let vocabulary = Vocabulary::from_bytes(kind, &present("vocabulary", message.vocabulary)?)
+        let vocabulary = Descriptors::new(kind, present("vocabulary", message.vocabulary)?)
+            .and_then(Vocabulary::new)
             .map_err(|e| QueryError::Descriptor { what: "vocabulary", reason: e.to_string() })?;
         let profile = Self::new(scheme, vocabulary).with_angle_bits(angle_bits).with_limits(limits)?;
         if profile.encode() != bytes {

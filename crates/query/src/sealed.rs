@@ -1,7 +1,7 @@
 //! The sealed query: the only thing about a picture that leaves the device.
 
 use prost::Message;
-use veiloc_descriptor::{DescriptorKind, DescriptorView, Descriptors, GlobalDescriptor};
+use veiloc_descriptor::{DescriptorKind, DescriptorView, Descriptors, GlobalDescriptor, Vocabulary};
 use veiloc_geometry::Pinhole;
 
 use crate::profile::descriptor_kind;
@@ -10,8 +10,8 @@ use crate::{
     AngleBits, CanonicalCamera, Observations, Profile, ProfileId, QueryError, Rows, Scheme, SizeClass,
 };
 
-/// Longest global descriptor: 512 centroids of 128 bytes.
-const MAX_GLOBAL_BYTES: usize = 512 * 128;
+/// Longest global descriptor: one of the largest vocabulary.
+const MAX_GLOBAL_BYTES: usize = Vocabulary::MAX_LEN * 128;
 /// Most bytes a sealed query may have: 4096 rows, the longest global descriptor, the fields around them.
 const MAX_BYTES: usize = 4096 * (4 + 128) + MAX_GLOBAL_BYTES + 4096;
 

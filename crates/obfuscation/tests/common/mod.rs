@@ -1,0 +1,74 @@
+//! Made-up features, cameras and profiles for the tests of this room.
+#![allow(dead_code)] // each test binary uses its own part
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+use veiloc_features::{Features, Keypoint};
+use veiloc_geometry::{Intrinsics, Pixel};
+use veiloc_query::{Observations, Profile, Scheme};
+
+pub(crate) fn rng(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(seed)
+}
+
+/// A camera that is its own canonical camera: positions pass through unchanged.
+pub(crate) fn camera() -> Intrinsics {
+    "SIMPLE_PINHOLE,640,480,512,320,240".parse().expect("valid")
+}
+
+pub(crate) fn profile(scheme: &str) -> Profile {
+    let mut rng = rng(99);
+    let vocabulary = Vocabulary::new(random_descriptors(8, &mut rng)).expect("eight words");
+    Profile::new(scheme.parse::<Scheme>().expect("a scheme"), vocabulary)
+}
+
+/// RootSIFT-like: sparse, of length 512 in code units.
+pub(crate) fn random_descriptors(count: usize, rng: &mut ChaCha8Rng) -> Descriptors {
+    let mut bytes = Vec::with_capacity(count * 128);
+    for _ in 0..count {
+        let values: Vec<f64> = (0..128).map(|_| rng.random::<f64>().powi(3)).collect();
+        let norm = values.iter().map(|v| v * v).sum::<f64>().sqrt();
+        bytes.extend(values.iter().map(|v| (v / norm * 512.0).round().min(255.0) as u8));
+    }
+    Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows")
+}
+
+/// Features at these positions, the first the strongest.
+pub(crate) fn features_at(pixels: &[Pixel], seed: u64) -> Features {
+    let mut rng = rng(seed);
+    let keypoints = pixels
+        .iter()
+        .enumerate()
+        .map(|(i, &pixel)| Keypoint {
+            pixel,
+            scale: rng.random_range(1.0..8.0),
+            orientation: rng.random_range(-3.0..3.0),
+            response: 1.0 / (1.0 + i as f32),
+        })
+        .collect();
+    Features { keypoints, descriptors: random_descriptors(pixels.len(), &mut rng) }
+}
+
+pub(crate) fn uniform_pixels(count: usize, seed: u64) -> Vec<Pixel> {
+    let mut rng = rng(seed);
+    (0..count).map(|_| Pixel::new(rng.random_range(2.0..638.0), rng.random_range(2.0..478.0))).collect()
+}
+
+/// Pearson's correlation.
+pub(crate) fn correlation(pairs: &[(f64, f64)]) -> f64 {
+    let n = pairs.len() as f64;
+    let (mx, my) = pairs.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / n, b + y / n));
+    let (sxy, sxx, syy) = pairs.iter().fold((0.0, 0.0, 0.0), |(a, b, c), (x, y)| {
+        (a + (x - mx) * (y - my), b + (x - mx).powi(2), c + (y - my).powi(2))
+    });
+    sxy / (sxx * syy).sqrt()
+}
+
+/// `(anchor index, angle)` of each row of a dcl query.
+pub(crate) fn angles(observations: &Observations) -> Vec<(usize, f64)> {
+    match observations {
+        Observations::Anchored { lines, .. } => lines.iter().map(|l| (l.anchor.index(), l.angle)).collect(),
+        other => panic!("{other:?} are not of dcl"),
+    }
+}

@@ -1,0 +1,85 @@
+//! Sealed queries made of random codes, for the tests of this room and for the known-answer files.
+#![allow(dead_code)] // each test binary uses its own part
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{RngCore, SeedableRng};
+use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+use veiloc_geometry::Anchor;
+use veiloc_query::{
+    AnchoredRow, AngleBits, CanonicalCamera, LineRow, PositionRow, Profile, Rows, Scheme, SealedQuery,
+};
+
+/// Numbers straight from the generator, so that the known answers do not depend on how a library draws ranges.
+pub(crate) struct Draw(ChaCha8Rng);
+
+impl Draw {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    /// From 0 to `n - 1`.
+    pub(crate) fn below(&mut self, n: u32) -> u32 {
+        ((u64::from(self.0.next_u32()) * u64::from(n)) >> 32) as u32
+    }
+
+    /// A position from the centre of a picture of this size, quarter pixels.
+    fn position(&mut self, [width, height]: [u32; 2]) -> [f64; 2] {
+        [width, height].map(|size| f64::from(self.below(4 * size + 1)) / 4.0 - f64::from(size) / 2.0)
+    }
+}
+
+pub(crate) fn vocabulary(draw: &mut Draw) -> Vocabulary {
+    let bytes: Vec<u8> = (0..4 * 128).map(|_| draw.below(90) as u8).collect();
+    Descriptors::new(DescriptorKind::RootSift, bytes).and_then(Vocabulary::new).expect("four whole words")
+}
+
+pub(crate) fn profile(scheme: Scheme, bits: AngleBits) -> Profile {
+    Profile::new(scheme, vocabulary(&mut Draw::new(7))).with_angle_bits(bits)
+}
+
+pub(crate) fn query(scheme: Scheme, bits: AngleBits, count: usize, seed: u64) -> SealedQuery {
+    let mut draw = Draw::new(seed);
+    let camera = CanonicalCamera::from_codes(36, 20, 15).expect("512 px, 640 × 480");
+    let size = [camera.width(), camera.height()];
+    let position = |draw: &mut Draw| {
+        let [u, v] = draw.position(size);
+        PositionRow::new(u, v).expect("inside")
+    };
+    let rows = match scheme {
+        Scheme::Points => Rows::Points((0..count).map(|_| position(&mut draw)).collect()),
+        Scheme::CoordinatePermutation => {
+            Rows::CoordinatePermutation((0..count).map(|_| position(&mut draw)).collect())
+        }
+        Scheme::RandomLines => {
+            let line = |draw: &mut Draw| {
+                let angle = draw.below(bits.levels()) as u16;
+                let [u, v] = draw.position(size);
+                LineRow::through(bits, angle, u, v).expect("inside")
+            };
+            Rows::RandomLines((0..count).map(|_| line(&mut draw)).collect())
+        }
+        Scheme::Dcl(_) => {
+            let row = |draw: &mut Draw| {
+                let anchor = Anchor::BOTH[draw.below(2) as usize];
+                AnchoredRow::new(bits, anchor, bits.angle_of(draw.below(bits.levels()) as u16))
+            };
+            Rows::Dcl((0..count).map(|_| row(&mut draw)).collect())
+        }
+        other => panic!("{other} is not known to the tests"),
+    };
+    let bytes = (0..count * 128).map(|_| draw.below(120) as u8).collect();
+    let descriptors = Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows");
+    SealedQuery::new(&profile(scheme, bits), camera, rows, descriptors).expect("parts fit")
+}
+
+/// The schemes of the known-answer files, by file name.
+pub(crate) fn known_answers() -> Vec<(String, Scheme, AngleBits)> {
+    ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:angle=30,s=2"]
+        .into_iter()
+        .map(|name| {
+            let bits = if name == "dcl:angle=30,s=2" { 10 } else { 12 };
+            let file = format!("v1-{}", name.replace([':', '=', ','], "-"));
+            (file, name.parse().expect("a scheme"), AngleBits::new(bits).expect("allowed"))
+        })
+        .collect()
+}

@@ -1,0 +1,220 @@
+//! Bytes from strangers: refused with a reason, or read and written again unchanged. Never a panic.
+
+mod common;
+
+use proptest::prelude::*;
+use veiloc_query::{AngleBits, CanonicalCamera, Profile, QueryError, Rows, Scheme, SealedQuery, SizeClass};
+
+fn sealed(scheme: Scheme) -> Vec<u8> {
+    common::query(scheme, AngleBits::default(), 256, 3).encode()
+}
+
+#[test]
+fn what_is_written_is_read() {
+    for scheme in Scheme::ALL {
+        for bits in (AngleBits::MIN..=AngleBits::MAX).map(|b| AngleBits::new(b).expect("allowed")) {
+            let query = common::query(scheme, bits, 256, u64::from(bits.get()));
+            let read = SealedQuery::decode(&query.encode()).expect("own bytes");
+            assert_eq!(read, query);
+            assert_eq!(read.observations(), query.observations());
+            assert_eq!(read.len(), 256);
+        }
+        let profile = common::profile(scheme, AngleBits::default());
+        let read = Profile::decode(&profile.encode()).expect("own bytes");
+        assert_eq!((read.id(), &read), (profile.id(), &profile));
+    }
+}
+
+/// L5: the number of bytes follows from scheme, angle bits, class and vocabulary.
+#[test]
+fn all_messages_of_a_class_are_equally_long() {
+    for scheme in Scheme::ALL {
+        for class in SizeClass::ALL {
+            let bits = AngleBits::default();
+            let lengths =
+                [1, 2, 3].map(|seed| common::query(scheme, bits, class.rows(), seed).encode().len());
+            assert!(lengths.iter().all(|l| *l == lengths[0]), "{scheme} {class:?} {lengths:?}");
+        }
+    }
+}
+
+#[test]
+fn every_truncation_and_every_extension_is_refused() {
+    for scheme in Scheme::ALL {
+        let bytes = sealed(scheme);
+        let cuts = (0..200).chain((200..bytes.len()).step_by(97)).chain([bytes.len() - 1]);
+        for cut in cuts {
+            assert!(SealedQuery::decode(&bytes[..cut]).is_err(), "{scheme} cut at {cut}");
+        }
+        for extra in [&[0_u8][..], &[0x08, 0x01], &[0xFF; 9], &[0x7D, 1, 2, 3, 4]] {
+            assert!(SealedQuery::decode(&[&bytes, extra].concat()).is_err(), "{scheme} {extra:?}");
+        }
+    }
+    let profile = common::profile(Scheme::default(), AngleBits::default()).encode();
+    for cut in 0..profile.len() {
+        assert!(Profile::decode(&profile[..cut]).is_err(), "profile cut at {cut}");
+    }
+    assert!(Profile::decode(&[&profile[..], &[0x7D, 1, 2, 3, 4]].concat()).is_err());
+}
+
+/// Field numbers and types are right, but the same thing is said in another way.
+#[test]
+fn there_is_one_form_only() {
+    let bytes = sealed(Scheme::default());
+    let repeated = [&bytes[..5], &bytes[..]].concat();
+    assert!(matches!(SealedQuery::decode(&repeated), Err(QueryError::NotCanonical { .. })));
+    let reordered = [&bytes[5..], &bytes[..5]].concat();
+    assert!(matches!(SealedQuery::decode(&reordered), Err(QueryError::NotCanonical { .. })));
+    let unknown = [&bytes[..], &[0x7D, 1, 2, 3, 4]].concat();
+    assert!(matches!(SealedQuery::decode(&unknown), Err(QueryError::NotCanonical { .. })));
+}
+
+/// The value of the `fixed32` field with this one-byte key, replaced. All such fields lie before the long ones.
+fn with_field(bytes: &[u8], field: u8, value: u32) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    let mut at = 0;
+    loop {
+        let (number, kind) = (bytes[at] >> 3, bytes[at] & 7);
+        if number == field {
+            bytes[at + 1..at + 5].copy_from_slice(&value.to_le_bytes());
+            return bytes;
+        }
+        at += if kind == 5 { 5 } else { 2 + usize::from(bytes[at + 1]) };
+    }
+}
+
+#[test]
+fn wrong_numbers_are_named() {
+    for (field, value, name) in [
+        (3, 0, "scheme"),
+        (3, 9, "scheme"),
+        (4, 18_000, "dividing_angle"),
+        (5, 0, "anchor_distance"),
+        (6, 5, "angle_bits"),
+        (6, u32::MAX, "angle_bits"),
+        (7, 200, "camera_focal"),
+        (8, 0, "camera_width"),
+        (9, 257, "camera_height"),
+        (10, 255, "rows"),
+        (10, u32::MAX, "rows"),
+        (11, 2, "descriptor_kind"),
+    ] {
+        let error = SealedQuery::decode(&with_field(&sealed(Scheme::default()), field, value));
+        assert!(
+            matches!(error, Err(QueryError::Field { field, .. }) if field == name),
+            "{name} = {value}: {error:?}"
+        );
+    }
+    let next = with_field(&sealed(Scheme::default()), 1, 2);
+    assert_eq!(
+        SealedQuery::decode(&next),
+        Err(QueryError::Version { what: "sealed query", found: 2, supported: 1 })
+    );
+    // Another number of angle bits asks for another number of bytes.
+    let longer = with_field(&sealed(Scheme::default()), 6, 13);
+    assert!(matches!(SealedQuery::decode(&longer), Err(QueryError::Length { field: "positions", .. })));
+    let more = with_field(&sealed(Scheme::default()), 10, 512);
+    assert!(matches!(SealedQuery::decode(&more), Err(QueryError::Length { .. })));
+    // A line that misses a smaller picture.
+    let small = with_field(&with_field(&sealed(Scheme::RandomLines), 8, 1), 9, 1);
+    assert!(matches!(SealedQuery::decode(&small), Err(QueryError::Row { .. })));
+    // Layout numbers where there is no layout.
+    let layout = with_field(&sealed(Scheme::Points), 5, 100);
+    assert!(matches!(SealedQuery::decode(&layout), Err(QueryError::Field { field: "anchor_distance", .. })));
+
+    let profile = common::profile(Scheme::default(), AngleBits::default()).encode();
+    for (field, value, name) in [(2, 7, "scheme"), (7, 10, "max_keypoints"), (8, 9999, "max_image_side")] {
+        let error = Profile::decode(&with_field(&profile, field, value));
+        assert!(matches!(error, Err(QueryError::Field { field, .. }) if field == name), "{error:?}");
+    }
+}
+
+/// A length of nearly 2^64 bytes in front of a few: refused before anything is reserved.
+#[test]
+fn a_lying_length_costs_nothing() {
+    for field in [2_u8, 12, 13, 14] {
+        let mut bytes = vec![0x0D, 1, 0, 0, 0, field << 3 | 2];
+        bytes.extend([0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x01]);
+        bytes.extend([0; 100]);
+        assert!(matches!(SealedQuery::decode(&bytes), Err(QueryError::Malformed { .. })), "{field}");
+    }
+    assert!(matches!(SealedQuery::decode(&vec![0; 10_000_000]), Err(QueryError::TooLong { .. })));
+    assert!(matches!(Profile::decode(&vec![0; 10_000_000]), Err(QueryError::TooLong { .. })));
+    assert!(matches!(SealedQuery::decode(&[]), Err(QueryError::Missing { field: "version" })));
+}
+
+#[test]
+fn a_query_for_another_map_is_told_apart() {
+    let profile = common::profile(Scheme::default(), AngleBits::default());
+    let query = common::query(Scheme::default(), AngleBits::default(), 256, 1);
+    profile.check(&query).expect("sealed with it");
+    // The device chose another scheme and fewer bits: still the same map.
+    let six = AngleBits::new(6).expect("allowed");
+    profile.check(&common::query(Scheme::RandomLines, six, 256, 1)).expect("same vocabulary");
+
+    let other = Profile::new(Scheme::default(), common::vocabulary(&mut common::Draw::new(8)));
+    assert!(matches!(other.check(&query), Err(QueryError::WrongProfile { .. })));
+    let limits = veiloc_query::ExtractionLimits { max_keypoints: 1000, ..profile.limits() };
+    assert!(profile.with_limits(limits).expect("allowed").check(&query).is_err());
+}
+
+#[test]
+fn parts_that_do_not_fit_are_refused() {
+    let bits = AngleBits::default();
+    let profile = common::profile(Scheme::default(), bits);
+    let camera = CanonicalCamera::from_codes(36, 20, 15).expect("allowed");
+    let row = veiloc_query::AnchoredRow::new(bits, veiloc_geometry::Anchor::First, 1.0);
+    let descriptors = |n: usize| {
+        veiloc_descriptor::Descriptors::new(profile.descriptor_kind(), vec![1; n * 128]).expect("whole rows")
+    };
+    for (rows, descriptors, what) in [
+        (Rows::Dcl(vec![row; 256]), descriptors(255), "descriptors"),
+        (Rows::Dcl(vec![row; 255]), descriptors(255), "rows"),
+        (Rows::Dcl(Vec::new()), descriptors(0), "rows"),
+        (Rows::Points(Vec::new()), descriptors(0), "scheme"),
+    ] {
+        let error = SealedQuery::new(&profile, camera, rows, descriptors);
+        assert!(matches!(error, Err(QueryError::Mismatch { what: w, .. }) if w == what), "{error:?}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_bytes_are_refused_or_read_unchanged(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+        if let Ok(query) = SealedQuery::decode(&bytes) {
+            prop_assert_eq!(query.encode(), bytes.clone());
+        }
+        if let Ok(profile) = Profile::decode(&bytes) {
+            prop_assert_eq!(profile.encode(), bytes);
+        }
+    }
+
+    #[test]
+    fn damaged_messages_are_refused_or_read_unchanged(
+        scheme in 0..4_usize,
+        flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        head in any::<bool>(),
+    ) {
+        let mut bytes = sealed(Scheme::ALL[scheme]);
+        for (index, value) in flips {
+            let range = if head { 80 } else { bytes.len() };
+            bytes[index.index(range)] = value;
+        }
+        if let Ok(query) = SealedQuery::decode(&bytes) {
+            prop_assert_eq!(query.encode(), bytes);
+            prop_assert_eq!(query.observations().len(), query.len());
+        }
+    }
+
+    #[test]
+    fn damaged_profiles_are_refused_or_read_unchanged(index in any::<prop::sample::Index>(), value in any::<u8>()) {
+        let mut bytes = common::profile(Scheme::default(), AngleBits::default()).encode();
+        let at = index.index(bytes.len());
+        bytes[at] = value;
+        if let Ok(profile) = Profile::decode(&bytes) {
+            prop_assert_eq!(profile.encode(), bytes);
+        }
+    }
+}

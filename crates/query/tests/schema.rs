@@ -1,0 +1,111 @@
+//! The schema in `proto/` and the code say the same: what one writes the other reads, to the same bytes.
+
+mod common;
+
+use prost_reflect::prost::Message;
+use prost_reflect::{DescriptorPool, DynamicMessage, Value};
+use veiloc_query::{AngleBits, Profile, Scheme, SealedQuery};
+
+fn pool() -> DescriptorPool {
+    let proto = concat!(env!("CARGO_MANIFEST_DIR"), "/../../proto");
+    let files = ["veiloc/v1/sealed_query.proto", "veiloc/v1/profile.proto"];
+    let set = protox::compile(files, [proto]).expect("the schema compiles");
+    DescriptorPool::from_file_descriptor_set(set).expect("the schema is complete")
+}
+
+/// Decodes with the schema, checks that every field of the schema is there and no other, and encodes again.
+fn reread(name: &str, bytes: &[u8]) -> DynamicMessage {
+    let descriptor = pool().get_message_by_name(name).expect("in the schema");
+    let message = DynamicMessage::decode(descriptor.clone(), bytes).expect("our bytes are such a message");
+    assert_eq!(message.unknown_fields().count(), 0, "{name} has fields the schema lacks");
+    for field in descriptor.fields() {
+        assert!(message.has_field(&field), "{} is not written", field.full_name());
+    }
+    assert_eq!(message.encode_to_vec(), bytes, "{name}");
+    message
+}
+
+fn number(message: &DynamicMessage, field: &str) -> u32 {
+    message.get_field_by_name(field).and_then(|v| v.as_u32()).unwrap_or_else(|| panic!("{field}"))
+}
+
+#[test]
+fn sealed_queries_are_what_the_schema_says() {
+    for scheme in ["points", "random-lines", "coordinate-permutation", "dcl:horizontal,s=2"] {
+        let scheme: Scheme = scheme.parse().expect("a scheme");
+        for bits in [6, 12, 16].map(|b| AngleBits::new(b).expect("allowed")) {
+            let query = common::query(scheme, bits, 256, 5);
+            let message = reread("veiloc.v1.SealedQuery", &query.encode());
+            let is_dcl = matches!(scheme, Scheme::Dcl(_));
+            let expected = [
+                ("version", 1),
+                ("dividing_angle", 0),
+                ("anchor_distance", if is_dcl { 200 } else { 0 }),
+                ("angle_bits", u32::from(bits.get())),
+                ("camera_focal", 36),
+                ("camera_width", 20),
+                ("camera_height", 15),
+                ("rows", 256),
+                ("descriptor_kind", 1),
+            ];
+            for (field, value) in expected {
+                assert_eq!(number(&message, field), value, "{field} of {scheme}");
+            }
+            let descriptors = message.get_field_by_name("descriptors").expect("in the schema");
+            assert_eq!(descriptors.as_bytes().expect("bytes"), query.descriptors().as_bytes());
+            let id = message.get_field_by_name("profile_id").expect("in the schema");
+            assert_eq!(id.as_bytes().expect("bytes").as_ref(), query.profile_id().as_bytes());
+            assert_eq!(SealedQuery::decode(&message.encode_to_vec()).expect("unchanged"), query);
+        }
+    }
+}
+
+#[test]
+fn profiles_are_what_the_schema_says() {
+    let profile = common::profile(Scheme::default(), AngleBits::default());
+    let message = reread("veiloc.v1.Profile", &profile.encode());
+    for (field, value) in [
+        ("version", 1),
+        ("scheme", 4),
+        ("dividing_angle", 9000),
+        ("anchor_distance", 100),
+        ("angle_bits", 12),
+        ("descriptor_kind", 1),
+        ("max_keypoints", 2048),
+        ("max_image_side", 1600),
+    ] {
+        assert_eq!(number(&message, field), value, "{field}");
+    }
+    let vocabulary = message.get_field_by_name("vocabulary").expect("in the schema");
+    assert_eq!(vocabulary.as_ref(), &Value::Bytes(profile.vocabulary().words().as_bytes().to_vec().into()));
+    assert_eq!(Profile::decode(&message.encode_to_vec()).expect("unchanged"), profile);
+}
+
+/// L4 and L6, said of the schema: a field for any of these would be a leak, so their absence is pinned.
+#[test]
+fn the_schema_has_these_fields_and_no_more() {
+    let names = |message: &str| -> Vec<String> {
+        let descriptor = pool().get_message_by_name(message).expect("in the schema");
+        descriptor.fields().map(|field| field.name().to_owned()).collect()
+    };
+    assert_eq!(
+        names("veiloc.v1.SealedQuery"),
+        [
+            "version",
+            "profile_id",
+            "scheme",
+            "dividing_angle",
+            "anchor_distance",
+            "angle_bits",
+            "camera_focal",
+            "camera_width",
+            "camera_height",
+            "rows",
+            "descriptor_kind",
+            "positions",
+            "descriptors",
+            "global",
+        ]
+    );
+    assert_eq!(names("veiloc.v1.Profile").len(), 9);
+}

@@ -1,0 +1,94 @@
+"""Reads a sealed query with nothing but docs/wire-format.md and Python's standard library, and prints what it tells.
+
+python3 proto/read_sealed_query.py FILE.vquery [ROWS]
+
+Written from the document, not from the Rust code: the known answers of crates/query/tests/known_answers.rs come from
+here, so the test holds the two against each other.
+"""
+
+import hashlib
+import math
+import struct
+import sys
+
+NAMES = [
+    "version", "profile_id", "scheme", "dividing_angle", "anchor_distance", "angle_bits", "camera_focal",
+    "camera_width", "camera_height", "rows", "descriptor_kind", "positions", "descriptors", "global",
+]
+
+
+def varint(data, at):
+    value = shift = 0
+    while True:
+        byte = data[at]
+        value |= (byte & 0x7F) << shift
+        at, shift = at + 1, shift + 7
+        if byte < 0x80:
+            return value, at
+
+
+def fields(data):
+    """Field name -> number or bytes."""
+    found, at = {}, 0
+    while at < len(data):
+        key, at = varint(data, at)
+        name = NAMES[(key >> 3) - 1]
+        if key & 7 == 5:
+            (found[name],), at = struct.unpack_from("<I", data, at), at + 4
+        elif key & 7 == 2:
+            length, at = varint(data, at)
+            found[name], at = data[at : at + length], at + length
+        else:
+            raise ValueError(f"wire type {key & 7}")
+    return found
+
+
+def rows(message):
+    """What each row tells, as the document words it."""
+    bits, scheme = message["angle_bits"], message["scheme"]
+    width, height = 32 * message["camera_width"], 32 * message["camera_height"]
+    packed, at = int.from_bytes(message["positions"], "big"), 8 * len(message["positions"])
+
+    def take(n):
+        nonlocal at
+        at -= n
+        return (packed >> at) & ((1 << n) - 1)
+
+    def length():
+        return (take(16) - 32768) / 4
+
+    def angle():
+        return (take(bits) + 0.5) * math.pi / 2**bits
+
+    for _ in range(message["rows"]):
+        if scheme in (1, 3):
+            yield length() + width / 2, length() + height / 2
+        elif scheme == 2:
+            theta, offset = angle(), length()
+            a, b = -math.sin(theta), math.cos(theta)
+            yield a, b, -offset - a * width / 2 - b * height / 2
+        else:
+            second, phi = take(1), angle()
+            delta = math.radians(message["dividing_angle"] / 100)
+            sign = -1 if second else 1
+            d = sign * math.cos(delta), sign * math.sin(delta)
+            away = message["anchor_distance"] / 100 * height / 2
+            anchor = width / 2 - d[0] * away, height / 2 - d[1] * away
+            ray = d[0] * math.cos(phi) - d[1] * math.sin(phi), d[1] * math.cos(phi) + d[0] * math.sin(phi)
+            yield *anchor, *ray
+
+
+def main():
+    data = open(sys.argv[1], "rb").read()
+    message = fields(data)
+    print("bytes", len(data), "sha256", hashlib.sha256(data).hexdigest())
+    for name, value in message.items():
+        print(name, value if isinstance(value, int) else f"{len(value)} bytes {value[:16].hex()}")
+    print("focal", 2 ** (message["camera_focal"] / 4))
+    for index, row in enumerate(rows(message)):
+        if index < (int(sys.argv[2]) if len(sys.argv) > 2 else 3) or index == message["rows"] - 1:
+            print(index, *(f"{value:.9f}" for value in row))
+
+
+if __name__ == "__main__":
+    main()
