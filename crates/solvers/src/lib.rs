@@ -3,6 +3,7 @@
 //! | solver | sample | solutions | source |
 //! |---|---|---|---|
 //! | [`p3p`] | three points | 0–4 | Persson and Nordberg 2018; Ding et al. 2023 |
+//! | [`p5lp_radial`] | five half-lines from one image point | 0–4, up to the depth along that point's ray | Kukelova et al. 2013 |
 //! | [`p6lp`] | six line–point pairs | 0–8 | Speciale et al. 2019; Kukelova et al. 2016 |
 //!
 //! Names follow PoseLib: how many 2D-point–3D-point (`p`) and 2D-line–3D-point (`lp`) constraints a sample has.
@@ -13,7 +14,9 @@
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
+mod conics;
 mod p3p;
+mod p5lp_radial;
 mod p6lp;
 pub mod polynomial;
 mod quadrics;
@@ -21,4 +24,5 @@ mod quadrics;
 /// Where solvers put their solutions.
 pub use arrayvec::ArrayVec;
 pub use p3p::p3p;
+pub use p5lp_radial::{RadialPose, p5lp_radial};
 pub use p6lp::p6lp;

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Point3};
 
-use crate::polynomial::{cubic_roots, quadratic_roots};
+use crate::conics;
 
 /// Absolute camera pose from three point correspondences (calibrated, minimal).
 ///
@@ -26,10 +26,8 @@ use crate::polynomial::{cubic_roots, quadratic_roots};
 ///
 /// # Method and cost
 /// The three squared distances between the points are quadratic forms in the depths `λ`; two differences of them are
-/// conics in the plane of `λ` up to scale. A root of a cubic gives the member of their pencil that falls apart into two
-/// lines, and each line meets another member in at most two positions. Lines and positions are kept homogeneous, so
-/// nothing divides by a small number. Depths are polished by Newton's method on the three distances. No allocation, no
-/// randomness. Runtime: see `benches/benches/solvers.rs`.
+/// conics in the plane of `λ` up to scale, which meet in at most four points (`conics.rs`). Depths are polished by
+/// Newton's method on the three distances. No allocation, no randomness. Runtime: see `benches/benches/solvers.rs`.
 ///
 /// # Source
 /// Persson and Nordberg, *Lambda Twist*, ECCV 2018, and Ding et al., *Revisiting the P3P Problem*, CVPR 2023 (the
@@ -82,94 +80,28 @@ fn solve_depths(a: &[f64; 3], cosines: &[f64; 3], out: &mut ArrayVec<Vector3<f64
     });
     let whole = forms[0] + forms[1] + forms[2];
     let total = a[0] + a[1] + a[2];
-    let unit = |m: Matrix3<f64>| m / m.norm().max(f64::MIN_POSITIVE);
     // The pair with the longest side takes part in both, so that neither conic is close to zero.
     let longest = (0..3).max_by(|&i, &j| a[i].total_cmp(&a[j])).unwrap_or(0);
     let [p, q] = [(longest + 1) % 3, (longest + 2) % 3];
-    let first = unit(forms[p] * a[longest] - forms[longest] * a[p]);
-    let second = unit(forms[q] * a[longest] - forms[longest] * a[q]);
+    let first = forms[p] * a[longest] - forms[longest] * a[p];
+    let second = forms[q] * a[longest] - forms[longest] * a[q];
 
-    let Some((conic, other)) = degenerate_member(&first, &second) else { return };
-    let Some(lines) = split_conic(&conic) else { return };
-    for line in lines {
-        let (u, v) = basis_of(&line);
-        let c = [v.dot(&(other * v)), 2.0 * u.dot(&(other * v)), u.dot(&(other * u))];
-        // Both ways round, so that the position u at infinity of the first chart is a plain root of the second.
-        let mut positions: ArrayVec<Vector3<f64>, 4> = ArrayVec::new();
-        for s in quadratic_roots(&c) {
-            if s.abs() <= 1.0 {
-                positions.push(u * s + v);
-            }
+    for direction in conics::intersect(&first, &second) {
+        let size = direction.dot(&(whole * direction));
+        let direction = if direction.sum() < 0.0 { -direction } else { direction };
+        if !(size > 0.0) {
+            continue;
         }
-        for s in quadratic_roots(&[c[2], c[1], c[0]]) {
-            if s.abs() < 1.0 && !positions.is_full() {
-                positions.push(u + v * s);
-            }
-        }
-        for direction in positions {
-            let size = direction.dot(&(whole * direction));
-            let direction = if direction.sum() < 0.0 { -direction } else { direction };
-            if !(size > 0.0) {
-                continue;
-            }
-            let mut depth = direction * (total / size).sqrt();
-            if polish(&forms, a, &mut depth) && depth.min() > 0.0 && !repeated(out, &depth) {
-                // Four is all a P3P problem can have; a fifth would be a duplicate the test above let pass.
-                let _ = out.try_push(depth);
-            }
+        let mut depth = direction * (total / size).sqrt();
+        if polish(&forms, a, &mut depth) && depth.min() > 0.0 && !repeated(out, &depth) {
+            // Two conics meet in four points: there is room.
+            let _ = out.try_push(depth);
         }
     }
 }
 
 fn repeated(known: &ArrayVec<Vector3<f64>, 4>, depth: &Vector3<f64>) -> bool {
     known.iter().any(|k| (k - depth).norm() < 1e-10 * depth.norm())
-}
-
-/// The member of the pencil `D1 + γ D2` that splits into the most clearly real lines, and the conic to meet it with.
-fn degenerate_member(d1: &Matrix3<f64>, d2: &Matrix3<f64>) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
-    let polynomial = |d1: &Matrix3<f64>, d2: &Matrix3<f64>| {
-        let (a1, a2) = (adjugate(d1), adjugate(d2));
-        [d1.determinant(), (a1 * d2).trace(), (a2 * d1).trace(), d2.determinant()]
-    };
-    let c = polynomial(d1, d2);
-    let reversed = [c[3], c[2], c[1], c[0]];
-    let members = cubic_roots(&c)
-        .into_iter()
-        .filter(|g| g.abs() <= 1.0)
-        .map(|g| (d1 + d2 * g, *d2))
-        .chain(cubic_roots(&reversed).into_iter().filter(|g| g.abs() <= 1.0).map(|g| (d2 + d1 * g, *d1)));
-    // −adj(C) = p pᵀ for real lines meeting in p: its trace tells how clearly.
-    members
-        .map(|(conic, other)| (-adjugate(&conic).trace() / conic.norm_squared(), conic, other))
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, conic, other)| (conic, other))
-}
-
-/// The two lines of a conic of rank two (or one, twice); `None` when they are complex.
-fn split_conic(conic: &Matrix3<f64>) -> Option<[Vector3<f64>; 2]> {
-    let minus = -adjugate(conic);
-    let i = (0..3).max_by(|&i, &j| minus[(i, i)].total_cmp(&minus[(j, j)]))?;
-    let size = minus[(i, i)];
-    // Rounding may push a double line's zero slightly below zero.
-    if !(size > -1e-12 * conic.norm_squared()) {
-        return None;
-    }
-    let meeting = if size > 0.0 { minus.column(i) / size.sqrt() } else { Vector3::zeros() };
-    let rank_one = conic + meeting.cross_matrix();
-    let at = (0..9).max_by(|&i, &j| rank_one[i].abs().total_cmp(&rank_one[j].abs()))?;
-    let (row, column) = (at % 3, at / 3);
-    Some([rank_one.row(row).transpose(), rank_one.column(column).into()])
-}
-
-/// Two orthonormal directions perpendicular to `line`.
-fn basis_of(line: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    let smallest = line.iamin();
-    let mut axis = Vector3::zeros();
-    axis[smallest] = 1.0;
-    let u = line.cross(&axis);
-    let u = u / u.norm().max(f64::MIN_POSITIVE);
-    let v = line.cross(&u);
-    (u, v / v.norm().max(f64::MIN_POSITIVE))
 }
 
 /// Newton's method on the three distances; false when they are not met in the end.
@@ -195,11 +127,6 @@ fn polish(forms: &[Matrix3<f64>; 3], a: &[f64; 3], depth: &mut Vector3<f64>) -> 
         now = then;
     }
     now.amax() < 1e-8
-}
-
-fn adjugate(m: &Matrix3<f64>) -> Matrix3<f64> {
-    let (r0, r1, r2) = (m.row(0), m.row(1), m.row(2));
-    Matrix3::from_columns(&[r1.cross(&r2).transpose(), r2.cross(&r0).transpose(), r0.cross(&r1).transpose()])
 }
 
 /// An orthonormal frame carried by three points.
