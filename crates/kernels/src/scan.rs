@@ -196,7 +196,8 @@ fn distances(dots: &Lanes, norm: i32, offsets: &Lanes) -> Lanes {
     }))
 }
 
-/// Queries as the tile wants them, `[N padded to whole tiles, dim padded to whole steps]`, and their squared norms `[N]`.
+/// Queries as the tile wants them, `[tile][step][TILE_QUERIES][4]` with zeros where there are no more queries or components,
+/// and their squared norms `[N]`.
 struct PackedQueries<C> {
     count: usize,
     padded_dim: usize,
@@ -211,11 +212,17 @@ impl<C: Copy> PackedQueries<C> {
         let padded_dim = dim.next_multiple_of(STEP);
         let mut components = vec![T::component(0); count.next_multiple_of(TILE_QUERIES) * padded_dim];
         let mut norms = Vec::with_capacity(count);
-        for (query, packed) in queries.chunks_exact(dim).zip(components.chunks_exact_mut(padded_dim)) {
-            for (&value, slot) in query.iter().zip(packed) {
-                *slot = T::component(value);
+        let tiles = components.chunks_exact_mut(TILE_QUERIES * padded_dim);
+        for (queries, tile) in queries.chunks(TILE_QUERIES * dim).zip(tiles) {
+            for (q, query) in queries.chunks_exact(dim).enumerate() {
+                let slots = tile.chunks_exact_mut(STEP).skip(q).step_by(TILE_QUERIES);
+                for (values, slot) in query.chunks(STEP).zip(slots) {
+                    for (&value, slot) in values.iter().zip(slot) {
+                        *slot = T::component(value);
+                    }
+                }
+                norms.push(query.iter().map(|&v| i32::from(v) * i32::from(v)).sum());
             }
-            norms.push(query.iter().map(|&v| i32::from(v) * i32::from(v)).sum());
         }
         Self { count, padded_dim, components, norms }
     }

@@ -38,13 +38,11 @@ impl Tile for Avx2 {
 #[inline]
 #[target_feature(enable = "avx2")]
 fn dots_avx2(queries: &[i16], panels: &[u8], dots: &mut TileDots) {
-    let padded_dim = queries.len() / TILE_QUERIES;
     let panel_bytes = panels.len() / TILE_PANELS;
     for (panel, dots) in panels.chunks_exact(panel_bytes).zip(dots) {
-        for (queries, dots) in queries.chunks_exact(padded_dim * QUERIES).zip(dots.chunks_exact_mut(QUERIES))
-        {
+        for (part, dots) in dots.chunks_exact_mut(QUERIES).enumerate() {
             for half in 0..2 {
-                let sums = half_panel(queries, padded_dim, panel, half);
+                let sums = half_panel(queries, part, panel, half);
                 for (sum, dots) in sums.into_iter().zip(&mut *dots) {
                     let (halves, _) = dots.0.as_chunks_mut::<8>();
                     // SAFETY: the target is 8 numbers of 32 bits, and the store needs no alignment.
@@ -55,26 +53,24 @@ fn dots_avx2(queries: &[i16], panels: &[u8], dots: &mut TileDots) {
     }
 }
 
-/// Dot products of 4 queries with 8 rows of a panel: the first (`half` = 0) or the last.
+/// Dot products of 4 queries with 8 rows of a panel: the first (0) or the last (1) ones of each.
 #[inline]
 #[target_feature(enable = "avx2")]
-fn half_panel(queries: &[i16], padded_dim: usize, panel: &[u8], half: usize) -> [__m256i; QUERIES] {
+fn half_panel(queries: &[i16], part: usize, panel: &[u8], half: usize) -> [__m256i; QUERIES] {
     // Two partial sums per row, side by side: [r0 r0 r1 r1 r2 r2 r3 r3].
     let mut sums = [[_mm256_setzero_si256(); 2]; QUERIES];
     let (slabs, _) = panel.as_chunks::<SLAB>();
-    let queries: [&[[i16; STEP]]; QUERIES] =
-        std::array::from_fn(|q| queries[q * padded_dim..][..padded_dim].as_chunks::<STEP>().0);
-    let steps = slabs.len();
-    assert!(queries.iter().all(|q| q.len() == steps), "query and panel are padded alike");
-    for step in 0..steps {
-        let (quarters, _) = slabs[step].as_chunks::<QUARTER>();
+    let (steps, _) = queries.as_chunks::<{ TILE_QUERIES * STEP }>();
+    for (slab, step) in slabs.iter().zip(steps) {
+        let (quarters, _) = slab.as_chunks::<QUARTER>();
         let rows: [__m256i; 2] = std::array::from_fn(|i| {
             // SAFETY: a quarter is 16 bytes, and the load needs no alignment.
             let bytes = unsafe { _mm_loadu_si128(quarters[2 * half + i].as_ptr().cast()) };
             _mm256_cvtepu8_epi16(bytes)
         });
-        for (query, sums) in queries.iter().zip(&mut sums) {
-            let q = query[step].map(|v| u64::from(v as u16));
+        let (step, _) = step.as_chunks::<STEP>();
+        for (components, sums) in step[part * QUERIES..][..QUERIES].iter().zip(&mut sums) {
+            let q = components.map(|v| u64::from(v as u16));
             let query = _mm256_set1_epi64x((q[0] | q[1] << 16 | q[2] << 32 | q[3] << 48) as i64);
             sums[0] = _mm256_add_epi32(sums[0], _mm256_madd_epi16(rows[0], query));
             sums[1] = _mm256_add_epi32(sums[1], _mm256_madd_epi16(rows[1], query));

@@ -35,20 +35,17 @@ impl Tile for Avx512Vnni {
 #[target_feature(enable = "avx2,avx512f,avx512bw,avx512vl,avx512vnni")]
 fn dots_avx512(queries: &[i8], panels: &[u8], dots: &mut TileDots) {
     let (slabs, _) = panels.as_chunks::<SLAB>();
-    let (queries, _) = queries.as_chunks::<STEP>();
-    let steps = slabs.len() / TILE_PANELS;
-    assert!(queries.len() == steps * TILE_QUERIES, "queries and panels are padded alike");
-    let panels: [&[[u8; SLAB]]; TILE_PANELS] = std::array::from_fn(|p| &slabs[p * steps..][..steps]);
-    let queries: [&[[i8; STEP]]; TILE_QUERIES] = std::array::from_fn(|q| &queries[q * steps..][..steps]);
-
+    let (steps, _) = queries.as_chunks::<{ TILE_QUERIES * STEP }>();
+    let (first, second) = slabs.split_at(slabs.len() / TILE_PANELS);
     let mut sums = [[_mm512_setzero_si512(); TILE_QUERIES]; TILE_PANELS];
-    for step in 0..steps {
-        let rows: [__m512i; TILE_PANELS] = std::array::from_fn(|p| {
+    for ((first, second), step) in first.iter().zip(second).zip(steps) {
+        let rows: [__m512i; TILE_PANELS] = [first, second].map(|slab| {
             // SAFETY: a slab is 64 bytes, and the load needs no alignment.
-            unsafe { _mm512_loadu_si512(panels[p][step].as_ptr().cast()) }
+            unsafe { _mm512_loadu_si512(slab.as_ptr().cast()) }
         });
-        for q in 0..TILE_QUERIES {
-            let query = _mm512_set1_epi32(i32::from_ne_bytes(queries[q][step].map(|v| v as u8)));
+        let (step, _) = step.as_chunks::<STEP>();
+        for (q, components) in step.iter().enumerate() {
+            let query = _mm512_set1_epi32(i32::from_ne_bytes(components.map(|v| v as u8)));
             for p in 0..TILE_PANELS {
                 sums[p][q] = _mm512_dpbusd_epi32(sums[p][q], rows[p], query);
             }

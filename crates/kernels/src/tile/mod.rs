@@ -38,7 +38,7 @@ pub(crate) trait Tile {
     /// Dot products of [`TILE_QUERIES`] queries with [`TILE_PANELS`] panels, in the backend's own representation of the
     /// query (the packed rows' offsets make up for it).
     ///
-    /// `queries` is `[TILE_QUERIES, padded dim]`, `panels` is `[TILE_PANELS, padded dim / 4, 16, 4]`.
+    /// `queries` is `[padded dim / 4, TILE_QUERIES, 4]`, `panels` is `[TILE_PANELS, padded dim / 4, 16, 4]`.
     ///
     /// # Safety
     /// The CPU must have the features the implementation is written for. The slices' lengths are checked.

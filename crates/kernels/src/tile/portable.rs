@@ -15,17 +15,21 @@ impl Tile for Portable {
 
     #[inline(always)]
     unsafe fn dots(queries: &[u8], panels: &[u8], dots: &mut TileDots) {
-        let padded_dim = queries.len() / TILE_QUERIES;
         let panel_bytes = panels.len() / TILE_PANELS;
+        let (steps, _) = queries.as_chunks::<{ TILE_QUERIES * STEP }>();
         for (panel, dots) in panels.chunks_exact(panel_bytes).zip(dots) {
-            for (query, dots) in queries.chunks_exact(padded_dim).zip(dots) {
+            let (slabs, _) = panel.as_chunks::<{ LANES * STEP }>();
+            for (q, dots) in dots.iter_mut().enumerate() {
                 let mut sums = [0_i32; LANES];
-                let (slabs, _) = panel.as_chunks::<{ LANES * STEP }>();
-                let (steps, _) = query.as_chunks::<STEP>();
                 for (slab, step) in slabs.iter().zip(steps) {
+                    // One word per row: its four components are then reached by shifts alone, and compilers see that the
+                    // factors are short, for which every machine has a vector product.
+                    let (rows, _) = slab.as_chunks::<STEP>();
+                    let query: [i32; STEP] = std::array::from_fn(|i| i32::from(step[q * STEP + i]));
                     for lane in 0..LANES {
+                        let row = u32::from_le_bytes(rows[lane]);
                         for i in 0..STEP {
-                            sums[lane] += i32::from(slab[lane * STEP + i]) * i32::from(step[i]);
+                            sums[lane] += (row >> (8 * i) & 0xff) as i32 * query[i];
                         }
                     }
                 }
