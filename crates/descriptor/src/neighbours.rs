@@ -32,7 +32,7 @@ impl From<BestTwo> for TwoNearest {
 /// The two nearest database descriptors of each query descriptor, `[N_query]`.
 ///
 /// `None` for every query when the database is empty, or holds descriptors of another kind: those have no distance.
-/// Exact, and equal for every number of threads (rayon's current pool is used). Cost: about 0.4 ns per pair of
+/// Exact, and equal for every number of threads (rayon's current pool is used). Cost: about 0.5 ns per pair of
 /// 128 bytes and thread with AVX-512 VNNI (`cargo bench -p veiloc-benches --bench matching`).
 pub fn two_nearest(query: DescriptorView<'_>, database: DescriptorView<'_>) -> Vec<Option<TwoNearest>> {
     if query.kind() != database.kind() {
