@@ -31,3 +31,16 @@ impl std::fmt::Debug for Features {
         write!(f, "Features({})", self.keypoints.len())
     }
 }
+
+impl Features {
+    /// The same features with keypoints in a picture of another size: `u` times `columns`, `v` times `rows`.
+    ///
+    /// For a picture that was scaled down before extraction, with `columns = old width / new width`. Descriptors stay.
+    pub fn scaled(mut self, columns: f64, rows: f64) -> Self {
+        for keypoint in &mut self.keypoints {
+            keypoint.pixel = Pixel::new(keypoint.pixel.u * columns, keypoint.pixel.v * rows);
+            keypoint.scale *= (columns * rows).sqrt() as f32;
+        }
+        self
+    }
+}

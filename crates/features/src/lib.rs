@@ -3,6 +3,14 @@
 //! Keypoints exist in this room as plain positions; the server's rooms do not depend on it.
 #![forbid(unsafe_code)]
 
+mod error;
+mod gray;
 mod keypoint;
+mod load;
+mod sift;
 
+pub use error::FeatureError;
+pub use gray::GrayImage;
 pub use keypoint::{Features, Keypoint};
+pub use load::{MAX_PIXELS, load_gray};
+pub use sift::{SiftOptions, extract_sift};

@@ -1,0 +1,72 @@
+//! Pictures from files. Metadata (EXIF) is never read: it could only leak, and COLMAP ignores orientation too.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+
+use crate::{FeatureError, GrayImage};
+
+/// The largest picture read, pixels in all: 100 million, several times what phones take.
+pub const MAX_PIXELS: u64 = 100_000_000;
+
+/// Reads a JPEG or PNG file as gray in [0, 1].
+///
+/// Gray is Rec. 709 luma of the stored values, as COLMAP has it (but not rounded to a byte); transparency is
+/// ignored. The EXIF orientation is *not* applied, so coordinates are those of the stored pixels, as in COLMAP.
+///
+/// # Errors
+/// [`FeatureError::Read`], [`FeatureError::Decode`] (also when the file is cut short) or
+/// [`FeatureError::TooLarge`].
+pub fn load_gray(path: &Path) -> Result<GrayImage, FeatureError> {
+    let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
+    let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
+    let format = image::guess_format(&bytes).map_err(|e| refused(e.to_string()))?;
+    if format == ImageFormat::Jpeg && !is_complete_jpeg(&bytes) {
+        return Err(refused("the end of the picture is missing".into()));
+    }
+
+    let mut reader = ImageReader::with_format(Cursor::new(&bytes), format);
+    reader.no_limits(); // ours, below, speaks of pixels
+    let decoder = reader.into_decoder().map_err(|e| refused(e.to_string()))?;
+    let (width, height) = decoder.dimensions();
+    if width == 0 || height == 0 {
+        return Err(refused("it has no pixels".into()));
+    }
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(FeatureError::TooLarge { path: path.into(), width, height, max_pixels: MAX_PIXELS });
+    }
+    match DynamicImage::from_decoder(decoder).map_err(|e| refused(e.to_string()))? {
+        DynamicImage::ImageLuma8(gray) => GrayImage::from_luma8(width, height, gray.as_raw()),
+        DynamicImage::ImageLuma16(gray) => {
+            GrayImage::new(width, height, gray.as_raw().iter().map(|&v| f32::from(v) / 65535.0).collect())
+        }
+        other => GrayImage::from_rgb8(width, height, other.into_rgb8().as_raw()),
+    }
+}
+
+/// The decoder fills what a cut-short JPEG lacks with gray and reports success; so walk its segments to the end marker.
+///
+/// Segments are skipped by their length, as a preview inside one has an end marker of its own. Within the coded
+/// samples `FF 00` is a sample and `FF D0`..`FF D7` a restart.
+fn is_complete_jpeg(bytes: &[u8]) -> bool {
+    const START_OF_SCAN: u8 = 0xDA;
+    const END: u8 = 0xD9;
+    let mut at = 2;
+    let mut in_scan = false;
+    while let Some(&[first, marker]) = bytes.get(at..at + 2) {
+        match (first, marker) {
+            (0xFF, END) => return true,
+            (0xFF, 0xFF) => at += 1,
+            (0xFF, 0x00 | 0x01 | 0xD0..=0xD7) => at += 2,
+            (0xFF, _) => {
+                let Some(&[high, low]) = bytes.get(at + 2..at + 4) else { return false };
+                at += 2 + usize::from(u16::from_be_bytes([high, low]));
+                in_scan = marker == START_OF_SCAN;
+            }
+            _ if in_scan => at += 1,
+            _ => return false,
+        }
+    }
+    false
+}

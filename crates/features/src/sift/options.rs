@@ -1,0 +1,32 @@
+//! What can be chosen in an extraction.
+
+/// How keypoints are found and described.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct SiftOptions {
+    /// At most this many keypoints, the strongest. Default 4096, the largest size class of a query.
+    pub max_keypoints: usize,
+    /// Doubles the picture first. Default true: about three times as many keypoints, four times the work.
+    pub upsample: bool,
+    /// The least |difference of Gaussians| at a keypoint, for samples in [0, 1]. Default 0.02 / 3, COLMAP's.
+    pub peak_threshold: f32,
+    /// The largest ratio of principal curvatures; beyond it a keypoint is on an edge. Default 10, Lowe's.
+    pub edge_threshold: f32,
+    /// At most this many keypoints at one place, one for each strong gradient direction. Default 2, COLMAP's.
+    pub max_orientations: usize,
+    /// At most this many octaves. Default 16: until the picture is smaller than a descriptor.
+    pub max_octaves: usize,
+}
+
+impl Default for SiftOptions {
+    fn default() -> Self {
+        Self {
+            max_keypoints: 4096,
+            upsample: true,
+            peak_threshold: 0.02 / 3.0,
+            edge_threshold: 10.0,
+            max_orientations: 2,
+            max_octaves: 16,
+        }
+    }
+}
