@@ -1,0 +1,34 @@
+//! Why a query was not localized.
+
+use veiloc_query::QueryError;
+use veiloc_robust::PoseError;
+
+/// Why there is no pose.
+///
+/// None of the messages holds anything of the query's content (leak L8).
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LocalizeError {
+    /// The query was sealed for another map, or for an older state of this one's profile.
+    #[error(
+        "{source}; export this map's profile again with `veiloc map profile`, and seal a new photograph with it"
+    )]
+    WrongProfile {
+        /// Which profile was found, and which expected.
+        source: QueryError,
+    },
+    /// The map holds no image or no point.
+    #[error("the map is empty; add posed images with `veiloc map add`")]
+    EmptyMap,
+    /// The numbers of the query do not describe a camera or a set of lines.
+    #[error("the query is not usable: {0}")]
+    BadQuery(String),
+    /// The robust estimator found no pose.
+    #[error("not localized: {source}")]
+    NoPose {
+        /// What the estimator said.
+        source: PoseError,
+        /// How many correspondences it had.
+        correspondences: usize,
+    },
+}

@@ -1,0 +1,138 @@
+//! The whole road from sealed query to pose, with the time each stage took.
+
+use std::time::Instant;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use veiloc_descriptor::MatchOptions;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_map::MapFile;
+use veiloc_query::SealedQuery;
+use veiloc_robust::prior::{Evidence, match_probability};
+use veiloc_robust::{PoseOptions, PoseProblem, estimate_pose};
+
+use crate::correspondences::expand;
+use crate::error::LocalizeError;
+use crate::matching::{PointMatch, match_points};
+use crate::retrieval::{Retrieved, retrieve};
+
+/// How to localize.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct LocalizeOptions {
+    /// Map images to match with. 10 is hloc's habit for scenes of this size; more costs time, fewer recall.
+    pub retrieve: usize,
+    /// Descriptor matching: mutual check on, no ratio test, as in the paper.
+    pub matching: MatchOptions,
+    /// Whether a match is weighed by its descriptor ratio, the votes of the retrieved images and the track length of its
+    /// point, in drawing samples and in the likelihood. Off, all matches count alike, as in the paper.
+    pub use_prior: bool,
+    /// Robust estimation.
+    pub pose: PoseOptions,
+    /// Seed of the sampler: equal queries and seeds give equal poses.
+    pub seed: u64,
+}
+
+impl Default for LocalizeOptions {
+    fn default() -> Self {
+        Self {
+            retrieve: 10,
+            matching: MatchOptions::default(),
+            use_prior: true,
+            pose: PoseOptions::default(),
+            seed: 0,
+        }
+    }
+}
+
+/// Milliseconds each stage took.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct StageTimes {
+    /// Global descriptor against all images of the map.
+    pub retrieve_ms: f64,
+    /// Descriptors against those of the retrieved images.
+    pub match_ms: f64,
+    /// Robust estimation with refinement.
+    pub pose_ms: f64,
+}
+
+/// Where the query was taken.
+#[derive(Debug, Clone)]
+pub struct Localization {
+    /// The pose in the map.
+    pub cam_from_world: CameraFromWorld,
+    /// Covariance of the pose in the chart of [`CameraFromWorld::perturbed`]: radians, then map units.
+    pub covariance: [[f64; 6]; 6],
+    /// Matches that agree with the pose.
+    pub inliers: usize,
+    /// Matches between query and map.
+    pub matches: usize,
+    /// Hypotheses drawn.
+    pub hypotheses: usize,
+    /// The images that were matched, best first.
+    pub retrieved: Vec<Retrieved>,
+    /// Time of each stage.
+    pub times: StageTimes,
+}
+
+/// Estimates where a sealed query was taken.
+///
+/// # Errors
+/// [`LocalizeError`]: the query was sealed for another map, the map is empty, or no pose is supported by the matches.
+pub fn localize(
+    query: &SealedQuery,
+    map: &MapFile,
+    options: &LocalizeOptions,
+) -> Result<Localization, LocalizeError> {
+    map.profile().check(query).map_err(|source| LocalizeError::WrongProfile { source })?;
+    if map.image_count() == 0 || map.point_count() == 0 {
+        return Err(LocalizeError::EmptyMap);
+    }
+
+    let started = Instant::now();
+    let retrieved = retrieve(query.global(), map, options.retrieve);
+    let retrieved_at = Instant::now();
+    let matches = match_points(query.descriptors(), map, &retrieved, &options.matching);
+    let matched_at = Instant::now();
+
+    let expanded = expand(&query.observations(), &matches, map);
+    let problem = PoseProblem {
+        camera: query.camera(),
+        observations: expanded.observations,
+        points: expanded.points,
+        prior: options
+            .use_prior
+            .then(|| expanded.match_of.iter().map(|&m| prior_of(&matches[m], map)).collect()),
+    };
+    let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
+    let estimate = estimate_pose(&problem, &options.pose, &mut rng)
+        .map_err(|source| LocalizeError::NoPose { source, correspondences: problem.points.len() })?;
+    let mut agreeing: Vec<usize> = expanded
+        .match_of
+        .iter()
+        .zip(&estimate.inliers)
+        .filter_map(|(m, inlier)| inlier.then_some(*m))
+        .collect();
+    agreeing.dedup();
+
+    let ms = |from: Instant, to: Instant| to.duration_since(from).as_secs_f64() * 1e3;
+    Ok(Localization {
+        cam_from_world: estimate.cam_from_world,
+        covariance: estimate.covariance,
+        inliers: agreeing.len(),
+        matches: matches.len(),
+        hypotheses: estimate.hypotheses,
+        retrieved,
+        times: StageTimes {
+            retrieve_ms: ms(started, retrieved_at),
+            match_ms: ms(retrieved_at, matched_at),
+            pose_ms: ms(matched_at, Instant::now()),
+        },
+    })
+}
+
+/// Probability that a match is right, before geometry is asked.
+fn prior_of(m: &PointMatch, map: &MapFile) -> f64 {
+    let track_length = u32::try_from(map.track_length(m.point)).ok();
+    match_probability(&Evidence { ratio: f64::from(m.ratio), votes: Some(m.votes), track_length })
+}
