@@ -1,0 +1,162 @@
+//! COLMAP's binary files: little-endian records behind a count.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use veiloc_geometry::{CameraFromWorld, CameraModel, Intrinsics, Pixel, Point3};
+
+use super::Parts;
+use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d};
+use crate::error::{MapError, Place};
+
+/// COLMAP's `kInvalidPoint3DId`: the keypoint observes no point.
+const NO_POINT: u64 = u64::MAX;
+
+pub(super) fn read(dir: &Path) -> Result<Parts, MapError> {
+    Ok(Parts {
+        cameras: Bytes::open(dir.join("cameras.bin"))?.records(24, camera)?,
+        images: Bytes::open(dir.join("images.bin"))?.records(73, image)?,
+        points: Bytes::open(dir.join("points3D.bin"))?.records(51, point)?,
+    })
+}
+
+/// A file read from front to back.
+struct Bytes {
+    path: PathBuf,
+    content: Vec<u8>,
+    at: usize,
+}
+
+impl Bytes {
+    fn open(path: PathBuf) -> Result<Self, MapError> {
+        let content = fs::read(&path).map_err(MapError::io(&path))?;
+        Ok(Self { path, content, at: 0 })
+    }
+
+    /// The whole file: a count, and that many records of at least `smallest` bytes each.
+    fn records<T>(
+        mut self,
+        smallest: usize,
+        read: impl Fn(&mut Self) -> Result<T, MapError>,
+    ) -> Result<Vec<T>, MapError> {
+        let count = self.count("records", smallest)?;
+        let all = (0..count).map(|_| read(&mut self)).collect::<Result<Vec<_>, _>>()?;
+        match self.content.len() - self.at {
+            0 => Ok(all),
+            more => Err(self
+                .refuse(format!("{more} bytes follow the last of {count} records; export the model again"))),
+        }
+    }
+
+    /// A count of things that take at least `smallest` bytes each; refused before memory is asked for when the file
+    /// is too short to hold them.
+    fn count(&mut self, what: &str, smallest: usize) -> Result<usize, MapError> {
+        let at = self.at;
+        let count = self.u64()?;
+        let left = self.content.len() - self.at;
+        if count > (left / smallest) as u64 {
+            self.at = at;
+            return Err(self.refuse(format!(
+                "{count} {what} are announced, but only {left} bytes follow: the file is cut short or not COLMAP's; \
+                 export the model again"
+            )));
+        }
+        Ok(count as usize)
+    }
+
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], MapError> {
+        let bytes = self.content.get(self.at..).and_then(|rest| rest.first_chunk::<N>()).copied();
+        let bytes =
+            bytes.ok_or_else(|| self.refuse("the file ends within a record; export the model again"))?;
+        self.at += N;
+        Ok(bytes)
+    }
+
+    fn u32(&mut self) -> Result<u32, MapError> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Result<u64, MapError> {
+        self.take().map(u64::from_le_bytes)
+    }
+
+    fn f64s<const N: usize>(&mut self) -> Result<[f64; N], MapError> {
+        let mut all = [0.0; N];
+        for value in &mut all {
+            *value = f64::from_le_bytes(self.take()?);
+        }
+        Ok(all)
+    }
+
+    fn refuse(&self, reason: impl Into<String>) -> MapError {
+        MapError::Colmap { path: self.path.clone(), place: Place::Byte(self.at), reason: reason.into() }
+    }
+}
+
+/// `id: u32, model: i32, width: u64, height: u64, params: f64[]`
+fn camera(bytes: &mut Bytes) -> Result<(u32, Intrinsics), MapError> {
+    let id = bytes.u32()?;
+    let model = bytes.u32()? as i32;
+    let Some((name, count)) = CameraModel::from_colmap_id(model) else {
+        return Err(bytes.refuse(format!(
+            "camera {id} has COLMAP's camera model number {model}, which is not supported; supported are \
+             SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL and OPENCV: undistort the images with COLMAP"
+        )));
+    };
+    let (width, height) = (bytes.u64()?, bytes.u64()?);
+    let (Ok(width), Ok(height)) = (u32::try_from(width), u32::try_from(height)) else {
+        return Err(
+            bytes.refuse(format!("camera {id} has pictures of {width} x {height} pixels, which none has"))
+        );
+    };
+    let mut params = Vec::with_capacity(count);
+    for _ in 0..count {
+        let [value] = bytes.f64s()?;
+        params.push(value);
+    }
+    let camera = Intrinsics::new(name, width, height, &params)
+        .map_err(|e| bytes.refuse(format!("camera {id}: {e}")))?;
+    Ok((id, camera))
+}
+
+/// `id: u32, q: f64[4], t: f64[3], camera: u32, name: bytes to 0, points: u64, (x: f64, y: f64, point: u64)[]`
+fn image(bytes: &mut Bytes) -> Result<ColmapImage, MapError> {
+    let id = bytes.u32()?;
+    let (rotation, translation) = (bytes.f64s()?, bytes.f64s()?);
+    let cam_from_world = CameraFromWorld::from_quaternion(rotation, translation).ok_or_else(|| {
+        bytes.refuse(format!(
+            "the pose of image {id} is not finite or its quaternion is zero; remove the image or give it a pose"
+        ))
+    })?;
+    let camera_id = bytes.u32()?;
+    let rest = &bytes.content[bytes.at..];
+    let Some(length) = rest.iter().position(|b| *b == 0) else {
+        return Err(bytes.refuse(format!("the name of image {id} does not end; export the model again")));
+    };
+    let name = std::str::from_utf8(&rest[..length])
+        .map_err(|_| bytes.refuse(format!("the name of image {id} is not UTF-8; rename the photograph")))?
+        .to_owned();
+    bytes.at += length + 1;
+    let count = bytes.count("2D points", 24)?;
+    let mut points2d = Vec::with_capacity(count);
+    for _ in 0..count {
+        let [u, v] = bytes.f64s()?;
+        let point = bytes.u64()?;
+        points2d.push(ColmapPoint2d { pixel: Pixel::new(u, v), point: (point != NO_POINT).then_some(point) });
+    }
+    Ok(ColmapImage { id, name, camera_id, cam_from_world, points2d })
+}
+
+/// `id: u64, xyz: f64[3], rgb: u8[3], error: f64, track: u64, (image: u32, keypoint: u32)[]`
+fn point(bytes: &mut Bytes) -> Result<ColmapPoint, MapError> {
+    let id = bytes.u64()?;
+    let [x, y, z] = bytes.f64s()?;
+    let color = bytes.take()?;
+    let [error] = bytes.f64s()?;
+    let count = bytes.count("observations of a point", 8)?;
+    let mut track = Vec::with_capacity(count);
+    for _ in 0..count {
+        track.push((bytes.u32()?, bytes.u32()?));
+    }
+    Ok(ColmapPoint { id, position: Point3::new(x, y, z), color, error, track })
+}

@@ -1,0 +1,218 @@
+//! A COLMAP model in memory, whose parts are known to fit together.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use veiloc_geometry::frames::World;
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
+
+use super::Parts;
+use crate::error::{MapError, Record};
+
+/// A keypoint of a COLMAP image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ColmapPoint2d {
+    /// Where, in the picture as it was taken (distorted).
+    pub pixel: Pixel,
+    /// The 3D point it observes.
+    pub point: Option<u64>,
+}
+
+/// A posed image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColmapImage {
+    /// COLMAP's number of the image.
+    pub id: u32,
+    /// File name, relative to the folder of the photographs.
+    pub name: String,
+    /// COLMAP's number of its camera.
+    pub camera_id: u32,
+    /// Where it was taken.
+    pub cam_from_world: CameraFromWorld,
+    /// Its keypoints; tracks refer to them by index.
+    pub points2d: Vec<ColmapPoint2d>,
+}
+
+/// A triangulated point.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColmapPoint {
+    /// COLMAP's number of the point.
+    pub id: u64,
+    /// Where, map units.
+    pub position: Point3<World>,
+    /// Red, green, blue.
+    pub color: [u8; 3],
+    /// Mean reprojection error over the track, pixels; -1 when COLMAP did not compute it.
+    pub error: f64,
+    /// Who sees it: image id and index of the keypoint in that image.
+    pub track: Vec<(u32, u32)>,
+}
+
+/// A COLMAP model whose references lead somewhere: every image has its camera, names and ids are unique, every
+/// observation names an image, a keypoint of it and a point that agree with each other, every number is finite.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColmapModel {
+    cameras: BTreeMap<u32, Intrinsics>,
+    images: Vec<ColmapImage>,
+    points: Vec<ColmapPoint>,
+    /// Index in `images` by name.
+    by_name: BTreeMap<String, usize>,
+    /// Index in `images` by id.
+    by_id: BTreeMap<u32, usize>,
+}
+
+impl ColmapModel {
+    /// From its parts.
+    ///
+    /// # Errors
+    /// [`MapError::ColmapRecord`] naming the record that does not fit.
+    pub fn new(
+        cameras: Vec<(u32, Intrinsics)>,
+        images: Vec<ColmapImage>,
+        points: Vec<ColmapPoint>,
+    ) -> Result<Self, MapError> {
+        Self::checked(Parts { cameras, images, points }, None)
+    }
+
+    pub(crate) fn checked(parts: Parts, dir: Option<&Path>) -> Result<Self, MapError> {
+        let refuse = |record: Record, reason: String| MapError::ColmapRecord {
+            dir: dir.map(Path::to_owned),
+            record,
+            reason,
+        };
+        let mut cameras = BTreeMap::new();
+        for (id, camera) in parts.cameras {
+            if cameras.insert(id, camera).is_some() {
+                return Err(refuse(Record::Camera(id), "is defined twice; remove one of them".to_owned()));
+            }
+        }
+        let (mut by_name, mut by_id) = (BTreeMap::new(), BTreeMap::new());
+        for (index, image) in parts.images.iter().enumerate() {
+            let this = || Record::Image(image.name.clone());
+            if image.name.is_empty() || image.name.contains(['\0', '\n', '\r']) {
+                return Err(refuse(
+                    Record::ImageId(image.id),
+                    "has no usable file name; give it one".to_owned(),
+                ));
+            }
+            if !cameras.contains_key(&image.camera_id) {
+                let reason =
+                    format!("has camera {}, which the model does not define; add it", image.camera_id);
+                return Err(refuse(this(), reason));
+            }
+            if !image.cam_from_world.is_finite() {
+                return Err(refuse(
+                    this(),
+                    "has a pose that is not finite; remove the image or give it a pose".into(),
+                ));
+            }
+            if let Some(i) = image.points2d.iter().position(|p| !p.pixel.is_finite()) {
+                return Err(refuse(this(), format!("has a 2D point {i} that is not finite")));
+            }
+            if by_name.insert(image.name.clone(), index).is_some() {
+                return Err(refuse(this(), "appears twice; keep one of them".to_owned()));
+            }
+            if by_id.insert(image.id, index).is_some() {
+                return Err(refuse(
+                    Record::ImageId(image.id),
+                    "appears twice; give each image its own id".to_owned(),
+                ));
+            }
+        }
+        let model = Self { cameras, images: parts.images, points: parts.points, by_name, by_id };
+        model.check_tracks().map_err(|(record, reason)| refuse(record, reason))?;
+        Ok(model)
+    }
+
+    /// Points, and whether images and points tell the same observations.
+    fn check_tracks(&self) -> Result<(), (Record, String)> {
+        let mut ids = BTreeSet::new();
+        let mut observations = 0_usize;
+        for point in &self.points {
+            let refuse = |reason: String| Err((Record::Point(point.id), reason));
+            if !ids.insert(point.id) {
+                return refuse("appears twice; give each point its own id".to_owned());
+            }
+            if !point.position.is_finite() || point.error.is_nan() {
+                return refuse("has a position or error that is not a number; remove it".to_owned());
+            }
+            let mut seen = BTreeSet::new();
+            for &(image, keypoint) in &point.track {
+                let Some(image) = self.image_by_id(image) else {
+                    return refuse(format!("is seen by image {image}, which the model does not have"));
+                };
+                let Some(keypoint_2d) = image.points2d.get(keypoint as usize) else {
+                    let count = image.points2d.len();
+                    return refuse(format!(
+                        "is seen by 2D point {keypoint} of {:?}, which has only {count}",
+                        image.name
+                    ));
+                };
+                if keypoint_2d.point != Some(point.id) || !seen.insert((image.id, keypoint)) {
+                    return refuse(format!(
+                        "is seen by 2D point {keypoint} of {:?} only according to points3D, not to images; export the \
+                         model again",
+                        image.name
+                    ));
+                }
+                observations += 1;
+            }
+        }
+        // All tracks lead to keypoints that agree; if there are more such keypoints, some point to nowhere.
+        let told = self.images.iter().flat_map(|i| &i.points2d).filter(|p| p.point.is_some()).count();
+        if told == observations {
+            return Ok(());
+        }
+        let tracks: BTreeSet<(u32, u32)> = self.points.iter().flat_map(|p| p.track.iter().copied()).collect();
+        for image in &self.images {
+            for (index, keypoint) in image.points2d.iter().enumerate() {
+                let Some(point) = keypoint.point else { continue };
+                if !tracks.contains(&(image.id, index as u32)) {
+                    let reason = format!(
+                        "has 2D point {index} that sees point {point}, which points3D does not say; export the model \
+                         again"
+                    );
+                    return Err((Record::Image(image.name.clone()), reason));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Cameras by COLMAP's id.
+    pub const fn cameras(&self) -> &BTreeMap<u32, Intrinsics> {
+        &self.cameras
+    }
+
+    /// Images in the model's order.
+    pub fn images(&self) -> &[ColmapImage] {
+        &self.images
+    }
+
+    /// Points in the model's order.
+    pub fn points(&self) -> &[ColmapPoint] {
+        &self.points
+    }
+
+    /// Names of all images, in the model's order.
+    pub fn image_names(&self) -> Vec<String> {
+        self.images.iter().map(|i| i.name.clone()).collect()
+    }
+
+    /// The image with this name.
+    pub fn image_by_name(&self, name: &str) -> Option<&ColmapImage> {
+        self.by_name.get(name).map(|&i| &self.images[i])
+    }
+
+    /// The image with this COLMAP id.
+    pub fn image_by_id(&self, id: u32) -> Option<&ColmapImage> {
+        self.by_id.get(&id).map(|&i| &self.images[i])
+    }
+
+    /// The camera of an image of this model.
+    pub fn camera_of(&self, image: &ColmapImage) -> &Intrinsics {
+        self.cameras
+            .get(&image.camera_id)
+            .expect("an image of this model has its camera in it, checked at construction")
+    }
+}

@@ -1,0 +1,249 @@
+//! COLMAP models: round trip, agreement of text and binary, and input of every bad kind.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::{ColmapModel, read_model, write_text};
+use crate::MapError;
+
+/// Written by pycolmap, see `scripts/oracle_colmap.py`: the same model as text and as binary.
+fn fixture(format: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/colmap").join(format)
+}
+
+const CAMERAS: &str =
+    "# comment\n1 PINHOLE 640 480 500 500 320 240\n\n7 SIMPLE_RADIAL 640 480 500 320 240 -0.01\n";
+const IMAGES: &str = "# comment\n1 1 0 0 0 0 0 0 1 a.jpg\n10 20 5 30 40 -1\n2 1 0 0 0 0.5 0 0 7 sub dir/b c.jpg\n11 22 5\n\
+                      3 1 0 0 0 0.5 0 0 1 d.jpg\n\n";
+const POINTS: &str = "# comment\n5 0.1 0.2 3 10 20 30 0.25 1 0 2 0\n";
+
+fn read(cameras: &str, images: &str, points: &str) -> Result<ColmapModel, MapError> {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, content) in [("cameras.txt", cameras), ("images.txt", images), ("points3D.txt", points)] {
+        fs::write(dir.path().join(name), content).unwrap();
+    }
+    read_model(dir.path())
+}
+
+#[test]
+fn text_is_read() {
+    let model = read(CAMERAS, IMAGES, POINTS).unwrap();
+    assert_eq!(model.cameras().keys().copied().collect::<Vec<_>>(), [1, 7]);
+    assert_eq!(model.image_names(), ["a.jpg", "sub dir/b c.jpg", "d.jpg"]);
+    let b = model.image_by_name("sub dir/b c.jpg").unwrap();
+    assert_eq!((b.id, b.points2d.len(), b.points2d[0].point), (2, 1, Some(5)));
+    assert_eq!(model.camera_of(b).model.name(), "SIMPLE_RADIAL");
+    assert!(model.image_by_id(3).unwrap().points2d.is_empty());
+    let point = &model.points()[0];
+    assert_eq!((point.id, point.color, point.error), (5, [10, 20, 30], 0.25));
+    assert_eq!(point.track, [(1, 0), (2, 0)]);
+}
+
+#[test]
+fn line_ends_and_a_missing_last_line_do_not_matter() {
+    let dos = |text: &str| text.replace('\n', "\r\n");
+    let model = read(CAMERAS, IMAGES, POINTS).unwrap();
+    assert_eq!(read(&dos(CAMERAS), &dos(IMAGES), &dos(POINTS)).unwrap(), model);
+    assert_eq!(read(CAMERAS, IMAGES.trim_end(), POINTS.trim_end()).unwrap(), model);
+    let empty = read("", "# nothing\n", "").unwrap();
+    assert!(empty.images().is_empty());
+}
+
+#[test]
+fn text_and_binary_by_pycolmap_are_the_same_model() {
+    let (text, binary) = (read_model(&fixture("text")).unwrap(), read_model(&fixture("binary")).unwrap());
+    assert_eq!(binary.cameras(), text.cameras());
+    assert_eq!(binary.images().len(), 4);
+    let sorted = |model: &ColmapModel| {
+        let mut points = model.points().to_vec();
+        points.sort_by_key(|p| p.id);
+        points
+    };
+    assert_eq!(sorted(&binary), sorted(&text));
+    for image in text.images() {
+        let other = binary.image_by_name(&image.name).unwrap();
+        assert!(image.cam_from_world.rotation_error_degrees(&other.cam_from_world) < 1e-10);
+        assert!(image.cam_from_world.translation_error(&other.cam_from_world) < 1e-10);
+        assert_eq!(
+            (image.id, image.camera_id, &image.points2d),
+            (other.id, other.camera_id, &other.points2d)
+        );
+    }
+}
+
+#[test]
+fn what_is_written_is_read() {
+    for model in [read_model(&fixture("binary")).unwrap(), read(CAMERAS, IMAGES, POINTS).unwrap()] {
+        let dir = tempfile::tempdir().unwrap();
+        write_text(&model, &dir.path().join("new")).unwrap();
+        let back = read_model(&dir.path().join("new")).unwrap();
+        assert_eq!((back.cameras(), back.points()), (model.cameras(), model.points()));
+        for (a, b) in back.images().iter().zip(model.images()) {
+            assert_eq!((a.id, &a.name, a.camera_id, &a.points2d), (b.id, &b.name, b.camera_id, &b.points2d));
+            assert!(a.cam_from_world.rotation_error_degrees(&b.cam_from_world) < 1e-10);
+            assert_eq!(a.cam_from_world.translation(), b.cam_from_world.translation());
+        }
+    }
+}
+
+/// Each faulty text with the file and place that the message must name.
+#[test]
+fn faulty_text_is_refused_by_name_and_line() {
+    let i = |pose: &str| format!("{pose}\n\n");
+    let cases: Vec<(&str, [String; 3], &str)> = vec![
+        ("short camera", [cameras("1 PINHOLE 640"), i(""), p("")], "cameras.txt, line 1"),
+        ("parameter count", [cameras("1 PINHOLE 640 480 1 2"), i(""), p("")], "cameras.txt, line 1"),
+        ("not a number", [cameras("1 PINHOLE 640 480 a 1 1 1"), i(""), p("")], "cameras.txt, line 1"),
+        ("negative size", [cameras("1 PINHOLE -640 480 1 1 1 1"), i(""), p("")], "cameras.txt, line 1"),
+        ("unknown model", [cameras("1 FOV 640 480 1 1 1 1 1"), i(""), p("")], "not supported"),
+        ("camera twice", [CAMERAS.repeat(2), i(""), p("")], "camera 1 is defined twice"),
+        ("NaN pose", [c(), i("1 1 0 0 0 nan 0 0 1 a.jpg"), p("")], "images.txt, line 1"),
+        ("zero quaternion", [c(), i("1 0 0 0 0 0 0 0 1 a.jpg"), p("")], "images.txt, line 1"),
+        ("no name", [c(), i("1 1 0 0 0 0 0 0 1"), p("")], "before its NAME"),
+        ("unknown camera", [c(), i("1 1 0 0 0 0 0 0 2 a.jpg"), p("")], "\"a.jpg\" has camera 2"),
+        (
+            "no 2D line",
+            [c(), "1 1 0 0 0 0 0 0 1 a.jpg\n2 1 0 0 0 0 0 0 1 b.jpg\n".into(), p("")],
+            "images.txt, line 2",
+        ),
+        ("2D point cut", [c(), "1 1 0 0 0 0 0 0 1 a.jpg\n1 2 -1 3".into(), p("")], "images.txt, line 2"),
+        (
+            "2D point NaN",
+            [c(), "1 1 0 0 0 0 0 0 1 a.jpg\n1 nan -1".into(), p("")],
+            "\"a.jpg\" has a 2D point 0",
+        ),
+        ("point id", [c(), "1 1 0 0 0 0 0 0 1 a.jpg\n1 2 -7".into(), p("")], "POINT3D_ID is -7"),
+        (
+            "name twice",
+            [c(), i("1 1 0 0 0 0 0 0 1 a.jpg") + &i("2 1 0 0 0 0 0 0 1 a.jpg"), p("")],
+            "\"a.jpg\" appears twice",
+        ),
+        (
+            "id twice",
+            [c(), i("1 1 0 0 0 0 0 0 1 a.jpg") + &i("1 1 0 0 0 0 0 0 1 b.jpg"), p("")],
+            "id 1 appears twice",
+        ),
+        ("point cut", [CAMERAS.into(), IMAGES.into(), p("5 0 0 3 10 20 30")], "points3D.txt, line 1"),
+        (
+            "track cut",
+            [CAMERAS.into(), IMAGES.into(), p("5 0 0 3 10 20 30 0.2 1 0 2")],
+            "points3D.txt, line 1",
+        ),
+        ("color", [CAMERAS.into(), IMAGES.into(), p("5 0 0 3 10 20 300 0.2")], "points3D.txt, line 1"),
+        ("point NaN", [CAMERAS.into(), IMAGES.into(), p("5 0 0 nan 10 20 30 0.2 1 0 2 0")], "point 5 has"),
+        ("point twice", [CAMERAS.into(), IMAGES.into(), POINTS.repeat(2)], "point 5 appears twice"),
+        ("track image", [CAMERAS.into(), IMAGES.into(), p("5 0 0 3 1 2 3 0.2 1 0 9 0")], "image 9"),
+        ("track keypoint", [CAMERAS.into(), IMAGES.into(), p("5 0 0 3 1 2 3 0.2 1 0 2 1")], "has only 1"),
+        (
+            "track disagrees",
+            [CAMERAS.into(), IMAGES.into(), p("5 0 0 3 1 2 3 0.2 1 0 1 1 2 0")],
+            "not to images",
+        ),
+        ("seen twice", [CAMERAS.into(), IMAGES.into(), p("5 0 0 3 1 2 3 0.2 1 0 1 0 2 0")], "not to images"),
+        ("point missing", [CAMERAS.into(), IMAGES.into(), p("")], "sees point 5"),
+    ];
+    for (what, [cameras, images, points], place) in cases {
+        let error = read(&cameras, &images, &points).expect_err(what).to_string();
+        assert!(error.contains(place), "{what}: {error}");
+    }
+}
+
+fn cameras(line: &str) -> String {
+    line.to_owned()
+}
+
+fn c() -> String {
+    "1 PINHOLE 640 480 500 500 320 240".to_owned()
+}
+
+fn p(line: &str) -> String {
+    line.to_owned()
+}
+
+#[test]
+fn text_that_is_not_text_names_the_line() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("cameras.txt"), b"# fine\n1 PINHOLE \xff\n").unwrap();
+    for name in ["images.txt", "points3D.txt"] {
+        fs::write(dir.path().join(name), "").unwrap();
+    }
+    let error = read_model(dir.path()).unwrap_err().to_string();
+    assert!(error.contains("cameras.txt, line 2"), "{error}");
+}
+
+#[test]
+fn a_folder_without_a_model_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("cameras.txt"), CAMERAS).unwrap();
+    for dir in [dir.path(), Path::new("no/such/folder")] {
+        assert!(matches!(read_model(dir), Err(MapError::NoColmapModel { .. })));
+    }
+}
+
+/// Copies the binary fixture, with one file changed.
+fn damaged(file: &str, change: impl FnOnce(&mut Vec<u8>)) -> Result<ColmapModel, MapError> {
+    let dir = tempfile::tempdir().unwrap();
+    let mut change = Some(change);
+    for name in ["cameras.bin", "images.bin", "points3D.bin"] {
+        let mut bytes = fs::read(fixture("binary").join(name)).unwrap();
+        if name == file {
+            change.take().unwrap()(&mut bytes);
+        }
+        fs::write(dir.path().join(name), bytes).unwrap();
+    }
+    read_model(dir.path())
+}
+
+#[test]
+fn every_cut_of_a_binary_file_is_refused_by_name() {
+    for file in ["cameras.bin", "images.bin", "points3D.bin"] {
+        let length = fs::read(fixture("binary").join(file)).unwrap().len();
+        for cut in 0..length {
+            let error = damaged(file, |bytes| bytes.truncate(cut)).expect_err("cut");
+            assert!(error.to_string().contains(file), "{cut}: {error}");
+        }
+        let error = damaged(file, |bytes| bytes.push(0)).expect_err("appended");
+        assert!(error.to_string().contains("follow the last"), "{error}");
+    }
+}
+
+#[test]
+fn hostile_counts_are_refused_before_memory_is_asked_for() {
+    for file in ["cameras.bin", "images.bin", "points3D.bin"] {
+        for count in [u64::MAX, 1 << 40, 1 << 33] {
+            let error = damaged(file, |bytes| bytes[..8].copy_from_slice(&count.to_le_bytes())).unwrap_err();
+            assert!(error.to_string().contains("announced") && error.to_string().contains(file), "{error}");
+        }
+    }
+    // The track length of the first point, behind id, position, color and error.
+    let error = damaged("points3D.bin", |bytes| bytes[51..59].copy_from_slice(&(1_u64 << 60).to_le_bytes()));
+    assert!(error.unwrap_err().to_string().contains("announced"));
+}
+
+#[test]
+fn faulty_binary_records_are_refused() {
+    let error = damaged("cameras.bin", |bytes| bytes[12] = 9).unwrap_err().to_string();
+    assert!(error.contains("cameras.bin") && error.contains("not supported"), "{error}");
+    let nan = f64::NAN.to_le_bytes();
+    let error = damaged("images.bin", |bytes| bytes[12..20].copy_from_slice(&nan)).unwrap_err().to_string();
+    assert!(error.contains("images.bin") && error.contains("not finite"), "{error}");
+    let error = damaged("points3D.bin", |bytes| bytes[16..24].copy_from_slice(&nan)).unwrap_err().to_string();
+    assert!(error.contains("not a number"), "{error}");
+}
+
+#[test]
+fn lund_door_is_read_whole() {
+    let Some(data) = std::env::var_os("VEILOC_DATA") else {
+        eprintln!("skipped: VEILOC_DATA is not set");
+        return;
+    };
+    let model = read_model(&PathBuf::from(&data).join("lund-door/sparse")).unwrap();
+    assert_eq!((model.images().len(), model.points().len()), (12, 11384));
+    let observations: usize = model.points().iter().map(|p| p.track.len()).sum();
+    assert_eq!(observations, 73327);
+    for posed in ["redkitchen", "herzjesu"] {
+        let model = read_model(&PathBuf::from(&data).join(posed).join("posed")).unwrap();
+        assert_eq!(model.images().len(), if posed == "redkitchen" { 112 } else { 25 });
+        assert!(model.points().is_empty() && model.images().iter().all(|i| i.points2d.is_empty()));
+    }
+}

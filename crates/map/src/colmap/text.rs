@@ -1,0 +1,194 @@
+//! COLMAP's text files.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::str::{FromStr, SplitAsciiWhitespace};
+
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
+
+use super::Parts;
+use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d};
+use crate::error::{MapError, Place};
+
+pub(super) fn read(dir: &Path) -> Result<Parts, MapError> {
+    Ok(Parts {
+        cameras: cameras(&Text::open(dir.join("cameras.txt"))?)?,
+        images: images(&Text::open(dir.join("images.txt"))?)?,
+        points: points(&Text::open(dir.join("points3D.txt"))?)?,
+    })
+}
+
+/// A text file and its name.
+struct Text {
+    path: PathBuf,
+    content: String,
+}
+
+impl Text {
+    fn open(path: PathBuf) -> Result<Self, MapError> {
+        let bytes = fs::read(&path).map_err(MapError::io(&path))?;
+        match String::from_utf8(bytes) {
+            Ok(content) => Ok(Self { path, content }),
+            Err(error) => {
+                let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+                let line = valid.split(|b| *b == b'\n').count();
+                let reason = "not UTF-8 text; save the model as text again, or as binary".to_owned();
+                Err(MapError::Colmap { path, place: Place::Line(line), reason })
+            }
+        }
+    }
+
+    /// Lines with their numbers, from 1.
+    fn lines(&self) -> impl Iterator<Item = (usize, &str)> {
+        self.content.lines().enumerate().map(|(i, line)| (i + 1, line.trim()))
+    }
+
+    /// Lines that say something, with their fields.
+    fn records(&self) -> impl Iterator<Item = Fields<'_>> {
+        self.lines()
+            .filter(|(_, text)| !text.is_empty() && !text.starts_with('#'))
+            .map(|(line, text)| Fields { text: self, line, rest: text.split_ascii_whitespace() })
+    }
+
+    fn refuse(&self, line: usize, reason: impl Into<String>) -> MapError {
+        MapError::Colmap { path: self.path.clone(), place: Place::Line(line), reason: reason.into() }
+    }
+}
+
+/// The fields of one line, taken from left to right.
+struct Fields<'a> {
+    text: &'a Text,
+    line: usize,
+    rest: SplitAsciiWhitespace<'a>,
+}
+
+impl<'a> Fields<'a> {
+    fn word(&mut self, what: &str) -> Result<&'a str, MapError> {
+        self.rest
+            .next()
+            .ok_or_else(|| self.text.refuse(self.line, format!("the line ends before its {what}")))
+    }
+
+    fn number<T: FromStr>(&mut self, what: &str) -> Result<T, MapError> {
+        let word = self.word(what)?;
+        word.parse().map_err(|_| {
+            let word: String = word.chars().take(40).collect();
+            self.text.refuse(self.line, format!("{what} is {word:?}, which is not such a number"))
+        })
+    }
+
+    fn numbers<const N: usize>(&mut self, what: &str) -> Result<[f64; N], MapError> {
+        let mut all = [0.0; N];
+        for value in &mut all {
+            *value = self.number(what)?;
+        }
+        Ok(all)
+    }
+
+    fn refuse(&self, reason: impl Into<String>) -> MapError {
+        self.text.refuse(self.line, reason)
+    }
+}
+
+/// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]`
+fn cameras(text: &Text) -> Result<Vec<(u32, Intrinsics)>, MapError> {
+    text.records()
+        .map(|mut fields| {
+            let id = fields.number("CAMERA_ID")?;
+            let model = fields.word("MODEL")?;
+            let (width, height) = (fields.number("WIDTH")?, fields.number("HEIGHT")?);
+            let mut params = Vec::new();
+            while let Some(word) = fields.rest.next() {
+                let number = word.parse::<f64>();
+                params.push(number.map_err(|_| fields.refuse("a parameter of the camera is not a number"))?);
+            }
+            let camera = Intrinsics::new(model, width, height, &params).map_err(|e| {
+                fields.refuse(format!("{e}; undistort the images with COLMAP, or correct the line"))
+            })?;
+            Ok((id, camera))
+        })
+        .collect()
+}
+
+/// `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, and on the next line `POINTS2D[] as (X Y POINT3D_ID)`, which is
+/// there even when it is empty.
+fn images(text: &Text) -> Result<Vec<ColmapImage>, MapError> {
+    let mut images = Vec::new();
+    let mut lines = text.lines();
+    while let Some((line, content)) = lines.next() {
+        if content.is_empty() || content.starts_with('#') {
+            continue;
+        }
+        let mut fields = Fields { text, line, rest: content.split_ascii_whitespace() };
+        let id = fields.number("IMAGE_ID")?;
+        let rotation = fields.numbers::<4>("quaternion")?;
+        let translation = fields.numbers::<3>("translation")?;
+        let camera_id = fields.number("CAMERA_ID")?;
+        fields.word("NAME")?;
+        let name = after_fields(content, 9).to_owned();
+        let cam_from_world = CameraFromWorld::from_quaternion(rotation, translation).ok_or_else(|| {
+            fields.refuse(
+                "the pose is not finite or its quaternion is zero; remove the image or give it a pose",
+            )
+        })?;
+        let points2d = match lines.next() {
+            Some((line, content)) => points2d(text, line, content)?,
+            None => Vec::new(),
+        };
+        images.push(ColmapImage { id, name, camera_id, cam_from_world, points2d });
+    }
+    Ok(images)
+}
+
+/// What follows the first `count` fields of a line: a name may hold spaces.
+fn after_fields(line: &str, count: usize) -> &str {
+    let mut rest = line;
+    for _ in 0..count {
+        rest = rest.trim_start().trim_start_matches(|c: char| !c.is_ascii_whitespace());
+    }
+    rest.trim()
+}
+
+fn points2d(text: &Text, line: usize, content: &str) -> Result<Vec<ColmapPoint2d>, MapError> {
+    let mut fields = Fields { text, line, rest: content.split_ascii_whitespace() };
+    let count = fields.rest.clone().count();
+    if !count.is_multiple_of(3) {
+        return Err(fields.refuse(format!(
+            "{count} numbers where 2D points (X, Y, POINT3D_ID) should be; every image takes two lines, the second may \
+             be empty but not missing"
+        )));
+    }
+    (0..count / 3)
+        .map(|_| {
+            let [u, v] = fields.numbers("2D point")?;
+            let point: i64 = fields.number("POINT3D_ID")?;
+            if point < -1 {
+                return Err(fields.refuse(format!("POINT3D_ID is {point}; it is -1 or the id of a point")));
+            }
+            Ok(ColmapPoint2d { pixel: Pixel::new(u, v), point: u64::try_from(point).ok() })
+        })
+        .collect()
+}
+
+/// `POINT3D_ID X Y Z R G B ERROR TRACK[] as (IMAGE_ID POINT2D_IDX)`
+fn points(text: &Text) -> Result<Vec<ColmapPoint>, MapError> {
+    text.records()
+        .map(|mut fields| {
+            let id = fields.number("POINT3D_ID")?;
+            let [x, y, z] = fields.numbers("position")?;
+            let mut color = [0; 3];
+            for channel in &mut color {
+                *channel = fields.number("color")?;
+            }
+            let error = fields.number("ERROR")?;
+            let count = fields.rest.clone().count();
+            if !count.is_multiple_of(2) {
+                return Err(fields.refuse("the track is cut: it is made of pairs IMAGE_ID POINT2D_IDX"));
+            }
+            let track = (0..count / 2)
+                .map(|_| Ok((fields.number("IMAGE_ID")?, fields.number("POINT2D_IDX")?)))
+                .collect::<Result<_, MapError>>()?;
+            Ok(ColmapPoint { id, position: Point3::new(x, y, z), color, error, track })
+        })
+        .collect()
+}

@@ -1,0 +1,166 @@
+//! The records of the map file. `docs/map-format.md` is the specification; the known-answer test holds both together.
+//!
+//! ```text
+//! header            64 bytes
+//! table             32 bytes a section, in the order of their codes
+//! sections          each at a multiple of 64 bytes, gaps zero, the next one as early as possible
+//! ```
+//! All numbers are little-endian; records are used where they lie in the mapped file, without being copied.
+
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
+
+#[cfg(target_endian = "big")]
+compile_error!(
+    "map files are little-endian and are used as they lie on disk; big-endian machines are not supported"
+);
+
+/// The version of the format that this program writes and reads.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// The first bytes of every map.
+pub(super) const MAGIC: [u8; 8] = *b"\x89VEILMAP";
+
+/// Sections begin at multiples of this, for vector loads from the mapped file.
+pub(super) const ALIGN: usize = 64;
+
+/// In `KEYPOINT_POINTS`: the keypoint sees no point.
+pub(super) const NO_POINT: u32 = u32::MAX;
+
+/// What a section holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub(super) enum Section {
+    Profile = 1,
+    Settings = 2,
+    Cameras = 3,
+    Images = 4,
+    Names = 5,
+    Keypoints = 6,
+    KeypointPoints = 7,
+    Descriptors = 8,
+    Globals = 9,
+    Points = 10,
+    Observations = 11,
+}
+
+impl Section {
+    pub(super) const ALL: [Self; 11] = [
+        Self::Profile,
+        Self::Settings,
+        Self::Cameras,
+        Self::Images,
+        Self::Names,
+        Self::Keypoints,
+        Self::KeypointPoints,
+        Self::Descriptors,
+        Self::Globals,
+        Self::Points,
+        Self::Observations,
+    ];
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Profile => "profile",
+            Self::Settings => "settings",
+            Self::Cameras => "cameras",
+            Self::Images => "images",
+            Self::Names => "names",
+            Self::Keypoints => "keypoints",
+            Self::KeypointPoints => "keypoint points",
+            Self::Descriptors => "descriptors",
+            Self::Globals => "globals",
+            Self::Points => "points",
+            Self::Observations => "observations",
+        }
+    }
+}
+
+/// The beginning of the file.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct Header {
+    pub(super) magic: [u8; 8],
+    pub(super) version: u32,
+    pub(super) sections: u32,
+    /// Of the whole file, bytes.
+    pub(super) length: u64,
+    /// XXH3-64 of header and table, this field taken as zero.
+    pub(super) checksum: u64,
+    pub(super) reserved: [u64; 4],
+}
+
+/// Where a section lies.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct Entry {
+    pub(super) code: u32,
+    pub(super) reserved: u32,
+    /// From the beginning of the file, bytes.
+    pub(super) offset: u64,
+    /// Bytes.
+    pub(super) length: u64,
+    /// XXH3-64 of the section.
+    pub(super) checksum: u64,
+}
+
+/// How the map's own photographs were treated.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct SettingsRecord {
+    pub(super) max_keypoints: u32,
+    pub(super) max_image_side: u32,
+}
+
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct CameraRecord {
+    /// COLMAP's number of the camera model.
+    pub(super) model: u32,
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) reserved: u32,
+    /// COLMAP's order; zero behind the last one.
+    pub(super) params: [f64; 8],
+}
+
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct ImageRecord {
+    /// `R` of `cam_from_world`, row by row.
+    pub(super) rotation: [[f64; 3]; 3],
+    /// `t` of `cam_from_world`.
+    pub(super) translation: [f64; 3],
+    /// Where its name ends in `NAMES`; it begins where the name before it ends.
+    pub(super) name_end: u64,
+    /// Where its keypoints end in `KEYPOINTS`, `KEYPOINT_POINTS` and `DESCRIPTORS`, in keypoints.
+    pub(super) keypoint_end: u64,
+    /// Index in `CAMERAS`.
+    pub(super) camera: u32,
+    pub(super) reserved: u32,
+}
+
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct PointRecord {
+    pub(super) position: [f64; 3],
+    /// Mean reprojection error, pixels.
+    pub(super) error: f64,
+    /// Where its track ends in `OBSERVATIONS`; it begins where the track before it ends.
+    pub(super) track_end: u64,
+}
+
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct ObservationRecord {
+    pub(super) image: u32,
+    pub(super) keypoint: u32,
+}
+
+/// XXH3-64 of header and table, the header's own checksum taken as zero.
+pub(super) fn header_checksum(header: &Header, table: &[u8]) -> u64 {
+    let blank = Header { checksum: 0, ..*header };
+    let mut hash = xxhash_rust::xxh3::Xxh3::new();
+    hash.update(blank.as_bytes());
+    hash.update(table);
+    hash.digest()
+}

@@ -1,0 +1,14 @@
+//! The map file: how a map lies on disk, how it is replaced safely, and how it is opened.
+
+mod layout;
+mod open;
+mod replace;
+mod view;
+mod write;
+
+pub use layout::FORMAT_VERSION;
+pub use view::{ImageView, MapFile};
+pub use write::write;
+
+#[cfg(test)]
+mod tests;

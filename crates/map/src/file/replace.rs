@@ -1,0 +1,159 @@
+//! Replacing a file so that whatever happens, the old one or the new one is there, whole.
+
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Writes a new file beside `path`, flushes it to the disk, renames it over `path`, and flushes the folder.
+///
+/// When `content` fails, the new file is removed and `path` is as it was. When the process dies, a file named
+/// `.NAME.<process>-<count>.partial` stays behind, which nothing reads; the next call for the same path removes it. A
+/// writer holds a lock on its file, by which the files of the living are told from those of the dead.
+pub(super) fn replace_file(
+    path: &Path,
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no file name"))?;
+    let dir = match path.parent() {
+        Some(dir) if !dir.as_os_str().is_empty() => dir,
+        _ => Path::new("."),
+    };
+    let mut prefix = OsString::from(".");
+    prefix.push(name);
+    prefix.push(".");
+    remove_stale(dir, &prefix)?;
+
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let mut partial = prefix;
+    partial.push(format!("{}-{}{SUFFIX}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
+    let partial = dir.join(partial);
+    let written = write_and_rename(&partial, path, content);
+    if written.is_err() {
+        // What failed is told; that the remains could not be removed either adds nothing.
+        let _ = fs::remove_file(&partial);
+    }
+    written?;
+    sync_dir(dir)
+}
+
+fn write_and_rename(
+    partial: &Path,
+    path: &Path,
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let file = OpenOptions::new().write(true).create_new(true).open(partial)?;
+    file.lock()?;
+    // A file keeps its permissions when its content is replaced.
+    if let Ok(old) = fs::metadata(path) {
+        file.set_permissions(old.permissions())?;
+    }
+    let mut out = BufWriter::with_capacity(1 << 20, file);
+    content(&mut out)?;
+    let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
+    file.sync_all()?;
+    fs::rename(partial, path)
+}
+
+/// Removes what writers of the same file left behind when they died.
+fn remove_stale(dir: &Path, prefix: &OsString) -> io::Result<()> {
+    for entry in fs::read_dir(dir)? {
+        let path: PathBuf = entry?.path();
+        let Some(name) = path.file_name() else { continue };
+        let (name, prefix) = (name.as_encoded_bytes(), prefix.as_encoded_bytes());
+        let middle = name.strip_prefix(prefix).and_then(|rest| rest.strip_suffix(SUFFIX.as_bytes()));
+        let ours =
+            middle.is_some_and(|m| !m.is_empty() && m.iter().all(|b| b.is_ascii_digit() || *b == b'-'));
+        // Someone else may be faster, or the file may not be ours to remove: it is only rubbish, so no failure.
+        if ours && File::open(&path).is_ok_and(|f| f.try_lock().is_ok()) {
+            let _ = fs::remove_file(&path);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(unix)]
+fn sync_dir(dir: &Path) -> io::Result<()> {
+    File::open(dir)?.sync_all()
+}
+
+/// Elsewhere a folder cannot be opened as a file; renaming is all there is.
+#[cfg(not(unix))]
+fn sync_dir(_dir: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+const SUFFIX: &str = ".partial";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(dir: &Path) -> Vec<String> {
+        let mut all: Vec<_> =
+            fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        all.sort();
+        all
+    }
+
+    #[test]
+    fn a_writer_that_fails_midway_leaves_the_old_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("place.vmap");
+        replace_file(&path, |out| out.write_all(b"old")).unwrap();
+        let error = replace_file(&path, |out| {
+            out.write_all(&[0; 3 << 20])?;
+            Err(io::Error::other("the disk is full"))
+        });
+        assert_eq!(error.unwrap_err().to_string(), "the disk is full");
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(dir.path()), ["place.vmap"]);
+    }
+
+    #[test]
+    fn remains_of_the_dead_are_removed_and_those_of_the_living_are_not() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("place.vmap");
+        let dead = dir.path().join(".place.vmap.4711-0.partial");
+        let alive = dir.path().join(".place.vmap.4712-0.partial");
+        let other = dir.path().join(".place.vmap.mine.partial");
+        for file in [&dead, &alive, &other] {
+            fs::write(file, b"half a map").unwrap();
+        }
+        let held = File::open(&alive).unwrap();
+        held.lock().unwrap();
+        replace_file(&path, |out| out.write_all(b"new")).unwrap();
+        assert_eq!(
+            names(dir.path()),
+            [".place.vmap.4712-0.partial", ".place.vmap.mine.partial", "place.vmap"]
+        );
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+    }
+
+    #[test]
+    fn a_panicking_writer_leaves_the_old_file_and_the_next_one_cleans_up() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("place.vmap");
+        replace_file(&path, |out| out.write_all(b"old")).unwrap();
+        let died = std::panic::catch_unwind(|| {
+            replace_file(&path, |out| {
+                out.write_all(&[0; 3 << 20])?;
+                panic!("killed");
+            })
+        });
+        assert!(died.is_err());
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(dir.path()).len(), 2, "a killed writer leaves its file behind");
+        replace_file(&path, |out| out.write_all(b"new")).unwrap();
+        assert_eq!(names(dir.path()), ["place.vmap"]);
+    }
+
+    #[test]
+    fn impossible_places_are_errors() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(replace_file(&dir.path().join("none/place.vmap"), |_| Ok(())).is_err());
+        assert!(replace_file(Path::new("/"), |_| Ok(())).is_err());
+        assert!(replace_file(dir.path(), |_| Ok(())).is_err(), "a folder is not replaced by a file");
+    }
+}

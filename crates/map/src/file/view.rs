@@ -1,0 +1,219 @@
+//! A map file, opened: what the server reads while it localizes.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use veiloc_descriptor::{DescriptorView, GlobalDescriptor};
+use veiloc_geometry::frames::World;
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
+use veiloc_kernels::MappedFile;
+use veiloc_query::{ExtractionLimits, Profile};
+use zerocopy::{FromBytes, Immutable, KnownLayout};
+
+use super::layout::{NO_POINT, ObservationRecord, PointRecord};
+use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
+
+/// A map in a file that is mapped into memory: opening it reads and checks everything once, using it copies nothing.
+///
+/// The file must not be written into while it is open; [`write`](crate::write) never does, it replaces the file.
+#[derive(Debug)]
+pub struct MapFile {
+    pub(super) path: PathBuf,
+    pub(super) bytes: MappedFile,
+    pub(super) profile: Profile,
+    pub(super) extraction: ExtractionLimits,
+    pub(super) cameras: Vec<Intrinsics>,
+    pub(super) images: Vec<ImageEntry>,
+    pub(super) large: LargeSections,
+}
+
+/// An image's small parts, and where its large ones are.
+#[derive(Debug)]
+pub(super) struct ImageEntry {
+    pub(super) name: String,
+    pub(super) camera: usize,
+    pub(super) cam_from_world: CameraFromWorld,
+    /// In keypoints, within the sections that have one record a keypoint.
+    pub(super) keypoints: Range<usize>,
+    /// In codes, within the globals.
+    pub(super) global: Range<usize>,
+}
+
+/// Bytes of the sections that stay in the file.
+#[derive(Debug, Default)]
+pub(super) struct LargeSections {
+    pub(super) keypoints: Range<usize>,
+    pub(super) keypoint_points: Range<usize>,
+    pub(super) descriptors: Range<usize>,
+    pub(super) globals: Range<usize>,
+    pub(super) points: Range<usize>,
+    pub(super) observations: Range<usize>,
+}
+
+impl MapFile {
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Number of bytes of the file.
+    pub fn byte_count(&self) -> usize {
+        self.bytes.len()
+    }
+
+    /// What a device needs to seal a query for this map.
+    pub const fn profile(&self) -> &Profile {
+        &self.profile
+    }
+
+    /// How much was extracted from the map's own photographs.
+    pub const fn extraction(&self) -> ExtractionLimits {
+        self.extraction
+    }
+
+    /// Number of cameras.
+    pub fn camera_count(&self) -> usize {
+        self.cameras.len()
+    }
+
+    /// Number of images.
+    pub fn image_count(&self) -> usize {
+        self.images.len()
+    }
+
+    /// Number of points.
+    pub fn point_count(&self) -> usize {
+        self.points().len()
+    }
+
+    /// Number of observations of all points.
+    pub fn observation_count(&self) -> usize {
+        self.observations().len()
+    }
+
+    /// The image with this index, which must be below [`Self::image_count`].
+    pub fn image(&self, index: usize) -> ImageView<'_> {
+        ImageView { map: self, entry: &self.images[index] }
+    }
+
+    /// All images, in order.
+    pub fn images(&self) -> impl ExactSizeIterator<Item = ImageView<'_>> {
+        self.images.iter().map(|entry| ImageView { map: self, entry })
+    }
+
+    /// Where a point of this map is, map units.
+    pub fn point(&self, id: PointId) -> Point3<World> {
+        let [x, y, z] = self.points()[id.index()].position;
+        Point3::new(x, y, z)
+    }
+
+    /// Mean reprojection error of a point of this map over its track, pixels.
+    pub fn reprojection_error(&self, id: PointId) -> f64 {
+        self.points()[id.index()].error
+    }
+
+    /// Number of observations of a point of this map.
+    pub fn track_length(&self, id: PointId) -> usize {
+        self.track_range(id).len()
+    }
+
+    /// Who sees a point of this map, in rising order.
+    pub fn track(&self, id: PointId) -> impl ExactSizeIterator<Item = Observation> {
+        let records = &self.observations()[self.track_range(id)];
+        records.iter().map(|o| Observation { image: o.image, keypoint: o.keypoint })
+    }
+
+    /// A copy that can be changed.
+    pub fn to_model(&self) -> MapModel {
+        let images = self.images().map(|image| MapImage {
+            name: image.name().to_owned(),
+            camera: image.entry.camera,
+            cam_from_world: *image.cam_from_world(),
+            keypoints: image.keypoints().to_vec(),
+            descriptors: image.descriptors().to_owned(),
+            global: GlobalDescriptor::new(image.global().to_vec()),
+            point_of_keypoint: (0..image.keypoints().len()).map(|k| image.point_of(k)).collect(),
+        });
+        let points = (0..self.point_count() as u32).map(PointId).map(|id| MapPoint {
+            position: self.point(id),
+            track: self.track(id).collect(),
+            error: self.reprojection_error(id),
+        });
+        MapModel {
+            cameras: self.cameras.clone(),
+            images: images.collect(),
+            points: points.collect(),
+            extraction: self.extraction,
+            profile: self.profile.clone(),
+        }
+    }
+
+    fn track_range(&self, id: PointId) -> Range<usize> {
+        let points = self.points();
+        let start = id.index().checked_sub(1).map_or(0, |before| points[before].track_end);
+        start as usize..points[id.index()].track_end as usize
+    }
+
+    pub(super) fn points(&self) -> &[PointRecord] {
+        self.records(&self.large.points)
+    }
+
+    pub(super) fn observations(&self) -> &[ObservationRecord] {
+        self.records(&self.large.observations)
+    }
+
+    pub(super) fn records<T: FromBytes + Immutable + KnownLayout>(&self, section: &Range<usize>) -> &[T] {
+        <[T]>::ref_from_bytes(&self.bytes[section.clone()])
+            .expect("aligned and whole records, checked when opened")
+    }
+}
+
+/// An image of a map file.
+#[derive(Debug, Clone, Copy)]
+pub struct ImageView<'a> {
+    map: &'a MapFile,
+    entry: &'a ImageEntry,
+}
+
+impl<'a> ImageView<'a> {
+    /// File name of the photograph.
+    pub fn name(&self) -> &'a str {
+        &self.entry.name
+    }
+
+    /// Its camera.
+    pub fn camera(&self) -> &'a Intrinsics {
+        &self.map.cameras[self.entry.camera]
+    }
+
+    /// Where it was taken.
+    pub fn cam_from_world(&self) -> &'a CameraFromWorld {
+        &self.entry.cam_from_world
+    }
+
+    /// `[N]`, pixels `[u, v]` of the photograph as it was taken (distorted).
+    pub fn keypoints(&self) -> &'a [[f32; 2]] {
+        &self.map.records(&self.map.large.keypoints)[self.entry.keypoints.clone()]
+    }
+
+    /// `[N, dim]`
+    pub fn descriptors(&self) -> DescriptorView<'a> {
+        let kind = self.map.profile.descriptor_kind();
+        let all = &self.map.bytes[self.map.large.descriptors.clone()];
+        DescriptorView::new(kind, all)
+            .expect("whole rows, checked when opened")
+            .rows(self.entry.keypoints.clone())
+    }
+
+    /// Codes of the global descriptor.
+    pub fn global(&self) -> &'a [i8] {
+        &self.map.records(&self.map.large.globals)[self.entry.global.clone()]
+    }
+
+    /// The point that keypoint `keypoint` sees; the index must be below the number of keypoints.
+    pub fn point_of(&self, keypoint: usize) -> Option<PointId> {
+        let all: &[u32] = self.map.records(&self.map.large.keypoint_points);
+        let id = all[self.entry.keypoints.clone()][keypoint];
+        (id != NO_POINT).then_some(PointId(id))
+    }
+}

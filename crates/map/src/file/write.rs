@@ -1,0 +1,176 @@
+//! Writing a map file.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use xxhash_rust::xxh3::Xxh3;
+use zerocopy::IntoBytes;
+
+use super::layout::{
+    ALIGN, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT, ObservationRecord,
+    PointRecord, Section, SettingsRecord, header_checksum,
+};
+use super::replace::replace_file;
+use crate::error::MapError;
+use crate::model::MapModel;
+
+/// Writes a map file. Equal maps give equal bytes.
+///
+/// The file is written beside the one at `path`, flushed to the disk, and renamed over it. Whatever interrupts this, the
+/// file at `path` is afterwards the old map or the new one, whole; who has the old one open keeps it.
+///
+/// # Errors
+/// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] naming the file.
+pub fn write(model: &MapModel, path: &Path) -> Result<(), MapError> {
+    model.validate()?;
+    let sections = Sections::of(model);
+    replace_file(path, |out| sections.write(out)).map_err(MapError::io(path))
+}
+
+/// A section as pieces that follow one another: large arrays stay where the model has them.
+struct Sections<'a> {
+    pieces: Vec<(Section, Vec<Piece<'a>>)>,
+}
+
+enum Piece<'a> {
+    Owned(Vec<u8>),
+    Borrowed(&'a [u8]),
+}
+
+impl Piece<'_> {
+    fn bytes(&self) -> &[u8] {
+        match self {
+            Self::Owned(bytes) => bytes,
+            Self::Borrowed(bytes) => bytes,
+        }
+    }
+}
+
+impl<'a> Sections<'a> {
+    fn of(model: &'a MapModel) -> Self {
+        let section = |section: Section| {
+            let images = || model.images.iter();
+            let pieces = match section {
+                Section::Profile => vec![Piece::Owned(model.profile.encode())],
+                Section::Settings => vec![owned(&[SettingsRecord {
+                    max_keypoints: model.extraction.max_keypoints,
+                    max_image_side: model.extraction.max_image_side,
+                }])],
+                Section::Cameras => vec![owned(&model.cameras.iter().map(camera_record).collect::<Vec<_>>())],
+                Section::Images => vec![owned(&image_records(model))],
+                Section::Names => images().map(|i| Piece::Borrowed(i.name.as_bytes())).collect(),
+                Section::Keypoints => images().map(|i| Piece::Borrowed(i.keypoints.as_bytes())).collect(),
+                Section::KeypointPoints => images()
+                    .map(|i| {
+                        let ids = i.point_of_keypoint.iter().map(|p| p.map_or(NO_POINT, |p| p.0));
+                        owned(&ids.collect::<Vec<_>>())
+                    })
+                    .collect(),
+                Section::Descriptors => images().map(|i| Piece::Borrowed(i.descriptors.as_bytes())).collect(),
+                Section::Globals => {
+                    images().map(|i| Piece::Borrowed(i.global.as_codes().as_bytes())).collect()
+                }
+                Section::Points => vec![owned(&point_records(model))],
+                Section::Observations => {
+                    let track = model.points.iter().flat_map(|p| &p.track);
+                    let records = track.map(|o| ObservationRecord { image: o.image, keypoint: o.keypoint });
+                    vec![owned(&records.collect::<Vec<_>>())]
+                }
+            };
+            (section, pieces)
+        };
+        Self { pieces: Section::ALL.map(section).into() }
+    }
+
+    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        let mut table = Vec::new();
+        let mut end = size_of::<Header>() + self.pieces.len() * size_of::<Entry>();
+        for (section, pieces) in &self.pieces {
+            let mut hash = Xxh3::new();
+            let mut length = 0;
+            for piece in pieces {
+                hash.update(piece.bytes());
+                length += piece.bytes().len();
+            }
+            let offset = end.next_multiple_of(ALIGN);
+            table.push(Entry {
+                code: *section as u32,
+                reserved: 0,
+                offset: offset as u64,
+                length: length as u64,
+                checksum: hash.digest(),
+            });
+            end = offset + length;
+        }
+        let mut header = Header {
+            magic: MAGIC,
+            version: FORMAT_VERSION,
+            sections: table.len() as u32,
+            length: end as u64,
+            checksum: 0,
+            reserved: [0; 4],
+        };
+        header.checksum = header_checksum(&header, table.as_bytes());
+        out.write_all(header.as_bytes())?;
+        out.write_all(table.as_bytes())?;
+        let mut at = size_of::<Header>() + table.as_bytes().len();
+        for ((_, pieces), entry) in self.pieces.iter().zip(&table) {
+            out.write_all(&[0; ALIGN][..entry.offset as usize - at])?;
+            pieces.iter().try_for_each(|p| out.write_all(p.bytes()))?;
+            at = (entry.offset + entry.length) as usize;
+        }
+        Ok(())
+    }
+}
+
+fn owned<T: IntoBytes + zerocopy::Immutable>(records: &[T]) -> Piece<'static> {
+    Piece::Owned(records.as_bytes().to_vec())
+}
+
+fn camera_record(camera: &veiloc_geometry::Intrinsics) -> CameraRecord {
+    let given = camera.model.params();
+    let mut params = [0.0; 8];
+    params[..given.len()].copy_from_slice(given);
+    CameraRecord {
+        model: camera.model.colmap_id() as u32,
+        width: camera.width,
+        height: camera.height,
+        reserved: 0,
+        params,
+    }
+}
+
+fn image_records(model: &MapModel) -> Vec<ImageRecord> {
+    let (mut name_end, mut keypoint_end) = (0, 0);
+    let record = |image: &crate::MapImage| {
+        name_end += image.name.len() as u64;
+        keypoint_end += image.keypoints.len() as u64;
+        let r = image.cam_from_world.rotation().matrix();
+        ImageRecord {
+            rotation: [0, 1, 2].map(|row| [0, 1, 2].map(|column| r[(row, column)])),
+            translation: (*image.cam_from_world.translation()).into(),
+            name_end,
+            keypoint_end,
+            camera: image.camera as u32,
+            reserved: 0,
+        }
+    };
+    model.images.iter().map(record).collect()
+}
+
+fn point_records(model: &MapModel) -> Vec<PointRecord> {
+    let mut track_end = 0;
+    let record = |point: &crate::MapPoint| {
+        track_end += point.track.len() as u64;
+        PointRecord { position: point.position.coords.into(), error: point.error, track_end }
+    };
+    model.points.iter().map(record).collect()
+}
+
+/// The whole file as bytes; tests compare and damage them.
+#[cfg(test)]
+pub(super) fn to_bytes(model: &MapModel) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    Sections::of(model).write(&mut bytes).expect("memory takes all that is written to it");
+    bytes
+}

@@ -1,0 +1,226 @@
+//! A map as an owned value: what mapping builds, extends and shrinks.
+
+use std::collections::BTreeSet;
+
+use veiloc_descriptor::{Descriptors, GlobalDescriptor};
+use veiloc_geometry::frames::World;
+use veiloc_geometry::nalgebra::Matrix3;
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
+use veiloc_query::{ExtractionLimits, Profile};
+
+use crate::error::{MapError, Record};
+
+/// A point of one map: its index there. Ids of different maps, or of a map before and after a change, mean nothing to
+/// each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct PointId(pub u32);
+
+impl PointId {
+    /// As an index.
+    pub const fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// One keypoint that sees a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Observation {
+    /// Index of the image.
+    pub image: u32,
+    /// Index of the keypoint in that image.
+    pub keypoint: u32,
+}
+
+/// An image of the map. All of its keypoints are kept, also those that see no point: images added later may need them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapImage {
+    /// File name, relative to the folder of the photographs; unique in the map.
+    pub name: String,
+    /// Index of its camera.
+    pub camera: usize,
+    /// Where it was taken.
+    pub cam_from_world: CameraFromWorld,
+    /// `[N]`, pixels `[u, v]` of the photograph as it was taken (distorted).
+    pub keypoints: Vec<[f32; 2]>,
+    /// `[N, dim]`
+    pub descriptors: Descriptors,
+    /// Of all its descriptors.
+    pub global: GlobalDescriptor,
+    /// `[N]`, the point each keypoint sees.
+    pub point_of_keypoint: Vec<Option<PointId>>,
+}
+
+/// A triangulated point.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapPoint {
+    /// Where, map units.
+    pub position: Point3<World>,
+    /// Who sees it, in rising order, at least one.
+    pub track: Vec<Observation>,
+    /// Mean reprojection error over the track, pixels of the photographs.
+    pub error: f64,
+}
+
+/// A map.
+///
+/// The parts may be put together and changed freely; [`Self::validate`] says whether they hold together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapModel {
+    /// Cameras; images refer to them by index.
+    pub cameras: Vec<Intrinsics>,
+    /// Images; observations refer to them by index.
+    pub images: Vec<MapImage>,
+    /// Points, by [`PointId`].
+    pub points: Vec<MapPoint>,
+    /// How much was extracted from the map's own photographs; images that join later are treated alike. What devices
+    /// extract is in the profile.
+    pub extraction: ExtractionLimits,
+    /// What a device needs to seal a query for this map.
+    pub profile: Profile,
+}
+
+impl MapModel {
+    /// A map without images.
+    pub const fn empty(profile: Profile, extraction: ExtractionLimits) -> Self {
+        Self { cameras: Vec::new(), images: Vec::new(), points: Vec::new(), extraction, profile }
+    }
+
+    /// Index of the image with this name.
+    pub fn image_index(&self, name: &str) -> Option<usize> {
+        self.images.iter().position(|i| i.name == name)
+    }
+
+    /// Number of observations of all points.
+    pub fn observation_count(&self) -> usize {
+        self.points.iter().map(|p| p.track.len()).sum()
+    }
+
+    /// Observations per point; 0 without points.
+    pub fn mean_track_length(&self) -> f64 {
+        self.observation_count() as f64 / self.points.len().max(1) as f64
+    }
+
+    /// Mean reprojection error over all observations, pixels; 0 without points.
+    pub fn mean_reprojection_error(&self) -> f64 {
+        let sum: f64 = self.points.iter().map(|p| p.error * p.track.len() as f64).sum();
+        sum / self.observation_count().max(1) as f64
+    }
+
+    /// Writes each point's track into [`MapImage::point_of_keypoint`] of its images, and forgets what stood there.
+    ///
+    /// Observations of images or keypoints that do not exist are left for [`Self::validate`] to find.
+    pub fn link_keypoints(&mut self) {
+        for image in &mut self.images {
+            image.point_of_keypoint.clear();
+            image.point_of_keypoint.resize(image.keypoints.len(), None);
+        }
+        for (id, point) in (0_u32..).zip(&self.points) {
+            for observation in &point.track {
+                let image = self.images.get_mut(observation.image as usize);
+                let slot = image.and_then(|i| i.point_of_keypoint.get_mut(observation.keypoint as usize));
+                if let Some(slot) = slot {
+                    *slot = Some(PointId(id));
+                }
+            }
+        }
+    }
+
+    /// Whether the parts hold together: indices in range, numbers finite, names unique, arrays of one image equally
+    /// long, and tracks and keypoints telling the same.
+    ///
+    /// # Errors
+    /// [`MapError::Model`] naming the part that does not fit.
+    pub fn validate(&self) -> Result<(), MapError> {
+        let refuse = |record: Record, reason: String| Err(MapError::Model { record, reason });
+        let many = [self.cameras.len(), self.images.len(), self.points.len()];
+        if many.iter().any(|n| *n >= u32::MAX as usize) {
+            return refuse(Record::Map, "has more parts than 32-bit numbers can count".to_owned());
+        }
+        let mut names = BTreeSet::new();
+        for image in &self.images {
+            if let Err(reason) = self.check_image(image) {
+                return refuse(Record::Image(image.name.clone()), reason);
+            }
+            if !names.insert(&image.name) {
+                return refuse(Record::Image(image.name.clone()), "appears twice".to_owned());
+            }
+        }
+        let mut observations = 0;
+        for (id, point) in (0_u32..).zip(&self.points) {
+            if let Err(reason) = self.check_point(PointId(id), point) {
+                return refuse(Record::Point(id.into()), reason);
+            }
+            observations += point.track.len();
+        }
+        let linked = self.images.iter().flat_map(|i| &i.point_of_keypoint).filter(|p| p.is_some()).count();
+        if linked != observations {
+            let reason =
+                format!("has {linked} keypoints that see points, but tracks of {observations} observations");
+            return refuse(Record::Map, reason);
+        }
+        Ok(())
+    }
+
+    fn check_image(&self, image: &MapImage) -> Result<(), String> {
+        let count = image.keypoints.len();
+        let vocabulary = self.profile.vocabulary();
+        if image.name.is_empty() || image.name.contains(['\0', '\n', '\r']) {
+            return Err("has no usable file name".to_owned());
+        }
+        if image.camera >= self.cameras.len() {
+            return Err(format!("has camera {} of {}", image.camera, self.cameras.len()));
+        }
+        if !is_rigid(&image.cam_from_world) {
+            return Err("has a pose that is not finite or turns by no rotation".to_owned());
+        }
+        if image.descriptors.len() != count || image.point_of_keypoint.len() != count {
+            return Err(format!(
+                "has {count} keypoints, {} descriptors and {} links to points",
+                image.descriptors.len(),
+                image.point_of_keypoint.len()
+            ));
+        }
+        if image.descriptors.kind() != vocabulary.kind() {
+            return Err("has descriptors of another kind than the profile".to_owned());
+        }
+        if image.global.len() != vocabulary.global_len() {
+            return Err(format!(
+                "has a global descriptor of {} codes, the profile's has {}",
+                image.global.len(),
+                vocabulary.global_len()
+            ));
+        }
+        if !image.keypoints.iter().flatten().all(|c| c.is_finite()) {
+            return Err("has a keypoint that is not finite".to_owned());
+        }
+        Ok(())
+    }
+
+    fn check_point(&self, id: PointId, point: &MapPoint) -> Result<(), String> {
+        if !point.position.is_finite() || !point.error.is_finite() {
+            return Err("has a position or error that is not finite".to_owned());
+        }
+        if point.track.is_empty() {
+            return Err("is seen by no image".to_owned());
+        }
+        if !point.track.is_sorted_by(|a, b| a < b) {
+            return Err("has a track that is not in rising order".to_owned());
+        }
+        for o in &point.track {
+            let links = self.images.get(o.image as usize).map(|i| &i.point_of_keypoint);
+            if links.and_then(|l| l.get(o.keypoint as usize)) != Some(&Some(id)) {
+                return Err(format!(
+                    "is seen by keypoint {} of image {}, which does not say so",
+                    o.keypoint, o.image
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Finite, and a rotation up to rounding.
+pub(crate) fn is_rigid(pose: &CameraFromWorld) -> bool {
+    let r = pose.rotation().matrix();
+    pose.is_finite() && (r * r.transpose() - Matrix3::identity()).norm() < 1e-6 && r.determinant() > 0.0
+}

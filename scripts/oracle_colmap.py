@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""COLMAP's own reader and writer beside ours.
+
+    .venv/bin/python scripts/oracle_colmap.py fixtures      writes crates/map/tests/data/colmap/{text,binary}
+    .venv/bin/python scripts/oracle_colmap.py read DIR      reads a model we wrote, prints what COLMAP sees in it
+
+`fixtures` makes one small model (five camera models, four images, points, an image without 2D points) and has pycolmap
+write it as text and as binary; the tests of crates/map hold our two readers against them.
+`read` recomputes every reprojection error with COLMAP's projection and compares it with the ERROR column.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+CAMERAS = [
+    ("SIMPLE_PINHOLE", [525.5, 320, 240]),
+    ("PINHOLE", [500, 510, 320, 240]),
+    ("SIMPLE_RADIAL", [500, 320, 240, -0.03]),
+    ("RADIAL", [500, 320, 240, -0.03, 0.01]),
+    ("OPENCV", [500, 510, 320, 240, -0.1, 0.02, 0.001, -0.0007]),
+]
+
+
+def fixtures(root):
+    rng = np.random.default_rng(0)
+    model = pycolmap.Reconstruction()
+    for i, (name, params) in enumerate(CAMERAS):
+        camera = pycolmap.Camera(model=name, width=640, height=480, params=params, camera_id=i + 1)
+        model.add_camera_with_trivial_rig(camera)
+    points = rng.uniform([-1, -1, 3], [1, 1, 5], (12, 3))
+    for i in range(4):
+        axis = rng.normal(size=3) * 0.05
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(axis), rng.normal(size=3) * 0.2)
+        image = pycolmap.Image(name=f"photo {i}.jpg" if i == 1 else f"photo{i}.jpg", camera_id=i + 2, image_id=10 * i + 3)
+        if i < 3:
+            camera = model.cameras[i + 2]
+            pixels = [camera.img_from_cam(pose * p) + rng.normal(size=2) * 0.3 for p in points]
+            pixels.insert(i, rng.uniform(0, 400, 2))  # a keypoint that sees nothing
+            image.points2D = pycolmap.Point2DList([pycolmap.Point2D(p) for p in pixels])
+        model.add_image_with_trivial_frame(image, pose)
+    for k, point in enumerate(points):
+        track = pycolmap.Track()
+        for i in range(3):
+            if (i + k) % 4 != 0:
+                track.add_element(10 * i + 3, k if k < i else k + 1)
+        model.add_point3D(point, track, rng.integers(0, 256, 3).astype(np.uint8))
+    model.update_point_3d_errors()
+    for name, write in [("text", model.write_text), ("binary", model.write_binary)]:
+        folder = root / name
+        folder.mkdir(parents=True, exist_ok=True)
+        write(str(folder))
+        for extra in ["frames", "rigs"]:
+            for file in folder.glob(f"{extra}.*"):
+                file.unlink()
+
+
+def read(folder):
+    model = pycolmap.Reconstruction(str(folder))
+    print(model.summary())
+    told = {i: p.error for i, p in model.points3D.items()}
+    model.update_point_3d_errors()
+    apart = [abs(p.error - told[i]) / max(told[i], 1e-9) for i, p in model.points3D.items()]
+    print(f"ERROR column against COLMAP's projection: {len(apart)} points, largest relative difference {max(apart):.2e}")
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["fixtures"]:
+        fixtures(Path(__file__).parent.parent / "crates/map/tests/data/colmap")
+    elif len(sys.argv) == 3 and sys.argv[1] == "read":
+        read(Path(sys.argv[2]))
+    else:
+        sys.exit(__doc__)
