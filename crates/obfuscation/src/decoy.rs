@@ -1,9 +1,10 @@
-//! Decoys: features that fill a query up to the smallest size class, and that nothing marks (rule L5).
+//! Decoys: features that fill a query up to the smallest size class (rule L5).
 //!
-//! What a decoy imitates, and how well, is told in `docs/privacy.md`. In short: its position is drawn around the
-//! positions of real keypoints; its descriptor is put together from quarters of several real descriptors of the same
-//! picture, mirrored (a mirrored patch has a valid descriptor), with noise, at the length all RootSIFT vectors have.
-//! Someone who looks for these halves and quarters among the rows can tell decoys from real rows better than chance.
+//! Its position is drawn around the positions of real keypoints. Its descriptor is pieced together from quarters of
+//! several descriptors of the same picture, mirrored (a mirrored patch has a valid descriptor), chosen so that they
+//! continue each other, with noise, and with the length and the largest number of real ones. Single statistics do
+//! not tell decoys from real rows; a classifier trained on decoys, or a search for the pieces among the rows, does
+//! better than chance. `docs/privacy.md` has the figures, `tests/decoys.rs` measures them.
 
 use rand::Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors};
@@ -13,10 +14,13 @@ use crate::lift::Places;
 
 /// Spread of a decoy about the keypoint it is drawn from, as a part of the picture's longer side.
 const SPREAD: f64 = 0.05;
-/// How many descriptors are looked at to find a parent that resembles the first.
-const CANDIDATES: usize = 12;
+/// How many parents are looked at for each further quarter. More make the seams too good to be true, and the pieces
+/// easier to find.
+const CANDIDATES: usize = 6;
 /// Relative noise of each number of a decoy's descriptor.
 const NOISE: f64 = 0.15;
+/// Rounds of cutting and scaling a decoy's descriptor.
+const CUTS: usize = 6;
 /// Length of a RootSIFT vector in code units.
 const ROOT_SIFT_NORM: f64 = 512.0;
 
@@ -73,38 +77,64 @@ pub(crate) fn add_descriptors<R: Rng + ?Sized>(
 }
 
 /// 4 × 4 cells of 8 directions: index `(y · 4 + x) · 8 + direction`, direction 0 the dominant one.
+///
+/// One quarter of the patch after the other is taken from a parent, mirrored about the dominant direction; of a few
+/// parents drawn at random the one that continues best what is there already.
 fn root_sift<R: Rng + ?Sized>(pool: &Descriptors, rng: &mut R) -> Vec<u8> {
-    let first = rng.random_range(0..pool.len());
-    // One parent for each quarter of the patch: the first, and three that resemble it.
-    let parents: [usize; 4] = std::array::from_fn(|i| if i == 0 { first } else { similar(pool, first, rng) });
-    let turn = rng.random_range(0..4);
     let mut values = [0.0; 128];
-    for y in 0..4 {
-        for x in 0..4 {
-            let parent = pool.row(parents[(y / 2 * 2 + x / 2 + turn) % 4]);
+    let mut largest = 0.0;
+    for quarter in 0..4 {
+        let candidates = if quarter == 0 { 1 } else { CANDIDATES };
+        let parent = (0..candidates)
+            .map(|_| pool.row(rng.random_range(0..pool.len())))
+            .map(|parent| (seam(&values, parent, quarter), parent))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(pool.row(0), |(_, parent)| parent);
+        largest += parent.iter().copied().max().map_or(0.0, f64::from) / 4.0;
+        for (y, x) in cells(quarter) {
             for direction in 0..8 {
-                // Mirrored about the dominant direction.
-                let from = ((3 - y) * 4 + x) * 8 + (8 - direction) % 8;
-                let noise = 1.0 + NOISE * normal(rng);
-                values[(y * 4 + x) * 8 + direction] = f64::from(parent[from]) * noise.max(0.0);
+                values[(y * 4 + x) * 8 + direction] = mirrored(parent, y, x, direction);
             }
         }
     }
-    let norm = values.iter().map(|v| v * v).sum::<f64>().sqrt().max(1e-9);
-    values.iter().map(|v| (v / norm * ROOT_SIFT_NORM).round().min(255.0) as u8).collect()
+    for value in &mut values {
+        *value *= (1.0 + NOISE * normal(rng)).max(0.0);
+    }
+    // SIFT cuts large numbers off, so none may stand out; the length is what all RootSIFT vectors have.
+    for _ in 0..CUTS {
+        let norm = values.iter().map(|v| v * v).sum::<f64>().sqrt().max(1e-9);
+        for value in &mut values {
+            *value = (*value / norm * ROOT_SIFT_NORM).min(largest);
+        }
+    }
+    values.iter().map(|v| v.round().min(255.0) as u8).collect()
 }
 
-/// Of a few descriptors drawn at random, the nearest to one that is not that one itself.
-fn similar<R: Rng + ?Sized>(pool: &Descriptors, to: usize, rng: &mut R) -> usize {
-    let distance = |i: usize| -> u32 {
-        let squared = |(a, b): (&u8, &u8)| u32::from(a.abs_diff(*b)).pow(2);
-        pool.row(i).iter().zip(pool.row(to)).map(squared).sum()
-    };
-    (0..CANDIDATES)
-        .map(|_| rng.random_range(0..pool.len()))
-        .filter(|&i| i != to)
-        .min_by_key(|&i| (distance(i), i))
-        .unwrap_or(to)
+/// The four cells of a quarter, `(y, x)`.
+fn cells(quarter: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..4).map(move |i| (quarter / 2 * 2 + i / 2, quarter % 2 * 2 + i % 2))
+}
+
+/// A number of the descriptor of the mirrored patch.
+fn mirrored(row: &[u8], y: usize, x: usize, direction: usize) -> f64 {
+    f64::from(row[((3 - y) * 4 + x) * 8 + (8 - direction) % 8])
+}
+
+/// How much a quarter taken from `parent` differs from its neighbours above and to the left, which are there.
+fn seam(values: &[f64; 128], parent: &[u8], quarter: usize) -> f64 {
+    let mut sum = 0.0;
+    for (y, x) in cells(quarter) {
+        for direction in 0..8 {
+            let mine = mirrored(parent, y, x, direction);
+            if y == 2 {
+                sum += (mine - values[(4 + x) * 8 + direction]).powi(2);
+            }
+            if x == 2 {
+                sum += (mine - values[(y * 4 + 1) * 8 + direction]).powi(2);
+            }
+        }
+    }
+    sum
 }
 
 /// A standard normal number (Box and Muller).

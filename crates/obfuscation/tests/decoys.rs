@@ -1,0 +1,187 @@
+//! How well decoys hide among real keypoints, measured on real descriptors (`VEILOC_DATA`): the figures of
+//! `docs/privacy.md`. `cargo test -p veiloc-obfuscation --test decoys -- --nocapture` prints them.
+
+mod common;
+
+use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
+
+use base64::Engine;
+use common::{profile, rng};
+use rand::seq::index::sample;
+use veiloc_descriptor::{DescriptorKind, Descriptors};
+use veiloc_features::{Features, Keypoint};
+use veiloc_geometry::{Intrinsics, Pixel};
+use veiloc_obfuscation::seal_with_truth;
+
+/// One row of a sealed query as the attacker sees it, beside the truth.
+struct Row {
+    picture: usize,
+    descriptor: Vec<f64>,
+    decoy: bool,
+}
+
+/// Pictures of 100 keypoints drawn from real ones, sealed: 100 real rows and 156 decoys each.
+fn sealed_rows(folder: PathBuf) -> Vec<Row> {
+    let mut rows = Vec::new();
+    let mut rng = rng(1);
+    for name in ["redkitchen", "herzjesu"] {
+        let path = folder.join(format!("problems/{name}_keypoints.jsonl.gz"));
+        let file = std::fs::File::open(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+        for line in BufReader::new(flate2::read::GzDecoder::new(file)).lines() {
+            let record: serde_json::Value = serde_json::from_str(&line.expect("text")).expect("JSON");
+            let size = ["width", "height"].map(|k| record[k].as_u64().expect("a number") as u32);
+            let all = record["keypoints"].as_array().expect("a list");
+            let encoded = record["descriptors"].as_str().expect("text");
+            let bytes = base64::engine::general_purpose::STANDARD.decode(encoded).expect("base64");
+            let descriptors = Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows");
+            let chosen = sample(&mut rng, all.len(), 100).into_vec();
+            let keypoints = chosen.iter().map(|&i| {
+                let [u, v] = [0, 1].map(|axis| all[i][axis].as_f64().expect("a number"));
+                Keypoint { pixel: Pixel::new(u, v), scale: 1.0, orientation: 0.0, response: 1.0 }
+            });
+            let features = Features {
+                keypoints: keypoints.collect(),
+                descriptors: descriptors.select(chosen.iter().copied()),
+            };
+            let [width, height] = size;
+            let focal = f64::from(width.max(height));
+            let params = [focal, f64::from(width) / 2.0, f64::from(height) / 2.0];
+            let camera = Intrinsics::new("SIMPLE_PINHOLE", width, height, &params).expect("valid");
+            let (query, truth) =
+                seal_with_truth(features, &camera, &profile("dcl"), &mut rng).expect("both sides have some");
+            let picture = rows.last().map_or(0, |row: &Row| row.picture + 1);
+            rows.extend(truth.source.iter().enumerate().map(|(row, source)| Row {
+                picture,
+                descriptor: query.descriptors().row(row).iter().map(|v| f64::from(*v)).collect(),
+                decoy: source.is_none(),
+            }));
+        }
+    }
+    rows
+}
+
+/// Probability that a decoy has a higher value than a real row: 0.5 is chance.
+fn auc(values: &[(f64, bool)]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut below, mut wins, mut at) = (0.0, 0.0, 0);
+    while at < sorted.len() {
+        let end = at + sorted[at..].iter().take_while(|v| v.0 == sorted[at].0).count();
+        let decoys = sorted[at..end].iter().filter(|v| v.1).count() as f64;
+        let real = (end - at) as f64 - decoys;
+        wins += decoys * (below + real / 2.0);
+        below += real;
+        at = end;
+    }
+    wins / (below * (sorted.len() as f64 - below))
+}
+
+/// Cosine between the mirror image of quarter `quarter` of `a` and quarter `other` of `b`: what someone who has read
+/// the recipe looks for.
+fn mirrored_quarter(a: &[f64], b: &[f64], quarter: usize) -> f64 {
+    let (mut ab, mut aa, mut bb) = (0.0, 1e-9, 1e-9);
+    for cell in 0..4 {
+        let (y, x) = (quarter / 2 * 2 + cell / 2, quarter % 2 * 2 + cell % 2);
+        for direction in 0..8 {
+            let p = a[(y * 4 + x) * 8 + direction];
+            let q = b[((3 - y) * 4 + x) * 8 + (8 - direction) % 8];
+            (ab, aa, bb) = (ab + p * q, aa + p * p, bb + q * q);
+        }
+    }
+    ab / (aa * bb).sqrt()
+}
+
+/// Logistic regression on features of a row, trained on even pictures and judged on odd ones.
+fn trained(rows: &[Row], features: impl Fn(&Row) -> Vec<f64>) -> f64 {
+    let inputs: Vec<(Vec<f64>, bool, bool)> =
+        rows.iter().map(|r| (features(r), r.decoy, r.picture % 2 == 0)).collect();
+    let mut weights = vec![0.0; inputs[0].0.len() + 1];
+    let score = |w: &[f64], x: &[f64]| w[0] + x.iter().zip(&w[1..]).map(|(a, b)| a * b).sum::<f64>();
+    for epoch in 0..60 {
+        let rate = 0.05 / (1.0 + f64::from(epoch) / 10.0);
+        for (x, decoy, train) in &inputs {
+            if *train {
+                let error = f64::from(u8::from(*decoy)) - 1.0 / (1.0 + (-score(&weights, x)).exp());
+                weights[0] += rate * error;
+                weights[1..].iter_mut().zip(x).for_each(|(w, v)| *w += rate * error * v);
+            }
+        }
+    }
+    let judged: Vec<(f64, bool)> =
+        inputs.iter().filter(|i| !i.2).map(|(x, decoy, _)| (score(&weights, x), *decoy)).collect();
+    auc(&judged)
+}
+
+#[test]
+fn decoys_hide_as_well_as_the_document_says() {
+    let Some(folder) = std::env::var_os("VEILOC_DATA") else {
+        eprintln!("skipped: VEILOC_DATA is not set");
+        return;
+    };
+    let rows = sealed_rows(folder.into());
+    let simple = |value: &dyn Fn(&Row) -> f64| -> f64 {
+        auc(&rows.iter().map(|row| (value(row), row.decoy)).collect::<Vec<_>>())
+    };
+    let others = |row: &Row| -> Vec<&Row> {
+        rows.iter()
+            .skip(row.picture * 256)
+            .take(256)
+            .filter(|other| !std::ptr::eq(*other, row))
+            .inspect(|other| assert_eq!(other.picture, row.picture))
+            .collect()
+    };
+    let norm = simple(&|r| r.descriptor.iter().map(|v| v * v).sum::<f64>().sqrt());
+    let zeros = simple(&|r| r.descriptor.iter().filter(|v| **v == 0.0).count() as f64);
+    let sum = simple(&|r| r.descriptor.iter().sum());
+    let largest = simple(&|r| r.descriptor.iter().copied().fold(0.0, f64::max));
+    let nearest = simple(&|r| {
+        let distance = |o: &&Row| r.descriptor.iter().zip(&o.descriptor).map(|(a, b)| (a - b).powi(2)).sum();
+        -others(r).iter().map(distance).fold(f64::INFINITY, f64::min)
+    });
+    let linear = trained(&rows, |r| r.descriptor.iter().map(|v| v / 64.0 - 0.6).collect());
+    // Roughness: energy of the differences across the middle lines of the patch, where a decoy was pieced together,
+    // against those inside the quarters.
+    let seam = simple(&|r| {
+        let difference = |y0: usize, x0: usize, y1: usize, x1: usize| -> f64 {
+            (0..8)
+                .map(|d| (r.descriptor[(y0 * 4 + x0) * 8 + d] - r.descriptor[(y1 * 4 + x1) * 8 + d]).powi(2))
+                .sum()
+        };
+        let across: f64 = (0..4).map(|i| difference(1, i, 2, i) + difference(i, 1, i, 2)).sum();
+        let within: f64 = (0..4)
+            .map(|i| {
+                difference(0, i, 1, i)
+                    + difference(2, i, 3, i)
+                    + difference(i, 0, i, 1)
+                    + difference(i, 2, i, 3)
+            })
+            .sum();
+        across / within
+    });
+    let recipe = simple(&|r| {
+        (0..4)
+            .map(|quarter| {
+                others(r)
+                    .iter()
+                    .map(|o| mirrored_quarter(&r.descriptor, &o.descriptor, quarter))
+                    .fold(0.0, f64::max)
+            })
+            .sum()
+    });
+    eprintln!("AUC of telling decoys from real rows, 0.5 is chance, {} pictures:", rows.len() / 256);
+    for (what, found, allowed) in [
+        ("length of the vector", norm, 0.40..0.60),
+        ("zeros", zeros, 0.40..0.60),
+        ("sum", sum, 0.40..0.60),
+        ("largest number", largest, 0.40..0.60),
+        ("distance to the nearest row", nearest, 0.40..0.60),
+        ("seams between the quarters", seam, 0.40..0.65),
+        ("logistic regression trained on decoys", linear, 0.40..0.72),
+        // The measure must see the pieces, or it proves nothing; it must not see all of them.
+        ("search for the mirrored pieces", recipe, 0.60..0.82),
+    ] {
+        eprintln!("{found:.2}  {what}");
+        assert!(allowed.contains(&found), "{what}: {found:.3}");
+    }
+}
