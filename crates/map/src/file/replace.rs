@@ -103,7 +103,7 @@ mod tests {
         let path = dir.path().join("place.vmap");
         replace_file(&path, |out| out.write_all(b"old")).unwrap();
         let error = replace_file(&path, |out| {
-            out.write_all(&[0; 3 << 20])?;
+            out.write_all(&vec![0; 3 << 20])?;
             Err(io::Error::other("the disk is full"))
         });
         assert_eq!(error.unwrap_err().to_string(), "the disk is full");
@@ -138,7 +138,7 @@ mod tests {
         replace_file(&path, |out| out.write_all(b"old")).unwrap();
         let died = std::panic::catch_unwind(|| {
             replace_file(&path, |out| {
-                out.write_all(&[0; 3 << 20])?;
+                out.write_all(&vec![0; 3 << 20])?;
                 panic!("killed");
             })
         });

@@ -47,7 +47,7 @@ fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel
         .map(|p| MapPoint {
             position: Point3::<World>::new(number(), number(), number()),
             track: (0..images.len() as u32)
-                .filter(|i| (p as u32 + i) % 3 != 0)
+                .filter(|i| !(p as u32 + i).is_multiple_of(3))
                 .map(|image| Observation { image, keypoint: p as u32 })
                 .collect(),
             error: number().abs(),
@@ -221,6 +221,8 @@ fn every_changed_byte_is_found() {
     }
 }
 
+type Damage = Box<dyn FnOnce(&mut [u8])>;
+
 #[test]
 fn content_that_does_not_hold_together_is_refused_though_its_checksums_fit() {
     let model = sample(6, 3, 6, 4);
@@ -231,7 +233,7 @@ fn content_that_does_not_hold_together_is_refused_though_its_checksums_fit() {
         move |bytes: &mut [u8]| bytes[at..at + 8].copy_from_slice(&value.to_le_bytes())
     };
     let nan = f64::NAN.to_bits();
-    let cases: Vec<(Section, Box<dyn FnOnce(&mut [u8])>)> = vec![
+    let cases: Vec<(Section, Damage)> = vec![
         (Section::Profile, Box::new(put_u32(0, 0xffff_ffff))),
         (Section::Cameras, Box::new(put_u32(0, 77))),
         (Section::Cameras, Box::new(put_u32(4, 0))),
@@ -285,19 +287,21 @@ fn sections_elsewhere_than_version_1_has_them_are_refused() {
     }
 }
 
+type Breakage = (&'static str, fn(&mut MapModel));
+
 #[test]
 fn a_model_that_does_not_hold_together_is_not_written() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("place.vmap");
     let good = sample(9, 3, 6, 4);
     write(&good, &path).unwrap();
-    let broken: [(&str, fn(&mut MapModel)); 12] = [
+    let broken: [Breakage; 12] = [
         ("duplicate name", |m| m.images[1].name = m.images[0].name.clone()),
         ("empty name", |m| m.images[1].name.clear()),
         ("camera", |m| m.images[0].camera = 2),
         ("pose", |m| {
-            m.images[0].cam_from_world =
-                m.images[0].cam_from_world.perturbed(&[0.0, 0.0, 0.0, f64::NAN, 0.0, 0.0])
+            let pose = &mut m.images[0].cam_from_world;
+            *pose = pose.perturbed(&[0.0, 0.0, 0.0, f64::NAN, 0.0, 0.0]);
         }),
         ("keypoint", |m| m.images[0].keypoints[0][1] = f32::INFINITY),
         ("descriptors", |m| m.images[0].descriptors = Descriptors::empty(DescriptorKind::RootSift)),
