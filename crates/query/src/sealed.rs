@@ -157,7 +157,7 @@ impl SealedQuery {
     /// same bytes.
     ///
     /// # Errors
-    /// [`QueryError`] naming the field that is wrong; never a panic, and never more memory than the bytes given.
+    /// [`QueryError`] naming the field that is wrong; never a panic, and memory in proportion to the bytes given.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
         let message: SealedQueryMessage =
             parse("sealed query", bytes, MAX_BYTES, |m: &SealedQueryMessage| m.version)?;
