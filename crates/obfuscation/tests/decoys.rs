@@ -4,15 +4,17 @@
 mod common;
 
 use std::io::{BufRead, BufReader};
-use std::path::PathBuf;
+use std::path::Path;
 
 use base64::Engine;
 use common::{profile, rng};
 use rand::seq::index::sample;
-use veiloc_descriptor::{DescriptorKind, Descriptors};
+use rand_chacha::ChaCha8Rng;
+use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalDescriptor, Vocabulary};
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_obfuscation::seal_with_truth;
+use veiloc_obfuscation::{SealTruth, seal_with_truth};
+use veiloc_query::{Profile, SealedQuery};
 
 /// One row of a sealed query as the attacker sees it, beside the truth.
 struct Row {
@@ -21,42 +23,66 @@ struct Row {
     decoy: bool,
 }
 
-/// Pictures of 100 keypoints drawn from real ones, sealed: 100 real rows and 156 decoys each.
-fn sealed_rows(folder: PathBuf) -> Vec<Row> {
-    let mut rows = Vec::new();
-    let mut rng = rng(1);
+/// All keypoints of one real picture.
+struct Picture {
+    size: [u32; 2],
+    features: Features,
+}
+
+fn pictures(folder: &Path) -> Vec<Picture> {
+    let mut pictures = Vec::new();
     for name in ["redkitchen", "herzjesu"] {
         let path = folder.join(format!("problems/{name}_keypoints.jsonl.gz"));
         let file = std::fs::File::open(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         for line in BufReader::new(flate2::read::GzDecoder::new(file)).lines() {
             let record: serde_json::Value = serde_json::from_str(&line.expect("text")).expect("JSON");
-            let size = ["width", "height"].map(|k| record[k].as_u64().expect("a number") as u32);
-            let all = record["keypoints"].as_array().expect("a list");
             let encoded = record["descriptors"].as_str().expect("text");
             let bytes = base64::engine::general_purpose::STANDARD.decode(encoded).expect("base64");
-            let descriptors = Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows");
-            let chosen = sample(&mut rng, all.len(), 100).into_vec();
-            let keypoints = chosen.iter().map(|&i| {
-                let [u, v] = [0, 1].map(|axis| all[i][axis].as_f64().expect("a number"));
+            let keypoints = record["keypoints"].as_array().expect("a list").iter().map(|position| {
+                let [u, v] = [0, 1].map(|axis| position[axis].as_f64().expect("a number"));
                 Keypoint { pixel: Pixel::new(u, v), scale: 1.0, orientation: 0.0, response: 1.0 }
             });
-            let features = Features {
-                keypoints: keypoints.collect(),
-                descriptors: descriptors.select(chosen.iter().copied()),
-            };
-            let [width, height] = size;
-            let focal = f64::from(width.max(height));
-            let params = [focal, f64::from(width) / 2.0, f64::from(height) / 2.0];
-            let camera = Intrinsics::new("SIMPLE_PINHOLE", width, height, &params).expect("valid");
-            let (query, truth) =
-                seal_with_truth(features, &camera, &profile("dcl"), &mut rng).expect("both sides have some");
-            let picture = rows.last().map_or(0, |row: &Row| row.picture + 1);
-            rows.extend(truth.source.iter().enumerate().map(|(row, source)| Row {
-                picture,
-                descriptor: query.descriptors().row(row).iter().map(|v| f64::from(*v)).collect(),
-                decoy: source.is_none(),
-            }));
+            pictures.push(Picture {
+                size: ["width", "height"].map(|k| record[k].as_u64().expect("a number") as u32),
+                features: Features {
+                    keypoints: keypoints.collect(),
+                    descriptors: Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows"),
+                },
+            });
         }
+    }
+    pictures
+}
+
+/// The picture reduced to some of its keypoints, sealed.
+fn seal_some(
+    picture: &Picture,
+    chosen: &[usize],
+    profile: &Profile,
+    rng: &mut ChaCha8Rng,
+) -> (SealedQuery, SealTruth) {
+    let features = Features {
+        keypoints: chosen.iter().map(|&i| picture.features.keypoints[i]).collect(),
+        descriptors: picture.features.descriptors.select(chosen.iter().copied()),
+    };
+    let [width, height] = picture.size;
+    let params = [f64::from(width.max(height)), f64::from(width) / 2.0, f64::from(height) / 2.0];
+    let camera = Intrinsics::new("SIMPLE_PINHOLE", width, height, &params).expect("valid");
+    seal_with_truth(features, &camera, profile, rng).expect("both sides have some")
+}
+
+/// Pictures of 100 keypoints drawn from real ones, sealed: 100 real rows and 156 decoys each.
+fn sealed_rows(folder: &Path) -> Vec<Row> {
+    let mut rng = rng(1);
+    let mut rows = Vec::new();
+    for (index, picture) in pictures(folder).iter().enumerate() {
+        let chosen = sample(&mut rng, picture.features.keypoints.len(), 100).into_vec();
+        let (query, truth) = seal_some(picture, &chosen, &profile("dcl"), &mut rng);
+        rows.extend(truth.source.iter().enumerate().map(|(row, source)| Row {
+            picture: index,
+            descriptor: query.descriptors().row(row).iter().map(|v| f64::from(*v)).collect(),
+            decoy: source.is_none(),
+        }));
     }
     rows
 }
@@ -119,7 +145,7 @@ fn decoys_hide_as_well_as_the_document_says() {
         eprintln!("skipped: VEILOC_DATA is not set");
         return;
     };
-    let rows = sealed_rows(folder.into());
+    let rows = sealed_rows(Path::new(&folder));
     let simple = |value: &dyn Fn(&Row) -> f64| -> f64 {
         auc(&rows.iter().map(|row| (value(row), row.decoy)).collect::<Vec<_>>())
     };
@@ -183,5 +209,57 @@ fn decoys_hide_as_well_as_the_document_says() {
     ] {
         eprintln!("{found:.2}  {what}");
         assert!(allowed.contains(&found), "{what}: {found:.3}");
+    }
+}
+
+/// What it costs that the global descriptor is made from decoys too: each picture is looked up by some of its
+/// keypoints among all pictures, which are known by their other keypoints.
+#[test]
+fn decoys_cost_in_retrieval_what_the_document_says() {
+    let Some(folder) = std::env::var_os("VEILOC_DATA") else {
+        eprintln!("skipped: VEILOC_DATA is not set");
+        return;
+    };
+    let pictures = pictures(Path::new(&folder));
+    let mut rng = rng(2);
+    let mut samples = Descriptors::empty(DescriptorKind::RootSift);
+    for picture in &pictures {
+        for i in sample(&mut rng, picture.features.descriptors.len(), 400) {
+            samples.push(picture.features.descriptors.row(i)).expect("a row");
+        }
+    }
+    let vocabulary = Vocabulary::train(samples.view(), 64, &mut rng).expect("enough samples");
+    let profile = Profile::new("dcl".parse().expect("a scheme"), vocabulary.clone());
+    const DRAWS: usize = 8;
+    for kept in [50, 100, 200] {
+        let [mut plain, mut with_decoys] = [0.0; 2];
+        for _ in 0..DRAWS {
+            let chosen: Vec<Vec<usize>> = pictures
+                .iter()
+                .map(|p| sample(&mut rng, p.features.keypoints.len(), kept).into_vec())
+                .collect();
+            let known: Vec<GlobalDescriptor> = pictures
+                .iter()
+                .zip(&chosen)
+                .map(|(p, chosen)| {
+                    let rest = (0..p.features.keypoints.len()).filter(|i| !chosen.contains(i));
+                    vocabulary.aggregate(p.features.descriptors.select(rest).view())
+                })
+                .collect();
+            // One over the rank of the right picture.
+            let found = |query: &GlobalDescriptor, right: usize| {
+                let own = query.similarity(known[right].as_codes());
+                1.0 / known.iter().filter(|k| query.similarity(k.as_codes()) >= own).count() as f64
+            };
+            for (right, (picture, chosen)) in pictures.iter().zip(&chosen).enumerate() {
+                let n = (DRAWS * pictures.len()) as f64;
+                let (query, _) = seal_some(picture, chosen, &profile, &mut rng);
+                with_decoys += found(query.global(), right) / n;
+                let real = picture.features.descriptors.select(chosen.iter().copied());
+                plain += found(&vocabulary.aggregate(real.view()), right) / n;
+            }
+        }
+        eprintln!("{kept} keypoints: mean reciprocal rank {plain:.2} without decoys, {with_decoys:.2} with");
+        assert!(with_decoys > 0.2 && with_decoys > plain - 0.1, "{kept}: {plain} {with_decoys}");
     }
 }
