@@ -6,8 +6,9 @@
 //! ```
 //!
 //! Options: `--threshold UNITS/DEGREES`, `--hypotheses N` (exactly that many; adaptive without), `--seeds N` runs per
-//! query, `--recipes a,b,…` of `points`, `lines`, `dcl`, each optionally with `:msac` or `:likelihood` and `+prior`,
-//! `--noise PX`, `--max-error PX`.
+//! query, `--recipes a,b,…` of `points`, `lines`, `dcl`, each optionally with `:msac` or `:likelihood`, a
+//! solver (`:p6lp`, `:radial-vote`) and `+prior`, `--prior OFFSET,RATIO,LOG_VOTES,LOG_TRACK_LENGTH` for other
+//! coefficients than the built-in ones (`scripts/fit_prior.py` prints them), `--noise PX`, `--max-error PX`.
 #![expect(clippy::print_stdout, reason = "the table is the product")]
 
 use std::io::{BufRead, BufReader};
@@ -18,7 +19,8 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, DualAnchors, Intrinsics, Pinhole, Pixel, PixelLine, Point3};
-use veiloc_robust::{Correspondences, PoseOptions, PoseProblem, ScoreKind, estimate_pose};
+use veiloc_robust::prior::{Evidence, PriorModel, match_probability};
+use veiloc_robust::{AnchoredSolver, Correspondences, PoseOptions, PoseProblem, ScoreKind, estimate_pose};
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -27,22 +29,25 @@ struct Query {
     pixels: Vec<Pixel>,
     points: Vec<Point3<World>>,
     truth: CameraFromWorld,
-    prior: Vec<f64>,
+    evidence: Vec<Evidence>,
 }
 
 struct Recipe {
     name: String,
     scheme: String,
     score: Option<ScoreKind>,
+    solver: Option<AnchoredSolver>,
     prior: bool,
 }
 
 fn main() -> Result<(), Failure> {
     let mut files = Vec::new();
+    let mut prior = None;
     let mut options = PoseOptions::default();
     let (mut units, mut degrees, mut seeds) = (0.05, 5.0, 1_u64);
-    let mut recipes = "points:msac,points:likelihood,lines:msac,lines:likelihood,dcl:msac,dcl:likelihood,\
-                       points:likelihood+prior,lines:likelihood+prior,dcl:likelihood+prior"
+    let mut recipes = "points:msac,points:likelihood,points:likelihood+prior,lines:msac,lines:likelihood,\
+                       lines:likelihood+prior,dcl:msac:p6lp,dcl:likelihood:p6lp,dcl:likelihood:p6lp+prior,\
+                       dcl:likelihood:radial-vote,dcl:likelihood:radial-vote+prior"
         .to_owned();
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
@@ -57,6 +62,13 @@ fn main() -> Result<(), Failure> {
             "--seeds" => seeds = value()?.parse()?,
             "--recipes" => recipes = value()?,
             "--noise" => options.noise_px = value()?.parse()?,
+            "--prior" => {
+                let c = value()?.split(',').map(str::parse).collect::<Result<Vec<f64>, _>>()?;
+                let [offset, ratio, log_votes, log_track_length] = c[..] else {
+                    return Err("--prior wants four numbers".into());
+                };
+                prior = Some(PriorModel { offset, ratio, log_votes, log_track_length });
+            }
             "--max-error" => options.max_error_px = value()?.parse()?,
             _ => files.push(argument),
         }
@@ -65,11 +77,11 @@ fn main() -> Result<(), Failure> {
         let queries = read(file)?;
         println!("{file}: {} queries, {seeds} seeds, recall at {units} units / {degrees} deg", queries.len());
         println!(
-            "{:28} {:>8} {:>10} {:>10} {:>8} {:>10} {:>8}",
+            "{:36} {:>8} {:>10} {:>10} {:>8} {:>10} {:>8}",
             "recipe", "recall", "med units", "med deg", "inliers", "samples", "med ms"
         );
         for text in recipes.split(',') {
-            evaluate(&recipe(text)?, &queries, &options, seeds, (units, degrees));
+            evaluate(&recipe(text)?, &queries, &options, prior.as_ref(), seeds, (units, degrees));
         }
     }
     Ok(())
@@ -77,16 +89,24 @@ fn main() -> Result<(), Failure> {
 
 fn recipe(text: &str) -> Result<Recipe, Failure> {
     let (rest, prior) = text.strip_suffix("+prior").map_or((text, false), |r| (r, true));
-    let (scheme, score) = match rest.split_once(':') {
-        Some((scheme, score)) => (scheme, Some(score.parse()?)),
-        None => (rest, None),
-    };
-    Ok(Recipe { name: text.to_owned(), scheme: scheme.to_owned(), score, prior })
+    let mut parts = rest.split(':');
+    let scheme = parts.next().unwrap_or_default().to_owned();
+    let score = parts.next().map(str::parse).transpose()?;
+    let solver = parts.next().map(str::parse).transpose()?;
+    Ok(Recipe { name: text.to_owned(), scheme, score, solver, prior })
 }
 
-fn evaluate(recipe: &Recipe, queries: &[Query], options: &PoseOptions, seeds: u64, threshold: (f64, f64)) {
+fn evaluate(
+    recipe: &Recipe,
+    queries: &[Query],
+    options: &PoseOptions,
+    prior: Option<&PriorModel>,
+    seeds: u64,
+    threshold: (f64, f64),
+) {
     let mut options = options.clone();
     options.score = recipe.score;
+    options.anchored_solver = recipe.solver;
     let (mut hits, mut units, mut degrees, mut ms) = (0, Vec::new(), Vec::new(), Vec::new());
     let (mut inliers, mut samples) = (Vec::new(), Vec::new());
     for (index, query) in queries.iter().enumerate() {
@@ -96,7 +116,13 @@ fn evaluate(recipe: &Recipe, queries: &[Query], options: &PoseOptions, seeds: u6
                 camera: query.camera,
                 observations: obfuscate(query, &recipe.scheme, &mut rng),
                 points: query.points.clone(),
-                prior: recipe.prior.then(|| query.prior.clone()),
+                prior: recipe.prior.then(|| {
+                    query
+                        .evidence
+                        .iter()
+                        .map(|e| prior.map_or_else(|| match_probability(e), |p| p.probability(e)))
+                        .collect()
+                }),
             };
             let started = Instant::now();
             let estimate = estimate_pose(&problem, &options, &mut rng);
@@ -115,7 +141,7 @@ fn evaluate(recipe: &Recipe, queries: &[Query], options: &PoseOptions, seeds: u6
         }
     }
     println!(
-        "{:28} {:>7.1}% {:>10.4} {:>10.3} {:>8.0} {:>10.0} {:>8.1}",
+        "{:36} {:>7.1}% {:>10.4} {:>10.3} {:>8.0} {:>10.0} {:>8.1}",
         recipe.name,
         100.0 * hits as f64 / ms.len() as f64,
         median(&mut units),
@@ -191,6 +217,15 @@ fn query(line: &Value) -> Result<Query, Failure> {
         .map(|p| camera.undistort_pixel(Pixel::new(p[0], p[1])).ok_or("pixel without ray"))
         .collect::<Result<_, _>>()?;
     let points: Vec<_> = rows(&line["points3d"]).iter().map(|p| Point3::new(p[0], p[1], p[2])).collect();
-    let prior = vec![0.2; points.len()];
-    Ok(Query { camera: camera.pinhole(), pixels, points, truth, prior })
+    let of = |key: &str| numbers(&line[key]);
+    let (ratio, votes, track_length) = (of("ratio"), of("votes"), of("track_length"));
+    let count = |list: &[f64], i: usize| list.get(i).map(|c| *c as u32);
+    let evidence = (0..points.len())
+        .map(|i| Evidence {
+            ratio: ratio.get(i).copied().unwrap_or(1.0),
+            votes: count(&votes, i),
+            track_length: count(&track_length, i),
+        })
+        .collect();
+    Ok(Query { camera: camera.pinhole(), pixels, points, truth, evidence })
 }

@@ -7,10 +7,10 @@ use crate::error::PoseError;
 use crate::kernel::{Kernel, Scale};
 use crate::matches::{Kind, Matches};
 use crate::minimal::Minimal;
-use crate::options::{PoseOptions, ScoreKind};
+use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::problem::{PoseEstimate, PoseProblem};
 use crate::ransac::{Budget, Estimator, lo_ransac};
-use crate::refine::{Loss, covariance, refine};
+use crate::refine::{Loss, covariance, refine, shown_noise};
 
 /// Shrinking scales of local optimisation, in multiples of the final one.
 const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
@@ -21,6 +21,12 @@ const LADDER_STEPS: usize = 4;
 /// Subsets of the inliers tried in local optimisation, and their size.
 const SUBSETS: usize = 8;
 const SUBSET_SIZE: usize = 14;
+
+/// Rounds of final refinement and noise estimation.
+const POLISH_ROUNDS: usize = 6;
+
+/// Smallest noise the final refinement believes in, as a share of the assumed one.
+const LEAST_NOISE: f64 = 0.2;
 
 /// Steps of the final refinement.
 const FINAL_STEPS: usize = 25;
@@ -42,7 +48,8 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     problem.check()?;
     let matches = Matches::new(problem, options.expected_inlier_ratio);
     let anchored = matches!(matches.kind, Kind::Anchored(_));
-    let scale = match options.score.unwrap_or(ScoreKind::default_for(anchored)) {
+    let kind = options.score.unwrap_or(ScoreKind::default_for(anchored));
+    let scale = match kind {
         ScoreKind::Msac => {
             let lines = if matches.kind == Kind::Points { 1.0 } else { std::f64::consts::FRAC_1_SQRT_2 };
             Scale::Msac { threshold: options.max_error_px * lines }
@@ -50,9 +57,9 @@ pub fn estimate_pose<R: Rng + ?Sized>(
         ScoreKind::Likelihood => Scale::Likelihood { noise: options.noise_px },
     };
     let kernel = Kernel::new(&matches, scale);
-    let minimal = Minimal::new(&matches);
-    let total_weight = matches.weight.iter().sum();
-    let mut search = Search { matches: &matches, kernel, scale, minimal, total_weight };
+    let solver = options.anchored_solver.unwrap_or(AnchoredSolver::default_for(kind));
+    let minimal = Minimal::new(&matches, solver, options.noise_px);
+    let mut search = Search { matches: &matches, kernel, scale, minimal };
 
     let budget = match options.fixed_hypotheses {
         Some(samples) => Budget::fixed(samples),
@@ -70,10 +77,8 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     };
     let Some(best) = found.model else { return Err(no_consensus(0)) };
 
-    let polished = search.polish(&best);
-    let polished_cost = search.kernel.cost(&polished, f64::INFINITY);
-    let refined = polished_cost <= found.cost;
-    let (pose, score) = if refined { (polished, polished_cost) } else { (best, found.cost) };
+    let (pose, refined) = search.polish(&best);
+    let score = search.kernel.cost(&pose, f64::INFINITY);
 
     let inliers = search.inliers(&pose);
     if inliers.len() < options.min_inliers {
@@ -100,7 +105,6 @@ struct Search<'a> {
     kernel: Kernel,
     scale: Scale,
     minimal: Minimal,
-    total_weight: f64,
 }
 
 impl Search<'_> {
@@ -123,13 +127,6 @@ impl Search<'_> {
         (0..self.matches.len()).filter(|&i| agrees(i)).collect()
     }
 
-    fn loss(&self, factor: f64) -> Loss {
-        match self.scale {
-            Scale::Msac { threshold } => Loss::Truncated { threshold: threshold * factor },
-            Scale::Likelihood { noise } => Loss::Likelihood { noise: noise * factor },
-        }
-    }
-
     /// Refines with thresholds that shrink to the final one.
     fn descend(&self, pose: &CameraFromWorld) -> CameraFromWorld {
         let mut pose = *pose;
@@ -138,14 +135,42 @@ impl Search<'_> {
             if active.len() < 6 {
                 continue;
             }
-            pose = refine(self.matches, &active, self.loss(factor), &pose, LADDER_STEPS).pose;
+            pose = refine(self.matches, &active, loss(self.scale, factor), &pose, LADDER_STEPS).pose;
         }
         pose
     }
 
-    fn polish(&self, pose: &CameraFromWorld) -> CameraFromWorld {
-        let active = self.within(pose, 1.5, 6.0);
-        refine(self.matches, &active, self.loss(1.0), pose, FINAL_STEPS).pose
+    /// Final refinement and whether it was kept; under the likelihood with the noise that the inliers themselves show.
+    ///
+    /// The guard: the refined pose must not be worse in the score it was refined for, over all correspondences. Without
+    /// it a robust polish may slide into the collapse.
+    fn polish(&self, start: &CameraFromWorld) -> (CameraFromWorld, bool) {
+        let mut pose = *start;
+        let mut scale = self.scale;
+        for _ in 0..POLISH_ROUNDS {
+            let active = self.within(&pose, 1.5, 6.0);
+            pose = refine(self.matches, &active, loss(scale, 1.0), &pose, FINAL_STEPS).pose;
+            let (Scale::Likelihood { noise: assumed }, Scale::Likelihood { noise: now }) =
+                (self.scale, scale)
+            else {
+                break;
+            };
+            let shown = shown_noise(self.matches, &active, now, &pose).clamp(LEAST_NOISE * assumed, assumed);
+            if (shown / now - 1.0).abs() < 0.02 {
+                break;
+            }
+            scale = Scale::Likelihood { noise: shown };
+        }
+        let kernel = Kernel::new(self.matches, scale);
+        let kept = kernel.cost(&pose, f64::INFINITY) <= kernel.cost(start, f64::INFINITY);
+        if kept { (pose, true) } else { (*start, false) }
+    }
+}
+
+fn loss(scale: Scale, factor: f64) -> Loss {
+    match scale {
+        Scale::Msac { threshold } => Loss::Truncated { threshold: threshold * factor },
+        Scale::Likelihood { noise } => Loss::Likelihood { noise: noise * factor },
     }
 }
 
@@ -161,8 +186,7 @@ impl Estimator for Search<'_> {
     }
 
     fn hit_probability(&self, model: &CameraFromWorld) -> f64 {
-        let agreeing: f64 = self.inliers(model).iter().map(|&i| self.matches.weight[i]).sum();
-        (agreeing / self.total_weight).powi(self.minimal.size())
+        self.minimal.hit_probability(self.matches, &self.inliers(model))
     }
 
     fn optimize<R: Rng + ?Sized>(

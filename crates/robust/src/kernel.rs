@@ -211,7 +211,6 @@ impl Kernel {
     }
 
     #[inline(always)]
-    #[expect(clippy::needless_bitwise_bool, reason = "`&&` is a branch, and branches stop vectorization")]
     fn inside(&self, u: f32, v: f32) -> bool {
         let [u0, v0, half_w, half_h] = self.picture;
         ((u - u0).abs() <= half_w) & ((v - v0).abs() <= half_h)

@@ -13,12 +13,14 @@ mod log;
 mod matches;
 mod minimal;
 mod options;
+pub mod prior;
 mod problem;
+mod radial;
 pub mod ransac;
 mod refine;
 mod sampler;
 
 pub use error::PoseError;
 pub use estimate::estimate_pose;
-pub use options::{PoseOptions, ScoreKind, UnknownScore};
+pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
 pub use problem::{Correspondences, PoseEstimate, PoseProblem};

@@ -6,6 +6,8 @@ use veiloc_geometry::{Anchor, CameraFromWorld, PixelLine, PlaneLine, PlanePoint,
 use veiloc_solvers::{ArrayVec, p3p, p6lp};
 
 use crate::matches::{Kind, Matches};
+use crate::options::AnchoredSolver;
+use crate::radial::RadialVote;
 use crate::sampler::WeightedSampler;
 
 /// Draws before a sample of distinct correspondences is given up.
@@ -18,10 +20,17 @@ pub(crate) enum Minimal {
     P3p { sampler: WeightedSampler, bearings: Vec<Vector3<f64>> },
     /// Six lines, for anchored ones never all of one anchor.
     P6lp { sampler: WeightedSampler, sides: Option<[WeightedSampler; 2]>, lines: Vec<PlaneLine> },
+    /// Five anchored lines of one side and a vote of the other.
+    Radial(RadialVote),
 }
 
 impl Minimal {
-    pub(crate) fn new(matches: &Matches) -> Self {
+    pub(crate) fn new(matches: &Matches, anchored: AnchoredSolver, noise: f64) -> Self {
+        if anchored == AnchoredSolver::RadialVote
+            && let Some(vote) = RadialVote::new(matches, noise)
+        {
+            return Self::Radial(vote);
+        }
         let weights = |members: &dyn Fn(usize) -> bool| {
             WeightedSampler::new((0..matches.len()).filter(|&i| members(i)).map(|i| (i, matches.weight[i])))
         };
@@ -51,17 +60,25 @@ impl Minimal {
         }
     }
 
-    /// Size of a sample.
-    pub(crate) const fn size(&self) -> i32 {
+    /// Probability that a sample consists of correspondences from this list.
+    pub(crate) fn hit_probability(&self, matches: &Matches, agreeing: &[usize]) -> f64 {
+        let weight =
+            |members: &mut dyn Iterator<Item = usize>| members.map(|i| matches.weight[i]).sum::<f64>();
+        let all = || weight(&mut agreeing.iter().copied());
         match self {
-            Self::P3p { .. } => 3,
-            Self::P6lp { .. } => 6,
+            Self::P3p { sampler, .. } => (all() / sampler.total()).powi(3),
+            Self::P6lp { sampler, .. } => (all() / sampler.total()).powi(6),
+            Self::Radial(vote) => {
+                let of =
+                    |a: Anchor| weight(&mut agreeing.iter().copied().filter(|&i| matches.anchor[i] == a));
+                vote.hit_probability(Anchor::BOTH.map(of))
+            }
         }
     }
 
     /// Draws a sample and appends the poses it gives.
     pub(crate) fn hypothesize<R: Rng + ?Sized>(
-        &self,
+        &mut self,
         matches: &Matches,
         rng: &mut R,
         models: &mut Vec<CameraFromWorld>,
@@ -75,7 +92,7 @@ impl Minimal {
                 models.extend(poses);
             }
             Self::P6lp { sampler, sides, lines } => {
-                let sample = draw::<6, _>(matches, rng, |rng, drawn| match (sides, drawn) {
+                let sample = draw::<6, _>(matches, rng, |rng, drawn| match (&*sides, drawn) {
                     // The sixth line comes from the other anchor when the first five share one.
                     (Some(sides), [first, rest @ ..])
                         if drawn.len() == 5
@@ -91,12 +108,13 @@ impl Minimal {
                 p6lp(&sample.map(|i| lines[i]), &points, &mut poses);
                 models.extend(poses);
             }
+            Self::Radial(vote) => vote.hypothesize(matches, rng, models),
         }
     }
 }
 
 /// `K` correspondences, no two of one observation or one map point: at most one of such a pair is right.
-fn draw<const K: usize, R: Rng + ?Sized>(
+pub(crate) fn draw<const K: usize, R: Rng + ?Sized>(
     matches: &Matches,
     rng: &mut R,
     mut next: impl FnMut(&mut R, &[usize]) -> Option<usize>,

@@ -51,17 +51,69 @@ impl FromStr for ScoreKind {
     }
 }
 
+/// How hypotheses for anchored lines are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum AnchoredSolver {
+    /// Six lines of both anchors: the paper's recipe.
+    P6lp,
+    /// Five lines of one anchor, then all lines of the other vote for the depth along the anchor's ray.
+    RadialVote,
+}
+
+impl AnchoredSolver {
+    /// The vote with the likelihood; `p6lp` with MSAC, which together are the paper's recipe.
+    pub const fn default_for(score: ScoreKind) -> Self {
+        match score {
+            ScoreKind::Msac => Self::P6lp,
+            ScoreKind::Likelihood => Self::RadialVote,
+        }
+    }
+}
+
+impl fmt::Display for AnchoredSolver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::P6lp => "p6lp",
+            Self::RadialVote => "radial-vote",
+        })
+    }
+}
+
+/// A text named no solver.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{text:?} is no solver for anchored lines; there are p6lp and radial-vote")]
+pub struct UnknownSolver {
+    /// The text as given.
+    pub text: String,
+}
+
+impl FromStr for AnchoredSolver {
+    type Err = UnknownSolver;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "p6lp" => Ok(Self::P6lp),
+            "radial-vote" => Ok(Self::RadialVote),
+            _ => Err(UnknownSolver { text: text.to_owned() }),
+        }
+    }
+}
+
 /// Options of [`crate::estimate_pose`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct PoseOptions {
     /// How hypotheses are compared; `None` chooses by [`ScoreKind::default_for`].
     pub score: Option<ScoreKind>,
+    /// How hypotheses for anchored lines are made; `None` chooses by [`AnchoredSolver::default_for`].
+    pub anchored_solver: Option<AnchoredSolver>,
     /// MSAC's inlier threshold for points, pixels; lines use it divided by √2. 4 is the paper's for 7Scenes (640 × 480);
     /// it takes 8 for Aachen and 18 for Cambridge.
     pub max_error_px: f64,
     /// Standard deviation of a keypoint across its line (for points: along each axis), pixels; the likelihood's only
-    /// scale. Detector noise, dither, angle quantization and the map's own error together.
+    /// scale. Detector noise, dither, angle quantization and the map's own error together. Better too large than too
+    /// small: the search finds more poses, and the final refinement uses the noise that the inliers show.
     pub noise_px: f64,
     /// Share of right correspondences assumed where the problem brings no prior. Only its logarithm counts.
     pub expected_inlier_ratio: f64,
@@ -81,8 +133,9 @@ impl Default for PoseOptions {
     fn default() -> Self {
         Self {
             score: None,
+            anchored_solver: None,
             max_error_px: 4.0,
-            noise_px: 1.5,
+            noise_px: 2.0,
             expected_inlier_ratio: 0.2,
             min_hypotheses: 200,
             max_hypotheses: 10_000,
@@ -120,10 +173,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scores_read_what_they_print() {
+    fn names_read_what_they_print() {
         for score in [ScoreKind::Msac, ScoreKind::Likelihood] {
             assert_eq!(score.to_string().parse(), Ok(score));
         }
         assert!("MSAC".parse::<ScoreKind>().is_err());
+        for solver in [AnchoredSolver::P6lp, AnchoredSolver::RadialVote] {
+            assert_eq!(solver.to_string().parse(), Ok(solver));
+        }
+        assert!("p3p".parse::<AnchoredSolver>().is_err());
     }
 }

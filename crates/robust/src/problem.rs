@@ -63,7 +63,7 @@ pub struct PoseProblem {
     pub points: Vec<Point3<World>>,
     /// Probability in (0, 1) that each correspondence is right, `[N]`; `None` treats all alike.
     ///
-    /// Weighs the drawing of samples under both scores, and the likelihood. See `prior`.
+    /// Weighs the drawing of samples under both scores, and the likelihood. See [`crate::prior`].
     pub prior: Option<Vec<f64>>,
 }
 

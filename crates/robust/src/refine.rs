@@ -160,6 +160,22 @@ impl System {
     }
 }
 
+/// Standard deviation that the residuals show, each weighed by the probability that it is right at the noise assumed
+/// so far (one step of expectation maximisation).
+pub(crate) fn shown_noise(matches: &Matches, active: &[usize], assumed: f64, pose: &CameraFromWorld) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for &i in active {
+        if let (Some(llr), Some(squared)) =
+            (matches.log_likelihood_ratio(i, pose, assumed), matches.squared_error(i, pose))
+        {
+            let right = 1.0 / (1.0 + (-llr).exp());
+            sum += right * squared;
+            count += right * matches.rows() as f64;
+        }
+    }
+    if count > 0.0 { (sum / count).sqrt() } else { assumed }
+}
+
 /// Covariance of the pose from its inliers: residual variance times `(JᵀJ)⁻¹`.
 ///
 /// Infinite on the diagonal when the inliers do not determine the pose.

@@ -1,0 +1,73 @@
+#!/usr/bin/env python3
+"""Fits the match prior of `veiloc_robust::prior`: a logistic in descriptor ratio, votes and track length.
+
+Reads a problems.jsonl.gz, calls a match right when its map point re-projects within 4 px of the keypoint under the
+true pose, and fits by Newton's method. Prints coefficients, the mean log loss on the file, and on each further file.
+
+    python3 scripts/fit_prior.py $VEILOC_DATA/problems/herzjesu_nn.jsonl.gz $VEILOC_DATA/problems/redkitchen_nn.jsonl.gz
+"""
+
+import gzip
+import json
+import sys
+
+import numpy as np
+
+RIGHT_WITHIN_PX = 4.0
+
+
+def rotation(q):
+    w, x, y, z = np.array(q) / np.linalg.norm(q)
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])
+
+
+def load(path):
+    """Evidence `[matches, 3]` (ratio, ln votes, ln track length) and whether each match is right `[matches]`."""
+    evidence, right = [], []
+    with gzip.open(path, "rt") as lines:
+        for line in lines:
+            d = json.loads(line)
+            assert d["camera"]["model"] == "PINHOLE", "the problems hold undistorted pixels of a pinhole camera"
+            fx, fy, cx, cy = d["camera"]["params"]
+            pose = d["cam_from_world"]
+            p = np.array(d["points3d"]) @ rotation(pose["q"]).T + np.array(pose["t"])
+            seen = np.column_stack([fx * p[:, 0] / p[:, 2] + cx, fy * p[:, 1] / p[:, 2] + cy])
+            error = np.linalg.norm(seen - np.array(d["points2d"]), axis=1)
+            right.append((p[:, 2] > 0) & (error < RIGHT_WITHIN_PX))
+            evidence.append(np.column_stack([d["ratio"], np.log(d["votes"]), np.log(d["track_length"])]))
+    return np.vstack(evidence), np.concatenate(right)
+
+
+def fit(a, y, ridge=1e-3):
+    w = np.zeros(a.shape[1])
+    for _ in range(50):
+        p = 1 / (1 + np.exp(-a @ w))
+        gradient = a.T @ (p - y) + ridge * w
+        hessian = (a * (p * (1 - p))[:, None]).T @ a + ridge * np.eye(len(w))
+        step = np.linalg.solve(hessian, gradient)
+        w -= step
+        if np.abs(step).max() < 1e-10:
+            break
+    return w
+
+
+def log_loss(a, y, w):
+    z = a @ w
+    return float(np.mean(np.logaddexp(0, z) - y * z))
+
+
+def main():
+    files = [load(path) for path in sys.argv[1:]]
+    for name, columns in [("RATIO", 1), ("RATIO_VOTES", 2), ("FULL", 3)]:
+        design = [np.column_stack([np.ones(len(e)), e[:, :columns]]) for e, _ in files]
+        w = fit(design[0], files[0][1])
+        losses = ", ".join(f"{log_loss(a, y, w):.4f}" for a, (_, y) in zip(design, files))
+        print(f"{name:12s} {np.array2string(w, precision=3)}  log loss {losses}")
+
+
+if __name__ == "__main__":
+    main()
