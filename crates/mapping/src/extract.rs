@@ -1,0 +1,87 @@
+//! Features of the map's photographs.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use rayon::prelude::*;
+use veiloc_descriptor::Descriptors;
+use veiloc_features::{FeatureError, SiftOptions, extract_sift, load_gray};
+use veiloc_geometry::Intrinsics;
+use veiloc_map::colmap::{ColmapImage, ColmapModel};
+use veiloc_query::ExtractionLimits;
+
+use crate::error::MappingError;
+use crate::progress::Progress;
+
+/// What was found in one photograph.
+pub(crate) struct Extracted {
+    /// `[N]`, pixels of the photograph as it was taken.
+    pub(crate) keypoints: Vec<[f32; 2]>,
+    /// `[N, dim]`
+    pub(crate) descriptors: Descriptors,
+}
+
+/// The images with these names, in their order.
+pub(crate) fn select<'a>(
+    posed: &'a ColmapModel,
+    names: &[String],
+) -> Result<Vec<&'a ColmapImage>, MappingError> {
+    if names.is_empty() {
+        return Err(MappingError::EmptyList);
+    }
+    let mut seen = BTreeSet::new();
+    names
+        .iter()
+        .map(|name| {
+            if !seen.insert(name) {
+                return Err(MappingError::DuplicateName { name: name.clone() });
+            }
+            posed.image_by_name(name).ok_or_else(|| MappingError::NoPose { name: name.clone() })
+        })
+        .collect()
+}
+
+/// Extracts the features of photographs, in their order; the first error in that order, if there is one.
+pub(crate) fn extract_all(
+    images: &[&ColmapImage],
+    posed: &ColmapModel,
+    image_dir: &Path,
+    limits: ExtractionLimits,
+    progress: &dyn Progress,
+) -> Result<Vec<Extracted>, MappingError> {
+    progress.start("Extracting features", images.len());
+    let all: Vec<Result<Extracted, MappingError>> = images
+        .par_iter()
+        .map(|image| {
+            let extracted = extract(&image_dir.join(&image.name), posed.camera_of(image), limits);
+            progress.advance(1);
+            extracted
+        })
+        .collect();
+    all.into_iter().collect()
+}
+
+fn extract(path: &Path, camera: &Intrinsics, limits: ExtractionLimits) -> Result<Extracted, MappingError> {
+    let picture = load_gray(path)?;
+    let size = (picture.width(), picture.height());
+    if size != (camera.width, camera.height) {
+        return Err(MappingError::PictureSize {
+            path: path.to_owned(),
+            actual: size,
+            camera: (camera.width, camera.height),
+        });
+    }
+    let picture = picture.limited(limits.max_image_side);
+    let (columns, rows) =
+        (f64::from(size.0) / f64::from(picture.width()), f64::from(size.1) / f64::from(picture.height()));
+    let mut options = SiftOptions::default();
+    options.max_keypoints = limits.max_keypoints as usize;
+    let features = extract_sift(&picture, &options).scaled(columns, rows);
+    let keypoints: Vec<[f32; 2]> =
+        features.keypoints.iter().map(|k| [k.pixel.u as f32, k.pixel.v as f32]).collect();
+    if keypoints.len() != features.descriptors.len() || !keypoints.iter().flatten().all(|c| c.is_finite()) {
+        let reason = "the extractor returned keypoints that cannot be used".to_owned();
+        return Err(FeatureError::Decode { path: path.to_owned(), reason }.into());
+    }
+    Ok(Extracted { keypoints, descriptors: features.descriptors })
+}

@@ -1,0 +1,211 @@
+//! A complete COLMAP model becomes a map: its points and observations are kept, descriptors are added.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+use rayon::prelude::*;
+use veiloc_geometry::{Pixel, PlanePoint};
+use veiloc_map::colmap::{ColmapImage, ColmapModel, ColmapPoint};
+use veiloc_map::{MapModel, MapPoint, Observation};
+
+use crate::build::{append_images, profile};
+use crate::complete::Grid;
+use crate::error::MappingError;
+use crate::extract::extract_all;
+use crate::options::BuildOptions;
+use crate::progress::Progress;
+
+/// What became of a COLMAP model.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct ImportReport {
+    /// Images, all of which are in the map.
+    pub images: usize,
+    /// Points of the model.
+    pub points: usize,
+    /// Points that are in the map: those with at least one observation near which a keypoint was found.
+    pub points_kept: usize,
+    /// Observations of the model.
+    pub observations: usize,
+    /// Observations of the model near which a keypoint was found.
+    pub observations_kept: usize,
+    /// Mean of the model's own reprojection errors, as its points tell them, pixels.
+    pub told_error_px: f64,
+    /// The same computed from poses, cameras and 2D points of the model.
+    pub recomputed_error_px: f64,
+    /// Share of points whose told and recomputed errors are within a thousandth of each other; near 1 when cameras and
+    /// pixels mean the same to COLMAP and to us.
+    pub errors_equal: f64,
+    /// Mean reprojection error of the map: our keypoints against COLMAP's points, pixels.
+    pub map_error_px: f64,
+}
+
+impl fmt::Display for ImportReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} images; {} of {} points kept, with {} of {} observations; reprojection error {:.3} px in the model, \
+             {:.3} px recomputed (equal for {:.1} % of points), {:.3} px in the map",
+            self.images,
+            self.points_kept,
+            self.points,
+            self.observations_kept,
+            self.observations,
+            self.told_error_px,
+            self.recomputed_error_px,
+            100.0 * self.errors_equal,
+            self.map_error_px,
+        )
+    }
+}
+
+/// Makes a map of a complete COLMAP model.
+///
+/// A COLMAP model has no descriptors. Keypoints are extracted from the photographs, and each observation is given to the
+/// keypoint nearest to it, if one is within 2 pixels (and to those at the very same place, found with another
+/// orientation). Positions of points are COLMAP's. Points without any such keypoint are left out.
+///
+/// # Errors
+/// [`MappingError`]: a model without images, photographs that cannot be read or are not of their cameras' sizes, no
+/// keypoints, or no point with a keypoint near one of its observations.
+pub fn import(
+    colmap: &ColmapModel,
+    image_dir: &Path,
+    options: &BuildOptions,
+    progress: &dyn Progress,
+) -> Result<(MapModel, ImportReport), MappingError> {
+    options.check()?;
+    let images: Vec<&ColmapImage> = colmap.images().iter().collect();
+    if images.is_empty() {
+        return Err(MappingError::EmptyList);
+    }
+    let features = extract_all(&images, colmap, image_dir, options.extraction(), progress)?;
+    let profile = profile(&features, options, progress)?;
+    let mut model = MapModel::empty(profile, options.extraction());
+    append_images(&mut model, colmap, &images, features);
+
+    progress.start("Joining keypoints to points", images.len());
+    let joined: Vec<Joined> = images
+        .par_iter()
+        .zip(&model.images)
+        .map(|(image, own)| {
+            let joined = join(image, &own.keypoints);
+            progress.advance(1);
+            joined
+        })
+        .collect();
+    let mut tracks: BTreeMap<u64, Vec<Observation>> = BTreeMap::new();
+    for (image, joined) in (0..).zip(&joined) {
+        for &(point, keypoint) in &joined.keypoints {
+            tracks.entry(point).or_default().push(Observation { image, keypoint });
+        }
+    }
+    for point in colmap.points() {
+        let Some(mut track) = tracks.remove(&point.id) else { continue };
+        track.sort_unstable();
+        model.points.push(MapPoint { position: point.position, error: 0.0, track });
+    }
+    measure(&mut model);
+    model.link_keypoints();
+    progress.finish();
+    if model.points.is_empty() {
+        return Err(MappingError::NothingImported { points: colmap.points().len() });
+    }
+    let report = report(colmap, &model, joined.iter().map(|j| j.observations).sum());
+    Ok((model, report))
+}
+
+/// Which keypoints of an image see which points.
+struct Joined {
+    /// Point id and keypoint.
+    keypoints: Vec<(u64, u32)>,
+    /// Observations of the model that found one.
+    observations: usize,
+}
+
+fn join(image: &ColmapImage, keypoints: &[[f32; 2]]) -> Joined {
+    let grid = Grid::new((0..).zip(keypoints.iter().copied()), MAX_DISTANCE_PX);
+    let at = |k: u32| {
+        let [u, v] = keypoints[k as usize];
+        Pixel::new(f64::from(u), f64::from(v))
+    };
+    let mut pairs: Vec<(f64, u32, usize)> = Vec::new();
+    for (index, observed) in image.points2d.iter().enumerate().filter(|(_, p)| p.point.is_some()) {
+        for keypoint in grid.near(observed.pixel) {
+            let distance = at(keypoint).distance(&observed.pixel);
+            if distance <= MAX_DISTANCE_PX {
+                pairs.push((distance, keypoint, index));
+            }
+        }
+    }
+    // The nearest first; a keypoint sees one point, an observation takes one place.
+    pairs.sort_by(|x, y| x.0.total_cmp(&y.0).then((x.1, x.2).cmp(&(y.1, y.2))));
+    let mut point_of: BTreeMap<u32, u64> = BTreeMap::new();
+    let mut place_of: BTreeMap<usize, Pixel> = BTreeMap::new();
+    for (_, keypoint, index) in pairs {
+        let Some(point) = image.points2d[index].point else { continue };
+        if point_of.contains_key(&keypoint) {
+            continue;
+        }
+        let place = *place_of.entry(index).or_insert_with(|| at(keypoint));
+        if place.distance(&at(keypoint)) <= SAME_PLACE_PX {
+            point_of.insert(keypoint, point);
+        }
+    }
+    Joined { observations: place_of.len(), keypoints: point_of.into_iter().map(|(k, p)| (p, k)).collect() }
+}
+
+/// Mean reprojection error of each point over its track, in the photographs.
+fn measure(model: &mut MapModel) {
+    let MapModel { cameras, images, points, .. } = model;
+    points.par_iter_mut().for_each(|point| {
+        let errors = point.track.iter().map(|o| {
+            let image = &images[o.image as usize];
+            let [u, v] = image.keypoints[o.keypoint as usize];
+            let projected = PlanePoint::from_camera_point(&image.cam_from_world.transform(&point.position));
+            // A model may hold points behind their cameras; the picture's size stands for an error without bound.
+            projected.map_or(f64::from(cameras[image.camera].width), |p| {
+                cameras[image.camera].project(p).distance(&Pixel::new(f64::from(u), f64::from(v)))
+            })
+        });
+        point.error = errors.sum::<f64>() / point.track.len().max(1) as f64;
+    });
+}
+
+/// The mean reprojection error of a point of a COLMAP model, from the model's poses, cameras and 2D points, pixels.
+/// `None` when it has no track or lies behind one of its cameras.
+pub(crate) fn recomputed_error(colmap: &ColmapModel, point: &ColmapPoint) -> Option<f64> {
+    let mut sum = 0.0;
+    for (image, keypoint) in &point.track {
+        let image = colmap.image_by_id(*image)?;
+        let projected = PlanePoint::from_camera_point(&image.cam_from_world.transform(&point.position))?;
+        let observed = image.points2d.get(*keypoint as usize)?;
+        sum += colmap.camera_of(image).project(projected).distance(&observed.pixel);
+    }
+    (!point.track.is_empty()).then(|| sum / point.track.len() as f64)
+}
+
+fn report(colmap: &ColmapModel, model: &MapModel, observations_kept: usize) -> ImportReport {
+    let points = colmap.points();
+    let errors: Vec<(f64, f64)> =
+        points.iter().filter_map(|p| Some((p.error, recomputed_error(colmap, p)?))).collect();
+    let count = errors.len().max(1) as f64;
+    let equal = errors.iter().filter(|(told, own)| (told - own).abs() <= 1e-3 * own.abs()).count();
+    ImportReport {
+        images: colmap.images().len(),
+        points: points.len(),
+        points_kept: model.points.len(),
+        observations: points.iter().map(|p| p.track.len()).sum(),
+        observations_kept,
+        told_error_px: errors.iter().map(|e| e.0).sum::<f64>() / count,
+        recomputed_error_px: errors.iter().map(|e| e.1).sum::<f64>() / count,
+        errors_equal: equal as f64 / count,
+        map_error_px: model.mean_reprojection_error(),
+    }
+}
+
+/// An observation and a keypoint farther apart are not the same.
+const MAX_DISTANCE_PX: f64 = 2.0;
+/// Keypoints nearer to each other are one, found with several orientations.
+const SAME_PLACE_PX: f64 = 0.01;

@@ -1,0 +1,108 @@
+//! Matches between two images, checked against their known poses.
+
+use rayon::prelude::*;
+use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
+use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
+
+use crate::progress::Progress;
+use crate::triangulation::{Sight, nearest_to_both_rays};
+use crate::view::View;
+
+/// Two keypoints that look alike and lie on each other's epipolar lines.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Edge {
+    /// Image and keypoint; the lower image first.
+    pub(crate) a: (u32, u32),
+    /// Image and keypoint.
+    pub(crate) b: (u32, u32),
+    /// Nearest over second-nearest descriptor distance.
+    pub(crate) ratio: f32,
+    /// Descriptor distance, code units.
+    pub(crate) distance: f32,
+}
+
+/// What matching found.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Edges {
+    /// Those that agree with the poses, in the order of the pairs.
+    pub(crate) verified: Vec<Edge>,
+    /// How many there were before the check.
+    pub(crate) matches: usize,
+}
+
+impl Edges {
+    pub(crate) fn extend(&mut self, other: Self) {
+        self.verified.extend(other.verified);
+        self.matches += other.matches;
+    }
+
+    /// Best first: by ratio, then by position, so that the order is one and the same always.
+    pub(crate) fn sort(&mut self) {
+        self.verified.sort_by(|x, y| x.ratio.total_cmp(&y.ratio).then_with(|| (x.a, x.b).cmp(&(y.a, y.b))));
+    }
+}
+
+/// Matches the pairs and checks what is found; in the order of the pairs whatever the threads do.
+pub(crate) fn match_pairs(
+    pairs: &[(u32, u32)],
+    views: &[View],
+    descriptors: &[DescriptorView<'_>],
+    max_ratio: f32,
+    progress: &dyn Progress,
+) -> Edges {
+    let options = MatchOptions::default().with_mutual(true).with_max_ratio(Some(max_ratio));
+    let found: Vec<Edges> = pairs
+        .par_iter()
+        .map(|&(i, j)| {
+            let (a, b) = (i as usize, j as usize);
+            let matches = match_descriptors(descriptors[a], descriptors[b], &options);
+            let relation = Epipolar::between(&views[a], &views[b]);
+            let verified = matches
+                .iter()
+                .filter(|m| relation.admits(&views[a], m.query as usize, &views[b], m.database as usize))
+                .map(|m| Edge { a: (i, m.query), b: (j, m.database), ratio: m.ratio, distance: m.distance })
+                .collect();
+            progress.advance(1);
+            Edges { verified, matches: matches.len() }
+        })
+        .collect();
+    let mut all = Edges::default();
+    found.into_iter().for_each(|edges| all.extend(edges));
+    all
+}
+
+/// The epipolar geometry of two views, `x_bᵀ E x_a = 0` on the planes `z = 1`.
+struct Epipolar {
+    essential: Matrix3<f64>,
+}
+
+impl Epipolar {
+    fn between(a: &View, b: &View) -> Self {
+        let b_from_a = b.cam_from_world.compose(&a.cam_from_world.inverse());
+        let t = b_from_a.translation();
+        Self { essential: t.cross_matrix() * b_from_a.rotation().matrix() }
+    }
+
+    /// Whether two keypoints may show one point: each near the other's epipolar line, their rays meeting in front of
+    /// both cameras.
+    fn admits(&self, a: &View, keypoint_a: usize, b: &View, keypoint_b: usize) -> bool {
+        let (Some(x), Some(y)) = (a.plane[keypoint_a], b.plane[keypoint_b]) else { return false };
+        let homogeneous = |p: &Vector2<f64>| Vector3::new(p.x, p.y, 1.0);
+        let line_in_b = self.essential * homogeneous(&x);
+        let line_in_a = self.essential.tr_mul(&homogeneous(&y));
+        let product = homogeneous(&y).dot(&line_in_b).abs();
+        // Written so that NaN, from views at one and the same place, does not pass.
+        let near = product * b.mean_focal() <= b.max_epipolar_error * line_in_b.xy().norm()
+            && product * a.mean_focal() <= a.max_epipolar_error * line_in_a.xy().norm();
+        if !near {
+            return false;
+        }
+        let (sight_a, sight_b) = (Sight { view: a, plane: x }, Sight { view: b, plane: y });
+        let (d, e) = (a.ray(&x).normalize(), b.ray(&y).normalize());
+        // Rays that are nearly parallel meet far away, in front or behind as noise will have it.
+        d.cross(&e).norm() < NEARLY_PARALLEL || nearest_to_both_rays(&sight_a, &sight_b).is_some()
+    }
+}
+
+/// Sine of the angle below which rays are not asked where they meet: 0.2 degrees, two pixels of a phone's picture.
+const NEARLY_PARALLEL: f64 = 0.0035;

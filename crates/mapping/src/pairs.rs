@@ -1,0 +1,133 @@
+//! Which images to match with which: those that look at the same part of the place from places that differ enough.
+//!
+//! What images share is told by **seeds**, some points of the place that an image sees: projected into another image,
+//! they say how much of the first is in the second, and under which angle. Where a model has no points yet, a few images
+//! of every distance are matched first, and the points of those matches are the seeds.
+
+use std::collections::BTreeSet;
+
+use rayon::prelude::*;
+use veiloc_geometry::nalgebra::Vector3;
+
+use crate::view::View;
+
+/// Points each image sees, as far as it is known yet, `[images]`.
+pub(crate) type Seeds = Vec<Vec<Vector3<f64>>>;
+
+/// Pairs that give first seeds: for each image of `focus` partners near and far in rank (1st, 2nd, 4th, 8th, ...) by the
+/// difference of the poses, all images that look roughly the same way being ranked.
+pub(crate) fn pairs_by_pose(views: &[View], focus: &[u32]) -> Vec<(u32, u32)> {
+    let axis = |v: &View| v.ray(&veiloc_geometry::nalgebra::Vector2::zeros()).normalize();
+    let axes: Vec<Vector3<f64>> = views.iter().map(axis).collect();
+    let typical = typical_distance(views);
+    let mut pairs = BTreeSet::new();
+    for &i in focus {
+        let own = i as usize;
+        let mut ranked: Vec<(f64, u32)> = (0..views.len() as u32)
+            .filter(|j| *j != i)
+            .filter_map(|j| {
+                let other = j as usize;
+                let angle = axes[own].dot(&axes[other]).clamp(-1.0, 1.0).acos().to_degrees();
+                let distance = (views[own].center - views[other].center).norm() / typical;
+                (angle <= MAX_AXIS_ANGLE_DEG).then_some((distance + angle / 20.0, j))
+            })
+            .collect();
+        ranked.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+        let mut rank = 1;
+        for _ in 0..FIRST_PARTNERS {
+            let Some((_, j)) = ranked.get(rank - 1) else { break };
+            pairs.insert((i.min(*j), i.max(*j)));
+            rank *= 2;
+        }
+    }
+    pairs.into_iter().collect()
+}
+
+/// For each image of `focus`, up to `limit` partners: most by what the two share, the last third spread over the less
+/// obvious ones, which look from farther away or come from another visit.
+pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit: usize) -> Vec<(u32, u32)> {
+    let shared_from_to = |i: usize, j: usize| -> f64 {
+        let all = &seeds[i];
+        let step = all.len().div_ceil(MAX_SEEDS).max(1);
+        let worth: f64 = all.iter().step_by(step).map(|x| worth_of_seed(&views[i], &views[j], x)).sum();
+        worth / all.len().div_ceil(step).max(MIN_SEEDS) as f64
+    };
+    let chosen: Vec<Vec<(u32, u32)>> = focus
+        .par_iter()
+        .map(|&i| {
+            let mut ranked: Vec<(f64, u32)> = (0..views.len() as u32)
+                .filter(|j| *j != i)
+                .map(|j| {
+                    let (a, b) = (i as usize, j as usize);
+                    (f64::midpoint(shared_from_to(a, b), shared_from_to(b, a)), j)
+                })
+                .filter(|(worth, _)| *worth >= MIN_SHARED)
+                .collect();
+            ranked.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
+            choose(ranked.len(), limit).map(|r| (i.min(ranked[r].1), i.max(ranked[r].1))).collect()
+        })
+        .collect();
+    chosen.into_iter().flatten().collect::<BTreeSet<_>>().into_iter().collect()
+}
+
+/// Ranks: the first two thirds of `limit`, then evenly spaced ones.
+fn choose(count: usize, limit: usize) -> impl Iterator<Item = usize> {
+    let best = if count <= limit { count } else { limit - limit / 3 };
+    let rest = limit.min(count) - best;
+    (0..best).chain((1..=rest).map(move |k| best - 1 + k * (count - best) / rest.max(1)))
+}
+
+/// 1 for a seed that both images see under a good angle; less under angles where points are badly placed or keypoints no
+/// longer look alike; 0 when the other does not see it.
+fn worth_of_seed(from: &View, to: &View, seed: &Vector3<f64>) -> f64 {
+    if to.pixel_inside(seed).is_none() {
+        return 0.0;
+    }
+    let cos = (from.center - seed).normalize().dot(&(to.center - seed).normalize());
+    match cos.clamp(-1.0, 1.0).acos().to_degrees() {
+        angle if angle < 2.0 => 0.3 + 0.35 * angle,
+        angle if angle < 25.0 => 1.0,
+        angle if angle < 60.0 => 1.0 - (angle - 25.0) / 35.0 * 0.9,
+        _ => 0.0,
+    }
+}
+
+/// Median distance of each image to its nearest neighbour, or 1 where all are at one place.
+fn typical_distance(views: &[View]) -> f64 {
+    let nearest = |i: usize| {
+        let others = views.iter().enumerate().filter(|(j, _)| *j != i);
+        others.map(|(_, v)| (v.center - views[i].center).norm()).fold(f64::INFINITY, f64::min)
+    };
+    let mut all: Vec<f64> = (0..views.len()).into_par_iter().map(nearest).collect();
+    all.sort_by(f64::total_cmp);
+    // The nearest of a burst say little: take five times the median.
+    all.get(all.len() / 2).map(|m| 5.0 * m).filter(|m| m.is_finite() && *m > 0.0).unwrap_or(1.0)
+}
+
+/// Optical axes farther apart are not tried without evidence.
+const MAX_AXIS_ANGLE_DEG: f64 = 60.0;
+/// Partners of each image in the first round: ranks 1, 2, 4, 8, 16, 32.
+const FIRST_PARTNERS: usize = 6;
+/// Seeds of an image that are projected; more make the shares no more certain.
+const MAX_SEEDS: usize = 200;
+/// An image with fewer seeds is not trusted more than as if it had these.
+pub(crate) const MIN_SEEDS: usize = 20;
+/// Pairs that share less are not matched.
+const MIN_SHARED: f64 = 0.05;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranks_are_distinct_and_within_limits() {
+        for count in 0..60 {
+            for limit in 1..30 {
+                let ranks: Vec<usize> = choose(count, limit).collect();
+                assert_eq!(ranks.len(), count.min(limit), "{count} {limit}");
+                assert!(ranks.is_sorted_by(|a, b| a < b), "{count} {limit}: {ranks:?}");
+                assert!(ranks.iter().all(|r| *r < count));
+            }
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! A map while it grows: views, and points whose tracks change.
+
+use rayon::prelude::*;
+use veiloc_descriptor::DescriptorView;
+use veiloc_geometry::Point3;
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_map::{MapModel, MapPoint, Observation};
+
+use crate::matching::Edge;
+use crate::options::BuildOptions;
+use crate::tracks::{Node, build_tracks};
+use crate::triangulation::{Sight, settle, triangulate};
+use crate::view::View;
+
+/// A point that may still change.
+#[derive(Debug, Clone)]
+pub(crate) struct WorkPoint {
+    pub(crate) position: Vector3<f64>,
+    /// In rising order; empty when the point is gone.
+    pub(crate) track: Vec<Node>,
+    /// Whether it changed, or is new.
+    pub(crate) touched: bool,
+}
+
+impl WorkPoint {
+    pub(crate) fn sees(&self, image: u32) -> bool {
+        self.track.iter().any(|n| n.0 == image)
+    }
+
+    pub(crate) fn insert(&mut self, node: Node) {
+        let at = self.track.partition_point(|n| *n < node);
+        self.track.insert(at, node);
+        self.touched = true;
+    }
+}
+
+/// Images and points of a map that is being built or changed.
+pub(crate) struct Scene<'a> {
+    pub(crate) views: Vec<View>,
+    /// `[images][N]`
+    pub(crate) keypoints: Vec<&'a [[f32; 2]]>,
+    /// `[images]`
+    pub(crate) descriptors: Vec<DescriptorView<'a>>,
+    pub(crate) points: Vec<WorkPoint>,
+    /// `[images][N]`, index of the point each keypoint sees.
+    pub(crate) point_of: Vec<Vec<Option<u32>>>,
+}
+
+impl<'a> Scene<'a> {
+    /// The images of a model, and its points, none of them touched.
+    pub(crate) fn of(model: &'a MapModel, options: &BuildOptions) -> Self {
+        let views = model.images.par_iter().map(|image| {
+            let camera = model.cameras[image.camera];
+            let pixels = |threshold| BuildOptions::pixels_at(threshold, camera.width, camera.height);
+            let (error, epipolar) =
+                (pixels(options.max_reprojection_error_px), pixels(options.max_epipolar_error_px));
+            View::new(camera, image.cam_from_world, &image.keypoints, error, epipolar)
+        });
+        let points = model.points.iter().map(|p| WorkPoint {
+            position: p.position.coords,
+            track: p.track.iter().map(|o| (o.image, o.keypoint)).collect(),
+            touched: false,
+        });
+        let mut scene = Self {
+            views: views.collect(),
+            keypoints: model.images.iter().map(|i| i.keypoints.as_slice()).collect(),
+            descriptors: model.images.iter().map(|i| i.descriptors.view()).collect(),
+            points: points.collect(),
+            point_of: model.images.iter().map(|i| vec![None; i.keypoints.len()]).collect(),
+        };
+        for index in 0..scene.points.len() {
+            for (image, keypoint) in scene.points[index].track.clone() {
+                scene.point_of[image as usize][keypoint as usize] = Some(index as u32);
+            }
+        }
+        scene
+    }
+
+    pub(crate) fn point_at(&self, node: Node) -> Option<u32> {
+        self.point_of[node.0 as usize][node.1 as usize]
+    }
+
+    pub(crate) fn assign(&mut self, node: Node, point: Option<u32>) {
+        self.point_of[node.0 as usize][node.1 as usize] = point;
+    }
+
+    pub(crate) fn sight(&self, node: Node) -> Option<Sight<'_>> {
+        let view = &self.views[node.0 as usize];
+        Some(Sight { view, plane: view.plane[node.1 as usize]? })
+    }
+
+    /// Those of the keypoints that have a ray, with their sights.
+    pub(crate) fn sights(&self, track: &[Node]) -> (Vec<Node>, Vec<Sight<'_>>) {
+        track.iter().filter_map(|n| Some((*n, self.sight(*n)?))).unzip()
+    }
+
+    /// Makes tracks of the edges between keypoints that see no point yet, and points of the tracks.
+    pub(crate) fn new_points(&mut self, edges: &[Edge], options: &BuildOptions) {
+        let free = edges.iter().filter(|e| self.point_at(e.a).is_none() && self.point_at(e.b).is_none());
+        let tracks = build_tracks(free.map(|e| (e.a, e.b)));
+        let points: Vec<Vec<WorkPoint>> =
+            tracks.par_iter().map(|t| self.points_of_track(t, options)).collect();
+        for point in points.into_iter().flatten() {
+            self.push(point);
+        }
+    }
+
+    /// A wrong match joins the tracks of two points: what does not agree with the first may make a second one.
+    fn points_of_track(&self, track: &[Node], options: &BuildOptions) -> Vec<WorkPoint> {
+        let (mut nodes, mut sights) = self.sights(track);
+        let mut points = Vec::new();
+        let mut least = options.min_track_length;
+        while nodes.len() >= least {
+            let Some(found) = triangulate(&sights, least, options.min_triangulation_angle_deg) else { break };
+            let mut agree = found.agree.iter();
+            let (inside, outside): (Vec<Node>, Vec<Node>) =
+                nodes.iter().partition(|_| *agree.next().expect("one flag an observation"));
+            points.push(WorkPoint { position: found.position, track: inside, touched: true });
+            (nodes, sights) = self.sights(&outside);
+            // Two left over agree on some point too easily.
+            least = options.min_track_length.max(3);
+        }
+        points
+    }
+
+    fn push(&mut self, point: WorkPoint) {
+        let index = Some(self.points.len() as u32);
+        for node in &point.track {
+            self.assign(*node, index);
+        }
+        self.points.push(point);
+    }
+
+    /// Refines every touched point on its track; observations that no longer agree leave it, points without enough
+    /// observations or angle go.
+    pub(crate) fn polish(&mut self, options: &BuildOptions) {
+        let settled: Vec<Option<(Vector3<f64>, Vec<Node>)>> = self
+            .points
+            .par_iter()
+            .map(|point| {
+                if !point.touched || point.track.is_empty() {
+                    return None;
+                }
+                let (nodes, sights) = self.sights(&point.track);
+                let least = options.min_track_length;
+                let found = settle(&sights, point.position, least, options.min_triangulation_angle_deg);
+                Some(found.map_or_else(
+                    || (point.position, Vec::new()),
+                    |f| {
+                        (
+                            f.position,
+                            nodes.into_iter().zip(f.agree).filter_map(|(n, a)| a.then_some(n)).collect(),
+                        )
+                    },
+                ))
+            })
+            .collect();
+        for (index, (position, track)) in settled.into_iter().enumerate().filter_map(|(i, s)| Some((i, s?))) {
+            for node in std::mem::replace(&mut self.points[index].track, track) {
+                self.assign(node, None);
+            }
+            for node in self.points[index].track.clone() {
+                self.assign(node, Some(index as u32));
+            }
+            self.points[index].position = position;
+        }
+    }
+
+    /// The points of the map: those that were not touched exactly as in `before`, then changed and new ones, in order.
+    pub(crate) fn finish(&self, before: &[MapPoint]) -> Vec<MapPoint> {
+        let finished: Vec<Option<MapPoint>> = self
+            .points
+            .par_iter()
+            .enumerate()
+            .map(|(index, point)| match before.get(index) {
+                Some(old) if !point.touched => Some(old.clone()),
+                _ if point.track.is_empty() => None,
+                _ => Some(self.finished(point)),
+            })
+            .collect();
+        finished.into_iter().flatten().collect()
+    }
+
+    fn finished(&self, point: &WorkPoint) -> MapPoint {
+        let errors = point.track.iter().filter_map(|(image, keypoint)| {
+            let pixel = self.keypoints[*image as usize][*keypoint as usize];
+            self.views[*image as usize].error_in_photograph(pixel, &point.position)
+        });
+        MapPoint {
+            position: Point3::from_vector(point.position),
+            track: point.track.iter().map(|&(image, keypoint)| Observation { image, keypoint }).collect(),
+            error: errors.sum::<f64>() / point.track.len().max(1) as f64,
+        }
+    }
+}

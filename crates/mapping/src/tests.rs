@@ -1,0 +1,1 @@
+//! Whole maps: synthetic scenes, then real photographs.
