@@ -297,3 +297,124 @@ fn median_point(points: &[Vector3<f64>]) -> Vector3<f64> {
         if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::{Correspondences, PoseProblem};
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use veiloc_geometry::nalgebra::Rotation3;
+    use veiloc_geometry::{DualAnchors, Pinhole, Pixel, PixelLine, Point3, Rigid3};
+
+    fn problem(rng: &mut ChaCha8Rng, kind: usize, n: usize) -> PoseProblem {
+        let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
+        let anchors = DualAnchors::new(640, 480, 1.2, 1.0).expect("finite");
+        let pixels: Vec<Pixel> =
+            (0..n).map(|_| Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0))).collect();
+        let points = pixels
+            .iter()
+            .map(|p| {
+                let noisy = Pixel::new(p.u + rng.random_range(-3.0..3.0), p.v + rng.random_range(-3.0..3.0));
+                let depth = if rng.random_bool(0.1) { -2.0 } else { rng.random_range(1.0..8.0) };
+                Point3::from_vector(camera.unproject(noisy).homogeneous() * depth)
+            })
+            .collect();
+        let observations = match kind {
+            0 => Correspondences::Points { pixels },
+            1 => Correspondences::Lines {
+                lines: pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..3.0))).collect(),
+            },
+            _ => Correspondences::Anchored {
+                anchors,
+                lines: pixels
+                    .iter()
+                    .map(|p| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p)))
+                    .collect(),
+            },
+        };
+        let prior = Some((0..n).map(|_| rng.random_range(0.0..1.0)).collect());
+        PoseProblem { camera, observations, points, prior }
+    }
+
+    fn near_identity(rng: &mut ChaCha8Rng) -> CameraFromWorld {
+        let mut r = || rng.random_range(-0.03..0.03);
+        Rigid3::new(Rotation3::from_euler_angles(r(), r(), r()), Vector3::new(r(), r(), r()))
+    }
+
+    #[test]
+    fn agrees_with_its_readable_twin() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        for kind in 0..3 {
+            for n in [1, 15, 16, 17, 700] {
+                let matches = Matches::new(&problem(&mut rng, kind, n), 0.2);
+                for _ in 0..20 {
+                    let pose = near_identity(&mut rng);
+                    let likelihood = Kernel::new(&matches, Scale::Likelihood { noise: 1.5 });
+                    let expected: f64 = (0..n)
+                        .filter_map(|i| matches.log_likelihood_ratio(i, &pose, 1.5))
+                        .map(|llr| -llr.max(0.0))
+                        .sum();
+                    let found = likelihood.cost(&pose, f64::INFINITY);
+                    // A projection exactly on a gate may fall on either side of it: worth one correspondence.
+                    assert!(
+                        (found - expected).abs() < 1e-3 * (1.0 + expected.abs()),
+                        "{kind} {n}: {found} {expected}"
+                    );
+
+                    let msac = Kernel::new(&matches, Scale::Msac { threshold: 3.0 });
+                    let expected: f64 = (0..n)
+                        .map(|i| matches.squared_error(i, &pose).map_or(1.0, |e2| (e2 / 9.0).min(1.0)))
+                        .sum();
+                    let found = msac.cost(&pose, f64::INFINITY);
+                    assert!(
+                        (found - expected).abs() < 1e-3 * (1.0 + expected.abs()),
+                        "{kind} {n}: {found} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn giving_up_early_never_drops_a_better_pose() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        for kind in 0..3 {
+            let matches = Matches::new(&problem(&mut rng, kind, 900), 0.2);
+            for scale in [Scale::Msac { threshold: 3.0 }, Scale::Likelihood { noise: 1.5 }] {
+                let kernel = Kernel::new(&matches, scale);
+                let costs: Vec<(CameraFromWorld, f64)> = (0..100)
+                    .map(|_| near_identity(&mut rng))
+                    .map(|pose| (pose, kernel.cost(&pose, f64::INFINITY)))
+                    .collect();
+                let mut best = f64::INFINITY;
+                for (pose, full) in costs {
+                    let found = kernel.cost(&pose, best);
+                    if full < best - 0.1 {
+                        assert_eq!(found, full);
+                        best = full;
+                    } else if full > best + 0.1 {
+                        assert!(found >= best);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn poses_that_are_not_finite_gain_nothing() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        for kind in 0..3 {
+            let matches = Matches::new(&problem(&mut rng, kind, 50), 0.2);
+            let pose = Rigid3::new(Rotation3::identity(), Vector3::repeat(f64::NAN));
+            assert_eq!(
+                Kernel::new(&matches, Scale::Msac { threshold: 3.0 }).cost(&pose, f64::INFINITY),
+                50.0
+            );
+            assert_eq!(
+                Kernel::new(&matches, Scale::Likelihood { noise: 1.5 }).cost(&pose, f64::INFINITY),
+                0.0
+            );
+        }
+    }
+}

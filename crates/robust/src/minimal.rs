@@ -21,7 +21,7 @@ pub(crate) enum Minimal {
     /// Six lines, for anchored ones never all of one anchor.
     P6lp { sampler: WeightedSampler, sides: Option<[WeightedSampler; 2]>, lines: Vec<PlaneLine> },
     /// Five anchored lines of one side and a vote of the other.
-    Radial(RadialVote),
+    Radial(Box<RadialVote>),
 }
 
 impl Minimal {
@@ -29,7 +29,7 @@ impl Minimal {
         if anchored == AnchoredSolver::RadialVote
             && let Some(vote) = RadialVote::new(matches, noise)
         {
-            return Self::Radial(vote);
+            return Self::Radial(Box::new(vote));
         }
         let weights = |members: &dyn Fn(usize) -> bool| {
             WeightedSampler::new((0..matches.len()).filter(|&i| members(i)).map(|i| (i, matches.weight[i])))
