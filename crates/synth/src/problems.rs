@@ -1,0 +1,153 @@
+//! Sets of 2D–3D matches with known truth, for tests and benches of solvers and estimators.
+
+use nalgebra::{Rotation3, Vector3};
+use rand::Rng;
+use veiloc_geometry::frames::{Camera, World};
+use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, Point3};
+
+/// What the matches are like.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct PointProblemOptions {
+    /// Number of matches; 200 by default.
+    pub matches: usize,
+    /// Share of wrong matches, 0 to 1; 0 by default. A wrong match keeps its pixel and gets another point.
+    pub outlier_share: f64,
+    /// Standard deviation of the pixels, each coordinate; 0 by default.
+    pub noise_px: f64,
+    /// The camera; 640 x 480 with a focal length of 525 px by default.
+    pub camera: Pinhole,
+    /// Smallest and largest depth, map units; 2 to 6 by default.
+    pub depth: [f64; 2],
+    /// When set, all points lie within this distance of one slanted plane through the middle of the depths.
+    pub plane_thickness: Option<f64>,
+}
+
+impl Default for PointProblemOptions {
+    fn default() -> Self {
+        let camera = Pinhole { width: 640, height: 480, focal: [525.0, 525.0], principal: [320.0, 240.0] };
+        Self {
+            matches: 200,
+            outlier_share: 0.0,
+            noise_px: 0.0,
+            camera,
+            depth: [2.0, 6.0],
+            plane_thickness: None,
+        }
+    }
+}
+
+impl PointProblemOptions {
+    /// Exact matches, this many.
+    pub fn exact(matches: usize) -> Self {
+        Self { matches, ..Self::default() }
+    }
+
+    /// With noise of this many pixels.
+    pub fn noise(mut self, px: f64) -> Self {
+        self.noise_px = px;
+        self
+    }
+
+    /// With this share of wrong matches.
+    pub fn outliers(mut self, share: f64) -> Self {
+        self.outlier_share = share;
+        self
+    }
+
+    /// With another camera.
+    pub fn camera(mut self, camera: Pinhole) -> Self {
+        self.camera = camera;
+        self
+    }
+
+    /// With these depths.
+    pub fn depth(mut self, nearest: f64, farthest: f64) -> Self {
+        self.depth = [nearest, farthest];
+        self
+    }
+
+    /// With points this near to one plane.
+    pub fn near_planar(mut self, thickness: f64) -> Self {
+        self.plane_thickness = Some(thickness);
+        self
+    }
+}
+
+/// Matches and their truth; row `i` of each list belongs together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointProblem {
+    /// The camera.
+    pub camera: Pinhole,
+    /// Its true pose.
+    pub cam_from_world: CameraFromWorld,
+    /// Observed pixels, noise included.
+    pub pixels: Vec<Pixel>,
+    /// The map points they are matched to.
+    pub points: Vec<Point3<World>>,
+    /// Which matches are right.
+    pub inliers: Vec<bool>,
+}
+
+impl PointProblem {
+    /// Draws a pose anywhere and matches all over the picture.
+    pub fn generate(options: &PointProblemOptions, rng: &mut impl Rng) -> Self {
+        let cam_from_world = random_pose(rng);
+        let world_from_cam = cam_from_world.inverse();
+        let camera = options.camera;
+        let [near, far] = options.depth;
+        let middle = f64::midpoint(near, far);
+        let slant = [rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5)];
+        let mut pixels = Vec::with_capacity(options.matches);
+        let mut points = Vec::with_capacity(options.matches);
+        for _ in 0..options.matches {
+            let exact = Pixel::new(
+                rng.random_range(0.0..f64::from(camera.width.max(1))),
+                rng.random_range(0.0..f64::from(camera.height.max(1))),
+            );
+            let p = camera.unproject(exact);
+            let z = match options.plane_thickness {
+                None => rng.random_range(near..=far.max(near)),
+                // The plane z = middle + slant · (x, y), along this ray; then off it by the thickness.
+                Some(thickness) => {
+                    let z = middle / (1.0 - slant[0] * p.x - slant[1] * p.y).max(0.2);
+                    z + rng.random_range(-thickness.abs()..=thickness.abs())
+                }
+            };
+            let in_camera = Point3::<Camera>::new(p.x * z, p.y * z, z);
+            points.push(world_from_cam.transform(&in_camera));
+            pixels.push(Pixel::new(
+                exact.u + options.noise_px * normal(rng),
+                exact.v + options.noise_px * normal(rng),
+            ));
+        }
+        let wrong = (options.outlier_share.clamp(0.0, 1.0) * options.matches as f64).round() as usize;
+        let chosen = rand::seq::index::sample(rng, options.matches, wrong);
+        let mut inliers = vec![true; options.matches];
+        for i in chosen {
+            let z = rng.random_range(near..=far.max(near));
+            let p = camera.unproject(Pixel::new(
+                rng.random_range(0.0..f64::from(camera.width.max(1))),
+                rng.random_range(0.0..f64::from(camera.height.max(1))),
+            ));
+            points[i] = world_from_cam.transform(&Point3::new(p.x * z, p.y * z, z));
+            inliers[i] = false;
+        }
+        Self { camera, cam_from_world, pixels, points, inliers }
+    }
+}
+
+/// A pose with any rotation, evenly spread, and a centre within a few map units of the origin.
+pub fn random_pose(rng: &mut impl Rng) -> CameraFromWorld {
+    // Four normal numbers point evenly over the unit quaternions.
+    let q = [normal(rng), normal(rng), normal(rng), normal(rng)];
+    let t = [0; 3].map(|_| rng.random_range(-3.0..3.0));
+    CameraFromWorld::from_quaternion(q, t)
+        .unwrap_or_else(|| CameraFromWorld::new(Rotation3::identity(), Vector3::from(t)))
+}
+
+/// A number from the standard normal distribution (Box and Muller).
+pub fn normal(rng: &mut impl Rng) -> f64 {
+    let (u, v): (f64, f64) = (rng.random(), rng.random());
+    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}
