@@ -17,6 +17,9 @@ pub(crate) struct Obstacle {
 pub(crate) struct Builder {
     pub(crate) quads: Vec<Quad>,
     pub(crate) materials: Vec<Material>,
+    /// Which surfaces throw shadows; flat things on walls and floors do not.
+    pub(crate) casts: Vec<bool>,
+    pub(crate) flat: bool,
     pub(crate) obstacles: Vec<Obstacle>,
     pub(crate) rng: ChaCha8Rng,
 }
@@ -57,12 +60,27 @@ impl Spot {
 
 impl Builder {
     pub(crate) const fn new(rng: ChaCha8Rng) -> Self {
-        Self { quads: Vec::new(), materials: Vec::new(), obstacles: Vec::new(), rng }
+        Self {
+            quads: Vec::new(),
+            materials: Vec::new(),
+            casts: Vec::new(),
+            flat: false,
+            obstacles: Vec::new(),
+            rng,
+        }
+    }
+
+    /// Builds things that lie so flat on others that they throw no shadow.
+    pub(crate) fn flat(&mut self, build: impl FnOnce(&mut Self)) {
+        self.flat = true;
+        build(self);
+        self.flat = false;
     }
 
     /// A rectangle seen from the side of `edge_u × edge_v`.
     pub(crate) fn quad(&mut self, origin: Vec3, edge_u: Vec3, edge_v: Vec3, pattern: &Pattern) {
         self.quads.push(Quad::new(origin, edge_u, edge_v));
+        self.casts.push(!self.flat);
         let seed = self.rng.random();
         self.materials.push(Material { pattern: pattern.clone(), seed });
     }

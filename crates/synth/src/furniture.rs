@@ -91,11 +91,12 @@ impl Builder {
             let (lw, lh) = (w.min(d) * self.rng.random_range(0.35..0.6), h * self.rng.random_range(0.3..0.5));
             let label = self.printed(PrintKind::Label, [lw, lh]);
             let up = crate::bvh::Vec3::new(0.0, 0.0, lh);
-            match side {
-                0 => self.quad(spot.at(w * 0.2, -0.003, h * 0.3), spot.across() * lw, up, &label),
-                1 => self.quad(spot.at(-0.003, d * 0.8, h * 0.3), -spot.back() * lw, up, &label),
-                _ => self.quad(spot.at(w + 0.003, d * 0.2, h * 0.3), spot.back() * lw, up, &label),
-            }
+            let (corner, along) = match side {
+                0 => (spot.at(w * 0.2, -0.003, h * 0.3), spot.across()),
+                1 => (spot.at(-0.003, d * 0.8, h * 0.3), -spot.back()),
+                _ => (spot.at(w + 0.003, d * 0.2, h * 0.3), spot.back()),
+            };
+            self.flat(|b| b.quad(corner, along * lw, up, &label));
         }
     }
 
@@ -119,7 +120,9 @@ impl Builder {
                 0 => {
                     let sheet = self.printed(PrintKind::Paper, [0.21, 0.29]);
                     let lift = 0.002 + 0.0006 * k as f32;
-                    self.quad(at.at(0.0, 0.0, lift), at.across() * 0.21, at.back() * 0.29, &sheet);
+                    self.flat(|b| {
+                        b.quad(at.at(0.0, 0.0, lift), at.across() * 0.21, at.back() * 0.29, &sheet)
+                    });
                 }
                 1 => {
                     let size = [

@@ -35,9 +35,10 @@ impl LightGrid {
     }
 }
 
-/// Lights every surface.
-pub(crate) fn bake(quads: &[Quad], bvh: &Bvh, lamps: &[Lamp]) -> Vec<LightGrid> {
+/// Lights every surface; only those of `casting` throw shadows.
+pub(crate) fn bake(quads: &[Quad], casting: &[Quad], lamps: &[Lamp]) -> Vec<LightGrid> {
     let around = hemisphere();
+    let bvh = Bvh::new(casting);
     quads
         .par_iter()
         .map(|quad| {
@@ -47,7 +48,7 @@ pub(crate) fn bake(quads: &[Quad], bvh: &Bvh, lamps: &[Lamp]) -> Vec<LightGrid> 
             let values = (0..rows * columns)
                 .map(|k| {
                     let at = quad.at(inset(k % columns, columns), inset(k / columns, rows));
-                    light_at(at + quad.normal * 4e-3, quad.normal, quads, bvh, lamps, &around)
+                    light_at(at + quad.normal * 0.012, quad.normal, casting, &bvh, lamps, &around)
                 })
                 .collect();
             LightGrid { columns, rows, values }
@@ -81,7 +82,7 @@ fn light_at(at: Vec3, normal: Vec3, quads: &[Quad], bvh: &Bvh, lamps: &[Lamp], a
             bvh.first_hit(quads, at, ray, 1.6).map_or(1.0, |h| (h.t / 1.6).sqrt())
         })
         .sum();
-    direct + 0.36 * open / around.len() as f32
+    direct + 0.5 * open / around.len() as f32
 }
 
 /// Directions spread over the half sphere around `z`, denser towards it by the cosine.

@@ -27,7 +27,9 @@ impl Place {
         let mut builder = Builder::new(ChaCha8Rng::seed_from_u64(seed));
         let lamps = furnish(&mut builder);
         let bvh = Bvh::new(&builder.quads);
-        let light = bake(&builder.quads, &bvh, &lamps);
+        let casting: Vec<Quad> =
+            builder.quads.iter().zip(&builder.casts).filter(|(_, c)| **c).map(|(q, _)| *q).collect();
+        let light = bake(&builder.quads, &casting, &lamps);
         Self {
             seed,
             light,

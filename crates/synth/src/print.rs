@@ -48,14 +48,17 @@ pub(crate) fn print(kind: PrintKind, size: [f32; 2], seed: u64) -> Raster {
 /// A strong colour whose largest channel is in the range.
 pub(crate) fn any_colour(rng: &mut ChaCha8Rng, light: std::ops::Range<f32>) -> Colour {
     let top = rng.random_range(light);
-    let hue = rng.random_range(0.0..6.0f32);
-    let grey = rng.random_range(0.15..0.9f32);
+    // Inks of a house: many reds, oranges and yellows, some blues and greens, little violet.
+    let hue =
+        [0.0, 0.3, 0.6, 1.0, 1.9, 3.2, 3.7, 4.0][rng.random_range(0..8)] + rng.random_range(-0.2..0.2f32);
+    let hue = (hue + 6.0) % 6.0;
+    let grey = rng.random_range(0.08..0.85f32);
     let channel = |shift: f32| {
         let h = (hue + shift) % 6.0;
-        let on = (2.0 - (h - 3.0).abs()).clamp(0.0, 1.0);
+        let on = ((h - 3.0).abs() - 1.0).clamp(0.0, 1.0);
         top * (grey + (1.0 - grey) * on)
     };
-    colour(channel(0.0), channel(2.0), channel(4.0))
+    colour(channel(0.0), channel(4.0), channel(2.0))
 }
 
 fn anywhere(painter: &Painter, rng: &mut ChaCha8Rng) -> [f32; 2] {

@@ -92,7 +92,7 @@ fn shell(b: &mut Builder, walls: &[Wall; 4]) -> Vec<Lamp> {
             let corner = Vec3::new(cx - 0.5, cy + 0.12, HEIGHT - 0.01);
             let (edge_u, edge_v) = (Vec3::new(1.0, 0.0, 0.0), Vec3::new(0.0, -0.24, 0.0));
             b.quad(corner, edge_u, edge_v, &glow);
-            Lamp { corner, edge_u, edge_v, power: 1.5 }
+            Lamp { corner, edge_u, edge_v, power: 2.6 }
         })
         .collect()
 }
@@ -117,7 +117,8 @@ fn hang(b: &mut Builder, walls: &[Wall; 4]) {
             let face = b.printed(kind, [w, h]);
             let rim = Pattern::Shell(b.colour(0.05..0.5));
             let thick = b.rng.random_range(0.006..0.03);
-            b.faces(&wall.spot(u, thick, v), [w, thick - 0.001, h], [&face, &rim, &rim, &rim, &rim, &rim]);
+            let faces = [&face, &rim, &rim, &rim, &rim, &rim];
+            b.flat(|b| b.faces(&wall.spot(u, thick, v), [w, thick - 0.001, h], faces));
         }
     }
 }
@@ -176,7 +177,8 @@ fn middle(b: &mut Builder) {
         let palette = std::array::from_fn(|_| b.colour(0.12..0.85));
         let turn = b.rng.random_range(-0.2..0.2);
         let at = Spot::new(cx, cy, z, turn);
-        b.quad(at.at(-w / 2.0, -d / 2.0, 0.0), at.across() * w, at.back() * d, &Pattern::Rug(palette));
+        let corner = at.at(-w / 2.0, -d / 2.0, 0.0);
+        b.flat(|b| b.quad(corner, at.across() * w, at.back() * d, &Pattern::Rug(palette)));
     }
     let turn = b.rng.random_range(-0.3..0.3);
     let table = Spot::new(0.0, 0.0, 0.0, turn).moved(-0.55, -0.35, 0.0, 0.0);
