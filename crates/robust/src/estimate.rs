@@ -18,6 +18,9 @@ const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
 /// Steps at each scale.
 const LADDER_STEPS: usize = 4;
 
+/// More correspondences than this are thinned out evenly in local optimisation; the final refinement takes all.
+const DESCENT_LIMIT: usize = 800;
+
 /// Subsets of the inliers tried in local optimisation, and their size.
 const SUBSETS: usize = 8;
 const SUBSET_SIZE: usize = 14;
@@ -131,9 +134,13 @@ impl Search<'_> {
     fn descend(&self, pose: &CameraFromWorld) -> CameraFromWorld {
         let mut pose = *pose;
         for factor in LADDER {
-            let active = self.within(&pose, factor, 4.0);
+            let mut active = self.within(&pose, factor, 4.0);
             if active.len() < 6 {
                 continue;
+            }
+            if active.len() > DESCENT_LIMIT {
+                let stride = active.len().div_ceil(DESCENT_LIMIT);
+                active = active.into_iter().step_by(stride).collect();
             }
             pose = refine(self.matches, &active, loss(self.scale, factor), &pose, LADDER_STEPS).pose;
         }

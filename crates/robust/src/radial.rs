@@ -18,8 +18,12 @@ use crate::sampler::WeightedSampler;
 
 const LANES: usize = 16;
 
-/// A radial pose is completed when its score reaches this share of the best radial score of its side.
-const PROMISING: f64 = 0.8;
+/// A radial pose is completed when its score comes this close to the best radial score of its side: 0.2 below it at
+/// first, ever closer as more of the side's poses have been completed.
+const SLACK: f64 = 0.2;
+
+/// Completed poses after which the slack is halved.
+const SLACK_HALVED_AFTER: f64 = 32.0;
 
 /// Half width of a vote, in multiples of the noise.
 const VOTE_WIDTH: f64 = 1.5;
@@ -47,6 +51,7 @@ struct Side {
     directions: Vec<Vector2<f64>>,
     blocks: Vec<Block>,
     best: f64,
+    completed: usize,
 }
 
 /// Sixteen lines for the radial score.
@@ -88,7 +93,7 @@ impl RadialVote {
                 .map(|chunk| Block::new(matches, chunk, &center, &directions, (radius / noise).ln()))
                 .collect();
             let sampler = WeightedSampler::new(members.iter().map(|&i| (i, matches.weight[i])));
-            Side { anchor, members, sampler, turn, directions, blocks, best: 0.0 }
+            Side { anchor, members, sampler, turn, directions, blocks, best: 0.0, completed: 0 }
         };
         let sides = Anchor::BOTH.map(side);
         let [a, b] = [sides[0].members.len(), sides[1].members.len()];
@@ -120,10 +125,12 @@ impl RadialVote {
         p5lp_radial(&sample.map(|i| side.directions[i]), &points, &mut poses);
         for pose in poses {
             let score = self.sides[chosen].score(&pose, &self.center, self.noise, matches);
-            if !(score > PROMISING * self.sides[chosen].best) {
+            let side = &mut self.sides[chosen];
+            let slack = SLACK / (1.0 + side.completed as f64 / SLACK_HALVED_AFTER);
+            if !(score > (1.0 - slack) * side.best) {
                 continue;
             }
-            let side = &mut self.sides[chosen];
+            side.completed += 1;
             side.best = side.best.max(score);
             models.extend(self.complete(matches, chosen, &pose));
         }
@@ -258,5 +265,83 @@ impl Side {
             }
         }
         f64::from(sums.iter().sum::<f32>())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::{Correspondences, PoseProblem};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use veiloc_geometry::{DualAnchors, Pinhole};
+
+    const CAMERA: Pinhole =
+        Pinhole { width: 640, height: 480, focal: [525.0, 520.0], principal: [318.0, 242.0] };
+
+    /// Exact matches seen from the identity pose, for a dividing line of any angle and anchors at any distance.
+    fn exact(rng: &mut ChaCha8Rng, angle: f64, s: f64) -> Matches {
+        let anchors = DualAnchors::new(640, 480, angle, s).expect("finite");
+        let pixels: Vec<Pixel> =
+            (0..80).map(|_| Pixel::new(rng.random_range(1.0..639.0), rng.random_range(1.0..479.0))).collect();
+        let lines = pixels
+            .iter()
+            .map(|p| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p)))
+            .collect();
+        let points = pixels
+            .iter()
+            .map(|p| Point3::from_vector(CAMERA.unproject(*p).homogeneous() * rng.random_range(1.0..7.0)))
+            .collect();
+        let observations = Correspondences::Anchored { anchors, lines };
+        Matches::new(&PoseProblem { camera: CAMERA, observations, points, prior: None }, 0.2)
+    }
+
+    #[test]
+    fn exact_matches_give_the_exact_pose_for_any_layout() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        for angle in [0.0, 0.5, std::f64::consts::FRAC_PI_2, 2.7] {
+            for s in [1.0, 2.0, 3.0] {
+                let matches = exact(&mut rng, angle, s);
+                let mut vote = RadialVote::new(&matches, 1.0).expect("both sides");
+                let mut models = Vec::new();
+                for _ in 0..20 {
+                    vote.hypothesize(&matches, &mut rng, &mut models);
+                }
+                let near = |m: &&CameraFromWorld| m.translation_error(&CameraFromWorld::identity()) < 0.02;
+                assert!(models.iter().filter(near).count() >= 5, "{angle} {s}: {} models", models.len());
+            }
+        }
+    }
+
+    #[test]
+    fn half_lines_lead_to_their_keypoints() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let matches = exact(&mut rng, 1.1, 1.0);
+        let vote = RadialVote::new(&matches, 1.0).expect("both sides");
+        for side in &vote.sides {
+            for &i in &side.members {
+                let seen = (side.turn * matches.points[i]).xy();
+                let u = side.directions[i];
+                assert!(u.dot(&seen) > 0.0 && (u.x * seen.y - u.y * seen.x).abs() < 1e-9 * seen.norm());
+            }
+        }
+    }
+
+    #[test]
+    fn the_heaviest_stretch_wins() {
+        let vote = |from, to, weight| Vote { from, to, weight };
+        assert_eq!(heaviest(&[]), None);
+        assert_eq!(heaviest(&[vote(1.0, 2.0, 1.0)]), Some(1.5));
+        let votes = [vote(0.0, 4.0, 1.0), vote(3.0, 5.0, 1.0), vote(10.0, 11.0, 1.5)];
+        assert_eq!(heaviest(&votes), Some(3.5));
+        assert_eq!(heaviest(&[vote(0.0, 4.0, 1.0), vote(3.0, 5.0, 1.0), vote(10.0, 11.0, 3.0)]), Some(10.5));
+    }
+
+    #[test]
+    fn a_side_without_lines_has_no_vote() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut matches = exact(&mut rng, 1.1, 1.0);
+        matches.anchor.fill(Anchor::First);
+        assert!(RadialVote::new(&matches, 1.0).is_none());
     }
 }

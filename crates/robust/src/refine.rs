@@ -200,3 +200,102 @@ pub(crate) fn covariance(matches: &Matches, inliers: &[usize], pose: &CameraFrom
         None => unknown,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::{Correspondences, PoseProblem};
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+    use veiloc_geometry::{DualAnchors, Pinhole, Pixel, PixelLine, Point3, Rigid3};
+
+    const LOSSES: [Loss; 3] =
+        [Loss::Squared, Loss::Truncated { threshold: 4.0 }, Loss::Likelihood { noise: 2.0 }];
+
+    /// Exact observations from the identity pose, well inside the picture.
+    fn matches(rng: &mut ChaCha8Rng, kind: usize) -> Matches {
+        let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
+        let anchors = DualAnchors::vertical(640, 480);
+        let pixels: Vec<Pixel> = (0..60)
+            .map(|_| Pixel::new(rng.random_range(60.0..580.0), rng.random_range(60.0..420.0)))
+            .collect();
+        let points = pixels
+            .iter()
+            .map(|p| Point3::from_vector(camera.unproject(*p).homogeneous() * rng.random_range(2.0..6.0)))
+            .collect();
+        let observations = match kind {
+            0 => Correspondences::Points { pixels },
+            1 => Correspondences::Lines {
+                lines: pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..3.0))).collect(),
+            },
+            _ => Correspondences::Anchored {
+                anchors,
+                lines: pixels
+                    .iter()
+                    .map(|p| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p)))
+                    .collect(),
+            },
+        };
+        Matches::new(&PoseProblem { camera, observations, points, prior: None }, 0.2)
+    }
+
+    fn start(rng: &mut ChaCha8Rng, size: f64) -> CameraFromWorld {
+        let mut r = || rng.random_range(-size..size);
+        Rigid3::new(Rotation3::from_euler_angles(r(), r(), r()), Vector3::new(r(), r(), r()))
+    }
+
+    #[test]
+    fn gradients_of_all_losses_agree_with_finite_differences() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        for kind in 0..3 {
+            let matches = matches(&mut rng, kind);
+            let active: Vec<usize> = (0..matches.len()).collect();
+            for loss in LOSSES {
+                let pose = start(&mut rng, 0.004);
+                let system = linearize(&matches, &active, loss, &pose);
+                for k in 0..6 {
+                    let at = |h: f64| {
+                        let mut step = [0.0; 6];
+                        step[k] = h;
+                        linearize(&matches, &active, loss, &pose.perturbed(&step)).loss
+                    };
+                    let numeric = (at(1e-7) - at(-1e-7)) / 2e-7;
+                    let tolerance = 1e-3 * (1.0 + system.gradient.amax());
+                    assert!((numeric - system.gradient[k]).abs() < tolerance, "{kind} {loss:?} {k}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_exact_pose_is_reached_and_the_loss_never_rises() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        for kind in 0..3 {
+            for _ in 0..20 {
+                let matches = matches(&mut rng, kind);
+                let active: Vec<usize> = (0..matches.len()).collect();
+                let from = start(&mut rng, 0.02);
+                let found = refine(&matches, &active, Loss::Squared, &from, 50).pose;
+                assert!(found.translation_error(&CameraFromWorld::identity()) < 1e-6, "{kind}");
+                for loss in LOSSES {
+                    let before = linearize(&matches, &active, loss, &from).loss;
+                    let refined = refine(&matches, &active, loss, &from, 10);
+                    assert!(refined.loss <= before);
+                    let after = linearize(&matches, &active, loss, &refined.pose).loss;
+                    assert!((after - refined.loss).abs() < 1e-6 * (1.0 + after.abs()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_pose_that_inliers_leave_free_has_infinite_covariance() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let lines = matches(&mut rng, 1);
+        let few = covariance(&lines, &[0, 1, 2, 3, 4, 5], &CameraFromWorld::identity());
+        assert!((0..6).all(|i| few[i][i] == f64::INFINITY));
+        let same = covariance(&lines, &[7; 30], &CameraFromWorld::identity());
+        assert!((0..6).all(|i| !(same[i][i] < 1e-3)), "{same:?}");
+    }
+}
