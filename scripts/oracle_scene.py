@@ -137,13 +137,20 @@ def main():
         map_database, matching_options=pycolmap.FeatureMatchingOptions(use_gpu=False), device=pycolmap.Device.cpu)
     model = work / "posed"
     model.mkdir()
-    wanted = set(map_names)
-    (model / "cameras.txt").write_text((Path(args.posed) / "cameras.txt").read_text())
     (model / "points3D.txt").write_text("")
+    # COLMAP wants the ids of its database: the order of a list is not the order of extraction.
+    database = pycolmap.Database.open(map_database)
+    images = sorted((database.read_image_with_name(n) for n in map_names), key=lambda i: i.image_id)
+    database.close()
+    (model / "cameras.txt").write_text(
+        f"{images[0].camera_id} {camera['model']} {camera['width']} {camera['height']} "
+        f"{' '.join(map(repr, camera['params']))}\n")
     with open(model / "images.txt", "w") as f:
-        for i, name in enumerate(n for n in poses if n in wanted):
-            q, t, c = poses[name]
-            f.write(f"{i + 1} {' '.join(map(repr, q.tolist()))} {' '.join(map(repr, t.tolist()))} {c} {name}\n\n")
+        for image in images:
+            name = image.name
+            q, t, _ = poses[name]
+            c = image.camera_id
+            f.write(f"{image.image_id} {' '.join(map(repr, q.tolist()))} {' '.join(map(repr, t.tolist()))} {c} {name}\n\n")
     reconstruction = pycolmap.Reconstruction(model)
     out = work / "triangulated"
     out.mkdir()

@@ -16,6 +16,7 @@
 pub mod audit;
 mod decoy;
 mod error;
+mod extract;
 mod lift;
 mod rng;
 mod seal;
@@ -23,5 +24,6 @@ mod seal;
 #[doc(inline)]
 pub use audit::{SealTruth, obfuscate_points, seal_with_truth};
 pub use error::SealError;
+pub use extract::{ExtractError, extract};
 pub use rng::device_rng;
 pub use seal::seal;

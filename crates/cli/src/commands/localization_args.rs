@@ -1,0 +1,68 @@
+//! Options of localization that `localize` and `eval` share, each with its meaning and why the default.
+
+use veiloc_localize::LocalizeOptions;
+use veiloc_robust::{PoseOptions, ScoreKind};
+
+/// How poses are estimated.
+#[derive(clap::Args, Debug)]
+pub(crate) struct PoseArgs {
+    /// How hypotheses are compared: `msac` (pixel distance to the line, the paper's recipe) or `likelihood`
+    /// (knows the anchors of dcl, whose collapse misleads msac). Default: likelihood for dcl, msac otherwise.
+    #[arg(long, value_name = "SCORE")]
+    pub(crate) score: Option<ScoreKind>,
+    /// Inlier threshold for points in pixels; lines use it divided by √2, as in the paper.
+    #[arg(long, value_name = "PX")]
+    pub(crate) max_error: Option<f64>,
+    /// Draw exactly this many hypotheses, instead of stopping when a better one is unlikely.
+    #[arg(long, value_name = "N")]
+    pub(crate) hypotheses: Option<usize>,
+    /// Weigh all matches alike, instead of by descriptor ratio, votes of the retrieved images and track length.
+    #[arg(long)]
+    pub(crate) no_prior: bool,
+    /// Seed of every random choice; equal seeds give equal results.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub(crate) seed: u64,
+}
+
+impl PoseArgs {
+    /// Whether matches are weighed by what speaks for them.
+    pub(crate) const fn use_prior(&self) -> bool {
+        !self.no_prior
+    }
+
+    /// The library's options.
+    pub(crate) fn options(&self) -> PoseOptions {
+        let mut options = PoseOptions::default();
+        options.score = self.score;
+        if let Some(px) = self.max_error {
+            options.max_error_px = px;
+        }
+        options.fixed_hypotheses = self.hypotheses;
+        options
+    }
+}
+
+/// How queries are matched to the map.
+#[derive(clap::Args, Debug)]
+pub(crate) struct MatchArgs {
+    /// Map images to match a query with, the most similar first.
+    #[arg(long, default_value_t = 10, value_name = "N")]
+    pub(crate) retrieve: usize,
+    /// Keep only matches whose nearest descriptor is this much nearer than the second, 0 to 1. Default: mutual
+    /// nearest neighbours without ratio test, as in the paper.
+    #[arg(long, value_name = "RATIO")]
+    pub(crate) ratio: Option<f32>,
+}
+
+impl MatchArgs {
+    /// The library's options.
+    pub(crate) fn options(&self, pose: &PoseArgs) -> LocalizeOptions {
+        let mut options = LocalizeOptions::default();
+        options.retrieve = self.retrieve;
+        options.matching.max_ratio = self.ratio;
+        options.use_prior = pose.use_prior();
+        options.pose = pose.options();
+        options.seed = pose.seed;
+        options
+    }
+}

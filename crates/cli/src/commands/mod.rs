@@ -1,0 +1,8 @@
+//! One file a command: its arguments, and the few lines that hand them to the libraries.
+
+pub(crate) mod demo;
+pub(crate) mod eval;
+mod localization_args;
+pub(crate) mod localize;
+pub(crate) mod map;
+pub(crate) mod seal;

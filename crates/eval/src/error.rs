@@ -1,0 +1,58 @@
+//! What can go wrong in an evaluation, and whose fault it is.
+
+use std::path::PathBuf;
+
+/// Why an evaluation could not run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EvalError {
+    /// A file could not be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A line of a JSON-lines file is not what it should be.
+    #[error("{}:{line}: {reason}", path.display())]
+    Line {
+        /// Which file.
+        path: PathBuf,
+        /// Line number, from 1.
+        line: usize,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A file that should hold something is empty.
+    #[error("{}: {what}", path.display())]
+    Empty {
+        /// Which file.
+        path: PathBuf,
+        /// What is missing, and the remedy.
+        what: &'static str,
+    },
+    /// A data set is not whole.
+    #[error("{0}")]
+    DataSet(String),
+    /// Features of a query could not be extracted.
+    #[error(transparent)]
+    Extract(#[from] veiloc_obfuscation::ExtractError),
+    /// A picture could not be sealed.
+    #[error("{name}: {source}")]
+    Seal {
+        /// The picture.
+        name: String,
+        /// Why.
+        source: veiloc_obfuscation::SealError,
+    },
+    /// An attack could not run.
+    #[error(transparent)]
+    Attack(#[from] veiloc_attacks::AttackError),
+    /// The map could not be built.
+    #[error(transparent)]
+    Mapping(#[from] veiloc_mapping::MappingError),
+    /// A map or model file could not be read or written.
+    #[error(transparent)]
+    Map(#[from] veiloc_map::MapError),
+}

@@ -1,0 +1,126 @@
+//! How far an estimated pose is from the true one, and what that means over many queries.
+//!
+//! A query that was not localized counts as infinitely wrong in every median and recall, so that no figure gets
+//! better by giving up.
+
+use std::fmt;
+use std::str::FromStr;
+
+use veiloc_geometry::CameraFromWorld;
+
+/// Errors of one pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseError {
+    /// Degrees.
+    pub rotation_deg: f64,
+    /// `‖Rᵀt − R̂ᵀt̂‖`, map units.
+    pub translation: f64,
+}
+
+impl PoseError {
+    /// What a query counts as that was not localized.
+    pub const NOT_LOCALIZED: Self = Self { rotation_deg: f64::INFINITY, translation: f64::INFINITY };
+
+    /// Of an estimate against the truth.
+    pub fn of(estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
+        Self {
+            rotation_deg: estimate.rotation_error_degrees(truth),
+            translation: estimate.translation_error(truth),
+        }
+    }
+
+    /// Whether both errors are within a threshold; never true for NaN.
+    pub fn within(&self, threshold: &Threshold) -> bool {
+        self.rotation_deg <= threshold.rotation_deg && self.translation <= threshold.translation
+    }
+}
+
+/// A bound on both errors, written `translation/degrees`: `0.05/5` is 5 cm and 5° in a map of metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Threshold {
+    /// Map units.
+    pub translation: f64,
+    /// Degrees.
+    pub rotation_deg: f64,
+}
+
+/// A threshold that does not read as `translation/degrees`.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is no threshold; write TRANSLATION/DEGREES, both positive, as in 0.05/5")]
+pub struct ThresholdError(String);
+
+impl FromStr for Threshold {
+    type Err = ThresholdError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let read = || {
+            let (translation, rotation) = text.split_once('/')?;
+            let positive = |s: &str| s.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
+            Some(Self { translation: positive(translation)?, rotation_deg: positive(rotation)? })
+        };
+        read().ok_or_else(|| ThresholdError(text.to_owned()))
+    }
+}
+
+impl fmt::Display for Threshold {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.translation, self.rotation_deg)
+    }
+}
+
+/// Share of poses within a threshold, 0 to 1; 0 for none.
+pub fn recall(errors: &[PoseError], threshold: &Threshold) -> f64 {
+    if errors.is_empty() {
+        return 0.0;
+    }
+    errors.iter().filter(|e| e.within(threshold)).count() as f64 / errors.len() as f64
+}
+
+/// The median; the mean of the middle two for an even count; NaN for none.
+///
+/// NaN sorts last, beside infinity, so a broken value makes a median worse and never better.
+pub fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let n = sorted.len();
+    match n {
+        0 => f64::NAN,
+        _ if n % 2 == 1 => sorted[n / 2],
+        _ => f64::midpoint(sorted[n / 2 - 1], sorted[n / 2]),
+    }
+}
+
+/// The mean of the values; NaN for none.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn giving_up_never_helps() {
+        let good = PoseError { rotation_deg: 0.1, translation: 0.01 };
+        let threshold: Threshold = "0.05/5".parse().expect("well written");
+        let all = [good, good, PoseError::NOT_LOCALIZED];
+        assert!((recall(&all, &threshold) - 2.0 / 3.0).abs() < 1e-12);
+        assert_eq!(recall(&[], &threshold), 0.0);
+        let broken = PoseError { rotation_deg: f64::NAN, translation: 0.0 };
+        assert_eq!(recall(&[broken], &threshold), 0.0);
+        assert_eq!(median(&[0.01, f64::INFINITY, f64::INFINITY]), f64::INFINITY);
+        assert_eq!(median(&[f64::NAN, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&[1.0, 3.0]), 2.0);
+        assert!(median(&[]).is_nan());
+    }
+
+    #[test]
+    fn thresholds_read_what_they_print() {
+        for text in ["0.05/5", "0.25/2", "5/10"] {
+            assert_eq!(text.parse::<Threshold>().expect("well written").to_string(), text);
+        }
+        for text in ["", "5", "5/", "/5", "a/b", "-1/5", "0/5", "NaN/5", "inf/1"] {
+            assert!(text.parse::<Threshold>().is_err(), "{text:?}");
+        }
+    }
+}
