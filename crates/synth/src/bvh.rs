@@ -15,12 +15,15 @@ pub(crate) struct Quad {
     pub(crate) normal: Vec3,
     /// Lengths of the edges, metres.
     pub(crate) size: [f32; 2],
+    /// The edges over their squared lengths: products with a point of the plane are its position `(a, b)`.
+    dual: [Vec3; 2],
 }
 
 impl Quad {
     pub(crate) fn new(origin: Vec3, edge_u: Vec3, edge_v: Vec3) -> Self {
         let normal = edge_u.cross(&edge_v).normalize();
-        Self { origin, edge_u, edge_v, normal, size: [edge_u.norm(), edge_v.norm()] }
+        let dual = [edge_u / edge_u.norm_squared(), edge_v / edge_v.norm_squared()];
+        Self { origin, edge_u, edge_v, normal, size: [edge_u.norm(), edge_v.norm()], dual }
     }
 
     pub(crate) fn at(&self, a: f32, b: f32) -> Vec3 {
@@ -32,11 +35,7 @@ impl Quad {
     pub(crate) fn meet(&self, from: Vec3, direction: Vec3) -> (f32, f32, f32) {
         let t = self.normal.dot(&(self.origin - from)) / self.normal.dot(&direction);
         let p = from + direction * t - self.origin;
-        (
-            t,
-            p.dot(&self.edge_u) / (self.size[0] * self.size[0]),
-            p.dot(&self.edge_v) / (self.size[1] * self.size[1]),
-        )
+        (t, p.dot(&self.dual[0]), p.dot(&self.dual[1]))
     }
 }
 
@@ -134,44 +133,49 @@ impl Bvh {
         (best.1, best.2)
     }
 
-    /// The first surface on the ray between `nearest` and `farthest`.
+    /// The first surface on the ray before `farthest`. `hint`: a surface it may well be, tried first.
     pub(crate) fn first_hit(
         &self,
         quads: &[Quad],
         from: Vec3,
         direction: Vec3,
         farthest: f32,
+        hint: u32,
     ) -> Option<Hit> {
         let inverse = direction.map(|d| 1.0 / d);
         let mut best = Hit { quad: u32::MAX, t: farthest, a: 0.0, b: 0.0 };
-        let mut stack = [0u32; 64];
-        let mut depth = 1;
+        let consider = |q: u32, best: &mut Hit| {
+            let (t, a, b) = quads[q as usize].meet(from, direction);
+            if t > 1e-4 && t < best.t && (0.0..=1.0).contains(&a) && (0.0..=1.0).contains(&b) {
+                *best = Hit { quad: q, t, a, b };
+            }
+        };
+        if (hint as usize) < quads.len() {
+            consider(hint, &mut best);
+        }
+        // A node and where the ray enters it. 64 levels are far more than the tree of a room has.
+        let mut stack = [(0u32, 0.0f32); 64];
+        let mut depth = usize::from(entry(&self.nodes[0], from, inverse, best.t).is_some());
         while depth > 0 {
             depth -= 1;
-            let node = &self.nodes[stack[depth] as usize];
-            if entry(node, from, inverse, best.t).is_none() {
+            let (at, enters) = stack[depth];
+            if enters > best.t {
                 continue;
             }
+            let node = &self.nodes[at as usize];
             if node.count > 0 {
                 for &q in &self.order[node.first as usize..(node.first + node.count) as usize] {
-                    let (t, a, b) = quads[q as usize].meet(from, direction);
-                    if t > 1e-4 && t < best.t && (0.0..=1.0).contains(&a) && (0.0..=1.0).contains(&b) {
-                        best = Hit { quad: q, t, a, b };
-                    }
+                    consider(q, &mut best);
                 }
                 continue;
             }
-            let (l, r) = (node.first, node.first + 1);
-            let at = |n: u32| entry(&self.nodes[n as usize], from, inverse, best.t);
-            let order = match (at(l), at(r)) {
-                (Some(tl), Some(tr)) if tl <= tr => [Some(r), Some(l)],
-                (Some(_), Some(_)) => [Some(l), Some(r)],
-                (Some(_), None) => [Some(l), None],
-                (None, Some(_)) => [Some(r), None],
-                (None, None) => [None, None],
+            let way = |n: u32| entry(&self.nodes[n as usize], from, inverse, best.t).map(|t| (n, t));
+            let order = match (way(node.first), way(node.first + 1)) {
+                (Some(a), Some(b)) if a.1 <= b.1 => [Some(b), Some(a)],
+                both => [both.0, both.1],
             };
-            for n in order.into_iter().flatten().take(64 - depth) {
-                stack[depth] = n;
+            for next in order.into_iter().flatten().take(64 - depth) {
+                stack[depth] = next;
                 depth += 1;
             }
         }

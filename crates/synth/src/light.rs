@@ -66,7 +66,7 @@ fn light_at(at: Vec3, normal: Vec3, quads: &[Quad], bvh: &Bvh, lamps: &[Lamp], a
             let square = to.norm_squared();
             let facing = normal.dot(&to) / square.sqrt();
             let leaving = to.z / square.sqrt();
-            if facing > 0.0 && leaving > 0.0 && bvh.first_hit(quads, at, to, 0.999).is_none() {
+            if facing > 0.0 && leaving > 0.0 && bvh.first_hit(quads, at, to, 0.999, u32::MAX).is_none() {
                 direct += lamp.power * facing * leaving / square / 6.0;
             }
         }
@@ -79,7 +79,7 @@ fn light_at(at: Vec3, normal: Vec3, quads: &[Quad], bvh: &Bvh, lamps: &[Lamp], a
         .iter()
         .map(|d| {
             let ray = x * d.x + y * d.y + normal * d.z;
-            bvh.first_hit(quads, at, ray, 1.6).map_or(1.0, |h| (h.t / 1.6).sqrt())
+            bvh.first_hit(quads, at, ray, 1.6, u32::MAX).map_or(1.0, |h| (h.t / 1.6).sqrt())
         })
         .sum();
     direct + 0.5 * open / around.len() as f32

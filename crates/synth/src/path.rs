@@ -105,7 +105,7 @@ impl Place {
         let mut nearest = f32::INFINITY;
         for k in 0..35 {
             let plane = Vector3::new(f64::from(k % 7 - 3) * 0.2, f64::from(k / 7 - 2) * 0.22, 1.0);
-            let hit = self.bvh.first_hit(&self.quads, from, single(back * plane), 50.0);
+            let hit = self.bvh.first_hit(&self.quads, from, single(back * plane), 50.0, u32::MAX);
             nearest = nearest.min(hit.map_or(0.0, |h| h.t));
         }
         nearest

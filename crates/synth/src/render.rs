@@ -1,7 +1,7 @@
 //! From a pose and a camera to a picture with the depth of every pixel.
 //!
 //! One ray goes through every pixel corner. Where all four corners of a pixel meet the same surface, four samples of
-//! its texture are averaged; elsewhere sixteen rays are, so that edges are smooth. Texture detail finer than a
+//! its texture are averaged; elsewhere nine rays are, so that edges are smooth. Texture detail finer than a
 //! sample is left out before it can alias.
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
@@ -114,7 +114,15 @@ impl Place {
         // Corner rays, row by row: [h + 1][w + 1].
         let corners: Vec<Vec<Option<Corner>>> = (0..=h)
             .into_par_iter()
-            .map(|y| (0..=w).map(|x| view.corner(x as f64, y as f64)).collect())
+            .map(|y| {
+                let mut last = u32::MAX;
+                let row = (0..=w).map(|x| {
+                    let corner = view.corner(x as f64, y as f64, last);
+                    last = corner.map_or(u32::MAX, |c| c.quad);
+                    corner
+                });
+                row.collect()
+            })
             .collect();
         let rows: Vec<(Vec<u8>, Vec<f32>)> = (0..h)
             .into_par_iter()
@@ -173,14 +181,14 @@ impl<'a> View<'a> {
         self.axes[0] * plane[0] + self.axes[1] * plane[1] + self.axes[2]
     }
 
-    fn hit(&self, plane: [f32; 2]) -> Option<Hit> {
-        self.place.bvh.first_hit(&self.place.quads, self.center, self.ray(plane), FAR)
+    fn hit(&self, plane: [f32; 2], hint: u32) -> Option<Hit> {
+        self.place.bvh.first_hit(&self.place.quads, self.center, self.ray(plane), FAR, hint)
     }
 
-    fn corner(&self, u: f64, v: f64) -> Option<Corner> {
+    fn corner(&self, u: f64, v: f64, hint: u32) -> Option<Corner> {
         let PlanePoint { x, y } = self.camera.unproject(Pixel::new(u, v))?;
         let plane = [x as f32, y as f32];
-        Some(Corner { plane, quad: self.hit(plane).map_or(u32::MAX, |h| h.quad) })
+        Some(Corner { plane, quad: self.hit(plane, hint).map_or(u32::MAX, |h| h.quad) })
     }
 
     /// Mean colour and centre depth of the pixel between four corners.
@@ -196,17 +204,19 @@ impl<'a> View<'a> {
             })
         };
         let one = a.quad != u32::MAX && a.quad == b.quad && a.quad == c.quad && a.quad == d.quad;
-        let n = if one { 2 } else { 4 };
+        let n = if one { 2 } else { 3 };
+        let mut hint = a.quad;
         let mut sum = Colour::zeros();
         for k in 0..n * n {
             let at = |i: usize| (i as f32 + 0.5) / n as f32;
             let plane = inside(at(k % n), at(k / n));
-            let hit = if one { Some(self.meet(a.quad, plane)) } else { self.hit(plane) };
+            let hit = if one { Some(self.meet(a.quad, plane)) } else { self.hit(plane, hint) };
+            hint = hit.map_or(hint, |h| h.quad);
             sum += hit.map_or_else(Colour::zeros, |h| self.shade(&h, plane));
         }
         let middle = inside(0.5, 0.5);
         let depth =
-            if one { self.meet(a.quad, middle).t } else { self.hit(middle).map_or(f32::NAN, |h| h.t) };
+            if one { self.meet(a.quad, middle).t } else { self.hit(middle, hint).map_or(f32::NAN, |h| h.t) };
         (sum / (n * n) as f32, depth)
     }
 
