@@ -1,0 +1,185 @@
+//! The place from above: where cameras stood, and where the server put them.
+
+use std::fmt::Write as _;
+
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Vector2, Vector3};
+
+use super::data::{TopView, TopViewScheme};
+use super::format::{length, scheme_words};
+
+/// Map points drawn at most.
+const MOST_POINTS: usize = 3500;
+/// Width of the drawing in its own units.
+const WIDTH: f64 = 520.0;
+
+pub(super) fn section(view: &TopView) -> String {
+    let Some(plan) = Plan::new(view) else { return String::new() };
+    let mut out = String::from(
+        "<section><h2>The place from above</h2><p>Every hidden view, drawn where the camera really stood and where \
+         the server put it. A filled wedge on its hollow one is a camera that was found.</p>",
+    );
+    out.push_str(&legend());
+    let mut ground = String::new();
+    let step = view.points.len().div_ceil(MOST_POINTS).max(1);
+    let mut cloud = String::new();
+    for p in view.points.iter().step_by(step) {
+        let q = plan.place(Vector3::from(*p));
+        if plan.holds(q) {
+            let _ = write!(cloud, "M{:.1} {:.1}h0", q.x, q.y);
+        }
+    }
+    let _ = write!(ground, "<path class=\"mappoint\" stroke-width=\"1.6\" d=\"{cloud}\"/>");
+    for pose in &view.mapping {
+        let _ = write!(ground, "<path class=\"mapcam\" stroke-width=\"1\" d=\"{}\"/>", plan.wedge(pose, 7.0));
+    }
+    out.push_str("<div class=\"two\">");
+    for scheme in &view.schemes {
+        out.push_str(&figure(scheme, &plan, &ground));
+    }
+    out.push_str("</div></section>");
+    out
+}
+
+fn legend() -> String {
+    let wedge = "M2 11L6 1L10 11Z";
+    let entry = |class: &str, words: &str| {
+        format!(
+            "<li><svg viewBox=\"0 0 12 12\" aria-hidden=\"true\"><path class=\"{class}\" stroke-width=\"1\" d=\"{wedge}\"/></svg>{words}</li>"
+        )
+    };
+    format!(
+        "<ul class=\"legend\">{}{}{}{}{}<li><svg viewBox=\"0 0 12 12\" aria-hidden=\"true\"><path class=\"lost\" \
+         stroke-width=\"2\" d=\"M2 2L10 10M10 2L2 10\"/></svg>not localized</li><li><svg viewBox=\"0 0 12 12\" \
+         aria-hidden=\"true\"><path class=\"mappoint\" stroke-width=\"5\" d=\"M6 6h0\"/></svg>map point</li></ul>",
+        entry("mapcam", "picture in the map"),
+        entry("truecam", "true camera"),
+        entry("near", "estimate, under 5 cm off"),
+        entry("mid", "under 25 cm"),
+        entry("far", "farther off"),
+    )
+}
+
+fn figure(scheme: &TopViewScheme, plan: &Plan, ground: &str) -> String {
+    let (mut drawn, mut off_page, mut lost) = (String::new(), 0, 0);
+    for (truth, _) in &scheme.cameras {
+        let _ =
+            write!(drawn, "<path class=\"truecam\" stroke-width=\"1.5\" d=\"{}\"/>", plan.wedge(truth, 15.0));
+    }
+    for (truth, estimate) in &scheme.cameras {
+        match estimate.filter(CameraFromWorld::is_finite) {
+            Some(pose) => {
+                let error = pose.translation_error(truth);
+                let class = if error < 0.05 {
+                    "near"
+                } else if error < 0.25 {
+                    "mid"
+                } else {
+                    "far"
+                };
+                if plan.holds(plan.place(pose.center().coords)) {
+                    let _ = write!(drawn, "<path class=\"{class}\" d=\"{}\"/>", plan.wedge(&pose, 10.0));
+                } else {
+                    off_page += 1;
+                }
+            }
+            None => {
+                let q = plan.place(truth.center().coords);
+                let _ = write!(
+                    drawn,
+                    "<path class=\"lost\" stroke-width=\"2\" d=\"M{:.1} {:.1}l10 10m0 -10l-10 10\"/>",
+                    q.x - 5.0,
+                    q.y - 5.0
+                );
+                lost += 1;
+            }
+        }
+    }
+    let mut words = format!("{} of {} localized.", scheme.cameras.len() - lost, scheme.cameras.len());
+    if off_page > 0 {
+        let _ = write!(words, " {off_page} estimated so far away that they are off this page.");
+    }
+    let (name, _) = scheme_words(&scheme.scheme);
+    format!(
+        "<figure><svg viewBox=\"0 0 {WIDTH:.0} {:.0}\" role=\"img\" aria-label=\"The place from above\">{ground}{drawn}{}</svg>\
+         <figcaption><b>{name}.</b> {words}</figcaption></figure>",
+        plan.height,
+        plan.scale_bar()
+    )
+}
+
+/// From the map to the page.
+struct Plan {
+    right: Vector3<f64>,
+    up: Vector3<f64>,
+    low: Vector2<f64>,
+    /// Page units per metre.
+    scale: f64,
+    height: f64,
+}
+
+impl Plan {
+    /// Fits all but the farthest map points and every true camera. `None` when there is nothing finite to show.
+    fn new(view: &TopView) -> Option<Self> {
+        let (right, up) = (Vector3::from(view.right), Vector3::from(view.up));
+        let flat = |p: Vector3<f64>| Vector2::new(right.dot(&p), up.dot(&p));
+        let cameras =
+            view.mapping.iter().chain(view.schemes.iter().flat_map(|s| s.cameras.iter().map(|c| &c.0)));
+        let cameras: Vec<Vector2<f64>> =
+            cameras.filter(|c| c.is_finite()).map(|c| flat(c.center().coords)).collect();
+        let points: Vec<Vector2<f64>> = view.points.iter().map(|p| flat(Vector3::from(*p))).collect();
+        let range = |axis: usize| {
+            let mut along: Vec<f64> = points.iter().map(|p| p[axis]).filter(|x| x.is_finite()).collect();
+            along.sort_by(f64::total_cmp);
+            let trimmed = along.len() / 100..along.len() - along.len() / 100;
+            let seen = along[trimmed].iter().copied().chain(cameras.iter().map(|c| c[axis]));
+            seen.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)))
+        };
+        let (x, y) = (range(0), range(1));
+        if !(x.0 <= x.1 && y.0 <= y.1) {
+            return None;
+        }
+        let rim = 0.06 * (x.1 - x.0).max(y.1 - y.0) + 0.2;
+        let low = Vector2::new(x.0 - rim, y.0 - rim);
+        let (wide, tall) = (x.1 - x.0 + 2.0 * rim, y.1 - y.0 + 2.0 * rim);
+        let scale = (WIDTH / wide).min(WIDTH * 1.4 / tall);
+        // A tall place is centred on the page.
+        let low = Vector2::new(low.x - (WIDTH / scale - wide) / 2.0, low.y);
+        Some(Self { right, up, low, scale, height: scale * tall })
+    }
+
+    fn place(&self, p: Vector3<f64>) -> Vector2<f64> {
+        let x = self.scale * (self.right.dot(&p) - self.low.x);
+        Vector2::new(x, self.height - self.scale * (self.up.dot(&p) - self.low.y))
+    }
+
+    fn holds(&self, q: Vector2<f64>) -> bool {
+        (0.0..=WIDTH).contains(&q.x) && (0.0..=self.height).contains(&q.y)
+    }
+
+    /// A triangle with its tip in the projection centre, open to where the camera looks.
+    fn wedge(&self, pose: &CameraFromWorld, size: f64) -> String {
+        let forward = pose.rotation().inverse() * Vector3::z();
+        let d = Vector2::new(self.right.dot(&forward), -self.up.dot(&forward));
+        let d = d.try_normalize(1e-9).unwrap_or_else(Vector2::x);
+        let side = Vector2::new(-d.y, d.x) * 0.45;
+        let tip = self.place(pose.center().coords);
+        let (a, b) = (tip + (d + side) * size, tip + (d - side) * size);
+        format!("M{:.1} {:.1}L{:.1} {:.1}L{:.1} {:.1}Z", tip.x, tip.y, a.x, a.y, b.x, b.y)
+    }
+
+    /// A bar of a round length.
+    fn scale_bar(&self) -> String {
+        let wanted = 90.0 / self.scale;
+        let power = 10f64.powf(wanted.log10().floor());
+        let metres = [5.0, 2.0, 1.0].into_iter().map(|m| m * power).find(|m| *m <= wanted).unwrap_or(power);
+        let (y, long) = (self.height - 14.0, metres * self.scale);
+        format!(
+            "<path class=\"axis\" d=\"M14 {:.1}v8m0 -4h{long:.1}m0 -4v8\"/><text x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+            y - 4.0,
+            20.0 + long,
+            y + 4.0,
+            length(Some(metres)).replace(".00 ", " ").replace(".0 ", " ")
+        )
+    }
+}
