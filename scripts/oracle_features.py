@@ -15,8 +15,8 @@ descriptors are compared as RootSIFT. Two kinds of pairs:
     python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
     .venv/bin/python scripts/oracle_features.py --extract target/release/examples/extract --data $VEILOC_DATA
 
-With `--fixture FILE` it writes instead what pycolmap and OpenCV find in the picture of
-crates/features/tests/fixture.rs, which the Rust tests compare with.
+With `--fixture crates/features/tests/data` it writes instead a small drawn picture and what pycolmap and OpenCV find in
+it, which crates/features/tests/oracle.rs compares with.
 """
 
 import argparse
@@ -300,22 +300,61 @@ def print_table(table):
             print(f"| **{title}** | {name} | {keypoints:.0f} | {repeat} | {100 * score:.1f} | {correct:.0f} |")
 
 
+# Reference files of the Rust tests.
+
+
+def drawn_picture():
+    """Discs, squares and lines of random gray on smooth noise, 240 x 180."""
+    rng = np.random.default_rng(7)
+    height, width, dense = 180, 240, 4
+    picture = cv2.resize(rng.uniform(60, 190, (12, 16)), (width * dense, height * dense), interpolation=cv2.INTER_CUBIC)
+    for i in range(90):
+        x, y = int(rng.uniform(0, width * dense)), int(rng.uniform(0, height * dense))
+        size, gray = int(rng.uniform(2, 14) * dense), rng.uniform(0, 255)
+        if i % 3 == 0:
+            cv2.circle(picture, (x, y), size, gray, -1)
+        elif i % 3 == 1:
+            box = cv2.boxPoints(((x, y), (2 * size, size), rng.uniform(0, 90)))
+            cv2.fillPoly(picture, [box.round().astype(np.int32)], gray)
+        else:
+            x2, y2 = x + int(rng.uniform(-40, 40) * dense), y + int(rng.uniform(-40, 40) * dense)
+            cv2.line(picture, (x, y), (x2, y2), gray, size // 2)
+    picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+    picture = cv2.GaussianBlur(picture, (0, 0), 0.5) + rng.normal(0, 1.5, (height, width))
+    return np.clip(np.round(picture), 0, 255).astype(np.uint8)
+
+
+def write_fixture(folder):
+    gray = drawn_picture()
+    cv2.imwrite(str(folder / "drawn.png"), gray, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    for extractor in [Colmap(300), OpenCv(300)]:
+        keypoints, descriptors = extractor(gray)
+        raw = np.uint32(len(keypoints)).tobytes()
+        raw += np.c_[keypoints, np.zeros(len(keypoints))].astype("<f4").tobytes()
+        raw += descriptors.astype(np.uint8).tobytes()
+        (folder / f"drawn_{extractor.name}.bin").write_bytes(raw)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--extract", help="the example binary of crates/features")
     parser.add_argument("--data", type=Path, help="the folder with the photographs")
     parser.add_argument("--keypoints", type=int, default=2048)
     parser.add_argument("--photos", type=int, default=8)
+    parser.add_argument("--fixture", type=Path, help="a folder: write the reference files of the Rust tests into it")
     parser.add_argument("--rankings", action="store_true", help="compare ways to rank our keypoints instead")
     arguments = parser.parse_args()
     n = arguments.keypoints
+    if arguments.fixture:
+        return write_fixture(arguments.fixture)
     if arguments.rankings:
-        # The columns are u, v, scale, orientation, response.
+        # The columns are u, v, scale, orientation, response; response is peak * scale^2.
         extractors = [
-            Ours(arguments.extract, n, rank=lambda k: k[:, 4], name="response"),
+            Ours(arguments.extract, n, rank=lambda k: k[:, 4] / k[:, 2] ** 2, name="peak"),
+            Ours(arguments.extract, n, rank=lambda k: k[:, 4] / k[:, 2], name="peak * scale"),
+            Ours(arguments.extract, n, rank=lambda k: k[:, 4], name="peak * scale^2"),
+            Ours(arguments.extract, n, rank=lambda k: k[:, 4] * k[:, 2], name="peak * scale^3"),
             Ours(arguments.extract, n, rank=lambda k: k[:, 2], name="scale"),
-            Ours(arguments.extract, n, rank=lambda k: k[:, 4] * k[:, 2] ** 0.5, name="response * scale^0.5"),
-            Ours(arguments.extract, n, rank=lambda k: k[:, 4] * k[:, 2], name="response * scale"),
         ]
     else:
         extractors = [Ours(arguments.extract, n), Colmap(n), OpenCv(n)]

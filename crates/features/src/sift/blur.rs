@@ -11,10 +11,10 @@ use super::plane::{LANES, Plane};
 
 /// Rows per unit of parallel work.
 const ROWS: usize = 16;
-/// Kernels end at this many standard deviations.
-const CUT: f64 = 4.0;
+/// Kernels end at this many standard deviations; 4 are slower and change no figure of docs/features.md by 0.3 %.
+const CUT: f64 = 3.0;
 /// No kernel of an octave reaches this far: the widest has a sigma of 3.1 samples.
-const MAX_RADIUS: usize = 15;
+const MAX_RADIUS: usize = 11;
 
 /// The row under the centre of a kernel and those at 1, 2, ... steps from it, or one row seen from there.
 type Rows<'a> = [&'a [f32]; MAX_RADIUS + 1];

@@ -40,15 +40,14 @@ use octave::{Octave, SCALES, sigma_of_level};
 /// A picture without structure, or too small for any, gives none. Memory: about 25 times the samples of `image` in
 /// `f32` when it is doubled, a quarter of that when not.
 pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
-    let octaves = scale_space(image, options);
-    let mut extrema: Vec<Extremum> = octaves.1;
-    rank(&mut extrema);
+    let (octaves, mut extrema) = scale_space(image, options);
+    rank(&mut extrema, &octaves);
     extrema.truncate(options.max_keypoints);
 
     let described: Vec<(Keypoint, [u8; descriptor::DIM])> = extrema
         .par_iter()
         .map_init(GradientRow::default, |gradients, extremum| {
-            describe(&octaves.0[extremum.octave], extremum, options, gradients)
+            describe(&octaves[extremum.octave], extremum, options, gradients)
         })
         .flatten_iter()
         .collect();
@@ -74,8 +73,18 @@ fn scale_space(image: &GrayImage, options: &SiftOptions) -> (Vec<Octave>, Vec<Ex
 }
 
 /// Strongest first; equal ones in the order they were found.
-fn rank(extrema: &mut [Extremum]) {
-    extrema.sort_by(|a, b| b.response.total_cmp(&a.response));
+fn rank(extrema: &mut [Extremum], octaves: &[Octave]) {
+    let strength = |extremum: &Extremum| strength(extremum, &octaves[extremum.octave]);
+    extrema.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
+}
+
+/// Peak difference of Gaussians times the squared scale in pixels of the picture.
+///
+/// Large keypoints survive a change of distance, high peaks survive noise. Of response, scale (COLMAP's order) and
+/// their products this one repeats best and gives the most correct matches at 2048 keypoints: docs/features.md.
+fn strength(extremum: &Extremum, octave: &Octave) -> f32 {
+    let scale = sigma_of_level(f64::from(extremum.level)) * octave.step;
+    extremum.response * (scale * scale) as f32
 }
 
 /// One keypoint per dominant direction of an extremum.
@@ -98,7 +107,7 @@ fn describe(
                 pixel: Pixel::new(place(extremum.x), place(extremum.y)),
                 scale: (sigma * octave.step) as f32,
                 orientation,
-                response: extremum.response,
+                response: strength(extremum, octave),
             };
             (keypoint, descriptor::describe(plane, centre, sigma as f32, orientation, gradients))
         })

@@ -1,0 +1,138 @@
+//! Pictures that are none, too small, flat, not finite, or cut short: typed errors or no keypoints, never a panic.
+
+use std::path::{Path, PathBuf};
+
+use image::{ImageFormat, Rgb, RgbImage};
+use veiloc_features::{FeatureError, GrayImage, SiftOptions, extract_sift, load_gray};
+
+fn count(image: &GrayImage) -> usize {
+    extract_sift(image, &SiftOptions::default()).keypoints.len()
+}
+
+fn colourful(width: u32, height: u32) -> RgbImage {
+    RgbImage::from_fn(width, height, |x, y| Rgb([(x * 7) as u8, (y * 5) as u8, ((x * y) % 251) as u8]))
+}
+
+fn saved(folder: &Path, name: &str, format: ImageFormat) -> PathBuf {
+    let path = folder.join(name);
+    colourful(64, 48).save_with_format(&path, format).expect("written");
+    path
+}
+
+#[test]
+fn sizes_and_samples_are_checked() {
+    assert!(matches!(GrayImage::new(0, 0, vec![]), Err(FeatureError::Empty { .. })));
+    assert!(matches!(GrayImage::new(0, 7, vec![]), Err(FeatureError::Empty { width: 0, height: 7 })));
+    let short = GrayImage::new(4, 4, vec![0.0; 15]);
+    assert!(matches!(short, Err(FeatureError::Length { expected: 16, actual: 15, .. })));
+    assert!(GrayImage::new(u32::MAX, u32::MAX, vec![0.0; 4]).is_err());
+    assert!(GrayImage::from_rgb8(2, 2, &[0; 11]).is_err());
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut data = vec![0.5; 12];
+        data[7] = bad;
+        let refused = GrayImage::new(4, 3, data);
+        assert!(matches!(refused, Err(FeatureError::NotFinite { column: 3, row: 1 })), "{refused:?}");
+    }
+}
+
+#[test]
+fn small_and_flat_pictures_have_no_keypoints() {
+    for (width, height) in [(1, 1), (1, 500), (2, 2), (3, 3), (8, 8), (200, 150)] {
+        let flat = GrayImage::new(width, height, vec![0.5; (width * height) as usize]).expect("finite");
+        assert_eq!(count(&flat), 0, "{width}x{height}");
+    }
+}
+
+#[test]
+fn extreme_pictures_do_not_panic() {
+    let checker =
+        |value: f32| (0..64 * 64).map(|i| if (i / 3 + i / 192) % 2 == 0 { value } else { -value }).collect();
+    for value in [1e-40, 1.0, 1e20, f32::MAX] {
+        let _ = count(&GrayImage::new(64, 64, checker(value)).expect("finite"));
+    }
+    let noise = (0..8 * 8u32).map(|i| ((i * 2_654_435_761) >> 24) as f32 / 255.0).collect();
+    let _ = count(&GrayImage::new(8, 8, noise).expect("finite"));
+    let mut none = SiftOptions::default();
+    (none.max_keypoints, none.max_octaves, none.max_orientations) = (0, 0, 0);
+    let image = GrayImage::new(64, 64, checker(1.0)).expect("finite");
+    assert!(extract_sift(&image, &none).keypoints.is_empty());
+}
+
+#[test]
+fn files_load_in_colmap_gray() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = load_gray(&saved(folder.path(), "a.png", ImageFormat::Png)).expect("a picture");
+    assert_eq!((image.width(), image.height()), (64, 48));
+    let Rgb([r, g, b]) = colourful(64, 48)[(10, 20)];
+    let luma = (0.2126 * f32::from(r) + 0.7152 * f32::from(g) + 0.0722 * f32::from(b)) / 255.0;
+    assert!((image.row(20)[10] - luma).abs() < 1e-6);
+    assert!(load_gray(&saved(folder.path(), "a.jpg", ImageFormat::Jpeg)).is_ok());
+}
+
+#[test]
+fn a_missing_or_damaged_file_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let missing = folder.path().join("none.jpg");
+    let error = load_gray(&missing).expect_err("it is not there");
+    assert!(matches!(error, FeatureError::Read { .. }), "{error}");
+    assert!(error.to_string().contains("none.jpg"), "{error}");
+
+    for (name, format) in [("cut.jpg", ImageFormat::Jpeg), ("cut.png", ImageFormat::Png)] {
+        let path = saved(folder.path(), name, format);
+        let bytes = std::fs::read(&path).expect("just written");
+        for keep in [0, 1, 2, 3, 10, bytes.len() / 4, bytes.len() / 2, bytes.len() - 20, bytes.len() - 2] {
+            std::fs::write(&path, &bytes[..keep]).expect("written");
+            match load_gray(&path) {
+                Err(error @ FeatureError::Decode { .. }) => {
+                    assert!(error.to_string().contains(name), "{error}");
+                }
+                other => assert!(
+                    keep >= bytes.len() - 20 && format == ImageFormat::Png,
+                    "{name} at {keep}: {other:?}"
+                ),
+            }
+        }
+    }
+    let text = folder.path().join("text.jpg");
+    std::fs::write(&text, "not a picture").expect("written");
+    assert!(matches!(load_gray(&text), Err(FeatureError::Decode { .. })));
+}
+
+#[test]
+fn a_huge_picture_is_refused_before_it_is_decoded() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = saved(folder.path(), "huge.png", ImageFormat::Png);
+    let mut bytes = std::fs::read(&path).expect("just written");
+    // Width and height of the header chunk, and its checksum.
+    bytes[16..20].copy_from_slice(&60_000u32.to_be_bytes());
+    bytes[20..24].copy_from_slice(&60_000u32.to_be_bytes());
+    let checksum = crc32(&bytes[12..29]).to_be_bytes();
+    bytes[29..33].copy_from_slice(&checksum);
+    std::fs::write(&path, bytes).expect("written");
+    let error = load_gray(&path).expect_err("too large");
+    assert!(matches!(error, FeatureError::TooLarge { width: 60_000, height: 60_000, .. }), "{error}");
+}
+
+/// The checksum of PNG chunks.
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| (crc >> 1) ^ (0xEDB8_8320 & (crc & 1).wrapping_neg()))
+    })
+}
+
+#[test]
+fn limiting_keeps_the_mean_and_the_sides_in_proportion() {
+    let image = GrayImage::new(50, 30, (0..1500).map(|i| (i % 50) as f32 / 50.0).collect()).expect("finite");
+    let small = image.clone().limited(20);
+    assert_eq!((small.width(), small.height()), (20, 12));
+    let mean = |image: &GrayImage| image.data().iter().sum::<f32>() / image.data().len() as f32;
+    assert!((mean(&image) - mean(&small)).abs() < 1e-5);
+    // A ramp stays a ramp in COLMAP's pixels: sample x of the new one is at 2.5 (x + 0.5) of the old one, but for the
+    // pixels that are cut in two (0.05 of a pixel, first to one side, then to the other).
+    for x in 0..20u32 {
+        let expected = (2.5 * (x as f32 + 0.5) - 0.5) / 50.0;
+        assert!((small.row(3)[x as usize] - expected).abs() < 0.051 / 50.0);
+    }
+    assert_eq!(image.clone().limited(50), image);
+    assert_eq!(image.limited(0).width(), 1);
+}
