@@ -76,6 +76,8 @@ pub fn evaluate_poses(
         command: "eval pose",
         data: evaluation.files.iter().map(|f| display_name(f)).collect(),
         seed: evaluation.seed,
+        prior: evaluation.use_prior,
+        fixed_hypotheses: evaluation.pose.fixed_hypotheses,
         schemes,
         queries,
         map: None,

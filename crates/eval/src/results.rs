@@ -21,6 +21,10 @@ pub struct Evaluation {
     pub data: Vec<String>,
     /// Seed of every random choice.
     pub seed: u64,
+    /// Whether matches were weighed by descriptor ratio, votes and track length.
+    pub prior: bool,
+    /// Hypotheses of every query; null when the estimator stopped by itself.
+    pub fixed_hypotheses: Option<usize>,
     /// One entry per scheme and score.
     pub schemes: Vec<SchemeSummary>,
     /// One entry per scheme, score and query.

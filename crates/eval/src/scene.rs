@@ -96,6 +96,8 @@ pub fn evaluate_scene(
         command: "eval scene",
         data: vec![folder_name(&evaluation.images)],
         seed: evaluation.seed,
+        prior: evaluation.localize.use_prior,
+        fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
         schemes,
         queries,
         map: Some(MapSummary { images: map.image_count(), points: map.point_count(), bytes, build_seconds }),

@@ -1,7 +1,7 @@
 //! Options of localization that `localize` and `eval` share, each with its meaning and why the default.
 
 use veiloc_localize::LocalizeOptions;
-use veiloc_robust::{PoseOptions, ScoreKind};
+use veiloc_robust::{AnchoredSolver, PoseOptions, ScoreKind};
 
 /// How poses are estimated.
 #[derive(clap::Args, Debug)]
@@ -10,9 +10,16 @@ pub(crate) struct PoseArgs {
     /// (knows the anchors of dcl, whose collapse misleads msac). Default: likelihood for dcl, msac otherwise.
     #[arg(long, value_name = "SCORE")]
     pub(crate) score: Option<ScoreKind>,
+    /// Minimal solver for dcl: `p6lp` (six lines, the paper's recipe) or `radial-vote` (five lines of one anchor, then a
+    /// vote of the other's). Default: radial-vote with the likelihood, p6lp with msac.
+    #[arg(long, value_name = "SOLVER")]
+    pub(crate) solver: Option<AnchoredSolver>,
     /// Inlier threshold for points in pixels; lines use it divided by √2, as in the paper.
     #[arg(long, value_name = "PX")]
     pub(crate) max_error: Option<f64>,
+    /// Noise of a keypoint across its line in pixels, the likelihood's only scale.
+    #[arg(long, value_name = "PX")]
+    pub(crate) noise: Option<f64>,
     /// Draw exactly this many hypotheses, instead of stopping when a better one is unlikely.
     #[arg(long, value_name = "N")]
     pub(crate) hypotheses: Option<usize>,
@@ -34,8 +41,12 @@ impl PoseArgs {
     pub(crate) fn options(&self) -> PoseOptions {
         let mut options = PoseOptions::default();
         options.score = self.score;
+        options.anchored_solver = self.solver;
         if let Some(px) = self.max_error {
             options.max_error_px = px;
+        }
+        if let Some(px) = self.noise {
+            options.noise_px = px;
         }
         options.fixed_hypotheses = self.hypotheses;
         options

@@ -36,19 +36,18 @@ pub(super) fn figure(attack: &[f64], guess: &[f64]) -> String {
                 step - 6.0
             );
         }
-        let top = if guess.is_empty() { a } else { a.max(g) };
         let _ = write!(
             bars,
-            "<text x=\"{mid:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>\
+            "<text class=\"count\" x=\"{mid:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>\
              <text x=\"{mid:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
-            base - top - 6.0,
+            base - a - 6.0,
             percent(Some(attacked[k])),
             base + 17.0,
             LABELS[k],
             mid = x + step / 2.0,
         );
     }
-    let dashed = if guess.is_empty() { "" } else { " Dashed outlines: the guess without neighbours." };
+    let dashed = if guess.is_empty() { "" } else { " Dashed outlines: the guess from the single line." };
     format!(
         "<figure><svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"Histogram of recovery errors\">{bars}\
          <path class=\"axis\" d=\"M{left} {base}H{:.0}\"/><text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"middle\">error of a recovered \

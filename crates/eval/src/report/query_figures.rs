@@ -22,8 +22,8 @@ pub(super) fn section(panels: &[QueryPanel]) -> String {
     }
     let mut out = String::from(
         "<section><h2>One query, seen by the device, the server and an attacker</h2>\
-         <p>The photograph stays on the device. The server gets descriptors and, for each of them, only what is drawn \
-         in the left column. The middle column is what an attacker makes of it who knows each keypoint's neighbours.</p>",
+         <p>A keypoint is a place in a picture that can be found again in other pictures. Where keypoints are known, a \
+         picture can be drawn from them; so their positions are what a scheme must hide.</p>",
     );
     for panel in panels {
         out.push_str(&photograph(panel));
@@ -41,12 +41,15 @@ fn photograph(panel: &QueryPanel) -> String {
     let Some(address) = data_address(&panel.picture) else { return String::new() };
     let points = dots(panel.keypoints.iter().copied());
     format!(
-        "<h3>Query {name}</h3><figure class=\"photo\"><svg viewBox=\"0 0 {w} {h}\" role=\"img\" \
+        "<h3>Query: {name}</h3><div class=\"see\"><figure><svg viewBox=\"0 0 {w} {h}\" role=\"img\" \
          aria-label=\"Photograph with keypoints\"><image width=\"{w}\" height=\"{h}\" href=\"{address}\"/>\
          <path class=\"dot keypoint\" d=\"{points}\"/><path class=\"dot keypoint2\" d=\"{points}\"/></svg><figcaption>\
-         <b>What the camera saw.</b> {count} keypoints, the places the program can find again. \
-         Neither this picture nor the positions of the dots leave the device, except under the scheme \
-         “Points”.</figcaption></figure>",
+         <b>What the camera saw.</b> {count} keypoints. Neither this picture nor the positions of the dots leave the \
+         device, except under the scheme “Points”.</figcaption></figure><ol><li><b>As sent</b>, left below: all that the \
+         server gets about positions. Each line comes with a descriptor, a fingerprint of what the place looks \
+         like.</li><li><b>As recovered</b>, in the middle: where an attacker puts the keypoints, who knows which of them \
+         are neighbours. Red means given away, blue means missed.</li><li><b>How far off</b>, on the right: the errors \
+         counted, beside a guess that looks at nothing but each single line.</li></ol></div>",
         name = escape(&panel.name),
         count = panel.keypoints.len(),
     )

@@ -1,0 +1,92 @@
+//! The whole road on real photographs: map, seal, localize. Needs `VEILOC_DATA`.
+
+use std::path::{Path, PathBuf};
+
+use veiloc_eval::results::Evaluation;
+use veiloc_eval::{PoseEvaluation, SceneEvaluation, evaluate_poses, evaluate_scene};
+use veiloc_localize::LocalizeOptions;
+use veiloc_mapping::BuildOptions;
+use veiloc_query::{AngleBits, Scheme};
+use veiloc_robust::{PoseOptions, ScoreKind};
+
+fn data() -> Option<PathBuf> {
+    let folder = std::env::var_os("VEILOC_DATA").map(PathBuf::from);
+    if folder.is_none() {
+        eprintln!("skipped: VEILOC_DATA is not set");
+    }
+    folder
+}
+
+fn names(list: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(list).expect("a list of the data");
+    text.lines().map(|l| l.trim().to_owned()).filter(|l| !l.is_empty()).collect()
+}
+
+fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
+    // Every n-th image keeps the test short; the full figures are those of docs/results.md.
+    let thin = |list: &str| names(&folder.join(list)).into_iter().step_by(every).collect();
+    SceneEvaluation {
+        posed: folder.join("posed"),
+        images: folder.join("images"),
+        map_list: thin("map.txt"),
+        query_list: names(&folder.join("query.txt")).into_iter().step_by(3).collect(),
+        keep_map: None,
+        build: BuildOptions::default(),
+        schemes: schemes.iter().map(|s| s.parse().expect("a scheme")).collect(),
+        scores: Vec::new(),
+        thresholds: vec!["0.05/5".parse().expect("a threshold")],
+        localize: LocalizeOptions::default(),
+        seed: 0,
+    }
+}
+
+fn assert_recall(result: &Evaluation, scheme: &str, least: f64, translation: f64) {
+    let summary = result.schemes.iter().find(|s| s.scheme == scheme).expect("it was asked for");
+    let recall = summary.recall["0.05/5"];
+    assert!(recall >= least, "{scheme}: recall {recall}, at least {least} is expected");
+    let median = summary.median_translation.unwrap_or(f64::INFINITY);
+    assert!(median <= translation, "{scheme}: median {median} m, at most {translation} is expected");
+}
+
+#[test]
+fn redkitchen_is_localized_under_every_scheme() {
+    let Some(data) = data() else { return };
+    let schemes = ["points", "random-lines", "dcl"];
+    let result = evaluate_scene(&scene(&data.join("redkitchen"), 2, &schemes), &()).expect("evaluated");
+    assert_recall(&result, "points", 0.99, 0.010);
+    assert_recall(&result, "random-lines", 0.99, 0.015);
+    assert_recall(&result, "dcl", 0.9, 0.025);
+    let map = result.map.expect("a map was built");
+    assert!(map.points > 3000, "{} points", map.points);
+}
+
+#[test]
+fn herzjesu_is_localized_with_dcl() {
+    let Some(data) = data() else { return };
+    let result = evaluate_scene(&scene(&data.join("herzjesu"), 1, &["dcl"]), &()).expect("evaluated");
+    assert_recall(&result, "dcl", 0.99, 0.05);
+}
+
+/// DESIGN's collapse: with the plain score the false optimum at an anchor wins; the likelihood removes it.
+#[test]
+fn the_collapse_of_the_plain_score_and_its_cure() {
+    let Some(data) = data() else { return };
+    let mut pose = PoseOptions::default();
+    pose.fixed_hypotheses = Some(500);
+    let evaluation = PoseEvaluation {
+        files: vec![data.join("problems/redkitchen_nn.jsonl.gz")],
+        schemes: vec![Scheme::default()],
+        scores: vec![ScoreKind::Msac, ScoreKind::Likelihood],
+        thresholds: vec!["0.05/5".parse().expect("a threshold")],
+        pose,
+        angle_bits: AngleBits::default(),
+        use_prior: true,
+        seed: 0,
+    };
+    let result = evaluate_poses(&evaluation, |_, _| {}).expect("evaluated");
+    let recall = |score: &str| {
+        result.schemes.iter().find(|s| s.score == score).expect("it was asked for").recall["0.05/5"]
+    };
+    assert!(recall("msac") < 0.3, "the plain score did not collapse: {}", recall("msac"));
+    assert!(recall("likelihood") > 0.85, "the likelihood did not cure it: {}", recall("likelihood"));
+}
