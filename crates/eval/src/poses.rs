@@ -8,10 +8,10 @@ use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_geometry::{PixelLine, Point3, frames::World};
+use veiloc_localize::{MatchedObservations, observe_matches};
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_query::{AngleBits, Observations, Scheme};
-use veiloc_robust::{Correspondences, PoseOptions, PoseProblem, ScoreKind, estimate_pose};
+use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, estimate_pose};
 
 use crate::error::EvalError;
 use crate::metrics::Threshold;
@@ -121,29 +121,15 @@ fn solve(problem: &Problem, scheme: Scheme, score: ScoreKind, evaluation: &PoseE
     result
 }
 
-/// The estimator's input: one correspondence a match, two where a keypoint has two candidate lines.
+/// The estimator's input.
 fn pose_problem(problem: &Problem, observations: &Observations, use_prior: bool) -> PoseProblem {
-    let of_match = &problem.keypoint_of_match;
-    let mut match_of: Vec<usize> = (0..of_match.len()).collect();
-    let correspondences = match observations {
-        Observations::Points(pixels) => {
-            Correspondences::Points { pixels: of_match.iter().map(|&k| pixels[k]).collect() }
-        }
-        Observations::Lines(lines) => {
-            Correspondences::Lines { lines: of_match.iter().map(|&k| lines[k]).collect() }
-        }
-        Observations::EitherLine(pairs) => {
-            match_of = match_of.into_iter().flat_map(|m| [m, m]).collect();
-            let lines: Vec<PixelLine> = of_match.iter().flat_map(|&k| pairs[k]).collect();
-            Correspondences::Lines { lines }
-        }
-        Observations::Anchored { anchors, lines } => Correspondences::Anchored {
-            anchors: *anchors,
-            lines: of_match.iter().map(|&k| (lines[k].anchor, lines[k].angle)).collect(),
-        },
-    };
-    let points: Vec<Point3<World>> = match_of.iter().map(|&m| problem.points[m]).collect();
-    let prior =
-        use_prior.then(|| problem.prior()).flatten().map(|p| match_of.iter().map(|&m| p[m]).collect());
-    PoseProblem { camera: problem.camera, observations: correspondences, points, prior }
+    let MatchedObservations { correspondences, match_of } =
+        observe_matches(observations, &problem.keypoint_of_match);
+    let prior = use_prior.then(|| problem.prior()).flatten();
+    PoseProblem {
+        camera: problem.camera,
+        observations: correspondences,
+        points: match_of.iter().map(|&m| problem.points[m]).collect(),
+        prior: prior.map(|p| match_of.iter().map(|&m| p[m]).collect()),
+    }
 }

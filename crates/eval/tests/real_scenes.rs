@@ -1,5 +1,7 @@
 //! The whole road on real photographs: map, seal, localize. Needs `VEILOC_DATA`.
 
+#![expect(clippy::print_stderr, reason = "a skipped test says so")]
+
 use std::path::{Path, PathBuf};
 
 use veiloc_eval::results::Evaluation;

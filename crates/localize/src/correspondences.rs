@@ -1,43 +1,46 @@
 //! From what the query tells about a row to what the estimator wants to know about a match.
 
-use veiloc_geometry::{PixelLine, Point3, frames::World};
-use veiloc_map::MapFile;
+use veiloc_geometry::PixelLine;
 use veiloc_query::Observations;
 use veiloc_robust::Correspondences;
 
-use crate::matching::PointMatch;
-
-/// Correspondences, map points, and the match each of them came from, `[N]` each.
-pub(crate) struct Expanded {
-    pub(crate) observations: Correspondences,
-    pub(crate) points: Vec<Point3<World>>,
-    pub(crate) match_of: Vec<usize>,
+/// What a query tells about its matches, as the robust estimator takes it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MatchedObservations {
+    /// `[N]`, in the order of the matches.
+    pub correspondences: Correspondences,
+    /// The match each correspondence came from, `[N]`, rising.
+    pub match_of: Vec<usize>,
 }
 
 /// One correspondence a match; two for coordinate permutation, whose line is either horizontal or vertical.
 ///
 /// Of those two at most one is right. The estimator takes the other for what it is to it, an outlier.
-pub(crate) fn expand(observations: &Observations, matches: &[PointMatch], map: &MapFile) -> Expanded {
-    let once = || (0..matches.len()).collect::<Vec<_>>();
-    let (observations, match_of) = match observations {
+///
+/// `rows[i]` is the row of the query that match `i` belongs to; a row may have several matches.
+///
+/// # Panics
+/// When a row is not in the query.
+pub fn observe_matches(observations: &Observations, rows: &[usize]) -> MatchedObservations {
+    let once = || (0..rows.len()).collect::<Vec<_>>();
+    let (correspondences, match_of) = match observations {
         Observations::Points(pixels) => {
-            (Correspondences::Points { pixels: matches.iter().map(|m| pixels[m.query]).collect() }, once())
+            (Correspondences::Points { pixels: rows.iter().map(|&r| pixels[r]).collect() }, once())
         }
         Observations::Lines(lines) => {
-            (Correspondences::Lines { lines: matches.iter().map(|m| lines[m.query]).collect() }, once())
+            (Correspondences::Lines { lines: rows.iter().map(|&r| lines[r]).collect() }, once())
         }
         Observations::EitherLine(pairs) => {
-            let lines: Vec<PixelLine> = matches.iter().flat_map(|m| pairs[m.query]).collect();
-            (Correspondences::Lines { lines }, (0..matches.len()).flat_map(|i| [i, i]).collect())
+            let lines: Vec<PixelLine> = rows.iter().flat_map(|&r| pairs[r]).collect();
+            (Correspondences::Lines { lines }, (0..rows.len()).flat_map(|i| [i, i]).collect())
         }
         Observations::Anchored { anchors, lines } => (
             Correspondences::Anchored {
                 anchors: *anchors,
-                lines: matches.iter().map(|m| (lines[m.query].anchor, lines[m.query].angle)).collect(),
+                lines: rows.iter().map(|&r| (lines[r].anchor, lines[r].angle)).collect(),
             },
             once(),
         ),
     };
-    let points = match_of.iter().map(|&i| map.point(matches[i].point)).collect();
-    Expanded { observations, points, match_of }
+    MatchedObservations { correspondences, match_of }
 }

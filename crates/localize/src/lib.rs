@@ -14,5 +14,6 @@ mod localizer;
 pub mod matching;
 pub mod retrieval;
 
+pub use correspondences::{MatchedObservations, observe_matches};
 pub use error::LocalizeError;
 pub use localizer::{Localization, LocalizeOptions, StageTimes, localize};

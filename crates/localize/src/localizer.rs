@@ -11,7 +11,7 @@ use veiloc_query::SealedQuery;
 use veiloc_robust::prior::{Evidence, match_probability};
 use veiloc_robust::{PoseOptions, PoseProblem, estimate_pose};
 
-use crate::correspondences::expand;
+use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
 use crate::matching::{PointMatch, match_points};
 use crate::retrieval::{Retrieved, retrieve};
@@ -95,19 +95,21 @@ pub fn localize(
     let matches = match_points(query.descriptors(), map, &retrieved, &options.matching);
     let matched_at = Instant::now();
 
-    let expanded = expand(&query.observations(), &matches, map);
+    let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
+    let observed = observe_matches(&query.observations(), &rows);
+    let of_match = |m: &usize| &matches[*m];
     let problem = PoseProblem {
         camera: query.camera(),
-        observations: expanded.observations,
-        points: expanded.points,
+        observations: observed.correspondences,
+        points: observed.match_of.iter().map(|m| map.point(of_match(m).point)).collect(),
         prior: options
             .use_prior
-            .then(|| expanded.match_of.iter().map(|&m| prior_of(&matches[m], map)).collect()),
+            .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map)).collect()),
     };
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)
         .map_err(|source| LocalizeError::NoPose { source, correspondences: problem.points.len() })?;
-    let mut agreeing: Vec<usize> = expanded
+    let mut agreeing: Vec<usize> = observed
         .match_of
         .iter()
         .zip(&estimate.inliers)
