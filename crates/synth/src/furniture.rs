@@ -121,7 +121,7 @@ impl Builder {
                     let sheet = self.printed(PrintKind::Paper, [0.21, 0.29]);
                     let lift = 0.002 + 0.0006 * k as f32;
                     self.flat(|b| {
-                        b.quad(at.at(0.0, 0.0, lift), at.across() * 0.21, at.back() * 0.29, &sheet)
+                        b.quad(at.at(0.0, 0.0, lift), at.across() * 0.21, at.back() * 0.29, &sheet);
                     });
                 }
                 1 => {

@@ -100,7 +100,7 @@ pub(super) fn attacks(rows: &[AttackRow]) -> String {
          <p>The attacker sees what the server sees and tries to put every keypoint back into the picture. \
          To be on the safe side it is told which keypoints are neighbours. \
          The guess uses nothing but the single line: an attack is only worth something where it beats the guess.</p>\
-         <div class=\"scroll\"><table><thead><tr><th>Scheme</th><th>Attack</th><th>Mean error</th><th>Median error</th>\
+         <div class=\"scroll attacks\"><table><thead><tr><th>Scheme</th><th>Attack</th><th>Mean error</th><th>Median error</th>\
          <th>Recovered to<br>within 30 px</th><th>Learned beyond<br>the guess</th><th>Pictures</th><th>Time a<br>picture</th>\
          </tr></thead><tbody>",
     );
