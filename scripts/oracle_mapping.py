@@ -2,8 +2,8 @@
 """pycolmap's triangulation under known poses, beside a map of ours.
 
 The same photographs and poses: pycolmap extracts SIFT, matches every pair, triangulates with the poses held fixed. Prints
-number of points, mean track length and mean reprojection error, and the same of our map when it is given as an exported
-COLMAP model (`veiloc_map::colmap::export` and `write_text`; the test `export_for_the_oracle` of crates/mapping writes one).
+number of points, mean track length and mean reprojection error, and the same of our map when it is given as a COLMAP
+model, as `cargo run --release -p veiloc-map --example export_colmap -- place.vmap DIR` writes it.
 
     .venv/bin/python scripts/oracle_mapping.py --posed $VEILOC_DATA/redkitchen/posed \
         --images $VEILOC_DATA/redkitchen/images --list $VEILOC_DATA/redkitchen/map.txt [--ours DIR]
@@ -73,9 +73,11 @@ def main():
         options.triangulation.ignore_two_view_tracks = not args.two_view
         options.mapper.filter_max_reproj_error = args.max_error
         options.ba_refine_focal_length = options.ba_refine_extra_params = options.ba_refine_principal_point = False
+        out = Path(folder) / "out"
+        out.mkdir()
         model = pycolmap.triangulate_points(
-            model, database_path, args.images, Path(folder) / "out", options=options, refine_intrinsics=False,
-        ) if (Path(folder) / "out").mkdir() is None else None
+            model, database_path, args.images, out, options=options, refine_intrinsics=False,
+        )
         describe("pycolmap", model, time.time() - started)
     if args.ours:
         describe("veiloc", pycolmap.Reconstruction(args.ours))

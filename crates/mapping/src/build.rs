@@ -38,6 +38,9 @@ pub fn build(
 ) -> Result<MapModel, MappingError> {
     options.check()?;
     let chosen = select(posed, names)?;
+    let mut options = options.clone();
+    options.min_track_length = options.min_track_length.min(chosen.len()).max(2);
+    let options = &options;
     let features = extract_all(&chosen, posed, image_dir, options.extraction(), progress)?;
     let profile = profile(&features, options, progress)?;
     let mut model = MapModel::empty(profile, options.extraction());
@@ -48,7 +51,7 @@ pub fn build(
     let edges = match_images(&scene, seeds_of_colmap(posed, &chosen), &focus, options, progress);
     progress.start("Triangulating points", 1);
     grow(&mut scene, &edges.verified, options);
-    let points = scene.finish(&[]);
+    let points = scene.finish();
     progress.advance(1);
     progress.finish();
     if points.is_empty() {

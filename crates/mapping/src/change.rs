@@ -3,17 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use veiloc_map::colmap::ColmapModel;
+use veiloc_map::colmap::{ColmapImage, ColmapModel};
 use veiloc_map::{MapModel, Observation};
 
 use crate::build::{append_images, match_images};
 use crate::complete::grow;
 use crate::error::MappingError;
-use crate::extract::{extract_all, select};
+use crate::extract::{Extracted, extract_all, select};
 use crate::options::BuildOptions;
 use crate::pairs::Seeds;
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::scene::{Fallback, Scene};
 
 /// Adds the named photographs, whose poses and cameras the model `posed` holds, in the frame of the map.
 ///
@@ -37,20 +37,31 @@ pub fn add(
     }
     let features = extract_all(&chosen, posed, image_dir, model.extraction, progress)?;
 
+    join(model, posed, &chosen, features, progress);
+    Ok(())
+}
+
+/// What follows extraction; nothing in it can fail.
+pub(crate) fn join(
+    model: &mut MapModel,
+    posed: &ColmapModel,
+    images: &[&ColmapImage],
+    features: Vec<Extracted>,
+    progress: &dyn Progress,
+) {
     let before = model.images.len() as u32;
-    append_images(model, posed, &chosen, features);
+    append_images(model, posed, images, features);
     let options = BuildOptions::default();
     let mut scene = Scene::of(model, &options);
     let focus: Vec<u32> = (before..model.images.len() as u32).collect();
     let edges = match_images(&scene, seeds_of_map(model), &focus, &options, progress);
     progress.start("Triangulating points", 1);
     grow(&mut scene, &edges.verified, &options);
-    let points = scene.finish(&model.points);
+    let points = scene.finish();
     progress.advance(1);
     progress.finish();
     model.points = points;
     model.link_keypoints();
-    Ok(())
 }
 
 /// Takes the named photographs out of a map, with everything that came from them: points they saw are triangulated
@@ -78,8 +89,8 @@ pub fn remove(model: &mut MapModel, names: &[String]) -> Result<(), MappingError
         point.track.retain(|(image, _)| !leaving.contains(image));
         point.touched = point.track.len() < count;
     }
-    scene.polish(&options);
-    let points = scene.finish(&model.points);
+    scene.polish(&options, Fallback::Vanish);
+    let points = scene.finish();
     model.points = points;
 
     let staying = (0..model.images.len() as u32).filter(|i| !leaving.contains(i));

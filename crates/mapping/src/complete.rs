@@ -7,7 +7,7 @@ use veiloc_geometry::Pixel;
 
 use crate::matching::Edge;
 use crate::options::BuildOptions;
-use crate::scene::Scene;
+use crate::scene::{Fallback, Scene};
 use crate::tracks::Node;
 use crate::triangulation::settle;
 
@@ -20,7 +20,7 @@ pub(crate) fn grow(scene: &mut Scene<'_>, edges: &[Edge], options: &BuildOptions
         merge(scene, edges, options);
         attach(scene, edges);
         find_by_projection(scene, &neighbours);
-        scene.polish(options);
+        scene.polish(options, Fallback::Restore);
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use veiloc_descriptor::Descriptors;
-use veiloc_features::{FeatureError, SiftOptions, extract_sift, load_gray};
+use veiloc_features::{SiftOptions, extract_sift, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::colmap::{ColmapImage, ColmapModel};
 use veiloc_query::ExtractionLimits;
@@ -79,9 +79,5 @@ fn extract(path: &Path, camera: &Intrinsics, limits: ExtractionLimits) -> Result
     let features = extract_sift(&picture, &options).scaled(columns, rows);
     let keypoints: Vec<[f32; 2]> =
         features.keypoints.iter().map(|k| [k.pixel.u as f32, k.pixel.v as f32]).collect();
-    if keypoints.len() != features.descriptors.len() || !keypoints.iter().flatten().all(|c| c.is_finite()) {
-        let reason = "the extractor returned keypoints that cannot be used".to_owned();
-        return Err(FeatureError::Decode { path: path.to_owned(), reason }.into());
-    }
     Ok(Extracted { keypoints, descriptors: features.descriptors })
 }

@@ -67,7 +67,9 @@ pub(crate) fn match_pairs(
         })
         .collect();
     let mut all = Edges::default();
-    found.into_iter().for_each(|edges| all.extend(edges));
+    for edges in found {
+        all.extend(edges);
+    }
     all
 }
 

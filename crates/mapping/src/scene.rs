@@ -44,6 +44,17 @@ pub(crate) struct Scene<'a> {
     pub(crate) points: Vec<WorkPoint>,
     /// `[images][N]`, index of the point each keypoint sees.
     pub(crate) point_of: Vec<Vec<Option<u32>>>,
+    /// The points as they were at first; `points` begins with them.
+    before: &'a [MapPoint],
+}
+
+/// What becomes of a point that was there before and of which too little agrees after a change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Fallback {
+    /// It becomes again what it was: observations came and were no good.
+    Restore,
+    /// It goes: observations left.
+    Vanish,
 }
 
 impl<'a> Scene<'a> {
@@ -67,6 +78,7 @@ impl<'a> Scene<'a> {
             descriptors: model.images.iter().map(|i| i.descriptors.view()).collect(),
             points: points.collect(),
             point_of: model.images.iter().map(|i| vec![None; i.keypoints.len()]).collect(),
+            before: &model.points,
         };
         for index in 0..scene.points.len() {
             for (image, keypoint) in scene.points[index].track.clone() {
@@ -131,18 +143,20 @@ impl<'a> Scene<'a> {
         self.points.push(point);
     }
 
-    /// Refines every touched point on its track; observations that no longer agree leave it, points without enough
-    /// observations or angle go.
-    pub(crate) fn polish(&mut self, options: &BuildOptions) {
+    /// Refines every touched point on its track; observations that no longer agree leave it, new points without enough
+    /// observations or angle go, old ones as `fallback` says.
+    pub(crate) fn polish(&mut self, options: &BuildOptions, fallback: Fallback) {
         let settled: Vec<Option<(Vector3<f64>, Vec<Node>)>> = self
             .points
             .par_iter()
-            .map(|point| {
+            .enumerate()
+            .map(|(index, point)| {
                 if !point.touched || point.track.is_empty() {
                     return None;
                 }
                 let (nodes, sights) = self.sights(&point.track);
-                let least = options.min_track_length;
+                // What is there already needs less to stay than new points need to come.
+                let least = if index < self.before.len() { 2 } else { options.min_track_length };
                 let found = settle(&sights, point.position, least, options.min_triangulation_angle_deg);
                 Some(found.map_or_else(
                     || (point.position, Vec::new()),
@@ -159,20 +173,32 @@ impl<'a> Scene<'a> {
             for node in std::mem::replace(&mut self.points[index].track, track) {
                 self.assign(node, None);
             }
+            self.points[index].position = position;
+            if self.points[index].track.is_empty() && fallback == Fallback::Restore {
+                self.restore(index);
+            }
             for node in self.points[index].track.clone() {
                 self.assign(node, Some(index as u32));
             }
-            self.points[index].position = position;
         }
     }
 
-    /// The points of the map: those that were not touched exactly as in `before`, then changed and new ones, in order.
-    pub(crate) fn finish(&self, before: &[MapPoint]) -> Vec<MapPoint> {
+    /// Makes a point again what it was, unless another one has taken a keypoint of it in the meantime.
+    fn restore(&mut self, index: usize) {
+        let Some(old) = self.before.get(index) else { return };
+        let track: Vec<Node> = old.track.iter().map(|o| (o.image, o.keypoint)).collect();
+        if track.iter().all(|n| self.point_at(*n).is_none()) {
+            self.points[index] = WorkPoint { position: old.position.coords, track, touched: false };
+        }
+    }
+
+    /// The points of the map, in order: those that were not touched exactly as they were, the others as they are now.
+    pub(crate) fn finish(&self) -> Vec<MapPoint> {
         let finished: Vec<Option<MapPoint>> = self
             .points
             .par_iter()
             .enumerate()
-            .map(|(index, point)| match before.get(index) {
+            .map(|(index, point)| match self.before.get(index) {
                 Some(old) if !point.touched => Some(old.clone()),
                 _ if point.track.is_empty() => None,
                 _ => Some(self.finished(point)),

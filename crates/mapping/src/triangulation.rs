@@ -210,3 +210,160 @@ const MAX_ROUNDS: usize = 4;
 const MAX_STEPS: usize = 20;
 /// Scale of the robust loss in units of the inlier threshold.
 const LOSS_SCALE: f64 = 0.5;
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use veiloc_geometry::nalgebra::Rotation3;
+    use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel};
+
+    use super::*;
+
+    /// A camera at `center` that looks at the origin of the world, more or less.
+    fn view(center: Vector3<f64>, roll: f64) -> View {
+        let camera: Intrinsics = "PINHOLE,640,480,500,510,320,240".parse().unwrap();
+        let look = Rotation3::look_at_lh(&-center, &Vector3::new(roll.sin(), roll.cos(), 0.3));
+        View::new(camera, CameraFromWorld::new(look, -(look * center)), &[], 3.0, 3.0)
+    }
+
+    /// Cameras on an arc around the origin.
+    fn arc(count: usize, degrees: f64) -> Vec<View> {
+        let step = degrees.to_radians() / (count.max(2) - 1) as f64;
+        (0..count)
+            .map(|i| {
+                let a = i as f64 * step - degrees.to_radians() / 2.0;
+                view(Vector3::new(5.0 * a.sin(), 0.4 * (i % 3) as f64, -5.0 * a.cos()), 0.1 * i as f64)
+            })
+            .collect()
+    }
+
+    /// The keypoint of a point, moved by some pixels.
+    fn sight<'a>(view: &'a View, point: &Vector3<f64>, shift: [f64; 2]) -> Sight<'a> {
+        let x = view.in_camera(point);
+        let pinhole = view.camera.pinhole();
+        let pixel = pinhole.project(veiloc_geometry::PlanePoint::new(x.x / x.z, x.y / x.z));
+        let plane = pinhole.unproject(Pixel::new(pixel.u + shift[0], pixel.v + shift[1]));
+        Sight { view, plane: Vector2::new(plane.x, plane.y) }
+    }
+
+    fn noise(i: usize, size: f64) -> [f64; 2] {
+        [size * (i as f64 * 1.7).sin(), size * (i as f64 * 2.9).cos()]
+    }
+
+    const POINT: Vector3<f64> = Vector3::new(0.3, -0.2, 0.5);
+
+    #[test]
+    fn exact_rays_give_the_exact_point() {
+        for count in [2, 3, 10, 40] {
+            let views = arc(count, 30.0);
+            let sights: Vec<Sight<'_>> = views.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
+            let found = triangulate(&sights, 2, 1.5).unwrap();
+            assert!((found.position - POINT).norm() < 1e-9);
+            assert!(found.agree.iter().all(|a| *a));
+        }
+    }
+
+    #[test]
+    fn noise_moves_the_point_as_far_as_its_covariance_says() {
+        let views = arc(12, 40.0);
+        let sights: Vec<Sight<'_>> =
+            views.iter().enumerate().map(|(i, v)| sight(v, &POINT, noise(i, 0.5))).collect();
+        let found = triangulate(&sights, 2, 1.5).unwrap();
+        // Half a pixel at f = 500 and 5 units: 5 mm across; the depth of a 40 degree arc is hardly worse.
+        assert!((found.position - POINT).norm() < 0.01, "{}", (found.position - POINT).norm());
+    }
+
+    #[test]
+    fn half_the_keypoints_may_be_wrong() {
+        let views = arc(12, 40.0);
+        let wrong = |i: usize| i % 2 == 1;
+        let sights: Vec<Sight<'_>> = views
+            .iter()
+            .enumerate()
+            .map(|(i, v)| sight(v, &POINT, if wrong(i) { noise(3 * i, 60.0) } else { noise(i, 0.3) }))
+            .collect();
+        let found = triangulate(&sights, 2, 1.5).unwrap();
+        assert!((found.position - POINT).norm() < 0.01);
+        assert!(found.agree.iter().enumerate().all(|(i, a)| *a != wrong(i)));
+    }
+
+    #[test]
+    fn points_behind_cameras_or_under_small_angles_are_refused() {
+        let two = [-0.04, 0.04].map(|x| view(Vector3::new(x, 0.0, -5.0), 0.0));
+        let sights: Vec<Sight<'_>> = two.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
+        assert!(triangulate(&sights, 2, 1.5).is_none(), "0.08 units at 5.5 are 0.83 degrees");
+        assert!(triangulate(&sights, 2, 0.5).is_some());
+        // Rays that meet behind the cameras.
+        let views = arc(2, 30.0);
+        let behind = Vector3::new(0.0, 0.0, -20.0);
+        let sights: Vec<Sight<'_>> = views.iter().map(|v| sight(v, &behind, [0.0; 2])).collect();
+        assert!(triangulate(&sights, 2, 1.5).is_none());
+        assert!(triangulate(&sights[..1], 1, 1.5).is_none());
+        assert!(triangulate(&[], 0, 0.0).is_none());
+        // Two views at one place.
+        let same = [views[0].clone(), views[0].clone()];
+        let sights: Vec<Sight<'_>> = same.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
+        assert!(triangulate(&sights, 2, 0.0).is_none());
+    }
+
+    #[test]
+    fn derivatives_agree_with_finite_differences() {
+        let h = 1e-6;
+        for v in arc(5, 60.0) {
+            let s = sight(&v, &POINT, [3.0, -2.0]);
+            let (r, rows) = v.residual_and_rows(&s.plane, &POINT).unwrap();
+            assert!((r - v.residual(&s.plane, &POINT).unwrap()).norm() < 1e-12);
+            for axis in 0..3 {
+                let mut step = Vector3::zeros();
+                step[axis] = h;
+                let ahead = v.residual(&s.plane, &(POINT + step)).unwrap();
+                let behind = v.residual(&s.plane, &(POINT - step)).unwrap();
+                let numeric = (ahead - behind) / (2.0 * h);
+                assert!((numeric - Vector2::new(rows[0][axis], rows[1][axis])).norm() < 1e-4);
+            }
+        }
+    }
+
+    #[test]
+    fn refinement_ends_where_no_small_step_helps() {
+        let views = arc(7, 25.0);
+        let sights: Vec<Sight<'_>> =
+            views.iter().enumerate().map(|(i, v)| sight(v, &POINT, noise(i, 2.0))).collect();
+        let end = refine(&sights, POINT + Vector3::new(0.05, -0.03, 0.1));
+        let cost = robust_cost(&sights, &end).unwrap();
+        for axis in 0..3 {
+            for h in [-1e-4, 1e-4] {
+                let mut step = Vector3::zeros();
+                step[axis] = h;
+                assert!(robust_cost(&sights, &(end + step)).unwrap() >= cost);
+            }
+        }
+    }
+
+    #[test]
+    fn pairs_are_valid_and_bounded() {
+        for count in 0..200 {
+            let all = pairs(count);
+            assert!(all.iter().all(|(a, b)| a < b && *b < count), "{count}");
+            assert!(all.len() <= MAX_PAIRS);
+            assert!(count < 2 || !all.is_empty());
+        }
+    }
+
+    proptest! {
+        /// Whatever keypoints are given: a point that is returned is finite, in front, and agreed on as told.
+        #[test]
+        fn what_is_returned_holds(shifts in prop::collection::vec((-400.0..400.0_f64, -400.0..400.0_f64), 2..9)) {
+            let views = arc(shifts.len(), 35.0);
+            let sights: Vec<Sight<'_>> =
+                views.iter().zip(&shifts).map(|(v, (u, w))| sight(v, &POINT, [*u, *w])).collect();
+            if let Some(found) = triangulate(&sights, 2, 1.5) {
+                let seen: Vec<Sight<'_>> =
+                    sights.iter().zip(&found.agree).filter_map(|(s, a)| a.then_some(*s)).collect();
+                prop_assert!(seen.len() >= 2);
+                prop_assert!(found.position.iter().all(|c| c.is_finite()));
+                prop_assert!(widest_angle_deg(&seen, &found.position) >= 1.5);
+            }
+        }
+    }
+}

@@ -1,0 +1,240 @@
+//! Maps of a scene whose points are known: descriptors and keypoints are made, nothing is photographed.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_map::colmap::{ColmapImage, ColmapModel};
+use veiloc_map::{MapModel, MapPoint};
+use veiloc_query::{ExtractionLimits, Profile, Scheme};
+
+use crate::build::{append_images, match_images, sort_points};
+use crate::change::{join, remove};
+use crate::complete::grow;
+use crate::extract::Extracted;
+use crate::options::BuildOptions;
+use crate::scene::Scene;
+use crate::view::View;
+
+/// Cameras on an arc, points in a box before them.
+struct Place {
+    posed: ColmapModel,
+    points: Vec<Vector3<f64>>,
+    features: Vec<Extracted>,
+    /// `[images][N]`, which point each keypoint truly shows; none for clutter.
+    truth: Vec<Vec<Option<usize>>>,
+}
+
+const NOISE_PX: f32 = 0.3;
+
+fn place(images: u32, points: usize) -> Place {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let camera: Intrinsics = "OPENCV,640,480,500,505,322,238,-0.08,0.02,0.001,-0.0005".parse().unwrap();
+    let points: Vec<Vector3<f64>> = (0..points)
+        .map(|_| {
+            Vector3::new(
+                rng.random_range(-2.0..2.0),
+                rng.random_range(-1.0..1.0),
+                rng.random_range(-1.0..1.5),
+            )
+        })
+        .collect();
+    let looks: Vec<[u8; 128]> =
+        points.iter().map(|_| std::array::from_fn(|_| rng.random_range(0..90))).collect();
+    let posed: Vec<ColmapImage> = (0..images)
+        .map(|i| {
+            let a = (f64::from(i) - f64::from(images) / 2.0) * 0.06;
+            let center = Vector3::new(5.0 * a.sin(), 0.2 * f64::from(i % 3), -5.0 * a.cos());
+            let look = Rotation3::look_at_lh(&-center, &Vector3::y());
+            ColmapImage {
+                id: i + 1,
+                name: format!("{i}.jpg"),
+                camera_id: 1,
+                cam_from_world: CameraFromWorld::new(look, -(look * center)),
+                points2d: Vec::new(),
+            }
+        })
+        .collect();
+    let (mut features, mut truth) = (Vec::new(), Vec::new());
+    for image in &posed {
+        let view = View::new(camera, image.cam_from_world, &[], 3.0, 3.0);
+        let (mut keypoints, mut shown) = (Vec::new(), Vec::new());
+        let mut descriptors = Descriptors::empty(DescriptorKind::RootSift);
+        for (p, point) in points.iter().enumerate() {
+            // Three quarters of what is in view is found.
+            let Some(pixel) = view.pixel_inside(point).filter(|_| rng.random_bool(0.75)) else { continue };
+            let mut shift = || rng.random_range(-NOISE_PX..NOISE_PX);
+            keypoints.push([pixel.u as f32 + shift(), pixel.v as f32 + shift()]);
+            descriptors.push(&looks[p].map(|c| c.saturating_add_signed(rng.random_range(-6..6)))).unwrap();
+            shown.push(Some(p));
+        }
+        for _ in 0..points.len() / 4 {
+            keypoints.push([rng.random_range(0.0..640.0), rng.random_range(0.0..480.0)]);
+            descriptors.push(&std::array::from_fn::<u8, 128, _>(|_| rng.random_range(0..90))).unwrap();
+            shown.push(None);
+        }
+        features.push(Extracted { keypoints, descriptors });
+        truth.push(shown);
+    }
+    let posed = ColmapModel::new(vec![(1, camera)], posed, Vec::new()).unwrap();
+    Place { posed, points, features, truth }
+}
+
+fn copy(features: &Extracted) -> Extracted {
+    Extracted { keypoints: features.keypoints.clone(), descriptors: features.descriptors.clone() }
+}
+
+fn empty_map() -> MapModel {
+    let words = Descriptors::new(DescriptorKind::RootSift, vec![30; 128]).unwrap();
+    let profile = Profile::new(Scheme::default(), Vocabulary::new(words).unwrap());
+    MapModel::empty(profile, ExtractionLimits::default())
+}
+
+/// What `build` does behind extraction.
+fn map_of(place: &Place, options: &BuildOptions) -> MapModel {
+    let mut model = empty_map();
+    let images: Vec<&ColmapImage> = place.posed.images().iter().collect();
+    append_images(&mut model, &place.posed, &images, place.features.iter().map(copy).collect());
+    let mut scene = Scene::of(&model, options);
+    let focus: Vec<u32> = (0..images.len() as u32).collect();
+    let edges = match_images(&scene, vec![Vec::new(); images.len()], &focus, options, &());
+    grow(&mut scene, &edges.verified, options);
+    model.points = scene.finish();
+    sort_points(&mut model);
+    model.link_keypoints();
+    model.validate().unwrap();
+    model
+}
+
+/// The point that most observations of a map point truly show, and the share of them that do.
+fn shown_by(place: &Place, point: &MapPoint, names: &[usize]) -> (usize, f64) {
+    let mut votes = std::collections::BTreeMap::<usize, usize>::new();
+    for o in &point.track {
+        if let Some(p) = place.truth[names[o.image as usize]][o.keypoint as usize] {
+            *votes.entry(p).or_default() += 1;
+        }
+    }
+    let (p, n) = votes.into_iter().max_by_key(|(_, n)| *n).unwrap_or((0, 0));
+    (p, n as f64 / point.track.len() as f64)
+}
+
+#[test]
+fn the_points_of_a_known_place_are_found() {
+    let place = place(16, 400);
+    let model = map_of(&place, &BuildOptions::default());
+    let all: Vec<usize> = (0..16).collect();
+    let mut found = vec![0; place.points.len()];
+    for point in &model.points {
+        let (p, share) = shown_by(&place, point, &all);
+        assert!(share > 0.99, "a track of keypoints of several points");
+        let apart = (point.position.coords - place.points[p]).norm();
+        assert!(
+            apart < 0.05,
+            "{apart}: 0.3 px at f = 500 and 5 units is 3 mm across, some times that in depth"
+        );
+        assert!(point.error < NOISE_PX.into(), "{}", point.error);
+        found[p] += 1;
+    }
+    // A point that fewer than three images show cannot be found; one that is found twice was not merged.
+    let shown = |p: usize| place.truth.iter().flatten().filter(|t| **t == Some(p)).count();
+    let visible = (0..place.points.len()).filter(|p| shown(*p) >= 4);
+    let missed = visible.clone().filter(|p| found[*p] == 0).count();
+    assert!(missed * 50 <= visible.count(), "{missed} points missed");
+    assert!(found.iter().filter(|n| **n > 1).count() <= 2, "points found twice");
+    let kept = model.observation_count() as f64;
+    let true_ones = place.truth.iter().flatten().flatten().count() as f64;
+    assert!(kept > 0.95 * true_ones, "{kept} of {true_ones} observations");
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let place = place(8, 150);
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| map_of(&place, &BuildOptions::default()))
+    };
+    let one = with(1);
+    assert_eq!(one, with(2));
+    assert_eq!(one, with(5));
+}
+
+#[test]
+fn images_that_leave_and_come_back_give_nearly_the_same_points() {
+    let place = place(16, 400);
+    let before = map_of(&place, &BuildOptions::default());
+    let mut model = before.clone();
+    let names = ["15.jpg".to_owned(), "14.jpg".to_owned()];
+    remove(&mut model, &names).unwrap();
+    model.validate().unwrap();
+    assert_eq!(model.images.len(), 14);
+    let unseen = |p: &&MapPoint| p.track.iter().all(|o| o.image < 14);
+    for old in before.points.iter().filter(unseen) {
+        assert!(model.points.contains(old), "a point that the images did not see changed");
+    }
+    assert!(model.points.iter().flat_map(|p| &p.track).all(|o| o.image < 14));
+
+    let without = model.clone();
+    let chosen: Vec<&ColmapImage> = [14, 15].iter().map(|i| &place.posed.images()[*i]).collect();
+    join(&mut model, &place.posed, &chosen, [14, 15].map(|i| copy(&place.features[i])).into(), &());
+    model.validate().unwrap();
+    assert_eq!(model.profile, before.profile);
+    for (new, old) in model.points.iter().zip(&without.points) {
+        if new.track == old.track {
+            assert_eq!(new, old, "a point that gained nothing changed");
+        }
+    }
+    let (kept, all) = (model.observation_count() as f64, before.observation_count() as f64);
+    assert!((kept / all - 1.0).abs() < 0.02, "{kept} observations, {all} before");
+    let same = |p: &MapPoint| {
+        before.points.iter().any(|q| q.track == p.track && q.position.distance(&p.position) < 1e-4)
+    };
+    let equal = model.points.iter().filter(|p| same(p)).count();
+    assert!(equal * 100 >= 95 * before.points.len(), "{equal} of {} points", before.points.len());
+}
+
+#[test]
+fn removing_all_images_leaves_an_empty_map_that_can_grow_again() {
+    let place = place(8, 150);
+    let mut model = map_of(&place, &BuildOptions::default());
+    let names: Vec<String> = model.images.iter().map(|i| i.name.clone()).collect();
+    remove(&mut model, &names).unwrap();
+    model.validate().unwrap();
+    assert_eq!((model.images.len(), model.points.len(), model.cameras.len()), (0, 0, 0));
+    let images: Vec<&ColmapImage> = place.posed.images().iter().collect();
+    join(&mut model, &place.posed, &images, place.features.iter().map(copy).collect(), &());
+    assert!(model.points.len() > 100, "{}", model.points.len());
+    model.validate().unwrap();
+}
+
+#[test]
+fn names_that_cannot_leave_are_refused_and_the_map_stays() {
+    let place = place(4, 60);
+    let before = map_of(&place, &BuildOptions::default());
+    let mut model = before.clone();
+    for (names, told) in [
+        (vec![], "empty"),
+        (vec!["0.jpg", "0.jpg"], "0.jpg is in the list twice"),
+        (vec!["1.jpg", "nobody.jpg"], "nobody.jpg is not in the map"),
+    ] {
+        let names: Vec<String> = names.into_iter().map(str::to_owned).collect();
+        let error = remove(&mut model, &names).unwrap_err().to_string();
+        assert!(error.contains(told), "{error}");
+        assert_eq!(model, before);
+    }
+}
+
+/// Five camera models, written by pycolmap with all digits: its reprojection errors are ours.
+#[test]
+fn errors_of_pycolmaps_model_are_ours() {
+    for format in ["text", "binary"] {
+        let dir =
+            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../map/tests/data/colmap").join(format);
+        let colmap = veiloc_map::colmap::read_model(&dir).unwrap();
+        assert_eq!(colmap.points().len(), 12);
+        for point in colmap.points() {
+            let error = crate::import::recomputed_error(&colmap, point).unwrap();
+            assert!((error - point.error).abs() < 1e-9, "{error}, pycolmap says {}", point.error);
+        }
+    }
+}
