@@ -59,15 +59,15 @@ pub(crate) fn bake(quads: &[Quad], casting: &[Quad], lamps: &[Lamp]) -> Vec<Ligh
 fn light_at(at: Vec3, normal: Vec3, quads: &[Quad], bvh: &Bvh, lamps: &[Lamp], around: &[Vec3]) -> f32 {
     let mut direct = 0.0;
     for lamp in lamps {
-        for k in 0..6 {
-            let (s, t) = ((k as f32 + 0.5) / 6.0, (0.5 + 0.618_034 * k as f32).fract());
+        for k in 0..4 {
+            let (s, t) = ((k as f32 + 0.5) / 4.0, (0.5 + 0.618_034 * k as f32).fract());
             // A little below the lamp, so that the lamp does not shade itself.
             let to = lamp.corner + lamp.edge_u * s + lamp.edge_v * t - at - Vec3::new(0.0, 0.0, 0.02);
             let square = to.norm_squared();
             let facing = normal.dot(&to) / square.sqrt();
             let leaving = to.z / square.sqrt();
             if facing > 0.0 && leaving > 0.0 && bvh.first_hit(quads, at, to, 0.999, u32::MAX).is_none() {
-                direct += lamp.power * facing * leaving / square / 6.0;
+                direct += lamp.power * facing * leaving / square / 4.0;
             }
         }
     }
@@ -87,7 +87,7 @@ fn light_at(at: Vec3, normal: Vec3, quads: &[Quad], bvh: &Bvh, lamps: &[Lamp], a
 
 /// Directions spread over the half sphere around `z`, denser towards it by the cosine.
 fn hemisphere() -> Vec<Vec3> {
-    let n = 20;
+    let n = 16;
     (0..n)
         .map(|k| {
             let r = ((k as f32 + 0.5) / n as f32).sqrt();

@@ -62,23 +62,12 @@ fn a_point_has_the_same_colour_in_two_views() {
     let (differences, unseen) = compare(&first, &next);
     assert!(differences.len() > unseen, "neighbours share most of the view: {} seen", differences.len());
     assert!(differences[differences.len() / 2] < 5.0, "median {}", differences[differences.len() / 2]);
-    // A shift of four pixels destroys the agreement: the texture is fine enough to tell.
-    let mut shifted = quiet();
-    shifted.exposure = 1.0;
-    let wrong = first.cam_from_world().perturbed(&[0.0, 4.0 / 262.5, 0.0, 0.0, 0.0, 0.0]);
-    let (same_pixel, _) = {
-        let other = place.render(&wrong, &camera(), &shifted);
-        let (ga, gb) = (first.gray(), other.gray());
-        let mut d: Vec<f64> = ga
-            .pixels()
-            .zip(gb.pixels())
-            .map(|(a, b)| (f64::from(a.0[0]) - f64::from(b.0[0])).abs())
-            .collect();
-        d.sort_by(f64::total_cmp);
-        (d, 0)
-    };
-    let right = differences[differences.len() / 2];
-    assert!(same_pixel[same_pixel.len() / 2] > 2.0 * right, "{right}");
+    // Turned by four pixels nothing agrees: the texture is fine enough to tell.
+    let turned = first.cam_from_world().perturbed(&[0.0, 4.0 / 262.5, 0.0, 0.0, 0.0, 0.0]);
+    let (ga, gb) = (first.gray(), place.render(&turned, &camera(), &quiet()).gray());
+    let mut changes: Vec<u8> = ga.pixels().zip(gb.pixels()).map(|(a, b)| a.0[0].abs_diff(b.0[0])).collect();
+    changes.sort_unstable();
+    assert!(f64::from(changes[changes.len() / 2]) > 2.0 * differences[differences.len() / 2]);
     // From the other end of the room something else is seen.
     assert!(compare(&first, &far).0.len() < differences.len() / 2);
 }
@@ -113,7 +102,7 @@ fn equal_seeds_give_equal_bytes_and_others_do_not() {
 
 #[test]
 fn cameras_stand_free_and_queries_are_new() {
-    for seed in 0..4 {
+    for seed in 0..2 {
         let place = Place::generate(seed);
         let path = place.camera_path(&PathOptions::default());
         assert_eq!((path.mapping.len(), path.queries.len()), (40, 12));

@@ -54,7 +54,7 @@ pub(super) fn figure(attack: &[f64], guess: &[f64]) -> String {
          keypoint, pixels</text><text transform=\"translate(16 {:.0}) rotate(-90)\" text-anchor=\"middle\">share of keypoints\
          </text></svg><figcaption><b>How far off.</b> Numbers and solid bars: the attack.{dashed}</figcaption></figure>",
         width - 12.0,
-        (width + left) / 2.0,
+        f64::midpoint(width, left),
         base + 40.0,
         base / 2.0 + 10.0,
     )

@@ -67,32 +67,26 @@ fn figure(scheme: &TopViewScheme, plan: &Plan, ground: &str) -> String {
             write!(drawn, "<path class=\"truecam\" stroke-width=\"1.5\" d=\"{}\"/>", plan.wedge(truth, 15.0));
     }
     for (truth, estimate) in &scheme.cameras {
-        match estimate.filter(CameraFromWorld::is_finite) {
-            Some(pose) => {
-                let error = pose.translation_error(truth);
-                let class = if error < 0.05 {
-                    "near"
-                } else if error < 0.25 {
-                    "mid"
-                } else {
-                    "far"
-                };
-                if plan.holds(plan.place(pose.center().coords)) {
-                    let _ = write!(drawn, "<path class=\"{class}\" d=\"{}\"/>", plan.wedge(&pose, 10.0));
-                } else {
-                    off_page += 1;
-                }
+        if let Some(pose) = estimate.filter(CameraFromWorld::is_finite) {
+            let error = pose.translation_error(truth);
+            let class = if error < 0.05 {
+                "near"
+            } else if error < 0.25 {
+                "mid"
+            } else {
+                "far"
+            };
+            if plan.holds(plan.place(pose.center().coords)) {
+                let _ = write!(drawn, "<path class=\"{class}\" d=\"{}\"/>", plan.wedge(&pose, 10.0));
+            } else {
+                off_page += 1;
             }
-            None => {
-                let q = plan.place(truth.center().coords);
-                let _ = write!(
-                    drawn,
-                    "<path class=\"lost\" stroke-width=\"2\" d=\"M{:.1} {:.1}l10 10m0 -10l-10 10\"/>",
-                    q.x - 5.0,
-                    q.y - 5.0
-                );
-                lost += 1;
-            }
+        } else {
+            let q = plan.place(truth.center().coords);
+            let (x, y) = (q.x - 5.0, q.y - 5.0);
+            let cross = format!("M{x:.1} {y:.1}l10 10m0 -10l-10 10");
+            let _ = write!(drawn, "<path class=\"lost\" stroke-width=\"2\" d=\"{cross}\"/>");
+            lost += 1;
         }
     }
     let mut words = format!("{} of {} localized.", scheme.cameras.len() - lost, scheme.cameras.len());
