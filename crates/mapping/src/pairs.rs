@@ -48,6 +48,11 @@ pub(crate) fn pairs_by_pose(views: &[View], focus: &[u32]) -> Vec<(u32, u32)> {
 pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit: usize) -> Vec<(u32, u32)> {
     let shared_from_to = |i: usize, j: usize| -> f64 {
         let all = &seeds[i];
+        // Most pairs share nothing, and a few seeds tell: of a share worth matching hardly none of these would be seen.
+        let coarse = all.iter().step_by(all.len().div_ceil(FIRST_SEEDS).max(1));
+        if !coarse.into_iter().any(|x| views[j].pixel_inside(x).is_some()) {
+            return 0.0;
+        }
         let step = all.len().div_ceil(MAX_SEEDS).max(1);
         let worth: f64 = all.iter().step_by(step).map(|x| worth_of_seed(&views[i], &views[j], x)).sum();
         worth / all.len().div_ceil(step).max(MIN_SEEDS) as f64
@@ -110,6 +115,8 @@ const MAX_AXIS_ANGLE_DEG: f64 = 60.0;
 const FIRST_PARTNERS: usize = 6;
 /// Seeds of an image that are projected; more make the shares no more certain.
 const MAX_SEEDS: usize = 200;
+/// Seeds of an image that are projected before the others.
+const FIRST_SEEDS: usize = 30;
 /// An image with fewer seeds is not trusted more than as if it had these.
 pub(crate) const MIN_SEEDS: usize = 20;
 /// Pairs that share less are not matched.
@@ -118,6 +125,56 @@ const MIN_SHARED: f64 = 0.05;
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    use veiloc_geometry::nalgebra::Rotation3;
+    use veiloc_geometry::{CameraFromWorld, Intrinsics};
+
+    fn view(center: Vector3<f64>, target: Vector3<f64>) -> View {
+        let camera: Intrinsics = "SIMPLE_PINHOLE,640,480,500,320,240".parse().unwrap();
+        let look = Rotation3::look_at_lh(&(target - center), &Vector3::y());
+        View::new(camera, CameraFromWorld::new(look, -(look * center)), &[], 3.0, 3.0)
+    }
+
+    /// Two rows of cameras, each before a wall of its own, back to back.
+    fn two_walls() -> (Vec<View>, Seeds) {
+        let mut views = Vec::new();
+        let mut seeds = Vec::new();
+        for wall in [-4.0, 4.0] {
+            for i in 0..10 {
+                let x = 0.3 * f64::from(i);
+                views.push(view(Vector3::new(x, 0.0, 0.0), Vector3::new(x, 0.0, wall)));
+                let point =
+                    |k: i32| Vector3::new(x + 0.05 * f64::from(k % 17 - 8), 0.1 * f64::from(k % 5), wall);
+                seeds.push((0..100).map(point).collect());
+            }
+        }
+        (views, seeds)
+    }
+
+    #[test]
+    fn partners_look_at_the_same_wall_and_are_as_many_as_allowed() {
+        let (views, seeds) = two_walls();
+        let all: Vec<u32> = (0..20).collect();
+        for pairs in [pairs_by_pose(&views, &all), pairs_by_seeds(&views, &seeds, &all, 4)] {
+            assert!(pairs.iter().all(|(a, b)| a < b && (a / 10 == b / 10)), "{pairs:?}");
+            assert!(pairs.is_sorted_by(|a, b| a < b));
+            assert!(all.iter().all(|i| pairs.iter().any(|(a, b)| a == i || b == i)), "{pairs:?}");
+        }
+        for limit in 1..12 {
+            let own = pairs_by_seeds(&views, &seeds, &[7], limit);
+            assert_eq!(own.len(), limit.min(9));
+            assert!(own.iter().all(|(a, b)| *a == 7 || *b == 7));
+        }
+    }
+
+    #[test]
+    fn views_at_one_place_or_alone_have_pairs_or_none_but_no_panic() {
+        let here = view(Vector3::zeros(), Vector3::z());
+        assert!(pairs_by_pose(&[], &[]).is_empty());
+        assert!(pairs_by_pose(std::slice::from_ref(&here), &[0]).is_empty());
+        assert_eq!(pairs_by_pose(&[here.clone(), here.clone()], &[0, 1]), [(0, 1)]);
+        assert!(pairs_by_seeds(&[here.clone(), here], &vec![Vec::new(); 2], &[0, 1], 5).is_empty());
+    }
 
     #[test]
     fn ranks_are_distinct_and_within_limits() {
