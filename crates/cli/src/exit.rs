@@ -1,5 +1,6 @@
 //! Exit codes, and whose fault a failure is.
 
+use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 
@@ -41,6 +42,11 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
+    /// A refusal whose message tells the remedy itself.
+    pub(crate) fn refused(message: impl std::fmt::Display) -> Self {
+        Self::Refused { report: miette::miette!("{message}") }
+    }
+
     /// A refusal with a remedy.
     pub(crate) fn with_help(message: impl std::fmt::Display, help: impl std::fmt::Display) -> Self {
         let report = miette::miette!(help = help.to_string(), "{message}");
@@ -59,8 +65,29 @@ impl Failure {
 /// Every error of the libraries is about what was given to them: a refusal.
 impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
     fn from(error: E) -> Self {
-        Self::Refused { report: miette::Report::from_err(error) }
+        match remedy_of_io(&error) {
+            Some(help) => Self::with_help(error, help),
+            None => Self::Refused { report: miette::Report::from_err(error) },
+        }
     }
+}
+
+/// What to do when the system refused a file: libraries say which file and what it said, but that is no remedy yet.
+fn remedy_of_io(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
+    let mut causes = std::iter::successors(Some(error), |e| e.source());
+    let io = causes.find_map(|e| e.downcast_ref::<std::io::Error>())?;
+    Some(match io.kind() {
+        ErrorKind::NotFound | ErrorKind::NotADirectory => "check the path, and that its folder exists",
+        ErrorKind::IsADirectory => "check the path: it leads to a folder, and a file is wanted",
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+            "check the permissions of the file and of its folder, or choose another place"
+        }
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room on the disk, or choose another place",
+        ErrorKind::UnexpectedEof | ErrorKind::InvalidData | ErrorKind::InvalidInput => {
+            "the file is cut short or damaged; copy it again or make it anew"
+        }
+        _ => "check the path, and that the file and its folder may be read and written",
+    })
 }
 
 /// What a command returns.

@@ -1,5 +1,6 @@
 //! Reads and writes whole files, with errors that name the file and the remedy; nothing is ever half-written.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -64,6 +65,13 @@ pub(crate) fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
             "write one image name a line, relative to the folder of the images",
         ));
     }
+    let mut seen = BTreeSet::new();
+    if let Some(twice) = names.iter().find(|name| !seen.insert(*name)) {
+        return Err(Failure::with_help(
+            format!("{}: {twice} is there twice", path.display()),
+            "name every image once",
+        ));
+    }
     Ok(names)
 }
 
@@ -104,6 +112,8 @@ mod tests {
         assert_eq!(read_list(&path).expect("a list"), ["a.jpg", "b/c d.jpg"]);
         write(&path, b"\n# nothing\n").expect("written");
         assert!(read_list(&path).is_err());
+        write(&path, b"a.jpg\nb.jpg\na.jpg\n").expect("written");
+        assert!(read_list(&path).is_err(), "a name twice");
         write(&path, &[0xff, 0xfe]).expect("written");
         assert!(read_list(&path).is_err());
     }

@@ -19,7 +19,12 @@ pub(crate) struct Ui {
 impl Ui {
     /// Bars only where a person watches.
     pub(crate) fn new(quiet: bool) -> Self {
-        Self { quiet, bars: !quiet && std::io::stderr().is_terminal() }
+        let terminal = std::io::stderr().is_terminal();
+        // Names of files must stay whole, to be copied or searched for.
+        let options = move || miette::MietteHandlerOpts::new().wrap_lines(terminal).break_words(false);
+        // Fails only when there is a hook already; then that one was meant.
+        let _ = miette::set_hook(Box::new(move |_| Box::new(options().build())));
+        Self { quiet, bars: !quiet && terminal }
     }
 
     /// A remark for people.

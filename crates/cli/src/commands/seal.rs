@@ -43,22 +43,19 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     }
     let scheme = profile.scheme();
     let into_folder = args.images.len() > 1 || args.out.is_dir();
+    let outputs = args.images.iter().map(|image| target(image, &args.out, into_folder)).collect::<Vec<_>>();
+    refuse_collisions(&args.images, &outputs)?;
+    refuse_overwriting_input(args, &outputs)?;
     if into_folder {
         files::make_folder(&args.out)?;
     }
-    let outputs = args.images.iter().map(|image| target(image, &args.out, into_folder)).collect::<Vec<_>>();
-    refuse_collisions(&args.images, &outputs)?;
 
     let bar = ui.bar("Sealing", args.images.len() as u64);
     for (image, out) in args.images.iter().zip(&outputs) {
         let (features, camera) = extract(image, &args.camera, &profile)?;
         let found = features.keypoints.len();
-        let query = seal(features, &camera, &profile, &mut device_rng()?).map_err(|e| {
-            Failure::with_help(
-                format!("{}: {e}", image.display()),
-                "take another photograph with more structure in view",
-            )
-        })?;
+        let query = seal(features, &camera, &profile, &mut device_rng()?)
+            .map_err(|e| Failure::refused(format!("{}: {e}", image.display())))?;
         let bytes = query.encode();
         files::write(out, &bytes)?;
         ui.say(format!(
@@ -105,6 +102,21 @@ fn refuse_collisions(images: &[PathBuf], outputs: &[PathBuf]) -> Result<(), Fail
                     a.display()
                 ),
                 "seal them in two calls with different --out folders",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Nobody means to lose a photograph or the profile.
+fn refuse_overwriting_input(args: &Args, outputs: &[PathBuf]) -> Result<(), Failure> {
+    let inputs: Vec<PathBuf> =
+        args.images.iter().chain([&args.profile]).filter_map(|path| path.canonicalize().ok()).collect();
+    for out in outputs {
+        if out.canonicalize().is_ok_and(|out| inputs.contains(&out)) {
+            return Err(Failure::with_help(
+                format!("{} is an input, and would be overwritten by the sealed query", out.display()),
+                "choose another --out",
             ));
         }
     }
