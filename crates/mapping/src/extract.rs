@@ -49,13 +49,25 @@ pub(crate) fn extract_all(
     limits: ExtractionLimits,
     progress: &dyn Progress,
 ) -> Result<Vec<Extracted>, MappingError> {
+    extract_each(images, posed, image_dir, limits, progress, |_, extracted| extracted)
+}
+
+/// The same, and does something with the features of each photograph while those of others are still extracted.
+pub(crate) fn extract_each<T: Send>(
+    images: &[&ColmapImage],
+    posed: &ColmapModel,
+    image_dir: &Path,
+    limits: ExtractionLimits,
+    progress: &dyn Progress,
+    then: impl Fn(&ColmapImage, Extracted) -> T + Sync,
+) -> Result<Vec<T>, MappingError> {
     progress.start("Extracting features", images.len());
-    let all: Vec<Result<Extracted, MappingError>> = images
+    let all: Vec<Result<T, MappingError>> = images
         .par_iter()
         .map(|image| {
             let extracted = extract(&image_dir.join(&image.name), posed.camera_of(image), limits);
             progress.advance(1);
-            extracted
+            Ok(then(image, extracted?))
         })
         .collect();
     all.into_iter().collect()

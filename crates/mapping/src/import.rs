@@ -8,11 +8,12 @@ use rayon::prelude::*;
 use veiloc_geometry::{Pixel, PlanePoint};
 use veiloc_map::colmap::{ColmapImage, ColmapModel, ColmapPoint};
 use veiloc_map::{MapModel, MapPoint, Observation};
+use veiloc_query::ExtractionLimits;
 
 use crate::build::{append_images, profile};
 use crate::complete::Grid;
 use crate::error::MappingError;
-use crate::extract::extract_all;
+use crate::extract::{Extracted, extract_each};
 use crate::options::BuildOptions;
 use crate::progress::Progress;
 
@@ -65,7 +66,8 @@ impl fmt::Display for ImportReport {
 ///
 /// A COLMAP model has no descriptors. Keypoints are extracted from the photographs, and each observation is given to the
 /// keypoint nearest to it, if one is within 2 pixels (and to those at the very same place, found with another
-/// orientation). Positions of points are COLMAP's. Points without any such keypoint are left out.
+/// orientation). Positions of points are COLMAP's. Points without any such keypoint are left out. All keypoints that see
+/// a point are kept, and the strongest of the others as far as [`BuildOptions::max_keypoints`] goes.
 ///
 /// # Errors
 /// [`MappingError`]: a model without images, photographs that cannot be read or are not of their cameras' sizes, no
@@ -81,21 +83,16 @@ pub fn import(
     if images.is_empty() {
         return Err(MappingError::EmptyList);
     }
-    let features = extract_all(&images, colmap, image_dir, options.extraction(), progress)?;
+    let generous = ExtractionLimits { max_keypoints: GENEROUS, max_image_side: options.max_image_side };
+    let joined = extract_each(&images, colmap, image_dir, generous, progress, |image, found| {
+        let joined = join(image, &found.keypoints);
+        keep_strongest(found, joined, options.max_keypoints)
+    })?;
+    let (features, joined): (Vec<Extracted>, Vec<Joined>) = joined.into_iter().unzip();
     let profile = profile(&features, options, progress)?;
     let mut model = MapModel::empty(profile, options.extraction());
     append_images(&mut model, colmap, &images, features);
 
-    progress.start("Joining keypoints to points", images.len());
-    let joined: Vec<Joined> = images
-        .par_iter()
-        .zip(&model.images)
-        .map(|(image, own)| {
-            let joined = join(image, &own.keypoints);
-            progress.advance(1);
-            joined
-        })
-        .collect();
     let mut tracks: BTreeMap<u64, Vec<Observation>> = BTreeMap::new();
     for (image, joined) in (0..).zip(&joined) {
         for &(point, keypoint) in &joined.keypoints {
@@ -157,6 +154,28 @@ fn join(image: &ColmapImage, keypoints: &[[f32; 2]]) -> Joined {
     Joined { observations: place_of.len(), keypoints: point_of.into_iter().map(|(k, p)| (p, k)).collect() }
 }
 
+/// All keypoints that see a point, and the strongest others up to `limit` in all.
+fn keep_strongest(found: Extracted, mut joined: Joined, limit: usize) -> (Extracted, Joined) {
+    let mut keep = vec![false; found.keypoints.len()];
+    for (_, keypoint) in &joined.keypoints {
+        keep[*keypoint as usize] = true;
+    }
+    let mut room = limit.saturating_sub(joined.keypoints.len());
+    for kept in &mut keep {
+        if !*kept && room > 0 {
+            (*kept, room) = (true, room - 1);
+        }
+    }
+    let indices: Vec<usize> = (0..keep.len()).filter(|k| keep[*k]).collect();
+    for (_, keypoint) in &mut joined.keypoints {
+        let new =
+            indices.binary_search(&(*keypoint as usize)).expect("every keypoint that sees a point is kept");
+        *keypoint = new as u32;
+    }
+    let keypoints = indices.iter().map(|k| found.keypoints[*k]).collect();
+    (Extracted { keypoints, descriptors: found.descriptors.select(indices) }, joined)
+}
+
 /// Mean reprojection error of each point over its track, in the photographs.
 fn measure(model: &mut MapModel) {
     let MapModel { cameras, images, points, .. } = model;
@@ -206,6 +225,8 @@ fn report(colmap: &ColmapModel, model: &MapModel, observations_kept: usize) -> I
     }
 }
 
+/// Keypoints of a photograph among which those of the model are looked for.
+const GENEROUS: u32 = 65_536;
 /// An observation and a keypoint farther apart are not the same.
 const MAX_DISTANCE_PX: f64 = 2.0;
 /// Keypoints nearer to each other are one, found with several orientations.
