@@ -15,7 +15,7 @@ use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
 
 /// A map in a file that is mapped into memory: opening it reads and checks everything once, using it copies nothing.
 ///
-/// The file must not be written into while it is open; [`write`](crate::write) never does, it replaces the file.
+/// The file must not be written into while it is open; [`write`](crate::write()) never does, it replaces the file.
 #[derive(Debug)]
 pub struct MapFile {
     pub(super) path: PathBuf,
