@@ -5,7 +5,6 @@ use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
-use serde::Serialize;
 use veiloc_attacks::{
     ClosedFormOptions, ErrorSummary, NeighbourLists, Observation, bits_over_prior, closed_form, errors_px,
     prior_only,
@@ -20,7 +19,7 @@ use crate::demo::DemoOptions;
 use crate::demo::place::{RenderedPlace, picture};
 use crate::error::EvalError;
 use crate::metrics::{mean, median};
-use crate::report::{PRIOR_ONLY, QueryPanel, SchemePanel};
+use crate::report::{AttackRow, PRIOR_ONLY, QueryPanel, SchemePanel};
 use crate::seeds::seed_for;
 
 /// Neighbours of a keypoint, as in the paper.
@@ -29,30 +28,9 @@ const NEIGHBOURS: usize = 20;
 /// Name of the paper's attack in tables and documents.
 const CLOSED_FORM: &str = "closed-form";
 
-/// One attack against one scheme, over all pictures.
-#[derive(Debug, Clone, Serialize)]
-pub struct AttackResult {
-    /// Obfuscation scheme.
-    pub scheme: String,
-    /// `closed-form`, or `prior-only` for the guess without any attack.
-    pub attack: String,
-    /// Pictures attacked.
-    pub images: usize,
-    /// Mean distance of recovered from true keypoints, pixels.
-    pub mean_px: f64,
-    /// Median of the same, pixels.
-    pub median_px: f64,
-    /// Share of keypoints within 30 px of the truth, 0 to 1.
-    pub under_30px: f64,
-    /// Bits per keypoint beyond the guess; below 0 the attack did worse than guessing.
-    pub bits_over_prior: f64,
-    /// Median milliseconds a picture.
-    pub ms: f64,
-}
-
 /// Rows of the table, and the pictures for the report.
 pub(crate) struct Attacked {
-    pub(crate) rows: Vec<AttackResult>,
+    pub(crate) rows: Vec<AttackRow>,
     pub(crate) panels: Vec<QueryPanel>,
 }
 
@@ -134,15 +112,21 @@ pub(crate) fn attack_all(
     let mut rows = Vec::new();
     for (scheme, [attack, guess]) in schemes.iter().zip(&tallies) {
         let bits = bits_over_prior(&attack.errors, &guess.errors, size.0, size.1);
-        rows.push(row(*scheme, PRIOR_ONLY, images, guess, 0.0));
-        rows.push(row(*scheme, CLOSED_FORM, images, attack, bits));
+        rows.push(row(*scheme, PRIOR_ONLY, images, guess, None));
+        rows.push(row(*scheme, CLOSED_FORM, images, attack, Some(bits)));
     }
     Ok(Attacked { rows, panels })
 }
 
-fn row(scheme: Scheme, attack: &str, images: usize, tally: &Tally, bits_over_prior: f64) -> AttackResult {
+fn row(
+    scheme: Scheme,
+    attack: &str,
+    images: usize,
+    tally: &Tally,
+    bits_over_prior: Option<f64>,
+) -> AttackRow {
     let summary = ErrorSummary::of(&tally.errors);
-    AttackResult {
+    AttackRow {
         scheme: scheme.to_string(),
         attack: attack.to_owned(),
         images,
@@ -182,7 +166,7 @@ fn select(sent: &Observations, rows: &[usize]) -> Observations {
 }
 
 /// The attacks as a table for people.
-pub fn attack_table(rows: &[AttackResult]) -> String {
+pub fn attack_table(rows: &[AttackRow]) -> String {
     let mut text = format!(
         "{:<24}{:<14}{:>9}{:>11}{:>11}{:>14}{:>9}\n",
         "scheme", "attack", "mean px", "median px", "< 30 px", "bits gained", "ms"
@@ -193,13 +177,13 @@ pub fn attack_table(rows: &[AttackResult]) -> String {
     for r in rows {
         let _ = writeln!(
             text,
-            "{:<24}{:<14}{:>9.1}{:>11.1}{:>9.1} %{:>14.2}{:>9.2}",
+            "{:<24}{:<14}{:>9.1}{:>11.1}{:>9.1} %{:>14}{:>9.2}",
             r.scheme,
             r.attack,
             r.mean_px,
             r.median_px,
             100.0 * r.under_30px,
-            r.bits_over_prior,
+            r.bits_over_prior.map_or("—".to_owned(), |b| format!("{b:.2}")),
             r.ms
         );
     }

@@ -18,10 +18,11 @@ use veiloc_query::Scheme;
 
 use crate::error::EvalError;
 use crate::metrics::Threshold;
+use crate::report::AttackRow;
 use crate::results::Evaluation;
 use crate::scene::{SceneEvaluation, evaluate_scene};
 
-pub use attack::{AttackResult, attack_table};
+pub use attack::attack_table;
 
 /// What the demo does.
 #[derive(Debug, Clone)]
@@ -54,7 +55,7 @@ pub struct DemoDocument {
     /// Localization of the hidden views.
     pub evaluation: Evaluation,
     /// What the attack recovered, one entry a scheme and attack.
-    pub attacks: Vec<AttackResult>,
+    pub attacks: Vec<AttackRow>,
 }
 
 /// What the demo found, and where its report is.

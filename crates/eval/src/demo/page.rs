@@ -6,7 +6,7 @@ use veiloc_map::{MapFile, PointId};
 use crate::demo::DemoOptions;
 use crate::demo::attack::Attacked;
 use crate::demo::place::RenderedPlace;
-use crate::report::{AttackRow, Card, PRIOR_ONLY, Report, TopView, TopViewScheme};
+use crate::report::{Card, PRIOR_ONLY, Report, TopView, TopViewScheme};
 use crate::results::{Evaluation, SchemeSummary};
 
 /// Map points the top view draws at most; more only make the file larger.
@@ -31,20 +31,7 @@ pub(crate) fn page(
     };
     page.cards = cards(evaluation, attacked);
     page.localization.clone_from(&evaluation.schemes);
-    page.attacks = attacked
-        .rows
-        .iter()
-        .map(|r| AttackRow {
-            scheme: r.scheme.clone(),
-            attack: r.attack.clone(),
-            images: r.images,
-            mean_px: r.mean_px,
-            median_px: r.median_px,
-            under_30px: r.under_30px,
-            bits_over_prior: (r.attack != PRIOR_ONLY).then_some(r.bits_over_prior),
-            ms: r.ms,
-        })
-        .collect();
+    page.attacks.clone_from(&attacked.rows);
     page.queries.clone_from(&attacked.panels);
     page.top_view = Some(top_view(place, map, evaluation));
     page.details = details(evaluation, options);

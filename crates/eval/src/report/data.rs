@@ -1,6 +1,7 @@
 //! What a report shows: plain data, filled by whoever measured it.
 
 use image::RgbImage;
+use serde::Serialize;
 use veiloc_geometry::{CameraFromWorld, Pixel};
 use veiloc_query::Observations;
 
@@ -42,7 +43,7 @@ pub struct Card {
 }
 
 /// How well one attack did against one scheme.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct AttackRow {
     /// Obfuscation scheme.
     pub scheme: String,
