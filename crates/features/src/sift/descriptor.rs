@@ -6,7 +6,7 @@
 
 use std::f32::consts::TAU;
 
-use super::gradient::GradientRow;
+use super::gradient::{GradientRow, LANES};
 use super::orientation::inner_range;
 use super::plane::Plane;
 
@@ -23,10 +23,18 @@ const WINDOW: f32 = 2.0;
 /// No bin holds more than this share of the length of the whole vector.
 const CLIP: f32 = 0.2;
 
+/// Every second row is counted: gradients of a picture blurred by at least 1.6 samples are that smooth. Half the time,
+/// and no difference in docs/features.md (53.1 against 53.4 % on posed pairs, 96.9 against 96.9 % on warps).
+const ROW_STEP: usize = 2;
+
 /// Cells with a margin on each side, which catches votes of gradients just outside.
 const PADDED: usize = CELLS + 2;
 /// Directions with one behind, which is the first again.
 const TURN: usize = DIRECTIONS + 1;
+/// All bins, `[PADDED rows, PADDED columns, TURN]`.
+const BINS: usize = PADDED * PADDED * TURN;
+/// From the first to the last of the eight bins that share a vote.
+const SPAN: usize = PADDED * TURN + TURN + 2;
 
 /// Histogram of the gradients around (`x`, `y`), unit length, clipped, as RootSIFT bytes.
 ///
@@ -52,39 +60,98 @@ fn histogram(
     let reach = std::f32::consts::SQRT_2 * side * (CELLS as f32 + 1.0) / 2.0;
     let (left, right) = inner_range(x, reach, plane.width);
     let (top, bottom) = inner_range(y, reach, plane.height);
-    let mut bins = [0.0f32; PADDED * PADDED * TURN];
+    let mut bins = [0.0f32; BINS];
     if left < right {
         let (sin, cos) = f64::from(orientation).sin_cos();
-        let (sin, cos) = (sin as f32 / side, cos as f32 / side);
+        let axes = [cos as f32 / side, sin as f32 / side];
         // Round, so the weight is a product of one factor for the column and one for the row.
         let weight = |distance: f32| (-(distance / side).powi(2) / (2.0 * WINDOW * WINDOW)).exp();
         let column_weights: Vec<f32> = (left..right).map(|column| weight(column as f32 - x)).collect();
-        for row in top..bottom {
+        for row in (top..bottom).step_by(ROW_STEP) {
             let dy = row as f32 - y;
-            let row_weight = weight(dy);
-            let (first, last) = columns_inside(x, dy, [cos, sin], left, right);
+            let (first, last) = columns_inside(x, dy, axes, left, right);
             if first >= last {
                 continue;
             }
             gradients.compute(plane, row, first, last);
-            for i in 0..last - first {
-                let column = first + i;
-                let dx = column as f32 - x;
-                // Cell coordinates: the centre of cell `k` is at `k + 1`, margin included.
-                let across = cos * dx + sin * dy + f32::midpoint(CELLS as f32, 1.0);
-                let down = cos * dy - sin * dx + f32::midpoint(CELLS as f32, 1.0);
-                let inside = across >= 0.0 && across < CELLS as f32 + 1.0;
-                if !(inside && down >= 0.0 && down < CELLS as f32 + 1.0) {
-                    continue;
+            let magnitudes = gradients.magnitude.chunks(LANES);
+            let angles = gradients.angle.chunks(LANES);
+            let weights = column_weights[first - left..last - left].chunks(LANES);
+            let row_weight = weight(dy);
+            for (chunk, ((magnitudes, angles), weights)) in magnitudes.zip(angles).zip(weights).enumerate() {
+                let mut votes = Votes::default();
+                votes.vote[..weights.len()].copy_from_slice(weights);
+                let dx = (first + chunk * LANES) as f32 - x;
+                votes.cast(row_weight, magnitudes, angles, orientation, [dx, dy], axes);
+                for i in 0..weights.len() {
+                    votes.count(i, &mut bins);
                 }
-                let vote = row_weight * column_weights[column - left] * gradients.magnitude[i];
-                let turn =
-                    (orientation - gradients.angle[i]) * (DIRECTIONS as f32 / TAU) + 2.0 * DIRECTIONS as f32;
-                add(&mut bins, vote, across, down, turn);
             }
         }
     }
     collect(&bins)
+}
+
+/// Votes of `LANES` neighbouring gradients: worked out side by side, counted one after another.
+#[derive(Default)]
+struct Votes {
+    /// The bin of least row, column and direction among the eight that share the vote.
+    bin: [i32; LANES],
+    /// Share of the farther column, row and direction.
+    share: [[f32; LANES]; 3],
+    /// Weight of the window along the row; then the whole vote, 0 outside the square.
+    vote: [f32; LANES],
+}
+
+impl Votes {
+    #[inline]
+    fn cast(
+        &mut self,
+        row_weight: f32,
+        magnitudes: &[f32],
+        angles: &[f32],
+        orientation: f32,
+        [dx, dy]: [f32; 2],
+        [cos, sin]: [f32; 2],
+    ) {
+        const END: f32 = CELLS as f32 + 1.0;
+        const MIDDLE: f32 = 0.5 * END;
+        let (magnitudes, angles) = (&magnitudes[..LANES], &angles[..LANES]);
+        for i in 0..LANES {
+            let dx = dx + i as f32;
+            // Cell coordinates: the centre of cell `k` is at `k + 1`, margin included.
+            let across = cos * dx + sin * dy + MIDDLE;
+            let down = cos * dy - sin * dx + MIDDLE;
+            let turn = (orientation - angles[i]) * (DIRECTIONS as f32 / TAU) + 2.0 * DIRECTIONS as f32;
+            let inside = (0.0..END).contains(&across) && (0.0..END).contains(&down);
+            let (across, down) = (across.clamp(0.0, END - 0.5), down.clamp(0.0, END - 0.5));
+            let (column, row, direction) = (across as i32, down as i32, turn as i32);
+            self.share[0][i] = across - column as f32;
+            self.share[1][i] = down - row as f32;
+            self.share[2][i] = turn - direction as f32;
+            self.bin[i] =
+                (row * PADDED as i32 + column) * TURN as i32 + (direction & (DIRECTIONS as i32 - 1));
+            let vote = row_weight * self.vote[i] * magnitudes[i];
+            self.vote[i] = if inside { vote } else { 0.0 };
+        }
+    }
+
+    /// Shares vote `i` among the eight nearest bins.
+    #[inline]
+    fn count(&self, i: usize, bins: &mut [f32; BINS]) {
+        let first = self.bin[i] as usize;
+        let Some(bins) = bins[first.min(BINS)..].first_chunk_mut::<SPAN>() else { return };
+        let [right, down, turned] = [self.share[0][i], self.share[1][i], self.share[2][i]];
+        let lower = self.vote[i] * down;
+        let upper = self.vote[i] - lower;
+        let (upper_right, lower_right) = (upper * right, lower * right);
+        let cells = [upper - upper_right, upper_right, lower - lower_right, lower_right];
+        for (at, vote) in [0, TURN, PADDED * TURN, PADDED * TURN + TURN].into_iter().zip(cells) {
+            let next = vote * turned;
+            bins[at] += vote - next;
+            bins[at + 1] += next;
+        }
+    }
 }
 
 /// Columns of `left..right` that may lie under the turned square in the row `dy` below the keypoint.
@@ -106,27 +173,8 @@ fn columns_inside(x: f32, dy: f32, [cos, sin]: [f32; 2], left: usize, right: usi
     if last < first as f32 { (first, first) } else { (first, last as usize + 1) }
 }
 
-/// Shares a vote among the eight nearest bins. `across` and `down` in [0, CELLS + 1), `turn` at least 0.
-#[inline]
-fn add(bins: &mut [f32; PADDED * PADDED * TURN], vote: f32, across: f32, down: f32, turn: f32) {
-    let (column, row, direction) = (across as usize, down as usize, turn as usize);
-    let (fx, fy, ft) = (across - column as f32, down - row as f32, turn - direction as f32);
-    let direction = direction % DIRECTIONS;
-    let lower = vote * fy;
-    let upper = vote - lower;
-    for (row, vote) in [(row, upper), (row + 1, lower)] {
-        let right = vote * fx;
-        for (column, vote) in [(column, vote - right), (column + 1, right)] {
-            let at = (row * PADDED + column) * TURN + direction;
-            let next = vote * ft;
-            bins[at] += vote - next;
-            bins[at + 1] += next;
-        }
-    }
-}
-
 /// The bins without their margin, `[CELLS, CELLS, DIRECTIONS]`.
-fn collect(bins: &[f32; PADDED * PADDED * TURN]) -> [f32; DIM] {
+fn collect(bins: &[f32; BINS]) -> [f32; DIM] {
     let mut histogram = [0.0; DIM];
     for (i, cell) in histogram.chunks_exact_mut(DIRECTIONS).enumerate() {
         let from = ((i / CELLS + 1) * PADDED + i % CELLS + 1) * TURN;
