@@ -50,7 +50,7 @@ fn extreme_pictures_do_not_panic() {
     for value in [1e-40, 1.0, 1e20, f32::MAX] {
         let _ = count(&GrayImage::new(64, 64, checker(value)).expect("finite"));
     }
-    let noise = (0..8 * 8u32).map(|i| ((i * 2_654_435_761) >> 24) as f32 / 255.0).collect();
+    let noise = (0..8 * 8u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as f32 / 255.0).collect();
     let _ = count(&GrayImage::new(8, 8, noise).expect("finite"));
     let mut none = SiftOptions::default();
     (none.max_keypoints, none.max_octaves, none.max_orientations) = (0, 0, 0);

@@ -41,7 +41,7 @@ use octave::{Octave, SCALES, sigma_of_level};
 /// `f32` when it is doubled, a quarter of that when not.
 pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
     let (octaves, mut extrema) = scale_space(image, options);
-    rank(&mut extrema, &octaves);
+    rank(&mut extrema);
     extrema.truncate(options.max_keypoints);
 
     let described: Vec<(Keypoint, [u8; descriptor::DIM])> = extrema
@@ -73,18 +73,11 @@ fn scale_space(image: &GrayImage, options: &SiftOptions) -> (Vec<Octave>, Vec<Ex
 }
 
 /// Strongest first; equal ones in the order they were found.
-fn rank(extrema: &mut [Extremum], octaves: &[Octave]) {
-    let strength = |extremum: &Extremum| strength(extremum, &octaves[extremum.octave]);
-    extrema.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
-}
-
-/// Peak difference of Gaussians times the squared scale in pixels of the picture.
 ///
-/// Large keypoints survive a change of distance, high peaks survive noise. Of response, scale (COLMAP's order) and
-/// their products this one repeats best and gives the most correct matches at 2048 keypoints: docs/features.md.
-fn strength(extremum: &Extremum, octave: &Octave) -> f32 {
-    let scale = sigma_of_level(f64::from(extremum.level)) * octave.step;
-    extremum.response * (scale * scale) as f32
+/// The peak alone decides. Weighing it by the scale finds more keypoints again, but the coarse ones it prefers lie a
+/// good part of a pixel off, and poses from them are worse: docs/decisions/0005-keypoints-are-ranked-by-their-peak.md.
+fn rank(extrema: &mut [Extremum]) {
+    extrema.sort_by(|a, b| b.response.total_cmp(&a.response));
 }
 
 /// One keypoint per dominant direction of an extremum.
@@ -107,7 +100,7 @@ fn describe(
                 pixel: Pixel::new(place(extremum.x), place(extremum.y)),
                 scale: (sigma * octave.step) as f32,
                 orientation,
-                response: strength(extremum, octave),
+                response: extremum.response,
             };
             (keypoint, descriptor::describe(plane, centre, sigma as f32, orientation, gradients))
         })
