@@ -74,7 +74,7 @@ pub fn evaluate_scene(
     let queries = posed_queries(&posed, &evaluation.images, &evaluation.query_list)?;
     if let Some(name) = evaluation.query_list.iter().find(|q| evaluation.map_list.contains(q)) {
         return Err(EvalError::DataSet(format!(
-            "{name} is in the map list and in the query list; a query that is in the map proves nothing"
+            "{name} is in the map list and in the query list; a query that is in the map proves nothing; take it from one of the lists"
         )));
     }
 
@@ -118,7 +118,7 @@ fn posed_queries(posed: &ColmapModel, images: &Path, names: &[String]) -> Result
         .iter()
         .map(|name| {
             let image = posed.image_by_name(name).ok_or_else(|| {
-                EvalError::DataSet(format!("{name}: in the query list, but the model has no pose for it"))
+                EvalError::DataSet(format!("{name}: in the query list, but the model has no pose for it; take it from the list or add its pose"))
             })?;
             let camera = posed.camera_of(image);
             Ok(PosedQuery {

@@ -56,7 +56,7 @@ fn check_offsets(sigma: f64, upsample: bool, largest_allowed: f64) {
 #[test]
 fn blob_positions_have_no_bias_in_any_octave() {
     // Scales of 1.2, 2, ... pixels belong to octaves 0, 1, 2, 3 of the doubled picture.
-    for (sigma, largest_allowed) in [(1.2, 0.03), (2.0, 0.02), (4.0, 0.04), (8.0, 0.08)] {
+    for (sigma, largest_allowed) in [(1.2, 0.02), (2.0, 0.02), (4.0, 0.04), (8.0, 0.08)] {
         check_offsets(sigma, true, largest_allowed);
     }
     for (sigma, largest_allowed) in [(2.4, 0.04), (5.0, 0.08)] {

@@ -15,14 +15,14 @@ pub(crate) struct PoseArgs {
     #[arg(long, value_name = "SOLVER")]
     pub(crate) solver: Option<AnchoredSolver>,
     /// Inlier threshold for points in pixels; lines use it divided by √2, as in the paper.
-    #[arg(long, value_name = "PX")]
+    #[arg(long, value_name = "PX", value_parser = positive)]
     pub(crate) max_error: Option<f64>,
     /// Noise of a keypoint across its line in pixels, the likelihood's only scale.
-    #[arg(long, value_name = "PX")]
+    #[arg(long, value_name = "PX", value_parser = positive)]
     pub(crate) noise: Option<f64>,
     /// Draw exactly this many hypotheses, instead of stopping when a better one is unlikely.
-    #[arg(long, value_name = "N")]
-    pub(crate) hypotheses: Option<usize>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    pub(crate) hypotheses: Option<u32>,
     /// Weigh all matches alike, instead of by descriptor ratio, votes of the retrieved images and track length.
     #[arg(long)]
     pub(crate) no_prior: bool,
@@ -48,7 +48,7 @@ impl PoseArgs {
         if let Some(px) = self.noise {
             options.noise_px = px;
         }
-        options.fixed_hypotheses = self.hypotheses;
+        options.fixed_hypotheses = self.hypotheses.map(|n| n as usize);
         options
     }
 }
@@ -57,11 +57,11 @@ impl PoseArgs {
 #[derive(clap::Args, Debug)]
 pub(crate) struct MatchArgs {
     /// Map images to match a query with, the most similar first.
-    #[arg(long, default_value_t = 10, value_name = "N")]
-    pub(crate) retrieve: usize,
+    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) retrieve: u32,
     /// Keep only matches whose nearest descriptor is this much nearer than the second, 0 to 1. Default: mutual
     /// nearest neighbours without ratio test, as in the paper.
-    #[arg(long, value_name = "RATIO")]
+    #[arg(long, value_name = "RATIO", value_parser = share)]
     pub(crate) ratio: Option<f32>,
 }
 
@@ -69,11 +69,27 @@ impl MatchArgs {
     /// The library's options.
     pub(crate) fn options(&self, pose: &PoseArgs) -> LocalizeOptions {
         let mut options = LocalizeOptions::default();
-        options.retrieve = self.retrieve;
+        options.retrieve = self.retrieve as usize;
         options.matching.max_ratio = self.ratio;
         options.use_prior = pose.use_prior();
         options.pose = pose.options();
         options.seed = pose.seed;
         options
+    }
+}
+
+/// A number above zero.
+fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    if value.is_finite() && value > 0.0 { Ok(value) } else { Err("a number above 0 is expected".to_owned()) }
+}
+
+/// A number above zero, at most one.
+fn share(text: &str) -> Result<f32, String> {
+    let value: f32 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    if value > 0.0 && value <= 1.0 {
+        Ok(value)
+    } else {
+        Err("a number above 0, at most 1, is expected".to_owned())
     }
 }

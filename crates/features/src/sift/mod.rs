@@ -41,7 +41,7 @@ use octave::{Octave, SCALES, sigma_of_level};
 /// `f32` when it is doubled, a quarter of that when not.
 pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
     let (octaves, mut extrema) = scale_space(image, options);
-    rank(&mut extrema);
+    rank(&mut extrema, &octaves);
     extrema.truncate(options.max_keypoints);
 
     let described: Vec<(Keypoint, [u8; descriptor::DIM])> = extrema
@@ -73,11 +73,18 @@ fn scale_space(image: &GrayImage, options: &SiftOptions) -> (Vec<Octave>, Vec<Ex
 }
 
 /// Strongest first; equal ones in the order they were found.
+fn rank(extrema: &mut [Extremum], octaves: &[Octave]) {
+    let strength = |extremum: &Extremum| strength(extremum, &octaves[extremum.octave]);
+    extrema.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
+}
+
+/// Peak difference of Gaussians times the scale in pixels of the picture.
 ///
-/// The peak alone decides. Weighing it by the scale finds more keypoints again, but the coarse ones it prefers lie a
-/// good part of a pixel off, and poses from them are worse: docs/decisions/0005-keypoints-are-ranked-by-their-peak.md.
-fn rank(extrema: &mut [Extremum]) {
-    extrema.sort_by(|a, b| b.response.total_cmp(&a.response));
+/// Large keypoints survive a change of distance, high peaks survive noise, but the largest lie a good part of a pixel
+/// off: docs/decisions/0005-keypoints-are-ranked-by-peak-times-scale.md weighs recall against precision of poses.
+fn strength(extremum: &Extremum, octave: &Octave) -> f32 {
+    let scale = sigma_of_level(f64::from(extremum.level)) * octave.step;
+    extremum.response * scale as f32
 }
 
 /// One keypoint per dominant direction of an extremum.
@@ -100,7 +107,7 @@ fn describe(
                 pixel: Pixel::new(place(extremum.x), place(extremum.y)),
                 scale: (sigma * octave.step) as f32,
                 orientation,
-                response: extremum.response,
+                response: strength(extremum, octave),
             };
             (keypoint, descriptor::describe(plane, centre, sigma as f32, orientation, gradients))
         })

@@ -8,8 +8,8 @@ pub struct SiftOptions {
     pub max_keypoints: usize,
     /// Doubles the picture first. Default true: about three times as many keypoints, four times the work.
     pub upsample: bool,
-    /// The least |difference of Gaussians| at a keypoint, for samples in [0, 1]. Default 0.02 / 3, COLMAP's: 0.004
-    /// finds half as many again indoors, which costs time and gains no precision of poses (docs/decisions/0005).
+    /// The least |difference of Gaussians| at a keypoint, for samples in [0, 1]. Default 0.004; COLMAP's 0.02 / 3 finds
+    /// fewer indoors and gives a seventh fewer correct matches there (docs/features.md).
     pub peak_threshold: f32,
     /// The largest ratio of principal curvatures; beyond it a keypoint is on an edge. Default 10, Lowe's.
     pub edge_threshold: f32,
@@ -24,7 +24,7 @@ impl Default for SiftOptions {
         Self {
             max_keypoints: 4096,
             upsample: true,
-            peak_threshold: 0.02 / 3.0,
+            peak_threshold: 0.004,
             edge_threshold: 10.0,
             max_orientations: 2,
             max_octaves: 16,
