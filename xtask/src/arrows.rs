@@ -48,7 +48,9 @@ pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, Stri
     for room in SERVER_SIDE {
         let reached = reach(room, &direct);
         for forbidden in DEVICE_SIDE.iter().filter(|d| reached.contains(**d)) {
-            faults.push(format!("{room} reaches {forbidden}: the server side could name a keypoint of a query"));
+            faults.push(format!(
+                "{room} reaches {forbidden}: the server side could name a keypoint of a query"
+            ));
         }
     }
     Ok(direct.len())
@@ -102,15 +104,17 @@ mod tests {
     use super::*;
 
     fn graph(arrows: &[(&str, &[&str])]) -> BTreeMap<String, BTreeSet<String>> {
-        arrows
-            .iter()
-            .map(|(a, bs)| ((*a).to_owned(), bs.iter().map(|b| (*b).to_owned()).collect()))
-            .collect()
+        arrows.iter().map(|(a, bs)| ((*a).to_owned(), bs.iter().map(|b| (*b).to_owned()).collect())).collect()
     }
 
     #[test]
     fn a_detour_is_found() {
-        let g = graph(&[("localize", &["map"]), ("map", &["helper"]), ("helper", &["features"]), ("features", &[])]);
+        let g = graph(&[
+            ("localize", &["map"]),
+            ("map", &["helper"]),
+            ("helper", &["features"]),
+            ("features", &[]),
+        ]);
         assert!(reach("localize", &g).contains("features"));
         assert!(!reach("features", &g).contains("localize"));
     }

@@ -11,13 +11,11 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let task = std::env::args().nth(1);
-    match task.as_deref() {
-        Some("tidy") => tidy(),
-        _ => {
-            say("usage: cargo xtask tidy");
-            ExitCode::from(2)
-        }
+    if task.as_deref() == Some("tidy") {
+        return tidy();
     }
+    say("usage: cargo xtask tidy");
+    ExitCode::from(2)
 }
 
 fn tidy() -> ExitCode {
@@ -26,7 +24,8 @@ fn tidy() -> ExitCode {
         return ExitCode::from(3);
     };
     let mut faults = Vec::new();
-    let checked = arrows::check(root, &mut faults).and_then(|rooms| Ok((rooms, sources::check(root, &mut faults)?)));
+    let checked =
+        arrows::check(root, &mut faults).and_then(|rooms| Ok((rooms, sources::check(root, &mut faults)?)));
     match checked {
         Err(error) => {
             say(&format!("tidy could not run: {error}"));

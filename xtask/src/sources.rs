@@ -19,18 +19,17 @@ pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, Stri
     if !listed.status.success() {
         return Err(format!("git ls-files: {}", String::from_utf8_lossy(&listed.stderr)));
     }
-    let architecture = std::fs::read_to_string(root.join("ARCHITECTURE.md"))
-        .map_err(|e| format!("ARCHITECTURE.md: {e}"))?;
+    let architecture =
+        std::fs::read_to_string(root.join("ARCHITECTURE.md")).map_err(|e| format!("ARCHITECTURE.md: {e}"))?;
     let mut files = 0;
     for name in String::from_utf8_lossy(&listed.stdout).split('\0').filter(|n| !n.is_empty()) {
         // A file of bytes is nobody's prose; one that was just deleted is not there to read.
         let Ok(text) = std::fs::read_to_string(root.join(name)) else { continue };
         files += 1;
         check_file(name, &text, faults);
-        if let Some(room) = name.strip_prefix("crates/").and_then(|n| n.strip_suffix("/Cargo.toml")) {
-            if !architecture.contains(&format!("`{room}`")) {
-                faults.push(format!("{name}: ARCHITECTURE.md does not say what `{room}` is for"));
-            }
+        let room = name.strip_prefix("crates/").and_then(|n| n.strip_suffix("/Cargo.toml"));
+        if let Some(room) = room.filter(|room| !architecture.contains(&format!("`{room}`"))) {
+            faults.push(format!("{name}: ARCHITECTURE.md does not say what `{room}` is for"));
         }
     }
     Ok(files)
