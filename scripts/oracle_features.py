@@ -348,12 +348,12 @@ def main():
     if arguments.fixture:
         return write_fixture(arguments.fixture)
     if arguments.rankings:
-        # The columns are u, v, scale, orientation, response; response is the peak.
+        # The columns are u, v, scale, orientation, response; response is peak * scale.
         extractors = [
-            Ours(arguments.extract, n, rank=lambda k: k[:, 4], name="peak"),
-            Ours(arguments.extract, n, rank=lambda k: k[:, 4] * k[:, 2], name="peak * scale"),
-            Ours(arguments.extract, n, rank=lambda k: k[:, 4] * k[:, 2] ** 2, name="peak * scale^2"),
-            Ours(arguments.extract, n, rank=lambda k: k[:, 4] * k[:, 2] ** 3, name="peak * scale^3"),
+            Ours(arguments.extract, n, rank=lambda k: k[:, 4] / k[:, 2], name="peak"),
+            Ours(arguments.extract, n, rank=lambda k: k[:, 4], name="peak * scale"),
+            Ours(arguments.extract, n, rank=lambda k: k[:, 4] * k[:, 2], name="peak * scale^2"),
+            Ours(arguments.extract, n, rank=lambda k: k[:, 4] * k[:, 2] ** 2, name="peak * scale^3"),
             Ours(arguments.extract, n, rank=lambda k: k[:, 2], name="scale"),
         ]
     else:
