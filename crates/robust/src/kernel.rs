@@ -301,11 +301,12 @@ fn median_point(points: &[Vector3<f64>]) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::{Correspondences, PoseProblem};
+    use crate::problem::PoseProblem;
+    use crate::test_data::observe;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::nalgebra::Rotation3;
-    use veiloc_geometry::{DualAnchors, Pinhole, Pixel, PixelLine, Point3, Rigid3};
+    use veiloc_geometry::{DualAnchors, Pinhole, Pixel, Point3, Rigid3};
 
     fn problem(rng: &mut ChaCha8Rng, kind: usize, n: usize) -> PoseProblem {
         let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
@@ -320,19 +321,7 @@ mod tests {
                 Point3::from_vector(camera.unproject(noisy).homogeneous() * depth)
             })
             .collect();
-        let observations = match kind {
-            0 => Correspondences::Points { pixels },
-            1 => Correspondences::Lines {
-                lines: pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..3.0))).collect(),
-            },
-            _ => Correspondences::Anchored {
-                anchors,
-                lines: pixels
-                    .iter()
-                    .map(|p| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p)))
-                    .collect(),
-            },
-        };
+        let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
         let prior = Some((0..n).map(|_| rng.random_range(0.0..1.0)).collect());
         PoseProblem { camera, observations, points, prior }
     }

@@ -29,6 +29,8 @@ mod radial;
 pub mod ransac;
 mod refine;
 mod sampler;
+#[cfg(test)]
+mod test_data;
 
 pub use error::PoseError;
 pub use estimate::estimate_pose;

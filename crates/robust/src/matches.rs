@@ -245,6 +245,7 @@ fn chord_length(line: &PixelLine, camera: &Pinhole) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_data::observe;
     use veiloc_geometry::nalgebra::Rotation3;
     use veiloc_geometry::{Point3, Rigid3};
 
@@ -259,19 +260,8 @@ mod tests {
             .enumerate()
             .map(|(i, p)| Point3::from_vector(camera.unproject(*p).homogeneous() * (2.0 + 0.1 * i as f64)))
             .collect();
-        let observations = match kind {
-            0 => Correspondences::Points { pixels },
-            1 => Correspondences::Lines {
-                lines: pixels.iter().enumerate().map(|(i, p)| PixelLine::through(*p, i as f64)).collect(),
-            },
-            _ => Correspondences::Anchored {
-                anchors,
-                lines: pixels
-                    .iter()
-                    .map(|p| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p)))
-                    .collect(),
-            },
-        };
+        let mut angles = (0..).map(f64::from);
+        let observations = observe(kind, pixels, anchors, || angles.next().unwrap_or(0.0));
         PoseProblem { camera, observations, points, prior: None }
     }
 

@@ -204,11 +204,12 @@ pub(crate) fn covariance(matches: &Matches, inliers: &[usize], pose: &CameraFrom
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::{Correspondences, PoseProblem};
+    use crate::problem::PoseProblem;
+    use crate::test_data::observe;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-    use veiloc_geometry::{DualAnchors, Pinhole, Pixel, PixelLine, Point3, Rigid3};
+    use veiloc_geometry::{DualAnchors, Pinhole, Pixel, Point3, Rigid3};
 
     const LOSSES: [Loss; 3] =
         [Loss::Squared, Loss::Truncated { threshold: 4.0 }, Loss::Likelihood { noise: 2.0 }];
@@ -224,19 +225,7 @@ mod tests {
             .iter()
             .map(|p| Point3::from_vector(camera.unproject(*p).homogeneous() * rng.random_range(2.0..6.0)))
             .collect();
-        let observations = match kind {
-            0 => Correspondences::Points { pixels },
-            1 => Correspondences::Lines {
-                lines: pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..3.0))).collect(),
-            },
-            _ => Correspondences::Anchored {
-                anchors,
-                lines: pixels
-                    .iter()
-                    .map(|p| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p)))
-                    .collect(),
-            },
-        };
+        let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
         Matches::new(&PoseProblem { camera, observations, points, prior: None }, 0.2)
     }
 
