@@ -7,7 +7,7 @@ use std::process::Command;
 const UNSAFE_ROOM: &str = "crates/kernels/";
 
 /// Beginnings of paths that exist on one person's machine only.
-const PERSONAL_PATHS: &[&str] = &["/home/", "/root/", "/Users/", "/work/"];
+const PERSONAL_PATHS: &[&str] = &["/home/", "/root/", "/Users/"];
 
 /// Checks all files git knows; returns how many were read.
 pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, String> {

@@ -56,6 +56,17 @@ impl ExtractionArgs {
     }
 }
 
+/// Where a new map goes, and how it is told.
+#[derive(clap::Args)]
+struct WrittenArgs {
+    /// The map file to write.
+    #[arg(long, short, value_name = "FILE")]
+    out: PathBuf,
+    /// Print facts about the map as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
 /// Photographs with poses.
 #[derive(clap::Args)]
 struct PosedArgs {
@@ -80,12 +91,8 @@ pub(crate) struct BuildArgs {
     posed: PosedArgs,
     #[command(flatten)]
     extraction: ExtractionArgs,
-    /// The map file to write.
-    #[arg(long, short, value_name = "FILE")]
-    out: PathBuf,
-    /// Print facts about the map as JSON.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WrittenArgs,
 }
 
 /// Make a map of a complete COLMAP model: its points and observations are kept.
@@ -101,12 +108,8 @@ pub(crate) struct ImportArgs {
     images: PathBuf,
     #[command(flatten)]
     extraction: ExtractionArgs,
-    /// The map file to write.
-    #[arg(long, short, value_name = "FILE")]
-    out: PathBuf,
-    /// Print facts about the map as JSON.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    written: WrittenArgs,
 }
 
 /// Say what is in a map.
@@ -176,7 +179,7 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     let names = args.posed.names(&posed)?;
     let options = args.extraction.options();
     let model = veiloc_mapping::build(&posed, &args.posed.images, &names, &options, &Bars::new(ui))?;
-    save(&model, &args.out, args.json, ui)
+    save(&model, &args.written.out, args.written.json, ui)
 }
 
 fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
@@ -184,7 +187,7 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     let options = args.extraction.options();
     let (model, report) = veiloc_mapping::import(&colmap, &args.images, &options, &Bars::new(ui))?;
     ui.say(report);
-    save(&model, &args.out, args.json, ui)
+    save(&model, &args.written.out, args.written.json, ui)
 }
 
 fn add(args: &AddArgs, ui: &Ui) -> Outcome {
