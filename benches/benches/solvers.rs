@@ -119,7 +119,7 @@ fn problem(scheme: &str) -> PoseProblem {
             lines: pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..3.0))).collect(),
         },
     };
-    PoseProblem { camera: CAMERA, observations, points, prior: None }
+    PoseProblem { camera: CAMERA, observations, points, prior: None, gravity: None }
 }
 
 #[divan::bench(sample_count = 20, args = [

@@ -131,5 +131,6 @@ fn pose_problem(problem: &Problem, observations: &Observations, use_prior: bool)
         observations: correspondences,
         points: match_of.iter().map(|&m| problem.points[m]).collect(),
         prior: prior.map(|p| match_of.iter().map(|&m| p[m]).collect()),
+        gravity: None,
     }
 }

@@ -105,6 +105,7 @@ pub fn localize(
         prior: options
             .use_prior
             .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map)).collect()),
+        gravity: None,
     };
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)

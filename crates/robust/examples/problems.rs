@@ -113,6 +113,7 @@ fn evaluate(
                         .map(|e| prior.map_or_else(|| match_probability(e), |p| p.probability(e)))
                         .collect()
                 }),
+                gravity: None,
             };
             let started = Instant::now();
             let estimate = estimate_pose(&problem, &options, &mut rng);

@@ -3,6 +3,7 @@
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
+use crate::confidence::assess;
 use crate::error::PoseError;
 use crate::kernel::{Kernel, Scale};
 use crate::matches::{Kind, Matches};
@@ -91,13 +92,17 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     for &i in &inliers {
         mask[i] = true;
     }
+    let covariance = covariance(&matches, &inliers, &pose);
+    let noise_px = shown_noise(&matches, &inliers, options.noise_px, &pose);
     Ok(PoseEstimate {
         cam_from_world: pose,
         inliers: mask,
         inlier_count: inliers.len(),
         hypotheses: found.samples,
         score,
-        covariance: covariance(&matches, &inliers, &pose),
+        noise_px,
+        covariance,
+        confidence: assess(&matches, &pose, &inliers, noise_px, &covariance, f64::INFINITY),
         refined,
     })
 }

@@ -323,7 +323,7 @@ mod tests {
             .collect();
         let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
         let prior = Some((0..n).map(|_| rng.random_range(0.0..1.0)).collect());
-        PoseProblem { camera, observations, points, prior }
+        PoseProblem { camera, observations, points, prior, gravity: None }
     }
 
     fn near_identity(rng: &mut ChaCha8Rng) -> CameraFromWorld {

@@ -16,8 +16,11 @@
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
+mod confidence;
 mod error;
 mod estimate;
+mod given;
+mod information;
 mod kernel;
 mod log;
 mod matches;
@@ -32,7 +35,10 @@ mod sampler;
 #[cfg(test)]
 mod test_data;
 
+pub use confidence::{Confidence, Doubt};
 pub use error::PoseError;
 pub use estimate::estimate_pose;
+pub use given::refine_pose;
+pub use information::fisher_information;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
-pub use problem::{Correspondences, PoseEstimate, PoseProblem};
+pub use problem::{Correspondences, Gravity, PoseEstimate, PoseProblem};

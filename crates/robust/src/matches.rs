@@ -262,7 +262,7 @@ mod tests {
             .collect();
         let mut angles = (0..).map(f64::from);
         let observations = observe(kind, pixels, anchors, || angles.next().unwrap_or(0.0));
-        PoseProblem { camera, observations, points, prior: None }
+        PoseProblem { camera, observations, points, prior: None, gravity: None }
     }
 
     fn near_identity() -> CameraFromWorld {

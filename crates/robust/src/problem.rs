@@ -1,8 +1,10 @@
 //! What goes into pose estimation: correspondences between one query and the map.
 
 use veiloc_geometry::frames::World;
+use veiloc_geometry::nalgebra::{Matrix3, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine, Point3};
 
+use crate::confidence::Confidence;
 use crate::error::PoseError;
 
 /// What the query tells about each correspondence, `[N]`.
@@ -65,6 +67,17 @@ pub struct PoseProblem {
     ///
     /// Weighs the drawing of samples under both scores, and the likelihood. See [`crate::prior`].
     pub prior: Option<Vec<f64>>,
+    /// Which way is down, if the device has felt it: then smaller samples are enough.
+    pub gravity: Option<Gravity>,
+}
+
+/// One direction of the world as the camera feels it: down, by an accelerometer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gravity {
+    /// In the camera frame; any length but zero.
+    pub in_camera: Vector3<f64>,
+    /// The same direction in the world frame; any length but zero.
+    pub in_world: Vector3<f64>,
 }
 
 impl PoseProblem {
@@ -111,6 +124,16 @@ impl PoseProblem {
                 return Err(PoseError::BadPrior { index, value: prior[index] });
             }
         }
+        if let Some(gravity) = &self.gravity {
+            for (what, v) in [
+                ("length of gravity in the camera", gravity.in_camera),
+                ("length of gravity in the world", gravity.in_world),
+            ] {
+                if !(v.norm().is_finite() && v.norm() > 0.0) {
+                    return Err(PoseError::BadValue { what, value: v.norm() });
+                }
+            }
+        }
         if n < required {
             return Err(PoseError::TooFew { required, actual: n });
         }
@@ -138,9 +161,29 @@ pub struct PoseEstimate {
     /// What the search minimised, lower is better: the MSAC value in units of whole outliers (between 0 and `N`), or
     /// minus the log likelihood ratio against "all are outliers" (below 0).
     pub score: f64,
+    /// Standard deviation that the inliers show, pixels: across the line, for points along each axis.
+    pub noise_px: f64,
     /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): the variance of the
     /// inliers' residuals times the inverse of `JᵀJ`. Infinite on the diagonal when the inliers leave a direction free.
     pub covariance: [[f64; 6]; 6],
+    /// Whether to trust the pose.
+    pub confidence: Confidence,
     /// Whether the final refinement was kept. It is dropped when it made the score worse.
     pub refined: bool,
+}
+
+impl PoseEstimate {
+    /// Covariance of the camera centre in the world frame, map units squared.
+    pub fn center_covariance(&self) -> [[f64; 3]; 3] {
+        // The centre moves by −Rᵀ v to first order, with v the translation's share of the chart.
+        let r = self.cam_from_world.rotation().matrix();
+        let c = Matrix3::from_fn(|i, j| self.covariance[3 + i][3 + j]);
+        if c.iter().any(|x| !x.is_finite()) {
+            return std::array::from_fn(|i| {
+                std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 })
+            });
+        }
+        let world = r.transpose() * c * r;
+        std::array::from_fn(|i| std::array::from_fn(|j| world[(i, j)]))
+    }
 }

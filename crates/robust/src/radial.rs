@@ -293,7 +293,7 @@ mod tests {
             .map(|p| Point3::from_vector(CAMERA.unproject(*p).homogeneous() * rng.random_range(1.0..7.0)))
             .collect();
         let observations = Correspondences::Anchored { anchors, lines };
-        Matches::new(&PoseProblem { camera: CAMERA, observations, points, prior: None }, 0.2)
+        Matches::new(&PoseProblem { camera: CAMERA, observations, points, prior: None, gravity: None }, 0.2)
     }
 
     #[test]

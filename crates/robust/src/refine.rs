@@ -24,10 +24,10 @@ pub(crate) struct Refined {
 }
 
 /// Gauss–Newton system `H δ = −g` at one pose.
-struct System {
-    loss: f64,
-    gradient: Vector6<f64>,
-    hessian: Matrix6<f64>,
+pub(crate) struct System {
+    pub(crate) loss: f64,
+    pub(crate) gradient: Vector6<f64>,
+    pub(crate) hessian: Matrix6<f64>,
 }
 
 /// Minimises the loss over the correspondences `active`, at most `steps` accepted or refused steps.
@@ -88,7 +88,7 @@ fn reorthonormalized(pose: &CameraFromWorld) -> CameraFromWorld {
     CameraFromWorld::new(rotation, *pose.translation())
 }
 
-fn linearize(matches: &Matches, active: &[usize], loss: Loss, pose: &CameraFromWorld) -> System {
+pub(crate) fn linearize(matches: &Matches, active: &[usize], loss: Loss, pose: &CameraFromWorld) -> System {
     let mut system = System { loss: 0.0, gradient: Vector6::zeros(), hessian: Matrix6::zeros() };
     let gated = matches!(loss, Loss::Likelihood { .. });
     let noise_term = match loss {
@@ -226,7 +226,7 @@ mod tests {
             .map(|p| Point3::from_vector(camera.unproject(*p).homogeneous() * rng.random_range(2.0..6.0)))
             .collect();
         let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
-        Matches::new(&PoseProblem { camera, observations, points, prior: None }, 0.2)
+        Matches::new(&PoseProblem { camera, observations, points, prior: None, gravity: None }, 0.2)
     }
 
     fn start(rng: &mut ChaCha8Rng, size: f64) -> CameraFromWorld {

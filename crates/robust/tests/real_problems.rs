@@ -22,6 +22,7 @@ fn recall(queries: &[Query], scheme: &str, score: ScoreKind, prior: bool, thresh
             observations: obfuscate(query, scheme, &mut rng),
             points: query.points.clone(),
             prior: prior.then(|| query.evidence.iter().map(match_probability).collect()),
+            gravity: None,
         };
         estimate_pose(&problem, &options, &mut rng).is_ok_and(|e| {
             e.cam_from_world.translation_error(&query.truth) <= threshold.0

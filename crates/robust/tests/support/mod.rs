@@ -62,5 +62,5 @@ pub(crate) fn problem(setup: &Setup, rng: &mut ChaCha8Rng) -> (PoseProblem, Came
             Correspondences::Anchored { anchors, lines: pixels.iter().map(of).collect() }
         }
     };
-    (PoseProblem { camera: CAMERA, observations, points, prior: None }, truth)
+    (PoseProblem { camera: CAMERA, observations, points, prior: None, gravity: None }, truth)
 }

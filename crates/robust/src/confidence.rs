@@ -1,0 +1,222 @@
+//! Whether to trust a pose: its evidence against chance, its rivals, and how firmly it is held.
+//!
+//! # Evidence
+//! For one pose, the matches of a keypoint (of which at most one is right) explain what was observed better than "all
+//! of them are wrong" by the factor `1 − Σ γᵢ + Σ γᵢ ρᵢ`, with `γᵢ` the prior of match `i` and `ρᵢ` how much likelier
+//! its observation is when right than when wrong (`matches.rs`). The product over keypoints, integrated over all poses
+//! that might have been (any orientation, anywhere in the mapped region) by Laplace's approximation, is the Bayes factor
+//! of "taken here" against "taken elsewhere":
+//!
+//! ```text
+//! log evidence = Σ log(1 − Σ γ + Σ γ ρ) + ½ log det(2π C) − log(8π² V)
+//! ```
+//!
+//! with the pose's covariance `C` and the volume `V` of the region. If wrong matches were as random as the model says,
+//! a pose of evidence `B` would come up by chance at most once in `B` queries, whatever the scene: the number of poses
+//! that were tried is paid for. Real wrong matches are not random (repeated structures agree with each other), so
+//! [`Confidence::is_trusted`] asks for more than that; false positives are measured in `docs/pose-engine.md`.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use veiloc_geometry::nalgebra::{Matrix6, Vector3};
+use veiloc_geometry::{Anchor, CameraFromWorld};
+
+use crate::information::Symmetric6;
+use crate::matches::{Kind, Matches};
+
+/// Least natural logarithm of the evidence of a trusted pose.
+const LEAST_LOG_EVIDENCE: f64 = 20.0;
+
+/// Least log likelihood by which a trusted pose beats the best other one.
+const LEAST_MARGIN: f64 = 8.0;
+
+/// Largest standard deviation of a trusted camera centre, as a share of the distance to what it sees.
+const LOOSEST: f64 = 0.1;
+
+/// Fewest keypoints that must agree on each side of the dividing line.
+const FEWEST_A_SIDE: usize = 4;
+
+/// What speaks for and against an estimated pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Confidence {
+    /// Natural logarithm of the Bayes factor of "some pose in this map explains the matches" against "all are wrong".
+    pub log_evidence: f64,
+    /// Log likelihood by which the pose beats the best one found elsewhere; infinite when no other was found.
+    pub margin: f64,
+    /// Standard deviation of the camera centre in its least certain direction, map units.
+    pub center_sd: f64,
+    /// The same as a share of the median distance of the agreeing points.
+    pub center_sd_relative: f64,
+    /// Standard deviation of the orientation about its least certain axis, degrees.
+    pub rotation_sd_deg: f64,
+    /// Keypoints that agree on each anchor's side; `None` without anchors.
+    pub sides: Option<[usize; 2]>,
+}
+
+/// A reason not to trust a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Doubt {
+    /// So many agreeing matches could be chance.
+    WeakEvidence {
+        /// [`Confidence::log_evidence`].
+        log_evidence: f64,
+    },
+    /// Another pose explains the matches nearly as well.
+    Ambiguous {
+        /// [`Confidence::margin`].
+        margin: f64,
+    },
+    /// The agreeing matches leave a direction nearly free.
+    LooselyHeld {
+        /// [`Confidence::center_sd_relative`].
+        center_sd_relative: f64,
+    },
+    /// Nearly all agreeing lines run through one anchor.
+    OneSided {
+        /// [`Confidence::sides`].
+        sides: [usize; 2],
+    },
+}
+
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::WeakEvidence { log_evidence } => {
+                write!(f, "the agreement could be chance (log evidence {log_evidence:.0})")
+            }
+            Self::Ambiguous { margin } => {
+                write!(f, "another pose explains the matches nearly as well (margin {margin:.1})")
+            }
+            Self::LooselyHeld { center_sd_relative } => write!(
+                f,
+                "the matches hold the camera only to {:.0} % of its distance from the scene",
+                100.0 * center_sd_relative
+            ),
+            Self::OneSided { sides: [a, b] } => {
+                write!(f, "agreeing keypoints lie on one side of the dividing line ({a} and {b})")
+            }
+        }
+    }
+}
+
+impl Confidence {
+    /// Whether nothing speaks against the pose.
+    pub fn is_trusted(&self) -> bool {
+        self.doubts().is_empty()
+    }
+
+    /// Everything that speaks against the pose.
+    pub fn doubts(&self) -> Vec<Doubt> {
+        let mut doubts = Vec::new();
+        if !(self.log_evidence >= LEAST_LOG_EVIDENCE) {
+            doubts.push(Doubt::WeakEvidence { log_evidence: self.log_evidence });
+        }
+        if !(self.margin >= LEAST_MARGIN) {
+            doubts.push(Doubt::Ambiguous { margin: self.margin });
+        }
+        if !(self.center_sd_relative <= LOOSEST) {
+            doubts.push(Doubt::LooselyHeld { center_sd_relative: self.center_sd_relative });
+        }
+        if let Some(sides) = self.sides
+            && sides[0].min(sides[1]) < FEWEST_A_SIDE
+        {
+            doubts.push(Doubt::OneSided { sides });
+        }
+        doubts
+    }
+}
+
+/// Assesses a pose with its covariance, the noise of its inliers and what it beats the best other pose by.
+pub(crate) fn assess(
+    matches: &Matches,
+    pose: &CameraFromWorld,
+    inliers: &[usize],
+    noise: f64,
+    covariance: &Symmetric6,
+    margin: f64,
+) -> Confidence {
+    let covariance = Matrix6::from_fn(|i, j| covariance[i][j]);
+    let block = |at: usize| {
+        let block = covariance.fixed_view::<3, 3>(at, at).clone_owned();
+        if block.iter().all(|c| c.is_finite()) {
+            block.symmetric_eigenvalues().max().max(0.0).sqrt()
+        } else {
+            f64::INFINITY
+        }
+    };
+    let (rotation_sd, center_sd) = (block(0), block(3));
+    let mut distances: Vec<f64> =
+        inliers.iter().map(|&i| (pose.rotation() * matches.points[i] + pose.translation()).norm()).collect();
+    let distance = median(&mut distances);
+    Confidence {
+        log_evidence: log_evidence(matches, pose, noise, &covariance),
+        margin,
+        center_sd,
+        center_sd_relative: center_sd / distance,
+        rotation_sd_deg: rotation_sd.to_degrees(),
+        sides: matches!(matches.kind, Kind::Anchored(_)).then(|| sides(matches, inliers)),
+    }
+}
+
+/// Distinct keypoints among the inliers of each anchor.
+fn sides(matches: &Matches, inliers: &[usize]) -> [usize; 2] {
+    Anchor::BOTH.map(|anchor| {
+        let of_anchor = inliers.iter().filter(|&&i| matches.anchor[i] == anchor);
+        of_anchor.map(|&i| key(&matches.observed[i])).collect::<std::collections::BTreeSet<_>>().len()
+    })
+}
+
+fn key(observed: &Vector3<f64>) -> [u64; 3] {
+    [observed.x.to_bits(), observed.y.to_bits(), observed.z.to_bits()]
+}
+
+fn log_evidence(matches: &Matches, pose: &CameraFromWorld, noise: f64, covariance: &Matrix6<f64>) -> f64 {
+    let log_volume = log_det(&(covariance * std::f64::consts::TAU));
+    let Some(log_volume) = log_volume else { return f64::NEG_INFINITY };
+    // Σ γ and Σ γ ρ of each keypoint.
+    let mut keypoints: BTreeMap<[u64; 3], (f64, f64)> = BTreeMap::new();
+    for i in 0..matches.len() {
+        let prior = matches.weight[i];
+        let entry = keypoints.entry(key(&matches.observed[i])).or_default();
+        entry.0 += prior;
+        if let Some(llr) = matches.log_likelihood_ratio(i, pose, noise) {
+            entry.1 += (1.0 - prior) * llr.exp();
+        }
+    }
+    let gained: f64 = keypoints
+        .values()
+        .map(|(right, explained)| {
+            // More than one match cannot be right: their priors then share what certainty there is.
+            let share = (0.99 / right).min(1.0);
+            (1.0 - share * right + share * explained).ln()
+        })
+        .sum();
+    gained + 0.5 * log_volume - (8.0 * std::f64::consts::PI.powi(2)).ln() - log_region(matches)
+}
+
+/// Logarithm of the determinant of a covariance; `None` when it is not positive definite.
+fn log_det(m: &Matrix6<f64>) -> Option<f64> {
+    let factor = m.iter().all(|c| c.is_finite()).then(|| m.cholesky()).flatten()?;
+    Some(2.0 * factor.l().diagonal().iter().map(|d| d.ln()).sum::<f64>())
+}
+
+/// Logarithm of the volume a camera might have been in: the box of the middle 90 % of the points, doubled.
+fn log_region(matches: &Matches) -> f64 {
+    let extents = [0, 1, 2].map(|axis| {
+        let mut values: Vec<f64> = matches.points.iter().map(|p| p[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        let at = |share: f64| values[((values.len() - 1) as f64 * share) as usize];
+        2.0 * (at(0.95) - at(0.05))
+    });
+    // A flat scene is looked at from somewhere: no side shorter than half the longest.
+    let longest = extents.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    extents.iter().map(|e| e.max(0.5 * longest).ln()).sum()
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() { f64::NAN } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
