@@ -5,8 +5,12 @@
 //! | [`p3p`] | three points | 0–4 | Persson and Nordberg 2018; Ding et al. 2023 |
 //! | [`p5lp_radial`] | five half-lines from one image point | 0–4, up to the depth along that point's ray | Kukelova et al. 2013 |
 //! | [`p6lp`] | six line–point pairs | 0–8 | Speciale et al. 2019; Kukelova et al. 2016 |
+//! | [`p6lp_dual_radial`] | five half-lines of one anchor, one of another | 0–4 | `p5lp_radial`, then one linear equation |
+//! | [`up2p`] | two points and the vertical | 0–2 | Kukelova et al. 2010 |
+//! | [`u4lp`] | four line–point pairs and the vertical | 0–2 | Speciale et al. 2019 |
 //!
-//! Names follow PoseLib: how many 2D-point–3D-point (`p`) and 2D-line–3D-point (`lp`) constraints a sample has.
+//! Names follow PoseLib: how many 2D-point–3D-point (`p`) and 2D-line–3D-point (`lp`) constraints a sample has,
+//! and `u` for upright: the vertical is known ([`GravityAlignment`]).
 //! Runtimes: `cargo bench -p veiloc-benches --bench solvers`.
 //!
 //! Every solver is deterministic, allocates nothing, never panics, and answers a degenerate or non-finite sample with
@@ -15,14 +19,24 @@
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
 mod conics;
+mod gravity;
+mod half_line;
 mod p3p;
 mod p5lp_radial;
 mod p6lp;
+mod p6lp_dual_radial;
 pub mod polynomial;
 mod quadrics;
+mod u4lp;
+mod up2p;
 
 /// Where solvers put their solutions.
 pub use arrayvec::ArrayVec;
+pub use gravity::GravityAlignment;
+pub use half_line::HalfLine;
 pub use p3p::p3p;
 pub use p5lp_radial::{RadialPose, p5lp_radial};
 pub use p6lp::p6lp;
+pub use p6lp_dual_radial::p6lp_dual_radial;
+pub use u4lp::u4lp;
+pub use up2p::up2p;

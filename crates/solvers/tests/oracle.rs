@@ -1,9 +1,11 @@
-//! Our solutions against PoseLib's, on the problems that `scripts/oracle_poses.py` wrote to `data/poselib.json`.
+//! Our solutions against those of PoseLib and of a brute-force scan, on the problems that `scripts/oracle_poses.py` wrote to `data/poselib.json`.
 
 use serde_json::Value;
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
-use veiloc_geometry::{PlaneLine, Point3};
-use veiloc_solvers::{ArrayVec, p3p, p5lp_radial, p6lp};
+use veiloc_geometry::{CameraFromWorld, PlaneLine, PlanePoint, Point3};
+use veiloc_solvers::{
+    ArrayVec, GravityAlignment, HalfLine, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p,
+};
 
 /// A pose as the fixture has it; `t` has two numbers for radial ones.
 type Pose = (Matrix3<f64>, Vec<f64>);
@@ -37,7 +39,18 @@ fn poses(problem: &Value) -> Vec<Pose> {
         .collect()
 }
 
-/// Every pose of PoseLib must be among ours, and hardly any of ours may be unknown to PoseLib.
+fn plain(poses: &[CameraFromWorld]) -> Vec<Pose> {
+    poses.iter().map(|p| (*p.rotation().matrix(), p.translation().iter().copied().collect())).collect()
+}
+
+fn gravity(problem: &Value) -> GravityAlignment {
+    let down = |name: &str| -> Vector3<f64> {
+        Vector3::from(serde_json::from_value::<[f64; 3]>(problem[name].clone()).expect("a direction"))
+    };
+    GravityAlignment::new(&down("down_in_camera"), &down("down_in_world")).expect("two directions")
+}
+
+/// Every pose of the oracle must be among ours, and hardly any of ours may be unknown to it.
 fn compare(solver: &str, solve: impl Fn(&Value) -> Vec<Pose>) {
     let same = |a: &Pose, b: &Pose| {
         (a.0 - b.0).norm() < 1e-5 && a.1.iter().zip(&b.1).all(|(x, y)| (x - y).abs() < 1e-4 * (1.0 + y.abs()))
@@ -52,7 +65,7 @@ fn compare(solver: &str, solve: impl Fn(&Value) -> Vec<Pose>) {
         only_ours += found.iter().filter(|p| !expected.iter().any(|e| same(p, e))).count();
     }
     assert!(theirs >= 40, "{solver}: only {theirs} poses compared");
-    assert!(only_ours * 50 <= theirs, "{solver}: {only_ours} poses that PoseLib does not have");
+    assert!(only_ours * 50 <= theirs, "{solver}: {only_ours} poses that the oracle does not have");
 }
 
 #[test]
@@ -61,7 +74,7 @@ fn p3p_agrees_with_poselib() {
         let mut out = ArrayVec::new();
         let points = array(&problem["points"], |[x, y, z]| Point3::new(x, y, z));
         p3p(&array(&problem["bearings"], |b: [f64; 3]| Vector3::from(b)), &points, &mut out);
-        out.iter().map(|p| (*p.rotation().matrix(), p.translation().iter().copied().collect())).collect()
+        plain(&out)
     });
 }
 
@@ -73,7 +86,7 @@ fn p6lp_agrees_with_poselib() {
         let lines =
             array(&problem["lines"], |l: [f64; 3]| PlaneLine::from_normal(Vector3::from(l)).expect("a line"));
         p6lp(&lines, &points, &mut out);
-        out.iter().map(|p| (*p.rotation().matrix(), p.translation().iter().copied().collect())).collect()
+        plain(&out)
     });
 }
 
@@ -84,5 +97,41 @@ fn p5lp_radial_agrees_with_poselib() {
         let points = array(&problem["points"], |[x, y, z]| Point3::new(x, y, z));
         p5lp_radial(&array(&problem["directions"], |u: [f64; 2]| Vector2::from(u)), &points, &mut out);
         out.iter().map(|p| (*p.rotation.matrix(), p.offset.iter().copied().collect())).collect()
+    });
+}
+
+#[test]
+fn up2p_agrees_with_poselib() {
+    compare("up2p", |problem| {
+        let mut out = ArrayVec::new();
+        let points = array(&problem["points"], |[x, y, z]| Point3::new(x, y, z));
+        let bearings = array(&problem["bearings"], |b: [f64; 3]| Vector3::from(b));
+        up2p(&bearings, &points, &gravity(problem), &mut out);
+        plain(&out)
+    });
+}
+
+#[test]
+fn u4lp_agrees_with_a_scan_of_all_angles() {
+    compare("u4lp", |problem| {
+        let mut out = ArrayVec::new();
+        let points = array(&problem["points"], |[x, y, z]| Point3::new(x, y, z));
+        let lines =
+            array(&problem["lines"], |l: [f64; 3]| PlaneLine::from_normal(Vector3::from(l)).expect("a line"));
+        u4lp(&lines, &points, &gravity(problem), &mut out);
+        plain(&out)
+    });
+}
+
+#[test]
+fn p6lp_dual_radial_agrees_with_poselibs_p6lp() {
+    compare("p6lp_dual_radial", |problem| {
+        let mut out = ArrayVec::new();
+        let points = array(&problem["points"], |[x, y, z]| Point3::new(x, y, z));
+        let [first, second] = array(&problem["anchors"], |[x, y]| PlanePoint::new(x, y));
+        let [a, b, c, d, e, last] = array(&problem["directions"], |v: [f64; 2]| Vector2::from(v));
+        let sixth = HalfLine { origin: second, direction: last };
+        p6lp_dual_radial(&first, &[a, b, c, d, e], &sixth, &points, &mut out);
+        plain(&out)
     });
 }

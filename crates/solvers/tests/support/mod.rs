@@ -22,6 +22,10 @@ pub(crate) fn random_rotation(rng: &mut impl Rng) -> Rotation3<f64> {
     }
 }
 
+pub(crate) fn random_direction(rng: &mut impl Rng) -> Vector3<f64> {
+    random_rotation(rng) * Vector3::z()
+}
+
 /// Any rotation, a centre within ten units of the world's origin.
 pub(crate) fn random_pose(rng: &mut impl Rng) -> CameraFromWorld {
     let r = random_rotation(rng);
