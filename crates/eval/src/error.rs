@@ -32,6 +32,9 @@ pub enum EvalError {
         /// What is missing, and the remedy.
         what: &'static str,
     },
+    /// What was asked for makes no sense together.
+    #[error("{0}")]
+    Options(String),
     /// A data set is not whole.
     #[error("{0}")]
     DataSet(String),

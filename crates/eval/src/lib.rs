@@ -3,6 +3,7 @@
 
 pub mod demo;
 mod error;
+mod hypotheses;
 mod json_lines;
 pub mod metrics;
 mod poses;
@@ -11,7 +12,9 @@ pub mod report;
 pub mod results;
 mod scene;
 mod seeds;
+mod text_table;
 
 pub use error::EvalError;
-pub use poses::{PoseEvaluation, evaluate_poses};
+pub use hypotheses::{Hypotheses, HypothesesError};
+pub use poses::{GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses};
 pub use scene::{SceneEvaluation, evaluate_scene};

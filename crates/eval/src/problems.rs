@@ -4,7 +4,9 @@ use std::path::Path;
 
 use serde::Deserialize;
 use veiloc_geometry::frames::World;
+use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pinhole, Pixel, Point3};
+use veiloc_robust::Gravity;
 use veiloc_robust::prior::{Evidence, match_probability};
 
 use crate::error::EvalError;
@@ -31,6 +33,9 @@ pub struct Problem {
     pub votes: Option<Vec<u32>>,
     /// Map images that see the point, `[matches]`.
     pub track_length: Option<Vec<u32>>,
+    /// Which way is down, if the file says so: `gravity_in_camera` as the device felt it, and `gravity_in_world`, the same
+    /// direction in the map, −z when it is not given. Both point down, the way things fall; any length but zero.
+    pub gravity: Option<Gravity>,
 }
 
 #[derive(Deserialize)]
@@ -43,6 +48,8 @@ struct Line {
     ratio: Option<Vec<f64>>,
     votes: Option<Vec<u32>>,
     track_length: Option<Vec<u32>>,
+    gravity_in_camera: Option<[f64; 3]>,
+    gravity_in_world: Option<[f64; 3]>,
 }
 
 #[derive(Deserialize)]
@@ -126,6 +133,7 @@ fn problem(line: Line) -> Result<Problem, String> {
     if let Some(i) = line.ratio.iter().flatten().position(|r| !(r.is_finite() && *r >= 0.0)) {
         return Err(format!("ratio[{i}] is not a ratio"));
     }
+    let gravity = gravity(line.gravity_in_camera, line.gravity_in_world)?;
     Ok(Problem {
         name: line.name,
         camera: camera.pinhole(),
@@ -136,7 +144,27 @@ fn problem(line: Line) -> Result<Problem, String> {
         ratio: line.ratio,
         votes: line.votes,
         track_length: line.track_length,
+        gravity,
     })
+}
+
+/// Down in the world of a map that says nothing else: z points up in most surveyed maps.
+const DOWN: [f64; 3] = [0.0, 0.0, -1.0];
+
+fn gravity(in_camera: Option<[f64; 3]>, in_world: Option<[f64; 3]>) -> Result<Option<Gravity>, String> {
+    let direction = |what: &str, v: [f64; 3]| {
+        let v = Vector3::from(v);
+        let is_direction = v.norm().is_finite() && v.norm() > 0.0;
+        is_direction.then_some(v).ok_or_else(|| format!("{what} is no direction"))
+    };
+    match (in_camera, in_world) {
+        (Some(camera), world) => Ok(Some(Gravity {
+            in_camera: direction("gravity_in_camera", camera)?,
+            in_world: direction("gravity_in_world", world.unwrap_or(DOWN))?,
+        })),
+        (None, Some(_)) => Err("gravity_in_world is there without gravity_in_camera".to_owned()),
+        (None, None) => Ok(None),
+    }
 }
 
 #[cfg(test)]
@@ -159,6 +187,21 @@ mod tests {
         assert_eq!(problem.keypoint_of_match, [0, 0, 1]);
     }
 
+    /// [`GOOD`] with more fields.
+    fn with(fields: &str) -> String {
+        GOOD.replacen('{', &format!("{{{fields},"), 1)
+    }
+
+    #[test]
+    fn gravity_points_down_and_the_map_is_upright_unless_told_otherwise() {
+        let gravity = |fields: &str| read(&with(fields)).expect("well formed")[0].gravity;
+        let felt = gravity("\"gravity_in_camera\":[0,9.81,0]").expect("given");
+        assert_eq!((felt.in_camera.y, felt.in_world), (9.81, Vector3::new(0.0, 0.0, -1.0)));
+        let felt = gravity("\"gravity_in_camera\":[0,1,0],\"gravity_in_world\":[0,1,0]").expect("given");
+        assert_eq!(felt.in_world, Vector3::y());
+        assert!(read(GOOD).expect("well formed")[0].gravity.is_none());
+    }
+
     #[test]
     fn bad_lines_are_named() {
         let cases = [
@@ -168,6 +211,10 @@ mod tests {
             (GOOD.replace("[0.5,", "[-1,"), "ratio[0]"),
             (GOOD.replace("[3,4]", "[3]"), "invalid length"),
             ("{".to_owned(), "EOF"),
+            (with("\"gravity_in_camera\":[0,0,0]"), "gravity_in_camera is no direction"),
+            (with("\"gravity_in_camera\":[0,1]"), "invalid length"),
+            (with("\"gravity_in_camera\":[0,1,0],\"gravity_in_world\":[0,0,0]"), "gravity_in_world is no"),
+            (with("\"gravity_in_world\":[0,0,-1]"), "without gravity_in_camera"),
         ];
         for (text, expected) in cases {
             let error = read(&format!("{GOOD}\n\n{text}\n")).expect_err(expected).to_string();

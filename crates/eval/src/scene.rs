@@ -100,6 +100,7 @@ pub fn evaluate_scene(
         fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
         schemes,
         queries,
+        strangers: Vec::new(),
         map: Some(MapSummary { images: map.image_count(), points: map.point_count(), bytes, build_seconds }),
     })
 }

@@ -5,11 +5,11 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_eval::results::Evaluation;
-use veiloc_eval::{PoseEvaluation, SceneEvaluation, evaluate_poses, evaluate_scene};
+use veiloc_eval::{Hypotheses, PoseEvaluation, SceneEvaluation, evaluate_poses, evaluate_scene};
 use veiloc_localize::LocalizeOptions;
 use veiloc_mapping::BuildOptions;
-use veiloc_query::{AngleBits, Scheme};
-use veiloc_robust::{PoseOptions, ScoreKind};
+use veiloc_query::Scheme;
+use veiloc_robust::ScoreKind;
 
 fn data() -> Option<PathBuf> {
     let folder = std::env::var_os("VEILOC_DATA").map(PathBuf::from);
@@ -73,19 +73,12 @@ fn herzjesu_is_localized_with_dcl() {
 #[test]
 fn the_collapse_of_the_plain_score_and_its_cure() {
     let Some(data) = data() else { return };
-    let mut pose = PoseOptions::default();
-    pose.fixed_hypotheses = Some(500);
-    let evaluation = PoseEvaluation {
-        files: vec![data.join("problems/redkitchen_nn.jsonl.gz")],
-        schemes: vec![Scheme::default()],
-        scores: vec![ScoreKind::Msac, ScoreKind::Likelihood],
-        thresholds: vec!["0.05/5".parse().expect("a threshold")],
-        pose,
-        angle_bits: AngleBits::default(),
-        use_prior: true,
-        seed: 0,
-    };
-    let result = evaluate_poses(&evaluation, |_, _| {}).expect("evaluated");
+    let files = vec![data.join("problems/redkitchen_nn.jsonl.gz")];
+    let mut evaluation = PoseEvaluation::new(files, vec![Scheme::default()]);
+    evaluation.scores = vec![ScoreKind::Msac, ScoreKind::Likelihood];
+    evaluation.thresholds = vec!["0.05/5".parse().expect("a threshold")];
+    evaluation.hypotheses = vec![Hypotheses::Fixed(500)];
+    let result = evaluate_poses(&evaluation, &()).expect("evaluated");
     let recall = |score: &str| {
         result.schemes.iter().find(|s| s.score == score).expect("it was asked for").recall["0.05/5"]
     };

@@ -1,11 +1,12 @@
 //! Options of localization that `localize` and `eval` share, each with its meaning and why the default.
 
+use veiloc_eval::Hypotheses;
 use veiloc_localize::LocalizeOptions;
 use veiloc_robust::{AnchoredSolver, PoseOptions, ScoreKind};
 
-/// How poses are estimated.
+/// How one pose is estimated.
 #[derive(clap::Args, Debug)]
-pub(crate) struct PoseArgs {
+pub(crate) struct EngineArgs {
     /// How hypotheses are compared: `msac` (pixel distance to the line, the paper's recipe) or `likelihood`
     /// (knows the anchors of dcl, whose collapse misleads msac). Default: likelihood for dcl, msac otherwise.
     #[arg(long, value_name = "SCORE")]
@@ -20,24 +21,10 @@ pub(crate) struct PoseArgs {
     /// Noise of a keypoint across its line in pixels, the likelihood's only scale.
     #[arg(long, value_name = "PX", value_parser = positive)]
     pub(crate) noise: Option<f64>,
-    /// Draw exactly this many hypotheses, instead of stopping when a better one is unlikely.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
-    pub(crate) hypotheses: Option<u32>,
-    /// Weigh all matches alike, instead of by descriptor ratio, votes of the retrieved images and track length.
-    #[arg(long)]
-    pub(crate) no_prior: bool,
-    /// Seed of every random choice; equal seeds give equal results.
-    #[arg(long, default_value_t = 0, value_name = "N")]
-    pub(crate) seed: u64,
 }
 
-impl PoseArgs {
-    /// Whether matches are weighed by what speaks for them.
-    pub(crate) const fn use_prior(&self) -> bool {
-        !self.no_prior
-    }
-
-    /// The library's options.
+impl EngineArgs {
+    /// The library's options; hypotheses are drawn until a better one is unlikely.
     pub(crate) fn options(&self) -> PoseOptions {
         let mut options = PoseOptions::default();
         options.score = self.score;
@@ -48,7 +35,45 @@ impl PoseArgs {
         if let Some(px) = self.noise {
             options.noise_px = px;
         }
-        options.fixed_hypotheses = self.hypotheses.map(|n| n as usize);
+        options
+    }
+}
+
+/// How matches are weighed, and the seed.
+#[derive(clap::Args, Debug)]
+pub(crate) struct RunArgs {
+    /// Weigh all matches alike, instead of by descriptor ratio, votes of the retrieved images and track length.
+    #[arg(long)]
+    pub(crate) no_prior: bool,
+    /// Seed of every random choice; equal seeds give equal results.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub(crate) seed: u64,
+}
+
+impl RunArgs {
+    /// Whether matches are weighed by what speaks for them.
+    pub(crate) const fn use_prior(&self) -> bool {
+        !self.no_prior
+    }
+}
+
+/// How poses are estimated.
+#[derive(clap::Args, Debug)]
+pub(crate) struct PoseArgs {
+    #[command(flatten)]
+    pub(crate) engine: EngineArgs,
+    /// Draw exactly this many hypotheses; `adaptive` stops when a better one is unlikely.
+    #[arg(long, value_name = "N", default_value = "adaptive")]
+    pub(crate) hypotheses: Hypotheses,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+impl PoseArgs {
+    /// The library's options.
+    pub(crate) fn options(&self) -> PoseOptions {
+        let mut options = self.engine.options();
+        options.fixed_hypotheses = self.hypotheses.fixed();
         options
     }
 }
@@ -71,15 +96,15 @@ impl MatchArgs {
         let mut options = LocalizeOptions::default();
         options.retrieve = self.retrieve as usize;
         options.matching.max_ratio = self.ratio;
-        options.use_prior = pose.use_prior();
+        options.use_prior = pose.run.use_prior();
         options.pose = pose.options();
-        options.seed = pose.seed;
+        options.seed = pose.run.seed;
         options
     }
 }
 
 /// A number above zero.
-fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
     if value.is_finite() && value > 0.0 { Ok(value) } else { Err("a number above 0 is expected".to_owned()) }
 }

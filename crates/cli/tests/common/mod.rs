@@ -51,6 +51,11 @@ pub fn place() -> &'static Place {
     })
 }
 
+/// A folder with nothing in it, for commands that need no place.
+pub fn folder() -> Place {
+    Place { folder: fresh_folder(), poses: Vec::new() }
+}
+
 /// A static is never dropped, so the folder stays until a later run of the tests finds it old.
 fn fresh_folder() -> PathBuf {
     let parent = Path::new(env!("CARGO_TARGET_TMPDIR"));

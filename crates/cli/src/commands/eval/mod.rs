@@ -1,0 +1,24 @@
+//! `veiloc eval`: localization measured on data with known poses, and against what theory allows.
+
+mod pose;
+mod report;
+mod scene;
+
+use crate::exit::Outcome;
+use crate::ui::Ui;
+
+/// What to evaluate.
+#[derive(clap::Subcommand)]
+pub(crate) enum Command {
+    /// The whole road on a place with known poses: build the map, seal the queries, localize them.
+    Scene(scene::Args),
+    /// The pose stage alone, on matches that are already there.
+    Pose(pose::Args),
+}
+
+pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
+    match command {
+        Command::Scene(args) => scene::run(args, ui),
+        Command::Pose(args) => pose::run(args, ui),
+    }
+}

@@ -1,0 +1,72 @@
+//! `veiloc eval scene`: the whole road on a place with known poses.
+
+use std::path::PathBuf;
+
+use veiloc_eval::{SceneEvaluation, evaluate_scene};
+
+use crate::commands::eval::report::ReportArgs;
+use crate::commands::localization_args::{MatchArgs, PoseArgs};
+use crate::commands::map::ExtractionArgs;
+use crate::exit::Outcome;
+use crate::files;
+use crate::ui::{Bars, Ui};
+
+/// The whole road on a place with known poses.
+///
+/// Builds a map from the images of the map list, seals every image of the query list under every scheme, localizes
+/// it, and compares with its known pose. A query without a pose counts as infinitely wrong.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
+    #[arg(long, value_name = "DIR")]
+    posed: PathBuf,
+    /// Folder of the photographs.
+    #[arg(long, value_name = "DIR")]
+    images: PathBuf,
+    /// Names of the images the map is built from, one a line.
+    #[arg(long, value_name = "FILE")]
+    map_list: PathBuf,
+    /// Names of the images to localize, one a line.
+    #[arg(long, value_name = "FILE")]
+    query_list: PathBuf,
+    /// Keep the map that was built.
+    #[arg(long, value_name = "FILE")]
+    keep_map: Option<PathBuf>,
+    #[command(flatten)]
+    extraction: ExtractionArgs,
+    #[command(flatten)]
+    report: ReportArgs,
+    #[command(flatten)]
+    pose: PoseArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let evaluation = SceneEvaluation {
+        posed: args.posed.clone(),
+        images: args.images.clone(),
+        map_list: files::read_list(&args.map_list)?,
+        query_list: files::read_list(&args.query_list)?,
+        keep_map: args.keep_map.clone(),
+        build: args.extraction.options(),
+        schemes: args.report.schemes.clone(),
+        scores: args.report.scores(&args.pose.engine),
+        thresholds: args.report.thresholds.clone(),
+        localize: args.matching.options(&args.pose),
+        seed: args.pose.run.seed,
+    };
+    let result = evaluate_scene(&evaluation, &Bars::new(ui))?;
+    if let Some(map) = &result.map {
+        ui.say(format!(
+            "map: {} images, {} points, {:.1} MB ({:.0} bytes a point), built in {:.1} s ({:.2} s an image)",
+            map.images,
+            map.points,
+            map.bytes as f64 / 1e6,
+            map.bytes as f64 / map.points.max(1) as f64,
+            map.build_seconds,
+            map.build_seconds / map.images.max(1) as f64,
+        ));
+    }
+    args.report.finish(&result, ui)
+}

@@ -1,0 +1,75 @@
+//! How many minimal samples a search may draw: a number for comparisons at equal effort, or its own stopping rule.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// How many hypotheses are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hypotheses {
+    /// Until a better one is unlikely.
+    Adaptive,
+    /// Exactly this many.
+    Fixed(usize),
+}
+
+/// Most hypotheses that may be asked for: more would take hours a query.
+const MOST: usize = 10_000_000;
+
+/// A text that is neither `adaptive` nor a sensible number.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is no number of hypotheses; write a whole number from 1 to {MOST}, or adaptive")]
+pub struct HypothesesError(String);
+
+impl Hypotheses {
+    /// The number, when it is fixed.
+    pub const fn fixed(self) -> Option<usize> {
+        match self {
+            Self::Adaptive => None,
+            Self::Fixed(count) => Some(count),
+        }
+    }
+}
+
+impl From<Option<usize>> for Hypotheses {
+    fn from(fixed: Option<usize>) -> Self {
+        fixed.map_or(Self::Adaptive, Self::Fixed)
+    }
+}
+
+impl FromStr for Hypotheses {
+    type Err = HypothesesError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.trim() {
+            "adaptive" => Ok(Self::Adaptive),
+            number => match number.parse() {
+                Ok(count) if (1..=MOST).contains(&count) => Ok(Self::Fixed(count)),
+                _ => Err(HypothesesError(text.to_owned())),
+            },
+        }
+    }
+}
+
+impl fmt::Display for Hypotheses {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Adaptive => f.pad("adaptive"),
+            Self::Fixed(count) => count.fmt(f),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Hypotheses;
+
+    #[test]
+    fn numbers_read_what_they_print() {
+        for text in ["adaptive", "1", "5000"] {
+            assert_eq!(text.parse::<Hypotheses>().expect("well written").to_string(), text);
+        }
+        for text in ["", "0", "-1", "1.5", "many", "10000001"] {
+            assert!(text.parse::<Hypotheses>().is_err(), "{text:?}");
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! Which way is down: from the file, or from the true poses, turned by an angle that an accelerometer might be wrong by.
+
+use std::fmt;
+use std::str::FromStr;
+
+use rand::Rng;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
+use veiloc_robust::Gravity;
+use veiloc_synth::problems::normal;
+
+/// Where the direction of gravity comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum GravitySource {
+    /// What each problem brings, if it brings one.
+    File,
+    /// Nothing is told to the estimator.
+    Ignored,
+    /// The true direction, turned by this many degrees towards a random side.
+    TrueTurned(f64),
+}
+
+/// A text that names no source of gravity.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is no gravity; write file, none, or the degrees from 0 to 180 by which it is to be wrong")]
+pub struct GravityError(String);
+
+impl FromStr for GravitySource {
+    type Err = GravityError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.trim() {
+            "file" => Ok(Self::File),
+            "none" => Ok(Self::Ignored),
+            number => match number.parse::<f64>() {
+                Ok(degrees) if (0.0..=180.0).contains(&degrees) => Ok(Self::TrueTurned(degrees)),
+                _ => Err(GravityError(text.to_owned())),
+            },
+        }
+    }
+}
+
+impl fmt::Display for GravitySource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File => f.pad("file"),
+            Self::Ignored => f.pad("none"),
+            Self::TrueTurned(degrees) => degrees.fmt(f),
+        }
+    }
+}
+
+/// Down in the world of pictures held upright: the mean of the cameras' own down axes (`+y`).
+///
+/// It need not be the true vertical: what the estimator is told is the same direction in both frames, and any one will do.
+pub(crate) fn mean_down<'a>(poses: impl Iterator<Item = &'a CameraFromWorld>) -> Vector3<f64> {
+    let sum: Vector3<f64> = poses.map(|pose| pose.rotation().inverse() * Vector3::y()).sum();
+    sum.try_normalize(1e-9).unwrap_or(-Vector3::z())
+}
+
+/// Down as the camera at this true pose would feel it with an accelerometer that is wrong by `degrees`.
+pub(crate) fn felt<R: Rng>(
+    truth: &CameraFromWorld,
+    down_in_world: Vector3<f64>,
+    degrees: f64,
+    rng: &mut R,
+) -> Gravity {
+    let exact = truth.rotation() * down_in_world;
+    // The part of a random direction that is square to gravity: an axis to turn about, all sides alike.
+    let random = Vector3::from_fn(|_, _| normal(rng));
+    let axis = Unit::try_new(exact.cross(&random), 1e-9).unwrap_or_else(|| {
+        let (smallest, _) = exact.map(f64::abs).argmin();
+        let mut helper = Vector3::zeros();
+        helper[smallest] = 1.0;
+        Unit::new_normalize(exact.cross(&helper))
+    });
+    let turn = Rotation3::from_axis_angle(&axis, degrees.to_radians());
+    Gravity { in_camera: turn * exact, in_world: down_in_world }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use veiloc_synth::problems::random_pose;
+
+    #[test]
+    fn sources_read_what_they_print() {
+        for text in ["file", "none", "0", "1.5", "180"] {
+            assert_eq!(text.parse::<GravitySource>().expect("well written").to_string(), text);
+        }
+        for text in ["", "-1", "181", "NaN", "down"] {
+            assert!(text.parse::<GravitySource>().is_err(), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn gravity_is_wrong_by_the_angle_asked_for_towards_all_sides() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let truth = random_pose(&mut rng);
+        let down = mean_down(std::iter::once(&truth));
+        // One upright camera: its own down axis.
+        assert!((truth.rotation() * down - Vector3::y()).norm() < 1e-12);
+        let mut sideways = Vector3::zeros();
+        for _ in 0..400 {
+            let felt = felt(&truth, down, 3.0, &mut rng);
+            assert!((felt.in_camera.angle(&(truth.rotation() * down)).to_degrees() - 3.0).abs() < 1e-6);
+            sideways += felt.in_camera - Vector3::y();
+        }
+        let most = 3.0_f64.to_radians();
+        assert!(sideways.x.hypot(sideways.z) / 400.0 < 0.15 * most, "turned to one side: {sideways}");
+        let exact = felt(&truth, down, 0.0, &mut rng);
+        assert!((exact.in_camera - truth.rotation() * down).norm() < 1e-12);
+    }
+}

@@ -1,0 +1,123 @@
+//! Named ways of estimating a pose, so that a table can compare them on the same matches.
+
+use std::fmt;
+use std::str::FromStr;
+
+use veiloc_query::Scheme;
+use veiloc_robust::{AnchoredSolver, PoseOptions, ScoreKind};
+
+/// A way of estimating a pose.
+///
+/// | name | score | dcl's minimal solver | prior of the matches |
+/// |---|---|---|---|
+/// | `paper` | MSAC | `p6lp` | no |
+/// | `likelihood` | likelihood | `p6lp` | no |
+/// | `likelihood+prior` | likelihood | `p6lp` | yes |
+/// | `vote` | likelihood for dcl, else the scheme's default | radial vote | yes |
+/// | `default` | the scheme's default | the default | yes |
+/// | `floor` | least squares from the true pose on the truly right matches: nothing can be expected to go under it | | |
+///
+/// Points are always sampled with `p3p`, lines of any direction with `p6lp`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Recipe {
+    /// The paper's.
+    Paper,
+    /// The likelihood in place of MSAC.
+    Likelihood,
+    /// The likelihood, with what ratio, votes and track length say about each match.
+    LikelihoodPrior,
+    /// The same, with the radial vote for dcl.
+    Vote,
+    /// The engine as it is shipped.
+    Default,
+    /// Refinement from the true pose on the truly right matches.
+    Floor,
+}
+
+/// A text names no recipe.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is no recipe; there are paper, likelihood, likelihood+prior, vote, default and floor")]
+pub struct RecipeError(String);
+
+impl Recipe {
+    /// Every recipe once, in the order of a table.
+    pub const ALL: [Self; 6] =
+        [Self::Paper, Self::Likelihood, Self::LikelihoodPrior, Self::Vote, Self::Default, Self::Floor];
+
+    /// The name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Likelihood => "likelihood",
+            Self::LikelihoodPrior => "likelihood+prior",
+            Self::Vote => "vote",
+            Self::Default => "default",
+            Self::Floor => "floor",
+        }
+    }
+
+    /// Whether matches are weighed by what speaks for them.
+    pub(crate) const fn uses_prior(self) -> bool {
+        matches!(self, Self::LikelihoodPrior | Self::Vote | Self::Default)
+    }
+
+    /// The estimator's options under this recipe; thresholds and noise stay as they are.
+    pub(crate) fn apply(self, scheme: Scheme, options: &PoseOptions) -> PoseOptions {
+        let anchored = matches!(scheme, Scheme::Dcl(_));
+        let mut options = options.clone();
+        (options.score, options.anchored_solver) = match self {
+            Self::Paper => (Some(ScoreKind::Msac), Some(AnchoredSolver::P6lp)),
+            Self::Likelihood | Self::LikelihoodPrior => {
+                (Some(ScoreKind::Likelihood), Some(AnchoredSolver::P6lp))
+            }
+            Self::Vote if anchored => (Some(ScoreKind::Likelihood), Some(AnchoredSolver::RadialVote)),
+            Self::Vote | Self::Default | Self::Floor => (None, None),
+        };
+        options
+    }
+}
+
+impl FromStr for Recipe {
+    type Err = RecipeError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let known = Self::ALL.into_iter().find(|recipe| recipe.name() == text.trim());
+        known.ok_or_else(|| RecipeError(text.to_owned()))
+    }
+}
+
+impl fmt::Display for Recipe {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_read_what_they_print() {
+        for recipe in Recipe::ALL {
+            assert_eq!(recipe.to_string().parse(), Ok(recipe));
+        }
+        assert!("msac".parse::<Recipe>().is_err());
+    }
+
+    #[test]
+    fn recipes_differ_where_they_say() {
+        let mut given = PoseOptions::default();
+        given.noise_px = 1.25;
+        given.score = Some(ScoreKind::Msac);
+        let of = |recipe: Recipe, scheme| recipe.apply(scheme, &given);
+        let dcl = Scheme::default();
+        assert_eq!(of(Recipe::Paper, dcl).anchored_solver, Some(AnchoredSolver::P6lp));
+        assert_eq!(of(Recipe::Vote, dcl).anchored_solver, Some(AnchoredSolver::RadialVote));
+        assert_eq!(of(Recipe::Vote, Scheme::Points).score, None);
+        assert_eq!(of(Recipe::Likelihood, Scheme::Points).score, Some(ScoreKind::Likelihood));
+        assert!(
+            Recipe::ALL.iter().all(|r| of(*r, dcl).noise_px == 1.25),
+            "only what the recipe names is changed"
+        );
+    }
+}

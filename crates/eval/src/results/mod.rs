@@ -1,0 +1,275 @@
+//! What `veiloc eval pose` and `veiloc eval scene` found: the stable JSON document.
+
+mod summary;
+mod table;
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_query::Scheme;
+use veiloc_robust::ScoreKind;
+
+use crate::metrics::PoseError;
+
+pub use summary::summarize;
+pub use table::table;
+
+/// The document that `eval pose --json` and `eval scene --json` print.
+#[derive(Debug, Clone, Serialize)]
+pub struct Evaluation {
+    /// Version of this document; a field is never removed or given another meaning under the same number.
+    pub version: u32,
+    /// The command, `eval pose` or `eval scene`.
+    pub command: &'static str,
+    /// What was evaluated on.
+    pub data: Vec<String>,
+    /// Seed of every random choice; the first of them when there were several.
+    pub seed: u64,
+    /// Whether matches were weighed by descriptor ratio, votes and track length, where no recipe says otherwise.
+    pub prior: bool,
+    /// Hypotheses of every query; null when the estimator stopped by itself, or when the rows differ.
+    pub fixed_hypotheses: Option<usize>,
+    /// One entry per row of the table: scheme and how poses were estimated.
+    pub schemes: Vec<SchemeSummary>,
+    /// One entry per row, seed and query.
+    pub queries: Vec<QueryResult>,
+    /// Queries of another place, of which none should be localized: one entry per row and query.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub strangers: Vec<StrangerResult>,
+    /// Facts about the map, for `eval scene`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map: Option<MapSummary>,
+}
+
+/// How poses were estimated, beside scheme and score.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Variant {
+    /// Name of the recipe; absent when single options were given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recipe: Option<String>,
+    /// Whether matches were weighed by what speaks for them.
+    pub prior: bool,
+    /// Hypotheses of every query; null when the estimator stopped by itself or searched nothing.
+    pub fixed_hypotheses: Option<usize>,
+    /// What the estimator was told about gravity: `file`, `none`, or the degrees it was wrong by; absent when nothing was
+    /// asked for and the data brings none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gravity: Option<String>,
+}
+
+/// All queries of one row.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct SchemeSummary {
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// Score by which hypotheses were compared.
+    pub score: String,
+    /// How poses were estimated.
+    #[serde(flatten)]
+    pub variant: Variant,
+    /// How many queries; each counts once a seed.
+    pub queries: usize,
+    /// How many got a pose at all, right or wrong.
+    pub localized: usize,
+    /// How many got a pose that the estimator itself trusts; absent where it was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trusted: Option<usize>,
+    /// How many of the trusted are outside every threshold.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trusted_wrong: Option<usize>,
+    /// Median over all queries, degrees; null when more than half were not localized.
+    pub median_rotation_deg: Option<f64>,
+    /// Median over all queries, map units; null when more than half were not localized.
+    pub median_translation: Option<f64>,
+    /// Threshold (`translation/degrees`) to share of queries within it, 0 to 1.
+    pub recall: BTreeMap<String, f64>,
+    /// Mean share of correspondences that agree with the estimated pose.
+    pub mean_inlier_ratio: Option<f64>,
+    /// Median number of hypotheses drawn.
+    pub median_hypotheses: Option<f64>,
+    /// Bytes of one sealed query, median; absent where nothing is sealed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sealed_bytes: Option<usize>,
+    /// Stage to median milliseconds.
+    pub median_ms: BTreeMap<String, f64>,
+    /// The same figures seed by seed; empty when there was only one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub per_seed: Vec<SeedSummary>,
+    /// What became of the queries of another place.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub strangers: Option<StrangerSummary>,
+}
+
+/// All queries of one row under one seed; fields as in [`SchemeSummary`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "the fields are those of SchemeSummary")]
+pub struct SeedSummary {
+    pub seed: u64,
+    pub localized: usize,
+    pub trusted: Option<usize>,
+    pub median_rotation_deg: Option<f64>,
+    pub median_translation: Option<f64>,
+    pub recall: BTreeMap<String, f64>,
+    pub median_ms: BTreeMap<String, f64>,
+}
+
+/// How many queries of another place were taken for queries of this one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct StrangerSummary {
+    /// How many queries.
+    pub queries: usize,
+    /// How many got a pose: each is wrong.
+    pub localized: usize,
+    /// How many got a pose that the estimator trusts: each is a false positive.
+    pub trusted: usize,
+}
+
+/// One query under one row.
+#[derive(Debug, Clone, Serialize)]
+pub struct QueryResult {
+    /// Its name in the data.
+    pub name: String,
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// Score by which hypotheses were compared.
+    pub score: String,
+    /// How the pose was estimated.
+    #[serde(flatten)]
+    pub variant: Variant,
+    /// Seed of this run.
+    pub seed: u64,
+    /// The estimated pose; absent when not localized.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cam_from_world: Option<PoseDocument>,
+    /// Whether the estimator trusts it; absent when not localized, or where it was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trusted: Option<bool>,
+    /// Degrees; null when not localized.
+    pub rotation_error_deg: Option<f64>,
+    /// Map units; null when not localized.
+    pub translation_error: Option<f64>,
+    /// Correspondences that agree with the pose.
+    pub inliers: usize,
+    /// Correspondences there were.
+    pub correspondences: usize,
+    /// Hypotheses drawn.
+    pub hypotheses: usize,
+    /// Why there is no pose, when there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
+    /// Bytes of the sealed query; absent where nothing is sealed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sealed_bytes: Option<usize>,
+    /// Stage to milliseconds.
+    pub ms: BTreeMap<String, f64>,
+}
+
+/// One query of another place under one row.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StrangerResult {
+    /// Its name in the data.
+    pub name: String,
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// Score by which hypotheses were compared.
+    pub score: String,
+    /// Whether it got a pose, which is wrong in any case.
+    pub localized: bool,
+    /// Whether the estimator trusts that pose.
+    pub trusted: bool,
+    /// Correspondences that agree with the pose.
+    pub inliers: usize,
+    /// Correspondences there were.
+    pub correspondences: usize,
+}
+
+/// A pose in a document, world to camera.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct PoseDocument {
+    /// Hamilton quaternion `w x y z`.
+    pub q: [f64; 4],
+    /// Translation, map units.
+    pub t: [f64; 3],
+}
+
+impl PoseDocument {
+    /// Of a pose.
+    pub fn of(pose: &CameraFromWorld) -> Self {
+        let t = pose.translation();
+        Self { q: pose.quaternion(), t: [t.x, t.y, t.z] }
+    }
+
+    /// The pose again; `None` when the numbers are none.
+    pub fn pose(&self) -> Option<CameraFromWorld> {
+        CameraFromWorld::from_quaternion(self.q, self.t)
+    }
+}
+
+/// Facts about the map a scene was localized in.
+#[derive(Debug, Clone, Serialize)]
+pub struct MapSummary {
+    /// Registered images.
+    pub images: usize,
+    /// Map points.
+    pub points: usize,
+    /// Bytes of the map file.
+    pub bytes: u64,
+    /// Seconds to build it, all images together.
+    pub build_seconds: f64,
+}
+
+impl QueryResult {
+    /// A query that has no pose (yet).
+    pub(crate) fn unsolved(name: &str, scheme: Scheme, score: ScoreKind) -> Self {
+        Self {
+            name: name.to_owned(),
+            scheme: scheme.to_string(),
+            score: score.to_string(),
+            variant: Variant::default(),
+            seed: 0,
+            cam_from_world: None,
+            trusted: None,
+            rotation_error_deg: None,
+            translation_error: None,
+            inliers: 0,
+            correspondences: 0,
+            hypotheses: 0,
+            failure: None,
+            sealed_bytes: None,
+            ms: BTreeMap::new(),
+        }
+    }
+
+    /// With the reason why there is no pose.
+    pub(crate) fn because(mut self, error: &impl std::error::Error) -> Self {
+        self.failure = Some(error.to_string());
+        self
+    }
+
+    /// With an estimate, and how far it is from the truth.
+    pub(crate) fn found(mut self, estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
+        let error = PoseError::of(estimate, truth);
+        self.cam_from_world = Some(PoseDocument::of(estimate));
+        self.rotation_error_deg = finite(error.rotation_deg);
+        self.translation_error = finite(error.translation);
+        self
+    }
+
+    /// Errors as numbers that compare, infinite when not localized.
+    pub fn pose_error(&self) -> PoseError {
+        match (self.rotation_error_deg, self.translation_error) {
+            (Some(rotation_deg), Some(translation)) => PoseError { rotation_deg, translation },
+            _ => PoseError::NOT_LOCALIZED,
+        }
+    }
+
+    fn is_localized(&self) -> bool {
+        self.rotation_error_deg.is_some()
+    }
+}
+
+/// JSON has no infinity: a number that is not finite becomes null.
+pub(crate) fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}

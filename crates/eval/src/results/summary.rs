@@ -1,0 +1,133 @@
+//! From the results of single queries to the figures of a row, all seeds together and seed by seed.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::{QueryResult, SchemeSummary, SeedSummary, finite};
+use crate::metrics::{PoseError, Threshold, mean, median, recall};
+
+/// Sums up the queries of one row: one scheme, estimated in one way, under any number of seeds.
+pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSummary {
+    let seeds: BTreeSet<u64> = queries.iter().map(|q| q.seed).collect();
+    let per_seed: Vec<SeedSummary> = seeds
+        .iter()
+        .map(|&seed| {
+            let own: Vec<&QueryResult> = queries.iter().filter(|q| q.seed == seed).copied().collect();
+            of_seed(seed, &own, thresholds)
+        })
+        .collect();
+    let all = of_seed(0, queries, thresholds);
+    let ratios: Vec<f64> = queries
+        .iter()
+        .filter(|q| q.is_localized())
+        .map(|q| q.inliers as f64 / q.correspondences.max(1) as f64)
+        .collect();
+    let drawn: Vec<f64> = queries.iter().map(|q| q.hypotheses as f64).filter(|h| *h > 0.0).collect();
+    let mut bytes: Vec<usize> = queries.iter().filter_map(|q| q.sealed_bytes).collect();
+    bytes.sort_unstable();
+    let wrong = |q: &QueryResult| !thresholds.iter().any(|t| q.pose_error().within(t));
+    let trusted_wrong = queries.iter().filter(|q| q.trusted == Some(true) && wrong(q)).count();
+    let first = queries.first();
+    SchemeSummary {
+        scheme: first.map(|q| q.scheme.clone()).unwrap_or_default(),
+        score: first.map(|q| q.score.clone()).unwrap_or_default(),
+        variant: first.map(|q| q.variant.clone()).unwrap_or_default(),
+        queries: queries.len(),
+        localized: all.localized,
+        trusted: all.trusted,
+        trusted_wrong: all.trusted.map(|_| trusted_wrong),
+        median_rotation_deg: all.median_rotation_deg,
+        median_translation: all.median_translation,
+        recall: all.recall,
+        mean_inlier_ratio: finite(mean(&ratios)),
+        median_hypotheses: finite(median(&drawn)),
+        sealed_bytes: bytes.get(bytes.len() / 2).copied(),
+        median_ms: all.median_ms,
+        per_seed: if per_seed.len() > 1 { per_seed } else { Vec::new() },
+        strangers: None,
+    }
+}
+
+fn of_seed(seed: u64, queries: &[&QueryResult], thresholds: &[Threshold]) -> SeedSummary {
+    let errors: Vec<PoseError> = queries.iter().map(|q| q.pose_error()).collect();
+    let rotations: Vec<f64> = errors.iter().map(|e| e.rotation_deg).collect();
+    let translations: Vec<f64> = errors.iter().map(|e| e.translation).collect();
+    let asked = queries.iter().any(|q| q.trusted.is_some());
+    SeedSummary {
+        seed,
+        localized: queries.iter().filter(|q| q.is_localized()).count(),
+        trusted: asked.then(|| queries.iter().filter(|q| q.trusted == Some(true)).count()),
+        median_rotation_deg: finite(median(&rotations)),
+        median_translation: finite(median(&translations)),
+        recall: thresholds.iter().map(|t| (t.to_string(), recall(&errors, t))).collect(),
+        median_ms: median_ms(queries),
+    }
+}
+
+fn median_ms(queries: &[&QueryResult]) -> BTreeMap<String, f64> {
+    let stages: BTreeSet<&String> = queries.iter().flat_map(|q| q.ms.keys()).collect();
+    stages
+        .into_iter()
+        .map(|stage| {
+            let times: Vec<f64> = queries.iter().filter_map(|q| q.ms.get(stage).copied()).collect();
+            (stage.clone(), median(&times))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::results::Variant;
+
+    pub(in crate::results) fn query(seed: u64, error: Option<(f64, f64)>) -> QueryResult {
+        QueryResult {
+            name: "a.jpg".into(),
+            scheme: "dcl".into(),
+            score: "likelihood".into(),
+            variant: Variant { recipe: Some("vote".into()), prior: true, ..Variant::default() },
+            seed,
+            cam_from_world: None,
+            trusted: error.map(|e| e.0 < 0.5),
+            rotation_error_deg: error.map(|e| e.0),
+            translation_error: error.map(|e| e.1),
+            inliers: 30,
+            correspondences: 60,
+            hypotheses: 100,
+            failure: None,
+            sealed_bytes: Some(1000),
+            ms: [("pose".to_owned(), 5.0 + seed as f64)].into(),
+        }
+    }
+
+    fn threshold() -> Vec<Threshold> {
+        vec!["0.05/5".parse().expect("well written")]
+    }
+
+    #[test]
+    fn a_summary_counts_failures_as_infinite() {
+        let queries = [query(0, Some((0.1, 0.01))), query(0, None), query(0, None)];
+        let s = summarize(&queries.iter().collect::<Vec<_>>(), &threshold());
+        assert_eq!((s.queries, s.localized, s.trusted, s.trusted_wrong), (3, 1, Some(1), Some(0)));
+        assert_eq!(s.median_rotation_deg, None);
+        assert!((s.recall["0.05/5"] - 1.0 / 3.0).abs() < 1e-12);
+        assert_eq!(s.mean_inlier_ratio, Some(0.5));
+        assert!(s.per_seed.is_empty(), "one seed has no spread");
+    }
+
+    #[test]
+    fn seeds_are_told_apart_and_pooled() {
+        let queries = [
+            query(7, Some((0.1, 0.01))),
+            query(7, Some((0.3, 0.50))),
+            query(8, Some((0.2, 0.02))),
+            query(8, Some((0.2, 0.04))),
+        ];
+        let s = summarize(&queries.iter().collect::<Vec<_>>(), &threshold());
+        assert_eq!((s.queries, s.trusted_wrong), (4, Some(1)));
+        assert_eq!(s.recall["0.05/5"], 0.75);
+        let seeds: Vec<_> = s.per_seed.iter().map(|p| (p.seed, p.localized, p.recall["0.05/5"])).collect();
+        assert_eq!(seeds, [(7, 2, 0.5), (8, 2, 1.0)]);
+        assert_eq!(s.per_seed[1].median_translation, Some(0.03));
+        assert_eq!(s.per_seed[0].median_ms["pose"], 12.0);
+    }
+}

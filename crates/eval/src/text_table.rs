@@ -1,0 +1,110 @@
+//! Tables for people: aligned columns, none of them empty, a rule below the head.
+
+use std::fmt::Write as _;
+
+/// Columns a terminal is sure to have room for.
+pub(crate) const WIDTH: usize = 120;
+
+/// A table being filled; all rows as long as the head.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct TextTable {
+    head: Vec<String>,
+    /// This many columns from the left hold names, which stand to the left; numbers stand to the right.
+    names: usize,
+    rows: Vec<Vec<String>>,
+}
+
+impl TextTable {
+    /// A table with these columns, the first `names` of them for names.
+    pub(crate) fn new(head: impl IntoIterator<Item = impl Into<String>>, names: usize) -> Self {
+        Self { head: head.into_iter().map(Into::into).collect(), names, rows: Vec::new() }
+    }
+
+    /// Appends a row; missing cells are empty.
+    pub(crate) fn push(&mut self, mut cells: Vec<String>) {
+        cells.resize(self.head.len(), String::new());
+        self.rows.push(cells);
+    }
+
+    /// The names of the first table once, then all numbers of both: for tables that were filled row by row together.
+    pub(crate) fn beside(&self, other: &Self) -> Self {
+        let join = |a: &Vec<String>, b: &Vec<String>| a.iter().chain(&b[other.names..]).cloned().collect();
+        Self {
+            head: join(&self.head, &other.head),
+            names: self.names,
+            rows: self.rows.iter().zip(&other.rows).map(|(a, b)| join(a, b)).collect(),
+        }
+    }
+
+    /// Whether there is any number in it.
+    pub(crate) fn has_numbers(&self) -> bool {
+        self.rows.iter().any(|row| row[self.names..].iter().any(|cell| !cell.is_empty()))
+    }
+
+    /// Characters of a line.
+    pub(crate) fn width(&self) -> usize {
+        let widths = self.widths();
+        widths.iter().sum::<usize>() + 2 * widths.iter().filter(|w| **w > 0).count().saturating_sub(1)
+    }
+
+    /// Characters of each column; 0 for one that no row fills.
+    fn widths(&self) -> Vec<usize> {
+        (0..self.head.len())
+            .map(|c| {
+                let widest = self.rows.iter().map(|row| row[c].chars().count()).max().unwrap_or(0);
+                if widest == 0 { 0 } else { widest.max(self.head[c].chars().count()) }
+            })
+            .collect()
+    }
+
+    /// The text, every line ended.
+    pub(crate) fn render(&self) -> String {
+        let widths = self.widths();
+        let mut text = String::new();
+        for (index, cells) in std::iter::once(&self.head).chain(&self.rows).enumerate() {
+            let start = text.len();
+            for (column, (cell, width)) in cells.iter().zip(&widths).enumerate().filter(|(_, (_, w))| **w > 0)
+            {
+                let gap = if text.len() == start { "" } else { "  " };
+                let _ = if column < self.names {
+                    write!(text, "{gap}{cell:<width$}")
+                } else {
+                    write!(text, "{gap}{cell:>width$}")
+                };
+            }
+            text.truncate(text.trim_end_matches(' ').len());
+            text.push('\n');
+            if index == 0 {
+                text.push_str(&"─".repeat(self.width()));
+                text.push('\n');
+            }
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::TextTable;
+
+    #[test]
+    fn columns_line_up_and_empty_ones_are_left_out() {
+        let mut table = TextTable::new(["name", "unused", "°"], 1);
+        table.push(vec!["a".into(), String::new(), "12.5".into()]);
+        table.push(vec!["bcdef".into()]);
+        assert_eq!(table.render(), "name      °\n───────────\na      12.5\nbcdef\n");
+        assert_eq!(table.width(), 11);
+    }
+
+    #[test]
+    fn two_tables_of_the_same_rows_become_one() {
+        let (mut a, mut b) = (TextTable::new(["name", "x"], 1), TextTable::new(["name", "y"], 1));
+        for (name, x, y) in [("p", "1", "2"), ("q", "3", "4")] {
+            a.push(vec![name.into(), x.into()]);
+            b.push(vec![name.into(), y.into()]);
+        }
+        assert_eq!(a.beside(&b).render(), "name  x  y\n──────────\np     1  2\nq     3  4\n");
+        assert!(b.has_numbers());
+        assert!(!TextTable::new(["name", "x"], 1).has_numbers());
+    }
+}
