@@ -11,7 +11,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("kernels", &[]),
     ("descriptor", &["kernels"]),
     ("solvers", &["geometry"]),
-    ("robust", &["geometry", "solvers"]),
+    ("robust", &["geometry", "kernels", "solvers"]),
     ("query", &["geometry", "descriptor"]),
     ("features", &["geometry", "descriptor"]),
     ("obfuscation", &["geometry", "descriptor", "features", "query"]),

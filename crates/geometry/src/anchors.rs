@@ -36,6 +36,14 @@ impl Anchor {
         }
     }
 
+    /// 1 for the first, −1 for the second: what [`DualAnchors::signed_side`] has on its own side.
+    pub const fn sign(self) -> f64 {
+        match self {
+            Self::First => 1.0,
+            Self::Second => -1.0,
+        }
+    }
+
     /// The other one.
     pub const fn other(self) -> Self {
         match self {

@@ -2,10 +2,11 @@
 //!
 //! - [`PackedRows`], [`best_two`], [`best_two_with_columns`]: exact brute-force nearest neighbours of byte vectors.
 //! - [`dot_u8`], [`dot_i8`]: one dot product.
+//! - [`pose`]: scores and normal equations of camera poses.
 //! - [`MappedFile`]: a file read as one slice.
 //!
 //! Every kernel has a portable twin without intrinsics ([`Backend::PORTABLE`]), which is also what machines other than
-//! x86-64 run. All results are integers and equal on every backend; the tests hold each one against naive loops.
+//! x86-64 run. All results are equal on every backend, to the bit; the tests hold each one against naive loops.
 #![deny(unsafe_op_in_unsafe_fn)]
 #![expect(
     unsafe_code,
@@ -16,6 +17,7 @@ mod backend;
 mod dot;
 mod mapped;
 mod packed;
+pub mod pose;
 mod scan;
 mod tile;
 

@@ -7,7 +7,7 @@
 //!
 //! Options: `--threshold UNITS/DEGREES`, `--hypotheses N` (exactly that many; adaptive without), `--seeds N` runs per
 //! query, `--recipes a,b,…` of `points`, `lines`, `dcl`, each optionally with `:msac` or `:likelihood`, a
-//! solver (`:p6lp`, `:radial-vote`) and `+prior`, `--prior OFFSET,RATIO,LOG_VOTES,LOG_TRACK_LENGTH` for other
+//! solver (`:p6lp`, `:radial-vote`) and `+prior`, or `:floor` (refinement from the true pose on the right matches), `--prior OFFSET,RATIO,LOG_VOTES,LOG_TRACK_LENGTH` for other
 //! coefficients than the built-in ones (`scripts/fit_prior.py` prints them), `--noise PX`, `--max-error PX`.
 #![expect(clippy::print_stdout, reason = "the table is the product")]
 
@@ -19,8 +19,10 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{Failure, Query, obfuscate, read};
+use veiloc_geometry::frames::World;
+use veiloc_geometry::{Pixel, PlanePoint, Point3};
 use veiloc_robust::prior::{PriorModel, match_probability};
-use veiloc_robust::{AnchoredSolver, PoseOptions, PoseProblem, ScoreKind, estimate_pose};
+use veiloc_robust::{AnchoredSolver, PoseOptions, PoseProblem, ScoreKind, estimate_pose, refine_pose};
 
 struct Recipe {
     name: String,
@@ -28,6 +30,7 @@ struct Recipe {
     score: Option<ScoreKind>,
     solver: Option<AnchoredSolver>,
     prior: bool,
+    floor: bool,
 }
 
 fn main() -> Result<(), Failure> {
@@ -67,8 +70,8 @@ fn main() -> Result<(), Failure> {
         let queries = read(file)?;
         println!("{file}: {} queries, {seeds} seeds, recall at {units} units / {degrees} deg", queries.len());
         println!(
-            "{:36} {:>8} {:>10} {:>10} {:>8} {:>10} {:>8}",
-            "recipe", "recall", "med units", "med deg", "inliers", "samples", "med ms"
+            "{:36} {:>8} {:>10} {:>10} {:>10} {:>8} {:>10} {:>8}",
+            "recipe", "recall", "med units", "geo units", "med deg", "inliers", "samples", "med ms"
         );
         for text in recipes.split(',') {
             evaluate(&recipe(text)?, &queries, &options, prior.as_ref(), seeds, (units, degrees));
@@ -81,9 +84,11 @@ fn recipe(text: &str) -> Result<Recipe, Failure> {
     let (rest, prior) = text.strip_suffix("+prior").map_or((text, false), |r| (r, true));
     let mut parts = rest.split(':');
     let scheme = parts.next().unwrap_or_default().to_owned();
-    let score = parts.next().map(str::parse).transpose()?;
+    let word = parts.next();
+    let floor = word == Some("floor");
+    let score = word.filter(|_| !floor).map(str::parse).transpose()?;
     let solver = parts.next().map(str::parse).transpose()?;
-    Ok(Recipe { name: text.to_owned(), scheme, score, solver, prior })
+    Ok(Recipe { name: text.to_owned(), scheme, score, solver, prior, floor })
 }
 
 fn evaluate(
@@ -116,7 +121,11 @@ fn evaluate(
                 gravity: None,
             };
             let started = Instant::now();
-            let estimate = estimate_pose(&problem, &options, &mut rng);
+            let estimate = if recipe.floor {
+                refine_pose(&problem, &query.truth, &right(query), &options)
+            } else {
+                estimate_pose(&problem, &options, &mut rng)
+            };
             ms.push(started.elapsed().as_secs_f64() * 1e3);
             let (u, d) = estimate.as_ref().map_or((f64::INFINITY, f64::INFINITY), |e| {
                 (
@@ -132,15 +141,30 @@ fn evaluate(
         }
     }
     println!(
-        "{:36} {:>7.1}% {:>10.4} {:>10.3} {:>8.0} {:>10.0} {:>8.1}",
+        "{:36} {:>7.1}% {:>10.4} {:>10.4} {:>10.3} {:>8.0} {:>10.0} {:>8.1}",
         recipe.name,
         100.0 * hits as f64 / ms.len() as f64,
         median(&mut units),
+        geometric_mean(&units),
         median(&mut degrees),
         median(&mut inliers),
         median(&mut samples),
         median(&mut ms)
     );
+}
+
+/// Matches whose keypoint lies within four pixels of where the true pose puts the point.
+fn right(query: &Query) -> Vec<bool> {
+    let near = |(pixel, point): (&Pixel, &Point3<World>)| {
+        let seen = PlanePoint::from_camera_point(&query.truth.transform(point));
+        seen.is_some_and(|p| query.camera.project(p).distance(pixel) < 4.0)
+    };
+    query.pixels.iter().zip(&query.points).map(near).collect()
+}
+
+/// Less moved by one query than a median of two dozen is.
+fn geometric_mean(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v.max(1e-9).ln()).sum::<f64>() / values.len() as f64).exp()
 }
 
 fn median(values: &mut [f64]) -> f64 {

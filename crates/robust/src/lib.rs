@@ -20,9 +20,9 @@ mod confidence;
 mod error;
 mod estimate;
 mod given;
+mod half_lines;
 mod information;
 mod kernel;
-mod log;
 mod matches;
 mod minimal;
 mod options;
@@ -32,6 +32,7 @@ mod radial;
 pub mod ransac;
 mod refine;
 mod sampler;
+mod search;
 #[cfg(test)]
 mod test_data;
 

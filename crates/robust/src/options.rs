@@ -59,6 +59,8 @@ pub enum AnchoredSolver {
     P6lp,
     /// Five lines of one anchor, then all lines of the other vote for the depth along the anchor's ray.
     RadialVote,
+    /// Five lines of one anchor and one of the other.
+    DualRadial,
 }
 
 impl AnchoredSolver {
@@ -76,13 +78,14 @@ impl fmt::Display for AnchoredSolver {
         f.pad(match self {
             Self::P6lp => "p6lp",
             Self::RadialVote => "radial-vote",
+            Self::DualRadial => "dual-radial",
         })
     }
 }
 
 /// A text named no solver.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{text:?} is no solver for anchored lines; there are p6lp and radial-vote")]
+#[error("{text:?} is no solver for anchored lines; there are p6lp, dual-radial and radial-vote")]
 pub struct UnknownSolver {
     /// The text as given.
     pub text: String,
@@ -95,6 +98,7 @@ impl FromStr for AnchoredSolver {
         match text {
             "p6lp" => Ok(Self::P6lp),
             "radial-vote" => Ok(Self::RadialVote),
+            "dual-radial" => Ok(Self::DualRadial),
             _ => Err(UnknownSolver { text: text.to_owned() }),
         }
     }
@@ -178,7 +182,7 @@ mod tests {
             assert_eq!(score.to_string().parse(), Ok(score));
         }
         assert!("MSAC".parse::<ScoreKind>().is_err());
-        for solver in [AnchoredSolver::P6lp, AnchoredSolver::RadialVote] {
+        for solver in [AnchoredSolver::P6lp, AnchoredSolver::RadialVote, AnchoredSolver::DualRadial] {
             assert_eq!(solver.to_string().parse(), Ok(solver));
         }
         assert!("p3p".parse::<AnchoredSolver>().is_err());

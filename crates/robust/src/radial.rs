@@ -3,20 +3,22 @@
 //! All lines of one anchor pass through one ray, so in the camera turned onto that ray they observe a 1D radial
 //! camera. Five of them give the pose up to the depth along the ray (`p5lp_radial`), and only poses that put all five
 //! points on their *half*-lines survive, which is one in sixteen of the wrong ones. What is left is scored on its own
-//! side, by the angle alone. The promising few are completed: every line of the other anchor names the depths at which
-//! its point lies on it, and the depth that the heaviest set of lines agrees on is taken. Against drawing a sixth line
-//! the vote saves a factor of the inlier ratio and is robust to the noise of any single line.
+//! side, by the angle alone. The promising few are completed: the lines of the other anchor name the depths at which
+//! their points lie on them, and the depth that the heaviest set of lines agrees on is taken. Against drawing a sixth
+//! line the vote saves a factor of the inlier ratio and is robust to the noise of any single line.
 
 use rand::Rng;
 use veiloc_geometry::nalgebra::{Rotation3, Vector2, Vector3};
-use veiloc_geometry::{Anchor, CameraFromWorld, Pixel, Point3};
+use veiloc_geometry::{Anchor, CameraFromWorld, Point3};
+use veiloc_kernels::Backend;
+use veiloc_kernels::pose::{LANES, RadialBlock, RadialLanes};
 use veiloc_solvers::{ArrayVec, RadialPose, p5lp_radial};
 
+use crate::half_lines::half_lines;
+use crate::kernel::median_point;
 use crate::matches::{Kind, Matches};
 use crate::minimal::draw;
 use crate::sampler::WeightedSampler;
-
-const LANES: usize = 16;
 
 /// A radial pose is completed when its score comes this close to the best radial score of its side: 0.2 below it at
 /// first, ever closer as more of the side's poses have been completed.
@@ -28,6 +30,9 @@ const SLACK_HALVED_AFTER: f64 = 32.0;
 /// Half width of a vote, in multiples of the noise.
 const VOTE_WIDTH: f64 = 1.5;
 
+/// Lines that vote, the most promising of their side: enough to find the depth, which all lines then judge.
+const VOTERS: usize = 256;
+
 /// The fewest lines a side needs to be drawn from: five make a pose, more are needed to tell good from bad.
 const FEWEST: usize = 8;
 
@@ -35,34 +40,27 @@ const FEWEST: usize = 8;
 #[derive(Debug, Clone)]
 pub(crate) struct RadialVote {
     sides: [Side; 2],
+    /// Chance that a sample comes from the first side.
+    first: f64,
     center: Vector3<f64>,
     noise: f64,
+    backend: Backend,
 }
 
 /// The lines of one anchor.
 #[derive(Debug, Clone)]
 struct Side {
     anchor: Anchor,
+    /// Most promising first.
     members: Vec<usize>,
     sampler: WeightedSampler,
     /// Camera to the camera turned onto the anchor's ray.
     turn: Rotation3<f64>,
     /// Unit direction of each correspondence's half-line there, `[N]` (zero for the other side's).
     directions: Vec<Vector2<f64>>,
-    blocks: Vec<Block>,
+    lanes: RadialLanes,
     best: f64,
     completed: usize,
-}
-
-/// Sixteen lines for the radial score.
-#[derive(Debug, Clone)]
-struct Block {
-    x: [f32; LANES],
-    y: [f32; LANES],
-    z: [f32; LANES],
-    u: [f32; LANES],
-    v: [f32; LANES],
-    worth: [f32; LANES],
 }
 
 /// Depths at which a line of the other side agrees.
@@ -76,37 +74,54 @@ impl RadialVote {
     /// `None` unless the correspondences are anchored and one side has enough lines while the other is not empty.
     pub(crate) fn new(matches: &Matches, noise: f64) -> Option<Self> {
         let Kind::Anchored(anchors) = matches.kind else { return None };
-        let center = matches.points.iter().sum::<Vector3<f64>>() / matches.len() as f64;
-        // The radius is not known before the depth is; half the picture's height is typical.
-        let radius = 0.5 * f64::from(matches.camera.height);
+        let center = median_point(&matches.points);
+        let lines = half_lines(matches, &anchors);
         let side = |anchor: Anchor| {
-            let members: Vec<usize> = (0..matches.len()).filter(|&i| matches.anchor[i] == anchor).collect();
-            let position = anchors.position(anchor);
-            let ray = matches.camera.unproject(position).homogeneous();
+            let mut members: Vec<usize> =
+                (0..matches.len()).filter(|&i| matches.anchor[i] == anchor).collect();
+            members.sort_by(|&i, &j| matches.worth[j].total_cmp(&matches.worth[i]));
+            let ray = matches.camera.unproject(anchors.position(anchor)).homogeneous();
             let turn = Rotation3::rotation_between(&ray, &Vector3::z()).unwrap_or_else(Rotation3::identity);
             let mut directions = vec![Vector2::zeros(); matches.len()];
             for &i in &members {
-                directions[i] = half_line(matches, i, position, &anchors, &turn);
+                let v = lines[i].direction;
+                let turned = (turn * Vector3::new(v.x, v.y, 0.0)).xy();
+                directions[i] = turned / turned.norm().max(f64::MIN_POSITIVE);
             }
+            let extra = matches.noise_term(noise) + typical_radius(matches).ln();
             let blocks = members
                 .chunks(LANES)
-                .map(|chunk| Block::new(matches, chunk, &center, &directions, (radius / noise).ln()))
+                .map(|chunk| block(matches, chunk, &center, &directions, extra))
                 .collect();
             let sampler = WeightedSampler::new(members.iter().map(|&i| (i, matches.weight[i])));
-            Side { anchor, members, sampler, turn, directions, blocks, best: 0.0, completed: 0 }
+            Side {
+                anchor,
+                members,
+                sampler,
+                turn,
+                directions,
+                lanes: RadialLanes::new(blocks),
+                best: 0.0,
+                completed: 0,
+            }
         };
         let sides = Anchor::BOTH.map(side);
         let [a, b] = [sides[0].members.len(), sides[1].members.len()];
-        (a.max(b) >= FEWEST && a.min(b) > 0).then_some(Self { sides, center, noise })
+        if a.max(b) < FEWEST || a.min(b) == 0 {
+            return None;
+        }
+        let chance = |side: &Side| {
+            if side.members.len() >= FEWEST { side.sampler.expected_share().powi(5) } else { 0.0 }
+        };
+        let [a, b] = [chance(&sides[0]), chance(&sides[1])];
+        let first = if a + b > 0.0 { a / (a + b) } else { 0.5 };
+        Some(Self { sides, first, center, noise, backend: Backend::best() })
     }
 
     /// Probability that five lines of a side drawn at random agree, when lines of this total weight do on each.
     pub(crate) fn hit_probability(&self, agreeing: [f64; 2]) -> f64 {
-        let usable = self.sides.iter().zip(agreeing).filter(|(side, _)| side.members.len() >= FEWEST);
-        let (sum, count) = usable.fold((0.0, 0.0), |(sum, count), (side, agreeing)| {
-            (sum + (agreeing / side.sampler.total()).powi(5), count + 1.0_f64)
-        });
-        sum / count.max(1.0)
+        let share = [0, 1].map(|s| agreeing[s] / self.sides[s].sampler.total().max(f64::MIN_POSITIVE));
+        self.first * share[0].powi(5) + (1.0 - self.first) * share[1].powi(5)
     }
 
     /// Draws five lines of one side and appends the poses they and the vote give.
@@ -116,18 +131,20 @@ impl RadialVote {
         rng: &mut R,
         models: &mut Vec<CameraFromWorld>,
     ) {
-        let first = usize::from(rng.random::<bool>());
-        let chosen = if self.sides[first].members.len() >= FEWEST { first } else { 1 - first };
+        let chosen = usize::from(rng.random::<f64>() >= self.first);
         let side = &self.sides[chosen];
         let Some(sample) = draw::<5, _>(matches, rng, |rng, _| side.sampler.draw(rng)) else { return };
         let mut poses = ArrayVec::new();
         let points = sample.map(|i| Point3::from_vector(matches.points[i]));
         p5lp_radial(&sample.map(|i| side.directions[i]), &points, &mut poses);
+        let k = (typical_radius(matches) / self.noise).powi(2) / matches.freedom();
         for pose in poses {
-            let score = self.sides[chosen].score(&pose, &self.center, self.noise, matches);
             let side = &mut self.sides[chosen];
             let slack = SLACK / (1.0 + side.completed as f64 / SLACK_HALVED_AFTER);
-            if !(score > (1.0 - slack) * side.best) {
+            let least = (1.0 - slack) * side.best;
+            let rows = rows(&pose, &self.center);
+            let score = f64::from(side.lanes.score(self.backend, &rows, k as f32, least as f32));
+            if !(score > least) {
                 continue;
             }
             side.completed += 1;
@@ -144,8 +161,10 @@ impl RadialVote {
         let translation = back * Vector3::new(radial.offset.x, radial.offset.y, 0.0);
         let along = back * Vector3::z();
         let reach = VOTE_WIDTH * self.noise;
-        let mut votes = Vec::new();
-        for &i in &self.sides[side.anchor.other().index()].members {
+        let other = &self.sides[side.anchor.other().index()];
+        let voters = &other.members[..other.members.len().min(VOTERS)];
+        let mut votes = Vec::with_capacity(voters.len());
+        for &i in voters {
             let start = rotation * matches.points[i] + translation;
             votes.extend(vote(matches, i, &start, &along, reach, self.noise));
         }
@@ -154,23 +173,9 @@ impl RadialVote {
     }
 }
 
-/// Direction of a half-line in the turned camera: any of its points tells.
-fn half_line(
-    matches: &Matches,
-    i: usize,
-    position: Pixel,
-    anchors: &veiloc_geometry::DualAnchors,
-    turn: &Rotation3<f64>,
-) -> Vector2<f64> {
-    let line = &matches.observed[i];
-    let along = Vector2::new(line.y, -line.x);
-    let ahead = Pixel::new(position.u + along.x, position.v + along.y);
-    // Of the line's two directions, the one that leads into the anchor's own side.
-    let side = anchors.signed_side(ahead) * if matches.anchor[i] == Anchor::First { 1.0 } else { -1.0 };
-    let along = if side >= 0.0 { along } else { -along };
-    let c = &matches.camera;
-    let turned = (turn * Vector3::new(along.x / c.focal[0], along.y / c.focal[1], 0.0)).xy();
-    turned / turned.norm().max(f64::MIN_POSITIVE)
+/// The radius of a keypoint is not known before the depth is; half the picture's height is typical, pixels.
+fn typical_radius(matches: &Matches) -> f64 {
+    0.5 * f64::from(matches.camera.height)
 }
 
 /// The depths at which point `i`, at `start + depth · along`, projects within `reach` pixels of its line.
@@ -188,7 +193,6 @@ fn vote(
         Vector3::new(o.x * c.focal[0], o.y * c.focal[1], o.x * c.principal[0] + o.y * c.principal[1] + o.z);
     let (constant, slope) = (n.dot(start), n.dot(along));
     let at = |e: f64| -(constant - e * start.z) / (slope - e * along.z);
-    let middle = start + along * at(0.0);
     let (a, b) = (at(reach), at(-reach));
     let bounded = (slope - reach * along.z) * (slope + reach * along.z) > 0.0;
     let in_front = start.z + a * along.z > 0.0 && start.z + b * along.z > 0.0;
@@ -196,8 +200,7 @@ fn vote(
         return None;
     }
     // On its line exactly, the observation is worth what the likelihood says at that radius.
-    let pose = CameraFromWorld::new(Rotation3::identity(), middle - matches.points[i]);
-    let weight = matches.log_likelihood_ratio(i, &pose, noise)?;
+    let weight = matches.log_likelihood_ratio_at(i, &(start + along * at(0.0)), noise)?;
     (weight > 0.0).then_some(Vote { from: a.min(b), to: a.max(b), weight })
 }
 
@@ -205,7 +208,7 @@ fn vote(
 fn heaviest(votes: &[Vote]) -> Option<f64> {
     let mut ends: Vec<(f64, f64)> =
         votes.iter().flat_map(|v| [(v.from, v.weight), (v.to, -v.weight)]).collect();
-    ends.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ends.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));
     let (mut sum, mut best, mut found) = (0.0, 0.0, None);
     for (k, end) in ends.iter().enumerate() {
         sum += end.1;
@@ -217,55 +220,28 @@ fn heaviest(votes: &[Vote]) -> Option<f64> {
     found
 }
 
-impl Block {
-    fn new(
-        matches: &Matches,
-        members: &[usize],
-        center: &Vector3<f64>,
-        directions: &[Vector2<f64>],
-        extra: f64,
-    ) -> Self {
-        let mut block = Self {
-            x: [0.0; LANES],
-            y: [0.0; LANES],
-            z: [0.0; LANES],
-            u: [0.0; LANES],
-            v: [0.0; LANES],
-            worth: [-1e30; LANES],
-        };
-        for (l, &i) in members.iter().enumerate() {
-            let p = matches.points[i] - center;
-            (block.x[l], block.y[l], block.z[l]) = (p.x as f32, p.y as f32, p.z as f32);
-            (block.u[l], block.v[l]) = (directions[i].x as f32, directions[i].y as f32);
-            block.worth[l] = (matches.worth[i] + extra) as f32;
-        }
-        block
+fn block(
+    matches: &Matches,
+    members: &[usize],
+    center: &Vector3<f64>,
+    directions: &[Vector2<f64>],
+    extra: f64,
+) -> RadialBlock {
+    let mut block = RadialBlock::EMPTY;
+    for (l, &i) in members.iter().enumerate() {
+        let p = matches.points[i] - center;
+        (block.x[l], block.y[l], block.z[l]) = (p.x as f32, p.y as f32, p.z as f32);
+        (block.u[l], block.v[l]) = (directions[i].x as f32, directions[i].y as f32);
+        block.worth[l] = (matches.worth[i] + extra) as f32;
     }
+    block
 }
 
-impl Side {
-    /// Log likelihood ratio of the side's own angles, as if seen at a typical radius; counted when positive.
-    #[expect(clippy::needless_bitwise_bool, reason = "`&&` is a branch, and branches stop vectorization")]
-    fn score(&self, pose: &RadialPose, center: &Vector3<f64>, noise: f64, matches: &Matches) -> f64 {
-        let radius = 0.5 * f64::from(matches.camera.height);
-        let k = (0.5 * (radius / noise).powi(2)) as f32;
-        let m = pose.rotation.matrix();
-        let t = (pose.rotation * center).xy() + pose.offset;
-        let row = |i: usize| [m[(i, 0)] as f32, m[(i, 1)] as f32, m[(i, 2)] as f32, t[i] as f32];
-        let (r0, r1) = (row(0), row(1));
-        let mut sums = [0.0_f32; LANES];
-        for block in &self.blocks {
-            for l in 0..LANES {
-                let x = r0[0] * block.x[l] + r0[1] * block.y[l] + r0[2] * block.z[l] + r0[3];
-                let y = r1[0] * block.x[l] + r1[1] * block.y[l] + r1[2] * block.z[l] + r1[3];
-                let across = block.u[l] * y - block.v[l] * x;
-                let ahead = block.u[l] * x + block.v[l] * y;
-                let gain = block.worth[l] - k * across * across / (x * x + y * y);
-                sums[l] += if (ahead > 0.0) & (gain > 0.0) { gain } else { 0.0 };
-            }
-        }
-        f64::from(sums.iter().sum::<f32>())
-    }
+/// The first two rows of `[R | t]` for centred points.
+fn rows(pose: &RadialPose, center: &Vector3<f64>) -> [[f32; 4]; 2] {
+    let m = pose.rotation.matrix();
+    let t = (pose.rotation * center).xy() + pose.offset;
+    [0, 1].map(|i| [m[(i, 0)] as f32, m[(i, 1)] as f32, m[(i, 2)] as f32, t[i] as f32])
 }
 
 #[cfg(test)]
@@ -274,7 +250,7 @@ mod tests {
     use crate::problem::{Correspondences, PoseProblem};
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-    use veiloc_geometry::{DualAnchors, Pinhole};
+    use veiloc_geometry::{DualAnchors, Pinhole, Pixel};
 
     const CAMERA: Pinhole =
         Pinhole { width: 640, height: 480, focal: [525.0, 520.0], principal: [318.0, 242.0] };

@@ -40,33 +40,38 @@ pub(crate) fn refine(
     start: &CameraFromWorld,
     steps: usize,
 ) -> Refined {
+    descend(|pose| linearize(matches, active, loss, pose), start, steps, 1e-9)
+}
+
+/// Levenberg–Marquardt on any objective that can be linearized, at most `steps` accepted or refused steps; ends when a
+/// step gains less than this share of the loss.
+///
+/// Never returns a pose with a larger loss than the start's.
+pub(crate) fn descend(
+    objective: impl Fn(&CameraFromWorld) -> System,
+    start: &CameraFromWorld,
+    steps: usize,
+    least_gain: f64,
+) -> Refined {
     let mut pose = *start;
-    let mut system = linearize(matches, active, loss, &pose);
+    let mut system = objective(&pose);
     let mut damping = 1e-4;
     for _ in 0..steps {
-        let Some(step) = damped_step(&system, damping) else {
+        let step = damped_step(&system, damping);
+        let next = step.map(|step| pose.perturbed(&step.into()));
+        let there = next.map(|next| (next, objective(&next))).filter(|(_, there)| there.loss < system.loss);
+        let Some((next, there)) = there else {
             damping *= 10.0;
             if damping > 1e8 {
                 break;
             }
             continue;
         };
-        let next = pose.perturbed(&step.into());
-        let there = linearize(matches, active, loss, &next);
-        if there.loss < system.loss {
-            let gained = system.loss - there.loss;
-            pose = next;
-            let small = gained <= 1e-9 * (1.0 + system.loss.abs());
-            system = there;
-            damping = (damping * 0.1).max(1e-10);
-            if small {
-                break;
-            }
-        } else {
-            damping *= 10.0;
-            if damping > 1e8 {
-                break;
-            }
+        let gained = system.loss - there.loss;
+        (pose, system) = (next, there);
+        damping = (damping * 0.1).max(1e-10);
+        if gained <= least_gain * (1.0 + system.loss.abs()) {
+            break;
         }
     }
     Refined { pose: reorthonormalized(&pose), loss: system.loss }
@@ -109,11 +114,11 @@ pub(crate) fn linearize(matches: &Matches, active: &[usize], loss: Loss, pose: &
                 (0.5 * e2.min(t2), if e2 < t2 { 1.0 } else { 0.0 }, 0.0)
             }
             Loss::Likelihood { noise } => {
-                let s2 = noise * noise;
-                let llr = matches.worth[i] + noise_term + residual.log_radius - 0.5 * e2 / s2;
+                let scale = matches.freedom() * noise * noise;
+                let llr = matches.worth[i] + noise_term + residual.log_radius - 3.0 * (e2 / scale).ln_1p();
                 let right = 1.0 / (1.0 + (-llr).exp());
                 let softplus = llr.max(0.0) + (-llr.abs()).exp().ln_1p();
-                (-softplus, right / s2, right)
+                (-softplus, 6.0 * right / (scale + e2), right)
             }
         };
         system.loss += value;
@@ -158,22 +163,6 @@ impl System {
             }
         }
     }
-}
-
-/// Standard deviation that the residuals show, each weighed by the probability that it is right at the noise assumed
-/// so far (one step of expectation maximisation).
-pub(crate) fn shown_noise(matches: &Matches, active: &[usize], assumed: f64, pose: &CameraFromWorld) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for &i in active {
-        if let (Some(llr), Some(squared)) =
-            (matches.log_likelihood_ratio(i, pose, assumed), matches.squared_error(i, pose))
-        {
-            let right = 1.0 / (1.0 + (-llr).exp());
-            sum += right * squared;
-            count += right * matches.rows() as f64;
-        }
-    }
-    if count > 0.0 { (sum / count).sqrt() } else { assumed }
 }
 
 /// Covariance of the pose from its inliers: residual variance times `(JᵀJ)⁻¹`.

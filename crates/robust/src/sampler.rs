@@ -8,15 +8,17 @@ pub(crate) struct WeightedSampler {
     indices: Vec<usize>,
     /// Running sums of the weights.
     cumulative: Vec<f64>,
+    squares: f64,
 }
 
 impl WeightedSampler {
     /// Over the given indices; a weight that is not positive counts as the smallest positive number.
     pub(crate) fn new(entries: impl Iterator<Item = (usize, f64)>) -> Self {
-        let mut sampler = Self { indices: Vec::new(), cumulative: Vec::new() };
+        let mut sampler = Self { indices: Vec::new(), cumulative: Vec::new(), squares: 0.0 };
         let mut sum = 0.0;
         for (index, weight) in entries {
             sum += if weight > 0.0 { weight } else { f64::MIN_POSITIVE };
+            sampler.squares += weight * weight;
             sampler.indices.push(index);
             sampler.cumulative.push(sum);
         }
@@ -28,11 +30,74 @@ impl WeightedSampler {
         self.cumulative.last().copied().unwrap_or(0.0)
     }
 
+    /// How many there are.
+    pub(crate) fn len(&self) -> usize {
+        self.indices.len()
+    }
+
+    /// Chance that one drawn is right, if each weight is the probability that its entry is.
+    pub(crate) fn expected_share(&self) -> f64 {
+        if self.total() > 0.0 { self.squares / self.total() } else { 0.0 }
+    }
+
     /// One index; `None` from an empty list.
     pub(crate) fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Option<usize> {
         let target = rng.random::<f64>() * self.total();
         let at = self.cumulative.partition_point(|c| *c <= target);
         self.indices.get(at.min(self.indices.len().checked_sub(1)?)).copied()
+    }
+}
+
+/// Samples of `size` from two lists, never all from one: how many of the first is drawn in proportion to the chance
+/// that all of them are right.
+#[derive(Debug, Clone)]
+pub(crate) struct SplitSampler {
+    sides: [WeightedSampler; 2],
+    size: usize,
+    /// Chance of each split, by the number drawn from the first list, `[size + 1]`; they sum to 1 or are all 0.
+    chances: Vec<f64>,
+}
+
+impl SplitSampler {
+    /// Over two lists whose weights are probabilities of being right.
+    pub(crate) fn new(sides: [WeightedSampler; 2], size: usize) -> Self {
+        let share = [0, 1].map(|s| sides[s].expected_share());
+        let chance = |k: usize| {
+            let possible = k >= 1 && k < size && k <= sides[0].len() && size - k <= sides[1].len();
+            if possible { share[0].powi(k as i32) * share[1].powi((size - k) as i32) } else { 0.0 }
+        };
+        let chances: Vec<f64> = (0..=size).map(chance).collect();
+        let total: f64 = chances.iter().sum();
+        let chances = chances.into_iter().map(|c| if total > 0.0 { c / total } else { 0.0 }).collect();
+        Self { sides, size, chances }
+    }
+
+    /// How many of the next sample come from the first list; `None` when no split is possible.
+    pub(crate) fn draw_split<R: Rng + ?Sized>(&self, rng: &mut R) -> Option<usize> {
+        let mut target = rng.random::<f64>();
+        let mut last = None;
+        for (k, &chance) in self.chances.iter().enumerate().filter(|(_, c)| **c > 0.0) {
+            last = Some(k);
+            target -= chance;
+            if target < 0.0 {
+                break;
+            }
+        }
+        last
+    }
+
+    /// The list that the next entry comes from when so many are drawn already.
+    pub(crate) fn side(&self, split: usize, drawn: usize) -> &WeightedSampler {
+        &self.sides[usize::from(drawn >= split)]
+    }
+
+    /// Probability that all of a sample agree, when entries of this total weight do in each list.
+    pub(crate) fn hit_probability(&self, agreeing: [f64; 2]) -> f64 {
+        let share = [0, 1].map(|s| agreeing[s] / self.sides[s].total().max(f64::MIN_POSITIVE));
+        let of_split = |(k, chance): (usize, &f64)| {
+            chance * share[0].powi(k as i32) * share[1].powi((self.size - k) as i32)
+        };
+        self.chances.iter().enumerate().map(of_split).sum()
     }
 }
 
@@ -55,5 +120,34 @@ mod tests {
             assert!((*count as f64 / 10_000.0 - weight).abs() < 0.06, "{counts:?}");
         }
         assert_eq!(WeightedSampler::new(std::iter::empty()).draw(&mut rng), None);
+    }
+
+    #[test]
+    fn splits_follow_their_chance_and_hits_are_counted_truly() {
+        // Two of three and three of nine are right; weights say so only on average.
+        let list =
+            |from: usize, n: usize, weight: f64| WeightedSampler::new((from..from + n).map(|i| (i, weight)));
+        let split = SplitSampler::new([list(0, 3, 0.6), list(10, 9, 0.3)], 4);
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let (mut counts, mut hits) = ([0_usize; 5], 0);
+        let rounds = 200_000;
+        for _ in 0..rounds {
+            let k = split.draw_split(&mut rng).expect("possible");
+            counts[k] += 1;
+            let right = (0..4).all(|drawn| {
+                let i = split.side(k, drawn).draw(&mut rng).expect("not empty");
+                i < 2 || (10..13).contains(&i)
+            });
+            hits += usize::from(right);
+        }
+        assert_eq!((counts[0], counts[4]), (0, 0));
+        for k in 1..3 {
+            let ratio = counts[k + 1] as f64 / counts[k] as f64;
+            assert!((ratio - 2.0).abs() < 0.1, "{counts:?}");
+        }
+        let expected = split.hit_probability([2.0 * 0.6, 3.0 * 0.3]);
+        assert!((hits as f64 / f64::from(rounds) - expected).abs() < 0.003, "{hits} {expected}");
+        // One list too short for any split, or empty.
+        assert_eq!(SplitSampler::new([list(0, 0, 1.0), list(10, 9, 0.3)], 4).draw_split(&mut rng), None);
     }
 }

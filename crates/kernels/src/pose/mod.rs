@@ -1,0 +1,35 @@
+//! Camera poses over many correspondences: scores and normal equations, in single precision, sixteen lanes at a time.
+//!
+//! - [`PoseLanes`]: correspondences as arrays of sixteen per quantity, in groups that share an anchor.
+//! - [`PoseLanes::truncated`], [`PoseLanes::likelihood`]: how well a pose explains them.
+//! - [`PoseLanes::normal_equations`]: the likelihood with its gradient and Gauss–Newton matrix.
+//! - [`RadialLanes`]: a pose whose depth along one ray is not known yet, scored by angles about that ray.
+//!
+//! The loops over lanes have no branches and call nothing, so the compiler turns them into vector instructions; the
+//! same source is compiled once for each [`crate::Backend`]. Multiplications and additions are never fused and lanes
+//! are summed in one order, so every backend gives the same bits. What the numbers mean is for the caller to say: here
+//! a correspondence is a point `x y z`, an observation `a b c` and what it is `worth`.
+//!
+//! # What is computed
+//! With `p = R x + t`, `u = f_x p_x / p_z`, `v = f_y p_y / p_z` (pixels from the principal point):
+//!
+//! | observed | squared residual `e²` | `r²` |
+//! |---|---|---|
+//! | points | `(u − a)² + (v − b)²` | 1 |
+//! | lines | `(a u + b v + c)²` | 1 |
+//! | anchored | `(a u + b v + c)²` | squared distance of `(u, v)` from the group's anchor |
+//!
+//! - truncated: `Σ max(0, worth − k e²)` over points in front of the camera;
+//! - likelihood: `llr = worth + shift + ½ log(r² / (1 + k e²)⁶)`, a Student t distribution's logarithm, summed where
+//!   it is positive over points that project into the picture and on their group's side.
+
+mod approx;
+mod layout;
+mod normal;
+mod radial;
+mod score;
+
+pub use layout::{Block, Group, LANES, Lanes, NEVER, Observed, Picture, PoseLanes};
+pub use normal::{CameraRows, NormalEquations};
+pub use radial::{RadialBlock, RadialLanes};
+pub use score::ScaledRows;

@@ -1,0 +1,247 @@
+//! What the search loop searches with: one problem under one score, its hypotheses, local optimisation and final polish.
+//!
+//! Under the likelihood everything minimises one objective, `−Σ log(1 + exp llr)`: local optimisation at shrinking
+//! scales, the final refinement at the scale that the inliers show. Under MSAC it is the truncated square.
+
+use rand::Rng;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector6};
+
+use crate::information::Symmetric6;
+use crate::kernel::{Kernel, Scale};
+use crate::matches::Matches;
+use crate::minimal::Minimal;
+use crate::ransac::Estimator;
+use crate::refine::{Loss, descend, refine};
+
+/// Shrinking scales of local optimisation, in multiples of the final one.
+const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
+
+/// Steps at each scale.
+const LADDER_STEPS: usize = 4;
+
+/// A step of local optimisation that gains less than this share ends it.
+const COARSE_GAIN: f64 = 1e-4;
+
+/// Under MSAC, more correspondences than this are thinned out evenly in local optimisation.
+const DESCENT_LIMIT: usize = 800;
+
+/// Subsets of the inliers tried in local optimisation under MSAC, and their size.
+const SUBSETS: usize = 8;
+const SUBSET_SIZE: usize = 14;
+
+/// Rounds of final refinement and noise estimation.
+const POLISH_ROUNDS: usize = 8;
+
+/// Steps of one round.
+const ROUND_STEPS: usize = 10;
+
+/// Range of the noise that the final refinement believes in, in multiples of the assumed one.
+const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
+
+/// Steps of the last refinement, in double precision.
+const FINAL_STEPS: usize = 25;
+
+/// Correspondences with a log likelihood ratio below this weigh nothing in the last refinement.
+const NEGLIGIBLE: f64 = -14.0;
+
+/// Squared Mahalanobis distance from which on another pose is another answer, not the same one found again.
+const ELSEWHERE: f64 = 400.0;
+
+/// One problem under one score.
+pub(crate) struct Search<'a> {
+    matches: &'a Matches,
+    kernel: Kernel,
+    scale: Scale,
+    minimal: Minimal,
+    /// Optimised poses met on the way, with their costs.
+    optima: Vec<(CameraFromWorld, f64)>,
+}
+
+/// A pose after the final refinement.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Polished {
+    pub(crate) pose: CameraFromWorld,
+    /// Scale of the likelihood's noise that the inliers show, pixels; under MSAC the threshold.
+    pub(crate) noise: f64,
+    /// Whether the refinement was kept.
+    pub(crate) kept: bool,
+}
+
+impl<'a> Search<'a> {
+    pub(crate) fn new(matches: &'a Matches, scale: Scale, minimal: Minimal) -> Self {
+        Self { matches, kernel: Kernel::new(matches, scale), scale, minimal, optima: Vec::new() }
+    }
+
+    /// Correspondences that agree with a pose, at this noise under the likelihood.
+    pub(crate) fn agreeing(&self, pose: &CameraFromWorld, noise: f64) -> Vec<usize> {
+        match self.scale {
+            Scale::Msac { .. } => self.within(pose, 1.0),
+            Scale::Likelihood { .. } => {
+                let all = self.kernel.likelihoods(pose, noise);
+                (0..all.len()).filter(|&i| all[i] > 0.0).collect()
+            }
+        }
+    }
+
+    /// Under MSAC: correspondences within so many thresholds.
+    fn within(&self, pose: &CameraFromWorld, factor: f64) -> Vec<usize> {
+        let Scale::Msac { threshold } = self.scale else { return Vec::new() };
+        let reach = threshold * factor;
+        let near = |&i: &usize| self.matches.squared_error(i, pose).is_some_and(|e2| e2 < reach * reach);
+        (0..self.matches.len()).filter(near).collect()
+    }
+
+    /// Refines at scales that shrink to the final one.
+    fn descend(&self, pose: &CameraFromWorld) -> CameraFromWorld {
+        let mut pose = *pose;
+        for factor in LADDER {
+            pose = match self.scale {
+                Scale::Likelihood { noise } => {
+                    let objective = |pose: &CameraFromWorld| self.kernel.linearize(pose, noise * factor).0;
+                    descend(objective, &pose, LADDER_STEPS, COARSE_GAIN).pose
+                }
+                Scale::Msac { threshold } => {
+                    let mut active = self.within(&pose, factor);
+                    if active.len() < 6 {
+                        continue;
+                    }
+                    let stride = active.len().div_ceil(DESCENT_LIMIT);
+                    active = active.into_iter().step_by(stride).collect();
+                    let loss = Loss::Truncated { threshold: threshold * factor };
+                    refine(self.matches, &active, loss, &pose, LADDER_STEPS).pose
+                }
+            };
+        }
+        pose
+    }
+
+    /// Final refinement and whether it was kept; under the likelihood at the noise that the inliers themselves show.
+    ///
+    /// The guard: the refined pose must not be worse in the score it was refined for, over all correspondences. Without
+    /// it a robust polish may slide into the collapse.
+    pub(crate) fn polish(&self, start: &CameraFromWorld) -> Polished {
+        match self.scale {
+            Scale::Msac { threshold } => {
+                let active = self.within(start, 1.5);
+                let pose =
+                    refine(self.matches, &active, Loss::Truncated { threshold }, start, FINAL_STEPS).pose;
+                let kept = self.cost(&pose, f64::INFINITY) <= self.cost(start, f64::INFINITY);
+                Polished { pose: if kept { pose } else { *start }, noise: threshold, kept }
+            }
+            Scale::Likelihood { noise: assumed } => {
+                let (mut pose, mut noise) = (*start, assumed);
+                for _ in 0..POLISH_ROUNDS {
+                    let objective = |pose: &CameraFromWorld| self.kernel.linearize(pose, noise).0;
+                    pose = descend(objective, &pose, ROUND_STEPS, 1e-7).pose;
+                    let shown = self.kernel.linearize(&pose, noise).1;
+                    let next = shown.clamp(NOISE_RANGE[0] * assumed, NOISE_RANGE[1] * assumed);
+                    let settled = (next / noise - 1.0).abs() < 0.02;
+                    noise = next;
+                    if settled {
+                        break;
+                    }
+                }
+                let all = self.kernel.likelihoods(&pose, noise);
+                let active: Vec<usize> = (0..all.len()).filter(|&i| all[i] > NEGLIGIBLE).collect();
+                pose = refine(self.matches, &active, Loss::Likelihood { noise }, &pose, FINAL_STEPS).pose;
+                let kept = self.kernel.cost_at(&pose, noise) <= self.kernel.cost_at(start, noise);
+                Polished { pose: if kept { pose } else { *start }, noise, kept }
+            }
+        }
+    }
+
+    /// Standard deviation of the agreeing residuals, pixels, each weighed by the probability that it is right.
+    pub(crate) fn shown_noise(&self, polished: &Polished, inliers: &[usize]) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for &i in inliers {
+            let right = match self.scale {
+                Scale::Msac { .. } => 1.0,
+                Scale::Likelihood { .. } => {
+                    let llr = self.matches.log_likelihood_ratio(i, &polished.pose, polished.noise);
+                    llr.map_or(0.0, |llr| 1.0 / (1.0 + (-llr).exp()))
+                }
+            };
+            if let Some(squared) = self.matches.squared_error(i, &polished.pose) {
+                sum += right * squared;
+                count += right * self.matches.rows() as f64;
+            }
+        }
+        if count > 0.0 { (sum / count).sqrt() } else { polished.noise }
+    }
+
+    pub(crate) fn covariance(&self, pose: &CameraFromWorld, noise: f64, inliers: &[usize]) -> Symmetric6 {
+        let _ = noise;
+        crate::refine::covariance(self.matches, inliers, pose)
+    }
+
+    /// By how much the pose beats the best optimum that was met elsewhere; infinite when none was.
+    pub(crate) fn margin(&self, pose: &CameraFromWorld, covariance: &Symmetric6) -> f64 {
+        let covariance = Matrix6::from_fn(|i, j| covariance[i][j]);
+        let Some(factor) = covariance.iter().all(|c| c.is_finite()).then(|| covariance.cholesky()).flatten()
+        else {
+            return f64::INFINITY;
+        };
+        let own = self.cost(pose, f64::INFINITY);
+        let elsewhere = |other: &CameraFromWorld| {
+            let turn = (other.rotation() * pose.rotation().inverse()).scaled_axis();
+            let shift = other.translation() - Rotation3::from_scaled_axis(turn) * pose.translation();
+            let step = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+            !(step.dot(&factor.solve(&step)) < ELSEWHERE)
+        };
+        self.optima
+            .iter()
+            .filter(|(other, _)| elsewhere(other))
+            .map(|(_, cost)| (cost - own).max(0.0))
+            .fold(f64::INFINITY, f64::min)
+    }
+}
+
+impl Estimator for Search<'_> {
+    type Model = CameraFromWorld;
+
+    fn hypothesize<R: Rng + ?Sized>(&mut self, rng: &mut R, models: &mut Vec<CameraFromWorld>) {
+        self.minimal.hypothesize(self.matches, rng, models);
+    }
+
+    fn cost(&self, model: &CameraFromWorld, best: f64) -> f64 {
+        self.kernel.cost(model, best)
+    }
+
+    fn hit_probability(&self, model: &CameraFromWorld) -> f64 {
+        let noise = match self.scale {
+            Scale::Likelihood { noise } | Scale::Msac { threshold: noise } => noise,
+        };
+        self.minimal.hit_probability(self.matches, &self.agreeing(model, noise))
+    }
+
+    fn optimize<R: Rng + ?Sized>(
+        &mut self,
+        model: &CameraFromWorld,
+        cost: f64,
+        rng: &mut R,
+    ) -> Option<(CameraFromWorld, f64)> {
+        let mut best = (*model, cost);
+        let keep = |pose: CameraFromWorld, best: &mut (CameraFromWorld, f64)| {
+            let cost = self.kernel.cost(&pose, best.1);
+            if cost < best.1 {
+                *best = (pose, cost);
+            }
+        };
+        keep(self.descend(model), &mut best);
+        if matches!(self.scale, Scale::Msac { .. }) {
+            for _ in 0..SUBSETS {
+                let inliers = self.within(&best.0, 1.0);
+                if inliers.len() < 2 * SUBSET_SIZE {
+                    break;
+                }
+                let subset: Vec<usize> =
+                    (0..SUBSET_SIZE).map(|_| inliers[rng.random_range(0..inliers.len())]).collect();
+                keep(refine(self.matches, &subset, Loss::Squared, &best.0, 5).pose, &mut best);
+            }
+            keep(self.descend(&best.0), &mut best);
+        }
+        self.optima.push(best);
+        (best.1 < cost).then_some(best)
+    }
+}
