@@ -5,7 +5,13 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Point3};
 
-use crate::conics;
+use crate::conics::{self, Conic, largest};
+
+/// Height of the triangle over its longest side, relative to that side, below which three points lie on a line.
+const COLLINEAR: f64 = 1e-5;
+
+/// Squared ratio of depth to the triangle's height beyond which the rounding of the depths shows in the rotation.
+const FAR_OR_THIN: f64 = 1e4;
 
 /// Absolute camera pose from three point correspondences (calibrated, minimal).
 ///
@@ -37,112 +43,159 @@ pub fn p3p(
     points: &[Point3<World>; 3],
     out: &mut ArrayVec<CameraFromWorld, 4>,
 ) -> usize {
-    let x = points.map(|p| p.coords);
-    let sides = [x[0] - x[1], x[0] - x[2], x[1] - x[2]];
-    let scale = sides.iter().map(|s| s.norm()).fold(0.0_f64, f64::max);
-    if !(scale.is_finite() && scale > 0.0 && bearings.iter().all(|b| b.iter().all(|c| c.is_finite()))) {
+    let apart = |i: usize, j: usize| (points[i].coords - points[j].coords).norm_squared();
+    let sides = [apart(1, 2), apart(2, 0), apart(0, 1)];
+    let cosines =
+        [bearings[1].dot(&bearings[2]), bearings[2].dot(&bearings[0]), bearings[0].dot(&bearings[1])];
+    // The longest side is that of the last pair, so that neither conic below is close to zero.
+    let first = largest(sides);
+    let (second, third) = ([1, 2, 0][first], [2, 0, 1][first]);
+    let place = [[0, 1, 2], [2, 0, 1], [1, 2, 0]][first];
+    let longest = sides[first];
+    if !(longest > 0.0 && longest.is_finite()) {
         return 0;
     }
-    let a = sides.map(|s| s.norm_squared() / (scale * scale));
-    let cosines =
-        [bearings[0].dot(&bearings[1]), bearings[0].dot(&bearings[2]), bearings[1].dot(&bearings[2])];
+    let x = points.map(|p| p.coords);
+    let Some(world) = Duals::of(&x, longest) else { return 0 };
+    let unit = 1.0 / longest;
+    let triangle = Triangle {
+        a12: sides[third] * unit,
+        a13: sides[second] * unit,
+        c12: cosines[third],
+        c13: cosines[second],
+        c23: cosines[first],
+    };
+    let scale = longest.sqrt();
+    let far = FAR_OR_THIN * world.height_squared * unit;
 
-    let mut depths: ArrayVec<Vector3<f64>, 4> = ArrayVec::new();
-    solve_depths(&a, &cosines, &mut depths);
-    let Some(world) = Triad::of(&x) else { return 0 };
     let mut appended = 0;
-    for depth in depths {
-        let seen = std::array::from_fn(|i| bearings[i] * (depth[i] * scale));
-        let Some(camera) = Triad::of(&seen) else { continue };
-        let r = Rotation3::from_matrix_unchecked(camera.axes * world.axes.transpose());
-        let t = (seen[0] + seen[1] + seen[2] - r * (x[0] + x[1] + x[2])) / 3.0;
-        let pose = CameraFromWorld::new(r, t);
-        if pose.is_finite() && out.try_push(pose).is_ok() {
+    triangle.depths(|depth| {
+        // Back to the order of the points.
+        let depths = depth * scale;
+        let seen: [_; 3] = std::array::from_fn(|i| bearings[i] * depths[place[i]]);
+        let mut r = world.rotation_to(&seen);
+        if depth.norm_squared() > far {
+            r = orthonormal(&r);
+        }
+        let t = seen[0] - r * x[0];
+        let pose = CameraFromWorld::new(Rotation3::from_matrix_unchecked(r), t);
+        // The depths are finite, so the rotation is.
+        if t.sum().is_finite() && out.try_push(pose).is_ok() {
             appended += 1;
         }
-    }
+    });
     appended
 }
 
-/// Pairs of rays, in the order of the distances `a` and the cosines: 12, 13, 23.
-const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+/// Squared sides of the triangle of map points, in units of the longest, and the cosines between their rays.
+struct Triangle {
+    a12: f64,
+    a13: f64,
+    c12: f64,
+    c13: f64,
+    c23: f64,
+}
 
-/// Depths with `λᵢ² + λⱼ² − 2 cᵢⱼ λᵢ λⱼ = aᵢⱼ`, all positive.
-fn solve_depths(a: &[f64; 3], cosines: &[f64; 3], out: &mut ArrayVec<Vector3<f64>, 4>) {
-    let forms: [Matrix3<f64>; 3] = std::array::from_fn(|k| {
-        let (i, j) = PAIRS[k];
-        let mut m = Matrix3::zeros();
-        m[(i, i)] = 1.0;
-        m[(j, j)] = 1.0;
-        m[(i, j)] = -cosines[k];
-        m[(j, i)] = -cosines[k];
-        m
-    });
-    let whole = forms[0] + forms[1] + forms[2];
-    let total = a[0] + a[1] + a[2];
-    // The pair with the longest side takes part in both, so that neither conic is close to zero.
-    let longest = (0..3).max_by(|&i, &j| a[i].total_cmp(&a[j])).unwrap_or(0);
-    let [p, q] = [(longest + 1) % 3, (longest + 2) % 3];
-    let first = forms[p] * a[longest] - forms[longest] * a[p];
-    let second = forms[q] * a[longest] - forms[longest] * a[q];
+impl Triangle {
+    /// Calls `visit` with the depths `λ` in units of the longest side, all positive: `λ_i² + λ_j² − 2 c_ij λ_i λ_j = a_ij` with `a_23 = 1`.
+    #[inline]
+    fn depths(&self, mut visit: impl FnMut(Vector3<f64>)) {
+        let &Self { a12, a13, c12, c13, c23 } = self;
+        let first = Conic { xx: 1.0, xy: -c12, xz: 0.0, yy: 1.0 - a12, yz: a12 * c23, zz: -a12 };
+        let second = Conic { xx: 1.0, xy: 0.0, xz: -c13, yy: -a13, yz: a13 * c23, zz: 1.0 - a13 };
+        // Those of positive depths are moved to the front, without a branch: who they are is anybody's guess.
+        let (mut positive, mut count) = ([Vector3::zeros(); 5], 0);
+        for d in conics::intersect(&first, &second) {
+            let size = d.y * d.y + d.z * (d.z - 2.0 * c23 * d.y);
+            positive[count] = d * (1.0 / size.sqrt()).copysign(d.x);
+            let same_side = usize::from(d.x * d.y > 0.0) & usize::from(d.x * d.z > 0.0);
+            count += same_side & usize::from(size > 0.0);
+        }
+        for depth in &positive[..count] {
+            if let Some(depth) = self.polished(*depth) {
+                visit(depth);
+            }
+        }
+    }
 
-    for direction in conics::intersect(&first, &second) {
-        let size = direction.dot(&(whole * direction));
-        let direction = if direction.sum() < 0.0 { -direction } else { direction };
-        if !(size > 0.0) {
-            continue;
+    fn residual(&self, d: &Vector3<f64>) -> Vector3<f64> {
+        Vector3::new(
+            d.x * (d.x - 2.0 * self.c12 * d.y) + d.y * d.y - self.a12,
+            d.x * (d.x - 2.0 * self.c13 * d.z) + d.z * d.z - self.a13,
+            d.y * (d.y - 2.0 * self.c23 * d.z) + d.z * d.z - 1.0,
+        )
+    }
+
+    /// Newton's method on the three distances; `None` when they are not met or a depth is not positive in the end.
+    fn polished(&self, mut depth: Vector3<f64>) -> Option<Vector3<f64>> {
+        let mut now = self.residual(&depth);
+        for _ in 0..5 {
+            let size = now.norm_squared();
+            // What the squares can resolve grows with the depths.
+            let resolved = 1e-15 * (1.0 + depth.norm_squared());
+            if size < resolved * resolved {
+                break;
+            }
+            // Half the Jacobian is (f1 f2 0; g1 0 g3; 0 h2 h3); Cramer's rule.
+            let (f1, f2) = (depth.x - self.c12 * depth.y, depth.y - self.c12 * depth.x);
+            let (g1, g3) = (depth.x - self.c13 * depth.z, depth.z - self.c13 * depth.x);
+            let (h2, h3) = (depth.y - self.c23 * depth.z, depth.z - self.c23 * depth.y);
+            let determinant = -2.0 * (f1 * g3 * h2 + f2 * g1 * h3);
+            let step = Vector3::new(
+                f2 * (g3 * now.z - h3 * now.y) - g3 * h2 * now.x,
+                f1 * (h3 * now.y - g3 * now.z) - g1 * h3 * now.x,
+                h2 * (g1 * now.x - f1 * now.y) - f2 * g1 * now.z,
+            );
+            let step = step * (1.0 / determinant);
+            let next = depth - step;
+            if step.norm_squared() < 1e-15 {
+                // The equations are quadratic: what is left is about the square of the step.
+                return positive(next);
+            }
+            let then = self.residual(&next);
+            if !(then.norm_squared() < size) {
+                break;
+            }
+            (depth, now) = (next, then);
         }
-        let mut depth = direction * (total / size).sqrt();
-        if polish(&forms, a, &mut depth) && depth.min() > 0.0 && !repeated(out, &depth) {
-            // Two conics meet in four points: there is room.
-            let _ = out.try_push(depth);
-        }
+        if now.norm_squared() < 1e-16 { positive(depth) } else { None }
     }
 }
 
-fn repeated(known: &ArrayVec<Vector3<f64>, 4>, depth: &Vector3<f64>) -> bool {
-    known.iter().any(|k| (k - depth).norm() < 1e-10 * depth.norm())
+fn positive(depth: Vector3<f64>) -> Option<Vector3<f64>> {
+    (depth.x > 0.0 && depth.y > 0.0 && depth.z > 0.0).then_some(depth)
 }
 
-/// Newton's method on the three distances; false when they are not met in the end.
-fn polish(forms: &[Matrix3<f64>; 3], a: &[f64; 3], depth: &mut Vector3<f64>) -> bool {
-    let residual = |d: &Vector3<f64>| Vector3::from_fn(|k, _| d.dot(&(forms[k] * d)) - a[k]);
-    let mut now = residual(depth);
-    for _ in 0..5 {
-        if now.amax() < 1e-15 {
-            break;
-        }
-        let jacobian = Matrix3::from_rows(&[
-            2.0 * (forms[0] * *depth).transpose(),
-            2.0 * (forms[1] * *depth).transpose(),
-            2.0 * (forms[2] * *depth).transpose(),
-        ]);
-        let Some(inverse) = jacobian.try_inverse() else { break };
-        let next = *depth - inverse * now;
-        let then = residual(&next);
-        if !(then.norm() < now.norm()) {
-            break;
-        }
-        *depth = next;
-        now = then;
-    }
-    now.amax() < 1e-8
+/// The dual basis of two sides of a triangle and its normal, as rows.
+struct Duals {
+    rows: Matrix3<f64>,
+    /// Squared height over the longest side.
+    height_squared: f64,
 }
 
-/// An orthonormal frame carried by three points.
-struct Triad {
-    axes: Matrix3<f64>,
-}
-
-impl Triad {
-    fn of(p: &[Vector3<f64>; 3]) -> Option<Self> {
-        let along = p[1] - p[0];
-        let normal = along.cross(&(p[2] - p[0]));
-        let reach = along.norm() * (p[2] - p[0]).norm();
-        if !(normal.norm() > 1e-10 * reach) {
+impl Duals {
+    /// `None` when the points lie on a line; `longest` is their longest side, squared.
+    fn of(p: &[Vector3<f64>; 3], longest: f64) -> Option<Self> {
+        let (along, other) = (p[2] - p[1], p[0] - p[1]);
+        let normal = along.cross(&other);
+        let area = normal.norm_squared();
+        if !(area > COLLINEAR * COLLINEAR * longest * longest) {
             return None;
         }
-        let (e1, e3) = (along.normalize(), normal.normalize());
-        Some(Self { axes: Matrix3::from_columns(&[e1, e3.cross(&e1), e3]) })
+        let inverse = 1.0 / area;
+        let rows = [other.cross(&normal) * inverse, normal.cross(&along) * inverse, normal * inverse];
+        let rows = Matrix3::from_rows(&rows.map(|r| r.transpose()));
+        Some(Self { rows, height_squared: area / longest })
     }
+
+    /// The linear map that takes the triangle to this one, congruent to it: a rotation.
+    fn rotation_to(&self, p: &[Vector3<f64>; 3]) -> Matrix3<f64> {
+        let (along, other) = (p[2] - p[1], p[0] - p[1]);
+        Matrix3::from_columns(&[along, other, along.cross(&other)]) * self.rows
+    }
+}
+
+/// The rotation near a matrix that is one up to rounding: its error is squared.
+fn orthonormal(r: &Matrix3<f64>) -> Matrix3<f64> {
+    r * (Matrix3::identity() * 1.5 - r.tr_mul(r) * 0.5)
 }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
-use crate::conics;
+use crate::conics::{self, Conic};
 
 /// A pose up to the translation along the optical axis, which a 1D radial camera cannot see.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,11 +80,23 @@ pub fn p5lp_radial(
         (Vector3::new(n[0], n[1], n[2]), Vector3::new(n[4], n[5], n[6]))
     };
     let basis = [rows(0), rows(1), rows(2)];
-    let perpendicular = Matrix3::from_fn(|i, j| basis[i].0.dot(&basis[j].1) + basis[j].0.dot(&basis[i].1));
-    let equal = Matrix3::from_fn(|i, j| basis[i].0.dot(&basis[j].0) - basis[i].1.dot(&basis[j].1));
+    let conic = |f: &dyn Fn(usize, usize) -> f64| Conic {
+        xx: f(0, 0),
+        xy: f(0, 1),
+        xz: f(0, 2),
+        yy: f(1, 1),
+        yz: f(1, 2),
+        zz: f(2, 2),
+    };
+    let perpendicular = conic(&|i, j| 0.5 * (basis[i].0.dot(&basis[j].1) + basis[j].0.dot(&basis[i].1)));
+    let equal = conic(&|i, j| 0.5 * (basis[i].0.dot(&basis[j].0) - basis[i].1.dot(&basis[j].1)));
 
     let mut appended = 0;
     for weights in conics::intersect(&perpendicular, &equal) {
+        if weights.sum().is_nan() {
+            continue;
+        }
+        let weights = conics::polished(&perpendicular, &equal, &weights);
         let p = null * weights;
         let (r1, r2) = (Vector3::new(p[0], p[1], p[2]), Vector3::new(p[4], p[5], p[6]));
         let size = (0.5 * (r1.norm_squared() + r2.norm_squared())).sqrt();

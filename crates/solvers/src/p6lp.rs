@@ -1,11 +1,11 @@
 //! The pose of a calibrated camera from six 2D lines and the 3D points that project onto them.
 
 use arrayvec::ArrayVec;
-use nalgebra::{Matrix3, Matrix6, Quaternion, Rotation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix3, Rotation3, Vector3, Vector4};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, PlaneLine, Point3};
 
-use crate::quadrics::{intersect, quadric_of};
+use crate::quadrics::{Quadric, intersect, polished};
 
 /// Three unit normals whose determinant is smaller than this lie in one plane: their lines meet in one point.
 const FLAT_TRIPLE: f64 = 1e-9;
@@ -13,8 +13,11 @@ const FLAT_TRIPLE: f64 = 1e-9;
 /// A pose must satisfy all six equations to this, in units of the sample's extent.
 const RESIDUAL: f64 = 1e-7;
 
-/// The 20 ways to choose three of six.
-const TRIPLES: [[usize; 3]; 20] = triples();
+/// A point this far behind the camera, beside the translation, is not brought in front by polishing.
+const ROUGH: f64 = 1e-3;
+
+/// The 20 ways to choose three of six, and what is left.
+const TRIPLES: [([usize; 3], [usize; 3]); 20] = triples();
 
 /// Absolute camera pose from six line–point correspondences (calibrated, minimal).
 ///
@@ -41,8 +44,8 @@ const TRIPLES: [[usize; 3]; 20] = triples();
 ///
 /// # Method and cost
 /// Eliminates `t` through the best-conditioned of the 20 line triples, turns the world by a fixed rotation so that
-/// no everyday pose sits on a special quaternion, intersects three quadrics in projective 3-space (`quadrics.rs`),
-/// polishes each root by Newton's method there and once more on all six equations. No allocation, no randomness.
+/// no everyday pose sits on a special quaternion, intersects three quadrics in projective 3-space (`quadrics.rs`), and
+/// polishes the roots that put the points in front of the camera by Newton's method. No allocation, no randomness.
 /// Runtime: see `benches/benches/solvers.rs`.
 ///
 /// # Source
@@ -75,103 +78,107 @@ pub fn p6lp(
 ) -> usize {
     let n = lines.map(|l| *l.normal());
     let Some(frame) = SampleFrame::of(points) else { return 0 };
-    let x: [Vector3<f64>; 6] = points.map(|p| frame.enter(&p.coords));
-
-    let Some(best) = best_triple(&n) else { return 0 };
-    let (chosen, others) = split(best);
-    let base = Matrix3::from_rows(&chosen.map(|i| n[i].transpose()));
-    let Some(base_inverse) = base.try_inverse() else { return 0 };
+    let x = points.map(|p| frame.enter(&p.coords));
+    let Some(base) = Base::of(&n) else { return 0 };
 
     // n_jᵀ = Σ_k c_k n_kᵀ over the chosen three, so t falls out of  n_jᵀ R X_j − Σ_k c_k n_kᵀ R X_k = 0.
-    let forms = others.map(|j| {
-        let c = n[j].transpose() * base_inverse;
+    let forms = base.others.map(|j| {
         let mut m = n[j] * x[j].transpose();
-        for (k, &i) in chosen.iter().enumerate() {
-            m -= n[i] * x[i].transpose() * c[k];
+        for (dual, &i) in base.duals.iter().zip(&base.chosen) {
+            m -= n[i] * (x[i] * n[j].dot(dual)).transpose();
         }
-        quadric_of(&m)
+        Quadric::of(&m)
     });
-    let mut quaternions = ArrayVec::new();
-    intersect(&forms, &mut quaternions);
 
     let mut appended = 0;
-    for q in &quaternions {
-        let r = UnitQuaternion::from_quaternion(Quaternion::new(q[0], q[1], q[2], q[3])).to_rotation_matrix();
-        let f = Vector3::from_fn(|k, _| -n[chosen[k]].dot(&(r * x[chosen[k]])));
-        let (mut r, mut t) = (r, base_inverse * f);
-        newton_step(&n, &x, &mut r, &mut t);
+    intersect(&forms, |raw| {
+        // Most are behind the camera, and known to be before their last digits are.
+        let r = rotation_of(&raw);
+        let t = base.translation(&r, &n, &x);
+        let (ahead, reach) = (r.row(2).transpose(), -ROUGH * (1.0 + t.amax()));
+        if !x.iter().all(|x| ahead.dot(x) + t.z > reach) {
+            return;
+        }
+        let Some(q) = polished(&forms, &raw) else { return };
+        let r = rotation_of(&q);
+        let t = base.translation(&r, &n, &x);
+        let tolerance = RESIDUAL * (1.0 + t.norm());
         let sound = (0..6).all(|i| {
             let p = r * x[i] + t;
-            p.z > 0.0 && n[i].dot(&p).abs() <= RESIDUAL * (1.0 + t.norm())
+            p.z > 0.0 && n[i].dot(&p).abs() <= tolerance
         });
         if sound {
             let pose = frame.leave(&r, &t);
-            if !pose.is_finite() || out.try_push(pose).is_err() {
-                continue;
+            if pose.is_finite() && out.try_push(pose).is_ok() {
+                appended += 1;
             }
-            appended += 1;
         }
-    }
+    });
     appended
 }
 
-/// One Newton step on all six equations in the chart of [`CameraFromWorld::perturbed`], kept if it lowers them.
-fn newton_step(n: &[Vector3<f64>; 6], x: &[Vector3<f64>; 6], r: &mut Rotation3<f64>, t: &mut Vector3<f64>) {
-    let worst = |r: &Rotation3<f64>, t: &Vector3<f64>| {
-        (0..6).map(|i| n[i].dot(&(r * x[i] + t)).abs()).fold(0.0_f64, f64::max)
-    };
-    let before = worst(r, t);
-    if before < 1e-13 * (1.0 + t.norm()) {
-        return;
-    }
-    let mut jacobian = Matrix6::zeros();
-    let mut residual = Vector6::zeros();
-    for i in 0..6 {
-        let p = *r * x[i] + *t;
-        residual[i] = n[i].dot(&p);
-        let turn = p.cross(&n[i]);
-        for k in 0..3 {
-            jacobian[(i, k)] = turn[k];
-            jacobian[(i, k + 3)] = n[i][k];
+/// The rotation of a unit quaternion `(w, x, y, z)`.
+fn rotation_of(q: &Vector4<f64>) -> Matrix3<f64> {
+    let [w, x, y, z] = [q[0], q[1], q[2], q[3]];
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let (xy, xz, yz, wx, wy, wz) = (x * y, x * z, y * z, w * x, w * y, w * z);
+    Matrix3::new(
+        1.0 - 2.0 * (yy + zz),
+        2.0 * (xy - wz),
+        2.0 * (xz + wy),
+        2.0 * (xy + wz),
+        1.0 - 2.0 * (xx + zz),
+        2.0 * (yz - wx),
+        2.0 * (xz - wy),
+        2.0 * (yz + wx),
+        1.0 - 2.0 * (xx + yy),
+    )
+}
+
+/// The three lines through which the translation is eliminated.
+struct Base {
+    chosen: [usize; 3],
+    others: [usize; 3],
+    /// The dual basis of their normals: `t = Σ_k (n_kᵀ t) d_k`.
+    duals: [Vector3<f64>; 3],
+}
+
+impl Base {
+    /// The triple of normals that spans space best; `None` when all twenty are flat or a number is not finite.
+    fn of(n: &[Vector3<f64>; 6]) -> Option<Self> {
+        let (mut best, mut at) = (FLAT_TRIPLE, TRIPLES.len());
+        let mut k = 0;
+        for i in 0..4 {
+            for j in i + 1..5 {
+                let pair = n[i].cross(&n[j]);
+                for third in &n[j + 1..] {
+                    let det = pair.dot(third).abs();
+                    at = if det > best { k } else { at };
+                    best = if det > best { det } else { best };
+                    k += 1;
+                }
+            }
         }
+        let &(chosen, others) = TRIPLES.get(at)?;
+        let [a, b, c] = chosen.map(|i| n[i]);
+        let duals = [b.cross(&c), c.cross(&a), a.cross(&b)];
+        let inverse = 1.0 / duals[0].dot(&a);
+        Some(Self { chosen, others, duals: duals.map(|d| d * inverse) })
     }
-    let Some(step) = jacobian.lu().solve(&residual) else { return };
-    if !(step.norm() < 0.1 * (1.0 + t.norm())) {
-        return;
-    }
-    let turn = Rotation3::from_scaled_axis(-Vector3::new(step[0], step[1], step[2]));
-    let moved = (turn * *r, turn * *t - Vector3::new(step[3], step[4], step[5]));
-    if worst(&moved.0, &moved.1) < before {
-        (*r, *t) = moved;
+
+    /// The translation that puts the three points on their lines.
+    fn translation(&self, r: &Matrix3<f64>, n: &[Vector3<f64>; 6], x: &[Vector3<f64>; 6]) -> Vector3<f64> {
+        let mut t = Vector3::zeros();
+        for (dual, &i) in self.duals.iter().zip(&self.chosen) {
+            t -= dual * n[i].dot(&(r * x[i]));
+        }
+        t
     }
 }
 
-/// The triple of normals that spans space best; `None` when all twenty are flat or a number is not finite.
-fn best_triple(n: &[Vector3<f64>; 6]) -> Option<[usize; 3]> {
-    let mut best = (FLAT_TRIPLE, None);
-    for triple in TRIPLES {
-        let det = n[triple[0]].cross(&n[triple[1]]).dot(&n[triple[2]]).abs();
-        if det > best.0 {
-            best = (det, Some(triple));
-        }
-    }
-    best.1
-}
-
-fn split(chosen: [usize; 3]) -> ([usize; 3], [usize; 3]) {
-    let mut others = [0; 3];
-    let mut k = 0;
-    for i in 0..6 {
-        if !chosen.contains(&i) && k < 3 {
-            others[k] = i;
-            k += 1;
-        }
-    }
-    (chosen, others)
-}
-
-const fn triples() -> [[usize; 3]; 20] {
-    let mut out = [[0; 3]; 20];
+/// All ways to choose three of six, in rising order, each with the three that are left.
+const fn triples() -> [([usize; 3], [usize; 3]); 20] {
+    let mut out = [([0; 3], [0; 3]); 20];
     let mut count = 0;
     let mut a = 0;
     while a < 6 {
@@ -179,7 +186,16 @@ const fn triples() -> [[usize; 3]; 20] {
         while b < 6 {
             let mut c = b + 1;
             while c < 6 {
-                out[count] = [a, b, c];
+                let mut left = [0; 3];
+                let (mut i, mut k) = (0, 0);
+                while i < 6 {
+                    if i != a && i != b && i != c {
+                        left[k] = i;
+                        k += 1;
+                    }
+                    i += 1;
+                }
+                out[count] = ([a, b, c], left);
                 count += 1;
                 c += 1;
             }
@@ -194,25 +210,65 @@ const fn triples() -> [[usize; 3]; 20] {
 struct SampleFrame {
     center: Vector3<f64>,
     scale: f64,
-    turn: Rotation3<f64>,
+    inverse_scale: f64,
 }
+
+/// The rotation about (0.763, −1.127, 0.541) by the length of that vector: no axis, no angle of it is special, so that
+/// identity and half-turns of real cameras become generic.
+const TURN: Matrix3<f64> = Matrix3::new(
+    0.34865667788953764,
+    -0.7256955441280825,
+    -0.5931310969723959,
+    0.008921561332849826,
+    0.6353826086675041,
+    -0.7721459359125461,
+    0.9372080487844817,
+    0.26392218140111645,
+    0.2280047268327146,
+);
 
 impl SampleFrame {
     fn of(points: &[Point3<World>; 6]) -> Option<Self> {
-        let center = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / 6.0;
-        let extent = points.iter().map(|p| (p.coords - center).norm()).fold(0.0_f64, f64::max);
-        // No axis, no angle of this rotation is special; identity and half-turns of real cameras become generic.
-        let turn = Rotation3::from_scaled_axis(Vector3::new(0.763, -1.127, 0.541));
-        (extent.is_finite() && extent > 1e-12 * center.norm() && extent > 0.0 && center.norm().is_finite())
-            .then_some(Self { center, scale: extent, turn })
+        let center = points.iter().fold(Vector3::zeros(), |sum, p| sum + p.coords) * (1.0 / 6.0);
+        let extent = points
+            .iter()
+            .map(|p| (p.coords - center).norm_squared())
+            .fold(0.0, |m: f64, d| if d > m || d.is_nan() { d } else { m });
+        let finite = extent.is_finite() && extent > 1e-24 * center.norm_squared();
+        let scale = extent.sqrt();
+        (finite && scale > 0.0).then(|| Self { center, scale, inverse_scale: 1.0 / scale })
     }
 
     fn enter(&self, x: &Vector3<f64>) -> Vector3<f64> {
-        self.turn * ((x - self.center) / self.scale)
+        TURN * ((x - self.center) * self.inverse_scale)
     }
 
-    fn leave(&self, r: &Rotation3<f64>, t: &Vector3<f64>) -> CameraFromWorld {
-        let rotation = r * self.turn;
-        CameraFromWorld::new(rotation, t * self.scale - rotation * self.center)
+    fn leave(&self, r: &Matrix3<f64>, t: &Vector3<f64>) -> CameraFromWorld {
+        let rotation = r * TURN;
+        CameraFromWorld::new(
+            Rotation3::from_matrix_unchecked(rotation),
+            t * self.scale - rotation * self.center,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fixed_turn_is_a_rotation() {
+        let expected = Rotation3::from_scaled_axis(Vector3::new(0.763, -1.127, 0.541));
+        assert!((TURN - expected.matrix()).norm() < 1e-15);
+    }
+
+    #[test]
+    fn every_choice_of_three_comes_with_the_other_three() {
+        for (k, (chosen, others)) in TRIPLES.iter().enumerate() {
+            let mut all: Vec<usize> = chosen.iter().chain(others).copied().collect();
+            all.sort_unstable();
+            assert_eq!(all, [0, 1, 2, 3, 4, 5]);
+            assert!(TRIPLES[..k].iter().all(|t| t.0 < *chosen));
+        }
     }
 }

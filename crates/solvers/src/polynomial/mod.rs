@@ -1,13 +1,13 @@
-//! Real roots of polynomials: closed forms up to degree four, Sturm sequences beyond.
+//! Real roots of polynomials by Sturm's sequence: of any degree up to eight, and a faster twin for eight.
 //!
 //! Coefficients are given constant term first, `p(x) = c[0] + c[1] x + … + c[N-1] xᴺ⁻¹`. Roots come out in rising
 //! order. A polynomial that is zero, or holds a number that is not finite, has no roots here. Leading coefficients
 //! that are nothing but rounding lower the degree instead of producing roots near infinity.
 
-mod closed;
+mod octic;
 mod sturm;
 
-pub use closed::{cubic_roots, quadratic_roots, quartic_roots};
+pub(crate) use octic::octic_roots;
 pub use sturm::real_roots;
 
 /// Value of the polynomial by Horner's rule.
