@@ -43,7 +43,19 @@ fn localize_all(place: &Place, map: &str, scheme: &str, folder: &str, bound: (f6
     for (i, query) in queries.iter().enumerate() {
         assert_eq!(
             keys(query),
-            ["cam_from_world", "center", "covariance", "file", "hypotheses", "inliers", "matches", "ms"],
+            [
+                "cam_from_world",
+                "center",
+                "confidence",
+                "covariance",
+                "doubts",
+                "file",
+                "hypotheses",
+                "inliers",
+                "matches",
+                "ms",
+                "trusted"
+            ],
             "{run}"
         );
         assert_eq!(query["file"], format!("{folder}/query-{i}.vquery"));

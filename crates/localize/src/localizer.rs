@@ -9,7 +9,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_map::MapFile;
 use veiloc_query::SealedQuery;
 use veiloc_robust::prior::{Evidence, match_probability};
-use veiloc_robust::{PoseOptions, PoseProblem, estimate_pose};
+use veiloc_robust::{Confidence, PoseOptions, PoseProblem, estimate_pose};
 
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
@@ -63,6 +63,8 @@ pub struct Localization {
     pub cam_from_world: CameraFromWorld,
     /// Covariance of the pose in the chart of [`CameraFromWorld::perturbed`]: radians, then map units.
     pub covariance: [[f64; 6]; 6],
+    /// Whether to trust the pose, and why not.
+    pub confidence: Confidence,
     /// Matches that agree with the pose.
     pub inliers: usize,
     /// Matches between query and map.
@@ -122,6 +124,7 @@ pub fn localize(
     Ok(Localization {
         cam_from_world: estimate.cam_from_world,
         covariance: estimate.covariance,
+        confidence: estimate.confidence,
         inliers: agreeing.len(),
         matches: matches.len(),
         hypotheses: estimate.hypotheses,

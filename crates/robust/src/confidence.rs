@@ -16,7 +16,7 @@
 //! that were tried is paid for. Real wrong matches are not random (repeated structures agree with each other), so
 //! [`Confidence::is_trusted`] asks for more than that; false positives are measured in `docs/pose-engine.md`.
 
-use std::collections::BTreeMap;
+use std::collections::HashMap;
 use std::fmt;
 
 use veiloc_geometry::nalgebra::{Matrix6, Vector3};
@@ -25,8 +25,9 @@ use veiloc_geometry::{Anchor, CameraFromWorld};
 use crate::information::Symmetric6;
 use crate::matches::{Kind, Matches};
 
-/// Least natural logarithm of the evidence of a trusted pose.
-const LEAST_LOG_EVIDENCE: f64 = 20.0;
+/// Least natural logarithm of the evidence of a trusted pose. Queries of other places reached 43 at most, queries of the
+/// place began at 740 (`docs/pose-engine.md`).
+const LEAST_LOG_EVIDENCE: f64 = 50.0;
 
 /// Least log likelihood by which a trusted pose beats the best other one.
 const LEAST_MARGIN: f64 = 8.0;
@@ -129,12 +130,13 @@ impl Confidence {
     }
 }
 
-/// Assesses a pose with its covariance, the noise of its inliers and what it beats the best other pose by.
+/// Assesses a pose with the log likelihood ratios of all correspondences under it, its covariance, and what it beats the
+/// best other pose by.
 pub(crate) fn assess(
     matches: &Matches,
     pose: &CameraFromWorld,
     inliers: &[usize],
-    noise: f64,
+    likelihoods: &[f64],
     covariance: &Symmetric6,
     margin: f64,
 ) -> Confidence {
@@ -152,7 +154,7 @@ pub(crate) fn assess(
         inliers.iter().map(|&i| (pose.rotation() * matches.points[i] + pose.translation()).norm()).collect();
     let distance = median(&mut distances);
     Confidence {
-        log_evidence: log_evidence(matches, pose, noise, &covariance),
+        log_evidence: log_evidence(matches, likelihoods, &covariance),
         margin,
         center_sd,
         center_sd_relative: center_sd / distance,
@@ -173,21 +175,23 @@ fn key(observed: &Vector3<f64>) -> [u64; 3] {
     [observed.x.to_bits(), observed.y.to_bits(), observed.z.to_bits()]
 }
 
-fn log_evidence(matches: &Matches, pose: &CameraFromWorld, noise: f64, covariance: &Matrix6<f64>) -> f64 {
+fn log_evidence(matches: &Matches, likelihoods: &[f64], covariance: &Matrix6<f64>) -> f64 {
     let log_volume = log_det(&(covariance * std::f64::consts::TAU));
     let Some(log_volume) = log_volume else { return f64::NEG_INFINITY };
     // Σ γ and Σ γ ρ of each keypoint.
-    let mut keypoints: BTreeMap<[u64; 3], (f64, f64)> = BTreeMap::new();
-    for i in 0..matches.len() {
+    let mut index: HashMap<[u64; 3], usize> = HashMap::with_capacity(matches.len());
+    let mut keypoints: Vec<(f64, f64)> = Vec::with_capacity(matches.len());
+    for (i, &llr) in likelihoods.iter().enumerate() {
         let prior = matches.weight[i];
-        let entry = keypoints.entry(key(&matches.observed[i])).or_default();
-        entry.0 += prior;
-        if let Some(llr) = matches.log_likelihood_ratio(i, pose, noise) {
-            entry.1 += (1.0 - prior) * llr.exp();
+        let at = *index.entry(key(&matches.observed[i])).or_insert(keypoints.len());
+        if at == keypoints.len() {
+            keypoints.push((0.0, 0.0));
         }
+        keypoints[at].0 += prior;
+        keypoints[at].1 += (1.0 - prior) * llr.exp();
     }
     let gained: f64 = keypoints
-        .values()
+        .iter()
         .map(|(right, explained)| {
             // More than one match cannot be right: their priors then share what certainty there is.
             let share = (0.99 / right).min(1.0);

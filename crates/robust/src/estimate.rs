@@ -57,7 +57,8 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     let Some(best) = found.model else { return Err(no_consensus(0)) };
 
     let polished = search.polish(&best);
-    let inliers = search.agreeing(&polished.pose, polished.noise);
+    let likelihoods = search.likelihoods(&polished);
+    let inliers = search.agreeing(&polished.pose, &likelihoods);
     if inliers.len() < options.min_inliers {
         return Err(no_consensus(inliers.len()));
     }
@@ -65,8 +66,7 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     for &i in &inliers {
         mask[i] = true;
     }
-    let noise_px = search.shown_noise(&polished, &inliers);
-    let covariance = search.covariance(&polished.pose, noise_px, &inliers);
+    let (noise_px, covariance) = search.uncertainty(&polished, &likelihoods, &inliers);
     let margin = search.margin(&polished.pose, &covariance);
     Ok(PoseEstimate {
         cam_from_world: polished.pose,
@@ -75,7 +75,7 @@ pub fn estimate_pose<R: Rng + ?Sized>(
         score: search.cost(&polished.pose, f64::INFINITY),
         noise_px,
         covariance,
-        confidence: assess(&matches, &polished.pose, &inliers, noise_px, &covariance, margin),
+        confidence: assess(&matches, &polished.pose, &inliers, &likelihoods, &covariance, margin),
         inliers: mask,
         refined: polished.kept,
     })

@@ -42,6 +42,7 @@ pub fn refine_pose(
     let variance = 2.0 * system.loss / freedom as f64;
     let noise_px = variance.sqrt().max(f64::MIN_POSITIVE);
     let covariance = inverse_or_infinite(&(system.hessian / variance));
+    let likelihoods = matches.log_likelihood_ratios(&refined.pose, noise_px);
     Ok(PoseEstimate {
         cam_from_world: refined.pose,
         inliers: inliers.to_vec(),
@@ -50,7 +51,7 @@ pub fn refine_pose(
         score: refined.loss,
         noise_px,
         covariance,
-        confidence: assess(&matches, &refined.pose, &chosen, noise_px, &covariance, f64::INFINITY),
+        confidence: assess(&matches, &refined.pose, &chosen, &likelihoods, &covariance, f64::INFINITY),
         refined: true,
     })
 }

@@ -12,6 +12,9 @@ use veiloc_kernels::pose::{Block, CameraRows, Group, LANES, Observed, Picture, P
 use crate::matches::{Kind, Matches};
 use crate::refine::System;
 
+/// Local optimisation looks at so many correspondences; the search and the final refinement at all.
+const COARSE: usize = 1024;
+
 /// Which score, with its scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Scale {
@@ -26,6 +29,8 @@ pub(crate) enum Scale {
 pub(crate) struct Kernel {
     scale: Scale,
     lanes: PoseLanes,
+    /// The most promising correspondences alone, when there are many: enough to descend on.
+    coarse: Option<PoseLanes>,
     /// Correspondence of each lane that is used, in the order of the lanes; `None` for the others.
     order: Vec<Option<usize>>,
     center: Vector3<f64>,
@@ -43,20 +48,11 @@ impl Kernel {
         let [cx, cy] = camera.principal;
         let (w, h) = (f64::from(camera.width), f64::from(camera.height));
         let margin = matches.margin();
-        let mut order = Vec::new();
-        let mut group = |anchor: Option<Anchor>, position: Pixel, side: [f64; 3]| {
-            let mut members: Vec<usize> =
-                (0..matches.len()).filter(|&i| anchor.is_none_or(|a| matches.anchor[i] == a)).collect();
-            // The most promising first: then poor poses are dropped sooner. Equal ones keep their order.
-            members.sort_by(|&i, &j| matches.worth[j].total_cmp(&matches.worth[i]));
+        let group = |anchor: Option<Anchor>, position: Pixel, side: [f64; 3], members: &[usize]| {
             let corners =
                 [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]].map(|[u, v]| Pixel::new(u, v).distance(&position));
             let farthest = (corners.into_iter().fold(0.0, f64::max) + 2.0 * margin).ln();
             let blocks = members.chunks(LANES).map(|chunk| block(matches, chunk, &center, &scale)).collect();
-            for chunk in members.chunks(LANES) {
-                order.extend(chunk.iter().copied().map(Some));
-                order.resize(order.len().next_multiple_of(LANES), None);
-            }
             let extra =
                 if anchor.is_some() && matches!(scale, Scale::Likelihood { .. }) { farthest } else { 0.0 };
             Group::new(
@@ -66,16 +62,43 @@ impl Kernel {
                 extra as f32,
             )
         };
-        let (observed, groups) = match matches.kind {
-            Kind::Points => (Observed::Points, vec![group(None, Pixel::new(0.0, 0.0), [0.0; 3])]),
-            Kind::Lines => (Observed::Lines, vec![group(None, Pixel::new(0.0, 0.0), [0.0; 3])]),
-            Kind::Anchored(anchors) => {
-                let at = |u, v| anchors.signed_side(Pixel::new(u, v));
-                let side = [at(1.0, 0.0) - at(0.0, 0.0), at(0.0, 1.0) - at(0.0, 0.0), at(0.0, 0.0)];
-                let of = |a: Anchor| group(Some(a), anchors.position(a), side.map(|s| a.sign() * s));
-                (Observed::Anchored, Anchor::BOTH.map(of).into())
+        // Members of each group, the most promising first: then poor poses are dropped sooner.
+        let members = |anchor: Option<Anchor>| -> Vec<usize> {
+            let of_group = |i: &usize| anchor.is_none_or(|a| matches.anchor[*i] == a);
+            promising_first(matches, (0..matches.len()).filter(of_group))
+        };
+        let all: Vec<Vec<usize>> = match matches.kind {
+            Kind::Points | Kind::Lines => vec![members(None)],
+            Kind::Anchored(_) => Anchor::BOTH.map(|a| members(Some(a))).into(),
+        };
+        let groups = |share: f64| -> Vec<Group> {
+            let first = |members: &Vec<usize>| (members.len() as f64 * share).ceil() as usize;
+            match matches.kind {
+                Kind::Points | Kind::Lines => {
+                    vec![group(None, Pixel::new(0.0, 0.0), [0.0; 3], &all[0][..first(&all[0])])]
+                }
+                Kind::Anchored(anchors) => {
+                    let at = |u, v| anchors.signed_side(Pixel::new(u, v));
+                    let side = [at(1.0, 0.0) - at(0.0, 0.0), at(0.0, 1.0) - at(0.0, 0.0), at(0.0, 0.0)];
+                    let of = |a: Anchor| {
+                        let members = &all[a.index()];
+                        let side = side.map(|s| a.sign() * s);
+                        group(Some(a), anchors.position(a), side, &members[..first(members)])
+                    };
+                    Anchor::BOTH.map(of).into()
+                }
             }
         };
+        let observed = match matches.kind {
+            Kind::Points => Observed::Points,
+            Kind::Lines => Observed::Lines,
+            Kind::Anchored(_) => Observed::Anchored,
+        };
+        let mut order = Vec::new();
+        for members in &all {
+            order.extend(members.iter().copied().map(Some));
+            order.resize(order.len().next_multiple_of(LANES), None);
+        }
         let picture = Picture {
             middle: [(w / 2.0 - cx) as f32, (h / 2.0 - cy) as f32],
             half: [(w / 2.0) as f32, (h / 2.0) as f32],
@@ -83,7 +106,9 @@ impl Kernel {
         };
         Self {
             scale,
-            lanes: PoseLanes::new(observed, groups, picture),
+            lanes: PoseLanes::new(observed, groups(1.0), picture),
+            coarse: (matches.len() > 2 * COARSE)
+                .then(|| PoseLanes::new(observed, groups(COARSE as f64 / matches.len() as f64), picture)),
             order,
             center,
             focal: camera.focal,
@@ -134,10 +159,19 @@ impl Kernel {
 
     /// The soft likelihood at this noise with its derivatives, and the noise that the correspondences show there.
     pub(crate) fn linearize(&self, pose: &CameraFromWorld, noise: f64) -> (System, f64) {
+        self.linearize_on(&self.lanes, pose, noise)
+    }
+
+    /// The same on the most promising correspondences alone.
+    pub(crate) fn linearize_coarsely(&self, pose: &CameraFromWorld, noise: f64) -> System {
+        self.linearize_on(self.coarse.as_ref().unwrap_or(&self.lanes), pose, noise).0
+    }
+
+    fn linearize_on(&self, lanes: &PoseLanes, pose: &CameraFromWorld, noise: f64) -> (System, f64) {
         let (k, shift) = self.at_noise(noise);
         let [r0, r1, r2] = self.rows(pose, [1.0; 3]);
         let camera = CameraRows { rows: [r0, r1, r2], focal: self.focal.map(|f| f as f32) };
-        let found = self.lanes.normal_equations(self.backend, &camera, k, shift);
+        let found = lanes.normal_equations(self.backend, &camera, k, shift);
         // One step of expectation maximisation for the scale of a Student t distribution.
         let shown = (found.spread / (self.freedom * self.rows as f64 * found.agreeing)).sqrt();
         let system = System {
@@ -171,6 +205,17 @@ impl Kernel {
             [row[0] as f32, row[1] as f32, row[2] as f32, (t[i] * scales[i]) as f32]
         })
     }
+}
+
+/// The members by what they are worth, most first. Equal ones come in an order that has nothing to do with theirs: any
+/// beginning of the list is a fair sample.
+pub(crate) fn promising_first(matches: &Matches, members: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mixed = |i: usize| (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(23);
+    let mut members: Vec<usize> = members.collect();
+    members.sort_unstable_by(|&i, &j| {
+        matches.worth[j].total_cmp(&matches.worth[i]).then(mixed(i).cmp(&mixed(j)))
+    });
+    members
 }
 
 fn block(matches: &Matches, members: &[usize], center: &Vector3<f64>, scale: &Scale) -> Block {

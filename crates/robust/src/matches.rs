@@ -234,6 +234,12 @@ impl Matches {
         self.log_likelihood_ratio_at(i, &(pose.rotation() * self.points[i] + pose.translation()), noise)
     }
 
+    /// That of all correspondences, `[N]`; `−∞` where nothing can have been seen.
+    pub(crate) fn log_likelihood_ratios(&self, pose: &CameraFromWorld, noise: f64) -> Vec<f64> {
+        let of = |i| self.log_likelihood_ratio(i, pose, noise).unwrap_or(f64::NEG_INFINITY);
+        (0..self.len()).map(of).collect()
+    }
+
     /// The same for a correspondence whose point is at `p` in the camera frame.
     pub(crate) fn log_likelihood_ratio_at(&self, i: usize, p: &Vector3<f64>, noise: f64) -> Option<f64> {
         let pixel = self.pixel(p)?;

@@ -15,7 +15,7 @@ use veiloc_kernels::pose::{LANES, RadialBlock, RadialLanes};
 use veiloc_solvers::{ArrayVec, RadialPose, p5lp_radial};
 
 use crate::half_lines::half_lines;
-use crate::kernel::median_point;
+use crate::kernel::{median_point, promising_first};
 use crate::matches::{Kind, Matches};
 use crate::minimal::draw;
 use crate::sampler::WeightedSampler;
@@ -31,7 +31,7 @@ const SLACK_HALVED_AFTER: f64 = 32.0;
 const VOTE_WIDTH: f64 = 1.5;
 
 /// Lines that vote, the most promising of their side: enough to find the depth, which all lines then judge.
-const VOTERS: usize = 256;
+const VOTERS: usize = 128;
 
 /// The fewest lines a side needs to be drawn from: five make a pose, more are needed to tell good from bad.
 const FEWEST: usize = 8;
@@ -77,9 +77,8 @@ impl RadialVote {
         let center = median_point(&matches.points);
         let lines = half_lines(matches, &anchors);
         let side = |anchor: Anchor| {
-            let mut members: Vec<usize> =
-                (0..matches.len()).filter(|&i| matches.anchor[i] == anchor).collect();
-            members.sort_by(|&i, &j| matches.worth[j].total_cmp(&matches.worth[i]));
+            let members =
+                promising_first(matches, (0..matches.len()).filter(|&i| matches.anchor[i] == anchor));
             let ray = matches.camera.unproject(anchors.position(anchor)).homogeneous();
             let turn = Rotation3::rotation_between(&ray, &Vector3::z()).unwrap_or_else(Rotation3::identity);
             let mut directions = vec![Vector2::zeros(); matches.len()];

@@ -7,12 +7,15 @@ use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector6};
 
-use crate::information::Symmetric6;
+use crate::information::{NEGLIGIBLE, Symmetric6, covariance, inverse_or_infinite};
 use crate::kernel::{Kernel, Scale};
 use crate::matches::Matches;
 use crate::minimal::Minimal;
 use crate::ransac::Estimator;
-use crate::refine::{Loss, descend, refine};
+use crate::refine::{Loss, descend, linearize, refine};
+
+/// MSAC's threshold in multiples of the noise it stands for: the likelihood that its evidence is told by.
+const MSAC_THRESHOLD_IN_NOISE: f64 = 2.5;
 
 /// Shrinking scales of local optimisation, in multiples of the final one.
 const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
@@ -31,19 +34,16 @@ const SUBSETS: usize = 8;
 const SUBSET_SIZE: usize = 14;
 
 /// Rounds of final refinement and noise estimation.
-const POLISH_ROUNDS: usize = 8;
+const POLISH_ROUNDS: usize = 12;
 
 /// Steps of one round.
-const ROUND_STEPS: usize = 10;
+const ROUND_STEPS: usize = 3;
 
 /// Range of the noise that the final refinement believes in, in multiples of the assumed one.
 const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
 
 /// Steps of the last refinement, in double precision.
 const FINAL_STEPS: usize = 25;
-
-/// Correspondences with a log likelihood ratio below this weigh nothing in the last refinement.
-const NEGLIGIBLE: f64 = -14.0;
 
 /// Squared Mahalanobis distance from which on another pose is another answer, not the same one found again.
 const ELSEWHERE: f64 = 400.0;
@@ -73,14 +73,21 @@ impl<'a> Search<'a> {
         Self { matches, kernel: Kernel::new(matches, scale), scale, minimal, optima: Vec::new() }
     }
 
-    /// Correspondences that agree with a pose, at this noise under the likelihood.
-    pub(crate) fn agreeing(&self, pose: &CameraFromWorld, noise: f64) -> Vec<usize> {
+    /// Log likelihood ratio of each correspondence, `[N]`, at the noise that the inliers show.
+    pub(crate) fn likelihoods(&self, polished: &Polished) -> Vec<f64> {
+        match self.scale {
+            Scale::Likelihood { .. } => self.kernel.likelihoods(&polished.pose, polished.noise),
+            Scale::Msac { threshold } => {
+                self.matches.log_likelihood_ratios(&polished.pose, threshold / MSAC_THRESHOLD_IN_NOISE)
+            }
+        }
+    }
+
+    /// Correspondences that agree with a pose: within the threshold, or likelier right than wrong.
+    pub(crate) fn agreeing(&self, pose: &CameraFromWorld, likelihoods: &[f64]) -> Vec<usize> {
         match self.scale {
             Scale::Msac { .. } => self.within(pose, 1.0),
-            Scale::Likelihood { .. } => {
-                let all = self.kernel.likelihoods(pose, noise);
-                (0..all.len()).filter(|&i| all[i] > 0.0).collect()
-            }
+            Scale::Likelihood { .. } => (0..likelihoods.len()).filter(|&i| likelihoods[i] > 0.0).collect(),
         }
     }
 
@@ -98,7 +105,8 @@ impl<'a> Search<'a> {
         for factor in LADDER {
             pose = match self.scale {
                 Scale::Likelihood { noise } => {
-                    let objective = |pose: &CameraFromWorld| self.kernel.linearize(pose, noise * factor).0;
+                    let objective =
+                        |pose: &CameraFromWorld| self.kernel.linearize_coarsely(pose, noise * factor);
                     descend(objective, &pose, LADDER_STEPS, COARSE_GAIN).pose
                 }
                 Scale::Msac { threshold } => {
@@ -151,28 +159,33 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Standard deviation of the agreeing residuals, pixels, each weighed by the probability that it is right.
-    pub(crate) fn shown_noise(&self, polished: &Polished, inliers: &[usize]) -> f64 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for &i in inliers {
-            let right = match self.scale {
-                Scale::Msac { .. } => 1.0,
-                Scale::Likelihood { .. } => {
-                    let llr = self.matches.log_likelihood_ratio(i, &polished.pose, polished.noise);
-                    llr.map_or(0.0, |llr| 1.0 / (1.0 + (-llr).exp()))
+    /// Standard deviation of the agreeing residuals, pixels, and the covariance of the pose.
+    pub(crate) fn uncertainty(
+        &self,
+        polished: &Polished,
+        likelihoods: &[f64],
+        inliers: &[usize],
+    ) -> (f64, Symmetric6) {
+        let Polished { pose, noise, .. } = polished;
+        match self.scale {
+            Scale::Msac { .. } => {
+                let system = linearize(self.matches, inliers, Loss::Squared, pose);
+                let freedom = (self.matches.rows() * inliers.len()) as f64 - 6.0;
+                let variance = 2.0 * system.loss / freedom.max(1.0);
+                let information = if freedom > 0.0 { system.hessian / variance } else { Matrix6::zeros() };
+                (variance.sqrt(), inverse_or_infinite(&information))
+            }
+            Scale::Likelihood { .. } => {
+                let (mut sum, mut count) = (0.0, 0.0);
+                for &i in inliers {
+                    let right = 1.0 / (1.0 + (-likelihoods[i]).exp());
+                    sum += right * self.matches.squared_error(i, pose).unwrap_or(0.0);
+                    count += right * self.matches.rows() as f64;
                 }
-            };
-            if let Some(squared) = self.matches.squared_error(i, &polished.pose) {
-                sum += right * squared;
-                count += right * self.matches.rows() as f64;
+                let shown = if count > 0.0 { (sum / count).sqrt() } else { *noise };
+                (shown, covariance(self.matches, pose, likelihoods, *noise))
             }
         }
-        if count > 0.0 { (sum / count).sqrt() } else { polished.noise }
-    }
-
-    pub(crate) fn covariance(&self, pose: &CameraFromWorld, noise: f64, inliers: &[usize]) -> Symmetric6 {
-        let _ = noise;
-        crate::refine::covariance(self.matches, inliers, pose)
     }
 
     /// By how much the pose beats the best optimum that was met elsewhere; infinite when none was.
@@ -209,10 +222,11 @@ impl Estimator for Search<'_> {
     }
 
     fn hit_probability(&self, model: &CameraFromWorld) -> f64 {
-        let noise = match self.scale {
-            Scale::Likelihood { noise } | Scale::Msac { threshold: noise } => noise,
+        let likelihoods = match self.scale {
+            Scale::Likelihood { noise } => self.kernel.likelihoods(model, noise),
+            Scale::Msac { .. } => Vec::new(),
         };
-        self.minimal.hit_probability(self.matches, &self.agreeing(model, noise))
+        self.minimal.hit_probability(self.matches, &self.agreeing(model, &likelihoods))
     }
 
     fn optimize<R: Rng + ?Sized>(

@@ -5,9 +5,12 @@ mod support;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{Scheme, Setup, problem};
-use veiloc_geometry::nalgebra::{Matrix6, Vector3, Vector6};
+use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pixel, Point3};
-use veiloc_robust::{AnchoredSolver, Correspondences, PoseError, PoseOptions, ScoreKind, estimate_pose};
+use veiloc_robust::{
+    AnchoredSolver, Correspondences, Doubt, Gravity, PoseError, PoseOptions, ScoreKind, estimate_pose,
+    fisher_information, refine_pose,
+};
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
 
@@ -43,8 +46,8 @@ fn the_true_pose_is_found_among_wrong_matches() {
 }
 
 #[test]
-fn both_solvers_for_anchored_lines_find_it() {
-    for solver in [AnchoredSolver::P6lp, AnchoredSolver::RadialVote] {
+fn all_solvers_for_anchored_lines_find_it() {
+    for solver in [AnchoredSolver::P6lp, AnchoredSolver::DualRadial, AnchoredSolver::RadialVote] {
         for seed in 0..20 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let setup = Setup { scheme: Scheme::Dcl, right: 150, wrong: 150, noise: 0.5 };
@@ -80,23 +83,153 @@ fn msac_collapses_on_anchored_lines_and_the_likelihood_does_not() {
 }
 
 #[test]
-fn covariance_predicts_the_error() {
-    // Mean squared Mahalanobis distance of the true pose is 6 for an honest covariance.
+fn covariance_covers_the_error_as_often_as_it_says() {
+    // The squared Mahalanobis distance of the true pose follows χ² of six degrees of freedom.
+    const QUANTILES: [(f64, f64); 3] = [(0.5, 5.348), (0.9, 10.645), (0.99, 16.812)];
     for scheme in SCHEMES {
-        let (mut sum, count) = (0.0, 150);
+        for (right, wrong, noise) in [(150, 30, 0.7), (200, 150, 1.5)] {
+            let mut distances = Vec::new();
+            for seed in 0..300 {
+                let mut rng = ChaCha8Rng::seed_from_u64(seed);
+                let (problem, truth) = problem(&Setup { scheme, right, wrong, noise }, &mut rng);
+                let estimate = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+                let step = tangent(&truth, &estimate.cam_from_world);
+                let covariance = Matrix6::from_fn(|i, j| estimate.covariance[i][j]);
+                distances.push(step.dot(&(covariance.try_inverse().expect("invertible") * step)));
+            }
+            for (share, quantile) in QUANTILES {
+                let inside = distances.iter().filter(|d| **d < quantile).count() as f64 / 300.0;
+                // Three standard deviations of a share of 300, and a little for what is only asymptotic.
+                let slack = 3.0 * (share * (1.0 - share) / 300.0_f64).sqrt() + 0.02;
+                assert!((inside - share).abs() < slack, "{scheme:?} {right}+{wrong}: {inside} for {share}");
+            }
+        }
+    }
+}
+
+#[test]
+fn errors_come_close_to_the_cramer_rao_bound() {
+    for scheme in SCHEMES {
+        let (mut squared, count) = (0.0, 200);
         for seed in 0..count {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let (problem, truth) = problem(&Setup { scheme, right: 150, wrong: 30, noise: 0.7 }, &mut rng);
-            let estimate =
-                estimate_pose(&problem, &options(ScoreKind::Likelihood), &mut rng).expect("a pose");
-            let step = tangent(&truth, &estimate.cam_from_world);
-            let covariance = Matrix6::from_fn(|i, j| estimate.covariance[i][j]);
-            let inverse = covariance.try_inverse().expect("invertible");
-            sum += step.dot(&(inverse * step));
+            let (problem, truth) = problem(&Setup { scheme, right: 150, wrong: 100, noise: 1.0 }, &mut rng);
+            let estimate = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+            let right: Vec<bool> = (0..250).map(|i| i < 150).collect();
+            let information = fisher_information(&problem, &truth, &right, 1.0).expect("a fair problem");
+            let step = tangent(&estimate.cam_from_world, &truth);
+            squared += step.dot(&(Matrix6::from_fn(|i, j| information[i][j]) * step)) / 6.0;
         }
-        let mean = sum / count as f64;
-        assert!((4.5..9.0).contains(&mean), "{scheme:?}: {mean}");
+        let ratio = (squared / count as f64).sqrt();
+        assert!((0.95..1.15).contains(&ratio), "{scheme:?}: {ratio} times the bound");
     }
+}
+
+#[test]
+fn refinement_on_given_matches_is_the_least_squares_floor() {
+    for scheme in SCHEMES {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let (problem, truth) = problem(&Setup { scheme, right: 100, wrong: 50, noise: 0.0 }, &mut rng);
+        let right: Vec<bool> = (0..150).map(|i| i < 100).collect();
+        let start = truth.perturbed(&[0.002, -0.001, 0.001, 0.01, -0.01, 0.02]);
+        let options = PoseOptions::default();
+        let floor = refine_pose(&problem, &start, &right, &options).expect("a pose");
+        assert!(floor.cam_from_world.translation_error(&truth) < 1e-6, "{scheme:?}");
+        assert_eq!((floor.inliers, floor.inlier_count), (right.clone(), 100));
+        let short = refine_pose(&problem, &start, &right[1..], &options);
+        assert_eq!(short, Err(PoseError::LengthMismatch { what: "inliers", expected: 150, actual: 149 }));
+        let few = refine_pose(&problem, &start, &[false; 150], &options);
+        assert!(matches!(few, Err(PoseError::TooFew { actual: 0, .. })));
+        let noiseless = fisher_information(&problem, &start, &right, 0.0);
+        assert!(matches!(noiseless, Err(PoseError::BadValue { what: "noise_px", .. })));
+    }
+}
+
+#[test]
+fn a_known_vertical_finds_poses_with_fewer_samples() {
+    for scheme in SCHEMES {
+        let (mut with, mut without) = (0, 0);
+        for seed in 0..20 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let (mut problem, truth) =
+                problem(&Setup { scheme, right: 60, wrong: 240, noise: 0.5 }, &mut rng);
+            let mut options = PoseOptions::default();
+            // As many samples as hold a right one every other time with gravity.
+            options.fixed_hypotheses = Some(if scheme == Scheme::Points { 17 } else { 430 });
+            let found = |problem: &_| {
+                estimate_pose(problem, &options, &mut ChaCha8Rng::seed_from_u64(seed))
+                    .is_ok_and(|e| e.cam_from_world.translation_error(&truth) < 0.1)
+            };
+            without += usize::from(found(&problem));
+            let in_world = Vector3::new(0.2, -0.4, 0.9);
+            problem.gravity = Some(Gravity { in_camera: truth.rotation() * in_world * 9.81, in_world });
+            with += usize::from(found(&problem));
+        }
+        assert!(with > without + 5, "{scheme:?}: {with} with, {without} without");
+    }
+}
+
+#[test]
+fn a_vertical_that_is_wrong_by_a_degree_spoils_nothing() {
+    for scheme in SCHEMES {
+        for seed in 0..10 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let (mut problem, truth) =
+                problem(&Setup { scheme, right: 150, wrong: 100, noise: 0.5 }, &mut rng);
+            let tilt = Rotation3::from_scaled_axis(Vector3::new(0.0, 0.0, 1.0_f64.to_radians()));
+            let in_world = Vector3::y();
+            problem.gravity = Some(Gravity { in_camera: tilt * (truth.rotation() * in_world), in_world });
+            let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+            assert!(found.cam_from_world.rotation_error_degrees(&truth) < 0.3, "{scheme:?} {seed}");
+        }
+    }
+    let (mut problem, _) = problem(
+        &Setup { scheme: Scheme::Dcl, right: 30, wrong: 0, noise: 0.0 },
+        &mut ChaCha8Rng::seed_from_u64(1),
+    );
+    problem.gravity = Some(Gravity { in_camera: Vector3::zeros(), in_world: Vector3::y() });
+    let refused = estimate_pose(&problem, &PoseOptions::default(), &mut ChaCha8Rng::seed_from_u64(1));
+    assert!(matches!(refused, Err(PoseError::BadValue { what: "length of gravity in the camera", .. })));
+}
+
+#[test]
+fn right_poses_are_trusted_and_chance_is_not() {
+    for scheme in SCHEMES {
+        let (mut trusted, mut fooled) = (0, 0);
+        for seed in 0..20 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let (right, _) = problem(&Setup { scheme, right: 100, wrong: 200, noise: 1.0 }, &mut rng);
+            let (wrong, _) = problem(&Setup { scheme, right: 0, wrong: 600, noise: 1.0 }, &mut rng);
+            let confident = |p: &_| {
+                estimate_pose(p, &PoseOptions::default(), &mut ChaCha8Rng::seed_from_u64(seed))
+                    .is_ok_and(|e| e.confidence.is_trusted())
+            };
+            trusted += usize::from(confident(&right));
+            fooled += usize::from(confident(&wrong));
+        }
+        assert!(trusted >= 19 && fooled == 0, "{scheme:?}: {trusted} trusted, {fooled} fooled");
+    }
+}
+
+#[test]
+fn doubts_say_what_is_wrong() {
+    // All but two lines run through one anchor, so the depth along its ray hangs on those two.
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let setup = Setup { scheme: Scheme::Dcl, right: 200, wrong: 0, noise: 0.5 };
+    let (full, _) = problem(&setup, &mut rng);
+    let Correspondences::Anchored { anchors, lines } = full.observations.clone() else { unreachable!() };
+    let second: Vec<usize> = (0..200).filter(|&i| lines[i].0 == Anchor::Second).collect();
+    let keep: Vec<usize> =
+        (0..200).filter(|i| lines[*i].0 == Anchor::First || second[..2].contains(i)).collect();
+    let mut lopsided = full.clone();
+    lopsided.points = keep.iter().map(|&i| full.points[i]).collect();
+    lopsided.observations =
+        Correspondences::Anchored { anchors, lines: keep.iter().map(|&i| lines[i]).collect() };
+    let estimate = estimate_pose(&lopsided, &PoseOptions::default(), &mut rng).expect("a pose");
+    assert_eq!(estimate.confidence.sides.map(|s| s[1] <= 2), Some(true));
+    let doubts = estimate.confidence.doubts();
+    assert!(doubts.iter().any(|d| matches!(d, Doubt::OneSided { .. })), "{doubts:?}");
+    assert!(doubts.iter().any(|d| d.to_string().contains("one side of the dividing line")));
 }
 
 /// The step with `from.perturbed(step) = to`, for small differences.

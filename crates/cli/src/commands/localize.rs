@@ -8,6 +8,7 @@ use veiloc_eval::results::PoseDocument;
 use veiloc_localize::{Localization, localize};
 use veiloc_map::MapFile;
 use veiloc_query::SealedQuery;
+use veiloc_robust::Confidence;
 
 use crate::commands::localization_args::{MatchArgs, PoseArgs};
 use crate::exit::{Exit, Failure, Outcome};
@@ -54,12 +55,46 @@ struct Query {
     /// Rows and columns: rotation about the camera's axes (radians), then translation along them (map units).
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<[[f64; 6]; 6]>,
+    /// Whether nothing speaks against the pose, and what does.
+    trusted: bool,
+    doubts: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    confidence: Option<ConfidenceDocument>,
     inliers: usize,
     matches: usize,
     hypotheses: usize,
     ms: BTreeMap<&'static str, f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<String>,
+}
+
+/// What speaks for and against a pose; see `veiloc_robust::Confidence`.
+#[derive(Serialize)]
+struct ConfidenceDocument {
+    /// Natural logarithm of the evidence against chance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    log_evidence: Option<f64>,
+    /// Log likelihood by which the pose beats the best other one; absent when no other was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    margin: Option<f64>,
+    /// Standard deviation of the camera centre in its least certain direction, map units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    center_sd: Option<f64>,
+    /// Standard deviation of the orientation about its least certain axis, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rotation_sd_deg: Option<f64>,
+}
+
+impl ConfidenceDocument {
+    fn of(confidence: &Confidence) -> Self {
+        let finite = |x: f64| x.is_finite().then_some(x);
+        Self {
+            log_evidence: finite(confidence.log_evidence),
+            margin: finite(confidence.margin),
+            center_sd: finite(confidence.center_sd),
+            rotation_sd_deg: finite(confidence.rotation_sd_deg),
+        }
+    }
 }
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -100,6 +135,9 @@ fn found_query(file: String, found: &Localization) -> Query {
         cam_from_world: Some(PoseDocument::of(pose)),
         center: Some([c.x, c.y, c.z]),
         covariance: Some(found.covariance),
+        trusted: found.confidence.is_trusted(),
+        doubts: found.confidence.doubts().iter().map(ToString::to_string).collect(),
+        confidence: Some(ConfidenceDocument::of(&found.confidence)),
         inliers: found.inliers,
         matches: found.matches,
         hypotheses: found.hypotheses,
@@ -119,6 +157,9 @@ fn lost_query(file: String, error: &str) -> Query {
         cam_from_world: None,
         center: None,
         covariance: None,
+        trusted: false,
+        doubts: Vec::new(),
+        confidence: None,
         inliers: 0,
         matches: 0,
         hypotheses: 0,
@@ -138,8 +179,11 @@ fn table(document: &Document) -> String {
                 let total: f64 = q.ms.values().sum();
                 writeln!(
                     text,
-                    "{:<width$}  at ({x:.3}, {y:.3}, {z:.3}) ± {sigma:.4}  {} of {} matches agree  {total:.0} ms",
-                    q.file, q.inliers, q.matches,
+                    "{:<width$}  at ({x:.3}, {y:.3}, {z:.3}) ± {sigma:.4}  {} of {} matches agree  {total:.0} ms{}",
+                    q.file,
+                    q.inliers,
+                    q.matches,
+                    if q.trusted { String::new() } else { format!("  DOUBTFUL: {}", q.doubts.join("; ")) },
                 )
             }
             (None, error) => {
