@@ -16,13 +16,23 @@
 //! The breakpoints are sorted and each piece is solved in closed form; the result is the exact global minimum. A
 //! target with two candidates tries both and keeps the one of smaller cost.
 //!
+//! # Variants
+//! An attacker who knows the scheme would not stop at the paper's recipe; [`ClosedFormOptions`] says what is tried:
+//! half-lines or segments in place of infinite lines (more breakpoints, solved by the same sweep), answers held
+//! inside the picture, neighbours of the other anchor only, and a filter for falsely predicted neighbours. A
+//! neighbour whose position is known counts by its distance as a point (the paper's server-side attack).
+//!
 //! # Singular cases
 //! - All neighbours share the target's anchor: every `t_ij` is the anchor, so the answer is the anchor, exactly
 //!   (half-lines are measured from it, hence `β_j = 0`). The paper's mode 1.
 //! - All neighbours are parallel to the target (or there are none): every point is as good. The answer is the anchor
-//!   of a half-line and the middle of a line's part in the picture, with `determined: false`.
+//!   of a half-line and the middle of a line's part in the picture, with `determined: false`. Under
+//!   [`ClosedFormOptions::other_anchor_only`] the answer is then the guess that uses no neighbours.
 //! - Neighbours nearly parallel: the answer is far away and unstable, as the mathematics says (the paper's mode 2),
 //!   often outside the picture, unless [`Reach::Picture`] holds it inside.
+
+mod along;
+mod consensus;
 
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;
@@ -31,6 +41,8 @@ use crate::error::AttackError;
 use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 use crate::prior::KnownSegment;
+
+use along::{Pieces, Place, Quadratic};
 
 /// Where the answer may lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -43,18 +55,51 @@ pub enum Reach {
     Picture,
 }
 
-/// How the closed form is used.
+/// What of a neighbour's line counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Extent {
+    /// The infinite line: the paper's attack.
+    #[default]
+    Line,
+    /// The half-line, where the neighbour has one.
+    HalfLine,
+    /// The part in the picture. Of two alternative lines the whole: those of coordinate permutation are parallel to
+    /// the picture's sides, so for answers inside the picture that is the same.
+    Segment,
+}
+
+/// How the closed form is used. The default is the paper's attack.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 pub struct ClosedFormOptions {
     /// Where the answer may lie; the paper's default is the whole line.
     pub reach: Reach,
+    /// What of a neighbour's line counts; the paper's default is all of it.
+    pub extent: Extent,
+    /// Leave out neighbours whose half-line begins at the keypoint's own anchor: they all say "the anchor", which an
+    /// attacker knows to be wrong. Default: they count.
+    pub other_anchor_only: bool,
+    /// Keep only the neighbours that agree within this many pixels with the best single one (for predicted
+    /// neighbours, of which many are false). Default: all are believed.
+    pub consensus_px: Option<f64>,
 }
 
 impl ClosedFormOptions {
     /// The attack whose answers stay in the picture.
     pub const fn in_picture() -> Self {
-        Self { reach: Reach::Picture }
+        Self { reach: Reach::Picture, extent: Extent::Line, other_anchor_only: false, consensus_px: None }
+    }
+
+    /// In the picture, with the parts of the lines in the picture, from neighbours of the other anchor only.
+    pub const fn informed() -> Self {
+        Self { reach: Reach::Picture, extent: Extent::Segment, other_anchor_only: true, consensus_px: None }
+    }
+
+    /// The same with falsely predicted neighbours filtered out: those farther than `px` pixels from the consensus.
+    #[must_use]
+    pub const fn with_consensus(mut self, px: f64) -> Self {
+        self.consensus_px = Some(px);
+        self
     }
 }
 
@@ -63,7 +108,7 @@ impl ClosedFormOptions {
 pub struct Recovered {
     /// The position, pixels; possibly outside the picture.
     pub pixel: Pixel,
-    /// `f` there, squared pixels, summed over the neighbours.
+    /// `f` there, squared pixels, summed over the neighbours that counted.
     pub cost: f64,
     /// Whether the minimum is a single point.
     pub determined: bool,
@@ -71,7 +116,8 @@ pub struct Recovered {
 
 /// Recovers each keypoint from its own observation and those of its neighbours (module docs).
 ///
-/// `width`, `height`: the picture, pixels. One answer per observation, the same for any number of threads.
+/// `width`, `height`: the picture, pixels. One answer per observation, the same for any number of threads. The
+/// answer for a known position is that position.
 ///
 /// # Errors
 /// [`AttackError::ListCount`] when there is not one neighbour list per observation.
@@ -85,14 +131,17 @@ pub fn closed_form(
     if observations.len() != neighbours.len() {
         return Err(AttackError::ListCount { observations: observations.len(), lists: neighbours.len() });
     }
-    let lines: Vec<Lines> = observations.iter().map(Lines::of).collect();
+    let places: Vec<Place> =
+        observations.iter().map(|o| Place::of(o, options.extent, width, height)).collect();
     Ok((0..observations.len())
         .into_par_iter()
         .with_min_len(128)
         .map_init(Sweep::default, |sweep, i| {
+            if let Observation::Known(pixel) = observations[i] {
+                return Recovered { pixel, cost: 0.0, determined: true };
+            }
             let candidates = KnownSegment::of(&observations[i], width, height);
-            let solve =
-                |segment: KnownSegment| sweep.solve(&segment, neighbours.of(i), &lines, options.reach);
+            let solve = |segment: KnownSegment| sweep.solve(&segment, neighbours.of(i), &places, options);
             let answers: Vec<Recovered> = candidates.into_iter().flatten().map(solve).collect();
             best(&answers)
         })
@@ -105,133 +154,93 @@ fn best(answers: &[Recovered]) -> Recovered {
     answers.iter().fold(nowhere, |best, a| if best.cost <= a.cost { best } else { *a })
 }
 
-/// Homogeneous coordinates of the one or two lines of an observation, unit normals.
-#[derive(Clone, Copy)]
-struct Lines {
-    first: [f64; 3],
-    second: Option<[f64; 3]>,
-}
-
-impl Lines {
-    fn of(observation: &Observation) -> Self {
-        let [first, second] = observation.lines().map(|l| l.map(|l| (*l.coefficients()).into()));
-        Self { first: first.unwrap_or([f64::NAN; 3]), second }
-    }
-}
-
-/// `f(t) = a t² + 2 b t + c` on a piece of the line.
-#[derive(Clone, Copy, Default)]
-struct Quadratic {
-    a: f64,
-    b: f64,
-    c: f64,
-}
-
-impl Quadratic {
-    fn add(&mut self, [alpha, beta]: [f64; 2], sign: f64) {
-        self.a += sign * alpha * alpha;
-        self.b += sign * alpha * beta;
-        self.c += sign * beta * beta;
-    }
-
-    fn at(&self, t: f64) -> f64 {
-        ((self.a * t + 2.0 * self.b) * t + self.c).max(0.0)
-    }
-}
-
-/// A neighbour with two candidate lines, as `[α, β]` each, and which of them is nearer on the current piece.
-struct Pair {
-    distances: [[f64; 2]; 2],
-    active: usize,
-}
-
 /// Buffers of the minimisation, kept from one keypoint to the next.
 #[derive(Default)]
 struct Sweep {
-    pairs: Vec<Pair>,
-    /// Where which pair changes its nearer line.
-    breaks: Vec<(f64, u32)>,
+    /// Where a neighbour's piece ends: the position, its rank in order of arrival, and what the sum gains there.
+    breaks: Vec<(f64, u32, Quadratic)>,
 }
 
 /// Squared sine below which lines are parallel for all purposes: an angle of 1e-9 rad.
 const PARALLEL: f64 = 1e-18;
 
 impl Sweep {
-    fn solve(&mut self, segment: &KnownSegment, list: &[u32], lines: &[Lines], reach: Reach) -> Recovered {
-        let (o, v) = (segment.origin, segment.direction);
-        let along = |l: [f64; 3]| [l[0] * v.x + l[1] * v.y, l[0] * o.u + l[1] * o.v + l[2]];
-        let mut sum = Quadratic::default();
-        self.pairs.clear();
-        self.breaks.clear();
-        for &j in list {
-            let neighbour = lines[j as usize];
-            let mut first = along(neighbour.first);
-            if let Some(second) = neighbour.second {
-                self.push_pair([first, along(second)]);
-            } else {
-                if segment.radial && first[1].abs() < 1e-9 {
-                    first[1] = 0.0; // the same anchor: it crosses there and nowhere else
-                }
-                sum.add(first, 1.0);
-            }
-        }
-        let limits = match reach {
+    fn solve(
+        &mut self,
+        segment: &KnownSegment,
+        list: &[u32],
+        places: &[Place],
+        options: &ClosedFormOptions,
+    ) -> Recovered {
+        let limits = match options.reach {
             Reach::WholeLine => (f64::NEG_INFINITY, f64::INFINITY),
             Reach::Picture if segment.is_empty() => (0.0, 0.0),
             Reach::Picture => (segment.near, segment.far),
         };
-        self.breaks.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        for pair in &self.pairs {
-            sum.add(pair.distances[pair.active], 1.0);
+        let counts = |j: &u32| !(options.other_anchor_only && places[*j as usize].shares_anchor(segment));
+        let filtered;
+        let list = if options.other_anchor_only || options.consensus_px.is_some() {
+            let counted: Vec<u32> = list.iter().copied().filter(counts).collect();
+            filtered = match options.consensus_px {
+                Some(px) => consensus::agreeing(segment, &counted, places, px, limits),
+                None => counted,
+            };
+            &filtered[..]
+        } else {
+            list
+        };
+
+        let mut sum = Quadratic::default();
+        self.breaks.clear();
+        for &j in list {
+            let pieces = Pieces::of(&places[j as usize], segment);
+            sum.add(&pieces.first, 1.0);
+            let mut previous = pieces.first;
+            for (t, piece) in pieces.then.into_iter().flatten() {
+                let mut gain = piece;
+                gain.add(&previous, -1.0);
+                self.breaks.push((t, self.breaks.len() as u32, gain));
+                previous = piece;
+            }
         }
+        self.breaks.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
 
         let mut best: Option<(f64, f64, bool)> = None; // t, cost, determined
         let mut low = f64::NEG_INFINITY;
         for k in 0..=self.breaks.len() {
-            let next = self.breaks.get(k).copied();
+            let next = self.breaks.get(k);
             let high = next.map_or(f64::INFINITY, |b| b.0);
             let piece = (low.max(limits.0), high.min(limits.1));
             if piece.0 <= piece.1 {
-                let (t, determined) = minimum(&sum, piece, segment, list.len());
+                let (t, determined) = minimum(&sum, piece, segment, list.len(), options);
                 let cost = sum.at(t);
                 if best.is_none_or(|b| cost < b.1) {
                     best = Some((t, cost, determined));
                 }
             }
-            let Some((t, p)) = next else { break };
-            let pair = &mut self.pairs[p as usize];
-            sum.add(pair.distances[pair.active], -1.0);
-            pair.active = 1 - pair.active;
-            sum.add(pair.distances[pair.active], 1.0);
-            low = t;
+            let Some((t, _, gain)) = next else { break };
+            sum.add(gain, 1.0);
+            low = *t;
         }
         let (t, cost, determined) = best.unwrap_or((f64::NAN, f64::NAN, false));
         Recovered { pixel: segment.at(t), cost, determined }
     }
-
-    fn push_pair(&mut self, distances: [[f64; 2]; 2]) {
-        let [[a1, b1], [a2, b2]] = distances;
-        let index = self.pairs.len() as u32;
-        // d₁ = d₂ and d₁ = −d₂; slopes of equal size leave one or none of the two.
-        let crossing = |slope: f64, offset: f64| (slope.abs() > 1e-12).then(|| -offset / slope);
-        let roots = [crossing(a1 - a2, b1 - b2), crossing(a1 + a2, b1 + b2)];
-        let leftmost = roots.iter().flatten().copied().fold(f64::INFINITY, f64::min);
-        // Left of all crossings the order of the two distances does not change; ask well before the first one.
-        let probe = if leftmost.is_finite() { leftmost - 1.0 - leftmost.abs() * 1e-3 } else { 0.0 };
-        let nearer = (a1 * probe + b1).abs() <= (a2 * probe + b2).abs();
-        self.pairs.push(Pair { distances, active: usize::from(!nearer) });
-        self.breaks.extend(roots.into_iter().flatten().map(|t| (t, index)));
-    }
 }
 
 /// The minimum of the sum on one piece, and whether it is a single point.
-fn minimum(sum: &Quadratic, piece: (f64, f64), segment: &KnownSegment, neighbours: usize) -> (f64, bool) {
+fn minimum(
+    sum: &Quadratic,
+    piece: (f64, f64),
+    segment: &KnownSegment,
+    neighbours: usize,
+    options: &ClosedFormOptions,
+) -> (f64, bool) {
     if sum.a > PARALLEL * neighbours.max(1) as f64 {
         return ((-sum.b / sum.a).max(piece.0).min(piece.1), true);
     }
     // Flat: the anchor of a half-line, otherwise the middle of what is in the picture.
     let t = if segment.radial {
-        0.0
+        if options.other_anchor_only { segment.expected() } else { 0.0 }
     } else if segment.is_empty() {
         segment.expected()
     } else {

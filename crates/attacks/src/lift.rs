@@ -1,6 +1,7 @@
 //! Textbook obfuscation: exact lines, no dither, no quantization, no wire.
 //!
-//! For measuring attacks on keypoint files and in tests. What a device sends is made by the obfuscation crate.
+//! For tests and benches, where the truth must lie on the line to the last bit. What a device sends, dither and
+//! quantization included, is made by the obfuscation crate and read by [`Observation::of_sent`]; audits attack that.
 
 use std::f64::consts::PI;
 

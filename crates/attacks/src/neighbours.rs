@@ -1,5 +1,6 @@
 //! Who is a neighbour of whom: the side information of the geometry-recovery attack.
 
+use rand::Rng;
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;
 
@@ -57,6 +58,23 @@ impl NeighbourLists {
         let lists: Vec<Vec<u32>> =
             (0..keypoints.len()).into_par_iter().map(|i| grid.nearest(keypoints, i, k)).collect();
         Self::from_lists(&lists).expect("the grid only holds indices of keypoints")
+    }
+
+    /// The same lists with each entry replaced, with probability `share`, by a keypoint drawn from all but the
+    /// list's own: what a poor predictor of neighbours would say.
+    pub fn corrupted(&self, share: f64, rng: &mut impl Rng) -> Self {
+        let n = self.len() as u32;
+        let mut entries = self.entries.clone();
+        for i in 0..self.len() {
+            for entry in &mut entries[self.offsets[i]..self.offsets[i + 1]] {
+                if n > 1 && rng.random::<f64>() < share {
+                    // One of the n − 1 others.
+                    let other = rng.random_range(0..n - 1);
+                    *entry = other + u32::from(other >= i as u32);
+                }
+            }
+        }
+        Self { offsets: self.offsets.clone(), entries }
     }
 
     /// Number of lists.

@@ -2,6 +2,7 @@
 
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{Anchor, DualAnchors, Pixel, PixelLine};
+use veiloc_query::Observations;
 
 /// What one sealed row tells about the position of its keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,6 +20,8 @@ pub enum Observation {
     /// kept one of its two coordinates, so the keypoint is somewhere on the vertical line through it or somewhere
     /// on the horizontal one.
     EitherLine([PixelLine; 2]),
+    /// The keypoint is here: a server that has found the pose projects the map point it matched.
+    Known(Pixel),
 }
 
 impl Observation {
@@ -35,7 +38,20 @@ impl Observation {
         ])
     }
 
-    /// The lines on one of which the keypoint lies; the second is `None` where there is one.
+    /// What was sent for each keypoint, as an attacker reads it: `[N]` in the order of the rows.
+    pub fn of_sent(sent: &Observations) -> Vec<Self> {
+        match sent {
+            Observations::Points(pixels) => pixels.iter().copied().map(Self::Known).collect(),
+            Observations::Lines(lines) => lines.iter().copied().map(Self::Line).collect(),
+            Observations::EitherLine(pairs) => pairs.iter().copied().map(Self::EitherLine).collect(),
+            Observations::Anchored { anchors, lines } => {
+                lines.iter().map(|l| Self::anchored(anchors, l.anchor, l.angle)).collect()
+            }
+        }
+    }
+
+    /// The lines on one of which the keypoint lies; the second is `None` where there is one, both are for a known
+    /// position.
     pub fn lines(&self) -> [Option<PixelLine>; 2] {
         match *self {
             Self::Line(line) => [Some(line), None],
@@ -43,13 +59,46 @@ impl Observation {
                 [Some(PixelLine::through(anchor, direction.y.atan2(direction.x))), None]
             }
             Self::EitherLine([a, b]) => [Some(a), Some(b)],
+            Self::Known(_) => [None, None],
         }
     }
 
-    /// Distance of a pixel from what is known, in pixels: from the line, or from the nearer of two candidates.
+    /// Distance of a pixel from what is known, in pixels: from the line, from the nearer of two candidates,
+    /// or from the known position.
     pub fn distance(&self, pixel: Pixel) -> f64 {
+        if let Self::Known(known) = self {
+            return known.distance(&pixel);
+        }
         let along = |line: Option<PixelLine>| line.map_or(f64::INFINITY, |l| l.signed_distance(pixel).abs());
         let [a, b] = self.lines();
         along(a).min(along(b))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use veiloc_query::AnchoredLine;
+
+    #[test]
+    fn what_is_sent_is_read_as_it_is() {
+        let p = Pixel::new(100.0, 200.0);
+        let anchors = DualAnchors::vertical(640, 480);
+        let anchor = anchors.anchor_of(p);
+        let lines = vec![AnchoredLine { anchor, angle: anchors.angle_of(anchor, p) }];
+        let sent = [
+            Observations::Points(vec![p]),
+            Observations::Lines(vec![PixelLine::through(p, 1.0)]),
+            Observations::EitherLine(vec![[PixelLine::through(p, 0.0), PixelLine::through(p, 1.5)]]),
+            Observations::Anchored { anchors, lines },
+        ];
+        for sent in sent {
+            let read = Observation::of_sent(&sent);
+            assert_eq!(read.len(), 1);
+            assert!(
+                read[0].distance(p) < 1e-9 && read[0].distance(Pixel::new(90.0, 215.0)) > 1.0,
+                "{read:?}"
+            );
+        }
     }
 }

@@ -8,6 +8,7 @@
 //!   are likelier in proportion to `r`; between the distances `a` and `b` where the half-line is in the picture the
 //!   expected distance is `⅔ (b³ − a³)/(b² − a²)`. The half-line is on its anchor's own side by construction.
 //! - **Either of two lines:** the mean of what each would say, both being as likely.
+//! - **Known position:** itself.
 
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{Pixel, PixelLine};
@@ -19,7 +20,7 @@ use crate::observation::Observation;
 pub struct KnownSegment {
     /// The anchor of a half-line; of a line, its point nearest to the picture's centre.
     pub origin: Pixel,
-    /// Unit direction.
+    /// Unit direction; zero for a known position.
     pub direction: Vector2<f64>,
     /// Where the picture begins. `near > far` when the line misses the picture.
     pub near: f64,
@@ -40,7 +41,13 @@ impl KnownSegment {
             Observation::HalfLine { anchor, direction } => {
                 [Some(Self::clipped(anchor, direction, 0.0, true, width, height)), None]
             }
+            Observation::Known(pixel) => [Some(Self::point(pixel)), None],
         }
+    }
+
+    /// A position that is known: a segment without length.
+    fn point(pixel: Pixel) -> Self {
+        Self { origin: pixel, direction: Vector2::zeros(), near: 0.0, far: 0.0, radial: false }
     }
 
     fn of_line(line: &PixelLine, width: u32, height: u32) -> Self {

@@ -3,8 +3,8 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    AttackError, ClosedFormOptions, ErrorSummary, KnownSegment, NeighbourLists, Observation, bits_over_prior,
-    closed_form, errors_px, lift, prior_only,
+    AttackError, ClosedFormOptions, ErrorSummary, Extent, KnownSegment, NeighbourLists, Observation,
+    bits_over_prior, closed_form, errors_px, lift, prior_only,
 };
 use veiloc_geometry::{DualAnchors, Pixel, PixelLine};
 
@@ -168,4 +168,97 @@ fn the_papers_synthetic_scene() {
     assert!(dcl.under_30px * 1500.0 < 30.0, "{dcl:?}");
     assert!((75.0..105.0).contains(&dcl_guess.mean_px), "{dcl_guess:?}");
     assert!(random_bits > 3.0 && dcl_bits < -1.0, "{random_bits} {dcl_bits}");
+}
+
+/// Distance to what an observation allows, ends included, by projection.
+fn distance_with_ends(observation: &Observation, extent: Extent, x: Pixel) -> f64 {
+    let Some(mut s) = KnownSegment::of(observation, SIZE.0, SIZE.1)[0] else { return f64::NAN };
+    if extent == Extent::HalfLine && s.radial {
+        (s.near, s.far) = (0.0, f64::INFINITY);
+    } else if extent != Extent::Segment {
+        (s.near, s.far) = (f64::NEG_INFINITY, f64::INFINITY);
+    }
+    let along = s.direction.dot(&(x.vector() - s.origin.vector())).max(s.near).min(s.far);
+    s.at(along).distance(&x)
+}
+
+#[test]
+fn ends_of_neighbours_and_known_positions_count_exactly() {
+    let truth = uniform(200, 12);
+    let mut rng = ChaCha8Rng::seed_from_u64(13);
+    let lists = NeighbourLists::nearest(&truth, 10);
+    let with_known = |mut sent: Vec<Observation>| {
+        (0..truth.len()).step_by(7).for_each(|i| sent[i] = Observation::Known(truth[i]));
+        sent
+    };
+    let schemes = [
+        with_known(lift::random_lines(&truth, &mut rng)),
+        with_known(lift::dual_convergent(&truth, &DualAnchors::new(640, 480, 2.1, 2.0).expect("finite"))),
+    ];
+    for sent in &schemes {
+        for extent in [Extent::Line, Extent::HalfLine, Extent::Segment] {
+            let mut options = ClosedFormOptions::in_picture();
+            options.extent = extent;
+            let answers = closed_form(sent, &lists, 640, 480, &options).expect("lists fit");
+            for (i, answer) in answers.iter().enumerate() {
+                let segment = KnownSegment::of(&sent[i], 640, 480)[0].expect("one");
+                if let Observation::Known(p) = sent[i] {
+                    assert_eq!(answer.pixel, p);
+                    continue;
+                }
+                let f = |t: f64| -> f64 {
+                    let x = segment.at(t);
+                    lists
+                        .of(i)
+                        .iter()
+                        .map(|&j| distance_with_ends(&sent[j as usize], extent, x).powi(2))
+                        .sum()
+                };
+                let found = f(search(&f, segment.near, segment.far));
+                assert!(
+                    (answer.cost - found).abs() < 1e-5 * (1.0 + found),
+                    "{extent:?} {i}: {answer:?} {found}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn without_the_own_anchor_the_answer_is_other_rays_or_the_guess() {
+    let truth = uniform(600, 14);
+    let anchors = DualAnchors::vertical(640, 480);
+    let sent = lift::dual_convergent(&truth, &anchors);
+    let lists = NeighbourLists::nearest(&truth, 20);
+    let answers = closed_form(&sent, &lists, 640, 480, &ClosedFormOptions::informed()).expect("lists fit");
+    let guess = prior_only(&sent, 640, 480);
+    let mut alone = 0;
+    for i in 0..truth.len() {
+        let side = anchors.anchor_of(truth[i]);
+        if lists.of(i).iter().all(|&j| anchors.anchor_of(truth[j as usize]) == side) {
+            alone += 1;
+            assert!(!answers[i].determined && answers[i].pixel.distance(&guess[i]) < 1e-9);
+        }
+    }
+    assert!(alone > 300, "{alone}");
+    let informed = ErrorSummary::of(&errors_px(answers.iter().map(|a| a.pixel), &truth));
+    let paper = ErrorSummary::of(&errors_px(attack(&sent, &lists).iter().map(|a| a.pixel), &truth));
+    assert!(informed.mean_px < 0.5 * paper.mean_px, "{informed:?} {paper:?}");
+}
+
+#[test]
+fn false_neighbours_are_outvoted() {
+    let truth = uniform(1200, 15);
+    let mut rng = ChaCha8Rng::seed_from_u64(16);
+    let sent = lift::random_lines(&truth, &mut rng);
+    let lists = NeighbourLists::nearest(&truth, 20).corrupted(0.5, &mut rng);
+    let median = |options: ClosedFormOptions| {
+        let answers = closed_form(&sent, &lists, 640, 480, &options).expect("lists fit");
+        ErrorSummary::of(&errors_px(answers.iter().map(|a| a.pixel), &truth)).median_px
+    };
+    let (all, agreeing) = (
+        median(ClosedFormOptions::in_picture()),
+        median(ClosedFormOptions::in_picture().with_consensus(30.0)),
+    );
+    assert!(agreeing < 0.4 * all && agreeing < 20.0, "{agreeing} of {all}");
 }

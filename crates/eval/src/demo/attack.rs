@@ -77,7 +77,8 @@ pub(crate) fn attack_all(
             let (width, height) = (query.camera().width, query.camera().height);
             size = (width, height);
             let sent = query.observations();
-            let observed: Vec<Observation> = real.iter().map(|&i| observation(&sent, i)).collect();
+            let read = Observation::of_sent(&sent);
+            let observed: Vec<Observation> = real.iter().map(|&i| read[i]).collect();
 
             let started = Instant::now();
             let guessed = prior_only(&observed, width, height);
@@ -135,19 +136,6 @@ fn row(
         under_30px: summary.under_30px,
         bits_over_prior,
         ms: median(&tally.ms),
-    }
-}
-
-/// What was sent for one row, as an attacker reads it.
-fn observation(sent: &Observations, row: usize) -> Observation {
-    match sent {
-        // A point is a line in every direction; the schemes attacked here hide positions.
-        Observations::Points(pixels) => Observation::permuted(pixels[row]),
-        Observations::Lines(lines) => Observation::Line(lines[row]),
-        Observations::EitherLine(pairs) => Observation::EitherLine(pairs[row]),
-        Observations::Anchored { anchors, lines } => {
-            Observation::anchored(anchors, lines[row].anchor, lines[row].angle)
-        }
     }
 }
 

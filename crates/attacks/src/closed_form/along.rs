@@ -1,0 +1,175 @@
+//! Squared distance from a point that slides along a line to what is known of a neighbour: quadratics, piece by piece.
+//!
+//! On `x(t) = o + t v` the signed distance to a neighbour's line is linear, `d(t) = α t + β`, so its square is one
+//! quadratic. What has ends or alternatives breaks into pieces:
+//! - a **segment or half-line** is as far as its line while the foot of the perpendicular lies on it, and as far as
+//!   its end beyond: at most two breaks;
+//! - **either of two lines** is as far as the nearer, which changes where `d₁ = ±d₂`: at most two breaks;
+//! - a **known point** is one quadratic, `t² − 2 t vᵀ(p − o) + |p − o|²`.
+
+use veiloc_geometry::Pixel;
+use veiloc_geometry::nalgebra::Vector2;
+
+use crate::closed_form::Extent;
+use crate::observation::Observation;
+use crate::prior::KnownSegment;
+
+/// `f(t) = a t² + 2 b t + c`.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Quadratic {
+    pub(super) a: f64,
+    pub(super) b: f64,
+    pub(super) c: f64,
+}
+
+impl Quadratic {
+    fn of_line([alpha, beta]: [f64; 2]) -> Self {
+        Self { a: alpha * alpha, b: alpha * beta, c: beta * beta }
+    }
+
+    fn of_point(along: f64, squared: f64) -> Self {
+        Self { a: 1.0, b: -along, c: squared }
+    }
+
+    pub(super) fn add(&mut self, other: &Self, sign: f64) {
+        self.a += sign * other.a;
+        self.b += sign * other.b;
+        self.c += sign * other.c;
+    }
+
+    pub(super) fn at(&self, t: f64) -> f64 {
+        ((self.a * t + 2.0 * self.b) * t + self.c).max(0.0)
+    }
+}
+
+/// What is known of a neighbour, ready to be asked for its distance many times.
+#[derive(Clone, Copy)]
+pub(super) enum Place {
+    /// A line `(a, b, c)` of unit normal and, where it has ends, its segment.
+    Line { line: [f64; 3], ends: Option<KnownSegment>, anchor: Option<Pixel> },
+    /// One of two lines.
+    Either([[f64; 3]; 2]),
+    /// A point.
+    Point(Pixel),
+}
+
+impl Place {
+    pub(super) fn of(observation: &Observation, extent: Extent, width: u32, height: u32) -> Self {
+        let [first, second] = observation.lines().map(|l| l.map(|l| (*l.coefficients()).into()));
+        match (*observation, first, second) {
+            (Observation::Known(pixel), ..) => Self::Point(pixel),
+            (_, Some(a), Some(b)) => Self::Either([a, b]),
+            (observation, line, _) => {
+                let anchor = match observation {
+                    Observation::HalfLine { anchor, .. } => Some(anchor),
+                    _ => None,
+                };
+                let known = KnownSegment::of(&observation, width, height)[0];
+                let ends = match extent {
+                    Extent::Line => None,
+                    Extent::HalfLine if anchor.is_none() => None,
+                    Extent::HalfLine => known.map(|s| KnownSegment { near: 0.0, far: f64::INFINITY, ..s }),
+                    Extent::Segment => known.filter(|s| !s.is_empty()),
+                };
+                Self::Line { line: line.unwrap_or([f64::NAN; 3]), ends, anchor }
+            }
+        }
+    }
+
+    /// Whether this is a half-line that begins where `segment` does: such lines meet in the anchor and nowhere else.
+    pub(super) fn shares_anchor(&self, segment: &KnownSegment) -> bool {
+        match self {
+            Self::Line { anchor: Some(anchor), .. } => {
+                segment.radial && anchor.distance(&segment.origin) < 1e-6
+            }
+            _ => false,
+        }
+    }
+}
+
+/// `[α, β]` of a line seen from `o + t v`.
+fn slope(l: [f64; 3], o: Pixel, v: Vector2<f64>) -> [f64; 2] {
+    [l[0] * v.x + l[1] * v.y, l[0] * o.u + l[1] * o.v + l[2]]
+}
+
+/// The squared distance along a line: the first piece, and where which piece follows.
+pub(super) struct Pieces {
+    pub(super) first: Quadratic,
+    /// Rising in `t`.
+    pub(super) then: [Option<(f64, Quadratic)>; 2],
+}
+
+impl Pieces {
+    /// Of `place`, along `segment`'s whole line.
+    pub(super) fn of(place: &Place, segment: &KnownSegment) -> Self {
+        let (o, v) = (segment.origin, segment.direction);
+        match place {
+            Place::Point(p) => Self { first: to_point(*p, o, v), then: [None; 2] },
+            Place::Either([a, b]) => Self::of_either(slope(*a, o, v), slope(*b, o, v)),
+            Place::Line { line, ends, .. } => {
+                let mut along = slope(*line, o, v);
+                if place.shares_anchor(segment) {
+                    along[1] = 0.0; // the same anchor: it crosses there and nowhere else
+                }
+                let middle = Quadratic::of_line(along);
+                match ends {
+                    None => Self { first: middle, then: [None; 2] },
+                    Some(ends) => Self::of_segment(middle, ends, o, v),
+                }
+            }
+        }
+    }
+
+    fn of_segment(middle: Quadratic, ends: &KnownSegment, o: Pixel, v: Vector2<f64>) -> Self {
+        // The foot of the perpendicular lies at s(t) = s₀ + c t along the neighbour.
+        let c = ends.direction.dot(&v);
+        let s0 = ends.direction.dot(&(o.vector() - ends.origin.vector()));
+        let beyond = |s: f64| to_point(ends.at(s), o, v);
+        if c.abs() < 1e-12 {
+            let first = if s0 < ends.near {
+                beyond(ends.near)
+            } else if s0 > ends.far {
+                beyond(ends.far)
+            } else {
+                middle
+            };
+            return Self { first, then: [None; 2] };
+        }
+        let [low, high] = if c > 0.0 { [ends.near, ends.far] } else { [ends.far, ends.near] };
+        let entry = low.is_finite().then(|| (low - s0) / c);
+        let exit = high.is_finite().then(|| (high - s0) / c);
+        match (entry, exit) {
+            (None, None) => Self { first: middle, then: [None; 2] },
+            (None, Some(x)) => Self { first: middle, then: [Some((x, beyond(high))), None] },
+            (Some(e), exit) => {
+                Self { first: beyond(low), then: [Some((e, middle)), exit.map(|x| (x, beyond(high)))] }
+            }
+        }
+    }
+
+    fn of_either([a1, b1]: [f64; 2], [a2, b2]: [f64; 2]) -> Self {
+        // d₁ = d₂ and d₁ = −d₂; slopes of equal size leave one or none of the two.
+        let crossing = |slope: f64, offset: f64| (slope.abs() > 1e-12).then(|| -offset / slope);
+        let mut breaks = [crossing(a1 - a2, b1 - b2), crossing(a1 + a2, b1 + b2)];
+        if let [Some(x), Some(y)] = breaks
+            && y < x
+        {
+            breaks = [Some(y), Some(x)];
+        } else if breaks[0].is_none() {
+            breaks.swap(0, 1);
+        }
+        // Left of all crossings the order of the two distances does not change; ask well before the first one.
+        let probe = breaks[0].filter(|t| t.is_finite()).map_or(0.0, |t| t - 1.0 - t.abs() * 1e-3);
+        let mut lines = [Quadratic::of_line([a1, b1]), Quadratic::of_line([a2, b2])];
+        if (a1 * probe + b1).abs() > (a2 * probe + b2).abs() {
+            lines.swap(0, 1);
+        }
+        let [nearer, farther] = lines;
+        Self { first: nearer, then: [breaks[0].map(|t| (t, farther)), breaks[1].map(|t| (t, nearer))] }
+    }
+}
+
+fn to_point(p: Pixel, o: Pixel, v: Vector2<f64>) -> Quadratic {
+    let offset = p.vector() - o.vector();
+    Quadratic::of_point(offset.dot(&v), offset.norm_squared())
+}

@@ -1,0 +1,51 @@
+//! Which of a keypoint's supposed neighbours agree with each other: filtering of falsely predicted ones.
+//!
+//! The attack of Chelani et al. (2024) draws a few supposed neighbours, recovers the keypoint from them, counts who
+//! agrees, and keeps the largest consensus. A keypoint has one unknown and so a draw is a single neighbour: all
+//! draws can be tried, and nothing is left to chance.
+
+use crate::closed_form::along::{Pieces, Place, Quadratic};
+use crate::prior::KnownSegment;
+
+/// The neighbours on `list` that agree with the best of all single-neighbour hypotheses within `limit` pixels.
+///
+/// A neighbour's hypothesis is the point of the segment nearest to it. `low`, `high`: where hypotheses may lie. The
+/// first of equally supported hypotheses wins.
+pub(super) fn agreeing(
+    segment: &KnownSegment,
+    list: &[u32],
+    places: &[Place],
+    limit: f64,
+    (low, high): (f64, f64),
+) -> Vec<u32> {
+    let pieces: Vec<Pieces> = list.iter().map(|&j| Pieces::of(&places[j as usize], segment)).collect();
+    let squared = |p: &Pieces, t: f64| {
+        p.then
+            .iter()
+            .flatten()
+            .take_while(|piece| piece.0 <= t)
+            .last()
+            .map_or(&p.first, |piece| &piece.1)
+            .at(t)
+    };
+    let agree = |t: f64| pieces.iter().map(move |p| squared(p, t) <= limit * limit);
+    let mut best = (0, 0.0);
+    for quadratic in pieces.iter().flat_map(all) {
+        if quadratic.a < 1e-9 {
+            continue; // parallel: it names no point
+        }
+        let t = (-quadratic.b / quadratic.a).max(low).min(high);
+        let support = agree(t).filter(|a| *a).count();
+        if support > best.0 {
+            best = (support, t);
+        }
+    }
+    if best.0 == 0 {
+        return list.to_vec();
+    }
+    list.iter().zip(agree(best.1)).filter(|(_, a)| *a).map(|(j, _)| *j).collect()
+}
+
+fn all(pieces: &Pieces) -> impl Iterator<Item = &Quadratic> {
+    std::iter::once(&pieces.first).chain(pieces.then.iter().flatten().map(|p| &p.1))
+}

@@ -1,0 +1,175 @@
+//! Where keypoints usually are: a prior learned from other pictures.
+//!
+//! Keypoints are not spread evenly: skies and floors have few. An attacker who has seen other pictures knows, and
+//! the guess along a segment is then the expected position under that density (times `r` for half-lines, whose
+//! wedges widen; see [`crate::prior_only`]). Positions are counted in shares of width and height, so that pictures
+//! of different size teach each other.
+
+use veiloc_geometry::Pixel;
+
+use crate::observation::Observation;
+use crate::prior::KnownSegment;
+
+const COLUMNS: usize = 48;
+const ROWS: usize = 36;
+/// Width of the smoothing kernel in cells.
+const SMOOTHING: f64 = 1.5;
+/// Points of a segment at which the density is asked.
+const SAMPLES: usize = 256;
+
+/// Counts of keypoints by place in the picture. Add those of many pictures; take one out to attack it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlaceCounts {
+    cells: Vec<f64>,
+}
+
+impl Default for PlaceCounts {
+    fn default() -> Self {
+        Self { cells: vec![0.0; COLUMNS * ROWS] }
+    }
+}
+
+impl PlaceCounts {
+    /// Of one picture's keypoints; those outside it do not count.
+    pub fn of(keypoints: &[Pixel], width: u32, height: u32) -> Self {
+        let mut counts = Self::default();
+        for p in keypoints {
+            let (x, y) = (p.u / f64::from(width), p.v / f64::from(height));
+            if (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y) {
+                counts.cells[(y * ROWS as f64) as usize * COLUMNS + (x * COLUMNS as f64) as usize] += 1.0;
+            }
+        }
+        counts
+    }
+
+    /// Adds another picture's.
+    pub fn add(&mut self, other: &Self) {
+        self.cells.iter_mut().zip(&other.cells).for_each(|(a, b)| *a += b);
+    }
+
+    /// Takes a picture out that was added.
+    pub fn subtract(&mut self, other: &Self) {
+        self.cells.iter_mut().zip(&other.cells).for_each(|(a, b)| *a = (*a - b).max(0.0));
+    }
+
+    /// The density they suggest: smoothed, with a tenth of it spread evenly.
+    pub fn density(&self) -> Density {
+        let across = smoothed(&self.cells, COLUMNS, ROWS);
+        let transposed: Vec<f64> =
+            (0..COLUMNS * ROWS).map(|k| across[(k % ROWS) * COLUMNS + k / ROWS]).collect();
+        let down = smoothed(&transposed, ROWS, COLUMNS);
+        let total: f64 = down.iter().sum();
+        let even = if total > 0.0 { 0.1 } else { 1.0 } / (COLUMNS * ROWS) as f64;
+        let learned = |k: usize| {
+            if total > 0.0 { 0.9 * down[(k % COLUMNS) * ROWS + k / COLUMNS] / total } else { 0.0 }
+        };
+        Density { cells: (0..COLUMNS * ROWS).map(|k| learned(k) + even).collect() }
+    }
+}
+
+/// Smooths along rows of `columns` cells; what would fall off an edge is reflected.
+fn smoothed(cells: &[f64], columns: usize, rows: usize) -> Vec<f64> {
+    let reach = (3.0 * SMOOTHING).ceil() as isize;
+    let kernel: Vec<f64> = (-reach..=reach).map(|d| (-0.5 * (d as f64 / SMOOTHING).powi(2)).exp()).collect();
+    let sum: f64 = kernel.iter().sum();
+    let reflected = |at: isize| {
+        let at = if at < 0 { -1 - at } else { at };
+        (if at >= columns as isize { 2 * columns as isize - 1 - at } else { at }) as usize
+    };
+    let mut out = vec![0.0; cells.len()];
+    for row in 0..rows {
+        for column in 0..columns {
+            for (d, w) in (-reach..=reach).zip(&kernel) {
+                let at = reflected(column as isize + d);
+                out[row * columns + column] += w / sum * cells[row * columns + at];
+            }
+        }
+    }
+    out
+}
+
+/// How likely a keypoint is by place in the picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Density {
+    cells: Vec<f64>,
+}
+
+impl Density {
+    fn at(&self, p: Pixel, width: u32, height: u32) -> f64 {
+        let cell =
+            |x: f64, size: u32, n: usize| ((x / f64::from(size) * n as f64).max(0.0) as usize).min(n - 1);
+        self.cells[cell(p.v, height, ROWS) * COLUMNS + cell(p.u, width, COLUMNS)]
+    }
+
+    /// The expected distance from a segment's origin.
+    fn expected(&self, segment: &KnownSegment, width: u32, height: u32) -> f64 {
+        if segment.is_empty() {
+            return segment.expected();
+        }
+        let length = segment.far - segment.near;
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for k in 0..SAMPLES {
+            let t = segment.near + length * (k as f64 + 0.5) / SAMPLES as f64;
+            let widening = if segment.radial { t } else { 1.0 };
+            let w = widening * self.at(segment.at(t), width, height);
+            sum += w * t;
+            weights += w;
+        }
+        if weights > 0.0 { sum / weights } else { segment.expected() }
+    }
+
+    /// The expected position of each keypoint when nothing is known but its own observation and this density: as
+    /// [`crate::prior_only`], which takes keypoints to be spread evenly.
+    pub fn guess(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
+        let point = |s: KnownSegment| s.at(self.expected(&s, width, height));
+        observations
+            .iter()
+            .map(|o| match KnownSegment::of(o, width, height).map(|s| s.map(point)) {
+                [Some(a), Some(b)] => Pixel::new(f64::midpoint(a.u, b.u), f64::midpoint(a.v, b.v)),
+                [Some(a), None] | [None, Some(a)] => a,
+                [None, None] => Pixel::new(f64::NAN, f64::NAN),
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::errors_px;
+    use crate::{lift, prior_only};
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use veiloc_geometry::DualAnchors;
+
+    fn crowd(n: usize, rng: &mut ChaCha8Rng) -> Vec<Pixel> {
+        // Most keypoints in the lower third.
+        (0..n)
+            .map(|k| {
+                let top = if k % 5 == 0 { 0.0 } else { 320.0 };
+                Pixel::new(rng.random_range(0.0..640.0), rng.random_range(top..480.0))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_learned_density_guesses_better_and_an_even_one_alike() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut counts = PlaceCounts::of(&crowd(4000, &mut rng), 640, 480);
+        let victim = crowd(1000, &mut rng);
+        let own = PlaceCounts::of(&victim, 640, 480);
+        let before = counts.clone();
+        counts.add(&own);
+        counts.subtract(&own);
+        assert_eq!(counts, before);
+        let sent = lift::dual_convergent(&victim, &DualAnchors::vertical(640, 480));
+        let mean = |guess: Vec<Pixel>| errors_px(guess, &victim).iter().sum::<f64>() / 1000.0;
+        let (learned, even) =
+            (mean(counts.density().guess(&sent, 640, 480)), mean(prior_only(&sent, 640, 480)));
+        assert!(learned < 0.75 * even, "{learned} {even}");
+        let nothing = PlaceCounts::default().density().guess(&sent, 640, 480);
+        for (a, b) in nothing.iter().zip(prior_only(&sent, 640, 480)) {
+            assert!(a.distance(&b) < 1.0, "{a:?} {b:?}");
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! The graph attack: positions from nothing but half-lines and a graph of neighbours.
+//!
+//! The paper's attack asks every keypoint for the point of its line nearest to its neighbours' lines. For lines that
+//! converge in two anchors that is ill-posed, as the paper says; but a *graph* of neighbours tells more. Whoever
+//! knows who is near whom knows distances along the graph, and a layout of the graph in the plane with each keypoint
+//! on its own half-line has one unknown per keypoint and `k` equations.
+//!
+//! 1. [`edges`]: false edges are those whose ends have no neighbours in common; lengths from shared neighbours.
+//! 2. [`geodesic`], [`stress`]: a layout by distances along the graph, each keypoint on its segment, from several
+//!    starts; the one of least stress is kept. Schemes whose lines cross begin with the closed form, whichever
+//!    layout is likelier.
+//! 3. [`likelihood`]: the layout under which the lists are likeliest: neighbours nearer than those that are not.
+//!    Needs no distance, so the density of keypoints does not matter; a false entry is one among many.
+//!
+//! Positions that are known (a server that found the pose projects its map) are observations as others and stand
+//! still ([`Observation::Known`]).
+
+mod edges;
+mod geodesic;
+mod likelihood;
+mod newton;
+mod rail;
+mod stress;
+
+use rand::Rng;
+use rand::seq::index::sample;
+use veiloc_geometry::Pixel;
+
+use crate::closed_form::{ClosedFormOptions, closed_form};
+use crate::error::AttackError;
+use crate::neighbours::NeighbourLists;
+use crate::observation::Observation;
+use crate::prior::KnownSegment;
+
+use edges::Edges;
+use likelihood::ListLikelihood;
+use rail::{Rail, pixels};
+
+/// How the graph attack works. The defaults were chosen on synthetic keypoints and hold on photographs.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct GraphOptions {
+    /// Keypoints from which distances along the graph are measured. More cost time and gain nothing.
+    pub landmarks: usize,
+    /// Layouts that are begun, the first from the guess without neighbours, the others from random positions on the
+    /// segments; the one of least stress is kept.
+    pub starts: usize,
+    /// Rounds of stress majorisation a start.
+    pub stress_rounds: usize,
+    /// Times that lengths of edges are made to follow the density of the layout and the stress is minimised again,
+    /// as long as it falls.
+    pub reweighings: usize,
+    /// Sweeps that make the layout likelier; 0 leaves it as the stress has it.
+    pub sweeps: usize,
+    /// Share of false entries in the lists, 0 to 1, where it is known; `None`: estimated.
+    pub false_share: Option<f64>,
+}
+
+impl Default for GraphOptions {
+    fn default() -> Self {
+        Self { landmarks: 150, starts: 2, stress_rounds: 40, reweighings: 3, sweeps: 80, false_share: None }
+    }
+}
+
+/// What the graph attack found.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct GraphAnswer {
+    /// `[N]`: the position of each keypoint, inside the picture, pixels.
+    pub pixels: Vec<Pixel>,
+    /// Estimated share of false entries in the lists, 0 to 1.
+    pub false_share: f64,
+    /// Cost per keypoint of the lists under these positions, in nats; lower is likelier.
+    pub cost: f64,
+}
+
+/// Width of the soft edge around a radius, as a share of it, at the first sweep and at the last.
+const WIDE: f64 = 0.4;
+const NARROW: f64 = 0.03;
+
+/// Recovers all keypoints together from their observations and the graph of their neighbours (module docs).
+///
+/// `width`, `height`: the picture, pixels. Order within a list does not matter. Equal generators give equal answers,
+/// whatever the number of threads.
+///
+/// # Errors
+/// [`AttackError::ListCount`] when there is not one neighbour list per observation.
+pub fn graph(
+    observations: &[Observation],
+    neighbours: &NeighbourLists,
+    width: u32,
+    height: u32,
+    options: &GraphOptions,
+    rng: &mut impl Rng,
+) -> Result<GraphAnswer, AttackError> {
+    let edges = Edges::believed(neighbours);
+    let candidates: Vec<[Option<KnownSegment>; 2]> =
+        observations.iter().map(|o| KnownSegment::of(o, width, height)).collect();
+    let crossed = closed_form(observations, &edges.lists(), width, height, &ClosedFormOptions::informed())?;
+    let crossed: Vec<Pixel> = crossed.iter().map(|r| r.pixel).collect();
+    let rails: Vec<Rail> =
+        candidates.iter().zip(&crossed).map(|(c, near)| Rail::of(&nearest_candidate(c, *near))).collect();
+
+    let mut layouts = vec![by_stress(&rails, &edges, options, rng)];
+    if observations.iter().any(|o| matches!(o, Observation::Line(_) | Observation::EitherLine(_))) {
+        layouts.push(rails.iter().zip(&crossed).map(|(r, p)| r.nearest(p.vector())).collect());
+    }
+    let mut best: Option<GraphAnswer> = None;
+    for mut t in layouts {
+        let mut likelihood = ListLikelihood::new(&rails, neighbours, edges.doubted, options.false_share);
+        let cost = likelihood.improve(&mut t, options.sweeps, WIDE, NARROW);
+        if best.as_ref().is_none_or(|b| cost < b.cost) {
+            let false_share = likelihood.false_share();
+            best = Some(GraphAnswer { pixels: pixels(&rails, &t), false_share, cost });
+        }
+    }
+    Ok(best.unwrap_or(GraphAnswer { pixels: crossed, false_share: edges.doubted, cost: f64::INFINITY }))
+}
+
+/// Of two candidate segments the one nearer to a position.
+fn nearest_candidate(candidates: &[Option<KnownSegment>; 2], near: Pixel) -> KnownSegment {
+    let distance = |s: &KnownSegment| {
+        let rail = Rail::of(s);
+        (rail.at(rail.nearest(near.vector())) - near.vector()).norm()
+    };
+    let [first, second] = candidates;
+    let first = first.unwrap_or_else(|| {
+        KnownSegment::of(&Observation::Known(near), 0, 0)[0].expect("a known position is a segment")
+    });
+    second.filter(|s| distance(s) < distance(&first)).unwrap_or(first)
+}
+
+/// The layout of least stress among several starts, then with lengths that follow the density found.
+fn by_stress(rails: &[Rail], edges: &Edges, options: &GraphOptions, rng: &mut impl Rng) -> Vec<f64> {
+    let n = rails.len();
+    let landmarks = sample(rng, n, options.landmarks.min(n)).into_vec();
+    let graph = geodesic::from_landmarks(edges, &landmarks, &vec![1.0; n]);
+    let mut best: (f64, Vec<f64>) = (f64::INFINITY, rails.iter().map(|r| r.guess).collect());
+    for start in 0..options.starts.max(1) {
+        let mut t: Vec<f64> = rails
+            .iter()
+            .map(|r| if start == 0 { r.guess } else { r.near + (r.far - r.near) * rng.random::<f64>() })
+            .collect();
+        let stress = stress::minimise(rails, &landmarks, &graph, &mut t, options.stress_rounds);
+        if stress < best.0 {
+            best = (stress, t);
+        }
+    }
+    for _ in 0..options.reweighings {
+        let graph = geodesic::from_landmarks(edges, &landmarks, &local_scale(rails, edges, &best.1));
+        let mut t = best.1.clone();
+        let stress = stress::minimise(rails, &landmarks, &graph, &mut t, options.stress_rounds);
+        if stress >= best.0 {
+            break;
+        }
+        best = (stress, t);
+    }
+    best.1
+}
+
+/// How far neighbours are around each keypoint in a layout, in shares of the mean: where keypoints are dense, an
+/// edge is short. Smoothed over believed edges.
+fn local_scale(rails: &[Rail], edges: &Edges, t: &[f64]) -> Vec<f64> {
+    let at = pixels(rails, t);
+    let near = NeighbourLists::nearest(&at, LOCAL_NEIGHBOURS);
+    let mut scale: Vec<f64> =
+        (0..at.len()).map(|i| near.of(i).last().map_or(1.0, |j| at[i].distance(&at[*j as usize]))).collect();
+    for _ in 0..2 {
+        scale = (0..at.len())
+            .map(|i| {
+                let around = edges.of(i);
+                let sum = around.iter().map(|e| scale[e.to as usize]).sum::<f64>() + scale[i];
+                sum / (around.len() + 1) as f64
+            })
+            .collect();
+    }
+    let mean = scale.iter().sum::<f64>() / scale.len().max(1) as f64;
+    // A pile-up of the layout must not make edges vanish.
+    scale.iter().map(|s| (s / mean.max(1e-9)).clamp(0.2, 5.0)).collect()
+}
+
+/// Keypoints that tell the local density.
+const LOCAL_NEIGHBOURS: usize = 20;
