@@ -9,6 +9,8 @@
 //! vertex's largest coordinate in place `k`, either line is told by its point with a zero there, a root of the binary
 //! form that is left of `C` in the two other places. Everything stays homogeneous: nothing divides by a small number.
 
+use std::hint::select_unpredictable;
+
 use nalgebra::Vector3;
 
 /// Added to discriminants, relative to their terms: a double root plus rounding stays real.
@@ -85,11 +87,12 @@ pub(crate) fn intersect(first: &Conic, second: &Conic) -> [Vector3<f64>; 4] {
     let (a1, a2) = (first.adjugate(), second.adjugate());
     // det(D1 + γ D2), constant term first.
     let c = [first.determinant(&a1), a1.dot(second), a2.dot(first), second.determinant(&a2)];
-    // In the chart whose leading coefficient is larger; chosen by index, because either is as likely.
-    let reversed = usize::from(c[0].abs() > c[3].abs());
-    let lead = 1.0 / c[3 - 3 * reversed];
-    let root = outermost_root(c[2 - reversed] * lead, c[1 + reversed] * lead, c[3 * reversed] * lead);
-    let [s, t] = [[1.0, root], [root, 1.0]][reversed];
+    // In the chart whose leading coefficient is larger; either is as likely.
+    let reversed = c[0].abs() > c[3].abs();
+    let either = |if_reversed: f64, otherwise: f64| select_unpredictable(reversed, if_reversed, otherwise);
+    let [below, above] =
+        outermost_root(either(c[0], c[3]), either(c[1], c[2]), either(c[2], c[1]), either(c[3], c[0]));
+    let (s, t) = (either(above, below), either(below, above));
     let conic = Conic::blend(s, first, t, second);
     let other = [second, first][usize::from(t.abs() > s.abs())];
 
@@ -120,32 +123,30 @@ pub(crate) fn intersect(first: &Conic, second: &Conic) -> [Vector3<f64>; 4] {
     points
 }
 
-/// Of the real roots of `x³ + a x² + b x + c` the one farthest from the others; NaN for NaN.
-fn outermost_root(a: f64, b: f64, c: f64) -> f64 {
-    // x = y − a/3 turns it into y³ + 3 p y + 2 q.
+/// Of the real roots of `l x³ + a x² + b x + c` the one farthest from the others, as denominator and numerator.
+fn outermost_root(l: f64, a: f64, b: f64, c: f64) -> [f64; 2] {
     const THIRD: f64 = 1.0 / 3.0;
+    // l x = y − a/3 turns it into y³ + 3 p y + 2 q.
     let shift = a * THIRD;
-    let p = b * THIRD - shift * shift;
-    let q = shift * (shift * shift - 0.5 * b) + 0.5 * c;
+    let p = b * l * THIRD - shift * shift;
+    let q = shift * (shift * shift - 0.5 * b * l) + 0.5 * c * l * l;
     let discriminant = q * q + p * p * p;
-    let y = if discriminant > 0.0 {
-        // Cardano's formula without its difference of two nearly equal numbers.
+    if discriminant > 0.0 {
+        // Cardano's formula y = −(u − p/u) without its difference of two nearly equal numbers.
         let u = cube_root(q.abs() + discriminant.sqrt());
-        let v = p / u;
-        -2.0 * q / (u * u + p + v * v)
-    } else {
-        // y = −2 √−p cos(acos(r) / 3) for r = |q| / (−p)^{3/2} in [0, 1]: the quintic (interpolated at Chebyshev's
-        // nodes) is within 2e-6 there, and one step of Newton's method on z³ − 3 z = 2 r within 2e-12.
-        let root = (-p).sqrt();
-        let r = (q.abs() / (root * -p)).min(1.0);
-        let square = r * r;
-        let z = (1.732_052_12 + 0.333_237_71 * r)
-            + square * ((-0.095_050_03 + 0.043_799_25 * r) + square * (-0.017_932_9 + 0.003_894_6 * r));
-        let square = z * z;
-        let z = z - (z * (square - 3.0) - 2.0 * r) / (3.0 * (square - 1.0));
-        if p == 0.0 { 0.0 } else { -q.signum() * root * z }
-    };
-    y - shift
+        let square = u * u;
+        return [l, -2.0 * q * square / (square * (square + p) + p * p) - shift];
+    }
+    // y = −2 √−p cos(acos(r) / 3) for r = |q| / (−p)^{3/2} in [0, 1]: the quintic (interpolated at Chebyshev's
+    // nodes) is within 2e-6 there, and one step of Newton's method on z³ − 3 z = 2 r within 2e-12.
+    let root = (-p).sqrt();
+    let r = (q.abs() / (root * -p)).min(1.0);
+    let square = r * r;
+    let z = (1.732_052_12 + 0.333_237_71 * r)
+        + square * ((-0.095_050_03 + 0.043_799_25 * r) + square * (-0.017_932_9 + 0.003_894_6 * r));
+    let square = z * z;
+    let z = z - (z * (square - 3.0) - 2.0 * r) / (3.0 * (square - 1.0));
+    [l, -q.signum() * root * z - shift]
 }
 
 /// Cube root of a positive number to ten digits: a guess from the exponent, then Halley's method.
@@ -234,30 +235,35 @@ mod tests {
     #[test]
     fn the_outermost_root_is_a_root_and_farthest_out() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let root = |l: f64, a: f64, b: f64, c: f64| {
+            let [below, above] = outermost_root(l, l * a, l * b, l * c);
+            above / below
+        };
         for k in 0..100_000 {
             let mut r: [f64; 3] = std::array::from_fn(|_| rng.random_range(-3.0..3.0));
             if k % 3 == 0 {
                 // Two roots that almost merge: the third must not suffer.
                 r[1] = r[0] + rng.random_range(-1e-7..1e-7);
             }
+            let l = rng.random_range(-2.0..2.0) * 10.0_f64.powi(k % 9 - 4);
             let (a, b, c) =
                 (-r[0] - r[1] - r[2], r[0] * r[1] + r[0] * r[2] + r[1] * r[2], -r[0] * r[1] * r[2]);
-            let found = outermost_root(a, b, c);
+            let found = root(l, a, b, c);
             let middle = (r[0] + r[1] + r[2]) / 3.0;
             let farthest = r.iter().map(|x| (x - middle).abs()).fold(0.0, f64::max);
+            // A triple root cannot be told to more than a third of the digits.
             if farthest < 0.05 {
                 continue;
             }
             assert!(r.iter().any(|x| (x - found).abs() < 1e-9), "{r:?}: {found}");
             assert!((found - middle).abs() > farthest - 1e-6, "{r:?}: {found}");
-            // One real root beside a complex pair; a triple root cannot be told to more than a third of the digits.
+            // One real root beside a complex pair.
             let (re, im) = (r[1], rng.random_range(1e-3..3.0));
             let square = re * re + im * im;
-            let found = outermost_root(-r[0] - 2.0 * re, square + 2.0 * re * r[0], -r[0] * square);
+            let found = root(l, -r[0] - 2.0 * re, square + 2.0 * re * r[0], -r[0] * square);
             assert!((found - r[0]).abs() < 1e-7, "{} beside {re} ± {im} i: {found}", r[0]);
         }
-        assert_eq!(outermost_root(0.0, 0.0, 0.0), 0.0);
-        assert_eq!(outermost_root(0.0, 0.0, -8.0), 2.0);
-        assert!(outermost_root(f64::NAN, 0.0, 0.0).is_nan());
+        assert!((root(1.0, 0.0, 0.0, -8.0) - 2.0).abs() < 1e-9);
+        assert!(root(1.0, f64::NAN, 0.0, 0.0).is_nan());
     }
 }

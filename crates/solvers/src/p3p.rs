@@ -10,6 +10,9 @@ use crate::conics::{self, Conic, largest};
 /// Height of the triangle over its longest side, relative to that side, below which three points lie on a line.
 const COLLINEAR: f64 = 1e-5;
 
+/// A step of Newton's method shorter than this, in units of the longest side, is not worth taking.
+const SMALL_STEP: f64 = 1e-11;
+
 /// Squared ratio of depth to the triangle's height beyond which the rounding of the depths shows in the rotation.
 const FAR_OR_THIN: f64 = 1e4;
 
@@ -131,16 +134,16 @@ impl Triangle {
         let mut now = self.residual(&depth);
         for _ in 0..5 {
             let size = now.norm_squared();
-            // What the squares can resolve grows with the depths.
-            let resolved = 1e-15 * (1.0 + depth.norm_squared());
-            if size < resolved * resolved {
-                break;
-            }
             // Half the Jacobian is (f1 f2 0; g1 0 g3; 0 h2 h3); Cramer's rule.
             let (f1, f2) = (depth.x - self.c12 * depth.y, depth.y - self.c12 * depth.x);
             let (g1, g3) = (depth.x - self.c13 * depth.z, depth.z - self.c13 * depth.x);
             let (h2, h3) = (depth.y - self.c23 * depth.z, depth.z - self.c23 * depth.y);
             let determinant = -2.0 * (f1 * g3 * h2 + f2 * g1 * h3);
+            // The adjugate is about as large as the squared depths: is this step too small to matter?
+            let squares = 1.0 + depth.norm_squared();
+            if size * squares * squares < (SMALL_STEP * determinant) * (SMALL_STEP * determinant) {
+                break;
+            }
             let step = Vector3::new(
                 f2 * (g3 * now.z - h3 * now.y) - g3 * h2 * now.x,
                 f1 * (h3 * now.y - g3 * now.z) - g1 * h3 * now.x,
