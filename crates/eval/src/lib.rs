@@ -1,6 +1,8 @@
 //! Data sets, metrics, tables and reports: how well it localizes, and what it leaks.
 #![forbid(unsafe_code)]
 
+mod chi_squared;
+pub mod crb;
 pub mod demo;
 mod error;
 mod hypotheses;

@@ -39,7 +39,7 @@ pub struct SceneEvaluation {
     pub build: BuildOptions,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
-    /// Scores, in the order of the table; empty for each scheme's own default.
+    /// Scores, in the order of the table; empty for the default.
     pub scores: Vec<ScoreKind>,
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
@@ -114,7 +114,11 @@ fn folder_name(images: &Path) -> String {
     }
 }
 
-fn posed_queries(posed: &ColmapModel, images: &Path, names: &[String]) -> Result<Vec<PosedQuery>, EvalError> {
+pub(crate) fn posed_queries(
+    posed: &ColmapModel,
+    images: &Path,
+    names: &[String],
+) -> Result<Vec<PosedQuery>, EvalError> {
     names
         .iter()
         .map(|name| {
@@ -157,7 +161,7 @@ fn localize_all(
             let sealed = seal(features.clone(), &camera, &profile.with_scheme(*scheme), &mut rng);
             let bytes = sealed.as_ref().map(SealedQuery::encode).unwrap_or_default();
             let seal_ms = started.elapsed().as_secs_f64() * 1e3;
-            for score in scores_for(*scheme, &evaluation.scores) {
+            for score in scores_or_default(&evaluation.scores) {
                 let mut result = match &sealed {
                     Ok(_) => localize_one(map, &bytes, query, *scheme, score, &evaluation.localize),
                     Err(error) => QueryResult::unsolved(&query.name, *scheme, score).because(error),
@@ -182,13 +186,12 @@ fn localize_all(
     Ok((summaries, by_recipe.into_iter().flatten().collect()))
 }
 
-/// The scores a scheme is run with: those asked for, or its own default.
-pub(crate) fn scores_for(scheme: Scheme, asked: &[ScoreKind]) -> Vec<ScoreKind> {
-    if asked.is_empty() {
-        vec![ScoreKind::default_for(matches!(scheme, Scheme::Dcl(_)))]
-    } else {
-        asked.to_vec()
-    }
+/// The score an estimator compares by that is told none.
+pub(crate) const DEFAULT_SCORE: ScoreKind = ScoreKind::Likelihood;
+
+/// The scores a scheme is run with: those asked for, or the default.
+pub(crate) fn scores_or_default(asked: &[ScoreKind]) -> Vec<ScoreKind> {
+    if asked.is_empty() { vec![DEFAULT_SCORE] } else { asked.to_vec() }
 }
 
 fn localize_one(

@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Vector3};
 use rand::Rng;
 use veiloc_geometry::frames::{Camera, World};
-use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, Point3};
+use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, PlanePoint, Point3};
 
 /// What the matches are like.
 #[derive(Debug, Clone, PartialEq)]
@@ -95,8 +95,6 @@ impl PointProblem {
         let cam_from_world = random_pose(rng);
         let world_from_cam = cam_from_world.inverse();
         let camera = options.camera;
-        let [near, far] = options.depth;
-        let middle = f64::midpoint(near, far);
         let slant = [rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5)];
         let mut pixels = Vec::with_capacity(options.matches);
         let mut points = Vec::with_capacity(options.matches);
@@ -105,16 +103,7 @@ impl PointProblem {
                 rng.random_range(0.0..f64::from(camera.width.max(1))),
                 rng.random_range(0.0..f64::from(camera.height.max(1))),
             );
-            let p = camera.unproject(exact);
-            let z = match options.plane_thickness {
-                None => rng.random_range(near..=far.max(near)),
-                // The plane z = middle + slant · (x, y), along this ray; then off it by the thickness.
-                Some(thickness) => {
-                    let z = middle / (1.0 - slant[0] * p.x - slant[1] * p.y).max(0.2);
-                    z + rng.random_range(-thickness.abs()..=thickness.abs())
-                }
-            };
-            let in_camera = Point3::<Camera>::new(p.x * z, p.y * z, z);
+            let in_camera = at_depth(options, slant, &camera.unproject(exact), rng);
             points.push(world_from_cam.transform(&in_camera));
             pixels.push(Pixel::new(
                 exact.u + options.noise_px * normal(rng),
@@ -125,16 +114,35 @@ impl PointProblem {
         let chosen = rand::seq::index::sample(rng, options.matches, wrong);
         let mut inliers = vec![true; options.matches];
         for i in chosen {
-            let z = rng.random_range(near..=far.max(near));
-            let p = camera.unproject(Pixel::new(
+            let elsewhere = camera.unproject(Pixel::new(
                 rng.random_range(0.0..f64::from(camera.width.max(1))),
                 rng.random_range(0.0..f64::from(camera.height.max(1))),
             ));
-            points[i] = world_from_cam.transform(&Point3::new(p.x * z, p.y * z, z));
+            // Another point of the same scene: in a near-planar one it lies near the plane as well.
+            points[i] = world_from_cam.transform(&at_depth(options, slant, &elsewhere, rng));
             inliers[i] = false;
         }
         Self { camera, cam_from_world, pixels, points, inliers }
     }
+}
+
+/// A point of the scene along a ray, camera frame; `slant` are the slopes of a near-planar scene's plane.
+fn at_depth(
+    options: &PointProblemOptions,
+    slant: [f64; 2],
+    ray: &PlanePoint,
+    rng: &mut impl Rng,
+) -> Point3<Camera> {
+    let [near, far] = options.depth;
+    let z = match options.plane_thickness {
+        None => rng.random_range(near..=far.max(near)),
+        // The plane z = middle + slant · (x, y), along this ray; then off it by the thickness.
+        Some(thickness) => {
+            let z = f64::midpoint(near, far) / (1.0 - slant[0] * ray.x - slant[1] * ray.y).max(0.2);
+            z + rng.random_range(-thickness.abs()..=thickness.abs())
+        }
+    };
+    Point3::new(ray.x * z, ray.y * z, z)
 }
 
 /// A pose with any rotation, evenly spread, and a centre within a few map units of the origin.

@@ -8,11 +8,12 @@ use veiloc_robust::{AnchoredSolver, PoseOptions, ScoreKind};
 #[derive(clap::Args, Debug)]
 pub(crate) struct EngineArgs {
     /// How hypotheses are compared: `msac` (pixel distance to the line, the paper's recipe) or `likelihood`
-    /// (knows the anchors of dcl, whose collapse misleads msac). Default: likelihood for dcl, msac otherwise.
+    /// (knows the anchors of dcl, whose collapse misleads msac). Default: likelihood.
     #[arg(long, value_name = "SCORE")]
     pub(crate) score: Option<ScoreKind>,
-    /// Minimal solver for dcl: `p6lp` (six lines, the paper's recipe) or `radial-vote` (five lines of one anchor, then a
-    /// vote of the other's). Default: radial-vote with the likelihood, p6lp with msac.
+    /// Minimal solver for dcl: `p6lp` (six lines, the paper's recipe), `dual-radial` (five lines of one anchor and one of
+    /// the other) or `radial-vote` (five of one, then a vote of the other's). Default: radial-vote with the likelihood,
+    /// p6lp with msac.
     #[arg(long, value_name = "SOLVER")]
     pub(crate) solver: Option<AnchoredSolver>,
     /// Inlier threshold for points in pixels; lines use it divided by √2, as in the paper.
@@ -91,11 +92,17 @@ pub(crate) struct MatchArgs {
 }
 
 impl MatchArgs {
-    /// The library's options.
-    pub(crate) fn options(&self, pose: &PoseArgs) -> LocalizeOptions {
+    /// The library's options, with default pose estimation.
+    pub(crate) fn localize_options(&self) -> LocalizeOptions {
         let mut options = LocalizeOptions::default();
         options.retrieve = self.retrieve as usize;
         options.matching.max_ratio = self.ratio;
+        options
+    }
+
+    /// The library's options.
+    pub(crate) fn options(&self, pose: &PoseArgs) -> LocalizeOptions {
+        let mut options = self.localize_options();
         options.use_prior = pose.run.use_prior();
         options.pose = pose.options();
         options.seed = pose.run.seed;

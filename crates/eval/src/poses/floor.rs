@@ -28,11 +28,15 @@ pub(crate) fn truly_right(
         .enumerate()
         .map(|(i, &m)| {
             let keypoint = problem.keypoints[problem.keypoint_of_match[m]];
-            let on_line = match &estimated.observations {
-                Correspondences::Lines { lines } => lines[i].signed_distance(keypoint).abs() <= OFF_LINE_PX,
-                _ => true,
-            };
-            on_line && near(m, keypoint)
+            runs_through(estimated, i, keypoint) && near(m, keypoint)
         })
         .collect()
+}
+
+/// Whether the line of correspondence `i` runs through its keypoint: false for the wrong one of two candidate lines.
+pub(crate) fn runs_through(estimated: &PoseProblem, i: usize, keypoint: Pixel) -> bool {
+    match &estimated.observations {
+        Correspondences::Lines { lines } => lines[i].signed_distance(keypoint).abs() <= OFF_LINE_PX,
+        _ => true,
+    }
 }

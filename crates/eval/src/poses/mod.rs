@@ -26,9 +26,10 @@ use crate::hypotheses::Hypotheses;
 use crate::metrics::Threshold;
 use crate::problems::{Problem, read_problems};
 use crate::results::{Evaluation, QueryResult, Variant, summarize};
-use crate::scene::scores_for;
+use crate::scene::{DEFAULT_SCORE, scores_or_default};
 use crate::seeds::seed_for;
 
+pub(crate) use floor::runs_through;
 pub use gravity::{GravityError, GravitySource};
 pub use recipe::{Recipe, RecipeError};
 
@@ -43,7 +44,7 @@ pub struct PoseEvaluation {
     /// Named ways of estimating, in the order of the table; empty to take [`Self::scores`], [`Self::use_prior`] and the
     /// solver of [`Self::pose`].
     pub recipes: Vec<Recipe>,
-    /// Scores, in the order of the table; empty for each scheme's own default.
+    /// Scores, in the order of the table; empty for the default.
     pub scores: Vec<ScoreKind>,
     /// How many hypotheses, in the order of the table; not empty.
     pub hypotheses: Vec<Hypotheses>,
@@ -178,11 +179,11 @@ fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
     for &scheme in &evaluation.schemes {
         let mut ways: Vec<(Option<Recipe>, PoseOptions, bool)> = Vec::new();
         for &recipe in &evaluation.recipes {
-            ways.push((Some(recipe), recipe.apply(scheme, &evaluation.pose), recipe.uses_prior()));
+            ways.push((Some(recipe), recipe.apply(&evaluation.pose), recipe.uses_prior()));
         }
         // The floor alone is an addition to whatever the single options say.
         if evaluation.recipes.iter().all(|r| *r == Recipe::Floor) {
-            let scores = scores_for(scheme, &evaluation.scores).into_iter();
+            let scores = scores_or_default(&evaluation.scores).into_iter();
             let plain = scores.map(|score| {
                 let mut options = evaluation.pose.clone();
                 options.score = Some(score);
@@ -192,7 +193,7 @@ fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
         }
         for (recipe, options, prior) in ways {
             let floor = recipe == Some(Recipe::Floor);
-            let score = options.score.unwrap_or_else(|| scores_for(scheme, &[])[0]);
+            let score = options.score.unwrap_or(DEFAULT_SCORE);
             for &hypotheses in &evaluation.hypotheses {
                 for &gravity in &evaluation.gravity {
                     let mut options = options.clone();

@@ -3,7 +3,6 @@
 use std::fmt;
 use std::str::FromStr;
 
-use veiloc_query::Scheme;
 use veiloc_robust::{AnchoredSolver, PoseOptions, ScoreKind};
 
 /// A way of estimating a pose.
@@ -13,8 +12,8 @@ use veiloc_robust::{AnchoredSolver, PoseOptions, ScoreKind};
 /// | `paper` | MSAC | `p6lp` | no |
 /// | `likelihood` | likelihood | `p6lp` | no |
 /// | `likelihood+prior` | likelihood | `p6lp` | yes |
-/// | `vote` | likelihood for dcl, else the scheme's default | radial vote | yes |
-/// | `default` | the scheme's default | the default | yes |
+/// | `vote` | likelihood | radial vote | yes |
+/// | `default` | the default | the default | yes |
 /// | `floor` | least squares from the true pose on the truly right matches: nothing can be expected to go under it | | |
 ///
 /// Points are always sampled with `p3p`, lines of any direction with `p6lp`.
@@ -62,16 +61,15 @@ impl Recipe {
     }
 
     /// The estimator's options under this recipe; thresholds and noise stay as they are.
-    pub(crate) fn apply(self, scheme: Scheme, options: &PoseOptions) -> PoseOptions {
-        let anchored = matches!(scheme, Scheme::Dcl(_));
+    pub(crate) fn apply(self, options: &PoseOptions) -> PoseOptions {
         let mut options = options.clone();
         (options.score, options.anchored_solver) = match self {
             Self::Paper => (Some(ScoreKind::Msac), Some(AnchoredSolver::P6lp)),
             Self::Likelihood | Self::LikelihoodPrior => {
                 (Some(ScoreKind::Likelihood), Some(AnchoredSolver::P6lp))
             }
-            Self::Vote if anchored => (Some(ScoreKind::Likelihood), Some(AnchoredSolver::RadialVote)),
-            Self::Vote | Self::Default | Self::Floor => (None, None),
+            Self::Vote => (Some(ScoreKind::Likelihood), Some(AnchoredSolver::RadialVote)),
+            Self::Default | Self::Floor => (None, None),
         };
         options
     }
@@ -109,15 +107,12 @@ mod tests {
         let mut given = PoseOptions::default();
         given.noise_px = 1.25;
         given.score = Some(ScoreKind::Msac);
-        let of = |recipe: Recipe, scheme| recipe.apply(scheme, &given);
-        let dcl = Scheme::default();
-        assert_eq!(of(Recipe::Paper, dcl).anchored_solver, Some(AnchoredSolver::P6lp));
-        assert_eq!(of(Recipe::Vote, dcl).anchored_solver, Some(AnchoredSolver::RadialVote));
-        assert_eq!(of(Recipe::Vote, Scheme::Points).score, None);
-        assert_eq!(of(Recipe::Likelihood, Scheme::Points).score, Some(ScoreKind::Likelihood));
-        assert!(
-            Recipe::ALL.iter().all(|r| of(*r, dcl).noise_px == 1.25),
-            "only what the recipe names is changed"
-        );
+        let of = |recipe: Recipe| recipe.apply(&given);
+        let told = |recipe| (of(recipe).score, of(recipe).anchored_solver);
+        assert_eq!(told(Recipe::Paper), (Some(ScoreKind::Msac), Some(AnchoredSolver::P6lp)));
+        assert_eq!(told(Recipe::Likelihood), (Some(ScoreKind::Likelihood), Some(AnchoredSolver::P6lp)));
+        assert_eq!(told(Recipe::Vote), (Some(ScoreKind::Likelihood), Some(AnchoredSolver::RadialVote)));
+        assert_eq!(told(Recipe::Default), (None, None));
+        assert!(Recipe::ALL.iter().all(|r| of(*r).noise_px == 1.25), "only what the recipe names is changed");
     }
 }

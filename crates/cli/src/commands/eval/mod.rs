@@ -1,5 +1,6 @@
 //! `veiloc eval`: localization measured on data with known poses, and against what theory allows.
 
+mod crb;
 mod pose;
 mod report;
 mod scene;
@@ -14,11 +15,14 @@ pub(crate) enum Command {
     Scene(scene::Args),
     /// The pose stage alone, on matches that are already there.
     Pose(pose::Args),
+    /// Errors on random synthetic problems over what the Cramér–Rao bound allows.
+    Crb(crb::Args),
 }
 
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Scene(args) => scene::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),
+        Command::Crb(args) => crb::run(args, ui),
     }
 }

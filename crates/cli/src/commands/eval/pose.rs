@@ -56,11 +56,11 @@ pub(crate) struct Args {
 }
 
 const RECIPES: &str = "\
-Recipes (points are always sampled with p3p, lines of any direction with p6lp):
+Recipes (points are always sampled with p3p, lines of any direction with p6lp, or with the gravity solvers):
   paper             MSAC; for dcl p6lp; all matches weighed alike
   likelihood        the likelihood in place of MSAC
   likelihood+prior  the same, matches weighed by ratio, votes and track length
-  vote              the same, for dcl with the radial vote; other schemes as default
+  vote              the same, for dcl with the radial vote
   default           the engine as it is shipped, with prior
   floor             least squares from the true pose on the truly right matches
 
