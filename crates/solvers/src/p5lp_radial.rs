@@ -1,11 +1,37 @@
 //! The pose of a camera up to its depth, from five half-lines that leave one image point.
 
 use arrayvec::ArrayVec;
-use nalgebra::{Matrix3, Rotation3, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
 use crate::conics::{self, Conic};
+
+/// Sine of an angle below which directions are parallel.
+const PARALLEL: f64 = 1e-9;
+
+/// A coefficient this small beside the extent of the points is none.
+const MISSING: f64 = 1e-9;
+
+/// Rows of a rotation that need no polishing.
+const EXACT: f64 = 1e-13;
+
+/// Rows of a rotation, after polishing.
+const SOUND: f64 = 1e-7;
+
+/// All ways to choose two of five, in rising order, each with the three that are left.
+const PAIRS: [([usize; 2], [usize; 3]); 10] = [
+    ([0, 1], [2, 3, 4]),
+    ([0, 2], [1, 3, 4]),
+    ([0, 3], [1, 2, 4]),
+    ([0, 4], [1, 2, 3]),
+    ([1, 2], [0, 3, 4]),
+    ([1, 3], [0, 2, 4]),
+    ([1, 4], [0, 2, 3]),
+    ([2, 3], [0, 1, 4]),
+    ([2, 4], [0, 1, 3]),
+    ([3, 4], [0, 1, 2]),
+];
 
 /// A pose up to the translation along the optical axis, which a 1D radial camera cannot see.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,9 +71,10 @@ impl RadialPose {
 /// Repeated pairs and points in one plane with the optical axis leave equations missing and give 0 poses or poor ones.
 ///
 /// # Method and cost
-/// Five equations linear in the first two rows of `(R | t)` leave a three-dimensional null space (Householder
-/// reflections); that the two rows of `R` are perpendicular and of equal length makes two conics in it, which meet in
-/// at most four points. No allocation, no randomness. Runtime: see `benches/benches/solvers.rs`.
+/// Five equations are linear in the first two rows of `(R | t)`. The two whose directions differ most give `t`; put
+/// into the others they leave three equations in the rows of `R`, with a null space of three dimensions (elimination
+/// with complete pivoting). That the two rows are perpendicular and of equal length makes two conics in it, which meet
+/// in at most four points. No allocation, no randomness. Runtime: see `benches/benches/solvers.rs`.
 ///
 /// # Source
 /// Kukelova, Bujnak and Pajdla, *Real-Time Solution to the Absolute Pose Problem with Unknown Radial Distortion and
@@ -58,29 +85,19 @@ pub fn p5lp_radial(
     points: &[Point3<World>; 5],
     out: &mut ArrayVec<RadialPose, 4>,
 ) -> usize {
-    let center = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / 5.0;
-    let scale = points.iter().map(|p| (p.coords - center).norm()).fold(0.0_f64, f64::max);
-    let finite =
-        directions.iter().all(|u| u.norm().is_finite() && u.norm() > 0.0) && center.norm().is_finite();
-    if !(finite && scale.is_finite() && scale > 1e-12 * center.norm()) {
+    let center = points.iter().fold(Vector3::zeros(), |sum, p| sum + p.coords) * 0.2;
+    let x = points.map(|p| p.coords - center);
+    let extent =
+        x.iter().map(Vector3::norm_squared).fold(0.0, |m: f64, d| if d > m || d.is_nan() { d } else { m });
+    let u = directions.map(|u| u * (1.0 / (u.x * u.x + u.y * u.y).sqrt()));
+    let finite = u.iter().fold(0.0, |sum, u| sum + u.x + u.y).is_finite() && extent.is_finite();
+    if !(finite && extent > 0.0 && extent > 1e-24 * center.norm_squared()) {
         return 0;
     }
-    let x = points.map(|p| (p.coords - center) / scale);
-    let u = directions.map(|u| u.normalize());
-    // u × (P X) = 0 for the unknown rows P = (r1 t1; r2 t2), as a row of eight coefficients each.
-    let equations = SMatrix::<f64, 5, 8>::from_fn(|i, j| {
-        let (row, column) = (j / 4, j % 4);
-        let coordinate = if column < 3 { x[i][column] } else { 1.0 };
-        coordinate * if row == 0 { -u[i].y } else { u[i].x }
-    });
-    let Some(null) = null_space(&equations) else { return 0 };
+    let Some(offset) = Offset::of(&u) else { return 0 };
+    let Some(basis) = null_space(offset.eliminated(&u, &x), extent.sqrt()) else { return 0 };
 
-    let rows = |k: usize| {
-        let n = null.column(k);
-        (Vector3::new(n[0], n[1], n[2]), Vector3::new(n[4], n[5], n[6]))
-    };
-    let basis = [rows(0), rows(1), rows(2)];
-    let conic = |f: &dyn Fn(usize, usize) -> f64| Conic {
+    let form = |f: &dyn Fn(usize, usize) -> f64| Conic {
         xx: f(0, 0),
         xy: f(0, 1),
         xz: f(0, 2),
@@ -88,84 +105,147 @@ pub fn p5lp_radial(
         yz: f(1, 2),
         zz: f(2, 2),
     };
-    let perpendicular = conic(&|i, j| 0.5 * (basis[i].0.dot(&basis[j].1) + basis[j].0.dot(&basis[i].1)));
-    let equal = conic(&|i, j| 0.5 * (basis[i].0.dot(&basis[j].0) - basis[i].1.dot(&basis[j].1)));
+    let perpendicular = form(&|i, j| 0.5 * (basis[i].0.dot(&basis[j].1) + basis[j].0.dot(&basis[i].1)));
+    let equal = form(&|i, j| 0.5 * (basis[i].0.dot(&basis[j].0) - basis[i].1.dot(&basis[j].1)));
 
     let mut appended = 0;
-    for weights in conics::intersect(&perpendicular, &equal) {
+    for mut weights in conics::intersect(&perpendicular, &equal) {
         if weights.sum().is_nan() {
             continue;
         }
-        let weights = conics::polished(&perpendicular, &equal, &weights);
-        let p = null * weights;
-        let (r1, r2) = (Vector3::new(p[0], p[1], p[2]), Vector3::new(p[4], p[5], p[6]));
-        let size = (0.5 * (r1.norm_squared() + r2.norm_squared())).sqrt();
-        let exact = (r1.norm() - r2.norm()).abs() < 1e-6 * size && r1.dot(&r2).abs() < 1e-6 * size * size;
-        if !(size > 1e-9 && exact) {
-            continue;
+        let rows = |w: &Vector3<f64>| {
+            (
+                basis[0].0 * w.x + basis[1].0 * w.y + basis[2].0 * w.z,
+                basis[0].1 * w.x + basis[1].1 * w.y + basis[2].1 * w.z,
+            )
+        };
+        let (mut r1, mut r2) = rows(&weights);
+        if !similar(&r1, &r2, EXACT) {
+            weights = conics::polished(&perpendicular, &equal, &weights);
+            (r1, r2) = rows(&weights);
+            if !similar(&r1, &r2, SOUND) {
+                continue;
+            }
         }
+        let t = offset.of_rows(&u, &x, &r1, &r2);
         // The sign that puts the first point on its half-line; all others must agree.
-        let along = |i: usize| u[i].x * (r1.dot(&x[i]) + p[3]) + u[i].y * (r2.dot(&x[i]) + p[7]);
-        let sign = along(0).signum() / size;
+        let along = |i: usize| u[i].x * (r1.dot(&x[i]) + t.x) + u[i].y * (r2.dot(&x[i]) + t.y);
+        let sign = 1.0_f64.copysign(along(0));
         if !(0..5).all(|i| sign * along(i) > 0.0) {
             continue;
         }
-        let (e1, r2) = (r1.normalize() * sign.signum(), r2 * sign.signum());
-        let e2 = (r2 - e1 * e1.dot(&r2)).normalize();
-        let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_rows(&[
-            e1.transpose(),
-            e2.transpose(),
-            e1.cross(&e2).transpose(),
-        ]));
-        let offset = Vector2::new(p[3], p[7]) * (sign * scale) - (rotation * center).xy();
-        let pose = RadialPose { rotation, offset };
-        let valid = pose.rotation.matrix().iter().chain(&pose.offset).all(|c| c.is_finite());
-        if valid && out.try_push(pose).is_ok() {
+        let inverse = sign / r1.norm();
+        let e1 = r1 * inverse;
+        let e2 = r2 - e1 * e1.dot(&r2);
+        let e2 = e2 * (sign / e2.norm());
+        let rotation = Matrix3::from_rows(&[e1.transpose(), e2.transpose(), e1.cross(&e2).transpose()]);
+        let offset = t * inverse - Vector2::new(e1.dot(&center), e2.dot(&center));
+        let pose = RadialPose { rotation: Rotation3::from_matrix_unchecked(rotation), offset };
+        if (rotation.sum() + offset.sum()).is_finite() && out.try_push(pose).is_ok() {
             appended += 1;
         }
     }
     appended
 }
 
-/// Three orthonormal vectors on which five equations in eight unknowns vanish; `None` when an equation is missing.
-fn null_space(equations: &SMatrix<f64, 5, 8>) -> Option<SMatrix<f64, 8, 3>> {
-    let mut a = equations.transpose();
-    let mut mirrors = [[0.0; 8]; 5];
-    for k in 0..5 {
-        // The longest remaining column next, so that a missing equation shows as a short last one.
-        let length = |c: usize| (k..8).map(|r| a[(r, c)] * a[(r, c)]).sum::<f64>();
-        let longest = (k..5).max_by(|&i, &j| length(i).total_cmp(&length(j)))?;
-        let norm = length(longest).sqrt();
-        if !(norm > 1e-9) {
+/// Whether two rows are perpendicular and of equal length to a tolerance relative to their length.
+fn similar(r1: &Vector3<f64>, r2: &Vector3<f64>, tolerance: f64) -> bool {
+    let (a, b) = (r1.norm_squared(), r2.norm_squared());
+    let worst = tolerance * (a + b);
+    a + b > 0.0 && (a - b).abs() < worst && r1.dot(r2).abs() < worst
+}
+
+/// The two lines through which the translation is eliminated.
+struct Offset {
+    pair: [usize; 2],
+    others: [usize; 3],
+    /// Cross product of their directions.
+    cross: f64,
+}
+
+impl Offset {
+    /// The two directions nearest to a right angle; `None` when all are parallel.
+    fn of(u: &[Vector2<f64>; 5]) -> Option<Self> {
+        let (mut best, mut at, mut k) = (PARALLEL, PAIRS.len(), 0);
+        for a in 0..4 {
+            for b in a + 1..5 {
+                let size = cross(&u[a], &u[b]).abs();
+                at = if size > best { k } else { at };
+                best = if size > best { size } else { best };
+                k += 1;
+            }
+        }
+        let &(pair, others) = PAIRS.get(at)?;
+        Some(Self { pair, others, cross: cross(&u[pair[0]], &u[pair[1]]) })
+    }
+
+    /// The other three equations without `t`, in the six numbers of `r1` and `r2`.
+    fn eliminated(&self, u: &[Vector2<f64>; 5], x: &[Vector3<f64>; 5]) -> [[f64; 6]; 3] {
+        let [a, b] = self.pair;
+        // u_i × v = 0 with u_i (u_a × u_b) = u_a (u_i × u_b) + u_b (u_a × u_i).
+        self.others.map(|i| {
+            let y = [x[i] * self.cross, x[a] * -cross(&u[i], &u[b]), x[b] * -cross(&u[a], &u[i])];
+            let first = -(y[0] * u[i].y + y[1] * u[a].y + y[2] * u[b].y);
+            let second = y[0] * u[i].x + y[1] * u[a].x + y[2] * u[b].x;
+            [first.x, first.y, first.z, second.x, second.y, second.z]
+        })
+    }
+
+    /// `t` of the two lines: `u × t = −u × (r1·x, r2·x)` for both.
+    fn of_rows(
+        &self,
+        u: &[Vector2<f64>; 5],
+        x: &[Vector3<f64>; 5],
+        r1: &Vector3<f64>,
+        r2: &Vector3<f64>,
+    ) -> Vector2<f64> {
+        let [a, b] = self.pair;
+        let off = |i: usize| cross(&u[i], &Vector2::new(r1.dot(&x[i]), r2.dot(&x[i])));
+        (u[a] * off(b) - u[b] * off(a)) * (1.0 / self.cross)
+    }
+}
+
+fn cross(a: &Vector2<f64>, b: &Vector2<f64>) -> f64 {
+    a.x * b.y - a.y * b.x
+}
+
+/// Three vectors that span what three equations in six unknowns leave free, each as its two halves; `None` when an
+/// equation is missing. `size` is that of the coefficients.
+fn null_space(mut rows: [[f64; 6]; 3], size: f64) -> Option<[(Vector3<f64>, Vector3<f64>); 3]> {
+    let mut unknowns = [0, 1, 2, 3, 4, 5];
+    for k in 0..3 {
+        // The largest number that is left, so that nothing grows and a missing equation shows.
+        let (mut best, mut place) = (0.0, (k, k));
+        for (r, row) in rows.iter().enumerate().skip(k) {
+            for (c, value) in row.iter().enumerate().skip(k) {
+                place = if value.abs() > best { (r, c) } else { place };
+                best = if value.abs() > best { value.abs() } else { best };
+            }
+        }
+        if !(best > MISSING * size) {
             return None;
         }
-        a.swap_columns(k, longest);
-        // Reflection that takes the column to (0.. , ∓norm, 0..).
-        let mirror = &mut mirrors[k];
-        for r in k..8 {
-            mirror[r] = a[(r, k)];
+        rows.swap(k, place.0);
+        unknowns.swap(k, place.1);
+        for row in &mut rows {
+            row.swap(k, place.1);
         }
-        mirror[k] += norm.copysign(mirror[k]);
-        let size = (k..8).map(|r| mirror[r] * mirror[r]).sum::<f64>().sqrt();
-        for m in mirror.iter_mut() {
-            *m /= size;
-        }
-        for c in k..5 {
-            let dot: f64 = (k..8).map(|r| mirror[r] * a[(r, c)]).sum();
-            for r in k..8 {
-                a[(r, c)] -= 2.0 * dot * mirror[r];
+        let inverse = 1.0 / rows[k][k];
+        let pivot = rows[k].map(|c| c * inverse);
+        rows[k] = pivot;
+        for r in (0..3).filter(|&r| r != k) {
+            let factor = rows[r][k];
+            for c in k + 1..6 {
+                rows[r][c] -= factor * pivot[c];
             }
         }
     }
-    let mut null = SMatrix::<f64, 8, 3>::zeros();
-    for c in 0..3 {
-        null[(5 + c, c)] = 1.0;
-        for mirror in mirrors.iter().rev() {
-            let dot: f64 = (0..8).map(|r| mirror[r] * null[(r, c)]).sum();
-            for r in 0..8 {
-                null[(r, c)] -= 2.0 * dot * mirror[r];
-            }
+    Some([3, 4, 5].map(|free| {
+        let mut v = [0.0; 6];
+        v[unknowns[free]] = 1.0;
+        for k in 0..3 {
+            v[unknowns[k]] = -rows[k][free];
         }
-    }
-    Some(null)
+        (Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5]))
+    }))
 }
