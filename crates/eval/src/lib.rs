@@ -14,9 +14,11 @@ pub mod report;
 pub mod results;
 mod scene;
 mod seeds;
+mod strangers;
 mod text_table;
 
 pub use error::EvalError;
 pub use hypotheses::{Hypotheses, HypothesesError};
 pub use poses::{GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses};
 pub use scene::{SceneEvaluation, evaluate_scene};
+pub use strangers::Strangers;

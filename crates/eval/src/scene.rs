@@ -8,19 +8,21 @@ use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
+use veiloc_features::Features;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_localize::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_map::colmap::{ColmapModel, read_model};
 use veiloc_mapping::{BuildOptions, Progress, build};
-use veiloc_obfuscation::{extract, seal};
-use veiloc_query::{Scheme, SealedQuery};
+use veiloc_obfuscation::{SealError, extract, seal};
+use veiloc_query::{Profile, Scheme, SealedQuery};
 use veiloc_robust::ScoreKind;
 
 use crate::error::EvalError;
 use crate::metrics::Threshold;
-use crate::results::{Evaluation, MapSummary, QueryResult, summarize};
+use crate::results::{Evaluation, MapSummary, QueryResult, StrangerSummary, Variant, summarize};
 use crate::seeds::seed_for;
+use crate::strangers::{Strangers, localize_strangers};
 
 /// What to evaluate.
 #[derive(Debug, Clone)]
@@ -45,6 +47,8 @@ pub struct SceneEvaluation {
     pub thresholds: Vec<Threshold>,
     /// Localization; its score is replaced by each of [`Self::scores`].
     pub localize: LocalizeOptions,
+    /// Queries of another place, none of which should be localized.
+    pub strangers: Option<Strangers>,
     /// Seed of sealing and sampling.
     pub seed: u64,
 }
@@ -77,6 +81,10 @@ pub fn evaluate_scene(
             "{name} is in the map list and in the query list; a query that is in the map proves nothing; take it from one of the lists"
         )));
     }
+    let strange_queries = match &evaluation.strangers {
+        Some(strangers) => Some(strangers.queries(evaluation)?),
+        None => None,
+    };
 
     let started = Instant::now();
     let model = build(&posed, &evaluation.images, &evaluation.map_list, &evaluation.build, progress)?;
@@ -90,7 +98,15 @@ pub fn evaluate_scene(
     let bytes =
         std::fs::metadata(&path).map_err(|source| EvalError::Io { path: path.clone(), source })?.len();
 
-    let (schemes, queries) = localize_all(&map, &queries, evaluation, progress)?;
+    let (mut schemes, queries) = localize_all(&map, &queries, evaluation, progress)?;
+    let mut strangers = Vec::new();
+    if let Some(posed) = &strange_queries {
+        let by_row = localize_strangers(&map, posed, evaluation, progress)?;
+        for (summary, of_row) in schemes.iter_mut().zip(&by_row) {
+            summary.strangers = Some(StrangerSummary::of(of_row));
+        }
+        strangers.extend(by_row.into_iter().flatten());
+    }
     Ok(Evaluation {
         version: 1,
         command: "eval scene",
@@ -100,7 +116,7 @@ pub fn evaluate_scene(
         fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
         schemes,
         queries,
-        strangers: Vec::new(),
+        strangers,
         map: Some(MapSummary { images: map.image_count(), points: map.point_count(), bytes, build_seconds }),
     })
 }
@@ -154,21 +170,24 @@ fn localize_all(
         let extract_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut recipe = 0;
         for scheme in &evaluation.schemes {
-            let seed = seed_for(evaluation.seed, &[&query.name, &scheme.to_string()]);
-            // A device draws from the operating system; here the draw must be repeatable.
-            let mut rng = ChaCha20Rng::seed_from_u64(seed);
             let started = Instant::now();
-            let sealed = seal(features.clone(), &camera, &profile.with_scheme(*scheme), &mut rng);
-            let bytes = sealed.as_ref().map(SealedQuery::encode).unwrap_or_default();
+            let sealed =
+                send(&features, &camera, &profile.with_scheme(*scheme), &query.name, evaluation.seed);
             let seal_ms = started.elapsed().as_secs_f64() * 1e3;
             for score in scores_or_default(&evaluation.scores) {
                 let mut result = match &sealed {
-                    Ok(_) => localize_one(map, &bytes, query, *scheme, score, &evaluation.localize),
+                    Ok(bytes) => localize_one(map, bytes, query, *scheme, score, &evaluation.localize),
                     Err(error) => QueryResult::unsolved(&query.name, *scheme, score).because(error),
                 };
+                result.variant = Variant {
+                    prior: evaluation.localize.use_prior,
+                    fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
+                    ..Variant::default()
+                };
+                result.seed = evaluation.seed;
                 result.ms.insert("extract".to_owned(), extract_ms);
                 result.ms.insert("seal".to_owned(), seal_ms);
-                result.sealed_bytes = Some(bytes.len());
+                result.sealed_bytes = Some(sealed.as_ref().map_or(0, Vec::len));
                 if by_recipe.len() == recipe {
                     by_recipe.push(Vec::new());
                 }
@@ -184,6 +203,21 @@ fn localize_all(
         .map(|results| summarize(&results.iter().collect::<Vec<_>>(), &evaluation.thresholds))
         .collect();
     Ok((summaries, by_recipe.into_iter().flatten().collect()))
+}
+
+/// What crosses the network for a query.
+///
+/// A device draws from the operating system; here the draw must be repeatable.
+pub(crate) fn send(
+    features: &Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    name: &str,
+    seed: u64,
+) -> Result<Vec<u8>, SealError> {
+    let seed = seed_for(seed, &[name, &profile.scheme().to_string()]);
+    let sealed = seal(features.clone(), camera, profile, &mut ChaCha20Rng::seed_from_u64(seed))?;
+    Ok(sealed.encode())
 }
 
 /// The score an estimator compares by that is told none.
@@ -218,6 +252,7 @@ fn localize_one(
             result.inliers = found.inliers;
             result.correspondences = found.matches;
             result.hypotheses = found.hypotheses;
+            result.trusted = Some(found.confidence.is_trusted());
             result.ms.insert("retrieve".to_owned(), found.times.retrieve_ms);
             result.ms.insert("match".to_owned(), found.times.match_ms);
             result.ms.insert("pose".to_owned(), found.times.pose_ms);

@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_eval::results::Evaluation;
-use veiloc_eval::{Hypotheses, PoseEvaluation, SceneEvaluation, evaluate_poses, evaluate_scene};
+use veiloc_eval::{Hypotheses, PoseEvaluation, SceneEvaluation, Strangers, evaluate_poses, evaluate_scene};
 use veiloc_localize::LocalizeOptions;
 use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
@@ -38,6 +38,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
         scores: Vec::new(),
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
         localize: LocalizeOptions::default(),
+        strangers: None,
         seed: 0,
     }
 }
@@ -60,6 +61,26 @@ fn redkitchen_is_localized_under_every_scheme() {
     assert_recall(&result, "dcl", 0.9, 0.025);
     let map = result.map.expect("a map was built");
     assert!(map.points > 3000, "{} points", map.points);
+}
+
+/// A kitchen is no church door: whatever pose comes out must not be trusted.
+#[test]
+fn queries_of_another_place_are_not_trusted() {
+    let Some(data) = data() else { return };
+    let kitchen = data.join("redkitchen");
+    let mut evaluation = scene(&data.join("herzjesu"), 1, &["points", "random-lines", "dcl"]);
+    evaluation.strangers = Some(Strangers {
+        posed: kitchen.join("posed"),
+        images: kitchen.join("images"),
+        list: names(&kitchen.join("query.txt")).into_iter().step_by(4).collect(),
+    });
+    let result = evaluate_scene(&evaluation, &()).expect("evaluated");
+    for summary in &result.schemes {
+        let strangers = summary.strangers.expect("there were some");
+        assert_eq!((strangers.queries, strangers.trusted), (8, 0), "{}", summary.scheme);
+        assert_eq!(summary.trusted, Some(2), "{}: own queries", summary.scheme);
+    }
+    assert_eq!(result.strangers.len(), 24);
 }
 
 #[test]

@@ -87,6 +87,7 @@ pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, 
             Threshold { translation: 0.02, rotation_deg: 1.0 },
         ],
         localize: LocalizeOptions::default(),
+        strangers: None,
         seed: options.seed,
     };
     let result = evaluate_scene(&evaluation, progress)?;

@@ -125,6 +125,17 @@ pub struct StrangerSummary {
     pub trusted: usize,
 }
 
+impl StrangerSummary {
+    /// The strangers of one row.
+    pub(crate) fn of(results: &[StrangerResult]) -> Self {
+        Self {
+            queries: results.len(),
+            localized: results.iter().filter(|r| r.localized).count(),
+            trusted: results.iter().filter(|r| r.trusted).count(),
+        }
+    }
+}
+
 /// One query under one row.
 #[derive(Debug, Clone, Serialize)]
 pub struct QueryResult {

@@ -12,7 +12,7 @@ use crate::ui::Ui;
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
     /// The whole road on a place with known poses: build the map, seal the queries, localize them.
-    Scene(scene::Args),
+    Scene(Box<scene::Args>),
     /// The pose stage alone, on matches that are already there.
     Pose(pose::Args),
     /// Errors on random synthetic problems over what the Cramér–Rao bound allows.

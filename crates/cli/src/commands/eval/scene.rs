@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::{SceneEvaluation, evaluate_scene};
+use veiloc_eval::{SceneEvaluation, Strangers, evaluate_scene};
 
 use crate::commands::eval::report::ReportArgs;
 use crate::commands::localization_args::{MatchArgs, PoseArgs};
 use crate::commands::map::ExtractionArgs;
-use crate::exit::Outcome;
+use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::ui::{Bars, Ui};
 
@@ -33,6 +33,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     keep_map: Option<PathBuf>,
     #[command(flatten)]
+    strangers: StrangerArgs,
+    #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
     report: ReportArgs,
@@ -40,6 +42,39 @@ pub(crate) struct Args {
     pose: PoseArgs,
     #[command(flatten)]
     matching: MatchArgs,
+}
+
+/// Queries that must not be localized.
+#[derive(clap::Args)]
+struct StrangerArgs {
+    /// Folder of a COLMAP model of another place, for the cameras of the strangers: queries of that place, whose poses
+    /// in this map would all be wrong. Those that get a pose, and a trusted pose, are counted.
+    #[arg(id = "strangers_posed", long = "strangers-posed", value_name = "DIR", requires_all = ["strangers_images", "strangers_list"])]
+    posed: Option<PathBuf>,
+    /// Folder of the other place's photographs.
+    #[arg(
+        id = "strangers_images",
+        long = "strangers-images",
+        value_name = "DIR",
+        requires = "strangers_posed"
+    )]
+    images: Option<PathBuf>,
+    /// Names of the strangers, one a line.
+    #[arg(id = "strangers_list", long = "strangers-list", value_name = "FILE", requires = "strangers_posed")]
+    list: Option<PathBuf>,
+}
+
+impl StrangerArgs {
+    fn strangers(&self) -> Result<Option<Strangers>, Failure> {
+        match (&self.posed, &self.images, &self.list) {
+            (Some(posed), Some(images), Some(list)) => Ok(Some(Strangers {
+                posed: posed.clone(),
+                images: images.clone(),
+                list: files::read_list(list)?,
+            })),
+            _ => Ok(None),
+        }
+    }
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -54,6 +89,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         scores: args.report.scores(&args.pose.engine),
         thresholds: args.report.thresholds.clone(),
         localize: args.matching.options(&args.pose),
+        strangers: args.strangers.strangers()?,
         seed: args.pose.run.seed,
     };
     let result = evaluate_scene(&evaluation, &Bars::new(ui))?;

@@ -1,0 +1,73 @@
+//! `veiloc eval scene` with queries of another place, which must not be localized.
+
+mod common;
+
+use common::{CAMERA, place};
+use veiloc_geometry::Intrinsics;
+use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
+use veiloc_synth::{PathOptions, Place, RenderOptions};
+
+const STRANGERS: usize = 2;
+
+const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
+                     --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl";
+
+/// Views of another room, beside the place of the tests.
+fn render_strangers() {
+    let folder = &place().folder;
+    let camera: Intrinsics = CAMERA.parse().expect("a camera");
+    let other = Place::generate(12);
+    let path = other.camera_path(&PathOptions::with_counts(4, STRANGERS));
+    std::fs::create_dir_all(folder.join("other/images")).expect("folder");
+    let mut images = Vec::new();
+    for (id, pose) in (1_u32..).zip(&path.queries) {
+        let name = format!("stranger-{id}.png");
+        let view = other.render(pose, &camera, &RenderOptions::with_seed(u64::from(id)));
+        view.rgb().save(folder.join("other/images").join(&name)).expect("written");
+        images.push(ColmapImage { id, name, camera_id: 1, cam_from_world: *pose, points2d: Vec::new() });
+    }
+    let names: Vec<String> = images.iter().map(|image| image.name.clone()).collect();
+    place().write("other/list.txt", names.join("\n"));
+    let model = ColmapModel::new(vec![(1, camera)], images, Vec::new()).expect("a model");
+    write_text(&model, &folder.join("other/posed")).expect("written");
+}
+
+#[test]
+fn strangers_are_counted_and_not_trusted() {
+    let place = place();
+    render_strangers();
+    let strangers =
+        "--strangers-posed other/posed --strangers-images other/images --strangers-list other/list.txt";
+    let run = place.run(&format!("{SCENE} {strangers} --json scene.json")).succeeded();
+    assert!(run.stdout.contains("strangers localized") && run.stdout.contains("strangers trusted"), "{run}");
+    let document: serde_json::Value = serde_json::from_slice(&place.read("scene.json")).expect("a document");
+    for row in document["schemes"].as_array().expect("an array") {
+        assert_eq!(row["strangers"]["queries"], STRANGERS, "{row}");
+        assert_eq!(row["strangers"]["trusted"], 0, "{row}");
+        assert!(row["trusted"].as_u64().is_some_and(|n| n >= 2), "own queries are trusted: {row}");
+        assert_eq!(row["prior"], true, "{row}");
+    }
+    let each = document["strangers"].as_array().expect("an array");
+    assert_eq!(each.len(), 2 * STRANGERS);
+    assert!(each.iter().all(|s| s["localized"].is_boolean() && s["trusted"] == false), "{each:?}");
+
+    let cases: &[(&str, i32, &[&str])] = &[
+        ("--strangers-posed other/posed", 2, &["--strangers-images", "--strangers-list"]),
+        ("--strangers-list other/list.txt", 2, &["--strangers-posed"]),
+        (
+            "--strangers-posed posed --strangers-images images --strangers-list queries.txt",
+            1,
+            &["strangers", "another place"],
+        ),
+        (
+            "--strangers-posed other/posed --strangers-images other/images --strangers-list map.txt",
+            1,
+            &["map-00.png", "no pose"],
+        ),
+    ];
+    for (arguments, code, says) in cases {
+        let run = place.run(&format!("{SCENE} {arguments}"));
+        assert_eq!(run.code, Some(*code), "{run}");
+        assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
+    }
+}

@@ -1,0 +1,86 @@
+//! Queries of another place: every pose they get is wrong, and one that is trusted is a false positive.
+
+use std::path::PathBuf;
+
+use veiloc_localize::localize;
+use veiloc_map::MapFile;
+use veiloc_map::colmap::read_model;
+use veiloc_mapping::Progress;
+use veiloc_obfuscation::extract;
+use veiloc_query::SealedQuery;
+
+use crate::error::EvalError;
+use crate::results::StrangerResult;
+use crate::scene::{PosedQuery, SceneEvaluation, posed_queries, scores_or_default, send};
+
+/// Where queries of another place are.
+#[derive(Debug, Clone)]
+pub struct Strangers {
+    /// Folder of a COLMAP model of the other place; only its cameras are used.
+    pub posed: PathBuf,
+    /// Folder of its photographs.
+    pub images: PathBuf,
+    /// Names of the images that ask for their place.
+    pub list: Vec<String>,
+}
+
+impl Strangers {
+    /// The queries; refused when they are of the very place that is evaluated.
+    pub(crate) fn queries(&self, evaluation: &SceneEvaluation) -> Result<Vec<PosedQuery>, EvalError> {
+        let same = match (self.images.canonicalize(), evaluation.images.canonicalize()) {
+            (Ok(theirs), Ok(own)) => theirs == own,
+            _ => self.images == evaluation.images,
+        };
+        if same {
+            return Err(EvalError::DataSet(format!(
+                "{}: the strangers' images are those of the place itself; give images of another place",
+                self.images.display()
+            )));
+        }
+        posed_queries(&read_model(&self.posed)?, &self.images, &self.list)
+    }
+}
+
+/// Seals every stranger for this map and asks for its pose; rows as in the table, `[rows][strangers]`.
+pub(crate) fn localize_strangers(
+    map: &MapFile,
+    strangers: &[PosedQuery],
+    evaluation: &SceneEvaluation,
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<StrangerResult>>, EvalError> {
+    let profile = map.profile();
+    let scores = scores_or_default(&evaluation.scores);
+    let mut rows = vec![Vec::with_capacity(strangers.len()); evaluation.schemes.len() * scores.len()];
+    progress.start("Localizing strangers", strangers.len());
+    for stranger in strangers {
+        let (features, camera) = extract(&stranger.path, &stranger.camera, profile)?;
+        for (s, scheme) in evaluation.schemes.iter().enumerate() {
+            let sent =
+                send(&features, &camera, &profile.with_scheme(*scheme), &stranger.name, evaluation.seed);
+            let received = sent.ok().and_then(|bytes| SealedQuery::decode(&bytes).ok());
+            for (k, score) in scores.iter().enumerate() {
+                let mut result = StrangerResult {
+                    name: stranger.name.clone(),
+                    scheme: scheme.to_string(),
+                    score: score.to_string(),
+                    localized: false,
+                    trusted: false,
+                    inliers: 0,
+                    correspondences: 0,
+                };
+                let mut options = evaluation.localize.clone();
+                options.pose.score = Some(*score);
+                if let Some(found) = received.as_ref().and_then(|query| localize(query, map, &options).ok()) {
+                    result.localized = true;
+                    result.trusted = found.confidence.is_trusted();
+                    result.inliers = found.inliers;
+                    result.correspondences = found.matches;
+                }
+                rows[s * scores.len() + k].push(result);
+            }
+        }
+        progress.advance(1);
+    }
+    progress.finish();
+    Ok(rows)
+}
