@@ -1,15 +1,17 @@
 #!/usr/bin/env python3
 """Fits the match prior of `veiloc_robust::prior`: a logistic in descriptor ratio, votes and track length.
 
-Reads a problems.jsonl.gz, calls a match right when its map point re-projects within 4 px of the keypoint under the
-true pose, and fits by Newton's method. Prints coefficients, the mean log loss on the file, and on each further file.
+Reads problems.jsonl.gz files, calls a match right when its map point re-projects within 4 px of the keypoint under the
+true pose, and fits by Newton's method, every file counting the same. Prints coefficients and the mean log loss on each
+file. The shipped coefficients come from held-out map images, never from queries:
 
-    python3 scripts/fit_prior.py $VEILOC_DATA/problems/herzjesu_nn.jsonl.gz $VEILOC_DATA/problems/redkitchen_nn.jsonl.gz
+    scripts/training_problems.sh train
+    python3 scripts/fit_prior.py --fit train/lund-door.jsonl.gz train/herzjesu.jsonl.gz --check train/redkitchen.jsonl.gz
 """
 
+import argparse
 import gzip
 import json
-import sys
 
 import numpy as np
 
@@ -42,12 +44,16 @@ def load(path):
     return np.vstack(evidence), np.concatenate(right)
 
 
-def fit(a, y, ridge=1e-3):
+def fit(designs, ridge=1e-3):
+    a = np.vstack([d for d, _ in designs])
+    y = np.concatenate([right for _, right in designs])
+    weight = np.concatenate([np.full(len(right), 1 / len(right)) for _, right in designs])
+    weight *= len(weight) / weight.sum()
     w = np.zeros(a.shape[1])
     for _ in range(50):
         p = 1 / (1 + np.exp(-a @ w))
-        gradient = a.T @ (p - y) + ridge * w
-        hessian = (a * (p * (1 - p))[:, None]).T @ a + ridge * np.eye(len(w))
+        gradient = a.T @ (weight * (p - y)) + ridge * w
+        hessian = (a * (weight * p * (1 - p))[:, None]).T @ a + ridge * np.eye(len(w))
         step = np.linalg.solve(hessian, gradient)
         w -= step
         if np.abs(step).max() < 1e-10:
@@ -61,11 +67,15 @@ def log_loss(a, y, w):
 
 
 def main():
-    files = [load(path) for path in sys.argv[1:]]
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--fit", nargs="+", required=True, metavar="FILE")
+    parser.add_argument("--check", nargs="*", default=[], metavar="FILE")
+    arguments = parser.parse_args()
+    files = [load(path) for path in arguments.fit + arguments.check]
     for name, columns in [("RATIO", 1), ("RATIO_VOTES", 2), ("FULL", 3)]:
-        design = [np.column_stack([np.ones(len(e)), e[:, :columns]]) for e, _ in files]
-        w = fit(design[0], files[0][1])
-        losses = ", ".join(f"{log_loss(a, y, w):.4f}" for a, (_, y) in zip(design, files))
+        designs = [(np.column_stack([np.ones(len(e)), e[:, :columns]]), y) for e, y in files]
+        w = fit(designs[: len(arguments.fit)])
+        losses = ", ".join(f"{log_loss(a, y, w):.4f}" for a, y in designs)
         print(f"{name:12s} {np.array2string(w, precision=3)}  log loss {losses}")
 
 

@@ -1,0 +1,148 @@
+//! `problems.jsonl` from a place with known poses: the matches that localization would see, with the truth beside them.
+//!
+//! What the pose stage is compared and fitted on. The map is built and opened as a server would, keypoints travel as
+//! the scheme `points` sends them, matching is that of localization.
+
+use std::io::Write as _;
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use serde::Serialize;
+use veiloc_localize::matching::match_points;
+use veiloc_localize::retrieval::retrieve;
+use veiloc_localize::{LocalizeOptions, observe_matches};
+use veiloc_map::MapFile;
+use veiloc_map::colmap::read_model;
+use veiloc_mapping::{BuildOptions, Progress, build};
+use veiloc_obfuscation::{extract, seal};
+use veiloc_query::Scheme;
+use veiloc_robust::Correspondences;
+
+use crate::error::EvalError;
+use crate::scene::{PosedQuery, posed_queries};
+use crate::seeds::seed_for;
+
+/// Where the problems come from.
+#[derive(Debug, Clone)]
+pub struct ProblemSource<'a> {
+    /// Folder of the COLMAP model with cameras and poses.
+    pub posed: &'a Path,
+    /// Folder of the photographs.
+    pub images: &'a Path,
+    /// Names of the images the map is built from.
+    pub map_list: &'a [String],
+    /// Names of the images that become problems.
+    pub query_list: &'a [String],
+    /// How the map is built.
+    pub build: &'a BuildOptions,
+    /// Retrieval and matching.
+    pub localize: &'a LocalizeOptions,
+    /// Seed of the keypoints' dither.
+    pub seed: u64,
+}
+
+#[derive(Serialize)]
+struct Line {
+    name: String,
+    camera: Camera,
+    points2d: Vec<[f64; 2]>,
+    points3d: Vec<[f64; 3]>,
+    cam_from_world: Pose,
+    ratio: Vec<f32>,
+    votes: Vec<u32>,
+    track_length: Vec<usize>,
+}
+
+#[derive(Serialize)]
+struct Camera {
+    model: &'static str,
+    width: u32,
+    height: u32,
+    params: [f64; 4],
+}
+
+#[derive(Serialize)]
+struct Pose {
+    q: [f64; 4],
+    t: [f64; 3],
+}
+
+/// One line of `problems.jsonl` a query, in the order of the list.
+///
+/// Pixels are those of the query's canonical camera, to 1/65536 of the picture as the scheme `points` sends them.
+///
+/// # Errors
+/// [`EvalError`] when data is missing, the map cannot be built, or a query has too few keypoints to be sealed.
+pub fn make_problems(source: &ProblemSource<'_>, progress: &dyn Progress) -> Result<Vec<String>, EvalError> {
+    let posed = read_model(source.posed)?;
+    let queries = posed_queries(&posed, source.images, source.query_list)?;
+    let model = build(&posed, source.images, source.map_list, source.build, progress)?;
+    let temporary =
+        tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
+    let path = temporary.path().join("place.vmap");
+    veiloc_map::write(&model, &path)?;
+    let map = MapFile::open(&path)?;
+    progress.start("Matching queries", queries.len());
+    let lines = queries
+        .iter()
+        .map(|query| {
+            let line = line(&map, query, source)?;
+            progress.advance(1);
+            serde_json::to_string(&line).map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))
+        })
+        .collect();
+    progress.finish();
+    lines
+}
+
+fn line(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result<Line, EvalError> {
+    let profile = map.profile();
+    let (features, camera) = extract(&query.path, &query.camera, profile)?;
+    let mut rng = ChaCha20Rng::seed_from_u64(seed_for(source.seed, &[&query.name]));
+    let sealed = seal(features, &camera, &profile.with_scheme(Scheme::Points), &mut rng)
+        .map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?;
+    let retrieved = retrieve(sealed.global(), map, source.localize.retrieve);
+    let matches = match_points(sealed.descriptors(), map, &retrieved, &source.localize.matching);
+    let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
+    let Correspondences::Points { pixels } = observe_matches(&sealed.observations(), &rows).correspondences
+    else {
+        return Err(EvalError::DataSet(format!("{}: the scheme points sent no points", query.name)));
+    };
+    let camera = sealed.camera();
+    Ok(Line {
+        name: query.name.clone(),
+        camera: Camera {
+            model: "PINHOLE",
+            width: camera.width,
+            height: camera.height,
+            params: [camera.focal[0], camera.focal[1], camera.principal[0], camera.principal[1]],
+        },
+        points2d: pixels.iter().map(|p| [p.u, p.v]).collect(),
+        points3d: matches.iter().map(|m| map.point(m.point).coords.into()).collect(),
+        cam_from_world: Pose {
+            q: query.cam_from_world.quaternion(),
+            t: (*query.cam_from_world.translation()).into(),
+        },
+        ratio: matches.iter().map(|m| m.ratio).collect(),
+        votes: matches.iter().map(|m| m.votes).collect(),
+        track_length: matches.iter().map(|m| map.track_length(m.point)).collect(),
+    })
+}
+
+/// The bytes of a JSON-lines file, gzipped if asked for.
+///
+/// # Errors
+/// Only when memory cannot be written to.
+pub fn encode_lines(lines: &[String], gzip: bool) -> std::io::Result<Vec<u8>> {
+    let mut text = lines.join("\n").into_bytes();
+    text.push(b'\n');
+    if !gzip {
+        return Ok(text);
+    }
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+    encoder.write_all(&text)?;
+    encoder.finish()
+}

@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# Correspondence sets of map images alone, each held out once: what priors and defaults are chosen on. Query lists stay
+# untouched, so that they are fit for the final figures. Needs VEILOC_DATA and a release build.
+#
+#     VEILOC_DATA=../shared/data scripts/training_problems.sh FOLDER
+set -euo pipefail
+cd "$(dirname "$0")/.."
+: "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
+out="${1:?name the folder the problems go to}"
+mkdir -p "$out"
+lists="$(mktemp -d)"
+trap 'rm -rf "$lists"' EXIT
+
+# Holds out every third block of so many neighbours, fold after fold.
+folds() {
+    local place="$1" posed="$2" images="$3" names="$4" block="$5"
+    : > "$lists/all"
+    for fold in 0 1 2; do
+        awk -v b="$block" -v f="$fold" 'int((NR - 1) / b) % 3 == f' "$names" > "$lists/query"
+        awk -v b="$block" -v f="$fold" 'int((NR - 1) / b) % 3 != f' "$names" > "$lists/map"
+        target/release/veiloc -q eval problems --posed "$posed" --images "$images" \
+            --map-list "$lists/map" --query-list "$lists/query" -o "$lists/fold.jsonl"
+        cat "$lists/fold.jsonl" >> "$lists/all"
+    done
+    gzip -9n < "$lists/all" > "$out/$place.jsonl.gz"
+    echo "$out/$place.jsonl.gz: $(wc -l < "$lists/all") problems"
+}
+
+find "$VEILOC_DATA/lund-door/images" -type f -printf '%f\n' | sort > "$lists/lund"
+folds lund-door "$VEILOC_DATA/lund-door/sparse" "$VEILOC_DATA/lund-door/images" "$lists/lund" 1
+for place in redkitchen herzjesu; do
+    block=1
+    [ "$place" = redkitchen ] && block=4
+    folds "$place" "$VEILOC_DATA/$place/posed" "$VEILOC_DATA/$place/images" "$VEILOC_DATA/$place/map.txt" "$block"
+done
