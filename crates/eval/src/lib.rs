@@ -1,12 +1,14 @@
 //! Data sets, metrics, tables and reports: how well it localizes, and what it leaks.
 #![forbid(unsafe_code)]
 
+pub mod audit;
 mod chi_squared;
 pub mod crb;
 pub mod demo;
 mod error;
 mod hypotheses;
 mod json_lines;
+mod make_problems;
 pub mod metrics;
 mod poses;
 pub mod problems;
@@ -19,6 +21,7 @@ mod text_table;
 
 pub use error::EvalError;
 pub use hypotheses::{Hypotheses, HypothesesError};
+pub use make_problems::{ProblemSource, encode_lines, make_problems};
 pub use poses::{GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses};
 pub use scene::{SceneEvaluation, evaluate_scene};
 pub use strangers::Strangers;

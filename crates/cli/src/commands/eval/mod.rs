@@ -2,6 +2,7 @@
 
 mod crb;
 mod pose;
+mod problems;
 mod report;
 mod scene;
 
@@ -17,6 +18,8 @@ pub(crate) enum Command {
     Pose(pose::Args),
     /// Errors on random synthetic problems over what the Cramér–Rao bound allows.
     Crb(crb::Args),
+    /// Correspondence sets from a place with known poses, as `eval pose` reads them.
+    Problems(problems::Args),
 }
 
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
@@ -24,5 +27,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Scene(args) => scene::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),
         Command::Crb(args) => crb::run(args, ui),
+        Command::Problems(args) => problems::run(args, ui),
     }
 }
