@@ -28,7 +28,7 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     options.check()?;
     problem.check()?;
     let matches = Matches::new(problem, options.expected_inlier_ratio);
-    let kind = options.score.unwrap_or(ScoreKind::Likelihood);
+    let kind = options.score.unwrap_or_default();
     let scale = match kind {
         ScoreKind::Msac => {
             let lines = if matches.kind == Kind::Points { 1.0 } else { std::f64::consts::FRAC_1_SQRT_2 };
@@ -56,7 +56,7 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     };
     let Some(best) = found.model else { return Err(no_consensus(0)) };
 
-    let polished = search.polish(&best);
+    let polished = search.polish(&best, options.estimate_noise);
     let likelihoods = search.likelihoods(&polished);
     let inliers = search.agreeing(&polished.pose, &likelihoods);
     if inliers.len() < options.min_inliers {

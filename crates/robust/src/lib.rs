@@ -2,15 +2,20 @@
 //!
 //! [`estimate_pose`] is the door. Inside, [`ransac`] holds the one search loop, generic over what it estimates.
 //!
-//! | observations | minimal samples | default score |
+//! | observations | minimal samples | with gravity |
 //! |---|---|---|
-//! | points | three points, `p3p` | MSAC |
-//! | lines of any direction | six lines, `p6lp` | MSAC |
-//! | anchored lines | five lines of one anchor and a vote of the other's ([`AnchoredSolver::RadialVote`]), or `p6lp` | likelihood |
+//! | points | three points, `p3p` | two points, `up2p` |
+//! | lines of any direction | six lines, `p6lp` | four lines, `u4lp` |
+//! | anchored lines | five lines of one anchor and a vote of the other's ([`AnchoredSolver::RadialVote`]), five and one (`p6lp_dual_radial`), or any six (`p6lp`) | four lines, `u4lp` |
 //!
-//! The plain MSAC score has a false optimum on anchored lines, with the scene projected onto an anchor; the likelihood
-//! has not (`matches.rs` states it for all three). What each match is worth before geometry is asked comes from
-//! [`prior`]. Recall, errors and times on real matches: `cargo run --release -p veiloc-robust --example problems`.
+//! Hypotheses are compared by the likelihood of what was observed ([`ScoreKind::Likelihood`]; `matches.rs` states it for
+//! all three, and so that schemes can be compared fairly it is one formula), optimised locally and refined on the same
+//! objective, at the noise that the inliers show. What each match is worth before geometry is asked comes from [`prior`].
+//! The plain MSAC score, the paper's recipe, has a false optimum on anchored lines, with the scene projected onto an
+//! anchor; the likelihood has not.
+//!
+//! An estimate comes with a covariance that covers what it claims and with a [`Confidence`] that says whether to trust
+//! it. Recall, errors and times: `docs/pose-engine.md`.
 //!
 //! Results depend on the problem, the options and the generator handed in, on nothing else.
 #![forbid(unsafe_code)]

@@ -6,20 +6,15 @@ use std::str::FromStr;
 use crate::error::PoseError;
 
 /// How hypotheses are compared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum ScoreKind {
-    /// The paper's recipe: truncated squared pixel distance of the projection from the point or line.
+    /// The paper's recipe: truncated squared pixel distance of the projection from the point or line. On anchored lines
+    /// it has a false optimum, with the scene projected onto an anchor.
     Msac,
     /// The log likelihood ratio of what was observed, which knows the anchors of Dual Convergent Lines.
+    #[default]
     Likelihood,
-}
-
-impl ScoreKind {
-    /// Likelihood for anchored lines, whose collapse misleads MSAC; MSAC otherwise.
-    pub const fn default_for(anchored: bool) -> Self {
-        if anchored { Self::Likelihood } else { Self::Msac }
-    }
 }
 
 impl fmt::Display for ScoreKind {
@@ -108,17 +103,20 @@ impl FromStr for AnchoredSolver {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct PoseOptions {
-    /// How hypotheses are compared; `None` chooses by [`ScoreKind::default_for`].
+    /// How hypotheses are compared; `None` takes [`ScoreKind::default`].
     pub score: Option<ScoreKind>,
     /// How hypotheses for anchored lines are made; `None` chooses by [`AnchoredSolver::default_for`].
     pub anchored_solver: Option<AnchoredSolver>,
     /// MSAC's inlier threshold for points, pixels; lines use it divided by √2. 4 is the paper's for 7Scenes (640 × 480);
     /// it takes 8 for Aachen and 18 for Cambridge.
     pub max_error_px: f64,
-    /// Standard deviation of a keypoint across its line (for points: along each axis), pixels; the likelihood's only
-    /// scale. Detector noise, dither, angle quantization and the map's own error together. Better too large than too
-    /// small: the search finds more poses, and the final refinement uses the noise that the inliers show.
+    /// Scale of a keypoint's noise across its line (for points: along each axis), pixels; the likelihood's only scale.
+    /// Detector noise, dither, angle quantization and the map's own error together. Better too large than too small: the
+    /// search finds more poses, and the final refinement uses the noise that the inliers show.
     pub noise_px: f64,
+    /// Whether the final refinement estimates the noise from the inliers, starting at [`Self::noise_px`]; otherwise that
+    /// is taken as given.
+    pub estimate_noise: bool,
     /// Share of right correspondences assumed where the problem brings no prior. Only its logarithm counts.
     pub expected_inlier_ratio: f64,
     /// Least number of minimal samples.
@@ -140,6 +138,7 @@ impl Default for PoseOptions {
             anchored_solver: None,
             max_error_px: 4.0,
             noise_px: 2.0,
+            estimate_noise: true,
             expected_inlier_ratio: 0.2,
             min_hypotheses: 200,
             max_hypotheses: 10_000,

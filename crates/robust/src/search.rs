@@ -124,11 +124,12 @@ impl<'a> Search<'a> {
         pose
     }
 
-    /// Final refinement and whether it was kept; under the likelihood at the noise that the inliers themselves show.
+    /// Final refinement and whether it was kept; under the likelihood at the noise that the inliers themselves show, if
+    /// that is asked for.
     ///
     /// The guard: the refined pose must not be worse in the score it was refined for, over all correspondences. Without
     /// it a robust polish may slide into the collapse.
-    pub(crate) fn polish(&self, start: &CameraFromWorld) -> Polished {
+    pub(crate) fn polish(&self, start: &CameraFromWorld, estimate_noise: bool) -> Polished {
         match self.scale {
             Scale::Msac { threshold } => {
                 let active = self.within(start, 1.5);
@@ -142,6 +143,9 @@ impl<'a> Search<'a> {
                 for _ in 0..POLISH_ROUNDS {
                     let objective = |pose: &CameraFromWorld| self.kernel.linearize(pose, noise).0;
                     pose = descend(objective, &pose, ROUND_STEPS, 1e-7).pose;
+                    if !estimate_noise {
+                        break;
+                    }
                     let shown = self.kernel.linearize(&pose, noise).1;
                     let next = shown.clamp(NOISE_RANGE[0] * assumed, NOISE_RANGE[1] * assumed);
                     let settled = (next / noise - 1.0).abs() < 0.02;

@@ -108,6 +108,27 @@ fn covariance_covers_the_error_as_often_as_it_says() {
 }
 
 #[test]
+fn the_noise_is_estimated_or_taken_as_given() {
+    for scheme in SCHEMES {
+        for noise in [0.3, 1.0, 2.0] {
+            let mut rng = ChaCha8Rng::seed_from_u64(1);
+            let (problem, truth) = problem(&Setup { scheme, right: 400, wrong: 200, noise }, &mut rng);
+            let error = |options: &PoseOptions| {
+                let found =
+                    estimate_pose(&problem, options, &mut ChaCha8Rng::seed_from_u64(2)).expect("a pose");
+                (found.noise_px, found.cam_from_world.translation_error(&truth))
+            };
+            let mut options = PoseOptions::default();
+            let (shown, estimated) = error(&options);
+            assert!((shown / noise - 1.0).abs() < 0.2, "{scheme:?}: {shown} shown for {noise}");
+            options.estimate_noise = false;
+            let (_, given) = error(&options);
+            assert!(given != estimated, "{scheme:?}: the given noise made no difference");
+        }
+    }
+}
+
+#[test]
 fn errors_come_close_to_the_cramer_rao_bound() {
     for scheme in SCHEMES {
         let (mut squared, count) = (0.0, 200);
