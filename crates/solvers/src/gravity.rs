@@ -4,10 +4,9 @@
 //! `R = C · R_z(θ) · Wᵀ`: the columns of `W` are an orthonormal frame of the world whose third axis is down, those of
 //! `C` one of the camera. Every equation linear in `R` then is linear in `(cos θ, sin θ)`.
 
-use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// A discriminant this far below zero, relative to its terms, is a double root plus rounding.
+/// A discriminant this close to zero, relative to its terms, is a double root plus rounding.
 const TANGENT: f64 = 1e-13;
 
 /// The same vertical seen by the camera and by the world, made once for all samples of a query.
@@ -37,7 +36,8 @@ impl GravityAlignment {
         Some(Self { camera: axes_about(down_in_camera)?, world: axes_about(down_in_world)? })
     }
 
-    /// `cam_from_world` for one angle given by its cosine and sine.
+    /// `R` of `cam_from_world` for one angle given by its cosine and sine.
+    #[inline]
     pub(crate) fn rotation(&self, cos: f64, sin: f64) -> Rotation3<f64> {
         let c = &self.camera;
         let turned = Matrix3::from_columns(&[
@@ -64,29 +64,20 @@ fn axes_about(direction: &Vector3<f64>) -> Option<Matrix3<f64>> {
     Some(Matrix3::from_columns(&[x, z.cross(&x), z]))
 }
 
-/// Where the line `a c + b s + d = 0` meets the circle `c² + s² = 1`: cosine and sine of at most two angles.
+/// Where the line `a c + b s + d = 0` meets the circle `c² + s² = 1`: cosine and sine of two angles, NaN for none.
 ///
 /// Homogeneous in the angle, so none is special. The line must be known to exist (`a`, `b` not both rounding).
-pub(crate) fn angles_on_line(a: f64, b: f64, d: f64) -> ArrayVec<(f64, f64), 2> {
-    let mut angles = ArrayVec::new();
+#[inline]
+pub(crate) fn angles_on_line(a: f64, b: f64, d: f64) -> [[f64; 2]; 2] {
     let size = a * a + b * b;
     let inside = size - d * d;
-    if !(inside > -TANGENT * size) {
-        return angles;
-    }
-    let half_chord = inside.max(0.0).sqrt();
-    for sign in [1.0, -1.0] {
-        let (c, s) = (-a * d - sign * b * half_chord, -b * d + sign * a * half_chord);
-        // Exactly on the circle: the length is `size` up to rounding.
-        let norm = (c * c + s * s).sqrt();
-        if norm > 0.0 && norm.is_finite() {
-            angles.push((c / norm, s / norm));
-        }
-        if half_chord == 0.0 {
-            break;
-        }
-    }
-    angles
+    // A double root may have come out a rounding below zero; the root of any other negative number is NaN.
+    let half_chord = if inside.abs() < TANGENT * size { 0.0 } else { inside.sqrt() };
+    let inverse = 1.0 / size;
+    // a² + b² times the unit vectors, to the last digit but one.
+    let (x, y) = (-d * inverse, half_chord * inverse);
+    let second = if half_chord == 0.0 { f64::NAN } else { -y };
+    [y, second].map(|y| [a * x - b * y, b * x + a * y])
 }
 
 #[cfg(test)]
@@ -126,12 +117,16 @@ mod tests {
             for tilt in [0.0_f64, 0.3, 1.2, 2.9] {
                 let (a, b) = (tilt.cos() * 3.0, tilt.sin() * 3.0);
                 let found = angles_on_line(a, b, -(a * cos + b * sin));
-                let near = |p: &&(f64, f64)| (p.0 - cos).abs() + (p.1 - sin).abs() < 1e-6;
-                assert!(found.iter().find(near).is_some(), "{k} {tilt}: {found:?}");
+                let near = |p: &[f64; 2]| (p[0] - cos).abs() + (p[1] - sin).abs() < 1e-6;
+                assert!(found.iter().any(near), "{k} {tilt}: {found:?}");
+                assert!(
+                    found.iter().all(|[c, s]| !((c * c + s * s - 1.0).abs() > 1e-12)),
+                    "{k} {tilt}: {found:?}"
+                );
             }
         }
-        assert!(angles_on_line(1.0, 0.0, 1.1).is_empty());
-        assert!(angles_on_line(f64::NAN, 0.0, 1.1).is_empty());
-        assert!(angles_on_line(0.0, 0.0, 0.0).is_empty());
+        for [a, b, d] in [[1.0, 0.0, 1.1], [f64::NAN, 0.0, 0.1], [0.0, 0.0, 0.0]] {
+            assert!(angles_on_line(a, b, d).as_flattened().iter().all(|x| x.is_nan()), "{a} {b} {d}");
+        }
     }
 }

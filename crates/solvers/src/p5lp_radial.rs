@@ -86,10 +86,11 @@ pub fn p5lp_radial(
     out: &mut ArrayVec<RadialPose, 4>,
 ) -> usize {
     let center = points.iter().fold(Vector3::zeros(), |sum, p| sum + p.coords) * 0.2;
-    let x = points.map(|p| p.coords - center);
+    let x: [Vector3<f64>; 5] = std::array::from_fn(|i| points[i].coords - center);
     let extent =
         x.iter().map(Vector3::norm_squared).fold(0.0, |m: f64, d| if d > m || d.is_nan() { d } else { m });
-    let u = directions.map(|u| u * (1.0 / (u.x * u.x + u.y * u.y).sqrt()));
+    let u: [Vector2<f64>; 5] =
+        std::array::from_fn(|i| directions[i] * (1.0 / directions[i].norm_squared().sqrt()));
     let finite = u.iter().fold(0.0, |sum, u| sum + u.x + u.y).is_finite() && extent.is_finite();
     if !(finite && extent > 0.0 && extent > 1e-24 * center.norm_squared()) {
         return 0;

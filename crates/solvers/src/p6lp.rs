@@ -76,9 +76,9 @@ pub fn p6lp(
     points: &[Point3<World>; 6],
     out: &mut ArrayVec<CameraFromWorld, 8>,
 ) -> usize {
-    let n = lines.map(|l| *l.normal());
+    let n: [Vector3<f64>; 6] = std::array::from_fn(|i| *lines[i].normal());
     let Some(frame) = SampleFrame::of(points) else { return 0 };
-    let x = points.map(|p| frame.enter(&p.coords));
+    let x: [Vector3<f64>; 6] = std::array::from_fn(|i| frame.enter(&points[i].coords));
     let Some(base) = Base::of(&n) else { return 0 };
 
     // n_jᵀ = Σ_k c_k n_kᵀ over the chosen three, so t falls out of  n_jᵀ R X_j − Σ_k c_k n_kᵀ R X_k = 0.
@@ -167,6 +167,7 @@ impl Base {
     }
 
     /// The translation that puts the three points on their lines.
+    #[inline]
     fn translation(&self, r: &Matrix3<f64>, n: &[Vector3<f64>; 6], x: &[Vector3<f64>; 6]) -> Vector3<f64> {
         let mut t = Vector3::zeros();
         for (dual, &i) in self.duals.iter().zip(&self.chosen) {

@@ -59,7 +59,8 @@ pub fn p6lp_dual_radial(
         return 0;
     }
     // A direction of the image plane, seen in the turned camera, across its optical axis.
-    let turned = directions.map(|v| {
+    let turned: [Vector2<f64>; 5] = std::array::from_fn(|i| {
+        let v = directions[i];
         Vector2::new(axes[(0, 0)] * v.x + axes[(1, 0)] * v.y, axes[(0, 1)] * v.x + axes[(1, 1)] * v.y)
     });
     let [x1, x2, x3, x4, x5, last] = *points;

@@ -50,9 +50,9 @@ pub fn u4lp(
     out: &mut ArrayVec<CameraFromWorld, 2>,
 ) -> usize {
     let center = (points[0].coords + points[1].coords + points[2].coords + points[3].coords) * 0.25;
-    let x = points.map(|p| p.coords - center);
+    let x: [Vector3<f64>; 4] = std::array::from_fn(|i| points[i].coords - center);
     let extent = x.iter().map(|x| x.norm_squared()).fold(0.0_f64, f64::max).sqrt();
-    let n = lines.map(|l| *l.normal());
+    let n: [Vector3<f64>; 4] = std::array::from_fn(|i| *lines[i].normal());
     let (n01, n23) = (n[0].cross(&n[1]), n[2].cross(&n[3]));
     let lambda = [-n23.dot(&n[1]), n23.dot(&n[0]), -n01.dot(&n[3]), n01.dot(&n[2])];
     let left_out = (0..4).max_by(|&i, &j| lambda[i].abs().total_cmp(&lambda[j].abs())).unwrap_or(0);
@@ -78,10 +78,11 @@ pub fn u4lp(
     let duals = Matrix3::from_columns(&duals) / -duals[0].dot(&n[i]);
 
     let mut appended = 0;
-    for (cos, sin) in angles_on_line(a, b, d) {
+    for [cos, sin] in angles_on_line(a, b, d) {
         let r = gravity.rotation(cos, sin);
-        let turned = x.map(|x| r * x);
+        let turned: [Vector3<f64>; 4] = std::array::from_fn(|i| r * x[i]);
         let t = duals * Vector3::new(n[i].dot(&turned[i]), n[j].dot(&turned[j]), n[k].dot(&turned[k]));
+        // Where there is no angle, nothing is in front either: comparisons with NaN fail.
         if !turned.iter().all(|p| p.z + t.z > 0.0) {
             continue;
         }

@@ -64,11 +64,12 @@ pub fn up2p(
 
     let middle = (points[0].coords + points[1].coords) * 0.5;
     let mut appended = 0;
-    for (cos, sin) in angles_on_line(a, b, d) {
+    for [cos, sin] in angles_on_line(a, b, d) {
         let r = gravity.rotation(cos, sin);
         // λ1 b1 − λ2 b2 = v, crossed with either ray and held against the normal.
         let v = r * apart;
         let depths = [v.cross(b2).dot(&normal), v.cross(b1).dot(&normal)].map(|l| l / (sine * sine));
+        // Where there is no angle, depths are NaN, and comparisons with NaN fail.
         if !(depths[0] > 0.0 && depths[1] > 0.0) {
             continue;
         }
