@@ -1,6 +1,7 @@
 //! The pose of a query: one door for points, lines and anchored lines.
 
 use rand::Rng;
+use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::assess;
 use crate::error::PoseError;
@@ -28,18 +29,7 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     options.check()?;
     problem.check()?;
     let matches = Matches::new(problem, options.expected_inlier_ratio);
-    let kind = options.score.unwrap_or_default();
-    let scale = match kind {
-        ScoreKind::Msac => {
-            let lines = if matches.kind == Kind::Points { 1.0 } else { std::f64::consts::FRAC_1_SQRT_2 };
-            Scale::Msac { threshold: options.max_error_px * lines }
-        }
-        ScoreKind::Likelihood => Scale::Likelihood { noise: options.noise_px },
-    };
-    let solver = options.anchored_solver.unwrap_or(AnchoredSolver::default_for(kind));
-    let minimal = Minimal::new(&matches, solver, problem.gravity.as_ref(), options.noise_px);
-    let mut search = Search::new(&matches, scale, minimal);
-
+    let mut search = search(&matches, problem, options);
     let budget = match options.fixed_hypotheses {
         Some(samples) => Budget::fixed(samples),
         None => Budget {
@@ -49,13 +39,62 @@ pub fn estimate_pose<R: Rng + ?Sized>(
         },
     };
     let found = lo_ransac(&mut search, &budget, rng);
-    let no_consensus = |inliers| PoseError::NoConsensus {
-        inliers,
-        required: options.min_inliers,
-        hypotheses: found.samples,
-    };
-    let Some(best) = found.model else { return Err(no_consensus(0)) };
+    conclude(&search, &matches, found.model, found.samples, options)
+}
 
+/// Estimates where the camera was from a guess of it, such as the pose of the frame before.
+///
+/// The guess is optimised and refined on the same objective as [`estimate_pose`]'s hypotheses, over all
+/// correspondences; nothing is sampled. From the true pose it gives the optimum that a search should find.
+///
+/// # Errors
+/// As [`estimate_pose`]; the guess must agree with enough correspondences after refinement.
+pub fn optimize_pose(
+    problem: &PoseProblem,
+    guess: &CameraFromWorld,
+    options: &PoseOptions,
+) -> Result<PoseEstimate, PoseError> {
+    options.check()?;
+    problem.check()?;
+    if !guess.is_finite() {
+        return Err(PoseError::NotFinite { what: "guess", index: 0 });
+    }
+    let matches = Matches::new(problem, options.expected_inlier_ratio);
+    let search = search(&matches, problem, options);
+    let descended = search.descend(guess);
+    let start = if search.cost(&descended, f64::INFINITY) < search.cost(guess, f64::INFINITY) {
+        descended
+    } else {
+        *guess
+    };
+    conclude(&search, &matches, Some(start), 0, options)
+}
+
+fn search<'a>(matches: &'a Matches, problem: &PoseProblem, options: &PoseOptions) -> Search<'a> {
+    let kind = options.score.unwrap_or_default();
+    let scale = match kind {
+        ScoreKind::Msac => {
+            let lines = if matches.kind == Kind::Points { 1.0 } else { std::f64::consts::FRAC_1_SQRT_2 };
+            Scale::Msac { threshold: options.max_error_px * lines }
+        }
+        ScoreKind::Likelihood => Scale::Likelihood { noise: options.noise_px },
+    };
+    let solver = options.anchored_solver.unwrap_or(AnchoredSolver::default_for(kind));
+    let minimal = Minimal::new(matches, solver, problem.gravity.as_ref(), options.noise_px);
+    Search::new(matches, scale, minimal)
+}
+
+/// Final refinement of the best pose, and what is said of it.
+fn conclude(
+    search: &Search<'_>,
+    matches: &Matches,
+    best: Option<CameraFromWorld>,
+    hypotheses: usize,
+    options: &PoseOptions,
+) -> Result<PoseEstimate, PoseError> {
+    let no_consensus =
+        |inliers| PoseError::NoConsensus { inliers, required: options.min_inliers, hypotheses };
+    let Some(best) = best else { return Err(no_consensus(0)) };
     let polished = search.polish(&best, options.estimate_noise);
     let likelihoods = search.likelihoods(&polished);
     let inliers = search.agreeing(&polished.pose, &likelihoods);
@@ -71,11 +110,11 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     Ok(PoseEstimate {
         cam_from_world: polished.pose,
         inlier_count: inliers.len(),
-        hypotheses: found.samples,
+        hypotheses,
         score: search.cost(&polished.pose, f64::INFINITY),
         noise_px,
         covariance,
-        confidence: assess(&matches, &polished.pose, &inliers, &likelihoods, &covariance, margin),
+        confidence: assess(matches, &polished.pose, &inliers, &likelihoods, &covariance, margin),
         inliers: mask,
         refined: polished.kept,
     })

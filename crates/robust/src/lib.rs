@@ -43,7 +43,7 @@ mod test_data;
 
 pub use confidence::{Confidence, Doubt};
 pub use error::PoseError;
-pub use estimate::estimate_pose;
+pub use estimate::{estimate_pose, optimize_pose};
 pub use given::refine_pose;
 pub use information::fisher_information;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};

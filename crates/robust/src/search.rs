@@ -100,7 +100,7 @@ impl<'a> Search<'a> {
     }
 
     /// Refines at scales that shrink to the final one.
-    fn descend(&self, pose: &CameraFromWorld) -> CameraFromWorld {
+    pub(crate) fn descend(&self, pose: &CameraFromWorld) -> CameraFromWorld {
         let mut pose = *pose;
         for factor in LADDER {
             pose = match self.scale {

@@ -6,10 +6,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{Scheme, Setup, problem};
 use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
-use veiloc_geometry::{Anchor, CameraFromWorld, Pixel, Point3};
+use veiloc_geometry::{Anchor, CameraFromWorld, Pixel, Point3, Rigid3};
 use veiloc_robust::{
     AnchoredSolver, Correspondences, Doubt, Gravity, PoseError, PoseOptions, ScoreKind, estimate_pose,
-    fisher_information, refine_pose,
+    fisher_information, optimize_pose, refine_pose,
 };
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
@@ -163,6 +163,29 @@ fn refinement_on_given_matches_is_the_least_squares_floor() {
         assert!(matches!(few, Err(PoseError::TooFew { actual: 0, .. })));
         let noiseless = fisher_information(&problem, &start, &right, 0.0);
         assert!(matches!(noiseless, Err(PoseError::BadValue { what: "noise_px", .. })));
+    }
+}
+
+#[test]
+fn from_a_guess_nothing_is_sampled_and_the_search_finds_no_worse() {
+    for scheme in SCHEMES {
+        for score in [ScoreKind::Msac, ScoreKind::Likelihood] {
+            if scheme == Scheme::Dcl && score == ScoreKind::Msac {
+                continue; // the collapse
+            }
+            let mut rng = ChaCha8Rng::seed_from_u64(1);
+            let (problem, truth) = problem(&Setup { scheme, right: 100, wrong: 100, noise: 0.5 }, &mut rng);
+            let guess = truth.perturbed(&[0.003, -0.002, 0.001, 0.02, -0.01, 0.02]);
+            let options = options(score);
+            let optimum = optimize_pose(&problem, &guess, &options).expect("a pose");
+            assert_eq!(optimum.hypotheses, 0);
+            assert!(optimum.cam_from_world.translation_error(&truth) < 0.03, "{scheme:?} {score}");
+            let found = estimate_pose(&problem, &options, &mut rng).expect("a pose");
+            assert!(found.score <= optimum.score + 0.05, "{} {}", found.score, optimum.score);
+            let elsewhere = Rigid3::new(Rotation3::identity(), Vector3::repeat(f64::NAN));
+            let refused = optimize_pose(&problem, &elsewhere, &options);
+            assert_eq!(refused, Err(PoseError::NotFinite { what: "guess", index: 0 }));
+        }
     }
 }
 
