@@ -16,6 +16,9 @@ const SMALL_STEP: f64 = 1e-11;
 /// Squared ratio of depth to the triangle's height beyond which the rounding of the depths shows in the rotation.
 const FAR_OR_THIN: f64 = 1e4;
 
+/// The same beyond which rounding has eaten half the digits of the rotation.
+const HOPELESS: f64 = 1e10;
+
 /// Absolute camera pose from three point correspondences (calibrated, minimal).
 ///
 /// ```text
@@ -31,7 +34,7 @@ const FAR_OR_THIN: f64 = 1e4;
 /// side of its ray. Order is unspecified but the same for the same input. Never panics; non-finite input gives 0 poses.
 ///
 /// # Degenerate samples
-/// Collinear points and repeated rays give 0 poses.
+/// Collinear points, repeated rays, and triangles whose height is less than 1e-5 of their distance give 0 poses.
 ///
 /// # Method and cost
 /// The three squared distances between the points are quadratic forms in the depths `λ`; two differences of them are
@@ -69,7 +72,7 @@ pub fn p3p(
         c23: cosines[first],
     };
     let scale = longest.sqrt();
-    let far = FAR_OR_THIN * world.height_squared * unit;
+    let height_squared = world.height_squared * unit;
 
     let mut appended = 0;
     triangle.depths(|depth| {
@@ -77,7 +80,11 @@ pub fn p3p(
         let depths = depth * scale;
         let seen: [_; 3] = std::array::from_fn(|i| bearings[i] * depths[place[i]]);
         let mut r = world.rotation_to(&seen);
-        if depth.norm_squared() > far {
+        let squared = depth.norm_squared();
+        if squared > FAR_OR_THIN * height_squared {
+            if squared > HOPELESS * height_squared {
+                return;
+            }
             r = orthonormal(&r);
         }
         let t = seen[0] - r * x[0];
