@@ -4,8 +4,10 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_eval::results::Evaluation;
-use veiloc_eval::{Hypotheses, PoseEvaluation, SceneEvaluation, Strangers, evaluate_poses, evaluate_scene};
+use veiloc_eval::results::{Evaluation, SchemeSummary};
+use veiloc_eval::{
+    Hypotheses, PoseEvaluation, Recipe, SceneEvaluation, Strangers, evaluate_poses, evaluate_scene,
+};
 use veiloc_localize::LocalizeOptions;
 use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
@@ -105,4 +107,27 @@ fn the_collapse_of_the_plain_score_and_its_cure() {
     };
     assert!(recall("msac") < 0.3, "the plain score did not collapse: {}", recall("msac"));
     assert!(recall("likelihood") > 0.85, "the likelihood did not cure it: {}", recall("likelihood"));
+}
+
+/// Every recipe is run on the same real matches; who knows the right matches is nearer than who must find them.
+#[test]
+fn recipes_seeds_and_the_floor_on_real_matches() {
+    let Some(data) = data() else { return };
+    let files = vec![data.join("problems/redkitchen_r08.jsonl.gz")];
+    let mut evaluation = PoseEvaluation::new(files, vec![Scheme::Points, Scheme::default()]);
+    evaluation.recipes = vec![Recipe::Paper, Recipe::Default, Recipe::Floor];
+    evaluation.thresholds = vec!["0.05/5".parse().expect("a threshold")];
+    evaluation.seeds = 2;
+    let result = evaluate_poses(&evaluation, &()).expect("evaluated");
+    let row = |scheme: &str, recipe: &str| {
+        let of_recipe =
+            |s: &&SchemeSummary| s.scheme == scheme && s.variant.recipe.as_deref() == Some(recipe);
+        result.schemes.iter().find(of_recipe).expect("it was asked for")
+    };
+    let median = |scheme, recipe| row(scheme, recipe).median_translation.unwrap_or(f64::INFINITY);
+    assert_eq!(row("points", "default").recall["0.05/5"], 1.0);
+    assert!(median("points", "floor") < median("points", "default"));
+    assert!(row("dcl", "default").recall["0.05/5"] > 0.8 && row("dcl", "paper").recall["0.05/5"] < 0.3);
+    assert_eq!(result.queries.len(), 2 * 3 * 2 * 22);
+    assert!(result.schemes.iter().all(|s| s.per_seed.len() == 2 && s.queries == 44));
 }

@@ -175,8 +175,9 @@ fn fixed(value: f64, digits: usize) -> String {
     format!("{value:.digits$}")
 }
 
+/// A number of thousands needs no decimals to be read as far off, and no room for them.
 fn number(value: Option<f64>, digits: usize) -> String {
-    value.map_or("—".to_owned(), |v| fixed(v, digits))
+    value.map_or("—".to_owned(), |v| fixed(v, if v < 1000.0 { digits } else { 0 }))
 }
 
 #[cfg(test)]
@@ -229,6 +230,7 @@ mod tests {
         }
         assert!(lines.iter().all(|l| l.chars().count() <= WIDTH), "{text}");
         assert!(!lines[3].contains("2..2"), "{text}");
+        assert_eq!(number(Some(12_345.678), 4), "12346");
         assert!(lines.last().is_some_and(|l| l.starts_with("Means over 2 seeds")), "{text}");
     }
 

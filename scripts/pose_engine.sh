@@ -1,0 +1,66 @@
+#!/usr/bin/env bash
+# Prints every table of docs/pose-engine.md, with the command above each. Needs VEILOC_DATA. Part names choose parts.
+#
+#     VEILOC_DATA=../shared/data scripts/pose_engine.sh [recipes] [speed] [gravity] [law] [trust] > pose_engine.txt
+#
+# `law` also writes docs/images/bound.svg. SEEDS and PROBLEMS make it shorter or longer.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+: "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
+seeds="${SEEDS:-5}"
+problems="${PROBLEMS:-500}"
+parts="${*:-recipes speed gravity law trust}"
+
+cargo build --release --quiet
+veiloc() {
+    echo
+    echo "\$ veiloc $*" | sed "s|$VEILOC_DATA|\$VEILOC_DATA|g"
+    # A row that localizes nothing is a result too.
+    target/release/veiloc "$@" 2>&1 || [ $? -eq 1 ]
+}
+each_file() {
+    for file in redkitchen_nn redkitchen_r08 herzjesu_nn herzjesu_r08; do
+        case $file in redkitchen*) threshold=0.05/5 ;; *) threshold=0.1/1 ;; esac
+        veiloc eval pose "$VEILOC_DATA/problems/$file.jsonl.gz" --seeds "$seeds" --thresholds $threshold "$@"
+    done
+}
+place() {
+    echo "--posed $VEILOC_DATA/$1/posed --images $VEILOC_DATA/$1/images --map-list $VEILOC_DATA/$1/map.txt --query-list $VEILOC_DATA/$1/query.txt"
+}
+strangers() {
+    echo "--strangers-posed $VEILOC_DATA/$1/posed --strangers-images $VEILOC_DATA/$1/images --strangers-list $VEILOC_DATA/$1/$2"
+}
+
+for part in $parts; do
+    case $part in
+    recipes)
+        echo "# Recipes at 100, 1000, 5000 hypotheses and with its own stopping rule; the optimum and the floor"
+        each_file --recipes paper,likelihood,likelihood+prior,vote,optimum --oracle --hypotheses 100,1000,5000,adaptive
+        ;;
+    speed)
+        echo "# The engine as it is shipped, one query at a time on one thread"
+        each_file --recipes default
+        ;;
+    gravity)
+        echo "# Gravity: not given, exact, and wrong by 1 and 3 degrees"
+        each_file --gravity none,0,1,3
+        ;;
+    law)
+        echo "# Errors over the Cramér–Rao bound, and coverage of the covariance"
+        mkdir -p docs/images
+        veiloc eval crb --problems "$problems" --plot docs/images/bound.svg
+        ;;
+    trust)
+        echo "# Queries of another place"
+        # Names hold no spaces here, so that words may be split.
+        # shellcheck disable=SC2046
+        veiloc eval scene $(place redkitchen) $(strangers herzjesu map.txt) --thresholds 0.05/5
+        # shellcheck disable=SC2046
+        veiloc eval scene $(place herzjesu) $(strangers redkitchen map.txt) --thresholds 0.1/1
+        ;;
+    *)
+        echo "no part is called $part" >&2
+        exit 2
+        ;;
+    esac
+done
