@@ -19,7 +19,7 @@ use veiloc_localize::{MatchedObservations, observe_matches};
 use veiloc_mapping::Progress;
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_query::{AngleBits, Observations, Scheme};
-use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, estimate_pose, refine_pose};
+use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, estimate_pose, optimize_pose, refine_pose};
 
 use crate::error::EvalError;
 use crate::hypotheses::Hypotheses;
@@ -31,6 +31,7 @@ use crate::seeds::seed_for;
 
 pub(crate) use floor::runs_through;
 pub use gravity::{GravityError, GravitySource};
+use recipe::FromTruth;
 pub use recipe::{Recipe, RecipeError};
 
 /// What to evaluate.
@@ -104,7 +105,8 @@ struct Row {
     score: ScoreKind,
     options: PoseOptions,
     gravity: GravitySource,
-    floor: bool,
+    /// What is started from the truth instead of searched for.
+    from_truth: Option<FromTruth>,
     variant: Variant,
 }
 
@@ -192,7 +194,8 @@ fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
             ways.splice(0..0, plain);
         }
         for (recipe, options, prior) in ways {
-            let floor = recipe == Some(Recipe::Floor);
+            let from_truth = recipe.and_then(Recipe::from_truth);
+            let searches = from_truth.is_none();
             let score = options.score.unwrap_or(DEFAULT_SCORE);
             for &hypotheses in &evaluation.hypotheses {
                 for &gravity in &evaluation.gravity {
@@ -202,16 +205,16 @@ fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
                     let variant = Variant {
                         recipe: recipe.map(|r| r.to_string()),
                         prior,
-                        fixed_hypotheses: hypotheses.fixed().filter(|_| !floor),
-                        gravity: (told && !floor).then(|| gravity.to_string()),
+                        fixed_hypotheses: hypotheses.fixed().filter(|_| searches),
+                        gravity: (told && searches).then(|| gravity.to_string()),
                     };
-                    rows.push(Row { scheme, score, options, gravity, floor, variant });
-                    // The floor searches nothing: one row says it all.
-                    if floor {
+                    rows.push(Row { scheme, score, options, gravity, from_truth, variant });
+                    // Where nothing is searched for one row says it all.
+                    if !searches {
                         break;
                     }
                 }
-                if floor {
+                if !searches {
                     break;
                 }
             }
@@ -226,7 +229,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         let mut result = QueryResult::unsolved(&problem.name, row.scheme, row.score);
         result.variant = row.variant.clone();
         result.seed = seed;
-        if row.floor {
+        if row.from_truth == Some(FromTruth::Floor) {
             "least-squares".clone_into(&mut result.score);
         }
         result
@@ -251,13 +254,15 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
             Some(gravity::felt(&problem.cam_from_world, *down, degrees, &mut rng))
         }
     };
-    let right =
-        row.floor.then(|| floor::truly_right(problem, &pose_problem, &match_of, evaluation.oracle_radius_px));
+    let truth = &problem.cam_from_world;
+    let right = (row.from_truth == Some(FromTruth::Floor))
+        .then(|| floor::truly_right(problem, &pose_problem, &match_of, evaluation.oracle_radius_px));
 
     let started = Instant::now();
-    let estimate = match &right {
-        Some(right) => refine_pose(&pose_problem, &problem.cam_from_world, right, &row.options),
-        None => estimate_pose(&pose_problem, &row.options, &mut rng),
+    let estimate = match (row.from_truth, &right) {
+        (_, Some(right)) => refine_pose(&pose_problem, truth, right, &row.options),
+        (Some(FromTruth::Optimum), _) => optimize_pose(&pose_problem, truth, &row.options),
+        _ => estimate_pose(&pose_problem, &row.options, &mut rng),
     };
     let pose_ms = started.elapsed().as_secs_f64() * 1e3;
 
@@ -270,7 +275,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
             result.inliers = estimate.inlier_count;
             result.hypotheses = estimate.hypotheses;
             // Who knows the truth need not be asked for trust.
-            result.trusted = (!row.floor).then(|| estimate.confidence.is_trusted());
+            result.trusted = row.from_truth.is_none().then(|| estimate.confidence.is_trusted());
         }
         Err(error) => result = result.because(&error),
     }

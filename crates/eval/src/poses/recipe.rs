@@ -14,6 +14,7 @@ use veiloc_robust::{AnchoredSolver, PoseOptions, ScoreKind};
 /// | `likelihood+prior` | likelihood | `p6lp` | yes |
 /// | `vote` | likelihood | radial vote | yes |
 /// | `default` | the default | the default | yes |
+/// | `optimum` | the default engine's own optimum, from the true pose: what a search that misses nothing finds | | yes |
 /// | `floor` | least squares from the true pose on the truly right matches: nothing can be expected to go under it | | |
 ///
 /// Points are always sampled with `p3p`, lines of any direction with `p6lp`.
@@ -29,19 +30,39 @@ pub enum Recipe {
     Vote,
     /// The engine as it is shipped.
     Default,
+    /// The shipped engine's optimum from the true pose, over all matches.
+    Optimum,
     /// Refinement from the true pose on the truly right matches.
+    Floor,
+}
+
+/// What starts from the true pose instead of searching.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum FromTruth {
+    /// The engine's own objective, over all matches.
+    Optimum,
+    /// Least squares on the truly right matches.
     Floor,
 }
 
 /// A text names no recipe.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no recipe; there are paper, likelihood, likelihood+prior, vote, default and floor")]
+#[error(
+    "{0:?} is no recipe; there are paper, likelihood, likelihood+prior, vote, default, optimum and floor"
+)]
 pub struct RecipeError(String);
 
 impl Recipe {
     /// Every recipe once, in the order of a table.
-    pub const ALL: [Self; 6] =
-        [Self::Paper, Self::Likelihood, Self::LikelihoodPrior, Self::Vote, Self::Default, Self::Floor];
+    pub const ALL: [Self; 7] = [
+        Self::Paper,
+        Self::Likelihood,
+        Self::LikelihoodPrior,
+        Self::Vote,
+        Self::Default,
+        Self::Optimum,
+        Self::Floor,
+    ];
 
     /// The name.
     pub const fn name(self) -> &'static str {
@@ -51,13 +72,23 @@ impl Recipe {
             Self::LikelihoodPrior => "likelihood+prior",
             Self::Vote => "vote",
             Self::Default => "default",
+            Self::Optimum => "optimum",
             Self::Floor => "floor",
         }
     }
 
     /// Whether matches are weighed by what speaks for them.
     pub(crate) const fn uses_prior(self) -> bool {
-        matches!(self, Self::LikelihoodPrior | Self::Vote | Self::Default)
+        matches!(self, Self::LikelihoodPrior | Self::Vote | Self::Default | Self::Optimum)
+    }
+
+    /// What it starts from the truth, if it does.
+    pub(crate) const fn from_truth(self) -> Option<FromTruth> {
+        match self {
+            Self::Optimum => Some(FromTruth::Optimum),
+            Self::Floor => Some(FromTruth::Floor),
+            Self::Paper | Self::Likelihood | Self::LikelihoodPrior | Self::Vote | Self::Default => None,
+        }
     }
 
     /// The estimator's options under this recipe; thresholds and noise stay as they are.
@@ -69,7 +100,7 @@ impl Recipe {
                 (Some(ScoreKind::Likelihood), Some(AnchoredSolver::P6lp))
             }
             Self::Vote => (Some(ScoreKind::Likelihood), Some(AnchoredSolver::RadialVote)),
-            Self::Default | Self::Floor => (None, None),
+            Self::Default | Self::Optimum | Self::Floor => (None, None),
         };
         options
     }

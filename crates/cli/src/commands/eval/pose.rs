@@ -20,7 +20,7 @@ pub(crate) struct Args {
     /// Problems, one JSON object a line, plain or gzipped.
     #[arg(required = true, value_name = "PROBLEMS")]
     files: Vec<PathBuf>,
-    /// Named ways of estimating to compare: paper, likelihood, likelihood+prior, vote, default, floor. They set score,
+    /// Named ways of estimating to compare: paper, likelihood, likelihood+prior, vote, default, optimum, floor. They set score,
     /// solver and prior together; see below.
     #[arg(long, value_delimiter = ',', value_name = "RECIPE,…", conflicts_with_all = ["score", "scores", "solver", "no_prior"])]
     recipes: Vec<Recipe>,
@@ -62,6 +62,7 @@ Recipes (points are always sampled with p3p, lines of any direction with p6lp, o
   likelihood+prior  the same, matches weighed by ratio, votes and track length
   vote              the same, for dcl with the radial vote
   default           the engine as it is shipped, with prior
+  optimum           the engine's own optimum from the true pose: what a search that misses nothing finds
   floor             least squares from the true pose on the truly right matches
 
 Problems may hold gravity_in_camera, the direction in which things fall as the camera feels it (+y for an upright
