@@ -1,0 +1,99 @@
+#!/usr/bin/env python3
+"""The whole pose stage beside PoseLib's P3P LO-RANSAC: the same matches, one thread each, one run, taking turns.
+
+PoseLib gets the keypoints themselves and its own defaults (inlier threshold 4 px), since it has no robust estimator for
+lines; ours gets what each scheme sends. A query's time is the fastest of all rounds. Recall is at the thresholds of the
+tables: 5 cm / 5 degrees on RedKitchen, 10 cm / 1 degree on Herz-Jesu.
+
+    python3 -m venv .venv && .venv/bin/pip install numpy poselib==2.0.5
+    cargo build --release
+    .venv/bin/python scripts/bench_pose_stage.py $VEILOC_DATA/problems/*_{nn,r08}.jsonl.gz [--rounds 5]
+"""
+
+import argparse
+import gzip
+import json
+import os
+import statistics
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+import poselib
+
+SCHEMES = ["points", "random-lines", "dcl"]
+
+
+def rotation(q):
+    w, x, y, z = np.array(q) / np.linalg.norm(q)
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])
+
+
+def ours(veiloc, file, seed):
+    """Per scheme: milliseconds, translation errors and rotation errors of every query."""
+    with tempfile.NamedTemporaryFile(suffix=".json") as out:
+        subprocess.run(
+            [veiloc, "-q", "eval", "pose", file, "--schemes", ",".join(SCHEMES), "--recipes", "default",
+             "--seed", str(seed), "--json", out.name],
+            check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )
+        document = json.load(open(out.name))
+    rows = {scheme: [] for scheme in SCHEMES}
+    for query in document["queries"]:
+        error = [query[key] if query[key] is not None else float("inf")
+                 for key in ("translation_error", "rotation_error_deg")]
+        rows[query["scheme"]].append((query["ms"]["pose"], *error))
+    return {scheme: np.array(values) for scheme, values in rows.items()}
+
+
+def theirs(problems):
+    rows = []
+    for problem in problems:
+        camera = problem["camera"]
+        points2d, points3d = np.array(problem["points2d"]), np.array(problem["points3d"])
+        started = time.perf_counter()
+        pose, _ = poselib.estimate_absolute_pose(points2d, points3d, camera, {"max_reproj_error": 4.0}, {})
+        ms = 1e3 * (time.perf_counter() - started)
+        truth = rotation(problem["cam_from_world"]["q"])
+        center = -truth.T @ np.array(problem["cam_from_world"]["t"])
+        turn = np.clip((np.trace(truth @ pose.R.T) - 1) / 2, -1, 1)
+        rows.append((ms, np.linalg.norm(-pose.R.T @ pose.t - center), np.degrees(np.arccos(turn))))
+    return np.array(rows)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("files", nargs="+", type=Path)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--veiloc", default="target/release/veiloc")
+    arguments = parser.parse_args()
+    print(f"{'file':<24}{'':<14}{'matches':>8}{'median ms':>11}{'x PoseLib':>11}{'median error':>14}{'recall':>9}")
+    for file in arguments.files:
+        with gzip.open(file, "rt") as lines:
+            problems = [json.loads(line) for line in lines]
+        bounds = (0.05, 5.0) if file.name.startswith("redkitchen") else (0.1, 1.0)
+        rounds = []
+        for seed in range(arguments.rounds):
+            rounds.append({**ours(arguments.veiloc, file, seed), "PoseLib": theirs(problems)})
+        baseline = None
+        for name in ["PoseLib", *SCHEMES]:
+            all_rounds = np.stack([r[name] for r in rounds])
+            ms = float(np.median(all_rounds[:, :, 0].min(axis=0)))
+            baseline = baseline or ms
+            error = statistics.median(np.median(all_rounds[:, :, 1], axis=1))
+            hits = (all_rounds[:, :, 1] <= bounds[0]) & (all_rounds[:, :, 2] <= bounds[1])
+            size = int(np.median([len(p["points2d"]) for p in problems]))
+            print(f"{file.name.split('.')[0]:<24}{name:<14}{size:>8}{ms:>11.2f}{ms / baseline:>11.2f}"
+                  f"{error:>14.4f}{100 * hits.mean():>8.1f}%")
+
+
+if __name__ == "__main__":
+    main()
