@@ -40,6 +40,8 @@ enum Command {
     /// Measure localization on data with known poses.
     #[command(subcommand)]
     Eval(commands::eval::Command),
+    /// Recover keypoints from what is sent, by every attack under every scheme.
+    Attack(commands::attack::Args),
 }
 
 fn main() -> ExitCode {
@@ -51,6 +53,7 @@ fn main() -> ExitCode {
         Command::Seal(args) => commands::seal::run(args, &ui),
         Command::Localize(args) => commands::localize::run(args, &ui),
         Command::Eval(command) => commands::eval::run(command, &ui),
+        Command::Attack(args) => commands::attack::run(args, &ui),
     });
     match result {
         Ok(exit) => exit.into(),

@@ -1,0 +1,121 @@
+//! `veiloc attack`: keypoints recovered from what is sent, by every attack under every scheme.
+
+use std::path::PathBuf;
+
+use veiloc_eval::audit::{AttackEvaluation, AttackKind, NeighbourSource, attacks_table, evaluate_attacks};
+use veiloc_query::{AngleBits, Scheme};
+
+use crate::exit::{Exit, Failure, Outcome};
+use crate::files;
+use crate::ui::Ui;
+
+/// Recover keypoints from what is sent, by every attack under every scheme.
+///
+/// Reads keypoints of pictures, obfuscates them as a device would, attacks them, and says how far the recovered
+/// keypoints are from the true ones. The first row of a scheme is the guess that uses no neighbours: an attack
+/// counts only by what it gains over that.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Keypoints of pictures, one JSON object a line, plain or gzipped.
+    #[arg(value_name = "KEYPOINTS", required_unless_present = "synthetic")]
+    files: Vec<PathBuf>,
+    /// Attack N evenly spread keypoints in 640 x 480 pixels too (the paper's figure: 1500).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    synthetic: Option<u32>,
+    /// Attack the first N pictures of each file only.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pictures: Option<u32>,
+    /// Schemes to attack.
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "random-lines,coordinate-permutation,dcl",
+        value_name = "SCHEME,…"
+    )]
+    schemes: Vec<Scheme>,
+    /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-picture, closed-form-informed,
+    /// closed-form-consensus, graph.
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "prior,learned-prior,closed-form,closed-form-informed,graph",
+        value_name = "ATTACK,…"
+    )]
+    attacks: Vec<AttackKind>,
+    /// Who tells which keypoints are neighbours.
+    #[arg(long, value_enum, default_value = "oracle")]
+    neighbours: Source,
+    /// Neighbours a keypoint.
+    #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    k: u32,
+    /// Replace this many percent of the neighbours by keypoints drawn by lot; several for a curve.
+    #[arg(long, value_delimiter = ',', default_value = "0", value_name = "PERCENT,…", value_parser = percent)]
+    corrupt: Vec<f64>,
+    /// Bits of a line's angle, as a profile sets them.
+    #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u8).range(6..=16))]
+    angle_bits: u8,
+    /// Seed of every random choice; equal seeds give equal results.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+    /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    json: Option<PathBuf>,
+}
+
+/// Who tells which keypoints are neighbours.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Source {
+    /// One who knows the true positions: the worst case.
+    Oracle,
+}
+
+pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+    if let Some(scheme) = args.schemes.iter().find(|s| !s.hides_positions()) {
+        return Err(Failure::with_help(
+            format!("{scheme} hides nothing that could be attacked"),
+            "name schemes that hide positions: random-lines, coordinate-permutation, dcl",
+        ));
+    }
+    let evaluation = AttackEvaluation {
+        files: args.files.clone(),
+        synthetic: args.synthetic.unwrap_or(0) as usize,
+        pictures: args.pictures.map(|n| n as usize),
+        schemes: args.schemes.clone(),
+        attacks: args.attacks.clone(),
+        neighbours: match args.neighbours {
+            Source::Oracle => NeighbourSource::Oracle,
+        },
+        k: args.k as usize,
+        corrupt: args.corrupt.clone(),
+        angle_bits: AngleBits::new(args.angle_bits)?,
+        seed: args.seed,
+    };
+    let bar = ui.bar("Attacking", 0);
+    let document = evaluate_attacks(&evaluation, |done, total| {
+        bar.set_length(total as u64);
+        bar.set_position(done as u64);
+    })?;
+    bar.finish_and_clear();
+    match &args.json {
+        Some(path) if path.as_os_str() == "-" => {
+            ui.say(attacks_table(&document));
+            ui.json(&document)?;
+        }
+        Some(path) => {
+            files::write(path, (serde_json::to_string_pretty(&document)? + "\n").as_bytes())?;
+            ui.print(attacks_table(&document));
+        }
+        None => ui.print(attacks_table(&document)),
+    }
+    Ok(Exit::Success)
+}
+
+/// A number from 0 to 100.
+fn percent(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    if (0.0..=100.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("a number from 0 to 100 is expected".to_owned())
+    }
+}

@@ -1,0 +1,78 @@
+//! `veiloc attack`: table, document, and what is refused.
+
+mod common;
+
+use common::{folder, keys};
+
+const SMALL: &str = "attack --synthetic 500 --schemes random-lines,dcl:s=2 --attacks closed-form,graph";
+
+#[test]
+fn table_and_document() {
+    let place = folder();
+    let run = place.run(&format!("{SMALL} --corrupt 0,20 --json attack.json")).succeeded();
+    for word in ["random-lines", "dcl", "prior", "closed-form", "graph", "20 %", "< 30 px"] {
+        assert!(run.stdout.contains(word), "{word}: {run}");
+    }
+    assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");
+    let document: serde_json::Value = serde_json::from_slice(&place.read("attack.json")).expect("a document");
+    assert_eq!(keys(&document), ["attacks", "command", "data", "k", "neighbours", "seed", "version"]);
+    let attacks = document["attacks"].as_array().expect("rows");
+    // A scheme: the guess once, each attack with neighbours once a share.
+    assert_eq!(attacks.len(), 2 * (1 + 2 * 2));
+    assert_eq!(
+        keys(&attacks[0]),
+        [
+            "attack",
+            "bits_over_prior",
+            "corrupt",
+            "images",
+            "mean_px",
+            "median_px",
+            "ms",
+            "scheme",
+            "under_10px",
+            "under_30px",
+            "under_5px"
+        ]
+    );
+    let mean = |scheme: usize, row: usize| attacks[5 * scheme + row]["mean_px"].as_f64().expect("a number");
+    assert_eq!((&attacks[5]["attack"], &attacks[5]["bits_over_prior"]), (&"prior".into(), &0.0.into()));
+    // The paper's attack fails on dcl, as the paper says; the graph attack does not.
+    assert!(mean(1, 1) > 2.0 * mean(1, 0), "{run}");
+    assert!(mean(1, 3) < 0.2 * mean(1, 0), "{run}");
+    assert!(mean(0, 1) < 0.2 * mean(0, 0), "{run}");
+}
+
+#[test]
+fn equal_seeds_give_equal_results() {
+    let place = folder();
+    let errors = |seed: u32| {
+        let document = place.run(&format!("{SMALL} --seed {seed} --json")).succeeded().json();
+        let rows = document["attacks"].as_array().expect("rows").clone();
+        rows.iter().map(|row| row["mean_px"].as_f64().expect("a number")).collect::<Vec<_>>()
+    };
+    assert_eq!(errors(3), errors(3));
+    assert_ne!(errors(3), errors(4));
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let place = folder();
+    place.write("bad.jsonl", "{\"name\":\"a\",\"width\":640,\"height\":480,\"keypoints\":[[1,2],[3]]}\n");
+    place.write("empty.jsonl", "\n");
+    for (arguments, code, says) in [
+        ("attack", 2, "KEYPOINTS"),
+        ("attack --synthetic 0", 2, "--synthetic"),
+        ("attack --synthetic 9 --attacks guess", 2, "closed-form-informed"),
+        ("attack --synthetic 9 --corrupt 101", 2, "from 0 to 100"),
+        ("attack --synthetic 9 -k 0", 2, "-k"),
+        ("attack --synthetic 9 --schemes points", 1, "hides nothing"),
+        ("attack bad.jsonl", 1, "bad.jsonl:1"),
+        ("attack empty.jsonl", 1, "empty.jsonl"),
+        ("attack missing.jsonl", 1, "missing.jsonl"),
+    ] {
+        let run = place.run(arguments);
+        assert_eq!(run.code, Some(code), "{run}");
+        assert!(run.stderr.contains(says) && run.stdout.is_empty(), "{says}: {run}");
+    }
+}

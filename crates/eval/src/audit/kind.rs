@@ -1,0 +1,77 @@
+//! Names of the attacks.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// An attack that recovers positions of keypoints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum AttackKind {
+    /// The guess that uses no neighbours, keypoints taken to be spread evenly: the zero line of every table.
+    Prior,
+    /// The same with a density learned from the other pictures.
+    LearnedPrior,
+    /// The paper's attack (Eq. 3): infinite lines, answers anywhere.
+    ClosedForm,
+    /// The same with answers held in the picture.
+    ClosedFormInPicture,
+    /// Parts of lines in the picture, neighbours of the other anchor only, answers in the picture.
+    ClosedFormInformed,
+    /// [`Self::ClosedFormInformed`] with false neighbours filtered by consensus.
+    ClosedFormConsensus,
+    /// The layout of the whole graph of neighbours.
+    Graph,
+}
+
+impl AttackKind {
+    /// All of them, weakest first.
+    pub const ALL: [Self; 7] = [
+        Self::Prior,
+        Self::LearnedPrior,
+        Self::ClosedForm,
+        Self::ClosedFormInPicture,
+        Self::ClosedFormInformed,
+        Self::ClosedFormConsensus,
+        Self::Graph,
+    ];
+
+    /// Its name in tables and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Prior => "prior",
+            Self::LearnedPrior => "learned-prior",
+            Self::ClosedForm => "closed-form",
+            Self::ClosedFormInPicture => "closed-form-in-picture",
+            Self::ClosedFormInformed => "closed-form-informed",
+            Self::ClosedFormConsensus => "closed-form-consensus",
+            Self::Graph => "graph",
+        }
+    }
+
+    /// Whether it asks who is a neighbour of whom.
+    pub const fn uses_neighbours(self) -> bool {
+        !matches!(self, Self::Prior | Self::LearnedPrior)
+    }
+}
+
+impl fmt::Display for AttackKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// No attack has this name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no attack is called {name:?}; there are {}", AttackKind::ALL.map(AttackKind::name).join(", "))]
+pub struct AttackKindError {
+    name: String,
+}
+
+impl FromStr for AttackKind {
+    type Err = AttackKindError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::ALL.into_iter().find(|kind| kind.name() == text);
+        found.ok_or_else(|| AttackKindError { name: text.to_owned() })
+    }
+}

@@ -1,0 +1,11 @@
+//! `veiloc attack`: every attack on every scheme, each beside the guess that uses no neighbours.
+
+mod document;
+mod keypoints;
+mod kind;
+mod run;
+
+pub use document::{AttackDocument, AttackSummary, attacks_table};
+pub use keypoints::{KeypointPicture, read_keypoints, synthetic_picture};
+pub use kind::{AttackKind, AttackKindError};
+pub use run::{AttackEvaluation, NeighbourSource, evaluate_attacks};

@@ -1,0 +1,232 @@
+//! Runs every attack on every scheme and picture.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use veiloc_attacks::{
+    AttackError, ClosedFormOptions, Density, ErrorSummary, GraphOptions, NeighbourLists, Observation,
+    PlaceCounts, bits_over_prior, closed_form, errors_px, graph, prior_only,
+};
+use veiloc_geometry::Pixel;
+use veiloc_obfuscation::obfuscate_points;
+use veiloc_query::{AngleBits, Scheme};
+
+use super::document::{AttackDocument, AttackSummary};
+use super::keypoints::{KeypointPicture, read_keypoints, synthetic_picture};
+use super::kind::AttackKind;
+use crate::error::EvalError;
+use crate::metrics::median;
+use crate::seeds::seed_for;
+
+/// Who tells the attacker which keypoints are neighbours.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum NeighbourSource {
+    /// An oracle that knows the positions: the worst case.
+    Oracle,
+}
+
+/// What to attack, and how.
+#[derive(Debug, Clone)]
+pub struct AttackEvaluation {
+    /// Files of keypoints; empty for [`Self::synthetic`] alone.
+    pub files: Vec<PathBuf>,
+    /// Evenly spread keypoints of an additional picture, 0 for none.
+    pub synthetic: usize,
+    /// Pictures of each file that are attacked, from the first; all of them teach the learned prior.
+    pub pictures: Option<usize>,
+    /// Schemes, in the order of the table.
+    pub schemes: Vec<Scheme>,
+    /// Attacks, in the order of the table. The guess is always there, first.
+    pub attacks: Vec<AttackKind>,
+    /// Who tells the neighbours.
+    pub neighbours: NeighbourSource,
+    /// Neighbours a keypoint.
+    pub k: usize,
+    /// Percent of the neighbours that are replaced by keypoints drawn by lot; the neighbour attacks run once each.
+    pub corrupt: Vec<f64>,
+    /// Bits of a line's angle, as a profile sets them.
+    pub angle_bits: AngleBits,
+    /// Seed of obfuscation, corruption and starts.
+    pub seed: u64,
+}
+
+/// One row being filled.
+struct Row {
+    scheme: Scheme,
+    attack: AttackKind,
+    corrupt: f64,
+    errors: Vec<f64>,
+    /// Bits times keypoints, summed over pictures.
+    bits: f64,
+    ms: Vec<f64>,
+}
+
+/// Pixels within which neighbours agree, in shares of the picture's width: 20 px of 640.
+const CONSENSUS: f64 = 20.0 / 640.0;
+
+/// Attacks everything; `advance` is called with the work done and all of it.
+///
+/// # Errors
+/// [`EvalError`] when a file cannot be read, holds nothing, or has a keypoint that no scheme can send.
+pub fn evaluate_attacks(
+    evaluation: &AttackEvaluation,
+    mut advance: impl FnMut(usize, usize),
+) -> Result<AttackDocument, EvalError> {
+    let mut groups: Vec<Vec<KeypointPicture>> =
+        evaluation.files.iter().map(|file| read_keypoints(file)).collect::<Result<_, _>>()?;
+    let mut data: Vec<String> = evaluation.files.iter().map(|f| display_name(f)).collect();
+    if evaluation.synthetic > 0 {
+        groups.push(vec![synthetic_picture(evaluation.synthetic, evaluation.seed)]);
+        data.push(format!("synthetic {}", evaluation.synthetic));
+    }
+
+    let mut rows = rows(evaluation);
+    let pictures: usize = groups.iter().map(|g| g.len().min(evaluation.pictures.unwrap_or(usize::MAX))).sum();
+    let total = pictures * rows.len();
+    let mut done = 0;
+    for group in &groups {
+        let counts: Vec<PlaceCounts> =
+            group.iter().map(|p| PlaceCounts::of(&p.keypoints, p.width, p.height)).collect();
+        let mut all = PlaceCounts::default();
+        for counts in &counts {
+            all.add(counts);
+        }
+        for (picture, own) in group.iter().zip(&counts).take(evaluation.pictures.unwrap_or(usize::MAX)) {
+            let mut others = all.clone();
+            others.subtract(own);
+            attack_picture(evaluation, picture, &others.density(), &mut rows, &mut || {
+                done += 1;
+                advance(done, total);
+            })?;
+        }
+    }
+    Ok(AttackDocument {
+        version: 1,
+        command: "attack",
+        data,
+        neighbours: "oracle",
+        k: evaluation.k,
+        precision: None,
+        chance: None,
+        seed: evaluation.seed,
+        attacks: rows.iter().map(|row| summary(row, pictures)).collect(),
+    })
+}
+
+fn display_name(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
+/// Rows of the table, scheme by scheme, the guess first.
+fn rows(evaluation: &AttackEvaluation) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for &scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
+        let mut push = |attack, corrupt| {
+            rows.push(Row { scheme, attack, corrupt, errors: Vec::new(), bits: 0.0, ms: Vec::new() });
+        };
+        push(AttackKind::Prior, 0.0);
+        for &attack in evaluation.attacks.iter().filter(|a| **a != AttackKind::Prior) {
+            if attack.uses_neighbours() {
+                evaluation.corrupt.iter().for_each(|corrupt| push(attack, *corrupt));
+            } else {
+                push(attack, 0.0);
+            }
+        }
+    }
+    rows
+}
+
+fn attack_picture(
+    evaluation: &AttackEvaluation,
+    picture: &KeypointPicture,
+    density: &Density,
+    rows: &mut [Row],
+    advance: &mut dyn FnMut(),
+) -> Result<(), EvalError> {
+    let truth = &picture.keypoints;
+    let nearest = NeighbourLists::nearest(truth, evaluation.k);
+    let mut sent: Option<(Scheme, Vec<Observation>, Vec<f64>)> = None;
+    for row in rows {
+        let name = row.scheme.to_string();
+        // The seed names picture and scheme: no choice of other schemes or attacks changes what is sent.
+        let rng =
+            |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&picture.name, &name, what]));
+        if sent.as_ref().is_none_or(|s| s.0 != row.scheme) {
+            let observed = obfuscate_points(
+                truth,
+                picture.width,
+                picture.height,
+                &row.scheme,
+                evaluation.angle_bits,
+                &mut rng("sent"),
+            )
+            .map_err(|source| EvalError::Seal { name: picture.name.clone(), source })?;
+            sent = Some((row.scheme, Observation::of_sent(&observed), Vec::new()));
+        }
+        let Some((_, observations, guessed)) = &mut sent else { continue };
+        let corrupted = nearest.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
+        let started = Instant::now();
+        let answers = answer(row.attack, observations, &corrupted, picture, density, &mut rng("attack"))?;
+        row.ms.push(started.elapsed().as_secs_f64() * 1e3);
+        let errors = errors_px(answers, truth);
+        if row.attack == AttackKind::Prior {
+            guessed.clone_from(&errors);
+        }
+        if !errors.is_empty() {
+            let bits = bits_over_prior(&errors, guessed, picture.width, picture.height);
+            row.bits += bits * errors.len() as f64;
+        }
+        row.errors.extend(errors);
+        advance();
+    }
+    Ok(())
+}
+
+/// One attack on one picture: `[N]` positions.
+fn answer(
+    attack: AttackKind,
+    observations: &[Observation],
+    neighbours: &NeighbourLists,
+    picture: &KeypointPicture,
+    density: &Density,
+    rng: &mut ChaCha8Rng,
+) -> Result<Vec<Pixel>, AttackError> {
+    let (width, height) = (picture.width, picture.height);
+    let closed = |options: ClosedFormOptions| {
+        let answers = closed_form(observations, neighbours, width, height, &options)?;
+        Ok(answers.iter().map(|a| a.pixel).collect())
+    };
+    match attack {
+        AttackKind::Prior => Ok(prior_only(observations, width, height)),
+        AttackKind::LearnedPrior => Ok(density.guess(observations, width, height)),
+        AttackKind::ClosedForm => closed(ClosedFormOptions::default()),
+        AttackKind::ClosedFormInPicture => closed(ClosedFormOptions::in_picture()),
+        AttackKind::ClosedFormInformed => closed(ClosedFormOptions::informed()),
+        AttackKind::ClosedFormConsensus => {
+            closed(ClosedFormOptions::informed().with_consensus(CONSENSUS * f64::from(width)))
+        }
+        AttackKind::Graph => {
+            Ok(graph(observations, neighbours, width, height, &GraphOptions::default(), rng)?.pixels)
+        }
+    }
+}
+
+fn summary(row: &Row, images: usize) -> AttackSummary {
+    let errors = ErrorSummary::of(&row.errors);
+    AttackSummary {
+        scheme: row.scheme.to_string(),
+        attack: row.attack.to_string(),
+        corrupt: row.corrupt,
+        images,
+        mean_px: errors.mean_px,
+        median_px: errors.median_px,
+        under_5px: errors.under_5px,
+        under_10px: errors.under_10px,
+        under_30px: errors.under_30px,
+        bits_over_prior: row.bits / row.errors.len().max(1) as f64,
+        ms: median(&row.ms),
+    }
+}
