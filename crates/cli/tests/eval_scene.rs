@@ -71,3 +71,30 @@ fn strangers_are_counted_and_not_trusted() {
         assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
     }
 }
+
+#[test]
+fn problems_of_a_place_are_what_eval_pose_reads() {
+    let place = place();
+    let make = "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt \
+                --max-keypoints 1024";
+    for file in ["made.jsonl", "made.jsonl.gz"] {
+        place.run(&format!("{make} -o {file}")).succeeded();
+        let run = place.run(&format!("eval pose {file} --schemes points,dcl --json made.json")).succeeded();
+        let document: serde_json::Value =
+            serde_json::from_slice(&place.read("made.json")).expect("a document");
+        for row in document["schemes"].as_array().expect("an array") {
+            assert_eq!(row["localized"], row["queries"], "{run}");
+            assert_eq!(row["prior"], true, "ratio, votes and track length are there: {run}");
+        }
+        let of = |options: &str| {
+            place.run(&format!("eval pose {file} --schemes dcl --json fixed.json {options}")).succeeded();
+            let document: serde_json::Value =
+                serde_json::from_slice(&place.read("fixed.json")).expect("a document");
+            document["queries"][0]["translation_error"].as_f64().expect("a number")
+        };
+        assert_ne!(of("--noise 3 --fixed-noise"), of("--noise 3"));
+    }
+    assert_eq!(place.read("made.jsonl.gz")[..2], [0x1f, 0x8b]);
+    let refused = place.run(&format!("{make} -o no/such/folder/made.jsonl"));
+    assert_eq!(refused.code, Some(1), "{refused}");
+}

@@ -10,7 +10,6 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
-use serde::Serialize;
 use veiloc_localize::matching::match_points;
 use veiloc_localize::retrieval::retrieve;
 use veiloc_localize::{LocalizeOptions, observe_matches};
@@ -22,6 +21,7 @@ use veiloc_query::Scheme;
 use veiloc_robust::Correspondences;
 
 use crate::error::EvalError;
+use crate::problems::{CameraLine, Line, PoseLine};
 use crate::scene::{PosedQuery, posed_queries};
 use crate::seeds::seed_for;
 
@@ -42,32 +42,6 @@ pub struct ProblemSource<'a> {
     pub localize: &'a LocalizeOptions,
     /// Seed of the keypoints' dither.
     pub seed: u64,
-}
-
-#[derive(Serialize)]
-struct Line {
-    name: String,
-    camera: Camera,
-    points2d: Vec<[f64; 2]>,
-    points3d: Vec<[f64; 3]>,
-    cam_from_world: Pose,
-    ratio: Vec<f32>,
-    votes: Vec<u32>,
-    track_length: Vec<usize>,
-}
-
-#[derive(Serialize)]
-struct Camera {
-    model: &'static str,
-    width: u32,
-    height: u32,
-    params: [f64; 4],
-}
-
-#[derive(Serialize)]
-struct Pose {
-    q: [f64; 4],
-    t: [f64; 3],
 }
 
 /// One line of `problems.jsonl` a query, in the order of the list.
@@ -114,21 +88,23 @@ fn line(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result
     let camera = sealed.camera();
     Ok(Line {
         name: query.name.clone(),
-        camera: Camera {
-            model: "PINHOLE",
+        camera: CameraLine {
+            model: "PINHOLE".to_owned(),
             width: camera.width,
             height: camera.height,
-            params: [camera.focal[0], camera.focal[1], camera.principal[0], camera.principal[1]],
+            params: vec![camera.focal[0], camera.focal[1], camera.principal[0], camera.principal[1]],
         },
         points2d: pixels.iter().map(|p| [p.u, p.v]).collect(),
         points3d: matches.iter().map(|m| map.point(m.point).coords.into()).collect(),
-        cam_from_world: Pose {
+        cam_from_world: PoseLine {
             q: query.cam_from_world.quaternion(),
             t: (*query.cam_from_world.translation()).into(),
         },
-        ratio: matches.iter().map(|m| m.ratio).collect(),
-        votes: matches.iter().map(|m| m.votes).collect(),
-        track_length: matches.iter().map(|m| map.track_length(m.point)).collect(),
+        ratio: Some(matches.iter().map(|m| f64::from(m.ratio)).collect()),
+        votes: Some(matches.iter().map(|m| m.votes).collect()),
+        track_length: Some(matches.iter().map(|m| map.track_length(m.point) as u32).collect()),
+        gravity_in_camera: None,
+        gravity_in_world: None,
     })
 }
 

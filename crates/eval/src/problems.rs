@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pinhole, Pixel, Point3};
@@ -38,32 +38,38 @@ pub struct Problem {
     pub gravity: Option<Gravity>,
 }
 
-#[derive(Deserialize)]
-struct Line {
-    name: String,
-    camera: CameraLine,
-    points2d: Vec<[f64; 2]>,
-    points3d: Vec<[f64; 3]>,
-    cam_from_world: PoseLine,
-    ratio: Option<Vec<f64>>,
-    votes: Option<Vec<u32>>,
-    track_length: Option<Vec<u32>>,
-    gravity_in_camera: Option<[f64; 3]>,
-    gravity_in_world: Option<[f64; 3]>,
+/// One line of the file, as it stands there; `make_problems` writes what this reads.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Line {
+    pub(crate) name: String,
+    pub(crate) camera: CameraLine,
+    pub(crate) points2d: Vec<[f64; 2]>,
+    pub(crate) points3d: Vec<[f64; 3]>,
+    pub(crate) cam_from_world: PoseLine,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) ratio: Option<Vec<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) votes: Option<Vec<u32>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) track_length: Option<Vec<u32>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) gravity_in_camera: Option<[f64; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) gravity_in_world: Option<[f64; 3]>,
 }
 
-#[derive(Deserialize)]
-struct CameraLine {
-    model: String,
-    width: u32,
-    height: u32,
-    params: Vec<f64>,
+#[derive(Serialize, Deserialize)]
+pub(crate) struct CameraLine {
+    pub(crate) model: String,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) params: Vec<f64>,
 }
 
-#[derive(Deserialize)]
-struct PoseLine {
-    q: [f64; 4],
-    t: [f64; 3],
+#[derive(Serialize, Deserialize)]
+pub(crate) struct PoseLine {
+    pub(crate) q: [f64; 4],
+    pub(crate) t: [f64; 3],
 }
 
 impl Problem {

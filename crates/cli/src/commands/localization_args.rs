@@ -19,9 +19,13 @@ pub(crate) struct EngineArgs {
     /// Inlier threshold for points in pixels; lines use it divided by √2, as in the paper.
     #[arg(long, value_name = "PX", value_parser = positive)]
     pub(crate) max_error: Option<f64>,
-    /// Noise of a keypoint across its line in pixels, the likelihood's only scale.
+    /// Noise of a keypoint across its line in pixels, the likelihood's only scale. The search takes it as it is; the
+    /// final refinement starts from it and takes what the inliers show.
     #[arg(long, value_name = "PX", value_parser = positive)]
     pub(crate) noise: Option<f64>,
+    /// Take the noise as given in the final refinement as well.
+    #[arg(long)]
+    pub(crate) fixed_noise: bool,
 }
 
 impl EngineArgs {
@@ -36,6 +40,7 @@ impl EngineArgs {
         if let Some(px) = self.noise {
             options.noise_px = px;
         }
+        options.estimate_noise = !self.fixed_noise;
         options
     }
 }

@@ -1,6 +1,7 @@
 //! `veiloc eval`: localization measured on data with known poses, and against what theory allows.
 
 mod crb;
+mod place;
 mod pose;
 mod problems;
 mod report;

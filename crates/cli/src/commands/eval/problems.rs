@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_eval::{ProblemSource, encode_lines, make_problems};
 
+use crate::commands::eval::place::PlaceArgs;
 use crate::commands::localization_args::MatchArgs;
 use crate::commands::map::ExtractionArgs;
 use crate::exit::{Exit, Outcome};
@@ -16,18 +17,8 @@ use crate::ui::{Bars, Ui};
 /// with the true poses: one JSON object a line, gzipped when the name ends in `.gz`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
-    #[arg(long, value_name = "DIR")]
-    posed: PathBuf,
-    /// Folder of the photographs.
-    #[arg(long, value_name = "DIR")]
-    images: PathBuf,
-    /// Names of the images the map is built from, one a line.
-    #[arg(long, value_name = "FILE")]
-    map_list: PathBuf,
-    /// Names of the images that become problems, one a line.
-    #[arg(long, value_name = "FILE")]
-    query_list: PathBuf,
+    #[command(flatten)]
+    place: PlaceArgs,
     /// Where the problems go.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
@@ -42,10 +33,10 @@ pub(crate) struct Args {
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let source = ProblemSource {
-        posed: &args.posed,
-        images: &args.images,
-        map_list: &files::read_list(&args.map_list)?,
-        query_list: &files::read_list(&args.query_list)?,
+        posed: &args.place.posed,
+        images: &args.place.images,
+        map_list: &files::read_list(&args.place.map_list)?,
+        query_list: &files::read_list(&args.place.query_list)?,
         build: &args.extraction.options(),
         localize: &args.matching.localize_options(),
         seed: args.seed,

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_eval::{SceneEvaluation, Strangers, evaluate_scene};
 
+use crate::commands::eval::place::PlaceArgs;
 use crate::commands::eval::report::ReportArgs;
 use crate::commands::localization_args::{MatchArgs, PoseArgs};
 use crate::commands::map::ExtractionArgs;
@@ -17,18 +18,8 @@ use crate::ui::{Bars, Ui};
 /// it, and compares with its known pose. A query without a pose counts as infinitely wrong.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
-    #[arg(long, value_name = "DIR")]
-    posed: PathBuf,
-    /// Folder of the photographs.
-    #[arg(long, value_name = "DIR")]
-    images: PathBuf,
-    /// Names of the images the map is built from, one a line.
-    #[arg(long, value_name = "FILE")]
-    map_list: PathBuf,
-    /// Names of the images to localize, one a line.
-    #[arg(long, value_name = "FILE")]
-    query_list: PathBuf,
+    #[command(flatten)]
+    place: PlaceArgs,
     /// Keep the map that was built.
     #[arg(long, value_name = "FILE")]
     keep_map: Option<PathBuf>,
@@ -79,10 +70,10 @@ impl StrangerArgs {
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = SceneEvaluation {
-        posed: args.posed.clone(),
-        images: args.images.clone(),
-        map_list: files::read_list(&args.map_list)?,
-        query_list: files::read_list(&args.query_list)?,
+        posed: args.place.posed.clone(),
+        images: args.place.images.clone(),
+        map_list: files::read_list(&args.place.map_list)?,
+        query_list: files::read_list(&args.place.query_list)?,
         keep_map: args.keep_map.clone(),
         build: args.extraction.options(),
         schemes: args.report.schemes.clone(),

@@ -1,0 +1,20 @@
+//! A place with known poses, split into map and queries: what several evaluations start from.
+
+use std::path::PathBuf;
+
+/// A place with known poses.
+#[derive(clap::Args)]
+pub(super) struct PlaceArgs {
+    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
+    #[arg(long, value_name = "DIR")]
+    pub(super) posed: PathBuf,
+    /// Folder of the photographs.
+    #[arg(long, value_name = "DIR")]
+    pub(super) images: PathBuf,
+    /// Names of the images the map is built from, one a line.
+    #[arg(long, value_name = "FILE")]
+    pub(super) map_list: PathBuf,
+    /// Names of the images taken as queries, one a line.
+    #[arg(long, value_name = "FILE")]
+    pub(super) query_list: PathBuf,
+}
