@@ -194,7 +194,7 @@ fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
             ways.splice(0..0, plain);
         }
         for (recipe, options, prior) in ways {
-            let from_truth = recipe.and_then(Recipe::from_truth);
+            let from_truth = recipe.and_then(Recipe::start_at_truth);
             let searches = from_truth.is_none();
             let score = options.score.unwrap_or(DEFAULT_SCORE);
             for &hypotheses in &evaluation.hypotheses {

@@ -83,7 +83,7 @@ impl Recipe {
     }
 
     /// What it starts from the truth, if it does.
-    pub(crate) const fn from_truth(self) -> Option<FromTruth> {
+    pub(crate) const fn start_at_truth(self) -> Option<FromTruth> {
         match self {
             Self::Optimum => Some(FromTruth::Optimum),
             Self::Floor => Some(FromTruth::Floor),
