@@ -31,16 +31,6 @@ scene redkitchen --schemes dcl --scores msac,likelihood --hypotheses 1000 --no-p
 scene herzjesu --schemes dcl --scores msac,likelihood --hypotheses 1000 --no-prior --thresholds 0.1/2,0.25/5
 
 echo
-echo "# Matches that are already there"
-for file in redkitchen_nn redkitchen_r08 herzjesu_nn herzjesu_r08; do
-    case $file in redkitchen*) threshold=0.05/5 ;; *) threshold=0.1/1 ;; esac
-    veiloc eval pose "$VEILOC_DATA/problems/$file.jsonl.gz" --schemes points,random-lines,dcl \
-        --scores msac,likelihood --hypotheses 1000 --no-prior --thresholds $threshold
-    veiloc eval pose "$VEILOC_DATA/problems/$file.jsonl.gz" --schemes points,random-lines,dcl \
-        --scores msac,likelihood --hypotheses 1000 --thresholds $threshold
-done
-
-echo
 echo "# An imported COLMAP model"
 out="$(mktemp -d)"
 trap 'rm -rf "$out"' EXIT
