@@ -157,8 +157,10 @@ fn best(answers: &[Recovered]) -> Recovered {
 /// Buffers of the minimisation, kept from one keypoint to the next.
 #[derive(Default)]
 struct Sweep {
-    /// Where a neighbour's piece ends: the position, its rank in order of arrival, and what the sum gains there.
-    breaks: Vec<(f64, u32, Quadratic)>,
+    /// Where a neighbour's piece ends: the position, and its rank in order of arrival.
+    breaks: Vec<(f64, u32)>,
+    /// What the sum gains at each break, in order of arrival: kept apart so that sorting moves little.
+    gains: Vec<Quadratic>,
 }
 
 /// Squared sine below which lines are parallel for all purposes: an angle of 1e-9 rad.
@@ -192,6 +194,7 @@ impl Sweep {
 
         let mut sum = Quadratic::default();
         self.breaks.clear();
+        self.gains.clear();
         for &j in list {
             let pieces = Pieces::of(&places[j as usize], segment);
             sum.add(&pieces.first, 1.0);
@@ -199,7 +202,8 @@ impl Sweep {
             for (t, piece) in pieces.then.into_iter().flatten() {
                 let mut gain = piece;
                 gain.add(&previous, -1.0);
-                self.breaks.push((t, self.breaks.len() as u32, gain));
+                self.breaks.push((t, self.gains.len() as u32));
+                self.gains.push(gain);
                 previous = piece;
             }
         }
@@ -218,9 +222,9 @@ impl Sweep {
                     best = Some((t, cost, determined));
                 }
             }
-            let Some((t, _, gain)) = next else { break };
-            sum.add(gain, 1.0);
-            low = *t;
+            let Some(&(t, gain)) = next else { break };
+            sum.add(&self.gains[gain as usize], 1.0);
+            low = t;
         }
         let (t, cost, determined) = best.unwrap_or((f64::NAN, f64::NAN, false));
         Recovered { pixel: segment.at(t), cost, determined }
