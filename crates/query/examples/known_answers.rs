@@ -19,5 +19,6 @@ fn main() -> std::io::Result<()> {
             fs::write(folder.join("v1.profile"), common::profile(scheme, bits).encode())?;
         }
     }
+    fs::write(folder.join("v1.answer"), common::answer(1, 2).encode())?;
     Ok(())
 }

@@ -7,12 +7,15 @@
 //! - [`Scheme`]: what happens to keypoint positions; [`DclLayout`]: where Dual Convergent Lines puts its anchors.
 //! - [`Profile`]: what a device needs to know before it can seal for a map. No map data.
 //! - [`SealedQuery`]: what leaves the device; [`Observations`]: what it tells about positions.
+//! - [`Answer`]: what the server tells in return.
 //! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
 //!
 //! The bytes are described in `docs/wire-format.md` and `proto/veiloc/v1/`, the reasons in `docs/privacy.md`.
 #![forbid(unsafe_code)]
 
 mod angle;
+mod answer;
+mod balance;
 mod bits;
 mod camera;
 mod error;
@@ -26,6 +29,8 @@ mod size_class;
 mod wire;
 
 pub use angle::AngleBits;
+pub use answer::{Answer, AnswerDoubt, AnswerTimes, DoubtKind};
+pub use balance::{LEAST_A_SIDE, Lopsided};
 pub use camera::CanonicalCamera;
 pub use error::QueryError;
 pub use layout::DclLayout;

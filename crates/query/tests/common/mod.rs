@@ -6,7 +6,8 @@ use rand_chacha::rand_core::{RngCore, SeedableRng};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
 use veiloc_query::{
-    AnchoredRow, AngleBits, CanonicalCamera, LineRow, PositionRow, Profile, Rows, Scheme, SealedQuery,
+    AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerTimes, CanonicalCamera, DoubtKind, LineRow,
+    PositionRow, Profile, Rows, Scheme, SealedQuery,
 };
 
 /// Numbers straight from the generator, so that the known answers do not depend on how a library draws ranges.
@@ -82,4 +83,32 @@ pub(crate) fn known_answers() -> Vec<(String, Scheme, AngleBits)> {
             (file, name.parse().expect("a scheme"), AngleBits::new(bits).expect("allowed"))
         })
         .collect()
+}
+
+/// An answer of numbers that are exact in binary, so that nothing depends on rounding.
+pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
+    let mut draw = Draw::new(seed);
+    let mut eighth = || f64::from(draw.below(1 << 12)) / 8.0 - 256.0;
+    Answer {
+        rotation: [0.5, -0.5, 0.5, 0.5],
+        translation: std::array::from_fn(|_| eighth()),
+        center: std::array::from_fn(|_| eighth()),
+        covariance: std::array::from_fn(|i| {
+            std::array::from_fn(|j| if i == 5 && j == 5 { f64::INFINITY } else { eighth() })
+        }),
+        center_covariance: std::array::from_fn(|_| std::array::from_fn(|_| eighth())),
+        trusted: doubts == 0,
+        doubts: DoubtKind::ALL
+            .into_iter()
+            .cycle()
+            .take(doubts)
+            .map(|kind| AnswerDoubt { kind, text: format!("because of {}", kind.name()) })
+            .collect(),
+        log_evidence: 812.5,
+        margin: f64::INFINITY,
+        inliers: 311,
+        matches: 912,
+        hypotheses: 64,
+        times: AnswerTimes { queue_ms: 0.25, retrieve_ms: 0.5, match_ms: 12.0, pose_ms: 3.75 },
+    }
 }
