@@ -18,6 +18,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("map", &["geometry", "descriptor", "kernels", "query"]),
     ("mapping", &["geometry", "descriptor", "features", "map", "query", "robust"]),
     ("localize", &["geometry", "descriptor", "query", "map", "robust"]),
+    ("server", &["geometry", "query", "map", "localize", "robust"]),
     ("attacks", &["geometry", "obfuscation", "query", "map", "descriptor"]),
     ("synth", &["geometry", "descriptor"]),
 ];

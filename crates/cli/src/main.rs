@@ -37,6 +37,11 @@ enum Command {
     Seal(commands::seal::Args),
     /// Find where sealed queries were taken.
     Localize(commands::localize::Args),
+    /// Serve maps: sealed queries in over HTTP, poses out.
+    Serve(commands::serve::Args),
+    /// Ask a service where a photograph was taken, without sending it.
+    #[command(subcommand)]
+    Query(commands::query::Command),
     /// Measure localization on data with known poses.
     #[command(subcommand)]
     Eval(commands::eval::Command),
@@ -52,6 +57,8 @@ fn main() -> ExitCode {
         Command::Map(command) => commands::map::run(command, &ui),
         Command::Seal(args) => commands::seal::run(args, &ui),
         Command::Localize(args) => commands::localize::run(args, &ui),
+        Command::Serve(args) => commands::serve::run(args, &ui),
+        Command::Query(command) => commands::query::run(command, &ui),
         Command::Eval(command) => commands::eval::run(command, &ui),
         Command::Attack(args) => commands::attack::run(args, &ui),
     });

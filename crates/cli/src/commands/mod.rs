@@ -6,4 +6,6 @@ pub(crate) mod eval;
 mod localization_args;
 pub(crate) mod localize;
 pub(crate) mod map;
+pub(crate) mod query;
 pub(crate) mod seal;
+pub(crate) mod serve;

@@ -1,0 +1,21 @@
+//! `veiloc query`: the device's side of the service.
+
+mod client;
+mod profile_cache;
+mod send;
+
+use crate::exit::Outcome;
+use crate::ui::Ui;
+
+/// Ask a service where a photograph was taken, without sending it.
+#[derive(clap::Subcommand)]
+pub(crate) enum Command {
+    /// Seal one photograph, send it, print the pose.
+    Send(send::Args),
+}
+
+pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
+    match command {
+        Command::Send(args) => send::run(args, ui),
+    }
+}

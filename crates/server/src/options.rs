@@ -1,0 +1,192 @@
+//! What to serve, to whom, and how much at a time; checked before anything is opened.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::num::{NonZeroU32, NonZeroUsize};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use veiloc_localize::LocalizeOptions;
+
+use crate::error::ServerError;
+
+/// A map and the name it is served under.
+#[derive(Debug, Clone)]
+pub struct MapSource {
+    /// Part of the address: letters, digits, `-`, `_` and `.`, at most 64.
+    pub name: String,
+    /// The map file. It may be replaced (by renaming another over it) while it is served.
+    pub path: PathBuf,
+}
+
+/// Certificate chain and private key, PEM.
+#[derive(Debug, Clone)]
+pub struct TlsFiles {
+    /// The server's certificate, then those that vouch for it.
+    pub cert: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
+}
+
+/// How often one token may ask.
+#[derive(Debug, Clone, Copy)]
+pub struct RateLimit {
+    /// Requests per second in the long run.
+    pub per_second: NonZeroU32,
+    /// Requests at once after a pause.
+    pub burst: NonZeroU32,
+}
+
+/// How long anything may take.
+#[derive(Debug, Clone, Copy)]
+pub struct Timeouts {
+    /// Head of a request, and pause between two requests of a connection. Also the TLS handshake.
+    pub head: Duration,
+    /// Body of a request.
+    pub body: Duration,
+    /// From the end of the body to the pose, waiting for a worker included.
+    pub localize: Duration,
+    /// The client's reading of an answer, as long as it takes nothing.
+    pub write: Duration,
+    /// What was accepted may still take this long when the server is told to stop.
+    pub grace: Duration,
+}
+
+impl Default for Timeouts {
+    /// 5 s for a head (phones on bad networks need two), 15 s for a body (140 kB at 80 kbit/s), 30 s for a pose.
+    fn default() -> Self {
+        Self {
+            head: Duration::from_secs(5),
+            body: Duration::from_secs(15),
+            localize: Duration::from_secs(30),
+            write: Duration::from_secs(15),
+            grace: Duration::from_secs(30),
+        }
+    }
+}
+
+/// Everything the service needs to know.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct ServerOptions {
+    /// Where to listen; port 0 for any free one.
+    pub listen: SocketAddr,
+    /// What to serve, at least one.
+    pub maps: Vec<MapSource>,
+    /// Certificate files. Without them the service speaks plain HTTP, which it does on loopback only.
+    pub tls: Option<TlsFiles>,
+    /// Plain HTTP beyond loopback: for a proxy that does TLS in front of this service.
+    pub insecure_http: bool,
+    /// Who may ask: one token a line, see `docs/service.md`. Without it everybody on this machine may.
+    pub tokens: Option<PathBuf>,
+    /// Everybody may ask, beyond loopback too.
+    pub allow_anonymous: bool,
+    /// For each token; without tokens, for all requests together.
+    pub rate: RateLimit,
+    /// Threads that localize. Default: one a core.
+    pub workers: NonZeroUsize,
+    /// Queries that may wait for a worker; one more is refused with 503. 32 wait about a second on two cores.
+    pub queue: NonZeroUsize,
+    /// Connections at a time; one more waits to be accepted.
+    pub connections: NonZeroUsize,
+    /// How long anything may take.
+    pub timeouts: Timeouts,
+    /// How often to look whether map, token and certificate files were replaced; `None` for never.
+    pub watch: Option<Duration>,
+    /// How to localize.
+    pub localize: LocalizeOptions,
+}
+
+impl ServerOptions {
+    /// These maps on `127.0.0.1:8080`, with plain HTTP and without tokens.
+    pub fn new(maps: Vec<MapSource>) -> Self {
+        Self {
+            listen: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080),
+            maps,
+            tls: None,
+            insecure_http: false,
+            tokens: None,
+            allow_anonymous: false,
+            rate: RateLimit { per_second: TWENTY, burst: TWENTY },
+            workers: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
+            queue: NonZeroUsize::MIN.saturating_add(31),
+            connections: NonZeroUsize::MIN.saturating_add(1023),
+            timeouts: Timeouts::default(),
+            watch: Some(Duration::from_secs(2)),
+            localize: LocalizeOptions::default(),
+        }
+    }
+
+    /// Refuses what would be a mistake.
+    pub(crate) fn check(&self) -> Result<(), ServerError> {
+        if self.maps.is_empty() {
+            return Err(ServerError::NoMap);
+        }
+        for (i, map) in self.maps.iter().enumerate() {
+            if !is_name(&map.name) {
+                return Err(ServerError::MapName { name: map.name.clone() });
+            }
+            if self.maps[..i].iter().any(|other| other.name == map.name) {
+                return Err(ServerError::TwoMaps { name: map.name.clone() });
+            }
+        }
+        let public = !self.listen.ip().is_loopback();
+        if public && self.tls.is_none() && !self.insecure_http {
+            return Err(ServerError::PlainHttp { listen: self.listen });
+        }
+        if public && self.tokens.is_none() && !self.allow_anonymous {
+            return Err(ServerError::Anonymous { listen: self.listen });
+        }
+        Ok(())
+    }
+}
+
+const TWENTY: NonZeroU32 = NonZeroU32::MIN.saturating_add(19);
+
+/// Names go into addresses, metrics and logs: nothing in them may need escaping.
+fn is_name(name: &str) -> bool {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    (1..=64).contains(&name.len()) && name.chars().all(allowed) && name != "." && name != ".."
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn options(listen: &str, names: &[&str]) -> ServerOptions {
+        let source = |name: &&str| MapSource { name: (*name).to_owned(), path: "place.vmap".into() };
+        let mut options = ServerOptions::new(names.iter().map(source).collect());
+        options.listen = listen.parse().expect("an address");
+        options
+    }
+
+    #[test]
+    fn plain_http_and_strangers_stay_on_loopback() {
+        for loopback in ["127.0.0.1:0", "127.8.8.8:80", "[::1]:0"] {
+            options(loopback, &["a"]).check().expect("nobody else can listen");
+        }
+        for public in ["0.0.0.0:80", "192.168.0.2:80", "[::]:80"] {
+            let mut options = options(public, &["a"]);
+            assert!(matches!(options.check(), Err(ServerError::PlainHttp { .. })));
+            options.insecure_http = true;
+            assert!(matches!(options.check(), Err(ServerError::Anonymous { .. })));
+            options.insecure_http = false;
+            options.tls = Some(TlsFiles { cert: "c".into(), key: "k".into() });
+            assert!(matches!(options.check(), Err(ServerError::Anonymous { .. })));
+            options.tokens = Some("tokens".into());
+            options.check().expect("TLS and tokens");
+        }
+    }
+
+    #[test]
+    fn names_are_plain_and_different() {
+        options("127.0.0.1:0", &["lobby", "floor-2.b_x"]).check().expect("plain names");
+        for bad in ["", ".", "..", "a/b", "ä", "a b", "a\nb", "a\"b", &"x".repeat(65)] {
+            assert!(
+                matches!(options("127.0.0.1:0", &[bad]).check(), Err(ServerError::MapName { .. })),
+                "{bad:?}"
+            );
+        }
+        assert!(matches!(options("127.0.0.1:0", &["a", "a"]).check(), Err(ServerError::TwoMaps { .. })));
+        assert!(matches!(options("127.0.0.1:0", &[]).check(), Err(ServerError::NoMap)));
+    }
+}

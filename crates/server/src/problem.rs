@@ -1,0 +1,153 @@
+//! Refusals: what is told to the client, as `application/problem+json` (RFC 9457), and to the operator, as a name.
+
+use std::num::NonZeroU64;
+
+use axum::http::header::{CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
+use axum::http::{HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+use veiloc_localize::LocalizeError;
+use veiloc_query::QueryError;
+
+/// Why a request was not answered. The texts are for whoever wrote the client; logs have its name only.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub(crate) enum Problem {
+    #[error("send a token that this service knows, as `Authorization: Bearer TOKEN`")]
+    Unauthenticated,
+    #[error("this token may localize; reading the metrics is for operators")]
+    Forbidden,
+    #[error("this token has used its allowance; send the same bytes again in {retry_after} s")]
+    RateLimited { retry_after: NonZeroU64 },
+    #[error("no such address; see /v1/openapi.json")]
+    NotFound,
+    #[error("another method is needed here; see /v1/openapi.json")]
+    WrongMethod,
+    #[error("no map of this name is served; /v1/maps lists them")]
+    UnknownMap,
+    #[error("send a sealed query as application/x-protobuf or application/octet-stream")]
+    MediaType,
+    #[error("a sealed query for this map has at most {limit} bytes")]
+    TooLarge { limit: usize },
+    #[error("the body did not arrive within {seconds} s; send the same bytes again over a better network")]
+    TooSlow { seconds: u64 },
+    #[error("the body broke off before its end; send the same bytes again")]
+    Interrupted,
+    #[error("{0}")]
+    Malformed(String),
+    #[error("{0}")]
+    Version(String),
+    #[error(
+        "the query was sealed for another map or with an old profile; fetch the profile and seal a new picture"
+    )]
+    WrongProfile,
+    #[error("{0}")]
+    NotLocalized(String),
+    #[error("the map is empty; its operator must add images")]
+    EmptyMap,
+    #[error("all workers are busy and the queue is full; send the same bytes again in {retry_after} s")]
+    QueueFull { retry_after: NonZeroU64 },
+    #[error("no pose within {seconds} s; send the same bytes again later")]
+    TimedOut { seconds: u64 },
+    #[error("an error of ours; it was logged")]
+    Broken,
+}
+
+impl Problem {
+    /// What is wrong with a body that is no sealed query. Of its content nothing is told but names of fields.
+    pub(crate) fn of_query(error: &QueryError) -> Self {
+        match error {
+            QueryError::Version { .. } => Self::Version(error.to_string()),
+            QueryError::TooLong { limit, .. } => Self::TooLarge { limit: *limit },
+            _ => Self::Malformed(error.to_string()),
+        }
+    }
+
+    pub(crate) fn of_localization(error: &LocalizeError) -> Self {
+        match error {
+            LocalizeError::WrongProfile { .. } => Self::WrongProfile,
+            LocalizeError::EmptyMap => Self::EmptyMap,
+            LocalizeError::BadQuery(_) => Self::Malformed(error.to_string()),
+            _ => Self::NotLocalized(error.to_string()),
+        }
+    }
+
+    /// Status, a name for programs, metrics and logs, and a title for people.
+    const fn facts(&self) -> (StatusCode, &'static str, &'static str) {
+        use StatusCode as S;
+        match self {
+            Self::Unauthenticated => (S::UNAUTHORIZED, "unauthenticated", "No valid token"),
+            Self::Forbidden => (S::FORBIDDEN, "forbidden", "Not allowed"),
+            Self::RateLimited { .. } => (S::TOO_MANY_REQUESTS, "rate-limited", "Too many requests"),
+            Self::NotFound => (S::NOT_FOUND, "not-found", "Not found"),
+            Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
+            Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
+            Self::MediaType => (S::UNSUPPORTED_MEDIA_TYPE, "media-type", "Unsupported media type"),
+            Self::TooLarge { .. } => (S::PAYLOAD_TOO_LARGE, "too-large", "Body too large"),
+            Self::TooSlow { .. } => (S::REQUEST_TIMEOUT, "too-slow", "Body too slow"),
+            Self::Interrupted => (S::BAD_REQUEST, "interrupted", "Body incomplete"),
+            Self::Malformed(_) => (S::BAD_REQUEST, "malformed-query", "Not a sealed query"),
+            Self::Version(_) => (S::BAD_REQUEST, "unsupported-version", "Unsupported version"),
+            Self::WrongProfile => (S::CONFLICT, "wrong-profile", "Sealed for another map"),
+            Self::NotLocalized(_) => (S::UNPROCESSABLE_ENTITY, "not-localized", "Not localized"),
+            Self::EmptyMap => (S::CONFLICT, "empty-map", "Empty map"),
+            Self::QueueFull { .. } => (S::SERVICE_UNAVAILABLE, "queue-full", "Busy"),
+            Self::TimedOut { .. } => (S::GATEWAY_TIMEOUT, "timed-out", "Took too long"),
+            Self::Broken => (S::INTERNAL_SERVER_ERROR, "broken", "Internal error"),
+        }
+    }
+
+    const fn retry_after(&self) -> Option<NonZeroU64> {
+        match self {
+            Self::RateLimited { retry_after } | Self::QueueFull { retry_after } => Some(*retry_after),
+            _ => None,
+        }
+    }
+}
+
+/// A refusal (RFC 9457).
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct ProblemDocument {
+    /// `urn:veiloc:problem:` and a name that stays the same.
+    #[serde(rename = "type")]
+    #[schema(example = "urn:veiloc:problem:queue-full")]
+    pub kind: String,
+    /// The name in words.
+    pub title: &'static str,
+    /// The status of the response.
+    pub status: u16,
+    /// What is wrong this time, and what to do.
+    pub detail: String,
+    /// Seconds after which to send the same bytes again.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub retry_after: Option<u64>,
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let (status, kind, title) = self.facts();
+        let document = ProblemDocument {
+            kind: format!("urn:veiloc:problem:{kind}"),
+            title,
+            status: status.as_u16(),
+            detail: self.to_string(),
+            retry_after: self.retry_after().map(NonZeroU64::get),
+        };
+        // Strings and numbers always serialize.
+        let body = serde_json::to_vec(&document).unwrap_or_default();
+        let mut response = (status, [(CONTENT_TYPE, "application/problem+json")], body).into_response();
+        let headers = response.headers_mut();
+        if let Some(seconds) = self.retry_after() {
+            headers.insert(RETRY_AFTER, seconds.get().into());
+        }
+        if self == Self::Unauthenticated {
+            headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
+        response.extensions_mut().insert(ProblemKind(kind));
+        response
+    }
+}
+
+/// Travels with a response to whoever logs it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ProblemKind(pub(crate) &'static str);

@@ -1,0 +1,151 @@
+//! The one thing the service is for: a sealed query in, a pose out.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::body::Body;
+use axum::extract::rejection::PathRejection;
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse, Response};
+use veiloc_localize::{Localization, LocalizeError, localize as localize_query};
+use veiloc_query::SealedQuery;
+
+use super::accept::Form;
+use super::record::ServedMap;
+use super::{admit, body};
+use crate::answer::{AnswerDocument, answer_of};
+use crate::maps::Hosted;
+use crate::metrics::Outcome;
+use crate::pool::Refused;
+use crate::problem::{Problem, ProblemDocument};
+use crate::state::App;
+
+/// Where a sealed query was taken.
+///
+/// The body is one `veiloc.v1.SealedQuery` message. After 408, 429, 503 or 504 the same bytes may be sent again; the
+/// picture must not be sealed a second time.
+#[utoipa::path(post, path = "/v1/maps/{name}/localize", security(("token" = [])),
+    params(("name" = String, Path, description = "Name of the map")),
+    request_body(content = Vec<u8>, content_type = "application/x-protobuf"),
+    responses(
+        (status = 200, description = "The pose; with `Accept: application/x-protobuf` a `veiloc.v1.Answer`", body = AnswerDocument),
+        (status = 400, description = "Not a sealed query of a known version", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 404, description = "Unknown map", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 408, description = "The body was too slow", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 409, description = "Sealed for another map, or the map is empty", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 413, description = "Longer than any query for this map", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 415, description = "Another media type", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 422, description = "No pose is supported by the query", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 429, description = "Allowance used; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "Queue full; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 504, description = "No pose in time", body = ProblemDocument, content_type = "application/problem+json"),
+))]
+pub(super) async fn localize(
+    State(app): State<Arc<App>>,
+    name: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
+    mut body: Body,
+) -> Response {
+    let mut served = None;
+    let result = match welcome(&app, name, &headers) {
+        Ok(hosted) => {
+            served = Some(ServedMap(hosted.name.as_str().into()));
+            answer(&app, hosted, &headers, &mut body).await
+        }
+        Err(problem) => Err(problem),
+    };
+    let mut response = match result {
+        Ok(response) => response,
+        Err(problem) => {
+            // Of a body that was read nothing is left; one that was too slow is not waited for again.
+            if !matches!(problem, Problem::TooSlow { .. }) {
+                body::drain(body, &headers, app.options.timeouts.head).await;
+            }
+            problem.into_response()
+        }
+    };
+    if let Some(served) = served {
+        response.extensions_mut().insert(served);
+    }
+    response
+}
+
+/// Everything that can be said before the body is looked at.
+fn welcome(
+    app: &App,
+    name: Result<Path<String>, PathRejection>,
+    headers: &HeaderMap,
+) -> Result<Arc<Hosted>, Problem> {
+    admit(app, headers)?;
+    let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
+    let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let media = media.split(';').next().unwrap_or_default().trim();
+    let known = ["application/x-protobuf", "application/octet-stream"];
+    if known.iter().any(|known| media.eq_ignore_ascii_case(known)) {
+        Ok(hosted)
+    } else {
+        Err(Problem::MediaType)
+    }
+}
+
+async fn answer(
+    app: &Arc<App>,
+    hosted: Arc<Hosted>,
+    headers: &HeaderMap,
+    body: &mut Body,
+) -> Result<Response, Problem> {
+    let started = Instant::now();
+    let bytes = body::read(body, hosted.longest_query, app.options.timeouts.body).await?;
+    app.metrics.stage("read", started.elapsed());
+    let query = SealedQuery::decode(&bytes).map_err(|e| Problem::of_query(&e))?;
+    tracing::debug!(map = hosted.name, rows = query.len(), "sealed query read");
+    drop(bytes);
+
+    let Done { result, waited } = compute(app, hosted.clone(), query).await?;
+    app.metrics.stage("queue", waited);
+    let found = result.map_err(|error| {
+        if matches!(error, LocalizeError::NoPose { .. }) {
+            app.metrics.localization(&hosted.name, Outcome::NotLocalized, None);
+        }
+        Problem::of_localization(&error)
+    })?;
+    let outcome = if found.confidence.is_trusted() { Outcome::Trusted } else { Outcome::Doubtful };
+    app.metrics.localization(&hosted.name, outcome, Some(&found.times));
+
+    let answer = answer_of(&found, waited.as_secs_f64() * 1e3);
+    let form = Form::asked_for(headers);
+    let body = match form {
+        Form::Protobuf => answer.encode(),
+        Form::Json => {
+            serde_json::to_vec(&AnswerDocument::new(&hosted.name, &answer)).map_err(|_| Problem::Broken)?
+        }
+    };
+    Ok(([(CONTENT_TYPE, form.media_type())], body).into_response())
+}
+
+struct Done {
+    result: Result<Localization, LocalizeError>,
+    waited: Duration,
+}
+
+/// Localizes on a thread of the pool.
+async fn compute(app: &Arc<App>, hosted: Arc<Hosted>, query: SealedQuery) -> Result<Done, Problem> {
+    let options = app.options.localize.clone();
+    let work = move |waited| Done { result: localize_query(&query, &hosted.map, &options), waited };
+    let result = app.pool.submit(work).map_err(|refused| match refused {
+        Refused::Full { retry_after } => Problem::QueueFull { retry_after },
+        Refused::Closed => Problem::Broken,
+    })?;
+    let limit = app.options.timeouts.localize;
+    match tokio::time::timeout(limit, result).await {
+        Err(_) => Err(Problem::TimedOut { seconds: limit.as_secs().max(1) }),
+        Ok(Ok(done)) => Ok(done),
+        Ok(Err(_)) => {
+            tracing::error!("localization broke; this is an error of ours");
+            Err(Problem::Broken)
+        }
+    }
+}

@@ -1,0 +1,91 @@
+//! Which maps there are, and what a device needs to seal for one.
+
+use std::sync::Arc;
+
+use axum::extract::rejection::PathRejection;
+use axum::extract::{Path, State};
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::admit;
+use super::record::ServedMap;
+use crate::problem::{Problem, ProblemDocument};
+use crate::state::App;
+
+/// All maps.
+#[derive(Serialize, ToSchema)]
+pub(super) struct MapList {
+    /// In the order the operator gave them.
+    maps: Vec<MapEntry>,
+}
+
+/// A map.
+#[derive(Serialize, ToSchema)]
+struct MapEntry {
+    /// Part of its addresses.
+    name: String,
+    /// Registered images.
+    images: usize,
+    /// Map points.
+    points: usize,
+    /// Name of its profile: 32 hexadecimal digits, the first half of the SHA-256 of its bytes.
+    profile_id: String,
+}
+
+/// The maps that are served.
+#[utoipa::path(get, path = "/v1/maps", security(("token" = [])), responses(
+    (status = 200, description = "All maps", body = MapList),
+    (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
+    (status = 429, description = "Allowance used", body = ProblemDocument, content_type = "application/problem+json"),
+))]
+pub(super) async fn list(State(app): State<Arc<App>>, headers: HeaderMap) -> Result<Response, Problem> {
+    admit(&app, &headers)?;
+    let maps = app.maps.slots().iter().map(|slot| {
+        let hosted = slot.current();
+        MapEntry {
+            name: hosted.name.clone(),
+            images: hosted.map.image_count(),
+            points: hosted.map.point_count(),
+            profile_id: hosted.map.profile().id().to_string(),
+        }
+    });
+    let body = serde_json::to_vec(&MapList { maps: maps.collect() }).map_err(|_| Problem::Broken)?;
+    Ok(([(CONTENT_TYPE, "application/json")], body).into_response())
+}
+
+/// The profile a device seals with: one `veiloc.v1.Profile` message. Its `ETag` changes when it does.
+#[utoipa::path(get, path = "/v1/maps/{name}/profile", security(("token" = [])),
+    params(("name" = String, Path, description = "Name of the map")),
+    responses(
+        (status = 200, description = "The profile", body = Vec<u8>, content_type = "application/x-protobuf"),
+        (status = 304, description = "The one the client has (If-None-Match)"),
+        (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 404, description = "Unknown map", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 429, description = "Allowance used", body = ProblemDocument, content_type = "application/problem+json"),
+))]
+pub(super) async fn profile(
+    State(app): State<Arc<App>>,
+    name: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    admit(&app, &headers)?;
+    let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
+    let common = [(ETAG, hosted.etag.as_str()), (CACHE_CONTROL, "no-cache")];
+    let mut response = if knows(&headers, &hosted.etag) {
+        (StatusCode::NOT_MODIFIED, common).into_response()
+    } else {
+        (common, [(CONTENT_TYPE, "application/x-protobuf")], hosted.profile.clone()).into_response()
+    };
+    response.extensions_mut().insert(ServedMap(hosted.name.as_str().into()));
+    Ok(response)
+}
+
+/// Whether the client says that it has this version.
+fn knows(headers: &HeaderMap, etag: &str) -> bool {
+    let tags = headers.get_all(IF_NONE_MATCH).into_iter().filter_map(|value| value.to_str().ok());
+    let mut tags = tags.flat_map(|value| value.split(',')).map(str::trim);
+    tags.any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == etag)
+}

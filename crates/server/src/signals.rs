@@ -1,0 +1,84 @@
+//! A program that is nothing but the service: its threads, and the signals that stop it or make it read files again.
+
+use std::net::SocketAddr;
+
+use crate::error::ServerError;
+use crate::options::ServerOptions;
+use crate::serve::{Server, ServerHandle};
+
+/// Runs the service until SIGINT or SIGTERM (elsewhere: Ctrl-C), finishes what was accepted, and returns how many
+/// connections had to be given up. SIGHUP makes it read maps, tokens and certificate again.
+///
+/// `ready` is told the address as soon as connections are taken.
+///
+/// # Errors
+/// [`ServerError`] when it cannot start.
+pub fn run_until_signal(
+    options: ServerOptions,
+    ready: impl FnOnce(SocketAddr),
+) -> Result<usize, ServerError> {
+    let system = |what| move |source| ServerError::System { what, source };
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(system("a runtime"))?;
+    runtime.block_on(async {
+        let server = Server::bind(options).await?;
+        let stops = Signals::new().map_err(system("signal handlers"))?;
+        ready(server.address());
+        let listening = tokio::spawn(stops.obey(server.handle()));
+        let abandoned = server.run().await;
+        listening.abort();
+        Ok(abandoned)
+    })
+}
+
+#[cfg(unix)]
+struct Signals {
+    interrupt: tokio::signal::unix::Signal,
+    terminate: tokio::signal::unix::Signal,
+    hang_up: tokio::signal::unix::Signal,
+}
+
+#[cfg(unix)]
+impl Signals {
+    fn new() -> std::io::Result<Self> {
+        use tokio::signal::unix::{SignalKind, signal};
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hang_up: signal(SignalKind::hangup())?,
+        })
+    }
+
+    async fn obey(mut self, server: ServerHandle) {
+        loop {
+            tokio::select! {
+                _ = self.interrupt.recv() => break,
+                _ = self.terminate.recv() => break,
+                _ = self.hang_up.recv() => {
+                    let server = server.clone();
+                    // Not where connections are served; a panic there leaves the old files in place.
+                    let _ = tokio::task::spawn_blocking(move || server.reload()).await;
+                }
+            }
+        }
+        tracing::info!("stopping: finishing what was accepted");
+        server.stop();
+    }
+}
+
+#[cfg(not(unix))]
+struct Signals;
+
+#[cfg(not(unix))]
+impl Signals {
+    fn new() -> std::io::Result<Self> {
+        Ok(Self)
+    }
+
+    async fn obey(self, server: ServerHandle) {
+        // Without a handler for Ctrl-C the system ends the program, which is all there is left to do.
+        if tokio::signal::ctrl_c().await.is_ok() {
+            server.stop();
+        }
+    }
+}
