@@ -1,4 +1,5 @@
-//! The demo's attack: the paper's geometry recovery with an oracle's neighbours, beside the guess it must beat.
+//! The demo's attacks: the paper's geometry recovery and the layout of the whole graph, both with an oracle's
+//! neighbours, beside the guess they must beat.
 
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -6,8 +7,8 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_attacks::{
-    ClosedFormOptions, ErrorSummary, NeighbourLists, Observation, bits_over_prior, closed_form, errors_px,
-    prior_only,
+    ClosedFormOptions, ErrorSummary, GraphOptions, NeighbourLists, Observation, bits_over_prior, closed_form,
+    errors_px, graph, prior_only,
 };
 use veiloc_geometry::Pixel;
 use veiloc_map::MapFile;
@@ -28,19 +29,36 @@ const NEIGHBOURS: usize = 20;
 /// Name of the paper's attack in tables and documents.
 const CLOSED_FORM: &str = "closed-form";
 
+/// Name of the graph attack in tables and documents.
+const GRAPH: &str = "graph";
+
 /// Rows of the table, and the pictures for the report.
 pub(crate) struct Attacked {
     pub(crate) rows: Vec<AttackRow>,
     pub(crate) panels: Vec<QueryPanel>,
 }
 
-/// Queries whose pictures the report shows.
+/// Queries whose pictures the report shows, and that the graph attack works on: it takes seconds a picture.
 const SHOWN: usize = 2;
 
+/// Errors of one attack on one scheme, those of the guess on the same keypoints, and milliseconds a picture.
+#[derive(Default)]
 struct Tally {
     errors: Vec<f64>,
+    guessed: Vec<f64>,
     ms: Vec<f64>,
 }
+
+impl Tally {
+    fn add(&mut self, recovered: &[Pixel], guessed: &[Pixel], truth: &[Pixel], started: Instant) {
+        self.ms.push(started.elapsed().as_secs_f64() * 1e3);
+        self.errors.extend(errors_px(recovered.iter().copied(), truth));
+        self.guessed.extend(errors_px(guessed.iter().copied(), truth));
+    }
+}
+
+/// What is tried on every scheme, in the order of the table.
+const ATTACKS: [&str; 3] = [PRIOR_ONLY, CLOSED_FORM, GRAPH];
 
 /// Attacks every hidden view under every scheme that hides positions.
 pub(crate) fn attack_all(
@@ -51,8 +69,7 @@ pub(crate) fn attack_all(
 ) -> Result<Attacked, EvalError> {
     let profile = map.profile();
     let schemes: Vec<Scheme> = options.schemes.iter().copied().filter(|s| s.hides_positions()).collect();
-    let tally = || Tally { errors: Vec::new(), ms: Vec::new() };
-    let mut tallies: Vec<[Tally; 2]> = schemes.iter().map(|_| [tally(), tally()]).collect();
+    let mut tallies: Vec<[Tally; 3]> = schemes.iter().map(|_| Default::default()).collect();
     let mut panels = Vec::new();
     let mut size = (place.camera.width, place.camera.height);
 
@@ -66,7 +83,7 @@ pub(crate) fn attack_all(
             keypoints: features.keypoints.iter().map(|k| k.pixel).collect(),
             schemes: Vec::new(),
         };
-        for (scheme, [attack, guess]) in schemes.iter().zip(&mut tallies) {
+        for (scheme, [guess, crossing, layout]) in schemes.iter().zip(&mut tallies) {
             let mut rng = ChaCha20Rng::seed_from_u64(seed_for(options.seed, &[name, &scheme.to_string()]));
             let (query, truth) =
                 seal_with_truth(features.clone(), &camera, &profile.with_scheme(*scheme), &mut rng)
@@ -82,7 +99,7 @@ pub(crate) fn attack_all(
 
             let started = Instant::now();
             let guessed = prior_only(&observed, width, height);
-            guess.ms.push(started.elapsed().as_secs_f64() * 1e3);
+            guess.add(&guessed, &guessed, &pixels, started);
             let neighbours = NeighbourLists::nearest(&pixels, NEIGHBOURS);
             let started = Instant::now();
             let recovered: Vec<Pixel> =
@@ -90,9 +107,13 @@ pub(crate) fn attack_all(
                     .iter()
                     .map(|r| r.pixel)
                     .collect();
-            attack.ms.push(started.elapsed().as_secs_f64() * 1e3);
-            guess.errors.extend(errors_px(guessed.iter().copied(), &pixels));
-            attack.errors.extend(errors_px(recovered.iter().copied(), &pixels));
+            crossing.add(&recovered, &guessed, &pixels, started);
+            if index < SHOWN {
+                let started = Instant::now();
+                let answer =
+                    graph(&observed, &neighbours, width, height, &GraphOptions::default(), &mut rng)?;
+                layout.add(&answer.pixels, &guessed, &pixels, started);
+            }
             panel.schemes.push(SchemePanel {
                 scheme: scheme.to_string(),
                 sent: select(&sent, &real),
@@ -109,32 +130,24 @@ pub(crate) fn attack_all(
     }
     progress.finish();
 
-    let images = place.query_list.len();
     let mut rows = Vec::new();
-    for (scheme, [attack, guess]) in schemes.iter().zip(&tallies) {
-        let bits = bits_over_prior(&attack.errors, &guess.errors, size.0, size.1);
-        rows.push(row(*scheme, PRIOR_ONLY, images, guess, None));
-        rows.push(row(*scheme, CLOSED_FORM, images, attack, Some(bits)));
+    for (scheme, tallies) in schemes.iter().zip(&tallies) {
+        rows.extend(ATTACKS.iter().zip(tallies).map(|(attack, tally)| row(*scheme, attack, tally, size)));
     }
     Ok(Attacked { rows, panels })
 }
 
-fn row(
-    scheme: Scheme,
-    attack: &str,
-    images: usize,
-    tally: &Tally,
-    bits_over_prior: Option<f64>,
-) -> AttackRow {
+fn row(scheme: Scheme, attack: &str, tally: &Tally, (width, height): (u32, u32)) -> AttackRow {
     let summary = ErrorSummary::of(&tally.errors);
     AttackRow {
         scheme: scheme.to_string(),
         attack: attack.to_owned(),
-        images,
+        images: tally.ms.len(),
         mean_px: mean(&tally.errors),
         median_px: summary.median_px,
         under_30px: summary.under_30px,
-        bits_over_prior,
+        bits_over_prior: (attack != PRIOR_ONLY)
+            .then(|| bits_over_prior(&tally.errors, &tally.guessed, width, height)),
         ms: median(&tally.ms),
     }
 }
@@ -156,8 +169,8 @@ fn select(sent: &Observations, rows: &[usize]) -> Observations {
 /// The attacks as a table for people.
 pub fn attack_table(rows: &[AttackRow]) -> String {
     let mut text = format!(
-        "{:<24}{:<14}{:>9}{:>11}{:>11}{:>14}{:>9}\n",
-        "scheme", "attack", "mean px", "median px", "< 30 px", "bits gained", "ms"
+        "{:<24}{:<14}{:>7}{:>9}{:>11}{:>11}{:>13}{:>10}\n",
+        "scheme", "attack", "views", "mean px", "median px", "< 30 px", "bits gained", "ms"
     );
     let width = text.trim_end().chars().count();
     text.push_str(&"─".repeat(width));
@@ -165,9 +178,10 @@ pub fn attack_table(rows: &[AttackRow]) -> String {
     for r in rows {
         let _ = writeln!(
             text,
-            "{:<24}{:<14}{:>9.1}{:>11.1}{:>9.1} %{:>14}{:>9.2}",
+            "{:<24}{:<14}{:>7}{:>9.1}{:>11.1}{:>9.1} %{:>13}{:>10.2}",
             r.scheme,
             r.attack,
+            r.images,
             r.mean_px,
             r.median_px,
             100.0 * r.under_30px,

@@ -92,6 +92,7 @@ pub(super) fn attack_words(attack: &str) -> String {
         "prior-only" => "Guess without neighbours".to_owned(),
         "closed-form" => "Geometry recovery".to_owned(),
         "closed-form-in-picture" => "Geometry recovery, kept in the picture".to_owned(),
+        "graph" => "Layout of the neighbour graph".to_owned(),
         other => escape(other),
     }
 }
