@@ -17,7 +17,7 @@ use crate::ui::Ui;
 /// How to reach a service.
 #[derive(clap::Args)]
 pub(super) struct Connection {
-    /// The service, for example https://places.example:8443.
+    /// The service, for example `https://places.example:8443`.
     #[arg(long, value_name = "URL")]
     pub(super) server: String,
     /// Token to identify with. Better in a file or in the environment, where other users cannot see it.

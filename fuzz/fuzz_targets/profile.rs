@@ -1,0 +1,4 @@
+//! A profile from an operator, as a device gets it.
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::profile(bytes));

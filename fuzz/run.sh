@@ -1,0 +1,42 @@
+#!/usr/bin/env bash
+# Runs every fuzz target for a number of seconds and prints executions, coverage and findings.
+#
+#     cargo install cargo-fuzz
+#     rustup toolchain install nightly
+#     fuzz/run.sh 60
+set -euo pipefail
+cd "$(dirname "$0")"
+seconds="${1:-60}"
+corpus="$(mktemp -d)"
+trap 'rm -rf "$corpus"' EXIT
+
+# Seeds: the known answers that are committed anyway.
+mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap}
+cp ../crates/query/tests/data/*.vquery "$corpus/sealed_query/"
+cp ../crates/query/tests/data/*.profile "$corpus/profile/"
+cp ../crates/query/tests/data/*.answer "$corpus/answer/"
+cp ../crates/map/tests/data/map-v1.bin "$corpus/map_file/"
+for kind in txt:T bin:O; do # the last bit of the first byte says which
+    for folder in $(find ../crates/map/tests/data/colmap -name "cameras.${kind%:*}" -exec dirname {} \;); do
+        {
+            printf '%s' "${kind#*:}" | tr TO '01'
+            cat "$folder/cameras.${kind%:*}"; printf '\n====\n'
+            cat "$folder/images.${kind%:*}"; printf '\n====\n'
+            cat "$folder/points3D.${kind%:*}"
+        } > "$corpus/colmap/$(basename "$folder").${kind%:*}"
+    done
+done
+
+echo "| target | seconds | executions | edges | peak memory | findings |"
+echo "|---|---|---|---|---|---|"
+for target in sealed_query profile answer map_file colmap; do
+    log="$corpus/$target.log"
+    findings=0
+    cargo +nightly fuzz run "$target" "$corpus/$target" -- -max_total_time="$seconds" -rss_limit_mb=1024 \
+        -malloc_limit_mb=256 -timeout=10 -print_final_stats=1 > "$log" 2>&1 || findings=1
+    if [ "$findings" = 1 ]; then tail -40 "$log" >&2; fi
+    executions="$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")"
+    memory="$(sed -n 's/^stat::peak_rss_mb: *//p' "$log")"
+    edges="$(grep -o 'cov: [0-9]*' "$log" | tail -1 | cut -d' ' -f2)"
+    echo "| $target | $seconds | $executions | $edges | $memory MB | $findings |"
+done

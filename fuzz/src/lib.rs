@@ -1,0 +1,99 @@
+//! What must hold for any bytes: an error, or a value that is written back as the same bytes and can be used.
+//!
+//! The same properties run on a few hundred damaged inputs in every `cargo test`: `crates/query/tests/hostile.rs`,
+//! `crates/query/tests/answer.rs`, `crates/map/src/file/tests.rs`, `crates/map/tests/any_bytes.rs`.
+
+use std::fs;
+use std::path::Path;
+
+use veiloc_map::MapFile;
+use veiloc_map::colmap::{read_model, write_text};
+use veiloc_query::{Answer, Profile, SealedQuery};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// A sealed query.
+pub fn sealed_query(bytes: &[u8]) {
+    let Ok(query) = SealedQuery::decode(bytes) else { return };
+    assert_eq!(query.encode(), bytes, "a second form of a query");
+    assert_eq!(query.observations().len(), query.len());
+    let _ = query.check_sides();
+    assert!(format!("{query:?}").len() < 100, "content in a log");
+}
+
+/// A profile.
+pub fn profile(bytes: &[u8]) {
+    let Ok(profile) = Profile::decode(bytes) else { return };
+    assert_eq!(profile.encode(), bytes, "a second form of a profile");
+    let _ = profile.id();
+}
+
+/// An answer.
+pub fn answer(bytes: &[u8]) {
+    let Ok(answer) = Answer::decode(bytes) else { return };
+    assert_eq!(answer.encode(), bytes, "a second form of an answer");
+}
+
+/// A map file. Checksums are put right first: they guard against accidents, not against people.
+pub fn map_file(bytes: &[u8]) {
+    let folder = folder();
+    let path = folder.path().join("m.vmap");
+    fs::write(&path, with_checksums(bytes)).expect("room in memory");
+    let Ok(map) = MapFile::open(&path) else { return };
+    let model = map.to_model();
+    model.validate().expect("what opens is a map");
+    let again = folder.path().join("again.vmap");
+    veiloc_map::write(&model, &again).expect("what opens can be written");
+    assert_eq!(MapFile::open(&again).expect("what is written opens").to_model(), model);
+}
+
+/// Header of 64 bytes, then eleven entries of 32: `docs/map-format.md`.
+fn with_checksums(bytes: &[u8]) -> Vec<u8> {
+    const HEAD: usize = 64 + 11 * 32;
+    let mut bytes = bytes.to_vec();
+    if bytes.len() < HEAD {
+        return bytes;
+    }
+    for entry in (64..HEAD).step_by(32) {
+        let number = |at: usize| {
+            usize::try_from(u64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight bytes"))).ok()
+        };
+        let range = number(entry + 8).and_then(|start| Some(start..start.checked_add(number(entry + 16)?)?));
+        if let Some(section) = range.and_then(|range| bytes.get(range)) {
+            let sum = xxh3_64(section).to_le_bytes();
+            bytes[entry + 24..entry + 32].copy_from_slice(&sum);
+        }
+    }
+    bytes[24..32].fill(0);
+    let sum = xxh3_64(&bytes[..HEAD]).to_le_bytes();
+    bytes[24..32].copy_from_slice(&sum);
+    bytes
+}
+
+/// A COLMAP model. The first byte says text or binary, then come the three files, parted by a line `====`.
+pub fn colmap(bytes: &[u8]) {
+    let Some((kind, rest)) = bytes.split_first() else { return };
+    let extension = if kind & 1 == 0 { "txt" } else { "bin" };
+    let folder = folder();
+    let mut rest = rest;
+    for name in ["cameras", "images", "points3D"] {
+        let end = rest.windows(SEPARATOR.len()).position(|w| w == SEPARATOR).unwrap_or(rest.len());
+        fs::write(folder.path().join(format!("{name}.{extension}")), &rest[..end]).expect("room in memory");
+        rest = rest.get(end + SEPARATOR.len()..).unwrap_or_default();
+    }
+    let Ok(model) = read_model(folder.path()) else { return };
+    let text = folder.path().join("text");
+    write_text(&model, &text).expect("what is read can be written");
+    let again = read_model(&text).expect("what is written can be read");
+    assert_eq!(again.images(), model.images());
+    assert_eq!(again.points(), model.points());
+}
+
+/// Between the files of [`colmap`].
+const SEPARATOR: &[u8] = b"\n====\n";
+
+/// In memory where there is such a place.
+fn folder() -> tempfile::TempDir {
+    let memory = Path::new("/dev/shm");
+    let made = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+    made.expect("a temporary folder")
+}
