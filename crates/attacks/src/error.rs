@@ -28,4 +28,31 @@ pub enum AttackError {
         /// Number of entries.
         entries: usize,
     },
+    /// The bytes are no whole number of descriptors.
+    #[error("{bytes} bytes are no whole number of descriptors of dimension {dimension}")]
+    Descriptors {
+        /// Number of bytes.
+        bytes: usize,
+        /// Length of one descriptor.
+        dimension: usize,
+    },
+    /// There is not one descriptor per keypoint.
+    #[error("{keypoints} keypoints need as many descriptors, {descriptors} were given")]
+    DescriptorCount {
+        /// Number of keypoints.
+        keypoints: usize,
+        /// Number of descriptors.
+        descriptors: usize,
+    },
+    /// Descriptors that are compared have different dimensions.
+    #[error("descriptors of dimension {expected} are expected, these have {found}")]
+    Dimensions {
+        /// The dimension expected.
+        expected: usize,
+        /// The dimension found.
+        found: usize,
+    },
+    /// The training pictures hold no two keypoints that are neighbours.
+    #[error("the training pictures hold no pair of neighbours")]
+    NothingToLearn,
 }

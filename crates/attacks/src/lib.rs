@@ -7,7 +7,9 @@
 //! - [`graph`](graph()): the layout of the whole graph of neighbours with each keypoint on its line. Far stronger:
 //!   with true neighbours it recovers half-lines to a pixel or two where [`closed_form`] errs by hundreds;
 //! - [`prior_only`]: the best guess that uses no neighbours at all, and [`Density::guess`], the same with a density
-//!   of keypoints learned from other pictures.
+//!   of keypoints learned from other pictures;
+//! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's;
+//! - [`transfer`](transfer()): positions and neighbours taken over from map pictures with similar descriptors.
 //!
 //! A large recovery error alone is not privacy: an attack that errs by 300 px where guessing errs by 90 px has only
 //! shown that it is a bad attack. So an attack is always reported beside the guess ([`bits_over_prior`]).
@@ -33,18 +35,24 @@
 mod closed_form;
 mod density;
 mod error;
+mod features;
 mod graph;
 pub mod lift;
 mod metrics;
 mod neighbours;
 mod observation;
+mod predictor;
 mod prior;
+mod transfer;
 
 pub use closed_form::{ClosedFormOptions, Extent, Reach, Recovered, closed_form};
 pub use density::{Density, PlaceCounts};
 pub use error::AttackError;
+pub use features::{Descriptors, KnownPicture};
 pub use graph::{GraphAnswer, GraphOptions, graph};
 pub use metrics::{ErrorSummary, bits_over_prior, errors_px};
 pub use neighbours::NeighbourLists;
 pub use observation::Observation;
+pub use predictor::NeighbourPredictor;
 pub use prior::{KnownSegment, prior_only};
+pub use transfer::{Transfer, transfer};

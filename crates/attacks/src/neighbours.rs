@@ -77,6 +77,14 @@ impl NeighbourLists {
         Self { offsets: self.offsets.clone(), entries }
     }
 
+    /// Share of these entries that are also in the `true_lists`, 0 to 1; NaN without entries.
+    pub fn precision(&self, true_lists: &Self) -> f64 {
+        let lists = 0..self.len().min(true_lists.len());
+        let right: usize =
+            lists.map(|i| self.of(i).iter().filter(|j| true_lists.of(i).contains(j)).count()).sum();
+        right as f64 / self.entries.len() as f64
+    }
+
     /// Number of lists.
     pub fn len(&self) -> usize {
         self.offsets.len() - 1

@@ -1,0 +1,155 @@
+//! Neighbours predicted from descriptors, without any position: a statistic of which descriptors occur side by side.
+//!
+//! The descriptors `x`, `y` of two keypoints of one picture, the picture's mean taken off, are taken to be jointly
+//! normal with the same covariance each; for spatial neighbours they are correlated, for other pairs not. In the
+//! coordinates of canonical correlation analysis (covariance the identity, cross-covariance diagonal) the logarithm
+//! of the likelihood ratio is
+//!
+//! ```text
+//! Σ_c  ρ_c / (1 − ρ_c²) x_c y_c  −  ρ_c² / (2 (1 − ρ_c²)) (x_c² + y_c²)    (+ a constant)
+//! ```
+//!
+//! and the most likely neighbours of a keypoint are those where it is greatest. Everything is in closed form: two
+//! second moments of the training pictures and two eigendecompositions.
+
+use rayon::prelude::*;
+use veiloc_geometry::nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+use crate::error::AttackError;
+use crate::features::{Descriptors, KnownPicture};
+use crate::neighbours::NeighbourLists;
+
+/// Directions of descriptor space that are kept. More gain nothing on held-out pictures.
+const DIRECTIONS: usize = 64;
+/// Added to the variances, of unit descriptors; keeps directions without variance from being blown up.
+const FLOOR: f64 = 1e-6;
+/// Correlations are held below this, so that the ratio stays finite.
+const LARGEST_CORRELATION: f64 = 0.99;
+/// Rows of the table of scores that are worked on together.
+const BLOCK: usize = 256;
+
+/// Says from descriptors alone which keypoints are likely neighbours.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NeighbourPredictor {
+    /// `[dimension, directions]`: canonical coordinates of a descriptor with the picture's mean taken off.
+    canonical: DMatrix<f32>,
+    /// `[directions]`: correlation of neighbours along each.
+    correlations: DVector<f32>,
+}
+
+impl NeighbourPredictor {
+    /// Learns from pictures with known positions: the `k` nearest keypoints of each are its neighbours.
+    ///
+    /// # Errors
+    /// [`AttackError::NothingToLearn`] when no keypoint has a neighbour, [`AttackError::Dimensions`] when pictures have
+    /// descriptors of different dimension.
+    pub fn fit(pictures: &[KnownPicture], k: usize) -> Result<Self, AttackError> {
+        let dimension = pictures.first().map_or(0, |p| p.descriptors().columns().nrows());
+        let mut covariance = DMatrix::<f64>::zeros(dimension, dimension);
+        let mut keypoints = 0.0;
+        for picture in pictures {
+            let other = picture.descriptors().columns().nrows();
+            if other != dimension {
+                return Err(AttackError::Dimensions { expected: dimension, found: other });
+            }
+            let x = picture.descriptors().centered();
+            covariance += (&x * x.transpose()).cast::<f64>();
+            keypoints += x.ncols() as f64;
+        }
+        let whitening = whitening(covariance / f64::max(keypoints, 1.0));
+
+        let directions = whitening.ncols();
+        let mut cross = DMatrix::<f64>::zeros(directions, directions);
+        let mut pairs = 0.0;
+        for picture in pictures {
+            let x = whitening.tr_mul(&picture.descriptors().centered());
+            let near = NeighbourLists::nearest(picture.keypoints(), k);
+            let mut sums = DMatrix::<f32>::zeros(directions, x.ncols());
+            for (i, mut sum) in sums.column_iter_mut().enumerate() {
+                for &j in near.of(i) {
+                    sum += x.column(j as usize);
+                    pairs += 1.0;
+                }
+            }
+            cross += (&x * sums.transpose()).cast::<f64>();
+        }
+        if pairs == 0.0 {
+            return Err(AttackError::NothingToLearn);
+        }
+        let eigen = SymmetricEigen::new((&cross + cross.transpose()) / (2.0 * pairs));
+        let held = |r: f64| r.clamp(-LARGEST_CORRELATION, LARGEST_CORRELATION) as f32;
+        Ok(Self {
+            canonical: whitening * eigen.eigenvectors.cast::<f32>(),
+            correlations: eigen.eigenvalues.map(held),
+        })
+    }
+
+    /// The `k` likeliest neighbours of each keypoint, likeliest first, equal ones by index.
+    ///
+    /// # Errors
+    /// [`AttackError::Dimensions`] when the descriptors are of another dimension than those learned from.
+    pub fn predict(&self, descriptors: &Descriptors, k: usize) -> Result<NeighbourLists, AttackError> {
+        let found = descriptors.columns().nrows();
+        if found != self.canonical.nrows() {
+            return Err(AttackError::Dimensions { expected: self.canonical.nrows(), found });
+        }
+        let x = self.canonical.tr_mul(&descriptors.centered());
+        let weight = self.correlations.map(|r| r / (1.0 - r * r));
+        let mut weighted = x.clone();
+        weighted.column_iter_mut().for_each(|mut c| c.component_mul_assign(&weight));
+        let own: Vec<f32> = x
+            .column_iter()
+            .map(|c| {
+                let terms = c.iter().zip(&self.correlations);
+                terms.map(|(x, r)| r * r / (2.0 * (1.0 - r * r)) * x * x).sum()
+            })
+            .collect();
+        let starts: Vec<usize> = (0..x.ncols()).step_by(BLOCK).collect();
+        let blocks: Vec<Vec<Vec<u32>>> = starts
+            .into_par_iter()
+            .map(|start| {
+                let rows = BLOCK.min(x.ncols() - start);
+                // Transposed, so that the scores of one keypoint are one contiguous column.
+                let scores = x.tr_mul(&weighted.columns(start, rows));
+                let best = |r: usize| likeliest(scores.column(r).as_slice(), &own, start + r, k);
+                (0..rows).map(best).collect()
+            })
+            .collect();
+        NeighbourLists::from_lists(&blocks.concat())
+    }
+}
+
+/// `[dimension, directions]`: the principal directions, divided by the deviation along each.
+fn whitening(covariance: DMatrix<f64>) -> DMatrix<f32> {
+    let dimension = covariance.nrows();
+    if dimension == 0 {
+        return DMatrix::zeros(0, 0);
+    }
+    let eigen = SymmetricEigen::new(covariance);
+    let mut order: Vec<usize> = (0..dimension).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    order.truncate(DIRECTIONS);
+    let columns: Vec<DVector<f64>> = order
+        .iter()
+        .map(|&c| eigen.eigenvectors.column(c) / (eigen.eigenvalues[c].max(0.0) + FLOOR).sqrt())
+        .collect();
+    DMatrix::from_columns(&columns).cast::<f32>()
+}
+
+/// The `k` greatest of `products[j] − own[j]` without `i` itself.
+fn likeliest(products: &[f32], own: &[f32], i: usize, k: usize) -> Vec<u32> {
+    let mut scored: Vec<(f32, u32)> = products
+        .iter()
+        .zip(own)
+        .enumerate()
+        .filter(|(j, _)| *j != i)
+        .map(|(j, (p, o))| (p - o, j as u32))
+        .collect();
+    let order = |a: &(f32, u32), b: &(f32, u32)| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1));
+    if k > 0 && scored.len() > k {
+        scored.select_nth_unstable_by(k - 1, order);
+    }
+    scored.truncate(k);
+    scored.sort_unstable_by(order);
+    scored.into_iter().map(|s| s.1).collect()
+}

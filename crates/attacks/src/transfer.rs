@@ -1,0 +1,140 @@
+//! Positions transferred from pictures the attacker knows: a server holds the features of its map.
+//!
+//! Descriptors are sent as they are, so a server matches them; each match brings the position of a keypoint in a map
+//! picture, and a map picture taken from nearly the same place has it at nearly the same position. That position,
+//! projected on the known segment, is an attack by itself ([`Transfer::projected`]); and keypoints near each other
+//! in the map picture are predicted neighbours ([`Transfer::neighbours`]) for every attack that asks for some.
+
+use rayon::prelude::*;
+use veiloc_geometry::Pixel;
+
+use crate::error::AttackError;
+use crate::features::{Descriptors, KnownPicture};
+use crate::neighbours::NeighbourLists;
+use crate::observation::Observation;
+use crate::prior::{KnownSegment, prior_only};
+
+/// What map pictures tell about a query.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Transfer {
+    /// `[N]`: where the best match of each keypoint lies, in pixels of the query; `None` without a map.
+    pub positions: Vec<Option<Pixel>>,
+    /// `[N]`: the keypoints whose mutual matches lie nearest to it in the same map picture, nearest first.
+    pub neighbours: NeighbourLists,
+}
+
+/// The best match of each query keypoint in one picture, and who is each other's best.
+struct Matches {
+    /// `[N]`: similarity and map keypoint.
+    best: Vec<(f32, usize)>,
+    /// `[N]`.
+    mutual: Vec<bool>,
+}
+
+/// Matches a query's descriptors against map pictures and transfers positions and neighbours.
+///
+/// Of `map` only the `pictures` with most mutual matches are used. `width`, `height`: the query picture, pixels.
+/// A keypoint takes its most similar mutual match of all those pictures, or without any the most similar match.
+///
+/// # Errors
+/// [`AttackError::Dimensions`] when a map picture has descriptors of another dimension.
+pub fn transfer(
+    query: &Descriptors,
+    map: &[KnownPicture],
+    (width, height): (u32, u32),
+    pictures: usize,
+    k: usize,
+) -> Result<Transfer, AttackError> {
+    let expected = query.columns().nrows();
+    if let Some(bad) = map.iter().find(|p| p.descriptors().columns().nrows() != expected) {
+        return Err(AttackError::Dimensions { expected, found: bad.descriptors().columns().nrows() });
+    }
+    let mut matched: Vec<(&KnownPicture, Matches)> = map
+        .par_iter()
+        .filter(|p| !p.descriptors().is_empty())
+        .map(|p| (p, Matches::of(query, p.descriptors())))
+        .collect();
+    // Stable: equal counts stay in the order of the map.
+    matched.sort_by_key(|(_, m)| std::cmp::Reverse(m.mutual.iter().filter(|m| **m).count()));
+    matched.truncate(pictures);
+
+    let anchors: Vec<Vec<(Pixel, u32)>> = matched.iter().map(|(p, m)| m.anchors(p)).collect();
+    let found: Vec<(Option<Pixel>, Vec<u32>)> = (0..query.len())
+        .into_par_iter()
+        .map(|i| {
+            let rank = |m: &Matches| (m.mutual[i], m.best[i].0);
+            let best = (0..matched.len()).reduce(|a, b| {
+                let (x, y) = (rank(&matched[a].1), rank(&matched[b].1));
+                if y.0.cmp(&x.0).then(y.1.total_cmp(&x.1)).is_gt() { b } else { a }
+            });
+            let Some(best) = best else { return (None, vec![]) };
+            let (picture, matches) = &matched[best];
+            let at = matches.best[i].1;
+            let near = nearest(picture.keypoints()[at], &anchors[best], i, k);
+            (Some(picture.scaled(at, width, height)), near)
+        })
+        .collect();
+    let (positions, lists): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+    Ok(Transfer { positions, neighbours: NeighbourLists::from_lists(&lists)? })
+}
+
+impl Transfer {
+    /// The transferred positions projected on the known segments; the guess where there is none.
+    pub fn projected(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
+        let guess = prior_only(observations, width, height);
+        let answer = |((o, guess), position): ((&Observation, Pixel), &Option<Pixel>)| {
+            let Some(position) = position else { return guess };
+            KnownSegment::of(o, width, height)
+                .iter()
+                .flatten()
+                .filter(|s| !s.is_empty())
+                .map(|s| {
+                    let t = s.direction.dot(&(position.vector() - s.origin.vector()));
+                    s.at(t.clamp(s.near, s.far))
+                })
+                .min_by(|a, b| a.distance(position).total_cmp(&b.distance(position)))
+                .unwrap_or(guess)
+        };
+        observations.iter().zip(guess).zip(&self.positions).map(answer).collect()
+    }
+}
+
+impl Matches {
+    fn of(query: &Descriptors, map: &Descriptors) -> Self {
+        // [map, query]: the similarities of one query keypoint are one column.
+        let similarity = map.columns().tr_mul(query.columns());
+        let mut back = vec![(f32::NEG_INFINITY, 0); map.len()];
+        let mut best = Vec::with_capacity(query.len());
+        for (i, column) in similarity.column_iter().enumerate() {
+            let mut own = (f32::NEG_INFINITY, 0);
+            for (j, &s) in column.iter().enumerate() {
+                if s > own.0 {
+                    own = (s, j);
+                }
+                if s > back[j].0 {
+                    back[j] = (s, i);
+                }
+            }
+            best.push(own);
+        }
+        let mutual = best.iter().enumerate().map(|(i, b)| back[b.1].1 == i).collect();
+        Self { best, mutual }
+    }
+
+    /// Positions in the map picture of the mutual matches, and whose they are.
+    fn anchors(&self, picture: &KnownPicture) -> Vec<(Pixel, u32)> {
+        let all = self.best.iter().zip(&self.mutual).enumerate();
+        all.filter(|(_, (_, mutual))| **mutual)
+            .map(|(i, (best, _))| (picture.keypoints()[best.1], i as u32))
+            .collect()
+    }
+}
+
+/// The `k` entries nearest to a position, without `i`.
+fn nearest(at: Pixel, anchors: &[(Pixel, u32)], i: usize, k: usize) -> Vec<u32> {
+    let mut all: Vec<(f64, u32)> =
+        anchors.iter().filter(|a| a.1 as usize != i).map(|a| (a.0.distance(&at), a.1)).collect();
+    all.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    all.truncate(k);
+    all.into_iter().map(|a| a.1).collect()
+}
