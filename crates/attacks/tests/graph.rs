@@ -132,3 +132,21 @@ fn equal_generators_give_equal_answers_and_bad_input_no_panic() {
     let answer = graph(&odd, &lists, 640, 480, &options, &mut rng).expect("answered");
     assert_eq!(answer.pixels.len(), 4);
 }
+
+#[test]
+fn positions_from_elsewhere_carry_the_layout_past_many_false_neighbours() {
+    let truth = uniform(600, 9);
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let lists = NeighbourLists::nearest(&truth, 20).corrupted(0.5, &mut rng);
+    let sent = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let mut off = || rng.random_range(-20.0..20.0);
+    let begin: Vec<Pixel> = truth.iter().map(|p| Pixel::new(p.u + off(), p.v + off())).collect();
+    let median = |options: &GraphOptions| {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let answer = graph(&sent, &lists, 640, 480, options, &mut rng).expect("lists fit");
+        ErrorSummary::of(&errors_px(answer.pixels, &truth)).median_px
+    };
+    let alone = median(&GraphOptions::default());
+    let begun = median(&GraphOptions::default().beginning_at(begin));
+    assert!(begun < 0.5 * alone, "{begun}, alone {alone}");
+}

@@ -70,9 +70,75 @@ fn what_makes_no_sense_is_refused() {
         ("attack bad.jsonl", 1, "bad.jsonl:1"),
         ("attack empty.jsonl", 1, "empty.jsonl"),
         ("attack missing.jsonl", 1, "missing.jsonl"),
+        ("attack --synthetic 9 --neighbours predicted", 2, "--train"),
+        ("attack --synthetic 9 --neighbours transferred", 1, "without descriptors"),
+        ("attack --synthetic 9 --attacks transfer", 1, "without descriptors"),
+        ("attack --synthetic 9 --neighbours predicted --train empty.jsonl", 1, "empty.jsonl"),
     ] {
         let run = place.run(arguments);
         assert_eq!(run.code, Some(code), "{run}");
         assert!(run.stderr.contains(says) && run.stdout.is_empty(), "{says}: {run}");
+    }
+}
+
+/// Two pictures of one place whose descriptors tell the place: the second is the first, moved by 8 pixels.
+fn told_by_descriptors(place: &common::Place) {
+    let lines: Vec<String> = ["a", "b"]
+        .iter()
+        .zip([0, 8])
+        .map(|(name, moved)| {
+            let grid = (0..400_i32).map(|i| (17 + i % 20 * 30 + i * 7 % 11, 13 + i / 20 * 23 + i * 5 % 7));
+            let keypoints: Vec<[i32; 2]> = grid.clone().map(|(u, v)| [u + moved, v]).collect();
+            let bytes: Vec<u8> = grid
+                .flat_map(|(u, v)| {
+                    [u, v].into_iter().flat_map(|x| {
+                        [40.0, 97.0].into_iter().flat_map(move |w: f64| {
+                            let phase = f64::from(x) / w;
+                            [128.0 + 100.0 * phase.sin(), 128.0 + 100.0 * phase.cos()]
+                        })
+                    })
+                })
+                .map(|value| value as u8)
+                .collect();
+            serde_json::json!({
+                "name": name, "width": 640, "height": 480, "keypoints": keypoints,
+                "descriptors": base64(&bytes), "descriptor_dim": 8,
+            })
+            .to_string()
+        })
+        .collect();
+    place.write("place.jsonl", &(lines.join("\n") + "\n"));
+}
+
+/// RFC 4648, for 3200 bytes: two are left over and one sign pads.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    assert_eq!(bytes.len() % 3, 2);
+    let mut text = String::new();
+    for three in bytes.chunks(3) {
+        let word = three.iter().fold(0_u32, |w, b| w << 8 | u32::from(*b)) << (8 * (3 - three.len()));
+        let letters = [18, 12, 6, 0].map(|shift| char::from(LETTERS[(word >> shift & 63) as usize]));
+        text.extend(&letters[..=three.len()]);
+    }
+    text + "="
+}
+
+#[test]
+fn descriptors_tell_neighbours_and_positions() {
+    let place = folder();
+    told_by_descriptors(&place);
+    for source in ["predicted --train place.jsonl", "transferred"] {
+        let run = place.run(&format!(
+            "attack place.jsonl --pictures 1 --schemes dcl --attacks transfer,transfer-graph --neighbours {source} --json"
+        ));
+        let document = run.succeeded().json();
+        let share = |key: &str| document[key].as_f64().expect("a number");
+        assert!(share("precision") > 10.0 * share("chance"), "{document}");
+        let rows = document["attacks"].as_array().expect("rows");
+        let median = |row: usize| rows[row]["median_px"].as_f64().expect("a number");
+        assert_eq!(rows[1]["attack"], "transfer");
+        assert!(median(1) < 9.0 && median(0) > 40.0, "{document}");
+        assert_eq!(rows[2]["attack"], "transfer-graph");
+        assert!(median(2) < 0.6 * median(0), "{document}");
     }
 }

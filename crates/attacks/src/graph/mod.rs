@@ -54,11 +54,30 @@ pub struct GraphOptions {
     pub sweeps: usize,
     /// Share of false entries in the lists, 0 to 1, where it is known; `None`: estimated.
     pub false_share: Option<f64>,
+    /// `[N]`: positions the attacker has from elsewhere, pixels; projected on the segments they are one more layout to
+    /// begin with, and the likeliest layout is the answer. Left out when their number is not that of the keypoints.
+    pub begin: Option<Vec<Pixel>>,
+}
+
+impl GraphOptions {
+    /// The same with positions to begin with as one more layout ([`Self::begin`]).
+    #[must_use]
+    pub fn beginning_at(self, pixels: Vec<Pixel>) -> Self {
+        Self { begin: Some(pixels), ..self }
+    }
 }
 
 impl Default for GraphOptions {
     fn default() -> Self {
-        Self { landmarks: 150, starts: 2, stress_rounds: 40, reweighings: 3, sweeps: 80, false_share: None }
+        Self {
+            landmarks: 150,
+            starts: 2,
+            stress_rounds: 40,
+            reweighings: 3,
+            sweeps: 80,
+            false_share: None,
+            begin: None,
+        }
     }
 }
 
@@ -104,6 +123,9 @@ pub fn graph(
     let mut layouts = vec![by_stress(&rails, &edges, options, rng)];
     if observations.iter().any(|o| matches!(o, Observation::Line(_) | Observation::EitherLine(_))) {
         layouts.push(rails.iter().zip(&crossed).map(|(r, p)| r.nearest(p.vector())).collect());
+    }
+    if let Some(begin) = options.begin.as_ref().filter(|b| b.len() == rails.len()) {
+        layouts.push(rails.iter().zip(begin).map(|(r, p)| r.nearest(p.vector())).collect());
     }
     let mut best: Option<GraphAnswer> = None;
     for mut t in layouts {

@@ -34,7 +34,7 @@ pub(crate) struct Args {
     )]
     schemes: Vec<Scheme>,
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-picture, closed-form-informed,
-    /// closed-form-consensus, graph.
+    /// closed-form-consensus, transfer (positions of matches in the file's other pictures), graph, transfer-graph.
     #[arg(
         long,
         value_delimiter = ',',
@@ -45,6 +45,9 @@ pub(crate) struct Args {
     /// Who tells which keypoints are neighbours.
     #[arg(long, value_enum, default_value = "oracle")]
     neighbours: Source,
+    /// Keypoints with descriptors that teach the predictor of neighbours; attacked pictures among them are left out.
+    #[arg(long, value_name = "FILE", required_if_eq("neighbours", "predicted"))]
+    train: Vec<PathBuf>,
     /// Neighbours a keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
@@ -67,6 +70,10 @@ pub(crate) struct Args {
 enum Source {
     /// One who knows the true positions: the worst case.
     Oracle,
+    /// A statistic of which descriptors occur side by side, learned from the pictures of `--train`.
+    Predicted,
+    /// A server that has the other pictures of the file for a map.
+    Transferred,
 }
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -84,6 +91,8 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         attacks: args.attacks.clone(),
         neighbours: match args.neighbours {
             Source::Oracle => NeighbourSource::Oracle,
+            Source::Predicted => NeighbourSource::Predicted { train: args.train.clone() },
+            Source::Transferred => NeighbourSource::Transferred,
         },
         k: args.k as usize,
         corrupt: args.corrupt.clone(),

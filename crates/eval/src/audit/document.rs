@@ -14,7 +14,7 @@ pub struct AttackDocument {
     pub command: &'static str,
     /// What was attacked.
     pub data: Vec<String>,
-    /// Who told the neighbours: `oracle` or `predicted`.
+    /// Who told the neighbours: `oracle`, `predicted` or `transferred`.
     pub neighbours: &'static str,
     /// Neighbours a keypoint.
     pub k: usize,
@@ -79,5 +79,8 @@ pub fn attacks_table(document: &AttackDocument) -> String {
             format!("{:.1}", a.ms),
         ]);
     }
-    table.render()
+    let told = document.precision.zip(document.chance).map(|(precision, chance)| {
+        format!("\n{} of the neighbours are true, by lot {}\n", percent(precision), percent(chance))
+    });
+    table.render() + &told.unwrap_or_default()
 }

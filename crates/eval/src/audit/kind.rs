@@ -19,20 +19,26 @@ pub enum AttackKind {
     ClosedFormInformed,
     /// [`Self::ClosedFormInformed`] with false neighbours filtered by consensus.
     ClosedFormConsensus,
+    /// Positions taken over from the map pictures that match best, projected on the lines.
+    Transfer,
     /// The layout of the whole graph of neighbours.
     Graph,
+    /// The same, begun also at the positions of [`Self::Transfer`].
+    TransferGraph,
 }
 
 impl AttackKind {
     /// All of them, weakest first.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 9] = [
         Self::Prior,
         Self::LearnedPrior,
         Self::ClosedForm,
         Self::ClosedFormInPicture,
         Self::ClosedFormInformed,
         Self::ClosedFormConsensus,
+        Self::Transfer,
         Self::Graph,
+        Self::TransferGraph,
     ];
 
     /// Its name in tables and on the command line.
@@ -44,13 +50,20 @@ impl AttackKind {
             Self::ClosedFormInPicture => "closed-form-in-picture",
             Self::ClosedFormInformed => "closed-form-informed",
             Self::ClosedFormConsensus => "closed-form-consensus",
+            Self::Transfer => "transfer",
             Self::Graph => "graph",
+            Self::TransferGraph => "transfer-graph",
         }
+    }
+
+    /// Whether it takes positions over from map pictures.
+    pub const fn transfers(self) -> bool {
+        matches!(self, Self::Transfer | Self::TransferGraph)
     }
 
     /// Whether it asks who is a neighbour of whom.
     pub const fn uses_neighbours(self) -> bool {
-        !matches!(self, Self::Prior | Self::LearnedPrior)
+        !matches!(self, Self::Prior | Self::LearnedPrior | Self::Transfer)
     }
 }
 

@@ -3,9 +3,11 @@
 mod document;
 mod keypoints;
 mod kind;
+mod neighbours;
 mod run;
 
 pub use document::{AttackDocument, AttackSummary, attacks_table};
 pub use keypoints::{KeypointPicture, read_keypoints, synthetic_picture};
 pub use kind::{AttackKind, AttackKindError};
-pub use run::{AttackEvaluation, NeighbourSource, evaluate_attacks};
+pub use neighbours::NeighbourSource;
+pub use run::{AttackEvaluation, evaluate_attacks};

@@ -6,8 +6,8 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    AttackError, ClosedFormOptions, Density, ErrorSummary, GraphOptions, NeighbourLists, Observation,
-    PlaceCounts, bits_over_prior, closed_form, errors_px, graph, prior_only,
+    AttackError, ClosedFormOptions, Density, ErrorSummary, GraphOptions, KnownPicture, NeighbourLists,
+    Observation, PlaceCounts, Transfer, bits_over_prior, closed_form, errors_px, graph, prior_only,
 };
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::obfuscate_points;
@@ -16,17 +16,10 @@ use veiloc_query::{AngleBits, Scheme};
 use super::document::{AttackDocument, AttackSummary};
 use super::keypoints::{KeypointPicture, read_keypoints, synthetic_picture};
 use super::kind::AttackKind;
+use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
 use crate::error::EvalError;
 use crate::metrics::median;
 use crate::seeds::seed_for;
-
-/// Who tells the attacker which keypoints are neighbours.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum NeighbourSource {
-    /// An oracle that knows the positions: the worst case.
-    Oracle,
-}
 
 /// What to attack, and how.
 #[derive(Debug, Clone)]
@@ -64,6 +57,13 @@ struct Row {
     ms: Vec<f64>,
 }
 
+/// What the attacker holds of one picture beside what was sent.
+struct Held {
+    density: Density,
+    neighbours: NeighbourLists,
+    transferred: Option<Transfer>,
+}
+
 /// Pixels within which neighbours agree, in shares of the picture's width: 20 px of 640.
 const CONSENSUS: f64 = 20.0 / 640.0;
 
@@ -87,6 +87,12 @@ pub fn evaluate_attacks(
     let pictures: usize = groups.iter().map(|g| g.len().min(evaluation.pictures.unwrap_or(usize::MAX))).sum();
     let total = pictures * rows.len();
     let mut done = 0;
+    let most = evaluation.pictures.unwrap_or(usize::MAX);
+    let attacked: Vec<&KeypointPicture> = groups.iter().flat_map(|g| g.iter().take(most)).collect();
+    let predictor = evaluation.neighbours.learn(&attacked, evaluation.k)?;
+    let transfers = evaluation.neighbours == NeighbourSource::Transferred
+        || evaluation.attacks.iter().any(|a| a.transfers());
+    let mut precision = Precision::default();
     for group in &groups {
         let counts: Vec<PlaceCounts> =
             group.iter().map(|p| PlaceCounts::of(&p.keypoints, p.width, p.height)).collect();
@@ -94,23 +100,39 @@ pub fn evaluate_attacks(
         for counts in &counts {
             all.add(counts);
         }
-        for (picture, own) in group.iter().zip(&counts).take(evaluation.pictures.unwrap_or(usize::MAX)) {
+        let map: Vec<KnownPicture> =
+            if transfers { group.iter().map(known).collect::<Result<_, _>>()? } else { Vec::new() };
+        for (i, (picture, own)) in group.iter().zip(&counts).take(most).enumerate() {
             let mut others = all.clone();
             others.subtract(own);
-            attack_picture(evaluation, picture, &others.density(), &mut rows, &mut || {
+            let size = (picture.width, picture.height);
+            let transferred = if transfers { Some(from_others(&map, i, size, evaluation.k)?) } else { None };
+            let nearest = NeighbourLists::nearest(&picture.keypoints, evaluation.k);
+            let neighbours = match (&predictor, &transferred) {
+                (Some(predictor), _) => predictor.predict(&descriptors(picture)?, evaluation.k)?,
+                (None, Some(t)) if evaluation.neighbours == NeighbourSource::Transferred => {
+                    t.neighbours.clone()
+                }
+                _ => nearest.clone(),
+            };
+            precision.add(&neighbours, &nearest);
+            let held = Held { density: others.density(), neighbours, transferred };
+            attack_picture(evaluation, picture, &held, &mut rows, &mut || {
                 done += 1;
                 advance(done, total);
             })?;
         }
     }
+    let oracle = evaluation.neighbours == NeighbourSource::Oracle;
+    let told = precision.shares().filter(|_| !oracle);
     Ok(AttackDocument {
         version: 1,
         command: "attack",
         data,
-        neighbours: "oracle",
+        neighbours: evaluation.neighbours.name(),
         k: evaluation.k,
-        precision: None,
-        chance: None,
+        precision: told.map(|t| t.0),
+        chance: told.map(|t| t.1),
         seed: evaluation.seed,
         attacks: rows.iter().map(|row| summary(row, pictures)).collect(),
     })
@@ -142,12 +164,11 @@ fn rows(evaluation: &AttackEvaluation) -> Vec<Row> {
 fn attack_picture(
     evaluation: &AttackEvaluation,
     picture: &KeypointPicture,
-    density: &Density,
+    held: &Held,
     rows: &mut [Row],
     advance: &mut dyn FnMut(),
 ) -> Result<(), EvalError> {
     let truth = &picture.keypoints;
-    let nearest = NeighbourLists::nearest(truth, evaluation.k);
     let mut sent: Option<(Scheme, Vec<Observation>, Vec<f64>)> = None;
     for row in rows {
         let name = row.scheme.to_string();
@@ -167,9 +188,9 @@ fn attack_picture(
             sent = Some((row.scheme, Observation::of_sent(&observed), Vec::new()));
         }
         let Some((_, observations, guessed)) = &mut sent else { continue };
-        let corrupted = nearest.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
+        let corrupted = held.neighbours.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
         let started = Instant::now();
-        let answers = answer(row.attack, observations, &corrupted, picture, density, &mut rng("attack"))?;
+        let answers = answer(row.attack, observations, &corrupted, picture, held, &mut rng("attack"))?;
         row.ms.push(started.elapsed().as_secs_f64() * 1e3);
         let errors = errors_px(answers, truth);
         if row.attack == AttackKind::Prior {
@@ -191,7 +212,7 @@ fn answer(
     observations: &[Observation],
     neighbours: &NeighbourLists,
     picture: &KeypointPicture,
-    density: &Density,
+    held: &Held,
     rng: &mut ChaCha8Rng,
 ) -> Result<Vec<Pixel>, AttackError> {
     let (width, height) = (picture.width, picture.height);
@@ -199,18 +220,25 @@ fn answer(
         let answers = closed_form(observations, neighbours, width, height, &options)?;
         Ok(answers.iter().map(|a| a.pixel).collect())
     };
+    let transferred = || {
+        let positions = held.transferred.as_ref().map(|t| t.projected(observations, width, height));
+        positions.unwrap_or_else(|| prior_only(observations, width, height))
+    };
+    let laid_out = |options: GraphOptions, rng: &mut ChaCha8Rng| {
+        Ok(graph(observations, neighbours, width, height, &options, rng)?.pixels)
+    };
     match attack {
         AttackKind::Prior => Ok(prior_only(observations, width, height)),
-        AttackKind::LearnedPrior => Ok(density.guess(observations, width, height)),
+        AttackKind::LearnedPrior => Ok(held.density.guess(observations, width, height)),
         AttackKind::ClosedForm => closed(ClosedFormOptions::default()),
         AttackKind::ClosedFormInPicture => closed(ClosedFormOptions::in_picture()),
         AttackKind::ClosedFormInformed => closed(ClosedFormOptions::informed()),
         AttackKind::ClosedFormConsensus => {
             closed(ClosedFormOptions::informed().with_consensus(CONSENSUS * f64::from(width)))
         }
-        AttackKind::Graph => {
-            Ok(graph(observations, neighbours, width, height, &GraphOptions::default(), rng)?.pixels)
-        }
+        AttackKind::Transfer => Ok(transferred()),
+        AttackKind::Graph => laid_out(GraphOptions::default(), rng),
+        AttackKind::TransferGraph => laid_out(GraphOptions::default().beginning_at(transferred()), rng),
     }
 }
 

@@ -1,0 +1,113 @@
+//! Who tells the attacker which keypoints are neighbours: an oracle, a predictor, or a map.
+
+use std::path::PathBuf;
+
+use veiloc_attacks::{
+    AttackError, Descriptors, KnownPicture, NeighbourLists, NeighbourPredictor, Transfer, transfer,
+};
+
+use super::keypoints::{KeypointPicture, read_keypoints};
+use crate::error::EvalError;
+
+/// Who tells the attacker which keypoints are neighbours.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum NeighbourSource {
+    /// An oracle that knows the positions: the worst case.
+    Oracle,
+    /// A statistic of which descriptors occur side by side, learned from the pictures of these files. Pictures named
+    /// as one that is attacked are left out.
+    Predicted {
+        /// Files of keypoints with descriptors.
+        train: Vec<PathBuf>,
+    },
+    /// The other pictures of the same file, taken for the map of a server: keypoints whose matches are near each
+    /// other there.
+    Transferred,
+}
+
+/// Map pictures whose positions and neighbours are taken over, those with most mutual matches.
+const MAP_PICTURES: usize = 5;
+
+impl NeighbourSource {
+    /// Its name in the document and on the command line.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::Oracle => "oracle",
+            Self::Predicted { .. } => "predicted",
+            Self::Transferred => "transferred",
+        }
+    }
+
+    /// The predictor, where there is one, learned without the pictures that are `attacked`.
+    pub(super) fn learn(
+        &self,
+        attacked: &[&KeypointPicture],
+        k: usize,
+    ) -> Result<Option<NeighbourPredictor>, EvalError> {
+        let Self::Predicted { train } = self else { return Ok(None) };
+        let mut pictures = Vec::new();
+        for file in train {
+            let all = read_keypoints(file)?;
+            for picture in all.iter().filter(|p| attacked.iter().all(|a| a.name != p.name)) {
+                pictures.push(known(picture)?);
+            }
+        }
+        Ok(Some(NeighbourPredictor::fit(&pictures, k)?))
+    }
+}
+
+/// A picture with everything that is known of it.
+pub(super) fn known(picture: &KeypointPicture) -> Result<KnownPicture, EvalError> {
+    let descriptors = descriptors(picture)?;
+    Ok(KnownPicture::new(picture.keypoints.clone(), descriptors, picture.width, picture.height)?)
+}
+
+/// What the others of a file, `[pictures]`, tell about one of them as a server's map would.
+pub(super) fn from_others(
+    known: &[KnownPicture],
+    own: usize,
+    size: (u32, u32),
+    k: usize,
+) -> Result<Transfer, AttackError> {
+    let map: Vec<KnownPicture> =
+        known.iter().enumerate().filter(|(i, _)| *i != own).map(|(_, p)| p.clone()).collect();
+    transfer(known[own].descriptors(), &map, size, MAP_PICTURES, k)
+}
+
+pub(super) fn descriptors(picture: &KeypointPicture) -> Result<Descriptors, EvalError> {
+    let Some((bytes, dimension)) = &picture.descriptors else {
+        return Err(EvalError::Options(format!(
+            "{} comes without descriptors, and this attack reads them",
+            picture.name
+        )));
+    };
+    Ok(Descriptors::new(bytes, *dimension)?)
+}
+
+/// Shares of right neighbours, weighted by entries.
+#[derive(Debug, Default)]
+pub(super) struct Precision {
+    right: f64,
+    by_lot: f64,
+    entries: f64,
+}
+
+impl Precision {
+    pub(super) fn add(&mut self, said: &NeighbourLists, true_lists: &NeighbourLists) {
+        let entries: usize = (0..said.len()).map(|i| said.of(i).len()).sum();
+        if entries == 0 {
+            return;
+        }
+        let true_entries: usize = (0..true_lists.len()).map(|i| true_lists.of(i).len()).sum();
+        let n = true_lists.len() as f64;
+        self.entries += entries as f64;
+        self.right += said.precision(true_lists) * entries as f64;
+        self.by_lot += true_entries as f64 / n / (n - 1.0).max(1.0) * entries as f64;
+    }
+
+    /// Precision, and what drawing by lot would have; `None` without entries.
+    pub(super) fn shares(&self) -> Option<(f64, f64)> {
+        (self.entries > 0.0).then(|| (self.right / self.entries, self.by_lot / self.entries))
+    }
+}
