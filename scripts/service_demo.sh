@@ -31,6 +31,7 @@ show "cut -c1-24 tokens"
 
 echo
 echo "\$ veiloc serve --map kitchen=redkitchen.vmap --cert cert.pem --key key.pem --tokens tokens &"
+: > server.log
 veiloc serve --map kitchen=redkitchen.vmap --listen 127.0.0.1:0 --cert cert.pem --key key.pem --tokens tokens 2> server.log &
 server=$!
 until grep -q '^serving' server.log; do
@@ -44,7 +45,8 @@ camera="$(grep -v '^#' redkitchen/posed/cameras.txt | head -1 | cut -d' ' -f2- |
 photo="redkitchen/images/$(grep -v '^#' redkitchen/query.txt | head -1 | cut -d' ' -f1)"
 
 show veiloc query send "$photo" --camera "$camera" --server "$url" --map kitchen --ca cert.pem --token-file phone.token --cache cache
-show veiloc --quiet query send "$photo" --camera "$camera" --server "$url" --map kitchen --ca cert.pem --token-file phone.token --cache cache --json
+show "veiloc --quiet query send $photo --camera $camera --server $url --map kitchen --ca cert.pem \
+    --token-file phone.token --cache cache --json | tr -d ' \n' | cut -c1-300"
 show "curl -s --cacert cert.pem $url/healthz"
 show "curl -s --cacert cert.pem $url/readyz"
 show "curl -s --cacert cert.pem -H \"authorization: Bearer \$(cat phone.token)\" $url/v1/maps"

@@ -21,6 +21,7 @@ camera="$(grep -v '^#' "$place/posed/cameras.txt" | head -1 | cut -d' ' -f2- | t
 photo="$place/images/$(grep -v '^#' "$place/query.txt" | head -1 | cut -d' ' -f1)"
 "$bin/veiloc" seal "$photo" --camera "$camera" --profile "$work/profile" --scheme dcl -o "$work/query"
 
+: > "$work/log"
 "$bin/veiloc" serve --map place="$work/place.vmap" --listen 127.0.0.1:0 --queue 32 --rate 1000000 --log error 2> "$work/log" &
 server=$!
 until grep -q '^serving' "$work/log"; do

@@ -18,6 +18,7 @@
 mod answer;
 mod connection;
 mod error;
+mod geo;
 mod maps;
 mod metrics;
 mod options;
@@ -33,6 +34,7 @@ mod watch;
 
 pub use answer::{AnswerDocument, ConfidenceDocument, DoubtDocument, PoseDocument, StageDocument};
 pub use error::ServerError;
+pub use geo::{BadGeoFrame, GeoAccuracy, GeoFrame, GeoPoseDocument, GeoPosition, GeoQuaternion};
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts, TlsFiles};
 pub use problem::ProblemDocument;
 pub use routes::openapi_json;

@@ -9,6 +9,7 @@ use sha2::{Digest as _, Sha256};
 use veiloc_map::{MapError, MapFile};
 
 use crate::error::ServerError;
+use crate::geo::GeoFrame;
 use crate::options::MapSource;
 
 /// Rows of the largest query times the bytes of one, and room for the fields around them.
@@ -18,6 +19,7 @@ const QUERY_BYTES_WITHOUT_GLOBAL: usize = 4096 * (4 + 128) + 4096;
 pub(crate) struct Hosted {
     pub(crate) name: String,
     pub(crate) map: MapFile,
+    pub(crate) geo: Option<GeoFrame>,
     /// What a device needs.
     pub(crate) profile: Vec<u8>,
     /// SHA-256 of the profile in quotation marks, as HTTP wants it.
@@ -34,6 +36,7 @@ impl Hosted {
         let digits = hash.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"));
         Ok(Self {
             name: source.name.clone(),
+            geo: source.geo.clone(),
             longest_query: QUERY_BYTES_WITHOUT_GLOBAL + map.profile().vocabulary().global_len(),
             etag: format!("\"{digits}\""),
             profile,

@@ -8,6 +8,7 @@ use std::time::Duration;
 use veiloc_localize::LocalizeOptions;
 
 use crate::error::ServerError;
+use crate::geo::GeoFrame;
 
 /// A map and the name it is served under.
 #[derive(Debug, Clone)]
@@ -16,6 +17,8 @@ pub struct MapSource {
     pub name: String,
     /// The map file. It may be replaced (by renaming another over it) while it is served.
     pub path: PathBuf,
+    /// Where it lies on Earth, when that is known: then poses can be told as OGC GeoPose.
+    pub geo: Option<GeoFrame>,
 }
 
 /// Certificate chain and private key, PEM.
@@ -153,7 +156,8 @@ mod tests {
     use super::*;
 
     fn options(listen: &str, names: &[&str]) -> ServerOptions {
-        let source = |name: &&str| MapSource { name: (*name).to_owned(), path: "place.vmap".into() };
+        let source =
+            |name: &&str| MapSource { name: (*name).to_owned(), path: "place.vmap".into(), geo: None };
         let mut options = ServerOptions::new(names.iter().map(source).collect());
         options.listen = listen.parse().expect("an address");
         options

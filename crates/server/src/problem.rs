@@ -27,6 +27,8 @@ pub(crate) enum Problem {
     UnknownMap,
     #[error("send a sealed query as application/x-protobuf or application/octet-stream")]
     MediaType,
+    #[error("nobody told the service where this map is on Earth; ask for application/json")]
+    NotAcceptable,
     #[error("a sealed query for this map has at most {limit} bytes")]
     TooLarge { limit: usize },
     #[error("the body did not arrive within {seconds} s; send the same bytes again over a better network")]
@@ -83,6 +85,7 @@ impl Problem {
             Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
             Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
             Self::MediaType => (S::UNSUPPORTED_MEDIA_TYPE, "media-type", "Unsupported media type"),
+            Self::NotAcceptable => (S::NOT_ACCEPTABLE, "no-geographic-frame", "No geographic frame"),
             Self::TooLarge { .. } => (S::PAYLOAD_TOO_LARGE, "too-large", "Body too large"),
             Self::TooSlow { .. } => (S::REQUEST_TIMEOUT, "too-slow", "Body too slow"),
             Self::Interrupted => (S::BAD_REQUEST, "interrupted", "Body incomplete"),

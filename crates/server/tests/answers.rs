@@ -113,6 +113,31 @@ fn a_map_is_served_under_each_of_its_names() {
     }
 }
 
+/// A map at a known place on Earth tells where on Earth a picture was taken.
+#[test]
+fn a_map_tied_to_earth_tells_geo_poses() {
+    let files = Files::new();
+    let mut options = files.open_options();
+    // The map's axes are the camera's of an upright picture looking north: x east, y down, z north.
+    options.maps[0].geo = Some("47.5,8.5,400,0.70710678,-0.70710678,0,0".parse().expect("a frame"));
+    let server = Running::start(options);
+    let request =
+        Request::localize(&files.place.sealed(&truth())).header("accept", "application/geopose+json");
+    let response = request.send(server.address);
+    assert_eq!((response.status, response.header("content-type")), (200, Some("application/geopose+json")));
+    let told = response.json();
+    let number = |pointer: &str| told.pointer(pointer).and_then(serde_json::Value::as_f64).expect("a number");
+    let center = truth().center().coords;
+    // East and north by the radii of curvature at this latitude: 111 179 m and 75 342 m a degree.
+    assert!(((number("/position/lon") - 8.5) * 75_342.0 - center.x).abs() < 0.03, "{told}");
+    assert!(((number("/position/lat") - 47.5) * 111_179.0 - center.z).abs() < 0.03, "{told}");
+    assert!((number("/position/h") - 400.0 + center.y).abs() < 0.03, "{told}");
+    let q = ["w", "x", "y", "z"].map(|c| number(&format!("/quaternion/{c}")));
+    assert!((q.iter().map(|c| c * c).sum::<f64>() - 1.0).abs() < 1e-9);
+    assert!(number("/accuracy/horizontal") > 0.0 && number("/accuracy/horizontal") < 0.1, "{told}");
+    assert_eq!(told["trusted"], true);
+}
+
 /// Many requests on one connection.
 #[test]
 fn a_connection_is_used_again() {

@@ -7,7 +7,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use tracing_subscriber::filter::LevelFilter;
-use veiloc_server::{MapSource, RateLimit, ServerOptions, TlsFiles, run_until_signal};
+use veiloc_server::{BadGeoFrame, GeoFrame, MapSource, RateLimit, ServerOptions, TlsFiles, run_until_signal};
 
 use crate::commands::localization_args::{MatchArgs, PoseArgs, positive};
 use crate::exit::{Exit, Failure, Outcome};
@@ -23,6 +23,10 @@ pub(crate) struct Args {
     /// A map and the name it is served under; several may be given.
     #[arg(long = "map", required = true, value_name = "NAME=FILE")]
     maps: Vec<NamedMap>,
+    /// Where a map lies on Earth, so that poses can be told as OGC GeoPose: degrees, metres above the WGS 84 ellipsoid,
+    /// the quaternion that turns map axes into east, north, up there, and metres a map unit (1).
+    #[arg(long = "geo", value_name = "NAME=LAT,LON,HEIGHT,QW,QX,QY,QZ[,METRES]", allow_hyphen_values = true)]
+    geo: Vec<NamedFrame>,
     /// Where to listen; port 0 for any free one.
     #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDR:PORT")]
     listen: SocketAddr,
@@ -100,9 +104,26 @@ impl FromStr for NamedMap {
     }
 }
 
+/// `NAME=LAT,…`.
+#[derive(Clone)]
+struct NamedFrame {
+    name: String,
+    frame: GeoFrame,
+}
+
+impl FromStr for NamedFrame {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (name, frame) = text.split_once('=').ok_or("NAME=LAT,LON,… is expected")?;
+        let frame = frame.parse().map_err(|e: BadGeoFrame| e.to_string())?;
+        Ok(Self { name: name.to_owned(), frame })
+    }
+}
+
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     start_log(args);
-    let options = options(args);
+    let options = options(args)?;
     let scheme = if options.tls.is_some() { "https" } else { "http" };
     let names: Vec<String> = args.maps.iter().map(|map| map.name.clone()).collect();
     let abandoned = run_until_signal(options, |address| {
@@ -118,8 +139,16 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     Ok(Exit::Success)
 }
 
-fn options(args: &Args) -> ServerOptions {
-    let source = |map: &NamedMap| MapSource { name: map.name.clone(), path: map.path.clone() };
+fn options(args: &Args) -> Result<ServerOptions, Failure> {
+    let geo = |name: &str| args.geo.iter().find(|g| g.name == name).map(|g| g.frame.clone());
+    if let Some(stray) = args.geo.iter().find(|g| args.maps.iter().all(|map| map.name != g.name)) {
+        return Err(Failure::with_help(
+            format!("--geo {}: no map has this name", stray.name),
+            "use the name given with --map",
+        ));
+    }
+    let source =
+        |map: &NamedMap| MapSource { name: map.name.clone(), path: map.path.clone(), geo: geo(&map.name) };
     let mut options = ServerOptions::new(args.maps.iter().map(source).collect());
     options.listen = args.listen;
     if let (Some(cert), Some(key)) = (&args.cert, &args.key) {
@@ -140,7 +169,7 @@ fn options(args: &Args) -> ServerOptions {
     options.timeouts.grace = seconds(args.grace);
     options.watch = Some(seconds(args.watch));
     options.localize = args.matching.options(&args.pose);
-    options
+    Ok(options)
 }
 
 /// To stderr, without colour: logs are read by programs more often than by people.

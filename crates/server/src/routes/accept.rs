@@ -8,15 +8,17 @@ use axum::http::header::ACCEPT;
 pub(super) enum Form {
     Json,
     Protobuf,
+    GeoPose,
 }
 
 impl Form {
-    const ALL: [Self; 2] = [Self::Json, Self::Protobuf];
+    const ALL: [Self; 3] = [Self::Json, Self::Protobuf, Self::GeoPose];
 
     pub(super) const fn media_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",
             Self::Protobuf => "application/x-protobuf",
+            Self::GeoPose => "application/geopose+json",
         }
     }
 
@@ -62,6 +64,7 @@ mod tests {
             ("application/json, application/x-protobuf", Form::Json),
             ("application/json;q=0.5, application/x-protobuf;q=0.9", Form::Protobuf),
             ("text/html, application/x-protobuf;q=0.1", Form::Protobuf),
+            ("application/geopose+json, application/json;q=0.5", Form::GeoPose),
             ("application/x-protobuf;q=0", Form::Json),
             ("application/x-protobuf;q=NaN", Form::Json),
             ("application/x-protobuf;q=-3", Form::Json),

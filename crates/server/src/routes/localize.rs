@@ -30,10 +30,11 @@ use crate::state::App;
     params(("name" = String, Path, description = "Name of the map")),
     request_body(content = Vec<u8>, content_type = "application/x-protobuf"),
     responses(
-        (status = 200, description = "The pose; with `Accept: application/x-protobuf` a `veiloc.v1.Answer`", body = AnswerDocument),
+        (status = 200, description = "The pose; with `Accept: application/x-protobuf` a `veiloc.v1.Answer`, with `application/geopose+json` a GeoPose", body = AnswerDocument),
         (status = 400, description = "Not a sealed query of a known version", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 404, description = "Unknown map", body = ProblemDocument, content_type = "application/problem+json"),
+(status = 406, description = "A GeoPose of a map nobody tied to Earth", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 408, description = "The body was too slow", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 409, description = "Sealed for another map, or the map is empty", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 413, description = "Longer than any query for this map", body = ProblemDocument, content_type = "application/problem+json"),
@@ -51,9 +52,9 @@ pub(super) async fn localize(
 ) -> Response {
     let mut served = None;
     let result = match welcome(&app, name, &headers) {
-        Ok(hosted) => {
+        Ok((hosted, form)) => {
             served = Some(ServedMap(hosted.name.as_str().into()));
-            answer(&app, hosted, &headers, &mut body).await
+            answer(&app, hosted, form, &mut body).await
         }
         Err(problem) => Err(problem),
     };
@@ -78,23 +79,27 @@ fn welcome(
     app: &App,
     name: Result<Path<String>, PathRejection>,
     headers: &HeaderMap,
-) -> Result<Arc<Hosted>, Problem> {
+) -> Result<(Arc<Hosted>, Form), Problem> {
     admit(app, headers)?;
     let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
     let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let media = media.split(';').next().unwrap_or_default().trim();
     let known = ["application/x-protobuf", "application/octet-stream"];
-    if known.iter().any(|known| media.eq_ignore_ascii_case(known)) {
-        Ok(hosted)
-    } else {
-        Err(Problem::MediaType)
+    if !known.iter().any(|known| media.eq_ignore_ascii_case(known)) {
+        return Err(Problem::MediaType);
     }
+    let form = Form::asked_for(headers);
+    // Said before anything is spent on an answer that could not be given.
+    if form == Form::GeoPose && hosted.geo.is_none() {
+        return Err(Problem::NotAcceptable);
+    }
+    Ok((hosted, form))
 }
 
 async fn answer(
     app: &Arc<App>,
     hosted: Arc<Hosted>,
-    headers: &HeaderMap,
+    form: Form,
     body: &mut Body,
 ) -> Result<Response, Problem> {
     let started = Instant::now();
@@ -116,9 +121,12 @@ async fn answer(
     app.metrics.localization(&hosted.name, outcome, Some(&found.times));
 
     let answer = answer_of(&found, waited.as_secs_f64() * 1e3);
-    let form = Form::asked_for(headers);
     let body = match form {
         Form::Protobuf => answer.encode(),
+        Form::GeoPose => {
+            let frame = hosted.geo.as_ref().ok_or(Problem::NotAcceptable)?;
+            serde_json::to_vec(&frame.geo_pose(&answer)).map_err(|_| Problem::Broken)?
+        }
         Form::Json => {
             serde_json::to_vec(&AnswerDocument::new(&hosted.name, &answer)).map_err(|_| Problem::Broken)?
         }
