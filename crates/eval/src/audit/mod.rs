@@ -4,10 +4,12 @@ mod document;
 mod keypoints;
 mod kind;
 mod neighbours;
+mod observer;
 mod run;
 
 pub use document::{AttackDocument, AttackSummary, attacks_table};
 pub use keypoints::{KeypointPicture, read_keypoints, synthetic_picture};
 pub use kind::{AttackKind, AttackKindError};
 pub use neighbours::NeighbourSource;
-pub use run::{AttackEvaluation, evaluate_attacks};
+pub use observer::{AttackObserver, AttackTrial, PictureGroup};
+pub use run::{AttackEvaluation, attack_groups, evaluate_attacks};

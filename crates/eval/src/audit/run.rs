@@ -11,12 +11,13 @@ use veiloc_attacks::{
 };
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::obfuscate_points;
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_query::{AngleBits, Observations, Scheme};
 
 use super::document::{AttackDocument, AttackSummary};
 use super::keypoints::{KeypointPicture, read_keypoints, synthetic_picture};
 use super::kind::AttackKind;
 use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
+use super::observer::{AttackObserver, AttackTrial, PictureGroup, Progress};
 use crate::error::EvalError;
 use crate::metrics::median;
 use crate::seeds::seed_for;
@@ -64,6 +65,14 @@ struct Held {
     transferred: Option<Transfer>,
 }
 
+/// What a picture sends under one scheme, and how far off the guess from it is.
+struct Sent {
+    scheme: Scheme,
+    observed: Observations,
+    observations: Vec<Observation>,
+    guess_errors: Vec<f64>,
+}
+
 /// Pixels within which neighbours agree, in shares of the picture's width: 20 px of 640.
 const CONSENSUS: f64 = 20.0 / 640.0;
 
@@ -73,11 +82,28 @@ const CONSENSUS: f64 = 20.0 / 640.0;
 /// [`EvalError`] when a file cannot be read, holds nothing, or has a keypoint that no scheme can send.
 pub fn evaluate_attacks(
     evaluation: &AttackEvaluation,
-    mut advance: impl FnMut(usize, usize),
+    advance: impl FnMut(usize, usize),
 ) -> Result<AttackDocument, EvalError> {
-    let mut groups: Vec<Vec<KeypointPicture>> =
-        evaluation.files.iter().map(|file| read_keypoints(file)).collect::<Result<_, _>>()?;
-    let mut data: Vec<String> = evaluation.files.iter().map(|f| display_name(f)).collect();
+    attack_groups(evaluation, Vec::new(), &mut Progress(advance))
+}
+
+/// Attacks everything, `groups` beside the files of the evaluation, under the eyes of an observer.
+///
+/// Groups come first in the document's `data`, then the files, then the synthetic picture.
+///
+/// # Errors
+/// As [`evaluate_attacks`].
+pub fn attack_groups(
+    evaluation: &AttackEvaluation,
+    groups: Vec<PictureGroup>,
+    observer: &mut dyn AttackObserver,
+) -> Result<AttackDocument, EvalError> {
+    let (mut data, mut groups): (Vec<String>, Vec<Vec<KeypointPicture>>) =
+        groups.into_iter().map(|g| (g.name, g.pictures)).unzip();
+    for file in &evaluation.files {
+        groups.push(read_keypoints(file)?);
+        data.push(display_name(file));
+    }
     if evaluation.synthetic > 0 {
         groups.push(vec![synthetic_picture(evaluation.synthetic, evaluation.seed)]);
         data.push(format!("synthetic {}", evaluation.synthetic));
@@ -93,7 +119,7 @@ pub fn evaluate_attacks(
     let transfers = evaluation.neighbours == NeighbourSource::Transferred
         || evaluation.attacks.iter().any(|a| a.transfers());
     let mut precision = Precision::default();
-    for group in &groups {
+    for (group_index, group) in groups.iter().enumerate() {
         let counts: Vec<PlaceCounts> =
             group.iter().map(|p| PlaceCounts::of(&p.keypoints, p.width, p.height)).collect();
         let mut all = PlaceCounts::default();
@@ -117,9 +143,10 @@ pub fn evaluate_attacks(
             };
             precision.add(&neighbours, &nearest);
             let held = Held { density: others.density(), neighbours, transferred };
-            attack_picture(evaluation, picture, &held, &mut rows, &mut || {
+            attack_picture(evaluation, (group_index, picture), &held, &mut rows, &mut |trial| {
+                observer.saw(trial);
                 done += 1;
-                advance(done, total);
+                observer.advance(done, total);
             })?;
         }
     }
@@ -163,19 +190,19 @@ fn rows(evaluation: &AttackEvaluation) -> Vec<Row> {
 
 fn attack_picture(
     evaluation: &AttackEvaluation,
-    picture: &KeypointPicture,
+    (group, picture): (usize, &KeypointPicture),
     held: &Held,
     rows: &mut [Row],
-    advance: &mut dyn FnMut(),
+    attacked: &mut dyn FnMut(&AttackTrial<'_>),
 ) -> Result<(), EvalError> {
     let truth = &picture.keypoints;
-    let mut sent: Option<(Scheme, Vec<Observation>, Vec<f64>)> = None;
+    let mut sent: Option<Sent> = None;
     for row in rows {
         let name = row.scheme.to_string();
         // The seed names picture and scheme: no choice of other schemes or attacks changes what is sent.
         let rng =
             |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&picture.name, &name, what]));
-        if sent.as_ref().is_none_or(|s| s.0 != row.scheme) {
+        if sent.as_ref().is_none_or(|s| s.scheme != row.scheme) {
             let observed = obfuscate_points(
                 truth,
                 picture.width,
@@ -185,23 +212,35 @@ fn attack_picture(
                 &mut rng("sent"),
             )
             .map_err(|source| EvalError::Seal { name: picture.name.clone(), source })?;
-            sent = Some((row.scheme, Observation::of_sent(&observed), Vec::new()));
+            let observations = Observation::of_sent(&observed);
+            sent = Some(Sent { scheme: row.scheme, observed, observations, guess_errors: Vec::new() });
         }
-        let Some((_, observations, guessed)) = &mut sent else { continue };
+        let Some(sent) = &mut sent else { continue };
         let corrupted = held.neighbours.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
         let started = Instant::now();
-        let answers = answer(row.attack, observations, &corrupted, picture, held, &mut rng("attack"))?;
+        let answers = answer(row.attack, &sent.observations, &corrupted, picture, held, &mut rng("attack"))?;
         row.ms.push(started.elapsed().as_secs_f64() * 1e3);
-        let errors = errors_px(answers, truth);
+        let errors = errors_px(answers.iter().copied(), truth);
         if row.attack == AttackKind::Prior {
-            guessed.clone_from(&errors);
+            sent.guess_errors.clone_from(&errors);
         }
         if !errors.is_empty() {
-            let bits = bits_over_prior(&errors, guessed, picture.width, picture.height);
+            let bits = bits_over_prior(&errors, &sent.guess_errors, picture.width, picture.height);
             row.bits += bits * errors.len() as f64;
         }
+        attacked(&AttackTrial {
+            group,
+            picture,
+            scheme: row.scheme,
+            attack: row.attack,
+            corrupt: row.corrupt,
+            sent: &sent.observed,
+            observations: &sent.observations,
+            neighbours: &corrupted,
+            answers: &answers,
+            errors: &errors,
+        });
         row.errors.extend(errors);
-        advance();
     }
     Ok(())
 }
