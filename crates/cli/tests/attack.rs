@@ -142,3 +142,28 @@ fn descriptors_tell_neighbours_and_positions() {
         assert!(median(2) < 0.6 * median(0), "{document}");
     }
 }
+
+#[test]
+fn keypoints_of_photographs_are_what_attack_reads() {
+    let place = common::place();
+    let keypoints = "eval keypoints images --max-keypoints 200 --max-size 300 -o";
+    place.run(&format!("{keypoints} all.jsonl.gz")).succeeded();
+    place.run(&format!("{keypoints} map.jsonl --list map.txt")).succeeded();
+    let lines = |name: &str| String::from_utf8(place.read(name)).expect("text").lines().count();
+    assert_eq!(lines("map.jsonl"), common::MAP_VIEWS);
+    let run = place
+        .run("attack map.jsonl --pictures 1 --schemes dcl --attacks closed-form --neighbours predicted --train all.jsonl.gz")
+        .succeeded();
+    assert!(run.stdout.contains("of the neighbours are true"), "{run}");
+    for (arguments, says) in [
+        ("images posed --list map.txt", "one folder"),
+        ("posed", "no JPEG or PNG"),
+        ("map.txt", "map.txt"),
+        ("images/none.png", "none.png"),
+    ] {
+        let run = place.run(&format!("eval keypoints {arguments} -o refused.jsonl"));
+        assert_eq!(run.code, Some(1), "{run}");
+        assert!(run.stderr.contains(says), "{says}: {run}");
+        assert!(!place.folder.join("refused.jsonl").exists(), "{arguments}");
+    }
+}

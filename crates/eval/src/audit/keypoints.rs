@@ -6,11 +6,12 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use veiloc_geometry::Pixel;
 
 use crate::error::EvalError;
 use crate::json_lines;
+use crate::make_problems::encode_lines;
 use crate::seeds::seed_for;
 
 /// The keypoints of one picture.
@@ -28,14 +29,16 @@ pub struct KeypointPicture {
     pub descriptors: Option<(Vec<u8>, usize)>,
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, Serialize)]
 struct Line {
     name: String,
     width: u32,
     height: u32,
     keypoints: Vec<[f64; 2]>,
-    descriptors: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     descriptor_dim: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    descriptors: Option<String>,
 }
 
 /// Longest picture side and largest count of keypoints that are taken for honest.
@@ -84,6 +87,28 @@ fn picture(line: Line) -> Result<KeypointPicture, String> {
         }
     };
     Ok(KeypointPicture { name: line.name, width: line.width, height: line.height, keypoints, descriptors })
+}
+
+/// The bytes of a `keypoints.jsonl`, gzipped if asked for: what [`read_keypoints`] reads.
+///
+/// # Errors
+/// Only when memory cannot be written to.
+pub fn encode_keypoints(pictures: &[KeypointPicture], gzip: bool) -> std::io::Result<Vec<u8>> {
+    let lines: Vec<String> = pictures
+        .iter()
+        .map(|picture| {
+            let descriptors = picture.descriptors.as_ref();
+            Ok(serde_json::to_string(&Line {
+                name: picture.name.clone(),
+                width: picture.width,
+                height: picture.height,
+                keypoints: picture.keypoints.iter().map(|p| [p.u, p.v]).collect(),
+                descriptor_dim: descriptors.map(|d| d.1),
+                descriptors: descriptors.map(|d| STANDARD.encode(&d.0)),
+            })?)
+        })
+        .collect::<std::io::Result<_>>()?;
+    encode_lines(&lines, gzip)
 }
 
 /// The paper's Fig. 4: keypoints spread evenly over 640 x 480 pixels.

@@ -1,6 +1,7 @@
 //! `veiloc attack`: every attack on every scheme, each beside the guess that uses no neighbours.
 
 mod document;
+mod extract;
 mod keypoints;
 mod kind;
 mod neighbours;
@@ -8,7 +9,8 @@ mod observer;
 mod run;
 
 pub use document::{AttackDocument, AttackSummary, attacks_table};
-pub use keypoints::{KeypointPicture, read_keypoints, synthetic_picture};
+pub use extract::{keypoints_of_photograph, keypoints_of_photographs, photographs};
+pub use keypoints::{KeypointPicture, encode_keypoints, read_keypoints, synthetic_picture};
 pub use kind::{AttackKind, AttackKindError};
 pub use neighbours::NeighbourSource;
 pub use observer::{AttackObserver, AttackTrial, PictureGroup};

@@ -1,6 +1,7 @@
 //! `veiloc eval`: localization measured on data with known poses, and against what theory allows.
 
 mod crb;
+mod keypoints;
 mod place;
 mod pose;
 mod problems;
@@ -21,6 +22,8 @@ pub(crate) enum Command {
     Crb(crb::Args),
     /// Correspondence sets from a place with known poses, as `eval pose` reads them.
     Problems(problems::Args),
+    /// Keypoints and descriptors of photographs, as `attack` and the training of predictors read them.
+    Keypoints(keypoints::Args),
 }
 
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
@@ -29,5 +32,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Pose(args) => pose::run(args, ui),
         Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),
+        Command::Keypoints(args) => keypoints::run(args, ui),
     }
 }
