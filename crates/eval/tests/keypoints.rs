@@ -1,7 +1,5 @@
 //! Our keypoints beside those of an independent pipeline on the same photograph. Needs `VEILOC_DATA`.
 
-#![expect(clippy::print_stderr, reason = "a skipped test says so")]
-
 use std::path::PathBuf;
 
 use veiloc_eval::audit::{KeypointPicture, keypoints_of_photograph, read_keypoints};
