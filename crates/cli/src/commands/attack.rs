@@ -25,14 +25,6 @@ pub(crate) struct Args {
     /// Attack the first N pictures of each file only.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pictures: Option<u32>,
-    /// Schemes to attack.
-    #[arg(
-        long,
-        value_delimiter = ',',
-        default_value = "random-lines,coordinate-permutation,dcl",
-        value_name = "SCHEME,…"
-    )]
-    schemes: Vec<Scheme>,
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-picture, closed-form-informed,
     /// closed-form-consensus, transfer (positions of matches in the file's other pictures), graph, transfer-graph.
     #[arg(
@@ -42,6 +34,24 @@ pub(crate) struct Args {
         value_name = "ATTACK,…"
     )]
     attacks: Vec<AttackKind>,
+    #[command(flatten)]
+    adversary: AdversaryArgs,
+    /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    json: Option<PathBuf>,
+}
+
+/// What is attacked with what knowledge, whoever reports it.
+#[derive(clap::Args)]
+pub(super) struct AdversaryArgs {
+    /// Schemes to attack.
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "random-lines,coordinate-permutation,dcl",
+        value_name = "SCHEME,…"
+    )]
+    schemes: Vec<Scheme>,
     /// Who tells which keypoints are neighbours.
     #[arg(long, value_enum, default_value = "oracle")]
     neighbours: Source,
@@ -60,9 +70,6 @@ pub(crate) struct Args {
     /// Seed of every random choice; equal seeds give equal results.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
-    /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    json: Option<PathBuf>,
 }
 
 /// Who tells which keypoints are neighbours.
@@ -76,28 +83,40 @@ enum Source {
     Transferred,
 }
 
-pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
-    if let Some(scheme) = args.schemes.iter().find(|s| !s.hides_positions()) {
-        return Err(Failure::with_help(
-            format!("{scheme} hides nothing that could be attacked"),
-            "name schemes that hide positions: random-lines, coordinate-permutation, dcl",
-        ));
+impl AdversaryArgs {
+    /// Lowers the arguments to an evaluation of these attacks that has no data yet.
+    pub(super) fn evaluation(&self, attacks: &[AttackKind]) -> Result<AttackEvaluation, Failure> {
+        if let Some(scheme) = self.schemes.iter().find(|s| !s.hides_positions()) {
+            return Err(Failure::with_help(
+                format!("{scheme} hides nothing that could be attacked"),
+                "name schemes that hide positions: random-lines, coordinate-permutation, dcl",
+            ));
+        }
+        Ok(AttackEvaluation {
+            files: Vec::new(),
+            synthetic: 0,
+            pictures: None,
+            schemes: self.schemes.clone(),
+            attacks: attacks.to_vec(),
+            neighbours: match self.neighbours {
+                Source::Oracle => NeighbourSource::Oracle,
+                Source::Predicted => NeighbourSource::Predicted { train: self.train.clone() },
+                Source::Transferred => NeighbourSource::Transferred,
+            },
+            k: self.k as usize,
+            corrupt: self.corrupt.clone(),
+            angle_bits: AngleBits::new(self.angle_bits)?,
+            seed: self.seed,
+        })
     }
+}
+
+pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = AttackEvaluation {
         files: args.files.clone(),
         synthetic: args.synthetic.unwrap_or(0) as usize,
         pictures: args.pictures.map(|n| n as usize),
-        schemes: args.schemes.clone(),
-        attacks: args.attacks.clone(),
-        neighbours: match args.neighbours {
-            Source::Oracle => NeighbourSource::Oracle,
-            Source::Predicted => NeighbourSource::Predicted { train: args.train.clone() },
-            Source::Transferred => NeighbourSource::Transferred,
-        },
-        k: args.k as usize,
-        corrupt: args.corrupt.clone(),
-        angle_bits: AngleBits::new(args.angle_bits)?,
-        seed: args.seed,
+        ..args.adversary.evaluation(&args.attacks)?
     };
     let bar = ui.bar("Attacking", 0);
     let document = evaluate_attacks(&evaluation, |done, total| {

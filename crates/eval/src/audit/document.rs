@@ -6,7 +6,7 @@ use super::kind::AttackKind;
 use crate::text_table::TextTable;
 
 /// The document that `veiloc attack --json` prints.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct AttackDocument {
     /// Version of this document; a field is never removed or given another meaning under the same number.
     pub version: u32,
@@ -31,7 +31,7 @@ pub struct AttackDocument {
 }
 
 /// One attack on one scheme.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct AttackSummary {
     /// Obfuscation scheme.
     pub scheme: String,
