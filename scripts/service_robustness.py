@@ -1,0 +1,397 @@
+#!/usr/bin/env python3
+"""Prints the tables of docs/service.md about bad requests and about `kill -9`. Standard library only, loopback only.
+
+    cargo build --release
+    VEILOC_DATA=../shared/data scripts/service_robustness.py [--requests 1000] [--kills 60]
+
+The map is redkitchen's, the query a photograph that it does not hold. Every kill is SIGKILL: the process gets no chance
+to tidy up. What must hold afterwards is checked, and a violation ends the script with status 1.
+"""
+
+import argparse
+import hashlib
+import http.client
+import json
+import os
+import pathlib
+import queue
+import random
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+TOKEN = "a-token-for-a-test-on-loopback-only"
+PROTOBUF = "application/x-protobuf"
+
+
+def target_dir():
+    metadata = subprocess.run(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT, check=True,
+                              capture_output=True, text=True).stdout
+    return pathlib.Path(json.loads(metadata)["target_directory"])
+
+
+def first_words(path):
+    lines = path.read_text().splitlines()
+    return [line.split()[0] for line in lines if line and not line.startswith("#")]
+
+
+class Place:
+    """A map, a smaller one to change over to, and a sealed query for both."""
+
+    def __init__(self, veiloc, data, work):
+        self.veiloc, self.work = veiloc, work
+        kitchen = data / "redkitchen"
+        names = first_words(kitchen / "map.txt")
+        self.map, self.smaller = work / "place.vmap", work / "smaller.vmap"
+        self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
+                 kitchen / "map.txt", "--query-keypoints", "1024", "-o", self.map)
+        # Every other photograph taken out: another file, the same vocabulary and profile.
+        self.removed = names[1::2]
+        self.run("map", "remove", self.map, *self.removed, "-o", self.smaller)
+        self.run("map", "profile", self.map, "-o", work / "profile")
+        camera_lines = (kitchen / "posed" / "cameras.txt").read_text().splitlines()
+        camera = ",".join(next(l for l in camera_lines if not l.startswith("#")).split()[1:])
+        photo = kitchen / "images" / first_words(kitchen / "query.txt")[0]
+        self.run("seal", photo, "--camera", camera, "--profile", work / "profile", "--scheme", "dcl", "-o", work / "query")
+        self.query = (work / "query").read_bytes()
+        (work / "tokens").write_text(f"phone {hashlib.sha256(TOKEN.encode()).hexdigest()}\n")
+
+    def run(self, *arguments):
+        subprocess.run([self.veiloc, "--quiet", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
+
+
+class Server:
+    """`veiloc serve` on a free port of loopback."""
+
+    def __init__(self, place, path, port=0, *more):
+        self.log = open(place.work / "server.log", "w+")
+        self.process = subprocess.Popen(
+            [place.veiloc, "serve", "--map", f"place={path}", "--listen", f"127.0.0.1:{port}", "--tokens",
+             place.work / "tokens", "--rate", "1000000", *more], stderr=self.log)
+        deadline = time.monotonic() + 30
+        while not (found := re.search(r"serving.*:(\d+)\n", pathlib.Path(self.log.name).read_text())):
+            if self.process.poll() is not None or time.monotonic() > deadline:
+                sys.exit("the server did not start:\n" + pathlib.Path(self.log.name).read_text())
+            time.sleep(0.005)
+        self.port = int(found[1])
+
+    def kill(self, how=signal.SIGKILL):
+        self.process.send_signal(how)
+        self.process.wait()
+        self.log.close()
+
+
+def localize(port, query, timeout=60):
+    """Status and body of one query."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=timeout)
+    try:
+        headers = {"content-type": PROTOBUF, "authorization": f"Bearer {TOKEN}"}
+        connection.request("POST", "/v1/maps/place/localize", query, headers)
+        response = connection.getresponse()
+        return response.status, response.read()
+    finally:
+        connection.close()
+
+
+def pose(body):
+    """What must be equal however often the same bytes are sent: everything but the times."""
+    answer = json.loads(body)
+    answer.pop("ms", None)
+    return json.dumps(answer, sort_keys=True)
+
+
+def check(condition, what):
+    if not condition:
+        sys.exit(f"violated: {what}")
+
+
+# ---------------------------------------------------------------- requests that must not succeed
+
+def raw(port, chunks, pause=0.0, patience=60.0):
+    """Sends chunks, stops at the first sign of an answer; the status line or what else came, and after how long."""
+    started = time.monotonic()
+    stream = socket.create_connection(("127.0.0.1", port), timeout=patience)
+    stream.setblocking(False)
+    answer = b""
+
+    def look():
+        nonlocal answer
+        try:
+            got = stream.recv(1 << 16)
+            answer += got
+            return True
+        except BlockingIOError:
+            return False
+        except ConnectionError:
+            return True
+
+    try:
+        for chunk in chunks:
+            view = memoryview(chunk)
+            while view:
+                try:
+                    view = view[stream.send(view):]
+                except BlockingIOError:
+                    time.sleep(0.001)
+                except ConnectionError:
+                    view = view[:0]
+                if look():
+                    raise StopIteration
+            time.sleep(pause)
+    except StopIteration:
+        pass
+    while not answer and time.monotonic() - started < patience and not look():
+        time.sleep(0.005)
+    took = time.monotonic() - started
+    stream.close()
+    status = re.match(rb"HTTP/1.1 (\d+)", answer)
+    problem = re.search(rb"urn:veiloc:problem:([a-z-]+)", answer)
+    said = f"{status[1].decode()}" if status else "closed without a word"
+    return said + (f" `{problem[1].decode()}`" if problem else ""), took
+
+
+def head(length=None, token=TOKEN, kind=PROTOBUF, target="/v1/maps/place/localize", method="POST"):
+    lines = [f"{method} {target} HTTP/1.1", "host: localhost"]
+    lines += [f"content-type: {kind}"] if kind else []
+    lines += [f"authorization: Bearer {token}"] if token else []
+    lines += ["transfer-encoding: chunked"] if length is None else [f"content-length: {length}"]
+    return ("\r\n".join(lines) + "\r\n\r\n").encode()
+
+
+def bytewise(data):
+    return (data[i:i + 1] for i in range(len(data)))
+
+
+def endless():
+    """A body in chunks that would not end before 64 MiB."""
+    block = b"10000\r\n" + bytes(0x10000) + b"\r\n"
+    for _ in range(1024):
+        yield block
+
+
+def bad_requests(place):
+    server = Server(place, place.map)
+    port, query = server.port, place.query
+    rng = random.Random(0)
+    flipped = bytearray(query)
+    flipped[len(query) // 2 - 1000] ^= 0x40
+    whole = lambda body, **more: [head(len(body), **more) + body]
+    table = [
+        ("no bytes", whole(b""), 0, "400"),
+        ("1000 random bytes", whole(rng.randbytes(1000)), 0, "400"),
+        ("a query cut in half", whole(query[:len(query) // 2]), 0, "400"),
+        ("a query and four bytes more", whole(query + b"\x7d\x01\x02\x03"), 0, "400"),
+        ("one bit of a descriptor turned", whole(bytes(flipped)), 0, None),
+        ("half a query, then the end of the connection's patience", [head(len(query)) + query[:1000]], 0, "408"),
+        ("1 MiB announced and sent", whole(bytes(1 << 20)), 0, "413"),
+        ("1 TiB announced", [head(1 << 40) + bytes(1000)], 0, "413"),
+        ("64 MiB in chunks, length not announced", [head(), *endless()], 0, "413"),
+        ("a length that is no number", [head("many") + query], 0, "400"),
+        ("head at one byte a second", bytewise(head(len(query))), 1.0, "408"),
+        ("body at one byte a second", [head(len(query)), *bytewise(query[:100])], 1.0, "408"),
+        ("no token", whole(query, token=None), 0, "401"),
+        ("a wrong token", whole(query, token="guess"), 0, "401"),
+        ("no token, 1 MiB", whole(bytes(1 << 20), token=None), 0, "401"),
+        ("metrics with a client's token", [head(0, method="GET", target="/metrics")], 0, "403"),
+        ("JSON for a query", whole(b"{}", kind="application/json"), 0, "415"),
+        ("a map that is not there", whole(query, target="/v1/maps/..%2Fplace/localize"), 0, "404"),
+        ("bytes that are no HTTP", [b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n"], 0, "400"),
+        ("a head of 100 kB", [b"GET /healthz HTTP/1.1\r\nx: " + b"y" * 100_000 + b"\r\n\r\n"], 0, "431"),
+    ]
+    results = [None] * len(table)
+
+    def one(i):
+        results[i] = raw(port, table[i][1], table[i][2])
+
+    threads = [threading.Thread(target=one, args=(i,)) for i in range(len(table))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    print("| sent | answered | after s |\n|---|---|---|")
+    for (what, _, _, expected), (said, took) in zip(table, results):
+        print(f"| {what} | {said} | {took:.1f} |")
+        silent = expected in ("408", "431", "400") and said.startswith("closed")
+        check(expected is None or said.startswith(expected) or silent, f"{what}: {said}, expected {expected}")
+    status, _ = localize(port, query)
+    check(status == 200, f"after all of that a good query got {status}")
+    memory = re.search(r"VmHWM:\s+(\d+) kB", pathlib.Path(f"/proc/{server.process.pid}/status").read_text())
+    print(f"\nThen a good query: {status}. Most memory the server ever held: {int(memory[1]) / 1024:.0f} MB.\n")
+    server.kill(signal.SIGTERM)
+
+
+# ---------------------------------------------------------------- kill -9
+
+def killed_writes(place, kills, rng):
+    """`map remove` killed at a random time of its run; the file must be the old one or the new one."""
+    live = place.work / "live.vmap"
+    old, new = place.map.read_bytes(), place.smaller.read_bytes()
+    command = [place.veiloc, "--quiet", "map", "remove", live, *place.removed]
+    shutil.copyfile(place.map, live)
+    started = time.monotonic()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    took = time.monotonic() - started
+    check(live.read_bytes() == new, "the same change gives the same bytes")
+    counts = {"old": 0, "new": 0}
+    beside, served = 0, 0
+    for _ in range(kills):
+        shutil.copyfile(place.map, live)
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(rng.uniform(0, took * 1.05))
+        process.kill()
+        process.wait()
+        now = live.read_bytes()
+        check(now in (old, new), "a killed write left half a map")
+        counts["new" if now == new else "old"] += 1
+        place.run("map", "info", live)
+        left = [p for p in place.work.iterdir() if p.name.startswith(".") or p.suffix == ".tmp"]
+        beside += bool(left)
+        # The next write must not stumble over what the killed one left.
+        subprocess.run(command if now == old else [place.veiloc, "--quiet", "map", "info", live], check=True,
+                       stdout=subprocess.DEVNULL)
+        check(live.read_bytes() == new, "the write after a killed one")
+        served += 1
+        for path in left:
+            path.unlink(missing_ok=True)
+    print(f"| a map write ({took:.1f} s) | {kills} | {counts['old']} times the old map, {counts['new']} times the new one, "
+          f"byte by byte; {beside} times an unfinished file lay beside it; the next write went through {served} times |")
+
+
+def killed_reloads(place, kills, rng):
+    """The server killed at a random time after a map was renamed over the one it serves."""
+    live = place.work / "served.vmap"
+    shutil.copyfile(place.map, live)
+    poses = {}
+    for path in (place.map, place.smaller):
+        server = Server(place, path)
+        poses[path] = pose(localize(server.port, place.query)[1])
+        server.kill()
+    check(poses[place.map] != poses[place.smaller], "the two maps give different poses")
+    outcomes = {"old": 0, "new": 0, "none": 0}
+    for i in range(kills):
+        target = (place.smaller, place.map)[i % 2]
+        before = (place.map, place.smaller)[i % 2]
+        server = Server(place, live)
+        fresh = place.work / "fresh.vmap"
+        shutil.copyfile(target, fresh)
+        os.replace(fresh, live)
+        server.process.send_signal(signal.SIGHUP)
+        got = []
+
+        def ask():
+            try:
+                got.append(localize(server.port, place.query))
+            except OSError:
+                pass
+
+        asking = threading.Thread(target=ask)
+        asking.start()
+        time.sleep(rng.uniform(0, 0.12))
+        server.kill()
+        asking.join()
+        if got and got[0][0] == 200:
+            answer = pose(got[0][1])
+            check(answer in poses.values(), "an answer of neither map")
+            outcomes["new" if answer == poses[target] else "old"] += 1
+            check(answer in (poses[target], poses[before]), "an answer of neither map")
+        else:
+            outcomes["none"] += 1
+        server = Server(place, live)
+        status, body = localize(server.port, place.query)
+        check(status == 200 and pose(body) == poses[target], "a restarted server answers with the new map")
+        server.kill()
+    print(f"| a hot reload, a query under way | {kills} | the query: {outcomes['old']} times answered from the old map, "
+          f"{outcomes['new']} times from the new one, {outcomes['none']} times the connection broke, never anything between; "
+          f"restarted, {kills} of {kills} answer from the new map |")
+
+
+def killed_requests(place, requests, rng):
+    """Requests from eight clients, the server killed and started again in the middle; what broke is sent again."""
+    server = Server(place, place.map)
+    port = server.port
+    expected = pose(localize(port, place.query)[1])
+    todo = queue.Queue()
+    for i in range(requests):
+        todo.put(i)
+    lock = threading.Lock()
+    count = {"answered": 0, "broken": 0, "refused": 0}
+
+    def client():
+        while True:
+            try:
+                job = todo.get_nowait()
+            except queue.Empty:
+                return
+            while True:
+                try:
+                    status, body = localize(port, place.query)
+                except (OSError, http.client.HTTPException):
+                    with lock:
+                        count["broken"] += 1
+                    time.sleep(0.05)
+                    continue
+                if status == 200:
+                    check_pose(body, job)
+                    break
+                with lock:
+                    count["refused"] += 1
+                time.sleep(0.05)
+
+    wrong = []
+
+    def check_pose(body, job):
+        with lock:
+            count["answered"] += 1
+            if pose(body) != expected:
+                wrong.append(job)
+
+    threads = [threading.Thread(target=client) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    restarts = 0
+    for share in sorted(rng.uniform(0.05, 0.95) for _ in range(5)):
+        while count["answered"] < share * requests:
+            time.sleep(0.002)
+        server.kill()
+        server = Server(place, place.map, port)
+        restarts += 1
+    for thread in threads:
+        thread.join()
+    check(not wrong, f"{len(wrong)} answers differ from the first")
+    check(count["answered"] == requests, "every request was answered in the end")
+    server.kill(signal.SIGTERM)
+    print(f"| {requests} requests of 8 clients | {restarts} | {count['answered']} answered, all with the same pose, "
+          f"{count['broken']} attempts broken off or refused a connection and sent again, {count['refused']} refused by the service |")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--requests", type=int, default=1000, help="requests during which the server is killed five times")
+    parser.add_argument("--kills", type=int, default=60, help="killed map writes, and killed reloads")
+    parser.add_argument("--seed", type=int, default=0, help="of the times of killing")
+    arguments = parser.parse_args()
+    data = os.environ.get("VEILOC_DATA")
+    if not data:
+        sys.exit("set VEILOC_DATA to the folder of the real photographs")
+    veiloc = target_dir() / "release" / "veiloc"
+    if not veiloc.exists():
+        sys.exit("build the program first: cargo build --release")
+    rng = random.Random(arguments.seed)
+    with tempfile.TemporaryDirectory() as work:
+        place = Place(veiloc, pathlib.Path(data).resolve(), pathlib.Path(work))
+        bad_requests(place)
+        print("| `kill -9` during | times | what was found |\n|---|---|---|")
+        killed_writes(place, arguments.kills, rng)
+        killed_reloads(place, arguments.kills, rng)
+        killed_requests(place, arguments.requests, rng)
+
+
+if __name__ == "__main__":
+    main()
