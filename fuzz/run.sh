@@ -3,7 +3,7 @@
 #
 #     cargo install cargo-fuzz
 #     rustup toolchain install nightly
-#     fuzz/run.sh 60
+#     fuzz/run.sh 60 [TARGET…]
 set -euo pipefail
 cd "$(dirname "$0")"
 seconds="${1:-60}"
@@ -29,12 +29,14 @@ done
 
 echo "| target | seconds | executions | edges | peak memory | findings |"
 echo "|---|---|---|---|---|---|"
-for target in sealed_query profile answer map_file colmap; do
+shift || true
+[ $# -gt 0 ] || set -- sealed_query profile answer map_file colmap
+for target in "$@"; do
     log="$corpus/$target.log"
     findings=0
     cargo +nightly fuzz run "$target" "$corpus/$target" -- -max_total_time="$seconds" -rss_limit_mb=1024 \
         -malloc_limit_mb=256 -timeout=10 -print_final_stats=1 > "$log" 2>&1 || findings=1
-    if [ "$findings" = 1 ]; then tail -40 "$log" >&2; fi
+    if [ "$findings" = 1 ]; then tail -40 "$log" | cut -c1-300 >&2; fi
     executions="$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")"
     memory="$(sed -n 's/^stat::peak_rss_mb: *//p' "$log")"
     edges="$(grep -o 'cov: [0-9]*' "$log" | tail -1 | cut -d' ' -f2)"

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use veiloc_map::MapFile;
-use veiloc_map::colmap::{read_model, write_text};
+use veiloc_map::colmap::{ColmapImage, read_model, write_text};
 
 const FILES: [&str; 3] = ["cameras", "images", "points3D"];
 
@@ -17,6 +17,19 @@ const TEXT: [&str; 3] = [
     "3 0.5 1.5 4 10 20 30 0.25 1 0 4 0\n",
 ];
 
+/// The images with the poses of `others` where they are the same: a rotation is kept as a matrix and written as a
+/// quaternion, and turning one into the other may cost the last bits.
+fn poses_aside(images: &[ColmapImage], others: &[ColmapImage]) -> Vec<ColmapImage> {
+    let mut images = images.to_vec();
+    for (image, other) in images.iter_mut().zip(others) {
+        let (ours, theirs) = (image.cam_from_world, other.cam_from_world);
+        if ours.translation() == theirs.translation() && ours.rotation_error_degrees(&theirs) < 1e-12 {
+            image.cam_from_world = theirs;
+        }
+    }
+    images
+}
+
 fn holds_together(folder: &Path) -> Result<bool, TestCaseError> {
     let Ok(model) = read_model(folder) else { return Ok(false) };
     let text = folder.join("again");
@@ -24,7 +37,7 @@ fn holds_together(folder: &Path) -> Result<bool, TestCaseError> {
     let again = read_model(&text);
     prop_assert!(again.is_ok(), "what is written can be read: {:?}", again.err());
     let again = again.expect("checked");
-    prop_assert_eq!(again.images(), model.images());
+    prop_assert_eq!(poses_aside(again.images(), model.images()), model.images());
     prop_assert_eq!(again.points(), model.points());
     Ok(true)
 }
