@@ -47,6 +47,8 @@ enum Command {
     Eval(commands::eval::Command),
     /// Recover keypoints from what is sent, by every attack under every scheme.
     Attack(commands::attack::Args),
+    /// Attack what would be sent of your pictures, and write a report on it.
+    Audit(commands::audit::Args),
 }
 
 fn main() -> ExitCode {
@@ -61,6 +63,7 @@ fn main() -> ExitCode {
         Command::Query(command) => commands::query::run(command, &ui),
         Command::Eval(command) => commands::eval::run(command, &ui),
         Command::Attack(args) => commands::attack::run(args, &ui),
+        Command::Audit(args) => commands::audit::run(args, &ui),
     });
     match result {
         Ok(exit) => exit.into(),

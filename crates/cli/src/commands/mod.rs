@@ -1,6 +1,7 @@
 //! One file a command: its arguments, and the few lines that hand them to the libraries.
 
 pub(crate) mod attack;
+pub(crate) mod audit;
 pub(crate) mod demo;
 pub(crate) mod eval;
 mod localization_args;

@@ -4,6 +4,7 @@
 //! anywhere: no scripts, fonts or pictures but those inside. It follows the reader's light or dark setting, prints,
 //! and fits a telephone. Captions speak to people who never heard of keypoints.
 
+mod audit;
 mod data;
 mod format;
 mod histogram;
@@ -17,6 +18,7 @@ mod tests;
 
 use std::fmt::Write as _;
 
+pub use audit::{Audit, AuditDocument, AuditOptions, AuditPart, run_audit};
 pub use data::{AttackRow, Card, PRIOR_ONLY, QueryPanel, Report, SchemePanel, TopView, TopViewScheme};
 
 use format::escape;

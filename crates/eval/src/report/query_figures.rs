@@ -107,7 +107,7 @@ fn view_box((w, h): (u32, u32)) -> String {
 }
 
 /// Dots as one path: zero-length strokes with round caps. Positions far outside or not finite are left out.
-fn dots(points: impl Iterator<Item = Pixel>) -> String {
+pub(super) fn dots(points: impl Iterator<Item = Pixel>) -> String {
     points.filter(|p| p.u.abs() < 1e5 && p.v.abs() < 1e5).fold(String::new(), |mut d, p| {
         let _ = write!(d, "M{:.1} {:.1}h0", p.u, p.v);
         d
@@ -155,7 +155,7 @@ fn recovered(panel: &SchemePanel) -> String {
 }
 
 /// What is sent, drawn, and a remark for the caption.
-fn sent(panel: &SchemePanel) -> (String, String) {
+pub(super) fn sent(panel: &SchemePanel) -> (String, String) {
     let (w, h) = panel.size;
     let some = |n: usize| n.div_ceil(MOST_LINES).max(1);
     let remark = |n: usize, kind: &str| {

@@ -1,0 +1,332 @@
+//! The conclusion in sentences. Every one of them is decided by the figures: other data, other sentences.
+
+use super::run::AuditPart;
+use super::words::{Sentence, attack_words, count, listed, needs, percent, px, scheme_words};
+use crate::audit::{AttackDocument, AttackKind, AttackSummary};
+
+/// Share of keypoints within 10 px from which on the positions count as given away.
+const GIVEN_AWAY: f64 = 0.5;
+/// Bits a keypoint from which on the positions count as narrowed down: the error of the guess halved.
+const NARROWED: f64 = 1.0;
+/// Bits a keypoint from which on an attack counts as having learned anything.
+const LEARNED: f64 = 0.1;
+/// Bending below which the arrangement counts as kept: an offset is then nearer to the truth than to nothing.
+const ARRANGED: f64 = 0.5;
+
+/// How an attack's outcome is called.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Verdict {
+    Nothing,
+    Little,
+    Narrowed,
+    GivenAway,
+}
+
+impl Verdict {
+    fn of(row: &AttackSummary) -> Self {
+        match row {
+            r if r.under_10px >= GIVEN_AWAY => Self::GivenAway,
+            r if r.bits_over_prior >= NARROWED => Self::Narrowed,
+            r if r.bits_over_prior >= LEARNED => Self::Little,
+            _ => Self::Nothing,
+        }
+    }
+
+    const fn words(self) -> &'static str {
+        match self {
+            Self::GivenAway => "most keypoint positions are given away",
+            Self::Narrowed => "positions are narrowed down, most of them not to within 10 px",
+            Self::Little => "an attacker learns a little beyond the guess",
+            Self::Nothing => "no attack that was run learns more than the guess",
+        }
+    }
+}
+
+/// One scheme's rows at the smallest share of replaced neighbours.
+struct Found<'a> {
+    scheme: &'a str,
+    guess: &'a AttackSummary,
+    attacks: Vec<&'a AttackSummary>,
+}
+
+impl<'a> Found<'a> {
+    /// The attack that tells most, `None` when only the guess was run.
+    fn strongest(&self) -> Option<&'a AttackSummary> {
+        let told = |row: &AttackSummary| {
+            if row.bits_over_prior.is_nan() { f64::NEG_INFINITY } else { row.bits_over_prior }
+        };
+        self.attacks.iter().copied().max_by(|a, b| told(a).total_cmp(&told(b)))
+    }
+
+    fn paper(&self) -> Option<&'a AttackSummary> {
+        self.attacks.iter().copied().find(|row| row.attack == AttackKind::ClosedForm.name())
+    }
+}
+
+/// Smallest share of replaced neighbours in the document, percent.
+pub(super) fn base_share(document: &AttackDocument) -> f64 {
+    let uses = |row: &&AttackSummary| {
+        row.attack.parse::<AttackKind>().is_ok_and(|kind| kind.uses_neighbours()) && row.corrupt.is_finite()
+    };
+    let shares = document.attacks.iter().filter(uses).map(|row| row.corrupt);
+    shares.fold(f64::INFINITY, f64::min)
+}
+
+/// Whether a row speaks of the least replaced neighbours, or of none.
+pub(super) fn is_base(document: &AttackDocument, row: &AttackSummary) -> bool {
+    let asks = row.attack.parse::<AttackKind>().is_ok_and(|kind| kind.uses_neighbours());
+    !asks || row.corrupt <= base_share(document)
+}
+
+fn by_scheme(document: &AttackDocument) -> Vec<Found<'_>> {
+    let mut found: Vec<Found<'_>> = Vec::new();
+    for row in document.attacks.iter().filter(|row| is_base(document, row)) {
+        if row.attack == AttackKind::Prior.name() {
+            found.push(Found { scheme: &row.scheme, guess: row, attacks: Vec::new() });
+        } else if let Some(of) = found.iter_mut().find(|f| f.scheme == row.scheme) {
+            of.attacks.push(row);
+        }
+    }
+    found
+}
+
+/// What was found, scheme by scheme, and how far it goes.
+pub(super) fn conclusion(part: &AuditPart) -> Vec<Sentence> {
+    let mut out = findings(part);
+    out.push(of_neighbours(&part.attacks));
+    out.push(limits(part));
+    out
+}
+
+/// What was found, scheme by scheme.
+pub(super) fn findings(part: &AuditPart) -> Vec<Sentence> {
+    let found = by_scheme(&part.attacks);
+    let mut out = Vec::new();
+    out.extend(headline(&found));
+    out.extend(found.iter().map(|f| of_scheme(f, part)));
+    out.extend(of_paper(&found));
+    out.extend(judged_by_the_paper(&found));
+    out.extend(found.iter().filter_map(|f| of_replaced(f, &part.attacks)));
+    out
+}
+
+fn headline(found: &[Found<'_>]) -> Option<Sentence> {
+    let verdicts: Vec<(&Found<'_>, Verdict)> =
+        found.iter().filter_map(|f| Some((f, Verdict::of(f.strongest()?)))).collect();
+    if verdicts.is_empty() {
+        return None;
+    }
+    let named = |given: bool| {
+        let of = verdicts.iter().filter(|(_, v)| (*v == Verdict::GivenAway) == given);
+        listed(&of.map(|(f, _)| f.scheme).collect::<Vec<_>>())
+    };
+    let given = verdicts.iter().filter(|(_, v)| *v == Verdict::GivenAway).count();
+    let text = match (given, verdicts.len() - given) {
+        (0, _) => {
+            format!("No attack that was run puts half of the keypoints within 10 px under {}.", named(false))
+        }
+        (_, 0) => format!(
+            "Against the strongest attack that was run, most keypoint positions are given away under {}.",
+            named(true)
+        ),
+        _ => format!(
+            "Against the strongest attack that was run, most keypoint positions are given away under {}, but not under {}.",
+            named(true),
+            named(false)
+        ),
+    };
+    Some(Sentence::new("In short", text))
+}
+
+fn of_scheme(found: &Found<'_>, part: &AuditPart) -> Sentence {
+    let guess = found.guess;
+    let text = match found.strongest() {
+        None => format!(
+            "Only the guess was run: it puts {} of the keypoints within 5 px and half of them within {}.",
+            percent(guess.under_5px),
+            px(guess.median_px)
+        ),
+        Some(best) => {
+            let verdict = Verdict::of(best);
+            let most = if verdict == Verdict::Nothing { "The best of them" } else { "The strongest" };
+            let needs =
+                needs(&best.attack, &part.attacks).map_or_else(String::new, |n| format!(" It needs {n}."));
+            let kept = kept(best, verdict, part) + &untold(found, best, &part.attacks);
+            format!(
+                "{}. {most}, {} ({}), puts {} of the keypoints within 5 px and half of them within {}; guessing from the \
+                 single line puts {} within 5 px and half within {}.{needs}{kept}",
+                verdict.words(),
+                attack_words(&best.attack),
+                best.attack,
+                percent(best.under_5px),
+                px(best.median_px),
+                percent(guess.under_5px),
+                px(guess.median_px),
+            )
+        }
+    };
+    Sentence::new(format!("{} ({})", scheme_words(found.scheme), found.scheme), text)
+}
+
+/// The strongest attack that is told nothing by an oracle, where the strongest of all is.
+fn untold(found: &Found<'_>, best: &AttackSummary, document: &AttackDocument) -> String {
+    let asks = |row: &AttackSummary| row.attack.parse::<AttackKind>().is_ok_and(|k| k.uses_neighbours());
+    if document.neighbours != "oracle" || !asks(best) {
+        return String::new();
+    }
+    let others = found.attacks.iter().filter(|row| !asks(row) && row.bits_over_prior >= LEARNED);
+    let Some(row) = others.max_by(|a, b| a.bits_over_prior.total_cmp(&b.bits_over_prior)) else {
+        return String::new();
+    };
+    let needs = needs(&row.attack, document).map_or_else(String::new, |n| format!(" it needs {n}, and"));
+    format!(
+        " Without being told who is near whom, the strongest is {} ({}):{needs} puts {} of the keypoints within 10 px and half \
+         of them within {}.",
+        attack_words(&row.attack),
+        row.attack,
+        percent(row.under_10px),
+        px(row.median_px)
+    )
+}
+
+/// Whether the arrangement survives where the positions do not: then the pixels of error say too little.
+fn kept(row: &AttackSummary, verdict: Verdict, part: &AuditPart) -> String {
+    let at = part.attacks.attacks.iter().position(|r| std::ptr::eq(r, row));
+    match at.and_then(|i| part.bending.get(i)) {
+        Some(bent) if verdict != Verdict::GivenAway && *bent < ARRANGED => format!(
+            " The arrangement is given away all the same: offsets between neighbouring keypoints are off by {} of their length \
+             in the median, so what is recovered is bent or shifted, not lost.",
+            percent(*bent)
+        ),
+        _ => String::new(),
+    }
+}
+
+fn of_paper(found: &[Found<'_>]) -> Option<Sentence> {
+    let compared: Vec<String> = found
+        .iter()
+        .filter_map(|f| Some((f, f.paper()?)))
+        .map(|(f, paper)| {
+            let (error, guessed) = (paper.mean_px, f.guess.mean_px);
+            let meaning = match error / guessed {
+                ratio if ratio > 1.1 => {
+                    "worse than guessing: the large error shows that this attack fails, not that the scheme protects".to_owned()
+                }
+                ratio if ratio >= 1.0 / 1.1 => "as good as guessing".to_owned(),
+                ratio if ratio.is_finite() => format!("{:.1} times nearer", 1.0 / ratio),
+                _ => "which cannot be compared".to_owned(),
+            };
+            format!("{} on {}, where the guess has {} ({meaning})", px(error), f.scheme, px(guessed))
+        })
+        .collect();
+    let text = format!("Its mean error is {}.", compared.join("; "));
+    (!compared.is_empty()).then(|| Sentence::new("The paper's attack", text))
+}
+
+/// Whether the paper's measure, the error of its own attack, misleads about the scheme it praises most.
+fn judged_by_the_paper(found: &[Found<'_>]) -> Option<Sentence> {
+    if found.len() < 2 {
+        return None;
+    }
+    let safest = largest(found, |f| f.paper().map(|r| r.mean_px))?;
+    let best = safest.strongest()?;
+    if best.attack == AttackKind::ClosedForm.name() {
+        return None;
+    }
+    let least = largest(found, |f| f.strongest().map(|r| r.median_px))?;
+    let then = if least.scheme == safest.scheme {
+        format!("it is also the one with the largest median error, {}", px(best.median_px))
+    } else {
+        let other = least.strongest()?;
+        format!(
+            "its median error is {}, and {} has the largest, {}",
+            px(best.median_px),
+            least.scheme,
+            px(other.median_px)
+        )
+    };
+    let paper = safest.paper()?;
+    Some(Sentence::new(
+        "Judged by which attack",
+        format!(
+            "By the paper's attack alone {} looks safest, with a mean error of {}. By the strongest attack on each {then}.",
+            safest.scheme,
+            px(paper.mean_px)
+        ),
+    ))
+}
+
+fn largest<'a, 'b>(found: &'b [Found<'a>], of: impl Fn(&Found<'a>) -> Option<f64>) -> Option<&'b Found<'a>> {
+    let all = found.iter().filter_map(|f| Some((f, of(f)?)));
+    all.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(f, _)| f)
+}
+
+/// How many false neighbours the strongest attack with neighbours stands.
+fn of_replaced(found: &Found<'_>, document: &AttackDocument) -> Option<Sentence> {
+    let asks = |row: &&&AttackSummary| row.attack.parse::<AttackKind>().is_ok_and(|k| k.uses_neighbours());
+    let best =
+        found.attacks.iter().filter(asks).max_by(|a, b| a.bits_over_prior.total_cmp(&b.bits_over_prior))?;
+    let mut rows: Vec<&AttackSummary> =
+        document.attacks.iter().filter(|r| r.scheme == best.scheme && r.attack == best.attack).collect();
+    rows.sort_by(|a, b| a.corrupt.total_cmp(&b.corrupt));
+    if rows.len() < 2 {
+        return None;
+    }
+    let stands = rows.iter().take_while(|r| r.under_10px >= GIVEN_AWAY).count();
+    let at = |row: &AttackSummary| match row.corrupt {
+        0.0 => "With none of the neighbours replaced".to_owned(),
+        share => format!("With {share:.0} % of the neighbours replaced by lot"),
+    };
+    let says = |row: &AttackSummary| {
+        format!(
+            "puts {} of the keypoints within 10 px and half of them within {}",
+            percent(row.under_10px),
+            px(row.median_px)
+        )
+    };
+    let one = |row: &AttackSummary| format!("{} it {}.", at(row), says(row));
+    let text = match (stands.checked_sub(1).map(|i| rows[i]), rows.get(stands)) {
+        (None, Some(first)) => one(first),
+        (Some(last), None) => one(last),
+        (Some(last), Some(next)) => format!("{} {}", one(last), one(next)),
+        (None, None) => return None,
+    };
+    Some(Sentence::new(format!("False neighbours, {} on {}", attack_words(&best.attack), best.scheme), text))
+}
+
+fn of_neighbours(document: &AttackDocument) -> Sentence {
+    let text = match (document.neighbours, document.precision.zip(document.chance)) {
+        ("oracle", _) => format!(
+            "Attacks that ask who is near whom were told the true {} nearest keypoints of each. That is the worst case; whether \
+             an attacker gets there from descriptors is not measured by this run.",
+            document.k
+        ),
+        (source, Some((true_share, chance))) => format!(
+            "Attacks that ask who is near whom were told {} neighbours of each keypoint from the source “{source}”: {} of them \
+             true, where drawing by lot has {}.",
+            document.k,
+            percent(true_share),
+            percent(chance)
+        ),
+        (source, None) => format!("Neighbours came from the source “{source}”, {} a keypoint.", document.k),
+    };
+    Sentence::new("Neighbours", text)
+}
+
+fn limits(part: &AuditPart) -> Sentence {
+    let document = &part.attacks;
+    let images = document.attacks.iter().map(|row| row.images).max().unwrap_or(0);
+    let run = |kind: &AttackKind| document.attacks.iter().any(|row| row.attack == kind.name());
+    let left_out: Vec<&str> = AttackKind::ALL.iter().filter(|k| !run(k)).map(|k| k.name()).collect();
+    let left_out =
+        if left_out.is_empty() { String::new() } else { format!(" Not run here: {}.", left_out.join(", ")) };
+    Sentence::new(
+        "How far this goes",
+        format!(
+            "{} with {}; others may give other figures. An attack that fails says nothing of attacks that were not \
+             run.{left_out} Positions are all that is attacked: descriptors travel with every scheme and tell things of their own.",
+            count(images, "picture"),
+            count(part.keypoints, "keypoint")
+        ),
+    )
+}
