@@ -1,94 +1,9 @@
 //! The conclusion in sentences. Every one of them is decided by the figures: other data, other sentences.
 
 use super::run::AuditPart;
+use super::verdict::{ARRANGED, Found, GIVEN_AWAY, LEARNED, Verdict, by_scheme};
 use super::words::{Sentence, attack_words, count, listed, needs, percent, px, scheme_words};
 use crate::audit::{AttackDocument, AttackKind, AttackSummary};
-
-/// Share of keypoints within 10 px from which on the positions count as given away.
-const GIVEN_AWAY: f64 = 0.5;
-/// Bits a keypoint from which on the positions count as narrowed down: the error of the guess halved.
-const NARROWED: f64 = 1.0;
-/// Bits a keypoint from which on an attack counts as having learned anything.
-const LEARNED: f64 = 0.1;
-/// Bending below which the arrangement counts as kept: an offset is then nearer to the truth than to nothing.
-const ARRANGED: f64 = 0.5;
-
-/// How an attack's outcome is called.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Verdict {
-    Nothing,
-    Little,
-    Narrowed,
-    GivenAway,
-}
-
-impl Verdict {
-    fn of(row: &AttackSummary) -> Self {
-        match row {
-            r if r.under_10px >= GIVEN_AWAY => Self::GivenAway,
-            r if r.bits_over_prior >= NARROWED => Self::Narrowed,
-            r if r.bits_over_prior >= LEARNED => Self::Little,
-            _ => Self::Nothing,
-        }
-    }
-
-    const fn words(self) -> &'static str {
-        match self {
-            Self::GivenAway => "most keypoint positions are given away",
-            Self::Narrowed => "positions are narrowed down, most of them not to within 10 px",
-            Self::Little => "an attacker learns a little beyond the guess",
-            Self::Nothing => "no attack that was run learns more than the guess",
-        }
-    }
-}
-
-/// One scheme's rows at the smallest share of replaced neighbours.
-struct Found<'a> {
-    scheme: &'a str,
-    guess: &'a AttackSummary,
-    attacks: Vec<&'a AttackSummary>,
-}
-
-impl<'a> Found<'a> {
-    /// The attack that tells most, `None` when only the guess was run.
-    fn strongest(&self) -> Option<&'a AttackSummary> {
-        let told = |row: &AttackSummary| {
-            if row.bits_over_prior.is_nan() { f64::NEG_INFINITY } else { row.bits_over_prior }
-        };
-        self.attacks.iter().copied().max_by(|a, b| told(a).total_cmp(&told(b)))
-    }
-
-    fn paper(&self) -> Option<&'a AttackSummary> {
-        self.attacks.iter().copied().find(|row| row.attack == AttackKind::ClosedForm.name())
-    }
-}
-
-/// Smallest share of replaced neighbours in the document, percent.
-pub(super) fn base_share(document: &AttackDocument) -> f64 {
-    let uses = |row: &&AttackSummary| {
-        row.attack.parse::<AttackKind>().is_ok_and(|kind| kind.uses_neighbours()) && row.corrupt.is_finite()
-    };
-    let shares = document.attacks.iter().filter(uses).map(|row| row.corrupt);
-    shares.fold(f64::INFINITY, f64::min)
-}
-
-/// Whether a row speaks of the least replaced neighbours, or of none.
-pub(super) fn is_base(document: &AttackDocument, row: &AttackSummary) -> bool {
-    let asks = row.attack.parse::<AttackKind>().is_ok_and(|kind| kind.uses_neighbours());
-    !asks || row.corrupt <= base_share(document)
-}
-
-fn by_scheme(document: &AttackDocument) -> Vec<Found<'_>> {
-    let mut found: Vec<Found<'_>> = Vec::new();
-    for row in document.attacks.iter().filter(|row| is_base(document, row)) {
-        if row.attack == AttackKind::Prior.name() {
-            found.push(Found { scheme: &row.scheme, guess: row, attacks: Vec::new() });
-        } else if let Some(of) = found.iter_mut().find(|f| f.scheme == row.scheme) {
-            of.attacks.push(row);
-        }
-    }
-    found
-}
 
 /// What was found, scheme by scheme, and how far it goes.
 pub(super) fn conclusion(part: &AuditPart) -> Vec<Sentence> {

@@ -9,12 +9,12 @@ use veiloc_query::Scheme;
 
 use super::cdf::{self, Curve};
 use super::collage::collage;
-use super::conclusion::base_share;
 use super::curve;
 use super::gallery::{Shown, ShownAttack, ShownScheme};
 use super::page::{Part, note, said};
 use super::panels::Panels;
 use super::table::table;
+use super::verdict::base_share;
 use super::words::{attack_words, px, scheme_words};
 use crate::audit::AttackKind;
 use crate::report::format::escape;
@@ -192,10 +192,11 @@ fn fig_5(panels: &Panels<'_>, shown: &Shown) -> String {
     }
     for kind in kinds {
         let words = attack_words(kind.name());
-        let fig = if kind == AttackKind::ClosedForm { "As the paper's Fig. 5: " } else { "" };
+        let fig =
+            if kind == AttackKind::ClosedForm { "As the paper's Fig. 5: keypoints" } else { "Keypoints" };
         let _ = write!(
             out,
-            "<h3>{fig}keypoints recovered by the {}</h3><div class=\"four\">{}",
+            "<h3>{fig} recovered by the {}</h3><div class=\"four\">{}",
             escape(words.trim_start_matches("the ")),
             panels.original()
         );

@@ -13,6 +13,7 @@ mod page;
 mod panels;
 mod run;
 mod table;
+mod verdict;
 mod words;
 
 #[cfg(test)]

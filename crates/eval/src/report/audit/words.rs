@@ -15,6 +15,11 @@ pub(super) fn attack_words(attack: &str) -> String {
         "transfer" => "positions taken over from a map".to_owned(),
         "graph" => "layout of the neighbour graph".to_owned(),
         "transfer-graph" => "layout begun at positions of a map".to_owned(),
+        "server-side" => "the paper's server-side attack".to_owned(),
+        "server-side-points" => "server-side attack by points alone".to_owned(),
+        "iterative" => "the paper's iterative server-side attack".to_owned(),
+        "guided-transfer" => "positions taken over along the flow of inliers".to_owned(),
+        "several-frames" => "triangulation of several frames".to_owned(),
         other => other.to_owned(),
     }
 }
@@ -33,6 +38,13 @@ pub(super) fn needs(attack: &str, document: &AttackDocument) -> Option<String> {
         "transfer" => Some("other pictures of the place, with keypoints and descriptors".to_owned()),
         "transfer-graph" => Some(format!("other pictures of the place, and {told}")),
         "graph" => Some(told),
+        "server-side" | "server-side-points" | "iterative" => {
+            Some(format!("a server that has found the pose, and {told}"))
+        }
+        "guided-transfer" => {
+            Some("a server that has found the pose, with the keypoints of its map pictures".to_owned())
+        }
+        "several-frames" => Some("several queries of one place whose poses a server has found".to_owned()),
         other if other.starts_with("closed-form") => Some(told),
         _ => None,
     }
