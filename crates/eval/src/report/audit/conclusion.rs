@@ -1,7 +1,7 @@
 //! The conclusion in sentences. Every one of them is decided by the figures: other data, other sentences.
 
 use super::run::AuditPart;
-use super::verdict::{ARRANGED, Found, GIVEN_AWAY, LEARNED, Verdict, by_scheme};
+use super::verdict::{ARRANGED, Found, GIVEN_AWAY, LEARNED, Verdict, base_share, by_scheme};
 use super::words::{Sentence, attack_words, count, listed, needs, percent, px, scheme_words};
 use crate::audit::{AttackDocument, AttackKind, AttackSummary};
 
@@ -210,6 +210,12 @@ fn of_replaced(found: &Found<'_>, document: &AttackDocument) -> Option<Sentence>
 }
 
 fn of_neighbours(document: &AttackDocument) -> Sentence {
+    let replaced = base_share(document);
+    let replaced = if replaced > 0.0 && replaced.is_finite() {
+        format!(" In this run at least {replaced:.0} % of them were replaced by keypoints drawn by lot.")
+    } else {
+        String::new()
+    };
     let text = match (document.neighbours, document.precision.zip(document.chance)) {
         ("oracle", _) => format!(
             "Attacks that ask who is near whom were told the true {} nearest keypoints of each. That is the worst case; whether \
@@ -225,7 +231,7 @@ fn of_neighbours(document: &AttackDocument) -> Sentence {
         ),
         (source, None) => format!("Neighbours came from the source “{source}”, {} a keypoint.", document.k),
     };
-    Sentence::new("Neighbours", text)
+    Sentence::new("Neighbours", text + &replaced)
 }
 
 fn limits(part: &AuditPart) -> Sentence {

@@ -131,9 +131,9 @@ pub(super) fn paper_scene(part: &Part, has_inputs: bool) -> String {
     let n = shown.truth.len();
     let (w, h) = shown.size;
     let mut out = format!(
-        "<section><h2>The paper's synthetic scene</h2><p>{n} keypoints spread evenly over {w} × {h} pixels{}. Neighbours are \
-         the true ones.</p>{}",
+        "<section><h2>The paper's synthetic scene</h2><p>{n} keypoints spread evenly over {w} × {h} pixels{}. {}</p>{}",
         if n == PAPER_KEYPOINTS { "" } else { " (the paper: 1500)" },
+        if base_share(&part.document.attacks) > 0.0 { "" } else { "Neighbours are the true ones." },
         panels.shared(None)
     );
     let heading = if has_inputs { "<h3>Conclusion on this scene</h3>" } else { "<h3>Conclusion</h3>" };

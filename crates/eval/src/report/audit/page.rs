@@ -105,7 +105,10 @@ fn lead(inputs: Option<&Part>, synthetic: Option<&Part>) -> String {
 }
 
 fn private(part: &Part) -> &'static str {
-    if part.photographs.iter().any(Option::is_some) {
+    if part.gallery.shown.is_empty() {
+        // Figures alone tell of no single keypoint.
+        ""
+    } else if part.photographs.iter().any(Option::is_some) {
         "<p class=\"private\"><b>This file contains the photographs</b> and the true positions of their keypoints. It is for \
          whoever owns them. Nothing was sent anywhere to make it; who passes it on passes the photographs on. \
          <code>--no-pictures</code> leaves the photographs out.</p>"

@@ -89,7 +89,7 @@ pub fn run_audit(
     progress: &dyn Progress,
 ) -> Result<Audit, EvalError> {
     let started = Instant::now();
-    let evaluation = &options.evaluation;
+    let evaluation = &once(&options.evaluation);
     let with_inputs = !options.groups.is_empty() || !evaluation.files.is_empty();
     if !with_inputs && evaluation.synthetic == 0 {
         return Err(EvalError::Options(
@@ -132,6 +132,19 @@ pub fn run_audit(
         synthetic: synthetic.map(|p| p.document),
     };
     Ok(Audit { document, html })
+}
+
+/// The same with nothing asked for twice: a row of the document is one of the page.
+fn once(evaluation: &AttackEvaluation) -> AttackEvaluation {
+    fn distinct<T: PartialEq + Copy>(all: &[T]) -> Vec<T> {
+        all.iter().enumerate().filter(|(i, x)| !all[..*i].contains(x)).map(|(_, x)| *x).collect()
+    }
+    AttackEvaluation {
+        schemes: distinct(&evaluation.schemes),
+        attacks: distinct(&evaluation.attacks),
+        corrupt: distinct(&evaluation.corrupt),
+        ..evaluation.clone()
+    }
 }
 
 fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {

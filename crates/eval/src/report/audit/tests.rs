@@ -240,8 +240,44 @@ fn a_photograph_is_inside_and_stays_out_when_it_shall() {
     assert!(with.matches("data:image/jpeg").count() > 8 && !with.contains("synthetic scene"));
     let without = run_audit(&options, &nowhere, &()).expect("it runs").html;
     assert!(!without.contains("data:image") && without.contains("true positions of keypoints"));
+    let mut figures_only = options.clone();
+    figures_only.shown = 0;
+    let bare = run_audit(&figures_only, &|_, _| Some(file.clone()), &()).expect("it runs").html;
+    assert!(!bare.contains("This file contains") && !bare.contains("data:image"));
     let gone = run_audit(&options, &|_, _| Some("gone.png".into()), &()).expect_err("no such file");
     assert!(gone.to_string().contains("gone.png"), "{gone}");
+}
+
+#[test]
+fn what_is_asked_twice_is_done_once() {
+    let groups = || {
+        vec![PictureGroup {
+            name: "two".to_owned(),
+            pictures: vec![synthetic_picture(90, 1), synthetic_picture(80, 2)],
+        }]
+    };
+    let mut twice = options(groups(), 0);
+    twice.evaluation.schemes.extend(twice.evaluation.schemes.clone());
+    twice.evaluation.attacks.push(AttackKind::ClosedForm);
+    twice.evaluation.corrupt.push(0.0);
+    let rows = |o: &AuditOptions| {
+        let inputs = run_audit(o, &nowhere, &()).expect("it runs").document.inputs.expect("inputs");
+        let errors: Vec<f64> = inputs.attacks.attacks.iter().map(|r| r.mean_px).collect();
+        (inputs.keypoints, errors, inputs.bending)
+    };
+    assert_eq!(rows(&twice), rows(&options(groups(), 0)));
+    assert_eq!(rows(&twice).0, 170);
+}
+
+#[test]
+fn neighbours_that_were_all_replaced_are_not_called_true() {
+    let mut options = options(Vec::new(), 150);
+    let said =
+        |o: &AuditOptions| run_audit(o, &nowhere, &()).expect("it runs").document.conclusion.join("\n");
+    assert!(!said(&options).contains("at least"), "{}", said(&options));
+    options.evaluation.corrupt = vec![30.0];
+    assert!(said(&options).contains("at least 30 % of them were replaced"), "{}", said(&options));
+    assert!(said(&options).contains("near keypoints of each, 30 % of them by lot"), "{}", said(&options));
 }
 
 #[test]

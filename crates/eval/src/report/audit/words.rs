@@ -1,5 +1,6 @@
 //! What attacks and neighbours are called in sentences.
 
+use super::verdict::base_share;
 use crate::audit::AttackDocument;
 use crate::report::format::escape;
 
@@ -26,7 +27,14 @@ pub(super) fn attack_words(attack: &str) -> String {
 
 /// What an attacker must hold beside the sealed query; `None` where these words do not know.
 pub(super) fn needs(attack: &str, document: &AttackDocument) -> Option<String> {
+    let replaced = base_share(document);
     let told = match document.neighbours {
+        "oracle" if replaced > 0.0 && replaced.is_finite() => {
+            format!(
+                "somebody who names {} near keypoints of each, {replaced:.0} % of them by lot",
+                document.k
+            )
+        }
         "oracle" => format!("somebody who names the true {} nearest keypoints of each", document.k),
         "predicted" => "neighbours predicted from descriptors".to_owned(),
         "transferred" => "map pictures that tell who is near whom".to_owned(),
