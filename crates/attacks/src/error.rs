@@ -52,6 +52,33 @@ pub enum AttackError {
         /// The dimension found.
         found: usize,
     },
+    /// No keypoint has any neighbour, and the attack lives on neighbours.
+    #[error("no keypoint has any neighbour; ask for one at least")]
+    NoNeighbours,
+    /// There is not one position to begin with per observation.
+    #[error("{observations} observations need as many positions to begin with, {positions} were given")]
+    BeginCount {
+        /// Number of observations.
+        observations: usize,
+        /// Number of positions.
+        positions: usize,
+    },
+    /// A frame holds another number of descriptors than of observations.
+    #[error("frame {frame}: {observations} observations need as many descriptors, {descriptors} were given")]
+    FrameDescriptors {
+        /// Which frame, the attacked one being 0.
+        frame: usize,
+        /// Number of observations.
+        observations: usize,
+        /// Number of descriptors.
+        descriptors: usize,
+    },
+    /// Several frames were asked for, and fewer than two given.
+    #[error("several frames are two at least, {frames} were given")]
+    TooFewFrames {
+        /// How many there are.
+        frames: usize,
+    },
     /// The training pictures hold no two keypoints that are neighbours.
     #[error("the training pictures hold no pair of neighbours")]
     NothingToLearn,

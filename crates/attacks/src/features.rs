@@ -46,6 +46,12 @@ impl Descriptors {
         &self.columns
     }
 
+    /// Cosines with the descriptors of a query, `[own, query]`: those of one query descriptor are one column.
+    pub(crate) fn cosines(&self, query: &Self) -> DMatrix<f32> {
+        // Transposed beforehand: a plain product of matrices is blocked, one with a transpose is not.
+        self.columns.transpose() * &query.columns
+    }
+
     /// The columns with the picture's mean taken off: what tells keypoints of one picture apart.
     pub(crate) fn centered(&self) -> DMatrix<f32> {
         let mut columns = self.columns.clone();

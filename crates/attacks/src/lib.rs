@@ -9,7 +9,10 @@
 //! - [`prior_only`]: the best guess that uses no neighbours at all, and [`Density::guess`], the same with a density
 //!   of keypoints learned from other pictures;
 //! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's;
-//! - [`transfer`](transfer()): positions and neighbours taken over from map pictures with similar descriptors.
+//! - [`transfer`](transfer()): positions and neighbours taken over from map pictures with similar descriptors;
+//! - [`server_side()`], [`iterative`], [`guided_transfer`]: what a server can do that has found the pose, and so
+//!   knows the keypoints that matched its map;
+//! - [`several_frames`]: several queries of one place triangulated from their lines.
 //!
 //! A large recovery error alone is not privacy: an attack that errs by 300 px where guessing errs by 90 px has only
 //! shown that it is a bad attack. So an attack is always reported beside the guess ([`bits_over_prior`]).
@@ -36,6 +39,7 @@ mod closed_form;
 mod density;
 mod error;
 mod features;
+mod frames;
 mod graph;
 pub mod lift;
 mod metrics;
@@ -43,16 +47,19 @@ mod neighbours;
 mod observation;
 mod predictor;
 mod prior;
+mod server_side;
 mod transfer;
 
 pub use closed_form::{ClosedFormOptions, Extent, Reach, Recovered, closed_form};
 pub use density::{Density, PlaceCounts};
 pub use error::AttackError;
 pub use features::{Descriptors, KnownPicture};
+pub use frames::{Frame, FramesOptions, Sighted, mutual_matches, several_frames};
 pub use graph::{GraphAnswer, GraphOptions, graph};
 pub use metrics::{ErrorSummary, bits_over_prior, errors_px};
 pub use neighbours::NeighbourLists;
 pub use observation::Observation;
 pub use predictor::NeighbourPredictor;
 pub use prior::{KnownSegment, prior_only};
+pub use server_side::{Guided, GuidedOptions, LineNeighbours, guided_transfer, iterative, server_side};
 pub use transfer::{Transfer, transfer};

@@ -77,6 +77,18 @@ impl NeighbourLists {
         Self { offsets: self.offsets.clone(), entries }
     }
 
+    /// The same lists with those entries alone for which `keep(list, entry)` holds, in the same order.
+    #[must_use]
+    pub fn filtered(&self, keep: impl Fn(usize, u32) -> bool) -> Self {
+        let mut offsets = vec![0];
+        let mut entries = Vec::new();
+        for i in 0..self.len() {
+            entries.extend(self.of(i).iter().copied().filter(|j| keep(i, *j)));
+            offsets.push(entries.len());
+        }
+        Self { offsets, entries }
+    }
+
     /// Share of these entries that are also in the `true_lists`, 0 to 1; NaN without entries.
     pub fn precision(&self, true_lists: &Self) -> f64 {
         let lists = 0..self.len().min(true_lists.len());

@@ -102,7 +102,7 @@ impl Transfer {
 impl Matches {
     fn of(query: &Descriptors, map: &Descriptors) -> Self {
         // [map, query]: the similarities of one query keypoint are one column.
-        let similarity = map.columns().tr_mul(query.columns());
+        let similarity = map.cosines(query);
         let mut back = vec![(f32::NEG_INFINITY, 0); map.len()];
         let mut best = Vec::with_capacity(query.len());
         for (i, column) in similarity.column_iter().enumerate() {

@@ -119,6 +119,9 @@ fn equal_generators_give_equal_answers_and_bad_input_no_panic() {
     options.sweeps = 3;
     let refused = graph(&sent[1..], &lists, 640, 480, &options, &mut rng);
     assert_eq!(refused, Err(AttackError::ListCount { observations: 299, lists: 300 }));
+    let begun = options.clone().beginning_at(truth[1..].to_vec());
+    let refused = graph(&sent, &lists, 640, 480, &begun, &mut rng);
+    assert_eq!(refused, Err(AttackError::BeginCount { observations: 300, positions: 299 }));
     let nothing = graph(&[], &NeighbourLists::nearest(&[], 3), 640, 480, &options, &mut rng).expect("empty");
     assert!(nothing.pixels.is_empty());
     // Lines without a position, outside the picture, alone, and their own neighbours.

@@ -55,7 +55,7 @@ pub struct GraphOptions {
     /// Share of false entries in the lists, 0 to 1, where it is known; `None`: estimated.
     pub false_share: Option<f64>,
     /// `[N]`: positions the attacker has from elsewhere, pixels; projected on the segments they are one more layout to
-    /// begin with, and the likeliest layout is the answer. Left out when their number is not that of the keypoints.
+    /// begin with, and the likeliest layout is the answer.
     pub begin: Option<Vec<Pixel>>,
 }
 
@@ -103,7 +103,8 @@ const NARROW: f64 = 0.03;
 /// whatever the number of threads.
 ///
 /// # Errors
-/// [`AttackError::ListCount`] when there is not one neighbour list per observation.
+/// [`AttackError::ListCount`] when there is not one neighbour list per observation, [`AttackError::BeginCount`] when
+/// there is not one position to begin with per observation.
 pub fn graph(
     observations: &[Observation],
     neighbours: &NeighbourLists,
@@ -112,6 +113,9 @@ pub fn graph(
     options: &GraphOptions,
     rng: &mut impl Rng,
 ) -> Result<GraphAnswer, AttackError> {
+    if let Some(begin) = options.begin.as_ref().filter(|b| b.len() != observations.len()) {
+        return Err(AttackError::BeginCount { observations: observations.len(), positions: begin.len() });
+    }
     let edges = Edges::believed(neighbours);
     let candidates: Vec<[Option<KnownSegment>; 2]> =
         observations.iter().map(|o| KnownSegment::of(o, width, height)).collect();
@@ -124,7 +128,7 @@ pub fn graph(
     if observations.iter().any(|o| matches!(o, Observation::Line(_) | Observation::EitherLine(_))) {
         layouts.push(rails.iter().zip(&crossed).map(|(r, p)| r.nearest(p.vector())).collect());
     }
-    if let Some(begin) = options.begin.as_ref().filter(|b| b.len() == rails.len()) {
+    if let Some(begin) = &options.begin {
         layouts.push(rails.iter().zip(begin).map(|(r, p)| r.nearest(p.vector())).collect());
     }
     let mut best: Option<GraphAnswer> = None;

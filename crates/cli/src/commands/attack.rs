@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::audit::{AttackEvaluation, AttackKind, NeighbourSource, attacks_table, evaluate_attacks};
+use veiloc_eval::audit::{
+    AttackEvaluation, AttackKind, Measured, NeighbourSource, ServerKnowledge, attacks_table, evaluate_attacks,
+};
 use veiloc_query::{AngleBits, Scheme};
 
 use crate::exit::{Exit, Failure, Outcome};
@@ -26,7 +28,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pictures: Option<u32>,
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-picture, closed-form-informed,
-    /// closed-form-consensus, transfer (positions of matches in the file's other pictures), graph, transfer-graph.
+    /// closed-form-consensus, transfer (positions of matches in the file's other pictures), graph, transfer-graph; and
+    /// of a server that knows the pose (--known): server-side and iterative (the paper's), server-side-points,
+    /// guided-transfer, several-frames.
     #[arg(
         long,
         value_delimiter = ',',
@@ -64,6 +68,20 @@ pub(super) struct AdversaryArgs {
     /// Replace this many percent of the neighbours by keypoints drawn by lot; several for a curve.
     #[arg(long, value_delimiter = ',', default_value = "0", value_name = "PERCENT,…", value_parser = percent)]
     corrupt: Vec<f64>,
+    /// Matches of the same pictures with a map (problems.jsonl): the attacker is a server that has localized them, and
+    /// knows the positions of its inliers. Errors are of the other keypoints. May be given several times.
+    #[arg(long, value_name = "PROBLEMS")]
+    known: Vec<PathBuf>,
+    /// With --known: this percentage of the keypoints lies in a compact region that the map does not have, as a person
+    /// in the picture. Errors are of that region.
+    #[arg(long, value_name = "PERCENT", requires = "known", value_parser = percent)]
+    private: Option<f64>,
+    /// With --known: on which keypoints errors are measured.
+    #[arg(long, value_enum, default_value = "hidden", requires = "known", conflicts_with = "private")]
+    measure: MeasureOn,
+    /// How many frames of a file several-frames puts together, the attacked one included; several for a curve.
+    #[arg(long, value_delimiter = ',', default_value = "3", value_name = "N,…")]
+    frames: Vec<usize>,
     /// Bits of a line's angle, as a profile sets them.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u8).range(6..=16))]
     angle_bits: u8,
@@ -81,6 +99,15 @@ enum Source {
     Predicted,
     /// A server that has the other pictures of the file for a map.
     Transferred,
+}
+
+/// On which keypoints errors are measured.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum MeasureOn {
+    /// Those whose position the server does not know from its map.
+    Hidden,
+    /// All, the known ones with the positions the server has for them.
+    All,
 }
 
 impl AdversaryArgs {
@@ -105,6 +132,15 @@ impl AdversaryArgs {
             },
             k: self.k as usize,
             corrupt: self.corrupt.clone(),
+            server: (!self.known.is_empty()).then(|| ServerKnowledge {
+                problems: self.known.clone(),
+                private: self.private.map(|percent| percent / 100.0),
+                measured: match self.measure {
+                    MeasureOn::Hidden => Measured::Hidden,
+                    MeasureOn::All => Measured::All,
+                },
+            }),
+            frames: self.frames.clone(),
             angle_bits: AngleBits::new(self.angle_bits)?,
             seed: self.seed,
         })

@@ -25,11 +25,21 @@ pub enum AttackKind {
     Graph,
     /// The same, begun also at the positions of [`Self::Transfer`].
     TransferGraph,
+    /// The paper's server-side attack: inliers as points among the neighbours' lines.
+    ServerSide,
+    /// The same without neighbours' lines where there are points.
+    ServerSidePoints,
+    /// The paper's iterative server-side attack.
+    Iterative,
+    /// Map pictures warped into the query by the flow of the inliers.
+    GuidedTransfer,
+    /// Several frames of one place, triangulated from their lines.
+    SeveralFrames,
 }
 
 impl AttackKind {
     /// All of them, weakest first.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 14] = [
         Self::Prior,
         Self::LearnedPrior,
         Self::ClosedForm,
@@ -39,6 +49,11 @@ impl AttackKind {
         Self::Transfer,
         Self::Graph,
         Self::TransferGraph,
+        Self::ServerSide,
+        Self::ServerSidePoints,
+        Self::Iterative,
+        Self::GuidedTransfer,
+        Self::SeveralFrames,
     ];
 
     /// Its name in tables and on the command line.
@@ -53,17 +68,37 @@ impl AttackKind {
             Self::Transfer => "transfer",
             Self::Graph => "graph",
             Self::TransferGraph => "transfer-graph",
+            Self::ServerSide => "server-side",
+            Self::ServerSidePoints => "server-side-points",
+            Self::Iterative => "iterative",
+            Self::GuidedTransfer => "guided-transfer",
+            Self::SeveralFrames => "several-frames",
         }
     }
 
     /// Whether it takes positions over from map pictures.
     pub const fn transfers(self) -> bool {
-        matches!(self, Self::Transfer | Self::TransferGraph)
+        matches!(self, Self::Transfer | Self::TransferGraph | Self::GuidedTransfer)
     }
 
     /// Whether it asks who is a neighbour of whom.
     pub const fn uses_neighbours(self) -> bool {
-        !matches!(self, Self::Prior | Self::LearnedPrior | Self::Transfer)
+        !matches!(
+            self,
+            Self::Prior | Self::LearnedPrior | Self::Transfer | Self::GuidedTransfer | Self::SeveralFrames
+        )
+    }
+
+    /// Whether it needs a server that has localized the query.
+    pub const fn needs_pose(self) -> bool {
+        matches!(
+            self,
+            Self::ServerSide
+                | Self::ServerSidePoints
+                | Self::Iterative
+                | Self::GuidedTransfer
+                | Self::SeveralFrames
+        )
     }
 }
 

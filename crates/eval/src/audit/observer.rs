@@ -124,6 +124,8 @@ mod tests {
             neighbours: NeighbourSource::Oracle,
             k: 20,
             corrupt: vec![0.0, 50.0],
+            server: None,
+            frames: Vec::new(),
             angle_bits: AngleBits::new(12).expect("allowed"),
             seed: 3,
         };

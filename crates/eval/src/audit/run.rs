@@ -1,25 +1,23 @@
 //! Runs every attack on every scheme and picture.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::{
-    AttackError, ClosedFormOptions, Density, ErrorSummary, GraphOptions, KnownPicture, NeighbourLists,
-    Observation, PlaceCounts, Transfer, bits_over_prior, closed_form, errors_px, graph, prior_only,
-};
-use veiloc_geometry::Pixel;
-use veiloc_obfuscation::obfuscate_points;
+use veiloc_attacks::{KnownPicture, NeighbourLists, Observation, PlaceCounts, bits_over_prior, errors_px};
 use veiloc_query::{AngleBits, Observations, Scheme};
 
-use super::document::{AttackDocument, AttackSummary};
+use super::answer::{Held, answer, by_frames};
+use super::document::AttackDocument;
 use super::keypoints::{KeypointPicture, read_keypoints, synthetic_picture};
 use super::kind::AttackKind;
 use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
 use super::observer::{AttackObserver, AttackTrial, PictureGroup, Progress};
+use super::rows::{Row, check, rows, summary};
+use super::server::{Server, ServerKnowledge, Tally, View, send};
 use crate::error::EvalError;
-use crate::metrics::median;
 use crate::seeds::seed_for;
 
 /// What to attack, and how.
@@ -41,28 +39,14 @@ pub struct AttackEvaluation {
     pub k: usize,
     /// Percent of the neighbours that are replaced by keypoints drawn by lot; the neighbour attacks run once each.
     pub corrupt: Vec<f64>,
+    /// What a server knows that has localized the pictures; `None` for an attacker who has only what was sent.
+    pub server: Option<ServerKnowledge>,
+    /// How many frames of a file [`AttackKind::SeveralFrames`] puts together, the attacked one included; once each.
+    pub frames: Vec<usize>,
     /// Bits of a line's angle, as a profile sets them.
     pub angle_bits: AngleBits,
     /// Seed of obfuscation, corruption and starts.
     pub seed: u64,
-}
-
-/// One row being filled.
-struct Row {
-    scheme: Scheme,
-    attack: AttackKind,
-    corrupt: f64,
-    errors: Vec<f64>,
-    /// Bits times keypoints, summed over pictures.
-    bits: f64,
-    ms: Vec<f64>,
-}
-
-/// What the attacker holds of one picture beside what was sent.
-struct Held {
-    density: Density,
-    neighbours: NeighbourLists,
-    transferred: Option<Transfer>,
 }
 
 /// What a picture sends under one scheme, and how far off the guess from it is.
@@ -72,9 +56,6 @@ struct Sent {
     observations: Vec<Observation>,
     guess_errors: Vec<f64>,
 }
-
-/// Pixels within which neighbours agree, in shares of the picture's width: 20 px of 640.
-const CONSENSUS: f64 = 20.0 / 640.0;
 
 /// Attacks everything; `advance` is called with the work done and all of it.
 ///
@@ -98,6 +79,8 @@ pub fn attack_groups(
     groups: Vec<PictureGroup>,
     observer: &mut dyn AttackObserver,
 ) -> Result<AttackDocument, EvalError> {
+    check(evaluation)?;
+    let server = evaluation.server.as_ref().map(Server::new).transpose()?;
     let (mut data, mut groups): (Vec<String>, Vec<Vec<KeypointPicture>>) =
         groups.into_iter().map(|g| (g.name, g.pictures)).unzip();
     for file in &evaluation.files {
@@ -118,7 +101,9 @@ pub fn attack_groups(
     let predictor = evaluation.neighbours.learn(&attacked, evaluation.k)?;
     let transfers = evaluation.neighbours == NeighbourSource::Transferred
         || evaluation.attacks.iter().any(|a| a.transfers());
+    let several = evaluation.attacks.contains(&AttackKind::SeveralFrames);
     let mut precision = Precision::default();
+    let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
     for (group_index, group) in groups.iter().enumerate() {
         let counts: Vec<PlaceCounts> =
             group.iter().map(|p| PlaceCounts::of(&p.keypoints, p.width, p.height)).collect();
@@ -126,8 +111,18 @@ pub fn attack_groups(
         for counts in &counts {
             all.add(counts);
         }
-        let map: Vec<KnownPicture> =
-            if transfers { group.iter().map(known).collect::<Result<_, _>>()? } else { Vec::new() };
+        let map: Vec<KnownPicture> = if transfers || several {
+            group.iter().map(known).collect::<Result<_, _>>()?
+        } else {
+            Vec::new()
+        };
+        let views = match &server {
+            // Every picture of the file can be one of several frames.
+            Some(server) => {
+                seen(evaluation, server, &group[..if several { group.len() } else { most.min(group.len()) }])?
+            }
+            None => BTreeMap::new(),
+        };
         for (i, (picture, own)) in group.iter().zip(&counts).take(most).enumerate() {
             let mut others = all.clone();
             others.subtract(own);
@@ -142,7 +137,11 @@ pub fn attack_groups(
                 _ => nearest.clone(),
             };
             precision.add(&neighbours, &nearest);
-            let held = Held { density: others.density(), neighbours, transferred };
+            for (scheme, views) in &views {
+                tallies.entry(scheme.clone()).or_default().add(&views[i], &picture.keypoints);
+            }
+            let density = others.density();
+            let held = Held { density, neighbours, transferred, own: i, pictures: &map, views: &views };
             attack_picture(evaluation, (group_index, picture), &held, &mut rows, &mut |trial| {
                 observer.saw(trial);
                 done += 1;
@@ -152,6 +151,8 @@ pub fn attack_groups(
     }
     let oracle = evaluation.neighbours == NeighbourSource::Oracle;
     let told = precision.shares().filter(|_| !oracle);
+    let tally = |scheme: &Scheme| tallies.get(&scheme.to_string()).map(|tally| tally.summary(*scheme));
+    let server = evaluation.schemes.iter().filter_map(tally).collect::<Result<_, _>>()?;
     Ok(AttackDocument {
         version: 1,
         command: "attack",
@@ -160,38 +161,34 @@ pub fn attack_groups(
         k: evaluation.k,
         precision: told.map(|t| t.0),
         chance: told.map(|t| t.1),
+        server,
         seed: evaluation.seed,
         attacks: rows.iter().map(|row| summary(row, pictures)).collect(),
     })
+}
+
+/// These pictures as the server sees them, by scheme.
+fn seen(
+    evaluation: &AttackEvaluation,
+    server: &Server<'_>,
+    pictures: &[KeypointPicture],
+) -> Result<BTreeMap<String, Vec<View>>, EvalError> {
+    let mut views = BTreeMap::new();
+    for scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
+        let of_scheme = pictures.iter().map(|p| server.view(evaluation, p, *scheme));
+        views.insert(scheme.to_string(), of_scheme.collect::<Result<_, _>>()?);
+    }
+    Ok(views)
 }
 
 fn display_name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
-/// Rows of the table, scheme by scheme, the guess first.
-fn rows(evaluation: &AttackEvaluation) -> Vec<Row> {
-    let mut rows = Vec::new();
-    for &scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
-        let mut push = |attack, corrupt| {
-            rows.push(Row { scheme, attack, corrupt, errors: Vec::new(), bits: 0.0, ms: Vec::new() });
-        };
-        push(AttackKind::Prior, 0.0);
-        for &attack in evaluation.attacks.iter().filter(|a| **a != AttackKind::Prior) {
-            if attack.uses_neighbours() {
-                evaluation.corrupt.iter().for_each(|corrupt| push(attack, *corrupt));
-            } else {
-                push(attack, 0.0);
-            }
-        }
-    }
-    rows
-}
-
 fn attack_picture(
     evaluation: &AttackEvaluation,
     (group, picture): (usize, &KeypointPicture),
-    held: &Held,
+    held: &Held<'_>,
     rows: &mut [Row],
     attacked: &mut dyn FnMut(&AttackTrial<'_>),
 ) -> Result<(), EvalError> {
@@ -199,28 +196,35 @@ fn attack_picture(
     let mut sent: Option<Sent> = None;
     for row in rows {
         let name = row.scheme.to_string();
-        // The seed names picture and scheme: no choice of other schemes or attacks changes what is sent.
+        // The seed names picture and scheme: no choice of other schemes or attacks changes anything.
         let rng =
             |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&picture.name, &name, what]));
+        let view = held.views.get(&name).map(|views| &views[held.own]);
         if sent.as_ref().is_none_or(|s| s.scheme != row.scheme) {
-            let observed = obfuscate_points(
-                truth,
-                picture.width,
-                picture.height,
-                &row.scheme,
-                evaluation.angle_bits,
-                &mut rng("sent"),
-            )
-            .map_err(|source| EvalError::Seal { name: picture.name.clone(), source })?;
-            let observations = Observation::of_sent(&observed);
+            let (observed, observations) = if let Some(view) = view {
+                (view.observed.clone(), view.observations.clone())
+            } else {
+                let observed = send(evaluation, picture, row.scheme)?;
+                let observations = Observation::of_sent(&observed);
+                (observed, observations)
+            };
             sent = Some(Sent { scheme: row.scheme, observed, observations, guess_errors: Vec::new() });
         }
         let Some(sent) = &mut sent else { continue };
         let corrupted = held.neighbours.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
         let started = Instant::now();
-        let answers = answer(row.attack, &sent.observations, &corrupted, picture, held, &mut rng("attack"))?;
+        let answers = match row.frames {
+            Some(frames) => by_frames(&sent.observations, frames, held, &name, picture)?,
+            None => answer(row.attack, &sent.observations, &corrupted, picture, held, &mut rng("attack"))?,
+        };
         row.ms.push(started.elapsed().as_secs_f64() * 1e3);
-        let errors = errors_px(answers.iter().copied(), truth);
+        let counts = |i: usize| view.is_none_or(|v| v.measured[i]);
+        let all = errors_px(answers.pixels.iter().copied(), truth);
+        if let Some(believed) = &answers.believed {
+            let sure = (0..all.len()).filter(|i| counts(*i) && believed[*i]).map(|i| all[i]);
+            row.believed.get_or_insert_default().extend(sure);
+        }
+        let errors: Vec<f64> = (0..all.len()).filter(|i| counts(*i)).map(|i| all[i]).collect();
         if row.attack == AttackKind::Prior {
             sent.guess_errors.clone_from(&errors);
         }
@@ -237,63 +241,10 @@ fn attack_picture(
             sent: &sent.observed,
             observations: &sent.observations,
             neighbours: &corrupted,
-            answers: &answers,
-            errors: &errors,
+            answers: &answers.pixels,
+            errors: &all,
         });
         row.errors.extend(errors);
     }
     Ok(())
-}
-
-/// One attack on one picture: `[N]` positions.
-fn answer(
-    attack: AttackKind,
-    observations: &[Observation],
-    neighbours: &NeighbourLists,
-    picture: &KeypointPicture,
-    held: &Held,
-    rng: &mut ChaCha8Rng,
-) -> Result<Vec<Pixel>, AttackError> {
-    let (width, height) = (picture.width, picture.height);
-    let closed = |options: ClosedFormOptions| {
-        let answers = closed_form(observations, neighbours, width, height, &options)?;
-        Ok(answers.iter().map(|a| a.pixel).collect())
-    };
-    let transferred = || {
-        let positions = held.transferred.as_ref().map(|t| t.projected(observations, width, height));
-        positions.unwrap_or_else(|| prior_only(observations, width, height))
-    };
-    let laid_out = |options: GraphOptions, rng: &mut ChaCha8Rng| {
-        Ok(graph(observations, neighbours, width, height, &options, rng)?.pixels)
-    };
-    match attack {
-        AttackKind::Prior => Ok(prior_only(observations, width, height)),
-        AttackKind::LearnedPrior => Ok(held.density.guess(observations, width, height)),
-        AttackKind::ClosedForm => closed(ClosedFormOptions::default()),
-        AttackKind::ClosedFormInPicture => closed(ClosedFormOptions::in_picture()),
-        AttackKind::ClosedFormInformed => closed(ClosedFormOptions::informed()),
-        AttackKind::ClosedFormConsensus => {
-            closed(ClosedFormOptions::informed().with_consensus(CONSENSUS * f64::from(width)))
-        }
-        AttackKind::Transfer => Ok(transferred()),
-        AttackKind::Graph => laid_out(GraphOptions::default(), rng),
-        AttackKind::TransferGraph => laid_out(GraphOptions::default().beginning_at(transferred()), rng),
-    }
-}
-
-fn summary(row: &Row, images: usize) -> AttackSummary {
-    let errors = ErrorSummary::of(&row.errors);
-    AttackSummary {
-        scheme: row.scheme.to_string(),
-        attack: row.attack.to_string(),
-        corrupt: row.corrupt,
-        images,
-        mean_px: errors.mean_px,
-        median_px: errors.median_px,
-        under_5px: errors.under_5px,
-        under_10px: errors.under_10px,
-        under_30px: errors.under_30px,
-        bits_over_prior: row.bits / row.errors.len().max(1) as f64,
-        ms: median(&row.ms),
-    }
 }

@@ -21,6 +21,8 @@ fn options(groups: Vec<PictureGroup>, synthetic: usize) -> AuditOptions {
             neighbours: NeighbourSource::Oracle,
             k: 20,
             corrupt: vec![0.0, 30.0],
+            server: None,
+            frames: Vec::new(),
             angle_bits: AngleBits::default(),
             seed: 5,
         },

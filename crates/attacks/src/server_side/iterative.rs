@@ -1,0 +1,92 @@
+//! The paper's iterative server-side attack: what has been estimated counts as known from then on.
+
+use veiloc_geometry::Pixel;
+use veiloc_geometry::nalgebra::Vector2;
+
+use super::{check, known};
+use crate::closed_form::{ClosedFormOptions, closed_form};
+use crate::error::AttackError;
+use crate::neighbours::NeighbourLists;
+use crate::observation::Observation;
+use crate::prior::KnownSegment;
+
+/// Recovers keypoints in the order of how many of their neighbours are known: `[N]` positions, pixels.
+///
+/// Each step takes all keypoints with the largest number of known neighbours, puts each to the point of its line with
+/// the least sum of squared distances to these (Eq. 3 with the distance to points: the foot of the perpendicular from
+/// their mean), and adds them to the known ones. Neighbours that are lines do not count, as the paper "strictly
+/// filters outliers". Of two candidate lines the one of smaller sum is taken.
+///
+/// When no keypoint is left that has a known neighbour (or none was known to begin with), the rest is recovered from
+/// lines alone, as by [`closed_form`].
+///
+/// # Errors
+/// [`AttackError::ListCount`] when there is not one neighbour list per observation, [`AttackError::NoNeighbours`]
+/// when no keypoint has any.
+pub fn iterative(
+    observations: &[Observation],
+    neighbours: &NeighbourLists,
+    width: u32,
+    height: u32,
+) -> Result<Vec<Pixel>, AttackError> {
+    check(observations, neighbours)?;
+    let mut at = known(observations);
+    // A list may name a keypoint twice, or itself; it counts once, or not.
+    let lists: Vec<Vec<u32>> = (0..neighbours.len())
+        .map(|i| {
+            let mut list: Vec<u32> = neighbours.of(i).iter().copied().filter(|j| *j as usize != i).collect();
+            list.sort_unstable();
+            list.dedup();
+            list
+        })
+        .collect();
+    let mut named_by: Vec<Vec<usize>> = vec![Vec::new(); lists.len()];
+    for (i, list) in lists.iter().enumerate() {
+        for &j in list {
+            named_by[j as usize].push(i);
+        }
+    }
+    let mut support: Vec<usize> =
+        lists.iter().map(|list| list.iter().filter(|j| at[**j as usize].is_some()).count()).collect();
+    loop {
+        let open = || (0..at.len()).filter(|i| at[*i].is_none());
+        let most = open().map(|i| support[i]).max().unwrap_or(0);
+        if most == 0 {
+            break;
+        }
+        let step: Vec<(usize, Pixel)> = open()
+            .filter(|i| support[*i] == most)
+            .map(|i| {
+                let points = lists[i].iter().filter_map(|j| at[*j as usize]);
+                (i, nearest_to(&observations[i], points, width, height))
+            })
+            .collect();
+        for (i, pixel) in step {
+            at[i] = Some(pixel);
+            named_by[i].iter().for_each(|k| support[*k] += 1);
+        }
+    }
+    if at.iter().any(Option::is_none) {
+        let lines = closed_form(observations, neighbours, width, height, &ClosedFormOptions::default())?;
+        at.iter_mut().zip(lines).for_each(|(at, line)| *at = Some(at.unwrap_or(line.pixel)));
+    }
+    Ok(at.into_iter().flatten().collect())
+}
+
+/// The point of the observation's line with the least sum of squared distances to these points, of which there is one
+/// at least.
+fn nearest_to(
+    observation: &Observation,
+    points: impl Iterator<Item = Pixel>,
+    width: u32,
+    height: u32,
+) -> Pixel {
+    let (sum, count) = points.fold((Vector2::zeros(), 0.0), |(s, n), p| (s + p.vector(), n + 1.0));
+    let mean = sum / count;
+    let feet = KnownSegment::of(observation, width, height).into_iter().flatten().map(|s| {
+        let foot = s.at(s.direction.dot(&(mean - s.origin.vector())));
+        ((foot.vector() - mean).norm(), foot)
+    });
+    // The sums differ by a constant from the squared distance to the mean.
+    feet.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(Pixel::new(mean.x, mean.y), |f| f.1)
+}

@@ -1,0 +1,81 @@
+//! What a server that has found the pose recovers: it projects the map points of its inliers, and so knows some
+//! positions to begin with ([`crate::Observation::Known`]).
+//!
+//! - [`server_side`]: the paper's attack (its supplement, "Baseline server-side attack");
+//! - [`iterative`]: the paper's iterative attack, which goes on from what it has just estimated;
+//! - [`guided_transfer`](guided_transfer()): map pictures warped into the query by the flow of the inliers.
+//!
+//! [`crate::graph()`] takes known positions as well, and is the strongest of those that ask for neighbours.
+
+mod flow;
+mod guided;
+mod iterative;
+mod warp;
+
+pub use guided::{Guided, GuidedOptions, guided_transfer};
+pub use iterative::iterative;
+
+use crate::closed_form::{ClosedFormOptions, Recovered, closed_form};
+use crate::error::AttackError;
+use crate::neighbours::NeighbourLists;
+use crate::observation::Observation;
+
+/// What becomes of neighbours that are lines where a neighbourhood also holds known positions.
+///
+/// "If the neighborhood contains projected inlier points, we used a point-to-point distance instead of point-to-line
+/// distance in Eq. (3)" (the paper's supplement) can be read either way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LineNeighbours {
+    /// They count beside the known ones: each neighbour by the distance it allows.
+    #[default]
+    Count,
+    /// They are left out: a known position says more than a line, and lines of one anchor say "the anchor".
+    LeftOut,
+}
+
+/// The paper's server-side attack: Eq. 3 with the distance to the point for neighbours whose position is known.
+///
+/// A keypoint without a known neighbour is recovered from lines alone, as by [`closed_form`]; with none known the
+/// answers are those of the closed form, and a known keypoint answers its position.
+///
+/// # Errors
+/// [`AttackError::ListCount`] when there is not one neighbour list per observation, [`AttackError::NoNeighbours`]
+/// when no keypoint has any.
+pub fn server_side(
+    observations: &[Observation],
+    neighbours: &NeighbourLists,
+    width: u32,
+    height: u32,
+    lines: LineNeighbours,
+) -> Result<Vec<Recovered>, AttackError> {
+    check(observations, neighbours)?;
+    let known = known(observations);
+    let options = ClosedFormOptions::default();
+    match lines {
+        LineNeighbours::Count => closed_form(observations, neighbours, width, height, &options),
+        LineNeighbours::LeftOut => {
+            let meets: Vec<bool> = (0..neighbours.len())
+                .map(|i| neighbours.of(i).iter().any(|j| known[*j as usize].is_some()))
+                .collect();
+            let lists = neighbours.filtered(|i, j| !meets[i] || known[j as usize].is_some());
+            closed_form(observations, &lists, width, height, &options)
+        }
+    }
+}
+
+/// Where each keypoint is, as far as it is known.
+fn known(observations: &[Observation]) -> Vec<Option<veiloc_geometry::Pixel>> {
+    let position = |o: &Observation| match o {
+        Observation::Known(pixel) => Some(*pixel),
+        _ => None,
+    };
+    observations.iter().map(position).collect()
+}
+
+fn check(observations: &[Observation], neighbours: &NeighbourLists) -> Result<(), AttackError> {
+    if observations.len() != neighbours.len() {
+        return Err(AttackError::ListCount { observations: observations.len(), lists: neighbours.len() });
+    }
+    let any = (0..neighbours.len()).any(|i| !neighbours.of(i).is_empty());
+    if any || observations.len() < 2 { Ok(()) } else { Err(AttackError::NoNeighbours) }
+}

@@ -1,0 +1,185 @@
+//! A map picture warped into the query, and how similar descriptors of the same place are.
+
+use veiloc_geometry::Pixel;
+use veiloc_geometry::nalgebra::DMatrix;
+
+use super::flow::{Flow, FlowVector, Warped};
+use crate::features::{Descriptors, KnownPicture};
+use crate::prior::KnownSegment;
+
+/// A keypoint of a map picture that may be the hidden one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Candidate {
+    /// Its place in the query, on the hidden keypoint's line.
+    pub(super) pixel: Pixel,
+    pub(super) weight: f64,
+}
+
+/// A map picture, and how similar its keypoints are to those of the query.
+pub(super) struct Matched<'a> {
+    picture: &'a KnownPicture,
+    /// `[map, query]`: cosines of descriptors.
+    similarity: DMatrix<f32>,
+    /// Pairs of map and query keypoint that are each other's most similar, in the order of the query.
+    pub(super) mutual: Vec<(usize, usize)>,
+}
+
+impl<'a> Matched<'a> {
+    pub(super) fn new(query: &Descriptors, picture: &'a KnownPicture) -> Self {
+        let similarity = picture.descriptors().cosines(query);
+        let mutual = mutual(&similarity);
+        Self { picture, similarity, mutual }
+    }
+}
+
+/// A map picture with its keypoints where they lie in the query.
+pub(super) struct MapView {
+    /// `[map, query]`: cosines of descriptors.
+    similarity: DMatrix<f32>,
+    warped: Vec<Warped>,
+    /// Known keypoints and the map keypoints that are each other's most similar and land where they should.
+    agreeing: Vec<(usize, usize)>,
+}
+
+impl MapView {
+    /// `None` where too few known keypoints are found again to tell the flow.
+    pub(super) fn new(
+        matched: Matched,
+        known: &[Option<Pixel>],
+        (width, height): (u32, u32),
+        gate: f64,
+    ) -> Option<Self> {
+        let Matched { picture, similarity, mutual } = matched;
+        let of_known = || mutual.iter().filter_map(|&(at, i)| known[i].map(|p| (at, i, p)));
+        let vectors = of_known().map(|(at, _, p)| {
+            let from = picture.scaled(at, width, height).vector();
+            FlowVector { from, moved: p.vector() - from }
+        });
+        let flow = Flow::new(vectors.collect())?;
+        let places = 0..picture.keypoints().len();
+        let warped: Vec<Warped> = places.map(|at| flow.warp(picture.scaled(at, width, height))).collect();
+        let agrees = |at: usize, p: Pixel| warped[at].pixel.distance(&p) <= gate * warped[at].sigma;
+        let agreeing = of_known().filter(|(at, _, p)| agrees(*at, *p)).map(|(at, i, _)| (at, i)).collect();
+        Some(Self { similarity, warped, agreeing })
+    }
+
+    /// The candidates for keypoint `i` within `gate` standard deviations of a segment.
+    pub(super) fn near(
+        &self,
+        i: usize,
+        segment: &KnownSegment,
+        gate: f64,
+        similarities: &Similarities,
+        into: &mut Vec<Candidate>,
+    ) {
+        let mut near = Vec::new();
+        let mut elsewhere = f64::INFINITY;
+        for (at, warped) in self.warped.iter().enumerate() {
+            let place = warped.pixel.vector();
+            let along = segment.direction.dot(&(place - segment.origin.vector()));
+            let pixel = segment.at(along.clamp(segment.near, segment.far));
+            let off = pixel.distance(&warped.pixel) / warped.sigma;
+            if off <= gate {
+                near.push((at, pixel, off));
+            } else if off > 2.0 * gate {
+                elsewhere = elsewhere.min(self.distance(at, i));
+            }
+        }
+        if elsewhere.is_infinite() {
+            return; // nothing to compare with
+        }
+        for (at, pixel, off) in near {
+            let similar = similarities.likelihood_ratio((self.distance(at, i) / elsewhere).ln());
+            into.push(Candidate { pixel, weight: similar * (-0.5 * off * off).exp() });
+        }
+    }
+
+    /// Distance of the descriptors of map keypoint `at` and query keypoint `i`, never zero.
+    fn distance(&self, at: usize, i: usize) -> f64 {
+        (2.0 - 2.0 * f64::from(self.similarity[(at, i)])).max(1e-4).sqrt()
+    }
+}
+
+fn mutual(similarity: &DMatrix<f32>) -> Vec<(usize, usize)> {
+    let mut back = vec![(f32::NEG_INFINITY, 0); similarity.nrows()];
+    let mut best = Vec::with_capacity(similarity.ncols());
+    for (i, column) in similarity.column_iter().enumerate() {
+        let mut own = (f32::NEG_INFINITY, 0);
+        for (at, &s) in column.iter().enumerate() {
+            if s > own.0 {
+                own = (s, at);
+            }
+            if s > back[at].0 {
+                back[at] = (s, i);
+            }
+        }
+        best.push(own);
+    }
+    let pairs = best.iter().enumerate().filter(|(i, b)| b.0 > f32::NEG_INFINITY && back[b.1].1 == *i);
+    pairs.map(|(i, b)| (b.1, i)).collect()
+}
+
+/// How much nearer descriptors of one place in two pictures are than those of different places: two normal densities.
+///
+/// Distances differ much between keypoints (a corner among a hundred like it, a letter on a sign), so what counts is
+/// the logarithm of the distance over the least distance among map keypoints that cannot be the same place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Similarities {
+    same: (f64, f64),
+    other: (f64, f64),
+}
+
+impl Similarities {
+    /// From the known keypoints: a map keypoint that matches one and lands on it is of the same place; one that lands
+    /// farther away than twice the `gate` is of another.
+    pub(super) fn learn(views: &[MapView], known: &[Option<Pixel>], gate: f64) -> Self {
+        let (mut same, mut other) = (Moments::default(), Moments::default());
+        for view in views {
+            let mut elsewhere = vec![f64::INFINITY; known.len()];
+            for (i, pixel) in known.iter().enumerate().filter_map(|(i, k)| k.map(|k| (i, k))) {
+                let far = |(_, w): &(usize, &Warped)| w.pixel.distance(&pixel) > 2.0 * gate * w.sigma;
+                let others: Vec<f64> =
+                    view.warped.iter().enumerate().filter(far).map(|(at, _)| view.distance(at, i)).collect();
+                elsewhere[i] = others.iter().copied().fold(f64::INFINITY, f64::min);
+                for d in others {
+                    other.add((d / elsewhere[i]).ln());
+                }
+            }
+            for &(at, i) in view.agreeing.iter().filter(|(_, i)| elsewhere[*i].is_finite()) {
+                same.add((view.distance(at, i) / elsewhere[i]).ln());
+            }
+        }
+        Self { same: same.normal(), other: other.normal() }
+    }
+
+    /// How much likelier a logarithm is for one place than for two. It falls with the distance: where the tails of two
+    /// normal densities of unequal width would have it otherwise, it stays as it is.
+    fn likelihood_ratio(&self, log: f64) -> f64 {
+        let x = log.min(self.other.0);
+        let density =
+            |x: f64, (mean, deviation): (f64, f64)| -0.5 * ((x - mean) / deviation).powi(2) - deviation.ln();
+        let same = density(x.max(self.same.0), self.same);
+        (same - density(x, self.other)).clamp(-20.0, 20.0).exp()
+    }
+}
+
+#[derive(Default)]
+struct Moments {
+    count: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Moments {
+    fn add(&mut self, x: f64) {
+        self.count += 1.0;
+        self.sum += x;
+        self.squares += x * x;
+    }
+
+    /// Mean and standard deviation, the latter never so small that one number decides.
+    fn normal(&self) -> (f64, f64) {
+        let mean = self.sum / self.count.max(1.0);
+        (mean, (self.squares / self.count.max(1.0) - mean * mean).max(0.0).sqrt().max(0.05))
+    }
+}
