@@ -8,7 +8,8 @@
 //!   with true neighbours it recovers half-lines to a pixel or two where [`closed_form`] errs by hundreds;
 //! - [`prior_only`]: the best guess that uses no neighbours at all, and [`Density::guess`], the same with a density
 //!   of keypoints learned from other pictures;
-//! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's;
+//! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's; with the feature
+//!   `network` also the module `network`, a trained attention network over all descriptors of a picture;
 //! - [`transfer`](transfer()): positions and neighbours taken over from map pictures with similar descriptors;
 //! - [`server_side()`], [`iterative`], [`guided_transfer`]: what a server can do that has found the pose, and so
 //!   knows the keypoints that matched its map;
@@ -44,9 +45,12 @@ mod graph;
 pub mod lift;
 mod metrics;
 mod neighbours;
+#[cfg(feature = "network")]
+pub mod network;
 mod observation;
 mod predictor;
 mod prior;
+mod ranking;
 mod server_side;
 mod transfer;
 

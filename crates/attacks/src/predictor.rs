@@ -12,12 +12,12 @@
 //! and the most likely neighbours of a keypoint are those where it is greatest. Everything is in closed form: two
 //! second moments of the training pictures and two eigendecompositions.
 
-use rayon::prelude::*;
 use veiloc_geometry::nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use crate::error::AttackError;
 use crate::features::{Descriptors, KnownPicture};
 use crate::neighbours::NeighbourLists;
+use crate::ranking::likeliest_pairs;
 
 /// Directions of descriptor space that are kept. Twice as many gain hardly anything on held-out pictures.
 const DIRECTIONS: usize = 64;
@@ -25,8 +25,6 @@ const DIRECTIONS: usize = 64;
 const FLOOR: f64 = 1e-6;
 /// Correlations are held below this, so that the ratio stays finite.
 const LARGEST_CORRELATION: f64 = 0.99;
-/// Rows of the table of scores that are worked on together.
-const BLOCK: usize = 256;
 
 /// Says from descriptors alone which keypoints are likely neighbours.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,18 +102,7 @@ impl NeighbourPredictor {
                 terms.map(|(x, r)| r * r / (2.0 * (1.0 - r * r)) * x * x).sum()
             })
             .collect();
-        let starts: Vec<usize> = (0..x.ncols()).step_by(BLOCK).collect();
-        let blocks: Vec<Vec<Vec<u32>>> = starts
-            .into_par_iter()
-            .map(|start| {
-                let rows = BLOCK.min(x.ncols() - start);
-                // Transposed, so that the scores of one keypoint are one contiguous column.
-                let scores = x.tr_mul(&weighted.columns(start, rows));
-                let best = |r: usize| likeliest(scores.column(r).as_slice(), &own, start + r, k);
-                (0..rows).map(best).collect()
-            })
-            .collect();
-        NeighbourLists::from_lists(&blocks.concat())
+        NeighbourLists::from_lists(&likeliest_pairs(&x, &weighted, &own, k))
     }
 }
 
@@ -134,22 +121,4 @@ fn whitening(covariance: DMatrix<f64>) -> DMatrix<f32> {
         .map(|&c| eigen.eigenvectors.column(c) / (eigen.eigenvalues[c].max(0.0) + FLOOR).sqrt())
         .collect();
     DMatrix::from_columns(&columns).cast::<f32>()
-}
-
-/// The `k` greatest of `products[j] − own[j]` without `i` itself.
-fn likeliest(products: &[f32], own: &[f32], i: usize, k: usize) -> Vec<u32> {
-    let mut scored: Vec<(f32, u32)> = products
-        .iter()
-        .zip(own)
-        .enumerate()
-        .filter(|(j, _)| *j != i)
-        .map(|(j, (p, o))| (p - o, j as u32))
-        .collect();
-    let order = |a: &(f32, u32), b: &(f32, u32)| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1));
-    if k > 0 && scored.len() > k {
-        scored.select_nth_unstable_by(k - 1, order);
-    }
-    scored.truncate(k);
-    scored.sort_unstable_by(order);
-    scored.into_iter().map(|s| s.1).collect()
 }

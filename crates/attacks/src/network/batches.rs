@@ -1,0 +1,102 @@
+//! What the network learns from: random subsets of the keypoints of a picture, and who is near whom among them.
+
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+use veiloc_geometry::nalgebra::DMatrix;
+
+use crate::features::{Descriptors, KnownPicture};
+use crate::neighbours::NeighbourLists;
+
+/// A picture made ready for training.
+pub(super) struct Lesson {
+    /// `[dimension, N]`
+    input: DMatrix<f32>,
+    near: NeighbourLists,
+}
+
+/// Some keypoints of one picture.
+pub(super) struct Batch {
+    /// `[n, dimension]`, row by row.
+    pub(super) input: Vec<f32>,
+    /// `[n, n]`, row by row: shares of the neighbours, each row summing to one, or to zero where none was drawn.
+    pub(super) targets: Vec<f32>,
+    /// `n`.
+    pub(super) len: usize,
+    /// Rows of targets that are not all zero.
+    pub(super) rows: usize,
+}
+
+/// `[dimension, N]`: descriptors as the network sees them, the picture's mean taken off, entries near one.
+pub(super) fn input(descriptors: &Descriptors) -> DMatrix<f32> {
+    let columns = descriptors.centered();
+    let scale = (columns.nrows() as f32).sqrt();
+    columns * scale
+}
+
+impl Lesson {
+    /// The `k` nearest keypoints of each are its neighbours; `None` when no keypoint has any.
+    pub(super) fn new(picture: &KnownPicture, k: usize) -> Option<Self> {
+        let near = NeighbourLists::nearest(picture.keypoints(), k);
+        let any = (0..near.len()).any(|i| !near.of(i).is_empty());
+        any.then(|| Self { input: input(picture.descriptors()), near })
+    }
+
+    /// At most `most` keypoints, drawn without repetition.
+    pub(super) fn draw(&self, most: usize, rng: &mut ChaCha8Rng) -> Batch {
+        let all = self.near.len();
+        let n = most.min(all);
+        let mut order: Vec<usize> = (0..all).collect();
+        for i in 0..n {
+            order.swap(i, rng.random_range(i..all));
+        }
+        order.truncate(n);
+        let mut place = vec![usize::MAX; all];
+        order.iter().enumerate().for_each(|(at, i)| place[*i] = at);
+
+        let mut batch = Batch { input: Vec::new(), targets: vec![0.0; n * n], len: n, rows: 0 };
+        for (row, &i) in batch.targets.chunks_exact_mut(n).zip(&order) {
+            batch.input.extend_from_slice(self.input.column(i).as_slice());
+            let drawn: Vec<usize> =
+                self.near.of(i).iter().map(|j| place[*j as usize]).filter(|at| *at != usize::MAX).collect();
+            drawn.iter().for_each(|at| row[*at] = 1.0 / drawn.len() as f32);
+            batch.rows += usize::from(!drawn.is_empty());
+        }
+        batch
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use veiloc_geometry::Pixel;
+
+    use super::*;
+
+    #[test]
+    fn targets_are_the_neighbours_that_were_drawn() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let keypoints: Vec<Pixel> =
+            (0..50).map(|_| Pixel::new(rng.random_range(0.0..90.0), rng.random_range(0.0..90.0))).collect();
+        // The descriptor says which keypoint it is.
+        let bytes: Vec<u8> = (0..50).flat_map(|i| (0..50).map(move |j| u8::from(i == j))).collect();
+        let descriptors = Descriptors::new(&bytes, 50).expect("whole");
+        let near = NeighbourLists::nearest(&keypoints, 6);
+        let picture = KnownPicture::new(keypoints, descriptors, 90, 90).expect("one each");
+        let lesson = Lesson::new(&picture, 6).expect("neighbours");
+        let batch = lesson.draw(20, &mut rng);
+        assert_eq!((batch.len, batch.input.len(), batch.targets.len()), (20, 20 * 50, 400));
+        let largest = |row: &[f32]| (0..50).max_by(|a, b| row[*a].total_cmp(&row[*b])).expect("a largest");
+        let drawn: Vec<usize> = batch.input.chunks(50).map(largest).collect();
+        let mut counted = 0;
+        for (row, &i) in batch.targets.chunks(20).zip(&drawn) {
+            let sum: f32 = row.iter().sum();
+            counted += usize::from(sum > 0.0);
+            assert!(sum == 0.0 || (sum - 1.0).abs() < 1e-6, "{sum}");
+            for (share, &j) in row.iter().zip(&drawn) {
+                assert_eq!(*share > 0.0, near.of(i).contains(&(j as u32)), "{i} {j}");
+            }
+        }
+        assert_eq!(counted, batch.rows);
+        assert_eq!(lesson.draw(80, &mut rng).len, 50, "no more than there are");
+    }
+}
