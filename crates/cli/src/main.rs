@@ -49,6 +49,9 @@ enum Command {
     Attack(commands::attack::Args),
     /// Attack what would be sent of your pictures, and write a report on it.
     Audit(commands::audit::Args),
+    /// Teach a machine what an attacker would: to tell neighbours from descriptors.
+    #[command(subcommand)]
+    Train(commands::train::Command),
 }
 
 fn main() -> ExitCode {
@@ -64,6 +67,7 @@ fn main() -> ExitCode {
         Command::Eval(command) => commands::eval::run(command, &ui),
         Command::Attack(args) => commands::attack::run(args, &ui),
         Command::Audit(args) => commands::audit::run(args, &ui),
+        Command::Train(command) => commands::train::run(command, &ui),
     });
     match result {
         Ok(exit) => exit.into(),

@@ -93,6 +93,10 @@ pub enum EvalError {
     /// An attack could not run.
     #[error(transparent)]
     Attack(#[from] veiloc_attacks::AttackError),
+    /// A network that predicts neighbours could not be trained or read.
+    #[cfg(feature = "network")]
+    #[error(transparent)]
+    Network(#[from] veiloc_attacks::network::NetworkError),
     /// The map could not be built.
     #[error(transparent)]
     Mapping(#[from] veiloc_mapping::MappingError),

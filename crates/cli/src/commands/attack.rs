@@ -62,6 +62,9 @@ pub(super) struct AdversaryArgs {
     /// Keypoints with descriptors that teach the predictor of neighbours; attacked pictures among them are left out.
     #[arg(long, value_name = "FILE", required_if_eq("neighbours", "predicted"))]
     train: Vec<PathBuf>,
+    /// A trained network, as `veiloc train neighbours` writes it.
+    #[arg(long, value_name = "FILE", required_if_eq("neighbours", "network"))]
+    model: Option<PathBuf>,
     /// Neighbours a keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
@@ -97,6 +100,8 @@ enum Source {
     Oracle,
     /// A statistic of which descriptors occur side by side, learned from the pictures of `--train`.
     Predicted,
+    /// The attention network of `--model`; needs a veiloc built with the feature `network`.
+    Network,
     /// A server that has the other pictures of the file for a map.
     Transferred,
 }
@@ -128,6 +133,8 @@ impl AdversaryArgs {
             neighbours: match self.neighbours {
                 Source::Oracle => NeighbourSource::Oracle,
                 Source::Predicted => NeighbourSource::Predicted { train: self.train.clone() },
+                // The parser asks for a model where there must be one.
+                Source::Network => NeighbourSource::Network { model: self.model.clone().unwrap_or_default() },
                 Source::Transferred => NeighbourSource::Transferred,
             },
             k: self.k as usize,

@@ -10,3 +10,4 @@ pub(crate) mod map;
 pub(crate) mod query;
 pub(crate) mod seal;
 pub(crate) mod serve;
+pub(crate) mod train;

@@ -14,7 +14,7 @@ pub struct AttackDocument {
     pub command: &'static str,
     /// What was attacked.
     pub data: Vec<String>,
-    /// Who told the neighbours: `oracle`, `predicted` or `transferred`.
+    /// Who told the neighbours: `oracle`, `predicted`, `network` or `transferred`.
     pub neighbours: &'static str,
     /// Neighbours a keypoint.
     pub k: usize,

@@ -12,6 +12,8 @@ mod rows;
 mod run;
 mod server;
 mod sightings;
+#[cfg(feature = "network")]
+pub mod training;
 
 pub use document::{AttackDocument, AttackSummary, ServerSummary, attacks_table};
 pub use extract::{keypoints_of_photograph, keypoints_of_photographs, photographs};

@@ -1,6 +1,6 @@
 //! Who tells the attacker which keypoints are neighbours: an oracle, a predictor, or a map.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use veiloc_attacks::{
     AttackError, Descriptors, KnownPicture, NeighbourLists, NeighbourPredictor, Transfer, transfer,
@@ -21,6 +21,11 @@ pub enum NeighbourSource {
         /// Files of keypoints with descriptors.
         train: Vec<PathBuf>,
     },
+    /// A trained attention network, see `veiloc train neighbours`. Needs the feature `network`.
+    Network {
+        /// The network's file.
+        model: PathBuf,
+    },
     /// The other pictures of the same file, taken for the map of a server: keypoints whose matches are near each
     /// other there.
     Transferred,
@@ -35,6 +40,7 @@ impl NeighbourSource {
         match self {
             Self::Oracle => "oracle",
             Self::Predicted { .. } => "predicted",
+            Self::Network { .. } => "network",
             Self::Transferred => "transferred",
         }
     }
@@ -44,17 +50,58 @@ impl NeighbourSource {
         &self,
         attacked: &[&KeypointPicture],
         k: usize,
-    ) -> Result<Option<NeighbourPredictor>, EvalError> {
-        let Self::Predicted { train } = self else { return Ok(None) };
-        let mut pictures = Vec::new();
-        for file in train {
-            let all = read_keypoints(file)?;
-            for picture in all.iter().filter(|p| attacked.iter().all(|a| a.name != p.name)) {
-                pictures.push(known(picture)?);
+    ) -> Result<Option<Predictor>, EvalError> {
+        match self {
+            Self::Oracle | Self::Transferred => Ok(None),
+            Self::Network { model } => read_network(model).map(Some),
+            Self::Predicted { train } => {
+                let mut pictures = Vec::new();
+                for file in train {
+                    let all = read_keypoints(file)?;
+                    for picture in all.iter().filter(|p| attacked.iter().all(|a| a.name != p.name)) {
+                        pictures.push(known(picture)?);
+                    }
+                }
+                Ok(Some(Predictor::Statistic(NeighbourPredictor::fit(&pictures, k)?)))
             }
         }
-        Ok(Some(NeighbourPredictor::fit(&pictures, k)?))
     }
+}
+
+/// What tells neighbours from descriptors alone.
+pub(super) enum Predictor {
+    /// Canonical correlations.
+    Statistic(NeighbourPredictor),
+    /// A trained network.
+    #[cfg(feature = "network")]
+    Network(veiloc_attacks::network::NeighbourNetwork),
+}
+
+impl Predictor {
+    /// The `k` likeliest neighbours of each keypoint, likeliest first.
+    pub(super) fn predict(&self, descriptors: &Descriptors, k: usize) -> Result<NeighbourLists, AttackError> {
+        match self {
+            Self::Statistic(statistic) => statistic.predict(descriptors, k),
+            #[cfg(feature = "network")]
+            Self::Network(network) => network.predict(descriptors, k),
+        }
+    }
+}
+
+#[cfg(feature = "network")]
+fn read_network(model: &Path) -> Result<Predictor, EvalError> {
+    let bytes = std::fs::read(model).map_err(|source| EvalError::Io { path: model.to_owned(), source })?;
+    let network = veiloc_attacks::network::NeighbourNetwork::decode(&bytes)
+        .map_err(|e| EvalError::DataSet(format!("{}: {e}", model.display())))?;
+    Ok(Predictor::Network(network))
+}
+
+#[cfg(not(feature = "network"))]
+fn read_network(model: &Path) -> Result<Predictor, EvalError> {
+    Err(EvalError::Options(format!(
+        "{}: this veiloc was built without networks; build it with `cargo build --release -p veiloc-cli --features network`",
+        model.display()
+    )))
 }
 
 /// A picture with everything that is known of it.
