@@ -58,7 +58,9 @@ impl Lesson {
             batch.input.extend_from_slice(self.input.column(i).as_slice());
             let drawn: Vec<usize> =
                 self.near.of(i).iter().map(|j| place[*j as usize]).filter(|at| *at != usize::MAX).collect();
-            drawn.iter().for_each(|at| row[*at] = 1.0 / drawn.len() as f32);
+            for at in &drawn {
+                row[*at] = 1.0 / drawn.len() as f32;
+            }
             batch.rows += usize::from(!drawn.is_empty());
         }
         batch

@@ -9,6 +9,7 @@
 //! ```
 //! Little-endian throughout.
 
+use burn::backend::ndarray::NdArrayDevice;
 use xxhash_rust::xxh3::xxh3_64;
 
 use super::NeighbourNetwork;
@@ -80,6 +81,6 @@ impl NeighbourNetwork {
         if values.iter().any(|v| !v.is_finite()) {
             return Err(NetworkError::NotFinite);
         }
-        Ok(Self { shape, encoder: parameters::filled(&shape, &values, &Default::default()) })
+        Ok(Self { shape, encoder: parameters::filled(&shape, &values, &NdArrayDevice::default()) })
     }
 }

@@ -23,11 +23,14 @@ pub(super) fn loss<B: Backend>(logits: Tensor<B, 2>, targets: Tensor<B, 2>, rows
 
 #[cfg(test)]
 mod tests {
+    use burn::backend::ndarray::NdArrayDevice;
+
     use super::super::Cpu;
     use super::*;
 
     fn of(logits: [[f32; 3]; 3], targets: [[f32; 3]; 3], rows: usize) -> f32 {
-        let tensor = |x: [[f32; 3]; 3]| Tensor::<Cpu, 2>::from_data(TensorData::from(x), &Default::default());
+        let tensor =
+            |x: [[f32; 3]; 3]| Tensor::<Cpu, 2>::from_data(TensorData::from(x), &NdArrayDevice::default());
         loss(tensor(logits), tensor(targets), rows).into_scalar()
     }
 

@@ -24,6 +24,7 @@ mod schedule;
 mod training;
 
 use burn::backend::NdArray;
+use burn::backend::ndarray::NdArrayDevice;
 use burn::tensor::{Tensor, TensorData};
 use veiloc_geometry::nalgebra::DMatrix;
 
@@ -77,7 +78,7 @@ impl NeighbourNetwork {
         let input = batches::input(descriptors);
         let rows = descriptors.len();
         let data = TensorData::new(input.as_slice().to_vec(), [rows, self.shape.dimension]);
-        let x = Tensor::<Cpu, 2>::from_data(data, &Default::default());
+        let x = Tensor::<Cpu, 2>::from_data(data, &NdArrayDevice::default());
         let embedded = self.encoder.forward(x, &mut Dropout::none()).into_data();
         // Row-major [N, width] is column-major [width, N]. The backend computes in f32, so the conversion never fails.
         DMatrix::from_iterator(self.shape.width, rows, embedded.iter::<f32>())

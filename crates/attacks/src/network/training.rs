@@ -1,6 +1,7 @@
 //! The training: AdamW on random subsets of the training pictures, judged on pictures that are never learned from.
 
 use burn::backend::Autodiff;
+use burn::backend::ndarray::NdArrayDevice;
 use burn::grad_clipping::GradientClippingConfig;
 use burn::module::AutodiffModule;
 use burn::optim::{AdamWConfig, GradientsParams, Optimizer};
@@ -84,7 +85,7 @@ pub fn train(
         validation.iter().map(|p| NeighbourLists::nearest(p.keypoints(), PRECISION_AT)).collect();
 
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
-    let mut encoder: Encoder<Learning> = parameters::drawn(&shape, &mut rng, &Default::default());
+    let mut encoder: Encoder<Learning> = parameters::drawn(&shape, &mut rng, &NdArrayDevice::default());
     let mut optimizer = AdamWConfig::new()
         .with_weight_decay(options.weight_decay as f32)
         .with_grad_clipping(Some(GradientClippingConfig::Norm(LONGEST_GRADIENT)))
@@ -135,7 +136,7 @@ fn step_loss(
     dropped: f64,
     rng: &mut ChaCha8Rng,
 ) -> Tensor<Learning, 1> {
-    let device = Default::default();
+    let device = NdArrayDevice::default();
     let mut sum = Tensor::zeros([1], &device);
     for batch in pictures {
         let input = TensorData::new(batch.input.clone(), [batch.len, shape.dimension]);
@@ -185,7 +186,7 @@ mod tests {
         let batch = [lesson.draw(10, &mut rng)];
 
         let shape = Shape { dimension: 6, width: 8, heads: 2, layers: 2 };
-        let device = Default::default();
+        let device = NdArrayDevice::default();
         let drawn: Encoder<Learning> = parameters::drawn(&shape, &mut rng, &device);
         // Biases away from zero, so that their gradients are tried too.
         let values: Vec<f32> =

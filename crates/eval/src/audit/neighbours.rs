@@ -74,7 +74,7 @@ pub(super) enum Predictor {
     Statistic(NeighbourPredictor),
     /// A trained network.
     #[cfg(feature = "network")]
-    Network(veiloc_attacks::network::NeighbourNetwork),
+    Network(Box<veiloc_attacks::network::NeighbourNetwork>),
 }
 
 impl Predictor {
@@ -93,7 +93,7 @@ fn read_network(model: &Path) -> Result<Predictor, EvalError> {
     let bytes = std::fs::read(model).map_err(|source| EvalError::Io { path: model.to_owned(), source })?;
     let network = veiloc_attacks::network::NeighbourNetwork::decode(&bytes)
         .map_err(|e| EvalError::DataSet(format!("{}: {e}", model.display())))?;
-    Ok(Predictor::Network(network))
+    Ok(Predictor::Network(Box::new(network)))
 }
 
 #[cfg(not(feature = "network"))]

@@ -90,7 +90,9 @@ mod training {
 
     use std::path::Path;
 
-    use veiloc_eval::audit::training::{TrainingRun, plot, train_neighbours, training_table};
+    use veiloc_eval::audit::training::{
+        TrainingOptions, TrainingRun, plot, train_neighbours, training_table,
+    };
 
     use super::Args;
     use crate::exit::{Exit, Outcome};
@@ -103,7 +105,7 @@ mod training {
             validate: args.validate.clone(),
             test: args.test.clone(),
             validation_pictures: args.validation_pictures as usize,
-            options: Default::default(),
+            options: TrainingOptions::default(),
         };
         let options = &mut run.options;
         (options.steps, options.validate_every) = (args.steps as usize, args.every as usize);

@@ -9,7 +9,8 @@ mod plot;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use veiloc_attacks::network::{CurvePoint, NeighbourNetwork, TrainingOptions, train};
+pub use veiloc_attacks::network::TrainingOptions;
+use veiloc_attacks::network::{CurvePoint, NeighbourNetwork, train};
 use veiloc_attacks::{KnownPicture, NeighbourLists, NeighbourPredictor};
 
 use super::keypoints::{KeypointPicture, read_keypoints};
@@ -56,7 +57,7 @@ pub fn train_neighbours(
     let trained = train(&training, &validation, &run.options, observe)?;
     let seconds = started.elapsed().as_secs_f64();
     let statistic = NeighbourPredictor::fit(&training, NEAREST)?;
-    let network = Predictor::Network(trained.network.clone());
+    let network = Predictor::Network(Box::new(trained.network.clone()));
     let statistic = Predictor::Statistic(statistic);
     let mut precision = Vec::new();
     for (pictures, set) in [("validate", &validation_set), ("test", &test_set)] {
