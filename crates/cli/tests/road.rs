@@ -119,6 +119,22 @@ fn the_profile_chooses_the_scheme_and_the_option_overrules_it() {
 }
 
 #[test]
+fn a_device_may_send_fewer_keypoints_and_the_map_takes_them() {
+    let place = place();
+    let seal = format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile");
+    let run = place.run(&format!("{seal} --max-keypoints 300 -o few.vquery")).succeeded();
+    assert!(run.stderr.contains("256 sent as dcl"), "{run}");
+    assert_eq!(rows_of(&place.read("few.vquery")), 256);
+    let document = place.run("localize --map place.vmap few.vquery --json").succeeded().json();
+    let (degrees, metres) =
+        pose_error(&document["queries"][0]["cam_from_world"], &place.pose_of("query-0.png"));
+    assert!(degrees < 2.0 && metres < 0.2, "{degrees} {metres}");
+    let refused = place.run(&format!("{seal} --max-keypoints 200 -o few.vquery"));
+    assert_eq!(refused.code, Some(2), "{refused}");
+    assert!(refused.stderr.contains("256..=4096"), "{refused}");
+}
+
+#[test]
 fn without_json_people_get_a_line_a_query() {
     let place = place();
     place.seal("query-1.png", "", "table-1.vquery");

@@ -1,13 +1,15 @@
 //! **Never for devices.** Obfuscation that keeps the answers, for attacks and evaluation to be judged by.
 //!
-//! Both functions run the code a device runs, line for line; they only do not forget.
+//! All run the code a device runs, line for line; they only do not forget.
 
 use rand::{CryptoRng, Rng};
+use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_query::{AngleBits, Observations, Profile, Scheme, SealedQuery};
 
 use crate::SealError;
+use crate::decoy;
 use crate::lift::{Places, dither, lift, select};
 use crate::seal::seal_frame;
 
@@ -37,7 +39,7 @@ pub fn seal_with_truth(
     profile: &Profile,
     rng: &mut impl CryptoRng,
 ) -> Result<(SealedQuery, SealTruth), SealError> {
-    seal_frame(features, camera, profile, rng)
+    seal_frame(features, camera, profile, usize::MAX, rng)
 }
 
 /// Obfuscates bare positions in the order given, `[N]`: dither, line and quantization as in [`crate::seal`], but
@@ -70,4 +72,27 @@ pub fn obfuscate_points(
     Ok(rows
         .observations(*scheme, angle_bits, [width, height])
         .expect("the rows were lifted under this scheme"))
+}
+
+/// Decoys as [`crate::seal`] invents them for a picture with these keypoints and descriptors, `count` of each. For
+/// evaluation of how many more of them would do.
+///
+/// Positions lie in the picture. Nothing is invented for a picture without keypoints.
+pub fn decoys(
+    keypoints: &[Pixel],
+    descriptors: &Descriptors,
+    size: [u32; 2],
+    count: usize,
+    rng: &mut impl Rng,
+) -> (Vec<Pixel>, Descriptors) {
+    let mut invented = descriptors.select(std::iter::empty());
+    if keypoints.is_empty() || descriptors.is_empty() {
+        return (Vec::new(), invented);
+    }
+    let mut places = Places::new(keypoints.iter().copied());
+    let [width, height] = size.map(f64::from);
+    let inside = |p: Pixel| (0.0..width).contains(&p.u) && (0.0..height).contains(&p.v);
+    decoy::add_places(&mut places, keypoints.len(), count, size, inside, rng);
+    decoy::add_descriptors(&mut invented, descriptors, count, rng);
+    (places.of[keypoints.len()..].iter().map(|place| places.pixels[*place]).collect(), invented)
 }

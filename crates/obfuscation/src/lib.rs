@@ -26,4 +26,4 @@ pub use audit::{SealTruth, obfuscate_points, seal_with_truth};
 pub use error::SealError;
 pub use extract::{ExtractError, extract};
 pub use rng::device_rng;
-pub use seal::seal;
+pub use seal::{seal, seal_at_most};

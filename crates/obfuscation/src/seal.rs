@@ -47,7 +47,25 @@ pub fn seal(
     profile: &Profile,
     rng: &mut impl CryptoRng,
 ) -> Result<SealedQuery, SealError> {
-    seal_frame(features, camera, profile, rng).map(|(query, _)| query)
+    seal_at_most(features, camera, profile, usize::MAX, rng)
+}
+
+/// As [`seal`], with at most so many keypoints, the strongest usable ones: what is not sent is not leaked. The limit of
+/// the profile holds as well, and the query is as good to the map as one of full size.
+///
+/// A number between two size classes is cut to the smaller; below the smallest class decoys fill up (L5).
+/// `docs/audit.md` has what fewer keypoints cost and what they buy.
+///
+/// # Errors
+/// As [`seal`]; [`SealError::NoKeypoints`] when `most` is 0.
+pub fn seal_at_most(
+    features: Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    most: usize,
+    rng: &mut impl CryptoRng,
+) -> Result<SealedQuery, SealError> {
+    seal_frame(features, camera, profile, most, rng).map(|(query, _)| query)
 }
 
 /// A keypoint that is kept.
@@ -61,6 +79,7 @@ pub(crate) fn seal_frame(
     features: Features,
     camera: &Intrinsics,
     profile: &Profile,
+    most: usize,
     rng: &mut impl CryptoRng,
 ) -> Result<(SealedQuery, SealTruth), SealError> {
     check(&features, profile)?;
@@ -77,7 +96,7 @@ pub(crate) fn seal_frame(
             let pixel = reproject(features.keypoints[source].pixel, camera, canonical, anchors.as_ref())?;
             Some(Kept { source, pixel })
         })
-        .take(profile.limits().max_keypoints as usize)
+        .take(most.min(profile.limits().max_keypoints as usize))
         .collect::<Vec<_>>();
     if usable.is_empty() {
         return Err(SealError::NoKeypoints { extracted: features.keypoints.len() });

@@ -6,7 +6,7 @@ use common::{camera, features_at, profile, random_descriptors, rng, uniform_pixe
 use proptest::prelude::*;
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_obfuscation::{SealError, obfuscate_points, seal, seal_with_truth};
+use veiloc_obfuscation::{SealError, obfuscate_points, seal, seal_at_most, seal_with_truth};
 use veiloc_query::{AngleBits, ExtractionLimits, Observations, QueryError, Scheme, SealedQuery};
 
 const SCHEMES: [&str; 6] =
@@ -116,6 +116,29 @@ fn the_strongest_are_kept_whatever_their_order_and_the_limit_holds() {
         // 999 has no strength and comes last, so 998 is the strongest.
         assert_eq!(kept, (999 - expected..999).collect::<Vec<_>>());
     }
+}
+
+#[test]
+fn a_device_may_send_fewer_than_the_profile_asks_for() {
+    let mut features = features_at(&uniform_pixels(1000, 4), 4);
+    for (i, keypoint) in features.keypoints.iter_mut().enumerate() {
+        keypoint.response = i as f32;
+    }
+    let profile = profile("dcl");
+    for (most, rows) in [(usize::MAX, 512), (600, 512), (511, 256), (256, 256), (40, 256)] {
+        let query = seal_at_most(features.clone(), &camera(), &profile, most, &mut rng(4)).expect("sealed");
+        assert_eq!(query.len(), rows, "{most}");
+        // The map takes it as one of full size.
+        assert_eq!(profile.check(&query), Ok(()));
+        // Rows that were not made up are the strongest: the last of the picture.
+        let sent = |i: usize| {
+            (0..query.len()).any(|row| query.descriptors().row(row) == features.descriptors.row(i))
+        };
+        let kept = most.min(rows);
+        assert!((1000 - kept..1000).all(sent) && !(0..1000 - kept).any(sent), "{most}");
+    }
+    let error = seal_at_most(features, &camera(), &profile, 0, &mut rng(4)).expect_err("nothing to send");
+    assert!(matches!(error, SealError::NoKeypoints { .. }));
 }
 
 #[test]

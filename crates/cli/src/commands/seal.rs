@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{device_rng, extract, seal};
+use veiloc_obfuscation::{device_rng, extract, seal_at_most};
 use veiloc_query::{Profile, Scheme};
 
 use crate::exit::{Exit, Failure, Outcome};
@@ -31,9 +31,27 @@ pub(crate) struct Args {
     /// points (no protection). Default: what the profile asks for.
     #[arg(long)]
     scheme: Option<Scheme>,
+    #[command(flatten)]
+    amount: AmountArgs,
     /// File to write, or a folder when there are several photographs.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
+}
+
+/// How much a device sends, of its own will.
+#[derive(clap::Args)]
+pub(crate) struct AmountArgs {
+    /// Send at most N keypoints, the strongest, cut to a size class (256, 512, 1024, 2048); what is not sent is not
+    /// leaked, and the pose gets a little less exact (docs/audit.md). Default: as many as the profile asks for.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=4096))]
+    max_keypoints: Option<u32>,
+}
+
+impl AmountArgs {
+    /// Most keypoints to send.
+    pub(crate) fn most(&self) -> usize {
+        self.max_keypoints.map_or(usize::MAX, |n| n as usize)
+    }
 }
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -54,7 +72,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     for (image, out) in args.images.iter().zip(&outputs) {
         let (features, camera) = extract(image, &args.camera, &profile)?;
         let found = features.keypoints.len();
-        let query = seal(features, &camera, &profile, &mut device_rng()?)
+        let query = seal_at_most(features, &camera, &profile, args.amount.most(), &mut device_rng()?)
             .map_err(|e| Failure::refused(format!("{}: {e}", image.display())))?;
         let bytes = query.encode();
         files::write(out, &bytes)?;

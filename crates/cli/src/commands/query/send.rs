@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{device_rng, extract, seal};
+use veiloc_obfuscation::{device_rng, extract, seal_at_most};
 use veiloc_query::{Answer, Scheme};
 use veiloc_server::AnswerDocument;
 
 use super::client::{Client, Connection};
 use super::profile_cache::ProfileCache;
+use crate::commands::seal::AmountArgs;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
@@ -34,6 +35,8 @@ pub(crate) struct Args {
     /// points (no protection). The device decides, not the service.
     #[arg(long, default_value = "dcl")]
     scheme: Scheme,
+    #[command(flatten)]
+    amount: AmountArgs,
     /// Folder to keep profiles in. Default: the user's cache folder.
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
@@ -49,7 +52,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let profile = cache.profile(&client, &args.connection.server, &args.map, ui)?.with_scheme(args.scheme);
     let (features, camera) = extract(&args.image, &args.camera, &profile)?;
     let found = features.keypoints.len();
-    let query = seal(features, &camera, &profile, &mut device_rng()?)
+    let query = seal_at_most(features, &camera, &profile, args.amount.most(), &mut device_rng()?)
         .map_err(|e| Failure::refused(format!("{}: {e}", args.image.display())))?;
     query.check_sides().map_err(|e| Failure::refused(format!("{}: {e}", args.image.display())))?;
     let bytes = query.encode();
