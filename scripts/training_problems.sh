@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Correspondence sets of map images alone, each held out once: what priors and defaults are chosen on. Query lists stay
-# untouched, so that they are fit for the final figures. Needs VEILOC_DATA and a release build.
+# untouched, so that they are fit for the final figures. Beside each, all keypoints of the same images with descriptors,
+# for `eval tradeoff`. Needs VEILOC_DATA and a release build.
 #
 #     VEILOC_DATA=../shared/data scripts/training_problems.sh FOLDER
 set -euo pipefail
@@ -15,14 +16,18 @@ trap 'rm -rf "$lists"' EXIT
 folds() {
     local place="$1" posed="$2" images="$3" names="$4" block="$5"
     : > "$lists/all"
+    : > "$lists/keypoints"
     for fold in 0 1 2; do
         awk -v b="$block" -v f="$fold" 'int((NR - 1) / b) % 3 == f' "$names" > "$lists/query"
         awk -v b="$block" -v f="$fold" 'int((NR - 1) / b) % 3 != f' "$names" > "$lists/map"
         target/release/veiloc -q eval problems --posed "$posed" --images "$images" \
-            --map-list "$lists/map" --query-list "$lists/query" -o "$lists/fold.jsonl"
+            --map-list "$lists/map" --query-list "$lists/query" -o "$lists/fold.jsonl" \
+            --keypoints "$lists/fold_keypoints.jsonl"
         cat "$lists/fold.jsonl" >> "$lists/all"
+        cat "$lists/fold_keypoints.jsonl" >> "$lists/keypoints"
     done
     gzip -9n < "$lists/all" > "$out/$place.jsonl.gz"
+    gzip -9n < "$lists/keypoints" > "$out/${place}_keypoints.jsonl.gz"
     echo "$out/$place.jsonl.gz: $(wc -l < "$lists/all") problems"
 }
 

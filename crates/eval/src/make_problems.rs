@@ -16,10 +16,11 @@ use veiloc_localize::{LocalizeOptions, observe_matches};
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_model;
 use veiloc_mapping::{BuildOptions, Progress, build};
-use veiloc_obfuscation::{extract, seal};
-use veiloc_query::Scheme;
+use veiloc_obfuscation::{SealTruth, extract, seal_with_truth};
+use veiloc_query::{Observations, Scheme, SealedQuery};
 use veiloc_robust::Correspondences;
 
+use crate::audit::KeypointPicture;
 use crate::error::EvalError;
 use crate::problems::{CameraLine, Line, PoseLine};
 use crate::scene::{PosedQuery, posed_queries};
@@ -44,13 +45,26 @@ pub struct ProblemSource<'a> {
     pub seed: u64,
 }
 
-/// One line of `problems.jsonl` a query, in the order of the list.
+/// One query as a problem, and everything it sent.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MadeProblem {
+    /// Its line of `problems.jsonl`.
+    pub line: String,
+    /// All its keypoints with descriptors, strongest first, matched or not, at the very positions of the problem. Decoys,
+    /// which only a query below the smallest size class has, come last.
+    pub keypoints: KeypointPicture,
+}
+
+/// One problem a query, in the order of the list.
 ///
 /// Pixels are those of the query's canonical camera, to 1/65536 of the picture as the scheme `points` sends them.
 ///
 /// # Errors
 /// [`EvalError`] when data is missing, the map cannot be built, or a query has too few keypoints to be sealed.
-pub fn make_problems(source: &ProblemSource<'_>, progress: &dyn Progress) -> Result<Vec<String>, EvalError> {
+pub fn make_problems(
+    source: &ProblemSource<'_>,
+    progress: &dyn Progress,
+) -> Result<Vec<MadeProblem>, EvalError> {
     let posed = read_model(source.posed)?;
     let queries = posed_queries(&posed, source.images, source.query_list)?;
     let model = build(&posed, source.images, source.map_list, source.build, progress)?;
@@ -63,21 +77,55 @@ pub fn make_problems(source: &ProblemSource<'_>, progress: &dyn Progress) -> Res
     let lines = queries
         .iter()
         .map(|query| {
-            let line = line(&map, query, source)?;
+            let made = made(&map, query, source)?;
             progress.advance(1);
-            serde_json::to_string(&line).map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))
+            Ok(made)
         })
         .collect();
     progress.finish();
     lines
 }
 
-fn line(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result<Line, EvalError> {
+fn made(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result<MadeProblem, EvalError> {
     let profile = map.profile();
     let (features, camera) = extract(&query.path, &query.camera, profile)?;
+    let strengths: Vec<f32> = features.keypoints.iter().map(|k| k.response).collect();
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(source.seed, &[&query.name]));
-    let sealed = seal(features, &camera, &profile.with_scheme(Scheme::Points), &mut rng)
+    let (sealed, truth) = seal_with_truth(features, &camera, &profile.with_scheme(Scheme::Points), &mut rng)
         .map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?;
+    let line = line(map, query, source, &sealed)?;
+    Ok(MadeProblem {
+        line: serde_json::to_string(&line).map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?,
+        keypoints: keypoints(&query.name, &sealed, &truth, &strengths),
+    })
+}
+
+/// What was sent, strongest first.
+fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f32]) -> KeypointPicture {
+    let strength = |row: &usize| truth.source[*row].map_or(f32::NEG_INFINITY, |feature| strengths[feature]);
+    let mut order: Vec<usize> = (0..truth.source.len()).collect();
+    order.sort_by(|a, b| strength(b).total_cmp(&strength(a)).then(truth.source[*a].cmp(&truth.source[*b])));
+    let pixels = match sealed.observations() {
+        Observations::Points(pixels) => pixels,
+        _ => Vec::new(),
+    };
+    let descriptors = sealed.descriptors().to_owned().select(order.iter().copied());
+    let camera = sealed.camera();
+    KeypointPicture {
+        name: name.to_owned(),
+        width: camera.width,
+        height: camera.height,
+        keypoints: order.iter().filter_map(|row| pixels.get(*row).copied()).collect(),
+        descriptors: Some((descriptors.as_bytes().to_vec(), descriptors.kind().dim())),
+    }
+}
+
+fn line(
+    map: &MapFile,
+    query: &PosedQuery,
+    source: &ProblemSource<'_>,
+    sealed: &SealedQuery,
+) -> Result<Line, EvalError> {
     let retrieved = retrieve(sealed.global(), map, source.localize.retrieve);
     let matches = match_points(sealed.descriptors(), map, &retrieved, &source.localize.matching);
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();

@@ -4,6 +4,7 @@ use plotters::prelude::*;
 
 use super::{BoundCell, BoundEvaluation};
 use crate::error::EvalError;
+use crate::plotting::{COLORS, Fault, fault};
 
 /// Width and height of a panel, pixels.
 const PANEL: (u32, u32) = (330, 240);
@@ -13,10 +14,6 @@ const HIGHEST: f64 = 2.0;
 
 /// The ratio that the project aims to stay below.
 const AIM: f64 = 1.15;
-
-/// Distinct in print and for the colour-blind (Okabe and Ito).
-const COLORS: [RGBColor; 4] =
-    [RGBColor(0, 114, 178), RGBColor(230, 159, 0), RGBColor(0, 158, 115), RGBColor(204, 121, 167)];
 
 /// The translation errors as an SVG document.
 ///
@@ -39,8 +36,6 @@ pub fn plot(document: &BoundEvaluation) -> Result<String, EvalError> {
     Ok(text)
 }
 
-type Fault = Box<dyn std::error::Error + Send + Sync>;
-
 fn draw(
     document: &BoundEvaluation,
     root: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>,
@@ -48,12 +43,12 @@ fn draw(
     schemes: &[String],
     outliers: &[String],
 ) -> Result<(), Fault> {
-    root.fill(&WHITE).map_err(owned)?;
+    root.fill(&WHITE).map_err(fault)?;
     let (legend, panels) = root.split_vertically(40);
     for (k, scheme) in schemes.iter().enumerate() {
         let (x, color) = (20 + 170 * k as i32, COLORS[k % COLORS.len()]);
-        legend.draw(&Circle::new((x, 18), 5, color.filled())).map_err(owned)?;
-        legend.draw(&Text::new(scheme.clone(), (x + 10, 11), ("sans-serif", 15))).map_err(owned)?;
+        legend.draw(&Circle::new((x, 18), 5, color.filled())).map_err(fault)?;
+        legend.draw(&Text::new(scheme.clone(), (x + 10, 11), ("sans-serif", 15))).map_err(fault)?;
     }
     let highest_noise = document.cells.iter().map(|c| c.noise_px).fold(0.1, f64::max);
     let areas = panels.split_evenly((outliers.len(), scenes.len()));
@@ -73,7 +68,7 @@ fn draw(
             .x_label_area_size(34)
             .y_label_area_size(44)
             .build_cartesian_2d(0.0..1.08 * highest_noise, 0.8..HIGHEST)
-            .map_err(owned)?;
+            .map_err(fault)?;
         chart
             .configure_mesh()
             .x_desc("noise of a keypoint, px")
@@ -82,10 +77,10 @@ fn draw(
             .y_labels(7)
             .light_line_style(TRANSPARENT)
             .draw()
-            .map_err(owned)?;
+            .map_err(fault)?;
         for (level, width) in [(1.0, 2), (AIM, 1)] {
             let ends = [(0.0, level), (1.08 * highest_noise, level)];
-            chart.draw_series(LineSeries::new(ends, BLACK.mix(0.6).stroke_width(width))).map_err(owned)?;
+            chart.draw_series(LineSeries::new(ends, BLACK.mix(0.6).stroke_width(width))).map_err(fault)?;
         }
         for (k, scheme) in schemes.iter().enumerate() {
             let color = COLORS[k % COLORS.len()];
@@ -96,20 +91,15 @@ fn draw(
                 .collect();
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             let shown = points.iter().map(|(x, y)| (*x, y.min(HIGHEST)));
-            chart.draw_series(LineSeries::new(shown.clone(), color.stroke_width(2))).map_err(owned)?;
+            chart.draw_series(LineSeries::new(shown.clone(), color.stroke_width(2))).map_err(fault)?;
             let dots = points.iter().zip(shown).map(|((_, y), at)| {
                 let style = if *y > HIGHEST { color.stroke_width(2) } else { color.filled() };
                 Circle::new(at, 4, style)
             });
-            chart.draw_series(dots).map_err(owned)?;
+            chart.draw_series(dots).map_err(fault)?;
         }
     }
-    root.present().map_err(owned)
-}
-
-/// The drawing's errors borrow nothing, but their type does not say so.
-fn owned(error: impl std::fmt::Display) -> Fault {
-    error.to_string().into()
+    root.present().map_err(fault)
 }
 
 /// Values in the order in which they first appear.

@@ -7,6 +7,7 @@ mod pose;
 mod problems;
 mod report;
 mod scene;
+mod tradeoff;
 
 use crate::exit::Outcome;
 use crate::ui::Ui;
@@ -22,6 +23,8 @@ pub(crate) enum Command {
     Crb(crb::Args),
     /// Correspondence sets from a place with known poses, as `eval pose` reads them.
     Problems(problems::Args),
+    /// Variants of dcl: what attackers get out of each, and the poses it still gives.
+    Tradeoff(tradeoff::Args),
     /// Keypoints and descriptors of photographs, as `attack` and the training of predictors read them.
     Keypoints(keypoints::Args),
 }
@@ -32,6 +35,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Pose(args) => pose::run(args, ui),
         Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),
+        Command::Tradeoff(args) => tradeoff::run(args, ui),
         Command::Keypoints(args) => keypoints::run(args, ui),
     }
 }

@@ -1,7 +1,8 @@
 //! `veiloc eval problems`: correspondence sets from a place with known poses, for `eval pose` and for fitting.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use veiloc_eval::audit::{KeypointPicture, encode_keypoints};
 use veiloc_eval::{ProblemSource, encode_lines, make_problems};
 
 use crate::commands::eval::place::PlaceArgs;
@@ -22,6 +23,10 @@ pub(crate) struct Args {
     /// Where the problems go.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
+    /// Where all keypoints of the queries go, with descriptors, strongest first, as `attack` and `eval tradeoff` read
+    /// them: the very positions of the problems. They are in the clear, for tests of one's own pictures.
+    #[arg(long, value_name = "FILE")]
+    keypoints: Option<PathBuf>,
     /// Seed of the keypoints' dither.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
@@ -41,9 +46,13 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         localize: &args.matching.localize_options(),
         seed: args.seed,
     };
-    let lines = make_problems(&source, &Bars::new(ui))?;
-    let gzip = args.out.extension().is_some_and(|e| e == "gz");
-    files::write(&args.out, &encode_lines(&lines, gzip)?)?;
+    let (lines, pictures): (Vec<String>, Vec<KeypointPicture>) =
+        make_problems(&source, &Bars::new(ui))?.into_iter().map(|made| (made.line, made.keypoints)).unzip();
+    let gzip = |path: &Path| path.extension().is_some_and(|e| e == "gz");
+    files::write(&args.out, &encode_lines(&lines, gzip(&args.out))?)?;
+    if let Some(path) = &args.keypoints {
+        files::write(path, &encode_keypoints(&pictures, gzip(path))?)?;
+    }
     ui.say(format!("{}: {} problems", args.out.display(), lines.len()));
     Ok(Exit::Success)
 }

@@ -1,0 +1,281 @@
+//! `veiloc eval tradeoff`: variants of dcl, each judged by what attackers get out of it and by the poses it still gives.
+//!
+//! A variant ([`Variant`]) says what a device might do differently: send fewer keypoints, coarser angles, decoys. Poses
+//! and attacks work on the very same rows. Errors are those of keypoints that are sent; what is not sent is not leaked,
+//! so beside shares stand absolute numbers: keypoints of a picture that an attack puts near the truth.
+
+mod data;
+mod document;
+mod localization;
+mod plot;
+mod privacy;
+mod select;
+mod sent;
+mod table;
+mod variant;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use rayon::prelude::*;
+use veiloc_attacks::{Descriptors, KnownPicture, NeighbourPredictor, Transfer, transfer};
+use veiloc_mapping::Progress;
+use veiloc_robust::PoseOptions;
+
+use crate::audit::{KeypointPicture, read_keypoints};
+use crate::error::EvalError;
+use crate::metrics::Threshold;
+use crate::results::{QueryResult, summarize};
+use data::{Data, Query};
+use privacy::{Attackers, Judgement};
+use sent::Sent;
+
+pub use document::{AttackFigures, LocalizationFigures, TradeoffDocument, VariantFigures};
+pub use plot::plot;
+pub use table::tradeoff_table;
+pub use variant::{DividingLine, Keep, Variant, VariantError};
+
+/// What to evaluate.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct TradeoffEvaluation {
+    /// All keypoints of pictures, with descriptors.
+    pub keypoints: PathBuf,
+    /// Matches of the same pictures, with true poses; pictures without serve the map of `transfer` only.
+    pub problems: PathBuf,
+    /// More pictures of the map that `transfer` takes positions from, beside the others of [`Self::keypoints`].
+    pub map: Vec<PathBuf>,
+    /// Pictures that teach the predictor of neighbours; those named as a query are left out. Empty: nothing is predicted.
+    pub train: Vec<PathBuf>,
+    /// Variants, in the order of the table.
+    pub variants: Vec<Variant>,
+    /// How many pictures are attacked, spread evenly over the queries; `None` for all. Poses are estimated for all.
+    pub attacked: Option<usize>,
+    /// Neighbours a keypoint.
+    pub k: usize,
+    /// Percent of the oracle's neighbours that are replaced by lot, one graph attack each.
+    pub corrupt: Vec<f64>,
+    /// Thresholds of the recall columns.
+    pub thresholds: Vec<Threshold>,
+    /// Robust estimation.
+    pub pose: PoseOptions,
+    /// Whether matches are weighted by what their ratio, votes and track length say.
+    pub use_prior: bool,
+    /// Whether the estimator's noise is raised by what the variant adds on average.
+    pub tell_noise: bool,
+    /// First seed of every random choice; attacks use this one alone.
+    pub seed: u64,
+    /// Seeds that poses are estimated with, at least one.
+    pub seeds: u64,
+}
+
+impl TradeoffEvaluation {
+    /// `dcl` as it is on these files, every picture attacked, one seed.
+    pub fn new(keypoints: PathBuf, problems: PathBuf) -> Self {
+        Self {
+            keypoints,
+            problems,
+            map: Vec::new(),
+            train: Vec::new(),
+            variants: vec![Variant::default()],
+            attacked: None,
+            k: 20,
+            corrupt: vec![0.0, 30.0, 50.0],
+            thresholds: Vec::new(),
+            pose: PoseOptions::default(),
+            use_prior: true,
+            tell_noise: true,
+            seed: 0,
+            seeds: 1,
+        }
+    }
+}
+
+/// Judges every variant.
+///
+/// # Errors
+/// [`EvalError`] when a file cannot be read, files do not belong together, descriptors are missing, or nothing was
+/// asked for. A picture that cannot be localized is a result, not an error.
+pub fn evaluate_tradeoff(
+    evaluation: &TradeoffEvaluation,
+    progress: &dyn Progress,
+) -> Result<TradeoffDocument, EvalError> {
+    if evaluation.variants.is_empty() || evaluation.seeds == 0 || evaluation.attacked == Some(0) {
+        return Err(EvalError::Options("no variant, seed or picture to evaluate".to_owned()));
+    }
+    let data = data::read(&evaluation.keypoints, &evaluation.problems)?;
+    let map = map_pictures(&data, &evaluation.map)?;
+    let teachers = teachers(&data, &evaluation.train)?;
+    let attacked = spread(data.queries.len(), evaluation.attacked);
+    let world = World { evaluation, data: &data, map: &map, transfers: Mutex::default() };
+
+    let steps = attacked.len() + data.queries.len();
+    progress.start("Judging variants", evaluation.variants.len() * steps);
+    let mut variants = Vec::new();
+    for variant in &evaluation.variants {
+        let predictor = predictor(variant, &teachers, evaluation)?;
+        let judged: Vec<(usize, usize, Judgement)> = attacked
+            .par_iter()
+            .map(|&q| {
+                let judged = world.attack(variant, q, predictor.as_ref());
+                progress.advance(1);
+                judged
+            })
+            .collect::<Result<_, _>>()?;
+        let located: Vec<Vec<QueryResult>> = data
+            .queries
+            .par_iter()
+            .map(|query| {
+                let results = world.localize(variant, query);
+                progress.advance(1);
+                results
+            })
+            .collect::<Result<_, _>>()?;
+        let located: Vec<&QueryResult> = located.iter().flatten().collect();
+        let summary = summarize(&located, &evaluation.thresholds);
+        variants.push(VariantFigures::of(variant, &data.queries, &attacked, &judged, &summary, &located));
+    }
+    progress.finish();
+    let name = |path: &Path| {
+        path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
+    };
+    Ok(TradeoffDocument {
+        version: 1,
+        command: "eval tradeoff",
+        data: vec![name(&evaluation.keypoints), name(&evaluation.problems)],
+        queries: data.queries.len(),
+        attacked: attacked.len(),
+        map_pictures: map.len(),
+        train_pictures: teachers.len(),
+        k: evaluation.k,
+        tell_noise: evaluation.tell_noise,
+        thresholds: evaluation.thresholds.iter().map(ToString::to_string).collect(),
+        seed: evaluation.seed,
+        seeds: evaluation.seeds,
+        variants,
+    })
+}
+
+/// Rows of one query: its index, the keypoints that were kept, and how many rows with decoys.
+type Rows = (usize, Vec<usize>, usize);
+
+/// What is the same for all variants.
+struct World<'a> {
+    evaluation: &'a TradeoffEvaluation,
+    data: &'a Data,
+    map: &'a [(String, KnownPicture)],
+    /// What the map tells about these rows of this query: it does not depend on lines, so variants share it.
+    transfers: Mutex<HashMap<Rows, Arc<Transfer>>>,
+}
+
+impl World<'_> {
+    /// Rows that are no decoys, decoys, and what attackers make of them.
+    fn attack(
+        &self,
+        variant: &Variant,
+        q: usize,
+        predictor: Option<&NeighbourPredictor>,
+    ) -> Result<(usize, usize, Judgement), EvalError> {
+        let query = &self.data.queries[q];
+        let sent = Sent::of(variant, &query.picture, Some(&query.ratios), self.evaluation.seed)?;
+        let transfer = self.transfer(q, &sent)?;
+        let attackers = Attackers {
+            k: self.evaluation.k,
+            corrupt: &self.evaluation.corrupt,
+            transfer: transfer.as_deref(),
+            predictor,
+            seed: self.evaluation.seed,
+        };
+        let judged = privacy::judge(&sent, &query.picture, &attackers)?;
+        Ok((sent.kept.len(), sent.truth.len() - sent.kept.len(), judged))
+    }
+
+    /// `None` without a picture of the map.
+    fn transfer(&self, q: usize, sent: &Sent) -> Result<Option<Arc<Transfer>>, EvalError> {
+        let picture = &self.data.queries[q].picture;
+        let key = (q, sent.kept.clone(), sent.truth.len());
+        let lock = || self.transfers.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = lock().get(&key) {
+            return Ok(Some(Arc::clone(known)));
+        }
+        let others: Vec<KnownPicture> =
+            self.map.iter().filter(|(name, _)| *name != picture.name).map(|(_, p)| p.clone()).collect();
+        if others.is_empty() {
+            return Ok(None);
+        }
+        let (bytes, dimension) = &sent.descriptors;
+        let descriptors = Descriptors::new(bytes, *dimension)?;
+        let size = (picture.width, picture.height);
+        let found = Arc::new(transfer(&descriptors, &others, size, MAP_PICTURES, 1)?);
+        lock().insert(key, Arc::clone(&found));
+        Ok(Some(found))
+    }
+
+    fn localize(&self, variant: &Variant, query: &Query) -> Result<Vec<QueryResult>, EvalError> {
+        let e = self.evaluation;
+        let size = (query.picture.width, query.picture.height);
+        (e.seed..e.seed.saturating_add(e.seeds))
+            .map(|seed| {
+                let sent = Sent::of(variant, &query.picture, Some(&query.ratios), seed)?;
+                let mut pose = e.pose.clone();
+                if e.tell_noise {
+                    pose.noise_px = pose.noise_px.hypot(sent.added_variance(variant, size).sqrt());
+                }
+                Ok(localization::localize(query, &sent, e.use_prior, &pose, seed))
+            })
+            .collect()
+    }
+}
+
+/// Pictures of the map from which a server takes positions over: those with most mutual matches.
+const MAP_PICTURES: usize = 5;
+
+/// Every picture that a server might have, by name; queries among them know nothing of themselves.
+fn map_pictures(data: &Data, files: &[PathBuf]) -> Result<Vec<(String, KnownPicture)>, EvalError> {
+    let mut pictures: Vec<KeypointPicture> = data.queries.iter().map(|q| q.picture.clone()).collect();
+    pictures.extend(data.others.iter().cloned());
+    for file in files {
+        pictures.extend(read_keypoints(file)?);
+    }
+    let all = |p: &KeypointPicture| (0..p.keypoints.len()).collect::<Vec<_>>();
+    pictures.into_iter().map(|p| Ok((p.name.clone(), data::known(&p, &all(&p))?))).collect()
+}
+
+fn teachers(data: &Data, files: &[PathBuf]) -> Result<Vec<KeypointPicture>, EvalError> {
+    let mut pictures = Vec::new();
+    for file in files {
+        pictures.extend(read_keypoints(file)?);
+    }
+    pictures.retain(|p| data.queries.iter().all(|q| q.picture.name != p.name));
+    if pictures.is_empty() && !files.is_empty() {
+        return Err(EvalError::Options(
+            "every training picture is named as one that is attacked; train on other pictures".to_owned(),
+        ));
+    }
+    Ok(pictures)
+}
+
+/// The predictor of an attacker who knows the variant: learned from keypoints thinned out in the same way, without
+/// decoys and without knowing what of its pictures a map knows.
+fn predictor(
+    variant: &Variant,
+    teachers: &[KeypointPicture],
+    evaluation: &TradeoffEvaluation,
+) -> Result<Option<NeighbourPredictor>, EvalError> {
+    if teachers.is_empty() {
+        return Ok(None);
+    }
+    let honest = Variant { decoys: 0.0, ..variant.clone() };
+    let pictures = teachers
+        .par_iter()
+        .map(|p| data::known(p, &Sent::of(&honest, p, None, evaluation.seed)?.kept))
+        .collect::<Result<Vec<_>, _>>()?;
+    Ok(Some(NeighbourPredictor::fit(&pictures, evaluation.k)?))
+}
+
+/// So many of `0..n`, spread evenly.
+fn spread(n: usize, count: Option<usize>) -> Vec<usize> {
+    let count = count.unwrap_or(n).min(n);
+    (0..count).map(|i| i * n / count).collect()
+}
