@@ -153,3 +153,18 @@ fn positions_from_elsewhere_carry_the_layout_past_many_false_neighbours() {
     let begun = median(&GraphOptions::default().beginning_at(begin));
     assert!(begun < 0.5 * alone, "{begun}, alone {alone}");
 }
+
+/// A detector that finds several orientations at one place sends a row of each. An attacker sees that their lines are
+/// equal and takes them for the one keypoint they are.
+#[test]
+fn rows_of_one_place_do_not_blind_the_attack() {
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    let mut truth = crowds(700, 7);
+    // One to four more rows for a third of the places.
+    for i in (0..700).step_by(3) {
+        truth.extend(std::iter::repeat_n(truth[i], rng.random_range(1..5)));
+    }
+    let sent = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let (found, _) = attacked(&sent, &NeighbourLists::nearest(&truth, 20), &truth);
+    assert!(found.median_px < 2.4 && found.under_5px > 0.87, "{found:?}");
+}

@@ -19,6 +19,7 @@ mod edges;
 mod geodesic;
 mod likelihood;
 mod newton;
+mod places;
 mod rail;
 mod stress;
 
@@ -34,6 +35,7 @@ use crate::prior::KnownSegment;
 
 use edges::Edges;
 use likelihood::ListLikelihood;
+use places::Places;
 use rail::{Rail, pixels};
 
 /// How the graph attack works. The defaults were chosen on synthetic keypoints and hold on photographs.
@@ -52,6 +54,9 @@ pub struct GraphOptions {
     pub reweighings: usize,
     /// Sweeps that make the layout likelier; 0 leaves it as the stress has it.
     pub sweeps: usize,
+    /// Times that the likeliest layout is made likelier once more from wide edges on, as long as that is worth it. It
+    /// undoes folds of the first layout where keypoints crowd.
+    pub rewarmings: usize,
     /// Share of false entries in the lists, 0 to 1, where it is known; `None`: estimated.
     pub false_share: Option<f64>,
     /// `[N]`: positions the attacker has from elsewhere, pixels; projected on the segments they are one more layout to
@@ -75,6 +80,7 @@ impl Default for GraphOptions {
             stress_rounds: 40,
             reweighings: 3,
             sweeps: 80,
+            rewarmings: 3,
             false_share: None,
             begin: None,
         }
@@ -96,6 +102,8 @@ pub struct GraphAnswer {
 /// Width of the soft edge around a radius, as a share of it, at the first sweep and at the last.
 const WIDE: f64 = 0.4;
 const NARROW: f64 = 0.03;
+/// Least share of the cost that one more warming must have saved for another to be tried.
+const WORTH_WARMING: f64 = 0.002;
 
 /// Recovers all keypoints together from their observations and the graph of their neighbours (module docs).
 ///
@@ -116,6 +124,29 @@ pub fn graph(
     if let Some(begin) = options.begin.as_ref().filter(|b| b.len() != observations.len()) {
         return Err(AttackError::BeginCount { observations: observations.len(), positions: begin.len() });
     }
+    if neighbours.len() != observations.len() {
+        return Err(AttackError::ListCount { observations: observations.len(), lists: neighbours.len() });
+    }
+    let places = Places::of(observations, neighbours);
+    if places.all_apart() {
+        return lay_out(observations, neighbours, width, height, options, rng);
+    }
+    let begin = options.begin.as_ref().map(|b| places.first_of(b));
+    let options = GraphOptions { begin, ..options.clone() };
+    let (sent, lists) = (places.first_of(observations), places.lists(neighbours));
+    let answer = lay_out(&sent, &lists, width, height, &options, rng)?;
+    Ok(GraphAnswer { pixels: places.to_rows(&answer.pixels), ..answer })
+}
+
+/// [`graph`] for rows that are places of their own.
+fn lay_out(
+    observations: &[Observation],
+    neighbours: &NeighbourLists,
+    width: u32,
+    height: u32,
+    options: &GraphOptions,
+    rng: &mut impl Rng,
+) -> Result<GraphAnswer, AttackError> {
     let edges = Edges::believed(neighbours);
     let candidates: Vec<[Option<KnownSegment>; 2]> =
         observations.iter().map(|o| KnownSegment::of(o, width, height)).collect();
@@ -131,16 +162,27 @@ pub fn graph(
     if let Some(begin) = &options.begin {
         layouts.push(rails.iter().zip(begin).map(|(r, p)| r.nearest(p.vector())).collect());
     }
-    let mut best: Option<GraphAnswer> = None;
-    for mut t in layouts {
+    let mut best: Option<(GraphAnswer, Vec<f64>)> = None;
+    let improve = |mut t: Vec<f64>, best: &mut Option<(GraphAnswer, Vec<f64>)>| {
         let mut likelihood = ListLikelihood::new(&rails, neighbours, edges.doubted, options.false_share);
         let cost = likelihood.improve(&mut t, options.sweeps, WIDE, NARROW);
-        if best.as_ref().is_none_or(|b| cost < b.cost) {
+        let gain = best.as_ref().map_or(f64::INFINITY, |b| b.0.cost - cost);
+        if gain > 0.0 {
             let false_share = likelihood.false_share();
-            best = Some(GraphAnswer { pixels: pixels(&rails, &t), false_share, cost });
+            *best = Some((GraphAnswer { pixels: pixels(&rails, &t), false_share, cost }, t));
+        }
+        gain / cost.abs()
+    };
+    for layout in layouts {
+        improve(layout, &mut best);
+    }
+    for _ in 0..options.rewarmings {
+        let Some(t) = best.as_ref().map(|b| b.1.clone()) else { break };
+        if improve(t, &mut best) < WORTH_WARMING {
+            break;
         }
     }
-    Ok(best.unwrap_or(GraphAnswer { pixels: crossed, false_share: edges.doubted, cost: f64::INFINITY }))
+    Ok(best.map_or(GraphAnswer { pixels: crossed, false_share: edges.doubted, cost: f64::INFINITY }, |b| b.0))
 }
 
 /// Of two candidate segments the one nearer to a position.

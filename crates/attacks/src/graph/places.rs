@@ -1,0 +1,139 @@
+//! Rows that stand for one place: a detector that finds several orientations at one place makes a row of each, and all
+//! of them are sent with the same line.
+//!
+//! Left apart they fill each other's lists with themselves, so that a list tells next to nothing of what lies around;
+//! taken together they are one keypoint whose list reaches as far as that of others. Equal lines alone prove nothing
+//! (angles are rounded, and a picture holds keypoints enough for chance to repeat some), so rows are one place only when
+//! their lists say so too.
+
+use std::collections::HashMap;
+
+use crate::neighbours::NeighbourLists;
+use crate::observation::Observation;
+
+/// Share of common neighbours (Jaccard's index, each row on its own list) that rows of one place have at least.
+const COMMON: f64 = 0.85;
+
+/// Which rows are one place.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Places {
+    /// `[rows]`: the place of each row.
+    pub(super) of: Vec<u32>,
+    /// `[places]`: the first row of each.
+    pub(super) first: Vec<u32>,
+}
+
+impl Places {
+    pub(super) fn of(observations: &[Observation], lists: &NeighbourLists) -> Self {
+        let mut same_line: HashMap<[u64; 5], Vec<u32>> = HashMap::new();
+        let mut places = Self { of: Vec::with_capacity(observations.len()), first: Vec::new() };
+        for (i, observation) in observations.iter().enumerate() {
+            let known = same_line.entry(bits(observation)).or_default();
+            let here = known.iter().copied().find(|&p| together(lists, i, places.first[p as usize] as usize));
+            let place = here.unwrap_or_else(|| {
+                let new = places.first.len() as u32;
+                places.first.push(i as u32);
+                known.push(new);
+                new
+            });
+            places.of.push(place);
+        }
+        places
+    }
+
+    /// Whether every row is a place of its own.
+    pub(super) fn all_apart(&self) -> bool {
+        self.first.len() == self.of.len()
+    }
+
+    /// The lists of places: all places that rows of one list, without itself.
+    pub(super) fn lists(&self, lists: &NeighbourLists) -> NeighbourLists {
+        let mut joined: Vec<Vec<u32>> = vec![Vec::new(); self.first.len()];
+        for (i, &place) in self.of.iter().enumerate() {
+            let listed = lists.of(i).iter().map(|&j| self.of[j as usize]);
+            joined[place as usize].extend(listed.filter(|&p| p != place));
+        }
+        for list in &mut joined {
+            list.sort_unstable();
+            list.dedup();
+        }
+        NeighbourLists::from_lists(&joined).expect("places are numbered from zero")
+    }
+
+    /// What is known of each place, from its first row.
+    pub(super) fn first_of<T: Copy>(&self, rows: &[T]) -> Vec<T> {
+        self.first.iter().map(|&i| rows[i as usize]).collect()
+    }
+
+    /// What was found for each place, for each row.
+    pub(super) fn to_rows<T: Copy>(&self, places: &[T]) -> Vec<T> {
+        self.of.iter().map(|&p| places[p as usize]).collect()
+    }
+}
+
+/// Equal for equal observations only.
+fn bits(observation: &Observation) -> [u64; 5] {
+    let [a, b] = observation.lines().map(|line| {
+        line.map_or([0; 2], |l| {
+            let at = |u: f64, v: f64| l.signed_distance(veiloc_geometry::Pixel::new(u, v));
+            [at(0.0, 0.0).to_bits(), at(1.0, 0.0).to_bits()]
+        })
+    });
+    let extra = match *observation {
+        Observation::HalfLine { anchor, direction } => {
+            return [1, anchor.u.to_bits(), anchor.v.to_bits(), direction.x.to_bits(), direction.y.to_bits()];
+        }
+        Observation::Known(pixel) => return [2, pixel.u.to_bits(), pixel.v.to_bits(), 0, 0],
+        Observation::Line(_) => 3,
+        Observation::EitherLine(_) => 4,
+    };
+    [extra, a[0], a[1], b[0], b[1]]
+}
+
+fn together(lists: &NeighbourLists, i: usize, j: usize) -> bool {
+    let on = |list: usize, entry: usize| entry == list || lists.of(list).contains(&(entry as u32));
+    if !(on(i, j) && on(j, i)) {
+        return false;
+    }
+    // The two rows themselves are common.
+    let others = |list: usize| lists.of(list).iter().filter(move |&&e| e as usize != i && e as usize != j);
+    let common = 2 + others(i).filter(|e| lists.of(j).contains(e)).count();
+    let all = 2 + others(i).count() + others(j).count() - (common - 2);
+    common as f64 >= COMMON * all as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use veiloc_geometry::{DualAnchors, Pixel};
+
+    #[test]
+    fn rows_of_one_place_are_one_and_equal_lines_elsewhere_are_not() {
+        let anchors = DualAnchors::vertical(640, 480);
+        // Two corners of a strip of keypoints; 3 and 4 repeat 0; 20 lies on the line of 0, farther out.
+        let mut pixels: Vec<Pixel> = (0..40).map(|i| Pixel::new(20.0 + 15.0 * f64::from(i), 100.0)).collect();
+        pixels[3] = pixels[0];
+        pixels[4] = pixels[0];
+        let anchor = anchors.anchor_of(pixels[0]);
+        let line = |p: Pixel| {
+            Observation::anchored(&anchors, anchors.anchor_of(p), anchors.angle_of(anchors.anchor_of(p), p))
+        };
+        let lists = NeighbourLists::nearest(&pixels, 6);
+        let mut sent: Vec<Observation> = pixels.iter().map(|&p| line(p)).collect();
+        sent[10] = sent[0];
+        assert_eq!(anchors.anchor_of(pixels[10]), anchor);
+        let places = Places::of(&sent, &lists);
+        assert_eq!(places.first.len(), 38);
+        assert_eq!((places.of[3], places.of[4]), (places.of[0], places.of[0]));
+        assert_ne!(places.of[10], places.of[0], "an equal line with other neighbours is another place");
+        let joined = places.lists(&lists);
+        assert_eq!(joined.len(), 38);
+        assert!((0..38).all(|p| !joined.of(p).contains(&(p as u32))));
+        assert_eq!(
+            places.to_rows(&places.first),
+            (0..40).map(|i| if i == 3 || i == 4 { 0 } else { i }).collect::<Vec<u32>>()
+        );
+        let apart = Places::of(&sent[..3], &NeighbourLists::nearest(&pixels[..3], 2));
+        assert!(apart.all_apart());
+    }
+}
