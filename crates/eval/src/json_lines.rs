@@ -12,6 +12,11 @@ use crate::error::EvalError;
 /// No honest line is longer; a file that pretends to is refused before it fills the memory.
 const LONGEST_LINE: u64 = 256 << 20;
 
+/// What a table calls a file: its name without folders.
+pub(crate) fn display_name(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
 /// Every line of the file as a `T`; empty lines are passed over. Gzip is recognised by its first bytes.
 pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<Vec<(usize, T)>, EvalError> {
     let io = |source| EvalError::Io { path: path.to_owned(), source };

@@ -1,7 +1,7 @@
 //! Runs every attack on every scheme and picture.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use rand::SeedableRng;
@@ -18,6 +18,7 @@ use super::observer::{AttackObserver, AttackTrial, PictureGroup, Progress};
 use super::rows::{Row, check, rows, summary};
 use super::server::{Server, ServerKnowledge, Tally, View, send};
 use crate::error::EvalError;
+use crate::json_lines;
 use crate::seeds::seed_for;
 
 /// What to attack, and how.
@@ -85,7 +86,7 @@ pub fn attack_groups(
         groups.into_iter().map(|g| (g.name, g.pictures)).unzip();
     for file in &evaluation.files {
         groups.push(read_keypoints(file)?);
-        data.push(display_name(file));
+        data.push(json_lines::display_name(file));
     }
     if evaluation.synthetic > 0 {
         groups.push(vec![synthetic_picture(evaluation.synthetic, evaluation.seed)]);
@@ -179,10 +180,6 @@ fn seen(
         views.insert(scheme.to_string(), of_scheme.collect::<Result<_, _>>()?);
     }
     Ok(views)
-}
-
-fn display_name(path: &Path) -> String {
-    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
 fn attack_picture(

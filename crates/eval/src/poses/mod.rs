@@ -8,7 +8,7 @@ mod floor;
 mod gravity;
 mod recipe;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use rand::SeedableRng;
@@ -23,6 +23,7 @@ use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, estimate_pose, optimize
 
 use crate::error::EvalError;
 use crate::hypotheses::Hypotheses;
+use crate::json_lines;
 use crate::metrics::Threshold;
 use crate::problems::{Problem, read_problems};
 use crate::results::{Evaluation, QueryResult, Variant, summarize};
@@ -160,7 +161,7 @@ pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> R
     Ok(Evaluation {
         version: 1,
         command: "eval pose",
-        data: evaluation.files.iter().map(|f| display_name(f)).collect(),
+        data: evaluation.files.iter().map(|f| json_lines::display_name(f)).collect(),
         seed: evaluation.seed,
         prior: evaluation.use_prior,
         fixed_hypotheses: only,
@@ -169,10 +170,6 @@ pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> R
         strangers: Vec::new(),
         map: None,
     })
-}
-
-fn display_name(path: &Path) -> String {
-    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
 }
 
 /// All rows: schemes, each with all ways of estimating, each with all hypotheses, each with all of gravity.

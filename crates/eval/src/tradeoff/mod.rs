@@ -15,7 +15,7 @@ mod table;
 mod variant;
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::prelude::*;
@@ -25,6 +25,7 @@ use veiloc_robust::PoseOptions;
 
 use crate::audit::{KeypointPicture, read_keypoints};
 use crate::error::EvalError;
+use crate::json_lines;
 use crate::metrics::Threshold;
 use crate::results::{QueryResult, summarize};
 use data::{Data, Query};
@@ -137,9 +138,7 @@ pub fn evaluate_tradeoff(
         variants.push(VariantFigures::of(variant, &data.queries, &attacked, &judged, &summary, &located));
     }
     progress.finish();
-    let name = |path: &Path| {
-        path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
-    };
+    let name = json_lines::display_name;
     Ok(TradeoffDocument {
         version: 1,
         command: "eval tradeoff",
