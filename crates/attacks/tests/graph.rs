@@ -37,7 +37,7 @@ fn attacked(sent: &[Observation], lists: &NeighbourLists, truth: &[Pixel]) -> (E
 #[test]
 fn half_lines_with_true_neighbours_hide_little() {
     let anchors = DualAnchors::vertical(640, 480);
-    for (truth, mean, median) in [(uniform(1500, 4), 4.0, 3.0), (crowds(1500, 5), 30.0, 20.0)] {
+    for (truth, mean, median) in [(uniform(1500, 4), 4.0, 3.0), (crowds(1500, 5), 6.0, 5.0)] {
         let sent = lift::dual_convergent(&truth, &anchors);
         let guess = ErrorSummary::of(&errors_px(prior_only(&sent, 640, 480), &truth));
         let (found, false_share) = attacked(&sent, &NeighbourLists::nearest(&truth, 20), &truth);
