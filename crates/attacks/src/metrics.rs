@@ -55,6 +55,12 @@ impl ErrorSummary {
     }
 }
 
+/// The middle value, of an even number the upper of the two, 0 of none: the median where a scale is wanted.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
 /// How many bits an attack tells about a keypoint beyond the prior-only guess, on average.
 ///
 /// The mean over keypoints of `log2(e_prior / e_attack)`, both errors held between 1 px (a keypoint is not known

@@ -5,6 +5,11 @@ use std::fmt::Write as _;
 /// Columns a terminal is sure to have room for.
 pub(crate) const WIDTH: usize = 120;
 
+/// A share of 1 as tables show it: percent with one decimal.
+pub(crate) fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
 /// A table being filled; all rows as long as the head.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct TextTable {

@@ -56,7 +56,7 @@ fn l1_a_line_tells_no_distance_from_its_anchor() {
     assert!(correlation(&sent).abs() < 0.06, "{}", correlation(&sent));
 
     // And there is nothing else in the message than anchor and angle: 13 bits a row, all of them accounted for.
-    assert_eq!(bytes_of_field(&query.encode(), 12).len(), 4096 * 13 / 8);
+    assert_eq!(common::bytes_of_field(&query.encode(), 12).len(), 4096 * 13 / 8);
     for ((anchor, angle), pixel) in angles(&query.observations()).iter().zip(&truth.pixels) {
         let anchor = Anchor::BOTH[*anchor];
         let dither = (0.71 / radius(*pixel)).min(1.0).asin();
@@ -365,30 +365,4 @@ fn l9_random_directions_owe_nothing_to_the_keypoint() {
 
 fn limits(max_keypoints: u32) -> veiloc_query::ExtractionLimits {
     veiloc_query::ExtractionLimits { max_keypoints, max_image_side: 1600 }
-}
-
-/// The content of a length-delimited field with a one-byte key.
-fn bytes_of_field(message: &[u8], field: u8) -> &[u8] {
-    let mut at = 0;
-    loop {
-        let (number, kind) = (message[at] >> 3, message[at] & 7);
-        at += 1;
-        if kind == 5 {
-            at += 4;
-            continue;
-        }
-        let (mut length, mut shift) = (0, 0);
-        loop {
-            length |= usize::from(message[at] & 0x7F) << shift;
-            at += 1;
-            shift += 7;
-            if message[at - 1] < 0x80 {
-                break;
-            }
-        }
-        if number == field {
-            return &message[at..at + length];
-        }
-        at += length;
-    }
 }

@@ -114,7 +114,7 @@ struct Message {
 impl Message {
     fn of(query: &SealedQuery, truth: &SealTruth) -> Self {
         let bytes = query.encode();
-        let (packed, descriptors) = (field(&bytes, 12), field(&bytes, 13));
+        let (packed, descriptors) = (common::bytes_of_field(&bytes, 12), common::bytes_of_field(&bytes, 13));
         let bit = |i: usize| u16::from(packed[i / 8] >> (7 - i % 8) & 1);
         let row = |r: usize| (0..13).fold(0, |code, i| code << 1 | bit(13 * r + i));
         let anchors = DualAnchors::vertical(640, 480);
@@ -169,32 +169,6 @@ impl Message {
             Row { measures, radius: self.radius[r] }
         };
         (0..n).map(row).collect()
-    }
-}
-
-/// Content of a length-delimited field.
-fn field(bytes: &[u8], number: u8) -> &[u8] {
-    let mut at = 0;
-    loop {
-        let (found, kind) = (bytes[at] >> 3, bytes[at] & 7);
-        at += 1;
-        if kind == 5 {
-            at += 4;
-            continue;
-        }
-        let (mut length, mut shift) = (0, 0);
-        loop {
-            length |= usize::from(bytes[at] & 0x7F) << shift;
-            shift += 7;
-            at += 1;
-            if bytes[at - 1] < 0x80 {
-                break;
-            }
-        }
-        if found == number {
-            return &bytes[at..at + length];
-        }
-        at += length;
     }
 }
 
@@ -305,7 +279,7 @@ fn the_head_of_a_message_knows_nothing_of_keypoints() {
         let features = features_at(pixels, seed);
         let query = seal_with_truth(features, &camera(), &profile("dcl"), &mut rng(seed)).expect("sealed").0;
         let bytes = query.encode();
-        let positions = field(&bytes, 12);
+        let positions = common::bytes_of_field(&bytes, 12);
         let end = bytes.windows(positions.len()).position(|w| w == positions).expect("a part of it");
         bytes[..end].to_vec()
     };

@@ -24,6 +24,7 @@ use veiloc_geometry::nalgebra::Vector2;
 
 use super::newton::{self, PairCost};
 use super::rail::{Rail, pixels, positions};
+use crate::metrics::median;
 use crate::neighbours::NeighbourLists;
 
 /// The cost of layouts, and what is estimated beside the positions.
@@ -114,7 +115,7 @@ impl<'a> ListLikelihood<'a> {
                 f64::midpoint(at(k - 1), at(k))
             })
             .collect();
-        let floor = 0.1 * median(&counted).max(1e-3);
+        let floor = 0.1 * median(counted.clone()).max(1e-3);
         for radius in &mut counted {
             *radius = radius.max(floor);
         }
@@ -142,7 +143,7 @@ impl<'a> ListLikelihood<'a> {
     }
 
     fn typical_radius(&self) -> f64 {
-        median(&self.radii).max(1.0)
+        median(self.radii.clone()).max(1.0)
     }
 
     /// `σ`, and `P`.
@@ -204,10 +205,4 @@ impl<'a> ListLikelihood<'a> {
             self.false_share = f64::midpoint(self.false_share, share).clamp(LEAST_FALSE, MOST_FALSE);
         }
     }
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }

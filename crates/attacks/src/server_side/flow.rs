@@ -3,6 +3,8 @@
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
+use crate::metrics::median;
+
 /// A keypoint of the map picture, and where it lies in the query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FlowVector {
@@ -126,11 +128,6 @@ impl AffineFit {
 
 fn median_vector(vectors: impl Iterator<Item = Vector2<f64>> + Clone) -> Vector2<f64> {
     Vector2::new(median(vectors.clone().map(|v| v.x).collect()), median(vectors.map(|v| v.y).collect()))
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::kind::AttackKind;
-use crate::text_table::TextTable;
+use crate::text_table::{TextTable, percent};
 
 /// The document that `veiloc attack --json` prints.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -98,7 +98,6 @@ pub fn attacks_table(document: &AttackDocument) -> String {
     let head =
         ["scheme", "attack", "corrupt", "mean px", "median", "< 5 px", "< 10 px", "< 30 px", "bits", "ms"];
     let mut table = TextTable::new(head, 2);
-    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     for a in &document.attacks {
         let corrupt = if a.corrupt > 0.0 { format!("{:.0} %", a.corrupt) } else { String::new() };
         let guess = a.attack == AttackKind::Prior.name();
@@ -124,7 +123,6 @@ pub fn attacks_table(document: &AttackDocument) -> String {
 
 /// What the server knew, in sentences.
 fn of_server(document: &AttackDocument) -> String {
-    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let one = |s: &ServerSummary| {
         format!(
             "\n{}: a pose for {} of {} pictures; the server knows {} of the keypoints (median error {:.1} px, {} under \

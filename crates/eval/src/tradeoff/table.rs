@@ -1,7 +1,7 @@
 //! The figures as two tables for people: what attackers get, and what localization keeps.
 
 use super::document::{AttackFigures, TradeoffDocument, VariantFigures};
-use crate::text_table::TextTable;
+use crate::text_table::{TextTable, percent};
 
 /// Privacy, then localization, a row a variant; the number is that of the plot.
 pub fn tradeoff_table(document: &TradeoffDocument) -> String {
@@ -74,8 +74,4 @@ fn columns(first: &[&str], attacks: &[&str]) -> Vec<String> {
 
 fn cell(v: &VariantFigures, attack: &str, of: impl Fn(&AttackFigures) -> Option<String>) -> String {
     v.attack(attack).and_then(of).unwrap_or_default()
-}
-
-fn percent(share: f64) -> String {
-    format!("{:.1} %", 100.0 * share)
 }

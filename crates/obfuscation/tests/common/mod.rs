@@ -72,3 +72,29 @@ pub(crate) fn angles(observations: &Observations) -> Vec<(usize, f64)> {
         other => panic!("{other:?} are not of dcl"),
     }
 }
+
+/// The content of a length-delimited field with a one-byte key.
+pub(crate) fn bytes_of_field(message: &[u8], field: u8) -> &[u8] {
+    let mut at = 0;
+    loop {
+        let (number, kind) = (message[at] >> 3, message[at] & 7);
+        at += 1;
+        if kind == 5 {
+            at += 4;
+            continue;
+        }
+        let (mut length, mut shift) = (0, 0);
+        loop {
+            length |= usize::from(message[at] & 0x7F) << shift;
+            at += 1;
+            shift += 7;
+            if message[at - 1] < 0x80 {
+                break;
+            }
+        }
+        if number == field {
+            return &message[at..at + length];
+        }
+        at += length;
+    }
+}

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use veiloc_attacks::network::{CurvePoint, TrainingOptions};
 
-use crate::text_table::TextTable;
+use crate::text_table::{TextTable, percent};
 
 /// The document that `veiloc train neighbours --json` writes.
 #[derive(Debug, Clone, Serialize)]
@@ -105,7 +105,6 @@ pub struct PrecisionRow {
 pub fn training_table(document: &TrainingDocument) -> String {
     let head = ["pictures", "predictor", "images", "at 5", "at 10", "at 20", "by lot"];
     let mut table = TextTable::new(head, 2);
-    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     for row in &document.precision {
         table.push(vec![
             row.pictures.to_owned(),
