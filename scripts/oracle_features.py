@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Our SIFT beside pycolmap's and OpenCV's: repeatability and matching score at an equal number of keypoints.
 
-Every extractor gets the same gray pictures (COLMAP's gray, saved as PNG) and keeps its own best N keypoints; all
+Every extractor gets the same gray images (COLMAP's gray, saved as PNG) and keeps its own best N keypoints; all
 descriptors are compared as RootSIFT. Two kinds of pairs:
 
-- a photograph and its warp by a known homography (rotation by 30 degrees, scale 0.7, perspective, a change of light
-  with noise). Repeatable: the share of keypoints, among those that the warp leaves inside the picture, with a keypoint
-  of the other picture within 1.5 px of where they go. Correct: a mutual nearest neighbour within 3 px.
+- an image and its warp by a known homography (rotation by 30 degrees, scale 0.7, perspective, a change of light
+  with noise). Repeatable: the share of keypoints, among those that the warp leaves inside the image, with a keypoint
+  of the other image within 1.5 px of where they go. Correct: a mutual nearest neighbour within 3 px.
 - two photographs with known poses. Correct: a mutual nearest neighbour within 2 px of its epipolar line in both.
 
 `score` is the share of mutual nearest neighbours that are correct, `correct` their number per pair.
@@ -15,7 +15,7 @@ descriptors are compared as RootSIFT. Two kinds of pairs:
     python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
     .venv/bin/python scripts/oracle_features.py --extract target/release/examples/extract --data $VEILOC_DATA
 
-With `--fixture crates/features/tests/data` it writes instead a small drawn picture and what pycolmap and OpenCV find in
+With `--fixture crates/features/tests/data` it writes instead a small drawn image and what pycolmap and OpenCV find in
 it, which crates/features/tests/oracle.rs compares with.
 """
 
@@ -33,7 +33,7 @@ CORRECT_PX = 3.0
 EPIPOLAR_PX = 2.0
 
 
-# Extractors: gray uint8 picture -> (keypoints [N, 4]: u, v, scale, orientation; descriptors [N, 128] float).
+# Extractors: gray uint8 image -> (keypoints [N, 4]: u, v, scale, orientation; descriptors [N, 128] float).
 
 
 class Colmap:
@@ -79,10 +79,10 @@ class Ours:
 
     def __call__(self, gray):
         with tempfile.TemporaryDirectory() as folder:
-            picture, out = f"{folder}/gray.png", f"{folder}/features.bin"
-            cv2.imwrite(picture, gray, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            image, out = f"{folder}/gray.png", f"{folder}/features.bin"
+            cv2.imwrite(image, gray, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             budget = str(100000 if self.rank else self.budget)
-            subprocess.run([self.binary, "--max", budget, *self.extra, picture, out], check=True)
+            subprocess.run([self.binary, "--max", budget, *self.extra, image, out], check=True)
             keypoints, descriptors = read_raw(out)
         if self.rank:
             order = np.argsort(-self.rank(keypoints), kind="stable")[: self.budget]
@@ -100,7 +100,7 @@ def read_raw(path):
     )
 
 
-# Pictures.
+# Images.
 
 
 def colmap_gray(path):
@@ -108,7 +108,7 @@ def colmap_gray(path):
 
 
 def warps(width, height):
-    """name -> (homography in COLMAP pixels, size of the warped picture, light)."""
+    """name -> (homography in COLMAP pixels, size of the warped image, light)."""
     centre = np.array([[1, 0, -width / 2], [0, 1, -height / 2], [0, 0, 1.0]])
     back = np.linalg.inv(centre)
     c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
@@ -122,7 +122,7 @@ def warps(width, height):
 
 
 def warp(gray, homography, size, light):
-    """The warped picture. Sampled four times as densely, then averaged, so that shrinking does not alias."""
+    """The warped image. Sampled four times as densely, then averaged, so that shrinking does not alias."""
     half = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])  # COLMAP's pixels to OpenCV's
     dense = half @ np.diag([4.0, 4.0, 1.0]) @ homography @ np.linalg.inv(half)
     out = cv2.warpPerspective(
@@ -183,7 +183,7 @@ def undistorted(points, camera):
 
 
 def epipolar_error(points_a, points_b, pose_a, pose_b):
-    """Larger distance of the two to the epipolar line of the other, pixels (of the undistorted pictures)."""
+    """Larger distance of the two to the epipolar line of the other, pixels (of the undistorted images)."""
     (ra, ta, camera_a), (rb, tb, camera_b) = pose_a, pose_b
     r = rb @ ra.T
     t = tb - r @ ta
@@ -303,29 +303,29 @@ def print_table(table):
 # Reference files of the Rust tests.
 
 
-def drawn_picture():
+def drawn_image():
     """Discs, squares and lines of random gray on smooth noise, 240 x 180."""
     rng = np.random.default_rng(7)
     height, width, dense = 180, 240, 4
-    picture = cv2.resize(rng.uniform(60, 190, (12, 16)), (width * dense, height * dense), interpolation=cv2.INTER_CUBIC)
+    image = cv2.resize(rng.uniform(60, 190, (12, 16)), (width * dense, height * dense), interpolation=cv2.INTER_CUBIC)
     for i in range(90):
         x, y = int(rng.uniform(0, width * dense)), int(rng.uniform(0, height * dense))
         size, gray = int(rng.uniform(2, 14) * dense), rng.uniform(0, 255)
         if i % 3 == 0:
-            cv2.circle(picture, (x, y), size, gray, -1)
+            cv2.circle(image, (x, y), size, gray, -1)
         elif i % 3 == 1:
             box = cv2.boxPoints(((x, y), (2 * size, size), rng.uniform(0, 90)))
-            cv2.fillPoly(picture, [box.round().astype(np.int32)], gray)
+            cv2.fillPoly(image, [box.round().astype(np.int32)], gray)
         else:
             x2, y2 = x + int(rng.uniform(-40, 40) * dense), y + int(rng.uniform(-40, 40) * dense)
-            cv2.line(picture, (x, y), (x2, y2), gray, size // 2)
-    picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-    picture = cv2.GaussianBlur(picture, (0, 0), 0.5) + rng.normal(0, 1.5, (height, width))
-    return np.clip(np.round(picture), 0, 255).astype(np.uint8)
+            cv2.line(image, (x, y), (x2, y2), gray, size // 2)
+    image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    image = cv2.GaussianBlur(image, (0, 0), 0.5) + rng.normal(0, 1.5, (height, width))
+    return np.clip(np.round(image), 0, 255).astype(np.uint8)
 
 
 def write_fixture(folder):
-    gray = drawn_picture()
+    gray = drawn_image()
     cv2.imwrite(str(folder / "drawn.png"), gray, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     for extractor in [Colmap(300), OpenCv(300)]:
         keypoints, descriptors = extractor(gray)

@@ -27,8 +27,8 @@ each_file() {
 place() {
     echo "--posed $VEILOC_DATA/$1/posed --images $VEILOC_DATA/$1/images --map-list $VEILOC_DATA/$1/map.txt --query-list $VEILOC_DATA/$1/query.txt"
 }
-strangers() {
-    echo "--strangers-posed $VEILOC_DATA/$1/posed --strangers-images $VEILOC_DATA/$1/images --strangers-list $VEILOC_DATA/$1/$2"
+negatives() {
+    echo "--negatives-posed $VEILOC_DATA/$1/posed --negatives-images $VEILOC_DATA/$1/images --negatives-list $VEILOC_DATA/$1/$2"
 }
 
 for part in $parts; do
@@ -54,9 +54,9 @@ for part in $parts; do
         echo "# Queries of another place"
         # Names hold no spaces here, so that words may be split.
         # shellcheck disable=SC2046
-        veiloc eval scene $(place redkitchen) $(strangers herzjesu map.txt) --thresholds 0.05/5
+        veiloc eval scene $(place redkitchen) $(negatives herzjesu map.txt) --thresholds 0.05/5
         # shellcheck disable=SC2046
-        veiloc eval scene $(place herzjesu) $(strangers redkitchen map.txt) --thresholds 0.1/1
+        veiloc eval scene $(place herzjesu) $(negatives redkitchen map.txt) --thresholds 0.1/1
         ;;
     *)
         echo "no part is called $part" >&2

@@ -4,7 +4,7 @@
     cargo build --release
     VEILOC_DATA=../shared/data scripts/service_robustness.py [--requests 1000] [--kills 60]
 
-The map is redkitchen's, the query a photograph that it does not hold. Every kill is SIGKILL: the process gets no chance
+The map is redkitchen's, the query an image that it does not hold. Every kill is SIGKILL: the process gets no chance
 to tidy up. What must hold afterwards is checked, and a violation ends the script with status 1.
 """
 

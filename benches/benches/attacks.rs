@@ -1,4 +1,4 @@
-//! The geometry-recovery attack on one picture: 2000 keypoints, 20 neighbours each; beside the closed form the same
+//! The geometry-recovery attack on one image: 2000 keypoints, 20 neighbours each; beside the closed form the same
 //! minimum found as one would write Eq. 3 down: a small least-squares problem a keypoint, solved by singular values.
 #![allow(missing_docs, reason = "a bench has no readers of its interface")]
 
@@ -16,7 +16,7 @@ fn main() {
 
 const SCHEMES: [&str; 3] = ["random-lines", "coordinate-permutation", "dcl"];
 
-fn picture() -> (Vec<Pixel>, NeighbourLists) {
+fn image() -> (Vec<Pixel>, NeighbourLists) {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let keypoints: Vec<Pixel> =
         (0..2000).map(|_| Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0))).collect();
@@ -35,7 +35,7 @@ fn sent(scheme: &str, keypoints: &[Pixel]) -> Vec<Observation> {
 
 #[divan::bench(args = SCHEMES)]
 fn recovery_closed_form(bencher: Bencher, scheme: &str) {
-    let (keypoints, lists) = picture();
+    let (keypoints, lists) = image();
     let sent = sent(scheme, &keypoints);
     bencher.bench(|| closed_form(&sent, &lists, 640, 480, &ClosedFormOptions::default()));
 }
@@ -68,7 +68,7 @@ fn by_least_squares(sent: &[Observation], lists: &NeighbourLists) -> Vec<Pixel> 
 
 #[divan::bench(args = ["random-lines", "dcl"])]
 fn recovery_least_squares(bencher: Bencher, scheme: &str) {
-    let (keypoints, lists) = picture();
+    let (keypoints, lists) = image();
     let sent = sent(scheme, &keypoints);
     // The rival must answer the same question: most answers are the closed form's, to a tenth of a pixel.
     let ours = closed_form(&sent, &lists, 640, 480, &ClosedFormOptions::default()).expect("lists fit");
@@ -80,13 +80,13 @@ fn recovery_least_squares(bencher: Bencher, scheme: &str) {
 
 #[divan::bench(args = SCHEMES)]
 fn guess_prior_only(bencher: Bencher, scheme: &str) {
-    let (keypoints, _) = picture();
+    let (keypoints, _) = image();
     let sent = sent(scheme, &keypoints);
     bencher.bench(|| prior_only(&sent, 640, 480));
 }
 
 #[divan::bench]
 fn neighbours_of_an_oracle(bencher: Bencher) {
-    let (keypoints, _) = picture();
+    let (keypoints, _) = image();
     bencher.bench(|| NeighbourLists::nearest(&keypoints, 20));
 }

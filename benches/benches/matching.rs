@@ -93,9 +93,9 @@ fn all_threads() -> usize {
     two_nearest(QUERY.view(), DATABASE.view()).len()
 }
 
-/// One direction, then both from one pass, with all threads, for one retrieved picture (1024 x 2000).
+/// One direction, then both from one pass, with all threads, for one retrieved image (1024 x 2000).
 #[divan::bench(args = [false, true])]
-fn one_picture(bencher: Bencher<'_, '_>, mutual: bool) {
+fn one_image(bencher: Bencher<'_, '_>, mutual: bool) {
     let options = MatchOptions::default().with_mutual(mutual);
     bencher.bench(|| match_descriptors(QUERY.view(), DATABASE.view().rows(0..2000), &options));
 }

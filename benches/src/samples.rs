@@ -12,10 +12,10 @@ use veiloc_geometry::{
 };
 use veiloc_solvers::HalfLine;
 
-/// How the map points and the picture lie.
+/// How the map points and the image lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Layout {
-    /// Anywhere in the picture, any depth.
+    /// Anywhere in the image, any depth.
     General,
     /// Within a thousandth of a unit of one slanted plane.
     NearPlanar,

@@ -19,17 +19,17 @@
 //! # Variants
 //! An attacker who knows the scheme would not stop at the paper's recipe; [`ClosedFormOptions`] says what is tried:
 //! half-lines or segments in place of infinite lines (more breakpoints, solved by the same sweep), answers held
-//! inside the picture, neighbours of the other anchor only, and a filter for falsely predicted neighbours. A
+//! inside the image, neighbours of the other anchor only, and a filter for falsely predicted neighbours. A
 //! neighbour whose position is known counts by its distance as a point (the paper's server-side attack).
 //!
 //! # Singular cases
 //! - All neighbours share the target's anchor: every `t_ij` is the anchor, so the answer is the anchor, exactly
 //!   (half-lines are measured from it, hence `β_j = 0`). The paper's mode 1.
 //! - All neighbours are parallel to the target (or there are none): every point is as good. The answer is the anchor
-//!   of a half-line and the middle of a line's part in the picture, with `determined: false`. Under
+//!   of a half-line and the middle of a line's part in the image, with `determined: false`. Under
 //!   [`ClosedFormOptions::other_anchor_only`] the answer is then the guess that uses no neighbours.
 //! - Neighbours nearly parallel: the answer is far away and unstable, as the mathematics says (the paper's mode 2),
-//!   often outside the picture, unless [`Reach::Picture`] holds it inside.
+//!   often outside the image, unless [`Reach::Image`] holds it inside.
 
 mod along;
 mod consensus;
@@ -47,12 +47,12 @@ use along::{Pieces, Place, Quadratic};
 /// Where the answer may lie.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Reach {
-    /// Anywhere on the line, also outside the picture and behind the anchor: the paper's attack.
+    /// Anywhere on the line, also outside the image and behind the anchor: the paper's attack.
     #[default]
     WholeLine,
-    /// On the part in the picture, and before the anchor. `f` is minimised there exactly. A stronger attacker, who
-    /// knows the picture's size and the scheme.
-    Picture,
+    /// On the part in the image, and before the anchor. `f` is minimised there exactly. A stronger attacker, who
+    /// knows the image's size and the scheme.
+    Image,
 }
 
 /// What of a neighbour's line counts.
@@ -63,8 +63,8 @@ pub enum Extent {
     Line,
     /// The half-line, where the neighbour has one.
     HalfLine,
-    /// The part in the picture. Of two alternative lines the whole: those of coordinate permutation are parallel to
-    /// the picture's sides, so for answers inside the picture that is the same.
+    /// The part in the image. Of two alternative lines the whole: those of coordinate permutation are parallel to
+    /// the image's sides, so for answers inside the image that is the same.
     Segment,
 }
 
@@ -85,14 +85,14 @@ pub struct ClosedFormOptions {
 }
 
 impl ClosedFormOptions {
-    /// The attack whose answers stay in the picture.
-    pub const fn in_picture() -> Self {
-        Self { reach: Reach::Picture, extent: Extent::Line, other_anchor_only: false, consensus_px: None }
+    /// The attack whose answers stay in the image.
+    pub const fn in_image() -> Self {
+        Self { reach: Reach::Image, extent: Extent::Line, other_anchor_only: false, consensus_px: None }
     }
 
-    /// In the picture, with the parts of the lines in the picture, from neighbours of the other anchor only.
+    /// In the image, with the parts of the lines in the image, from neighbours of the other anchor only.
     pub const fn informed() -> Self {
-        Self { reach: Reach::Picture, extent: Extent::Segment, other_anchor_only: true, consensus_px: None }
+        Self { reach: Reach::Image, extent: Extent::Segment, other_anchor_only: true, consensus_px: None }
     }
 
     /// The same with falsely predicted neighbours filtered out: those farther than `px` pixels from the consensus.
@@ -106,7 +106,7 @@ impl ClosedFormOptions {
 /// An attacker's answer for one keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Recovered {
-    /// The position, pixels; possibly outside the picture.
+    /// The position, pixels; possibly outside the image.
     pub pixel: Pixel,
     /// `f` there, squared pixels, summed over the neighbours that counted.
     pub cost: f64,
@@ -116,7 +116,7 @@ pub struct Recovered {
 
 /// Recovers each keypoint from its own observation and those of its neighbours (module docs).
 ///
-/// `width`, `height`: the picture, pixels. One answer per observation, the same for any number of threads. The
+/// `width`, `height`: the image, pixels. One answer per observation, the same for any number of threads. The
 /// answer for a known position is that position.
 ///
 /// # Errors
@@ -176,8 +176,8 @@ impl Sweep {
     ) -> Recovered {
         let limits = match options.reach {
             Reach::WholeLine => (f64::NEG_INFINITY, f64::INFINITY),
-            Reach::Picture if segment.is_empty() => (0.0, 0.0),
-            Reach::Picture => (segment.near, segment.far),
+            Reach::Image if segment.is_empty() => (0.0, 0.0),
+            Reach::Image => (segment.near, segment.far),
         };
         let counts = |j: &u32| !(options.other_anchor_only && places[*j as usize].shares_anchor(segment));
         let filtered;
@@ -242,7 +242,7 @@ fn minimum(
     if sum.a > PARALLEL * neighbours.max(1) as f64 {
         return ((-sum.b / sum.a).max(piece.0).min(piece.1), true);
     }
-    // Flat: the anchor of a half-line, otherwise the middle of what is in the picture.
+    // Flat: the anchor of a half-line, otherwise the middle of what is in the image.
     let t = if segment.radial {
         if options.other_anchor_only { segment.expected() } else { 0.0 }
     } else if segment.is_empty() {

@@ -1,8 +1,8 @@
-//! Where keypoints usually are: a prior learned from other pictures.
+//! Where keypoints usually are: a prior learned from other images.
 //!
-//! Keypoints are not spread evenly: skies and floors have few. An attacker who has seen other pictures knows, and
+//! Keypoints are not spread evenly: skies and floors have few. An attacker who has seen other images knows, and
 //! the guess along a segment is then the expected position under that density (times `r` for half-lines, whose
-//! wedges widen; see [`crate::prior_only`]). Positions are counted in shares of width and height, so that pictures
+//! wedges widen; see [`crate::prior_only`]). Positions are counted in shares of width and height, so that images
 //! of different size teach each other.
 
 use veiloc_geometry::Pixel;
@@ -17,7 +17,7 @@ const SMOOTHING: f64 = 1.5;
 /// Points of a segment at which the density is asked.
 const SAMPLES: usize = 256;
 
-/// Counts of keypoints by place in the picture. Add those of many pictures; take one out to attack it.
+/// Counts of keypoints by place in the image. Add those of many images; take one out to attack it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaceCounts {
     cells: Vec<f64>,
@@ -30,7 +30,7 @@ impl Default for PlaceCounts {
 }
 
 impl PlaceCounts {
-    /// Of one picture's keypoints; those outside it do not count.
+    /// Of one image's keypoints; those outside it do not count.
     pub fn of(keypoints: &[Pixel], width: u32, height: u32) -> Self {
         let mut counts = Self::default();
         for p in keypoints {
@@ -42,12 +42,12 @@ impl PlaceCounts {
         counts
     }
 
-    /// Adds another picture's.
+    /// Adds another image's.
     pub fn add(&mut self, other: &Self) {
         self.cells.iter_mut().zip(&other.cells).for_each(|(a, b)| *a += b);
     }
 
-    /// Takes a picture out that was added.
+    /// Takes an image out that was added.
     pub fn subtract(&mut self, other: &Self) {
         self.cells.iter_mut().zip(&other.cells).for_each(|(a, b)| *a = (*a - b).max(0.0));
     }
@@ -88,7 +88,7 @@ fn smoothed(cells: &[f64], columns: usize, rows: usize) -> Vec<f64> {
     out
 }
 
-/// How likely a keypoint is by place in the picture.
+/// How likely a keypoint is by place in the image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Density {
     cells: Vec<f64>,

@@ -79,7 +79,7 @@ pub enum AttackError {
         /// How many there are.
         frames: usize,
     },
-    /// The training pictures hold no two keypoints that are neighbours.
-    #[error("the training pictures hold no pair of neighbours")]
+    /// The training images hold no two keypoints that are neighbours.
+    #[error("the training images hold no pair of neighbours")]
     NothingToLearn,
 }

@@ -1,11 +1,11 @@
-//! What an attacker who holds no position of the query has of it, and what he has of pictures he knows.
+//! What an attacker who holds no position of the query has of it, and what he has of images he knows.
 
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::DMatrix;
 
 use crate::error::AttackError;
 
-/// Descriptors of one picture, as they are sent beside the lines.
+/// Descriptors of one image, as they are sent beside the lines.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descriptors {
     /// `[dimension, N]`: one unit column a keypoint; a column of zeros stays zero.
@@ -52,7 +52,7 @@ impl Descriptors {
         self.columns.transpose() * &query.columns
     }
 
-    /// The columns with the picture's mean taken off: what tells keypoints of one picture apart.
+    /// The columns with the image's mean taken off: what tells keypoints of one image apart.
     pub(crate) fn centered(&self) -> DMatrix<f32> {
         let mut columns = self.columns.clone();
         if !self.is_empty() {
@@ -63,16 +63,16 @@ impl Descriptors {
     }
 }
 
-/// A picture of which the attacker knows everything: one to learn from, or one of the map.
+/// An image of which the attacker knows everything: one to learn from, or one of the map.
 #[derive(Debug, Clone, PartialEq)]
-pub struct KnownPicture {
+pub struct KnownImage {
     keypoints: Vec<Pixel>,
     descriptors: Descriptors,
     size: [u32; 2],
 }
 
-impl KnownPicture {
-    /// Keypoints `[N]` in pixels, their descriptors, and the picture's size in pixels.
+impl KnownImage {
+    /// Keypoints `[N]` in pixels, their descriptors, and the image's size in pixels.
     ///
     /// # Errors
     /// [`AttackError::DescriptorCount`] when there is not one descriptor per keypoint.
@@ -100,7 +100,7 @@ impl KnownPicture {
         &self.keypoints
     }
 
-    /// A keypoint's place in a picture of another size.
+    /// A keypoint's place in an image of another size.
     pub(crate) fn scaled(&self, keypoint: usize, width: u32, height: u32) -> Pixel {
         let p = self.keypoints[keypoint];
         let scale = |x: f64, to: u32, from: u32| x * f64::from(to) / f64::from(from.max(1));

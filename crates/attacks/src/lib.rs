@@ -7,10 +7,10 @@
 //! - [`graph`](graph()): the layout of the whole graph of neighbours with each keypoint on its line. Far stronger:
 //!   with true neighbours it recovers half-lines to a pixel or two where [`closed_form`] errs by hundreds;
 //! - [`prior_only`]: the best guess that uses no neighbours at all, and [`Density::guess`], the same with a density
-//!   of keypoints learned from other pictures;
+//!   of keypoints learned from other images;
 //! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's; with the feature
-//!   `network` also the module `network`, a trained attention network over all descriptors of a picture;
-//! - [`transfer`](transfer()): positions and neighbours taken over from map pictures with similar descriptors;
+//!   `network` also the module `network`, a trained attention network over all descriptors of an image;
+//! - [`transfer`](transfer()): positions and neighbours taken over from map images with similar descriptors;
 //! - [`server_side()`], [`iterative`], [`guided_transfer`]: what a server can do that has found the pose, and so
 //!   knows the keypoints that matched its map;
 //! - [`several_frames`]: several queries of one place triangulated from their lines.
@@ -57,7 +57,7 @@ mod transfer;
 pub use closed_form::{ClosedFormOptions, Extent, Reach, Recovered, closed_form};
 pub use density::{Density, PlaceCounts};
 pub use error::AttackError;
-pub use features::{Descriptors, KnownPicture};
+pub use features::{Descriptors, KnownImage};
 pub use frames::{Frame, FramesOptions, Sighted, mutual_matches, several_frames};
 pub use graph::{GraphAnswer, GraphOptions, graph};
 pub use metrics::{ErrorSummary, bits_over_prior, errors_px};

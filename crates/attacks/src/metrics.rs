@@ -19,7 +19,7 @@ pub fn errors_px(recovered: impl IntoIterator<Item = Pixel>, truth: &[Pixel]) ->
 pub struct ErrorSummary {
     /// How many keypoints.
     pub count: usize,
-    /// Mean error, pixels. NaN without keypoints. One answer far outside the picture can dominate it.
+    /// Mean error, pixels. NaN without keypoints. One answer far outside the image can dominate it.
     pub mean_px: f64,
     /// Median error, pixels. NaN without keypoints.
     pub median_px: f64,
@@ -61,10 +61,10 @@ pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// How many bits an attack tells about a keypoint beyond the prior-only guess, on average.
+/// How many bits an attack tells about a keypoint beyond the prior guess, on average.
 ///
 /// The mean over keypoints of `log2(e_prior / e_attack)`, both errors held between 1 px (a keypoint is not known
-/// better than that) and the picture's diagonal (nobody need answer outside the picture). One bit means that the
+/// better than that) and the image's diagonal (nobody need answer outside the image). One bit means that the
 /// attack has halved the error of the guess; 0 that it knows nothing new; below 0 that it did worse than guessing.
 /// NaN without keypoints.
 pub fn bits_over_prior(attack_errors: &[f64], prior_errors: &[f64], width: u32, height: u32) -> f64 {

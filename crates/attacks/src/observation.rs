@@ -13,7 +13,7 @@ pub enum Observation {
     HalfLine {
         /// Where it starts, pixels.
         anchor: Pixel,
-        /// Its unit direction, away from the anchor, into the anchor's side of the picture.
+        /// Its unit direction, away from the anchor, into the anchor's side of the image.
         direction: Vector2<f64>,
     },
     /// The keypoint lies on one of these two lines: coordinate permutation, where a sent position `(u, v)` has

@@ -1,6 +1,6 @@
 //! Neighbours predicted from descriptors, without any position: a statistic of which descriptors occur side by side.
 //!
-//! The descriptors `x`, `y` of two keypoints of one picture, the picture's mean taken off, are taken to be jointly
+//! The descriptors `x`, `y` of two keypoints of one image, the image's mean taken off, are taken to be jointly
 //! normal with the same covariance each; for spatial neighbours they are correlated, for other pairs not. In the
 //! coordinates of canonical correlation analysis (covariance the identity, cross-covariance diagonal) the logarithm
 //! of the likelihood ratio is
@@ -10,16 +10,16 @@
 //! ```
 //!
 //! and the most likely neighbours of a keypoint are those where it is greatest. Everything is in closed form: two
-//! second moments of the training pictures and two eigendecompositions.
+//! second moments of the training images and two eigendecompositions.
 
 use veiloc_geometry::nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use crate::error::AttackError;
-use crate::features::{Descriptors, KnownPicture};
+use crate::features::{Descriptors, KnownImage};
 use crate::neighbours::NeighbourLists;
 use crate::ranking::likeliest_pairs;
 
-/// Directions of descriptor space that are kept. Twice as many gain hardly anything on held-out pictures.
+/// Directions of descriptor space that are kept. Twice as many gain hardly anything on held-out images.
 const DIRECTIONS: usize = 64;
 /// Added to the variances, of unit descriptors; keeps directions without variance from being blown up.
 const FLOOR: f64 = 1e-6;
@@ -29,28 +29,28 @@ const LARGEST_CORRELATION: f64 = 0.99;
 /// Says from descriptors alone which keypoints are likely neighbours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NeighbourPredictor {
-    /// `[dimension, directions]`: canonical coordinates of a descriptor with the picture's mean taken off.
+    /// `[dimension, directions]`: canonical coordinates of a descriptor with the image's mean taken off.
     canonical: DMatrix<f32>,
     /// `[directions]`: correlation of neighbours along each.
     correlations: DVector<f32>,
 }
 
 impl NeighbourPredictor {
-    /// Learns from pictures with known positions: the `k` nearest keypoints of each are its neighbours.
+    /// Learns from images with known positions: the `k` nearest keypoints of each are its neighbours.
     ///
     /// # Errors
-    /// [`AttackError::NothingToLearn`] when no keypoint has a neighbour, [`AttackError::Dimensions`] when pictures have
+    /// [`AttackError::NothingToLearn`] when no keypoint has a neighbour, [`AttackError::Dimensions`] when images have
     /// descriptors of different dimension.
-    pub fn fit(pictures: &[KnownPicture], k: usize) -> Result<Self, AttackError> {
-        let dimension = pictures.first().map_or(0, |p| p.descriptors().columns().nrows());
+    pub fn fit(images: &[KnownImage], k: usize) -> Result<Self, AttackError> {
+        let dimension = images.first().map_or(0, |p| p.descriptors().columns().nrows());
         let mut covariance = DMatrix::<f64>::zeros(dimension, dimension);
         let mut keypoints = 0.0;
-        for picture in pictures {
-            let other = picture.descriptors().columns().nrows();
+        for image in images {
+            let other = image.descriptors().columns().nrows();
             if other != dimension {
                 return Err(AttackError::Dimensions { expected: dimension, found: other });
             }
-            let x = picture.descriptors().centered();
+            let x = image.descriptors().centered();
             covariance += (&x * x.transpose()).cast::<f64>();
             keypoints += x.ncols() as f64;
         }
@@ -59,9 +59,9 @@ impl NeighbourPredictor {
         let directions = whitening.ncols();
         let mut cross = DMatrix::<f64>::zeros(directions, directions);
         let mut pairs = 0.0;
-        for picture in pictures {
-            let x = whitening.tr_mul(&picture.descriptors().centered());
-            let near = NeighbourLists::nearest(picture.keypoints(), k);
+        for image in images {
+            let x = whitening.tr_mul(&image.descriptors().centered());
+            let near = NeighbourLists::nearest(image.keypoints(), k);
             let mut sums = DMatrix::<f32>::zeros(directions, x.ncols());
             for (i, mut sum) in sums.column_iter_mut().enumerate() {
                 for &j in near.of(i) {

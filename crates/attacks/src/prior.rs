@@ -1,11 +1,11 @@
 //! What is known of a keypoint before any neighbour is asked: a piece of a line, and where on it to bet.
 //!
-//! Keypoints are taken to be spread evenly over the picture. The bet is the expected position given what was sent,
+//! Keypoints are taken to be spread evenly over the image. The bet is the expected position given what was sent,
 //! which has the smallest mean squared error of all bets.
 //! - **Line in a random direction:** every keypoint on it is as likely, the direction having been drawn without
-//!   looking: uniform along the chord in the picture, so the chord's middle.
+//!   looking: uniform along the chord in the image, so the chord's middle.
 //! - **Half-line from an anchor:** a wedge of angle `dφ` holds the area `r dr dφ` at distance `r`, so far keypoints
-//!   are likelier in proportion to `r`; between the distances `a` and `b` where the half-line is in the picture the
+//!   are likelier in proportion to `r`; between the distances `a` and `b` where the half-line is in the image the
 //!   expected distance is `⅔ (b³ − a³)/(b² − a²)`. The half-line is on its anchor's own side by construction.
 //! - **Either of two lines:** the mean of what each would say, both being as likely.
 //! - **Known position:** itself.
@@ -15,14 +15,14 @@ use veiloc_geometry::{Pixel, PixelLine};
 
 use crate::observation::Observation;
 
-/// The part of a line or half-line that lies in the picture: `origin + t · direction`, `near ≤ t ≤ far`, pixels.
+/// The part of a line or half-line that lies in the image: `origin + t · direction`, `near ≤ t ≤ far`, pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownSegment {
-    /// The anchor of a half-line; of a line, its point nearest to the picture's centre.
+    /// The anchor of a half-line; of a line, its point nearest to the image's centre.
     pub origin: Pixel,
     /// Unit direction; zero for a known position.
     pub direction: Vector2<f64>,
-    /// Where the picture begins. `near > far` when the line misses the picture.
+    /// Where the image begins. `near > far` when the line misses the image.
     pub near: f64,
     /// Where it ends.
     pub far: f64,
@@ -83,13 +83,13 @@ impl KnownSegment {
         Pixel::new(self.origin.u + t * self.direction.x, self.origin.v + t * self.direction.y)
     }
 
-    /// True when the line does not meet the picture.
+    /// True when the line does not meet the image.
     pub fn is_empty(&self) -> bool {
         // Written so that NaN is empty.
         !(self.near <= self.far && self.near.is_finite() && self.far.is_finite())
     }
 
-    /// The expected distance from the origin; 0 when the line misses the picture.
+    /// The expected distance from the origin; 0 when the line misses the image.
     pub fn expected(&self) -> f64 {
         if self.is_empty() {
             return 0.0;
@@ -105,7 +105,7 @@ impl KnownSegment {
 
 /// The expected position of each keypoint when nothing is known but its own observation (module docs).
 ///
-/// `width`, `height`: the picture, pixels. A line that misses the picture answers its point nearest to the centre,
+/// `width`, `height`: the image, pixels. A line that misses the image answers its point nearest to the centre,
 /// a half-line its anchor.
 pub fn prior_only(observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
     observations

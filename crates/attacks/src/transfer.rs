@@ -1,29 +1,29 @@
-//! Positions transferred from pictures the attacker knows: a server holds the features of its map.
+//! Positions transferred from images the attacker knows: a server holds the features of its map.
 //!
 //! Descriptors are sent as they are, so a server matches them; each match brings the position of a keypoint in a map
-//! picture, and a map picture taken from nearly the same place has it at nearly the same position. That position,
+//! image, and a map image taken from nearly the same place has it at nearly the same position. That position,
 //! projected on the known segment, is an attack by itself ([`Transfer::projected`]); and keypoints near each other
-//! in the map picture are predicted neighbours ([`Transfer::neighbours`]) for every attack that asks for some.
+//! in the map image are predicted neighbours ([`Transfer::neighbours`]) for every attack that asks for some.
 
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;
 
 use crate::error::AttackError;
-use crate::features::{Descriptors, KnownPicture};
+use crate::features::{Descriptors, KnownImage};
 use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 use crate::prior::{KnownSegment, prior_only};
 
-/// What map pictures tell about a query.
+/// What map images tell about a query.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transfer {
     /// `[N]`: where the best match of each keypoint lies, in pixels of the query; `None` without a map.
     pub positions: Vec<Option<Pixel>>,
-    /// `[N]`: the keypoints whose mutual matches lie nearest to it in the same map picture, nearest first.
+    /// `[N]`: the keypoints whose mutual matches lie nearest to it in the same map image, nearest first.
     pub neighbours: NeighbourLists,
 }
 
-/// The best match of each query keypoint in one picture, and who is each other's best.
+/// The best match of each query keypoint in one image, and who is each other's best.
 struct Matches {
     /// `[N]`: similarity and map keypoint.
     best: Vec<(f32, usize)>,
@@ -31,32 +31,32 @@ struct Matches {
     mutual: Vec<bool>,
 }
 
-/// Matches a query's descriptors against map pictures and transfers positions and neighbours.
+/// Matches a query's descriptors against map images and transfers positions and neighbours.
 ///
-/// Of `map` only the `pictures` with most mutual matches are used. `width`, `height`: the query picture, pixels.
-/// A keypoint takes its most similar mutual match of all those pictures, or without any the most similar match.
+/// Of `map` only the `images` with most mutual matches are used. `width`, `height`: the query image, pixels.
+/// A keypoint takes its most similar mutual match of all those images, or without any the most similar match.
 ///
 /// # Errors
-/// [`AttackError::Dimensions`] when a map picture has descriptors of another dimension.
+/// [`AttackError::Dimensions`] when a map image has descriptors of another dimension.
 pub fn transfer(
     query: &Descriptors,
-    map: &[KnownPicture],
+    map: &[KnownImage],
     (width, height): (u32, u32),
-    pictures: usize,
+    images: usize,
     k: usize,
 ) -> Result<Transfer, AttackError> {
     let expected = query.columns().nrows();
     if let Some(bad) = map.iter().find(|p| p.descriptors().columns().nrows() != expected) {
         return Err(AttackError::Dimensions { expected, found: bad.descriptors().columns().nrows() });
     }
-    let mut matched: Vec<(&KnownPicture, Matches)> = map
+    let mut matched: Vec<(&KnownImage, Matches)> = map
         .par_iter()
         .filter(|p| !p.descriptors().is_empty())
         .map(|p| (p, Matches::of(query, p.descriptors())))
         .collect();
     // Stable: equal counts stay in the order of the map.
     matched.sort_by_key(|(_, m)| std::cmp::Reverse(m.mutual.iter().filter(|m| **m).count()));
-    matched.truncate(pictures);
+    matched.truncate(images);
 
     let anchors: Vec<Vec<(Pixel, u32)>> = matched.iter().map(|(p, m)| m.anchors(p)).collect();
     let found: Vec<(Option<Pixel>, Vec<u32>)> = (0..query.len())
@@ -68,10 +68,10 @@ pub fn transfer(
                 if y.0.cmp(&x.0).then(y.1.total_cmp(&x.1)).is_gt() { b } else { a }
             });
             let Some(best) = best else { return (None, vec![]) };
-            let (picture, matches) = &matched[best];
+            let (image, matches) = &matched[best];
             let at = matches.best[i].1;
-            let near = nearest(picture.keypoints()[at], &anchors[best], i, k);
-            (Some(picture.scaled(at, width, height)), near)
+            let near = nearest(image.keypoints()[at], &anchors[best], i, k);
+            (Some(image.scaled(at, width, height)), near)
         })
         .collect();
     let (positions, lists): (Vec<_>, Vec<_>) = found.into_iter().unzip();
@@ -121,11 +121,11 @@ impl Matches {
         Self { best, mutual }
     }
 
-    /// Positions in the map picture of the mutual matches, and whose they are.
-    fn anchors(&self, picture: &KnownPicture) -> Vec<(Pixel, u32)> {
+    /// Positions in the map image of the mutual matches, and whose they are.
+    fn anchors(&self, image: &KnownImage) -> Vec<(Pixel, u32)> {
         let all = self.best.iter().zip(&self.mutual).enumerate();
         all.filter(|(_, (_, mutual))| **mutual)
-            .map(|(i, (best, _))| (picture.keypoints()[best.1], i as u32))
+            .map(|(i, (best, _))| (image.keypoints()[best.1], i as u32))
             .collect()
     }
 }

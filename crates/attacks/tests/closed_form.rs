@@ -59,8 +59,7 @@ fn no_point_of_the_segment_is_better_than_the_answer() {
             .collect(),
     ];
     for (s, sent) in schemes.iter().enumerate() {
-        let inside =
-            closed_form(sent, &lists, 640, 480, &ClosedFormOptions::in_picture()).expect("lists fit");
+        let inside = closed_form(sent, &lists, 640, 480, &ClosedFormOptions::in_image()).expect("lists fit");
         let free = attack(sent, &lists);
         for i in 0..truth.len() {
             let found = KnownSegment::of(&sent[i], 640, 480)
@@ -136,7 +135,7 @@ fn bad_input_is_refused_or_answered_without_panic() {
     let nan = Observation::Line(PixelLine::through(Pixel::new(f64::NAN, 0.0), 0.0));
     let nan_pair = Observation::permuted(Pixel::new(f64::NAN, f64::INFINITY));
     let lists = NeighbourLists::from_lists(&[vec![1], vec![0]]).expect("valid");
-    for options in [ClosedFormOptions::default(), ClosedFormOptions::in_picture()] {
+    for options in [ClosedFormOptions::default(), ClosedFormOptions::in_image()] {
         let answers = closed_form(&[nan, nan_pair], &lists, 640, 480, &options).expect("lists fit");
         let errors = errors_px(answers.iter().map(|a| a.pixel), &[Pixel::new(1.0, 1.0); 2]);
         assert_eq!(errors, [f64::INFINITY; 2]);
@@ -197,7 +196,7 @@ fn ends_of_neighbours_and_known_positions_count_exactly() {
     ];
     for sent in &schemes {
         for extent in [Extent::Line, Extent::HalfLine, Extent::Segment] {
-            let mut options = ClosedFormOptions::in_picture();
+            let mut options = ClosedFormOptions::in_image();
             options.extent = extent;
             let answers = closed_form(sent, &lists, 640, 480, &options).expect("lists fit");
             for (i, answer) in answers.iter().enumerate() {
@@ -256,9 +255,7 @@ fn false_neighbours_are_outvoted() {
         let answers = closed_form(&sent, &lists, 640, 480, &options).expect("lists fit");
         ErrorSummary::of(&errors_px(answers.iter().map(|a| a.pixel), &truth)).median_px
     };
-    let (all, agreeing) = (
-        median(ClosedFormOptions::in_picture()),
-        median(ClosedFormOptions::in_picture().with_consensus(30.0)),
-    );
+    let (all, agreeing) =
+        (median(ClosedFormOptions::in_image()), median(ClosedFormOptions::in_image().with_consensus(30.0)));
     assert!(agreeing < 0.4 * all && agreeing < 20.0, "{agreeing} of {all}");
 }

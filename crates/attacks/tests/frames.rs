@@ -84,7 +84,7 @@ fn three_frames_fix_a_place_and_the_fourth_makes_it_believed() {
             found.iter().zip(&errors).filter(|(s, _)| s.is_believed()).map(|(_, e)| *e).collect();
         (ErrorSummary::of(&errors), believed)
     };
-    // Two: limits of depth and picture cut the line, more they cannot.
+    // Two: limits of depth and image cut the line, more they cannot.
     let (two, believed) = of(2);
     assert!(two.median_px > 0.4 * guess.median_px && believed.is_empty(), "{two:?} {guess:?}");
     let (three, believed) = of(3);

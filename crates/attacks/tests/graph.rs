@@ -124,7 +124,7 @@ fn equal_generators_give_equal_answers_and_bad_input_no_panic() {
     assert_eq!(refused, Err(AttackError::BeginCount { observations: 300, positions: 299 }));
     let nothing = graph(&[], &NeighbourLists::nearest(&[], 3), 640, 480, &options, &mut rng).expect("empty");
     assert!(nothing.pixels.is_empty());
-    // Lines without a position, outside the picture, alone, and their own neighbours.
+    // Lines without a position, outside the image, alone, and their own neighbours.
     let odd = [
         Observation::Line(PixelLine::through(Pixel::new(f64::NAN, 0.0), 0.0)),
         Observation::Line(PixelLine::through(Pixel::new(0.0, -50.0), 0.0)),

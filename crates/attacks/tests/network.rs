@@ -4,15 +4,15 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::network::{NeighbourNetwork, NetworkError, Trained, TrainingOptions, train};
-use veiloc_attacks::{AttackError, Descriptors, KnownPicture, NeighbourLists};
+use veiloc_attacks::{AttackError, Descriptors, KnownImage, NeighbourLists};
 use veiloc_geometry::Pixel;
 
 const DIMENSION: usize = 16;
 
 /// Keypoints in 640 x 480 pixels whose descriptors say which of 6 x 4 fields they are in, and nothing more: two
 /// patterns a field, the second its number's neighbour in no linear sense.
-fn picture(seed: u64, keypoints: usize) -> (Vec<Pixel>, Vec<u8>) {
-    // The patterns are those of the world, the same in every picture.
+fn image(seed: u64, keypoints: usize) -> (Vec<Pixel>, Vec<u8>) {
+    // The patterns are those of the world, the same in every image.
     let mut world = ChaCha8Rng::seed_from_u64(77);
     let patterns: Vec<Vec<f64>> =
         (0..48).map(|_| (0..DIMENSION).map(|_| world.random_range(0.0..200.0)).collect()).collect();
@@ -29,29 +29,29 @@ fn picture(seed: u64, keypoints: usize) -> (Vec<Pixel>, Vec<u8>) {
     (points, bytes)
 }
 
-fn known(seed: u64) -> KnownPicture {
-    let (points, bytes) = picture(seed, 300);
+fn known(seed: u64) -> KnownImage {
+    let (points, bytes) = image(seed, 300);
     let descriptors = Descriptors::new(&bytes, DIMENSION).expect("whole descriptors");
-    KnownPicture::new(points, descriptors, 640, 480).expect("one each")
+    KnownImage::new(points, descriptors, 640, 480).expect("one each")
 }
 
 fn options() -> TrainingOptions {
     let mut options = TrainingOptions::default();
-    (options.steps, options.pictures, options.keypoints) = (80, 1, 96);
+    (options.steps, options.images, options.keypoints) = (80, 1, 96);
     (options.width, options.heads, options.layers) = (24, 2, 1);
     (options.learning_rate, options.validate_every) = (5e-3, 40);
     options
 }
 
 fn trained(options: &TrainingOptions) -> Trained {
-    let training: Vec<KnownPicture> = (0..6).map(known).collect();
+    let training: Vec<KnownImage> = (0..6).map(known).collect();
     train(&training, &[known(50)], options, |_, _| ()).expect("something to learn")
 }
 
 #[test]
 fn it_learns_which_descriptors_occur_side_by_side() {
     let trained = trained(&options());
-    let (points, bytes) = picture(99, 300);
+    let (points, bytes) = image(99, 300);
     let victim = Descriptors::new(&bytes, DIMENSION).expect("whole");
     let said = trained.network.predict(&victim, 10).expect("the same dimension");
     for i in 0..points.len() {
@@ -59,7 +59,7 @@ fn it_learns_which_descriptors_occur_side_by_side() {
         assert!(!said.of(i).contains(&(i as u32)), "nobody is his own neighbour");
     }
     let precision = said.precision(&NeighbourLists::nearest(&points, 10));
-    // By lot 3.3 %. Who knows the field finds 10 of its 12.5 keypoints, of which about half are among the nearest.
+    // At random 3.3 %. Who knows the field finds 10 of its 12.5 keypoints, of which about half are among the nearest.
     assert!(precision > 0.35, "{precision}");
     let [first, .., last] = trained.curve.as_slice() else { panic!("two looks") };
     assert!(last.loss < first.loss, "{:?}", trained.curve);
@@ -83,7 +83,7 @@ fn the_order_of_the_keypoints_says_nothing() {
     options.steps = 5;
     let network = trained(&options).network;
     // More keypoints than are attended to at a time.
-    let (_, bytes) = picture(3, 700);
+    let (_, bytes) = image(3, 700);
     let turned: Vec<u8> = bytes.chunks(DIMENSION).rev().flatten().copied().collect();
     let lists = |bytes: &[u8]| {
         let descriptors = Descriptors::new(bytes, DIMENSION).expect("whole");
@@ -107,7 +107,7 @@ fn what_is_written_is_read_back_and_what_is_damaged_is_refused() {
     let bytes = network.encode();
     let again = NeighbourNetwork::decode(&bytes).expect("sound");
     assert_eq!(again.encode(), bytes);
-    let (_, descriptors) = picture(3, 100);
+    let (_, descriptors) = image(3, 100);
     let victim = Descriptors::new(&descriptors, DIMENSION).expect("whole");
     assert_eq!(again.predict(&victim, 9), network.predict(&victim, 9));
 
@@ -134,14 +134,14 @@ fn what_is_written_is_read_back_and_what_is_damaged_is_refused() {
 #[test]
 fn what_makes_no_sense_is_refused() {
     let nothing = AttackError::NothingToLearn;
-    let refused = |training: &[KnownPicture], options: &TrainingOptions| {
+    let refused = |training: &[KnownImage], options: &TrainingOptions| {
         train(training, &[known(1)], options, |_, _| ()).expect_err("refused")
     };
     assert_eq!(refused(&[], &options()), nothing.clone().into());
     let none = train(&[known(0)], &[], &options(), |_, _| ()).expect_err("nothing to judge by");
     assert_eq!(none, nothing.into());
     let small = Descriptors::new(&[1, 2], 2).expect("one");
-    let small = KnownPicture::new(vec![Pixel::new(1.0, 1.0)], small, 9, 9).expect("one each");
+    let small = KnownImage::new(vec![Pixel::new(1.0, 1.0)], small, 9, 9).expect("one each");
     let dimensions = AttackError::Dimensions { expected: DIMENSION, found: 2 };
     assert_eq!(refused(&[known(0), small.clone()], &options()), dimensions.into());
     let network = trained(&{

@@ -3,7 +3,7 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    AttackError, Descriptors, ErrorSummary, KnownPicture, NeighbourLists, NeighbourPredictor, Observation,
+    AttackError, Descriptors, ErrorSummary, KnownImage, NeighbourLists, NeighbourPredictor, Observation,
     errors_px, lift, prior_only, transfer,
 };
 use veiloc_geometry::{DualAnchors, Pixel};
@@ -11,7 +11,7 @@ use veiloc_geometry::{DualAnchors, Pixel};
 const DIMENSION: usize = 16;
 
 /// Keypoints whose descriptors vary with the place as a random smooth texture does, plus noise of its own.
-fn picture(seed: u64, signal: f64) -> (Vec<Pixel>, Vec<u8>) {
+fn image(seed: u64, signal: f64) -> (Vec<Pixel>, Vec<u8>) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let waves: Vec<[f64; 3]> = (0..DIMENSION)
         .map(|_| {
@@ -33,17 +33,17 @@ fn picture(seed: u64, signal: f64) -> (Vec<Pixel>, Vec<u8>) {
     (keypoints, bytes)
 }
 
-fn known((keypoints, bytes): (Vec<Pixel>, Vec<u8>)) -> KnownPicture {
+fn known((keypoints, bytes): (Vec<Pixel>, Vec<u8>)) -> KnownImage {
     let descriptors = Descriptors::new(&bytes, DIMENSION).expect("whole descriptors");
-    KnownPicture::new(keypoints, descriptors, 640, 480).expect("one each")
+    KnownImage::new(keypoints, descriptors, 640, 480).expect("one each")
 }
 
 #[test]
 fn a_smooth_texture_gives_neighbours_away_and_noise_does_not() {
     let precision = |signal: f64| {
-        let training: Vec<KnownPicture> = (0..4).map(|s| known(picture(s, signal))).collect();
+        let training: Vec<KnownImage> = (0..4).map(|s| known(image(s, signal))).collect();
         let predictor = NeighbourPredictor::fit(&training, 20).expect("something to learn");
-        let (keypoints, bytes) = picture(99, signal);
+        let (keypoints, bytes) = image(99, signal);
         let victim = Descriptors::new(&bytes, DIMENSION).expect("whole");
         let predicted = predictor.predict(&victim, 20).expect("the same dimension");
         for i in 0..keypoints.len() {
@@ -60,8 +60,8 @@ fn a_smooth_texture_gives_neighbours_away_and_noise_does_not() {
 }
 
 #[test]
-fn a_map_picture_of_the_same_place_gives_positions_and_neighbours() {
-    let (keypoints, bytes) = picture(5, 1.0);
+fn a_map_image_of_the_same_place_gives_positions_and_neighbours() {
+    let (keypoints, bytes) = image(5, 1.0);
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     // The map saw the same things 12 px beside, in another order and with some noise.
     let mut order: Vec<usize> = (0..keypoints.len()).collect();
@@ -74,7 +74,7 @@ fn a_map_picture_of_the_same_place_gives_positions_and_neighbours() {
         .flat_map(|&i| bytes[i * DIMENSION..(i + 1) * DIMENSION].to_vec())
         .map(|b| b.saturating_add(rng.random_range(0..4)))
         .collect();
-    let map = [known(picture(6, 1.0)), known((seen, noisy))];
+    let map = [known(image(6, 1.0)), known((seen, noisy))];
     let query = Descriptors::new(&bytes, DIMENSION).expect("whole");
     let found = transfer(&query, &map, (640, 480), 1, 20).expect("the same dimension");
     let sent = lift::dual_convergent(&keypoints, &DualAnchors::vertical(640, 480));
@@ -91,7 +91,7 @@ fn a_map_picture_of_the_same_place_gives_positions_and_neighbours() {
 
 #[test]
 fn a_position_is_projected_on_the_nearer_of_two_lines_and_a_known_one_stays() {
-    let (keypoints, bytes) = picture(5, 1.0);
+    let (keypoints, bytes) = image(5, 1.0);
     let query = Descriptors::new(&bytes, DIMENSION).expect("whole");
     let map = [known((keypoints.clone(), bytes))];
     let found = transfer(&query, &map, (640, 480), 1, 5).expect("the same dimension");
@@ -112,14 +112,14 @@ fn what_does_not_fit_is_refused() {
     assert!(matches!(Descriptors::new(&[1, 2, 3], 2), Err(AttackError::Descriptors { .. })));
     assert!(matches!(Descriptors::new(&[1], 0), Err(AttackError::Descriptors { .. })));
     let two = Descriptors::new(&[1, 2, 3, 4], 2).expect("two of dimension 2");
-    let count = KnownPicture::new(vec![Pixel::new(1.0, 1.0)], two.clone(), 9, 9);
+    let count = KnownImage::new(vec![Pixel::new(1.0, 1.0)], two.clone(), 9, 9);
     assert!(matches!(count, Err(AttackError::DescriptorCount { keypoints: 1, descriptors: 2 })));
     assert_eq!(NeighbourPredictor::fit(&[], 20), Err(AttackError::NothingToLearn));
-    let one = KnownPicture::new(vec![Pixel::new(1.0, 1.0)], Descriptors::new(&[1, 2], 2).expect("one"), 9, 9);
+    let one = KnownImage::new(vec![Pixel::new(1.0, 1.0)], Descriptors::new(&[1, 2], 2).expect("one"), 9, 9);
     assert_eq!(NeighbourPredictor::fit(&[one.expect("one")], 20), Err(AttackError::NothingToLearn));
-    let predictor = NeighbourPredictor::fit(&[known(picture(0, 1.0))], 20).expect("something to learn");
+    let predictor = NeighbourPredictor::fit(&[known(image(0, 1.0))], 20).expect("something to learn");
     let dimensions = AttackError::Dimensions { expected: DIMENSION, found: 2 };
     assert_eq!(predictor.predict(&two, 20), Err(dimensions));
-    let map = [known(picture(0, 1.0))];
+    let map = [known(image(0, 1.0))];
     assert!(matches!(transfer(&two, &map, (9, 9), 1, 20), Err(AttackError::Dimensions { .. })));
 }

@@ -1,9 +1,9 @@
-//! What a server that knows some positions makes of the others: against independent answers on made-up pictures.
+//! What a server that knows some positions makes of the others: against independent answers on made-up images.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    AttackError, ClosedFormOptions, Descriptors, ErrorSummary, GraphOptions, GuidedOptions, KnownPicture,
+    AttackError, ClosedFormOptions, Descriptors, ErrorSummary, GraphOptions, GuidedOptions, KnownImage,
     LineNeighbours, NeighbourLists, Observation, closed_form, errors_px, graph, guided_transfer, iterative,
     lift, server_side, transfer,
 };
@@ -145,9 +145,9 @@ fn known_positions_carry_the_graph_through_false_neighbours() {
     assert!(with < 10.0 && with < 0.3 * without, "{with}, without {without}");
 }
 
-/// A query and a map picture of one place, turned, grown and moved. Every other keypoint has a descriptor of its own,
-/// the others share theirs with `copies` keypoints all over the picture.
-fn alike(copies: usize) -> (Vec<Pixel>, Descriptors, KnownPicture) {
+/// A query and a map image of one place, turned, grown and moved. Every other keypoint has a descriptor of its own,
+/// the others share theirs with `copies` keypoints all over the image.
+fn alike(copies: usize) -> (Vec<Pixel>, Descriptors, KnownImage) {
     let truth = uniform(900, 8);
     let moved: Vec<Pixel> = truth
         .iter()
@@ -162,7 +162,7 @@ fn alike(copies: usize) -> (Vec<Pixel>, Descriptors, KnownPicture) {
     };
     let of = |bytes: Vec<u8>| Descriptors::new(&bytes, 32).expect("whole");
     let (query, map) = (of(bytes(0)), of(bytes(1)));
-    (truth, query, KnownPicture::new(moved, map, 640, 480).expect("one descriptor a keypoint"))
+    (truth, query, KnownImage::new(moved, map, 640, 480).expect("one descriptor a keypoint"))
 }
 
 #[test]
@@ -189,7 +189,7 @@ fn without_inliers_there_is_no_flow_and_nothing_is_answered() {
     let none = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
     let options = GuidedOptions::default();
     let ask =
-        |sent: &[Observation], map: &[KnownPicture]| guided_transfer(&query, sent, map, (640, 480), &options);
+        |sent: &[Observation], map: &[KnownImage]| guided_transfer(&query, sent, map, (640, 480), &options);
     let answers = ask(&none, std::slice::from_ref(&map)).expect("they fit");
     assert!(answers.iter().all(|a| a.pixel.is_none() && !a.is_believed()));
     assert!(ask(&none, &[]).expect("no map").iter().all(|a| a.pixel.is_none()));
@@ -199,6 +199,6 @@ fn without_inliers_there_is_no_flow_and_nothing_is_answered() {
     let refused = ask(&none[1..], std::slice::from_ref(&map));
     assert_eq!(refused, Err(AttackError::FrameDescriptors { frame: 0, observations: 899, descriptors: 900 }));
     let two = Descriptors::new(&[1, 2], 2).expect("whole");
-    let other = KnownPicture::new(vec![Pixel::new(1.0, 1.0)], two, 640, 480).expect("one");
+    let other = KnownImage::new(vec![Pixel::new(1.0, 1.0)], two, 640, 480).expect("one");
     assert_eq!(ask(&none, &[other]), Err(AttackError::Dimensions { expected: 32, found: 2 }));
 }

@@ -15,7 +15,7 @@ use clap::{Parser, Subcommand};
 
 use crate::ui::Ui;
 
-/// Visual localization in which neither the picture nor the keypoint positions leave the device.
+/// Visual localization in which neither the image nor the keypoint positions leave the device.
 #[derive(Parser)]
 #[command(name = "veiloc", version, max_term_width = 110)]
 struct Cli {
@@ -33,13 +33,13 @@ enum Command {
     /// Build, import, inspect and change maps.
     #[command(subcommand)]
     Map(commands::map::Command),
-    /// Turn photographs into sealed queries, as a device does.
+    /// Turn images into sealed queries, as a device does.
     Seal(commands::seal::Args),
     /// Find where sealed queries were taken.
     Localize(commands::localize::Args),
     /// Serve maps: sealed queries in over HTTP, poses out.
     Serve(commands::serve::Args),
-    /// Ask a service where a photograph was taken, without sending it.
+    /// Ask a service where an image was taken, without sending it.
     #[command(subcommand)]
     Query(commands::query::Command),
     /// Measure localization on data with known poses.
@@ -47,7 +47,7 @@ enum Command {
     Eval(commands::eval::Command),
     /// Recover keypoints from what is sent, by every attack under every scheme.
     Attack(commands::attack::Args),
-    /// Attack what would be sent of your pictures, and write a report on it.
+    /// Attack what would be sent of your images, and write a report on it.
     Audit(commands::audit::Args),
     /// Teach a machine what an attacker would: to tell neighbours from descriptors.
     #[command(subcommand)]

@@ -58,7 +58,7 @@ impl Ui {
             Failure::Refused { report } => eprintln!("{report:?}"),
             Failure::Bug { message } => {
                 eprintln!(
-                    "veiloc broke: {message}\nThis is an error of ours; please report it with the command you ran."
+                    "veiloc broke: {message}\nThis is a bug in veiloc; please report it with the command you ran."
                 );
             }
         }
@@ -90,7 +90,7 @@ impl<'a> Bars<'a> {
     }
 
     fn with(&self, act: impl FnOnce(&mut ProgressBar)) {
-        // A bar is only a picture: one that another thread broke off in may still be drawn over.
+        // A bar is only an image: one that another thread broke off in may still be drawn over.
         act(&mut self.current.lock().unwrap_or_else(std::sync::PoisonError::into_inner));
     }
 }

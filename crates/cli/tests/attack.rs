@@ -86,7 +86,7 @@ fn what_makes_no_sense_is_refused() {
     }
 }
 
-/// Two pictures of one place whose descriptors tell the place: the second is the first, moved by 8 pixels.
+/// Two images of one place whose descriptors tell the place: the second is the first, moved by 8 pixels.
 fn told_by_descriptors(place: &common::Place) {
     let lines: Vec<String> = ["a", "b"]
         .iter()
@@ -134,7 +134,7 @@ fn descriptors_tell_neighbours_and_positions() {
     told_by_descriptors(&place);
     for source in ["predicted --train place.jsonl", "transferred"] {
         let run = place.run(&format!(
-            "attack place.jsonl --pictures 1 --schemes dcl --attacks transfer,transfer-graph --neighbours {source} --json"
+            "attack place.jsonl --images 1 --schemes dcl --attacks transfer,transfer-graph --neighbours {source} --json"
         ));
         let document = run.succeeded().json();
         let share = |key: &str| document[key].as_f64().expect("a number");
@@ -149,7 +149,7 @@ fn descriptors_tell_neighbours_and_positions() {
 }
 
 #[test]
-fn keypoints_of_photographs_are_what_attack_reads() {
+fn keypoints_of_images_are_what_attack_reads() {
     let place = common::place();
     let keypoints = "eval keypoints images --max-keypoints 200 --max-size 300 -o";
     place.run(&format!("{keypoints} all.jsonl.gz")).succeeded();
@@ -157,7 +157,7 @@ fn keypoints_of_photographs_are_what_attack_reads() {
     let lines = |name: &str| String::from_utf8(place.read(name)).expect("text").lines().count();
     assert_eq!(lines("map.jsonl"), common::MAP_VIEWS);
     let run = place
-        .run("attack map.jsonl --pictures 1 --schemes dcl --attacks closed-form --neighbours predicted --train all.jsonl.gz")
+        .run("attack map.jsonl --images 1 --schemes dcl --attacks closed-form --neighbours predicted --train all.jsonl.gz")
         .succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");
     for (arguments, says) in [

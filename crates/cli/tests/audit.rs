@@ -45,7 +45,7 @@ fn photographs_make_a_page_that_shows_them() {
 
     place
         .run(
-            &format!("audit a.png {FAST} --no-pictures --no-synthetic --out bare.html")
+            &format!("audit a.png {FAST} --no-images --no-synthetic --out bare.html")
                 .replace(" --synthetic 100", ""),
         )
         .succeeded();
@@ -72,7 +72,7 @@ fn keypoints_make_a_page() {
 fn the_synthetic_scene_needs_no_input() {
     let place = folder();
     let run = place.run(&format!("audit {FAST} -o page.html")).succeeded();
-    assert!(run.stdout.contains("1 picture with 100 keypoints"), "{run}");
+    assert!(run.stdout.contains("1 image with 100 keypoints"), "{run}");
     let page = String::from_utf8(place.read("page.html")).expect("text");
     assert!(page.contains("Fig. 4: dcl under the paper's attack") && page.contains("Fig. 5"));
 }
@@ -83,7 +83,7 @@ fn what_cannot_be_audited_is_refused() {
     place.write("empty.jsonl", "\n");
     place.write("none.jsonl", "{\"name\":\"n\",\"width\":64,\"height\":48,\"keypoints\":[]}\n");
     place.write("empty.png", "");
-    place.write("text.jpg", "no picture");
+    place.write("text.jpg", "no image");
     RgbImage::from_pixel(120, 90, Rgb([90, 90, 90])).save(place.path("flat.png")).expect("written");
     std::fs::create_dir_all(place.path("nothing")).expect("folder");
     for (arguments, code, says) in [
@@ -97,7 +97,7 @@ fn what_cannot_be_audited_is_refused() {
         ("audit flat.png", 1, "no keypoint"),
         ("audit nothing", 1, "nothing"),
         ("audit flat.png --schemes points", 1, "no keypoint"),
-        ("audit flat.png flat.png --pictures 1", 1, "--pictures 2"),
+        ("audit flat.png flat.png --images 1", 1, "--images 2"),
         ("audit flat.png --no-synthetic --synthetic 9", 2, "--no-synthetic"),
         ("audit flat.png --attacks guess", 2, "closed-form-informed"),
     ] {

@@ -50,12 +50,12 @@ fn seal(image: &str) -> String {
 }
 
 #[test]
-fn pictures() {
+fn images() {
     let place = place();
     let png = place.read("images/query-0.png");
     place.write("bad/cut.png", &png[..png.len() / 2]);
     place.write("bad/empty.png", []);
-    place.write("bad/text.png", "this is no picture");
+    place.write("bad/text.png", "this is no image");
     let view = image::open(place.path("images/query-0.png")).expect("rendered").to_rgb8();
     let mut jpeg = std::io::Cursor::new(Vec::new());
     view.write_to(&mut jpeg, image::ImageFormat::Jpeg).expect("encoded");
@@ -88,7 +88,7 @@ fn pictures() {
         ));
     }
     check(place, cases);
-    assert!(!place.path("bad/out.vquery").exists(), "a refused picture leaves no sealed query");
+    assert!(!place.path("bad/out.vquery").exists(), "a refused image leaves no sealed query");
 }
 
 /// All texture left of the middle: dcl would leave the depth along the anchor's ray free.
@@ -195,12 +195,12 @@ fn sealed_queries() {
     let mut cases = Vec::new();
     for (name, reason) in [
         ("missing", "check the path"),
-        ("empty", "seal the photograph again"),
+        ("empty", "seal the image again"),
         ("version", "version 2"),
-        ("trailing", "seal the photograph again"),
-        ("doubled", "seal the photograph again"),
-        ("random", "seal the photograph again"),
-        ("huge", "seal the photograph again"),
+        ("trailing", "seal the image again"),
+        ("doubled", "seal the image again"),
+        ("random", "seal the image again"),
+        ("huge", "seal the image again"),
     ] {
         let says: &[&str] = Box::leak(Box::new([".vquery", reason]));
         cases.push(refused(format!("localize --map place.vmap bad/{name}.vquery"), says));
@@ -210,7 +210,7 @@ fn sealed_queries() {
         place.write(&format!("bad/cut-{length}.vquery"), &sealed[..length]);
         cases.push(refused(
             format!("localize --map place.vmap bad/cut-{length}.vquery"),
-            &["bad/cut-", ".vquery", "seal the photograph again"],
+            &["bad/cut-", ".vquery", "seal the image again"],
         ));
     }
     cases.push(refused("localize --map place.vmap place.vprofile", &["place.vprofile", "veiloc seal"]));
@@ -399,9 +399,9 @@ fn posed_models_and_lists() {
     assert!(!place.path("bad/x.vmap").exists(), "a refused build leaves no map");
 }
 
-/// All photographs blank: there is nothing to build a map of.
+/// All images blank: there is nothing to build a map of.
 #[test]
-fn blank_photographs() {
+fn blank_images() {
     let place = place();
     for i in 0..4 {
         let path = format!("blank/map-{i:02}.png");
@@ -549,7 +549,7 @@ fn outputs() {
             refused(two("images/query-0.png", "./place.vprofile"), &["place.vprofile", "another"]),
         ],
     );
-    assert!(place.read("bad/copy/query-0.png") == photo, "the photograph is not overwritten");
+    assert!(place.read("bad/copy/query-0.png") == photo, "the image is not overwritten");
 }
 
 /// However narrow the screen that is assumed, a name can be copied from the message.

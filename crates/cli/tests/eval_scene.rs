@@ -7,21 +7,21 @@ use veiloc_geometry::Intrinsics;
 use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
 use veiloc_synth::{PathOptions, Place, RenderOptions};
 
-const STRANGERS: usize = 2;
+const NEGATIVES: usize = 2;
 
 const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
                      --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl";
 
 /// Views of another room, beside the place of the tests.
-fn render_strangers() {
+fn render_negatives() {
     let folder = &place().folder;
     let camera: Intrinsics = CAMERA.parse().expect("a camera");
     let other = Place::generate(12);
-    let path = other.camera_path(&PathOptions::with_counts(4, STRANGERS));
+    let path = other.camera_path(&PathOptions::with_counts(4, NEGATIVES));
     std::fs::create_dir_all(folder.join("other/images")).expect("folder");
     let mut images = Vec::new();
     for (id, pose) in (1_u32..).zip(&path.queries) {
-        let name = format!("stranger-{id}.png");
+        let name = format!("negative-{id}.png");
         let view = other.render(pose, &camera, &RenderOptions::with_seed(u64::from(id)));
         view.rgb().save(folder.join("other/images").join(&name)).expect("written");
         images.push(ColmapImage { id, name, camera_id: 1, cam_from_world: *pose, points2d: Vec::new() });
@@ -33,34 +33,34 @@ fn render_strangers() {
 }
 
 #[test]
-fn strangers_are_counted_and_not_trusted() {
+fn negatives_are_counted_and_not_trusted() {
     let place = place();
-    render_strangers();
-    let strangers =
-        "--strangers-posed other/posed --strangers-images other/images --strangers-list other/list.txt";
-    let run = place.run(&format!("{SCENE} {strangers} --json scene.json")).succeeded();
-    assert!(run.stdout.contains("strangers localized") && run.stdout.contains("strangers trusted"), "{run}");
+    render_negatives();
+    let negatives =
+        "--negatives-posed other/posed --negatives-images other/images --negatives-list other/list.txt";
+    let run = place.run(&format!("{SCENE} {negatives} --json scene.json")).succeeded();
+    assert!(run.stdout.contains("negatives localized") && run.stdout.contains("negatives trusted"), "{run}");
     let document: serde_json::Value = serde_json::from_slice(&place.read("scene.json")).expect("a document");
     for row in document["schemes"].as_array().expect("an array") {
-        assert_eq!(row["strangers"]["queries"], STRANGERS, "{row}");
-        assert_eq!(row["strangers"]["trusted"], 0, "{row}");
+        assert_eq!(row["negatives"]["queries"], NEGATIVES, "{row}");
+        assert_eq!(row["negatives"]["trusted"], 0, "{row}");
         assert!(row["trusted"].as_u64().is_some_and(|n| n >= 2), "own queries are trusted: {row}");
         assert_eq!(row["prior"], true, "{row}");
     }
-    let each = document["strangers"].as_array().expect("an array");
-    assert_eq!(each.len(), 2 * STRANGERS);
+    let each = document["negatives"].as_array().expect("an array");
+    assert_eq!(each.len(), 2 * NEGATIVES);
     assert!(each.iter().all(|s| s["localized"].is_boolean() && s["trusted"] == false), "{each:?}");
 
     let cases: &[(&str, i32, &[&str])] = &[
-        ("--strangers-posed other/posed", 2, &["--strangers-images", "--strangers-list"]),
-        ("--strangers-list other/list.txt", 2, &["--strangers-posed"]),
+        ("--negatives-posed other/posed", 2, &["--negatives-images", "--negatives-list"]),
+        ("--negatives-list other/list.txt", 2, &["--negatives-posed"]),
         (
-            "--strangers-posed posed --strangers-images images --strangers-list queries.txt",
+            "--negatives-posed posed --negatives-images images --negatives-list queries.txt",
             1,
-            &["strangers", "another place"],
+            &["negatives", "another place"],
         ),
         (
-            "--strangers-posed other/posed --strangers-images other/images --strangers-list map.txt",
+            "--negatives-posed other/posed --negatives-images other/images --negatives-list map.txt",
             1,
             &["map-00.png", "no pose"],
         ),

@@ -13,9 +13,9 @@ fn a_rendered_place_is_judged() {
             .to_owned();
     problems.extend(EXTRACTION.map(|word| format!(" {word}")));
     place.run(&problems).succeeded();
-    let arguments = "eval tradeoff k.jsonl.gz p.jsonl.gz --variants dcl,first=256,lot=128+bits=8 --attacked 1 --corrupt 0 --thresholds 0.1/2";
+    let arguments = "eval tradeoff k.jsonl.gz p.jsonl.gz --variants dcl,first=256,random=128+bits=8 --attacked 1 --corrupt 0 --thresholds 0.1/2";
     let run = place.run(&format!("{arguments} --plot t.svg --json t.json")).succeeded();
-    for word in ["first=256", "lot=128+bits=8", "shape", "≤0.1/2 %"] {
+    for word in ["first=256", "random=128+bits=8", "shape", "≤0.1/2 %"] {
         assert!(run.stdout.contains(word), "{word}: {run}");
     }
     assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");

@@ -108,7 +108,7 @@ fn a_refused_build_leaves_the_old_map() {
     let run = place.run("map build --posed posed --images images --list own/list.txt -o own/place.vmap");
     assert_eq!(run.code, Some(1), "{run}");
     assert!(place.read("own/place.vmap") == place.read("place.vmap"));
-    // A picture that is there when the build starts, and turns out to be damaged in the middle of it.
+    // An image that is there when the build starts, and turns out to be damaged in the middle of it.
     let posed = String::from_utf8(place.read("posed/images.txt")).expect("text");
     for file in ["cameras.txt", "points3D.txt"] {
         place.write(&format!("own/posed/{file}"), place.read(&format!("posed/{file}")));

@@ -171,7 +171,7 @@ fn a_query_sealed_twice_differs_and_keeps_its_length() {
         assert_eq!(a.len(), b.len(), "{scheme}");
         // The class is told by the number of rows, the only thing the length may depend on.
         let rows = |file: &str| rows_of(&place.read(file));
-        assert_eq!(rows("twice-a.vquery"), rows("twice-c.vquery"), "both pictures fill the profile's class");
+        assert_eq!(rows("twice-a.vquery"), rows("twice-c.vquery"), "both images fill the profile's class");
         assert_eq!(a.len(), c.len(), "{scheme}: all messages of a class have one length");
     }
 }
@@ -411,13 +411,13 @@ fn every_command_tells_what_it_is_for() {
         ("", "Visual localization"),
         ("demo", "Render a place, map it, localize hidden queries, attack them"),
         ("map", "Build, import, inspect and change maps"),
-        ("map build", "Build a map from photographs whose poses are known"),
+        ("map build", "Build a map from images whose poses are known"),
         ("map import", "Make a map of a complete COLMAP model"),
         ("map info", "Say what is in a map"),
-        ("map add", "Add photographs with known poses to a map"),
-        ("map remove", "Take photographs out of a map"),
+        ("map add", "Add images with known poses to a map"),
+        ("map remove", "Take images out of a map"),
         ("map profile", "what a device needs to seal queries"),
-        ("seal", "Turn photographs into sealed queries"),
+        ("seal", "Turn images into sealed queries"),
         ("localize", "Find where sealed queries were taken"),
         ("eval", "Measure localization on data with known poses"),
         ("eval scene", "The whole road on a place with known poses"),

@@ -87,7 +87,7 @@ fn pose_of(document: &serde_json::Value) -> CameraFromWorld {
 }
 
 #[test]
-fn a_photograph_gets_its_pose() {
+fn a_image_gets_its_pose() {
     let place = place();
     let service = Service::start(place, "--map place=place.vmap");
     for i in 0..common::QUERIES {
@@ -191,16 +191,16 @@ fn what_would_be_a_mistake_is_refused() {
 
 /// The paper's degenerate case is found on the device, and nothing is sent.
 #[test]
-fn a_picture_with_one_blank_side_is_not_sent() {
+fn a_image_with_one_blank_side_is_not_sent() {
     let place = place();
     let service = Service::start(place, "--map place=place.vmap");
-    let mut picture = image::open(place.path("images/query-0.png")).expect("a picture").to_rgb8();
-    for (x, _, pixel) in picture.enumerate_pixels_mut() {
+    let mut image = image::open(place.path("images/query-0.png")).expect("an image").to_rgb8();
+    for (x, _, pixel) in image.enumerate_pixels_mut() {
         if x > 190 {
             *pixel = image::Rgb([127; 3]);
         }
     }
-    picture.save(place.path("images/half.png")).expect("written");
+    image.save(place.path("images/half.png")).expect("written");
     let run = place.run(&send("half.png", &service.url));
     assert!(run.code == Some(1) && run.stderr.contains("side of the dividing line"), "{run}");
     assert!(run.stderr.contains("turn"), "it says what to do: {run}");

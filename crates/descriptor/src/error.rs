@@ -22,7 +22,7 @@ pub enum DescriptorError {
     },
     /// Fewer different samples than words: each word needs one of its own.
     #[error(
-        "{distinct} different samples (of {samples}) cannot train {words} words; give more pictures or fewer words"
+        "{distinct} different samples (of {samples}) cannot train {words} words; give more images or fewer words"
     )]
     TooFewSamples {
         /// How many samples there were.

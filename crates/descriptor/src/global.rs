@@ -1,17 +1,17 @@
-//! One vector for a whole picture.
+//! One vector for a whole image.
 
 use veiloc_kernels::dot_i8;
 
-/// A picture's descriptors summed up in one vector, `[K * dim]` for a vocabulary of K words; see
+/// An image's descriptors summed up in one vector, `[K * dim]` for a vocabulary of K words; see
 /// [`Vocabulary::aggregate`](crate::Vocabulary::aggregate).
 ///
-/// Only its direction means something: pictures are compared by the cosine between their vectors.
+/// Only its direction means something: images are compared by the cosine between their vectors.
 #[derive(Clone, PartialEq, Eq)]
 pub struct GlobalDescriptor {
     codes: Vec<i8>,
 }
 
-// It tells what place a picture shows: logs may know its length, and no more (leak L8).
+// It tells what place an image shows: logs may know its length, and no more (leak L8).
 impl std::fmt::Debug for GlobalDescriptor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "GlobalDescriptor({})", self.codes.len())
@@ -41,7 +41,7 @@ impl GlobalDescriptor {
 
     /// Cosine of the angle to another global descriptor, in \[-1, 1\].
     ///
-    /// 0 when either is all zeros (a picture without descriptors), or when the lengths differ: vectors of different
+    /// 0 when either is all zeros (an image without descriptors), or when the lengths differ: vectors of different
     /// vocabularies have nothing in common.
     pub fn similarity(&self, codes: &[i8]) -> f32 {
         if self.codes.len() != codes.len() {

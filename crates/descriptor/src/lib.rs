@@ -4,7 +4,7 @@
 //!
 //! - [`Descriptors`], [`DescriptorView`]: rows of bytes.
 //! - [`two_nearest`], [`match_descriptors`]: exact nearest neighbours by brute force.
-//! - [`Vocabulary`]: turns the descriptors of a picture into one [`GlobalDescriptor`] for retrieval.
+//! - [`Vocabulary`]: turns the descriptors of an image into one [`GlobalDescriptor`] for retrieval.
 //!
 //! Everything is computed in integers up to the last step, so results are the same on every machine and for every
 //! number of threads.

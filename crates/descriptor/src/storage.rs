@@ -41,14 +41,14 @@ impl DescriptorKind {
     }
 }
 
-/// Descriptors of one picture, `[N, dim]`, row by row.
+/// Descriptors of one image, `[N, dim]`, row by row.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Descriptors {
     kind: DescriptorKind,
     bytes: Vec<u8>,
 }
 
-// Descriptors betray what is in a picture: a log may know how many there are, and no more (leak L8).
+// Descriptors betray what is in an image: a log may know how many there are, and no more (leak L8).
 impl std::fmt::Debug for Descriptors {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Descriptors({:?}, {})", self.kind, self.len())

@@ -1,4 +1,4 @@
-//! VLAD: how the descriptors of a picture differ from the nearest of a few fixed words, summed up.
+//! VLAD: how the descriptors of an image differ from the nearest of a few fixed words, summed up.
 
 use rand::Rng;
 use veiloc_kernels::PackedRows;
@@ -8,7 +8,7 @@ use crate::{
     neighbours::{nearest_rows, pack},
 };
 
-/// The words of a visual vocabulary, `[K, dim]` bytes, and the aggregation of a picture's descriptors over them.
+/// The words of a visual vocabulary, `[K, dim]` bytes, and the aggregation of an image's descriptors over them.
 ///
 /// # Method
 /// VLAD (Jégou et al., *Aggregating local descriptors into a compact image representation*, CVPR 2010) with
@@ -59,7 +59,7 @@ impl Vocabulary {
         Ok(Self { words, packed })
     }
 
-    /// Learns `k` words from descriptors of many pictures by k-means.
+    /// Learns `k` words from descriptors of many images by k-means.
     ///
     /// Equal samples and an equal generator give equal words, on every machine and for every number of threads. 1000
     /// samples per word are plenty; the time grows with `samples * k`.
@@ -98,7 +98,7 @@ impl Vocabulary {
         self.len() * self.kind().dim()
     }
 
-    /// Sums up the descriptors of one picture. No descriptors, or ones of another kind, give all zeros.
+    /// Sums up the descriptors of one image. No descriptors, or ones of another kind, give all zeros.
     ///
     /// The order of the descriptors does not matter.
     pub fn aggregate(&self, descriptors: DescriptorView<'_>) -> GlobalDescriptor {

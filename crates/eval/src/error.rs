@@ -41,54 +41,52 @@ pub enum EvalError {
     /// Features of a query could not be extracted.
     #[error(transparent)]
     Extract(#[from] veiloc_obfuscation::ExtractError),
-    /// A picture could not be sealed.
+    /// An image could not be sealed.
     #[error("{name}: {source}")]
     Seal {
-        /// The picture.
+        /// The image.
         name: String,
         /// Why.
         source: veiloc_obfuscation::SealError,
     },
-    /// A picture that is attacked by a server has no matches.
-    #[error(
-        "{picture}: no problem with matches has this name; the server's file must be of the same pictures"
-    )]
+    /// An image that is attacked by a server has no matches.
+    #[error("{image}: no problem with matches has this name; the server's file must be of the same images")]
     NoMatches {
-        /// The picture.
-        picture: String,
+        /// The image.
+        image: String,
     },
-    /// Matches of a picture are of a picture of another size.
+    /// Matches of an image are of an image of another size.
     #[error(
-        "{picture}: its matches are of {} x {} pixels, its keypoints of {} x {}",
+        "{image}: its matches are of {} x {} pixels, its keypoints of {} x {}",
         size[0], size[1], expected[0], expected[1]
     )]
     OtherSize {
-        /// The picture.
-        picture: String,
+        /// The image.
+        image: String,
         /// Width and height in the file of matches, pixels.
         size: [u32; 2],
         /// Width and height in the file of keypoints, pixels.
         expected: [u32; 2],
     },
-    /// A match is of a keypoint that the picture does not have.
-    #[error("{picture}: a match is of a keypoint at ({u}, {v}), and the picture has none there")]
+    /// A match is of a keypoint that the image does not have.
+    #[error("{image}: a match is of a keypoint at ({u}, {v}), and the image has none there")]
     NoSuchKeypoint {
-        /// The picture.
-        picture: String,
+        /// The image.
+        image: String,
         /// Column of the keypoint, pixels.
         u: f64,
         /// Row of the keypoint, pixels.
         v: f64,
     },
-    /// The server could not localize any picture, so it knows nothing beside what was sent.
+    /// The server could not localize any image, so it knows nothing beside what was sent.
     #[error(
-        "{scheme}: no trustworthy pose was found for any of {pictures} pictures, so the server knows no position"
+        "{scheme}: no trustworthy pose was found for any of {images} images, so the server knows no position"
     )]
     NoPose {
         /// Obfuscation scheme.
         scheme: String,
-        /// How many pictures were tried.
-        pictures: usize,
+        /// How many images were tried.
+        images: usize,
     },
     /// An attack could not run.
     #[error(transparent)]

@@ -20,7 +20,7 @@ use veiloc_obfuscation::{SealTruth, extract, seal_with_truth};
 use veiloc_query::{Observations, Scheme, SealedQuery};
 use veiloc_robust::Correspondences;
 
-use crate::audit::KeypointPicture;
+use crate::audit::KeypointImage;
 use crate::error::EvalError;
 use crate::problems::{CameraLine, Line, PoseLine};
 use crate::scene::{PosedQuery, posed_queries};
@@ -31,7 +31,7 @@ use crate::seeds::seed_for;
 pub struct ProblemSource<'a> {
     /// Folder of the COLMAP model with cameras and poses.
     pub posed: &'a Path,
-    /// Folder of the photographs.
+    /// Folder of the images.
     pub images: &'a Path,
     /// Names of the images the map is built from.
     pub map_list: &'a [String],
@@ -52,12 +52,12 @@ pub struct MadeProblem {
     pub line: String,
     /// All its keypoints with descriptors, strongest first, matched or not, at the very positions of the problem. Decoys,
     /// which only a query below the smallest size class has, come last.
-    pub keypoints: KeypointPicture,
+    pub keypoints: KeypointImage,
 }
 
 /// One problem a query, in the order of the list.
 ///
-/// Pixels are those of the query's canonical camera, to 1/65536 of the picture as the scheme `points` sends them.
+/// Pixels are those of the query's canonical camera, to 1/65536 of the image as the scheme `points` sends them.
 ///
 /// # Errors
 /// [`EvalError`] when data is missing, the map cannot be built, or a query has too few keypoints to be sealed.
@@ -101,7 +101,7 @@ fn made(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result
 }
 
 /// What was sent, strongest first.
-fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f32]) -> KeypointPicture {
+fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f32]) -> KeypointImage {
     let strength = |row: &usize| truth.source[*row].map_or(f32::NEG_INFINITY, |feature| strengths[feature]);
     let mut order: Vec<usize> = (0..truth.source.len()).collect();
     order.sort_by(|a, b| strength(b).total_cmp(&strength(a)).then(truth.source[*a].cmp(&truth.source[*b])));
@@ -111,7 +111,7 @@ fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f
     };
     let descriptors = sealed.descriptors().to_owned().select(order.iter().copied());
     let camera = sealed.camera();
-    KeypointPicture {
+    KeypointImage {
         name: name.to_owned(),
         width: camera.width,
         height: camera.height,

@@ -20,16 +20,16 @@ use veiloc_robust::ScoreKind;
 
 use crate::error::EvalError;
 use crate::metrics::Threshold;
-use crate::results::{Evaluation, MapSummary, QueryResult, StrangerSummary, Variant, summarize};
+use crate::negatives::{Negatives, localize_negatives};
+use crate::results::{Evaluation, MapSummary, NegativeSummary, QueryResult, Variant, summarize};
 use crate::seeds::seed_for;
-use crate::strangers::{Strangers, localize_strangers};
 
 /// What to evaluate.
 #[derive(Debug, Clone)]
 pub struct SceneEvaluation {
     /// Folder of the COLMAP model with cameras and poses.
     pub posed: PathBuf,
-    /// Folder of the photographs.
+    /// Folder of the images.
     pub images: PathBuf,
     /// Names of the images the map is built from.
     pub map_list: Vec<String>,
@@ -48,12 +48,12 @@ pub struct SceneEvaluation {
     /// Localization; its score is replaced by each of [`Self::scores`].
     pub localize: LocalizeOptions,
     /// Queries of another place, none of which should be localized.
-    pub strangers: Option<Strangers>,
+    pub negatives: Option<Negatives>,
     /// Seed of sealing and sampling.
     pub seed: u64,
 }
 
-/// A photograph whose pose is known.
+/// An image whose pose is known.
 #[derive(Debug, Clone)]
 pub(crate) struct PosedQuery {
     /// Its name.
@@ -81,8 +81,8 @@ pub fn evaluate_scene(
             "{name} is in the map list and in the query list; a query that is in the map proves nothing; take it from one of the lists"
         )));
     }
-    let strange_queries = match &evaluation.strangers {
-        Some(strangers) => Some(strangers.queries(evaluation)?),
+    let strange_queries = match &evaluation.negatives {
+        Some(negatives) => Some(negatives.queries(evaluation)?),
         None => None,
     };
 
@@ -99,13 +99,13 @@ pub fn evaluate_scene(
         std::fs::metadata(&path).map_err(|source| EvalError::Io { path: path.clone(), source })?.len();
 
     let (mut schemes, queries) = localize_all(&map, &queries, evaluation, progress)?;
-    let mut strangers = Vec::new();
+    let mut negatives = Vec::new();
     if let Some(posed) = &strange_queries {
-        let by_row = localize_strangers(&map, posed, evaluation, progress)?;
+        let by_row = localize_negatives(&map, posed, evaluation, progress)?;
         for (summary, of_row) in schemes.iter_mut().zip(&by_row) {
-            summary.strangers = Some(StrangerSummary::of(of_row));
+            summary.negatives = Some(NegativeSummary::of(of_row));
         }
-        strangers.extend(by_row.into_iter().flatten());
+        negatives.extend(by_row.into_iter().flatten());
     }
     Ok(Evaluation {
         version: 1,
@@ -116,7 +116,7 @@ pub fn evaluate_scene(
         fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
         schemes,
         queries,
-        strangers,
+        negatives,
         map: Some(MapSummary { images: map.image_count(), points: map.point_count(), bytes, build_seconds }),
     })
 }

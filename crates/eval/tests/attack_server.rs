@@ -1,4 +1,4 @@
-//! Attacks of a server that has localized the pictures: a made-up place, sealed, posed and attacked as real ones are.
+//! Attacks of a server that has localized the images: a made-up place, sealed, posed and attacked as real ones are.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -24,17 +24,17 @@ const FOCAL: f64 = 500.0;
 enum Matches {
     /// Of every other keypoint, right.
     Right,
-    /// Of every other keypoint, with map points drawn by lot.
+    /// Of every other keypoint, with map points drawn at random.
     Wrong,
-    /// For pictures of other names.
+    /// For images of other names.
     OtherNames,
-    /// Of a picture of another size.
+    /// Of an image of another size.
     OtherSize,
-    /// Of keypoints half a pixel away from those of the picture.
+    /// Of keypoints half a pixel away from those of the image.
     OtherKeypoints,
 }
 
-/// Keypoints and matches of `frames` pictures in a new folder.
+/// Keypoints and matches of `frames` images in a new folder.
 fn files(frames: usize, matches: Matches) -> (tempfile::TempDir, [PathBuf; 2]) {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let poses: Vec<CameraFromWorld> = (0..frames)
@@ -60,7 +60,7 @@ fn files(frames: usize, matches: Matches) -> (tempfile::TempDir, [PathBuf; 2]) {
     let (mut keypoints, mut problems) = (String::new(), String::new());
     for (i, pose) in poses.iter().enumerate() {
         let seen: Vec<[f64; 2]> = points.iter().filter_map(|x| see(pose, x)).collect();
-        let picture = serde_json::json!({
+        let image = serde_json::json!({
             "name": format!("p{i}"), "width": 640, "height": 480, "keypoints": seen,
             "descriptors": STANDARD.encode(&bytes), "descriptor_dim": 16,
         });
@@ -78,7 +78,7 @@ fn files(frames: usize, matches: Matches) -> (tempfile::TempDir, [PathBuf; 2]) {
             "points3d": rows.iter().map(of).map(|k| <[f64; 3]>::from(points[k].coords)).collect::<Vec<_>>(),
             "cam_from_world": {"q": pose.quaternion(), "t": [t.x, t.y, t.z]},
         });
-        writeln!(keypoints, "{picture}").expect("into memory");
+        writeln!(keypoints, "{image}").expect("into memory");
         writeln!(problems, "{problem}").expect("into memory");
     }
     let folder = tempfile::tempdir().expect("temporary folder");
@@ -95,7 +95,7 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[AttackKind]) -> Atta
     AttackEvaluation {
         files: vec![keypoints.to_owned()],
         synthetic: 0,
-        pictures: Some(1),
+        images: Some(1),
         schemes: vec!["dcl".parse().expect("a scheme")],
         attacks: attacks.to_vec(),
         neighbours: NeighbourSource::Oracle,
@@ -166,7 +166,7 @@ fn a_server_knows_its_inliers_and_recovers_others() {
 fn a_private_region_is_in_no_match() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
     let mut asked = evaluation(&keypoints, &problems, &[AttackKind::Iterative]);
-    asked.pictures = None;
+    asked.images = None;
     let hidden = run(&asked).expect("attacked");
     asked.server.as_mut().expect("set").private = Some(0.1);
     let private = run(&asked).expect("attacked");
@@ -185,13 +185,13 @@ fn files_that_do_not_fit_and_servers_that_find_no_pose_are_named() {
         run(&evaluation(&keypoints, &problems, &[AttackKind::Iterative])).expect_err("refused")
     };
     let error = refused(Matches::OtherNames);
-    assert!(matches!(&error, EvalError::NoMatches { picture } if picture == "p0"), "{error}");
+    assert!(matches!(&error, EvalError::NoMatches { image } if image == "p0"), "{error}");
     let error = refused(Matches::OtherSize);
     assert!(matches!(&error, EvalError::OtherSize { size: [641, 480], .. }), "{error}");
     let error = refused(Matches::OtherKeypoints);
-    assert!(matches!(&error, EvalError::NoSuchKeypoint { picture, .. } if picture == "p0"), "{error}");
+    assert!(matches!(&error, EvalError::NoSuchKeypoint { image, .. } if image == "p0"), "{error}");
     let error = refused(Matches::Wrong);
-    assert!(matches!(&error, EvalError::NoPose { pictures: 1, .. }), "{error}");
+    assert!(matches!(&error, EvalError::NoPose { images: 1, .. }), "{error}");
 }
 
 #[test]
@@ -208,7 +208,7 @@ fn what_makes_no_sense_together_is_refused() {
     check(AttackKind::Iterative, "needs its matches", |e| e.server = None);
     check(AttackKind::Iterative, "one neighbour", |e| e.k = 0);
     check(AttackKind::SeveralFrames, "two at least", |e| e.frames = vec![1]);
-    check(AttackKind::SeveralFrames, "has 2 pictures", |e| e.frames = vec![3]);
+    check(AttackKind::SeveralFrames, "has 2 images", |e| e.frames = vec![3]);
     check(AttackKind::GuidedTransfer, "nothing can be transferred", |e| {
         e.server.as_mut().expect("set").private = Some(0.1);
     });

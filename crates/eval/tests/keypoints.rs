@@ -1,13 +1,13 @@
-//! Our keypoints beside those of an independent pipeline on the same photograph. Needs `VEILOC_DATA`.
+//! Our keypoints beside those of an independent pipeline on the same image. Needs `VEILOC_DATA`.
 
 use std::path::PathBuf;
 
-use veiloc_eval::audit::{KeypointPicture, keypoints_of_photograph, read_keypoints};
+use veiloc_eval::audit::{KeypointImage, keypoints_of_image, read_keypoints};
 use veiloc_query::ExtractionLimits;
 
 /// Row `i` as a unit vector.
-fn unit(picture: &KeypointPicture, i: usize) -> Vec<f64> {
-    let (bytes, dimension) = picture.descriptors.as_ref().expect("descriptors");
+fn unit(image: &KeypointImage, i: usize) -> Vec<f64> {
+    let (bytes, dimension) = image.descriptors.as_ref().expect("descriptors");
     let row: Vec<f64> = bytes[i * dimension..][..*dimension].iter().map(|b| f64::from(*b)).collect();
     let norm = row.iter().map(|x| x * x).sum::<f64>().sqrt();
     row.iter().map(|x| x / norm).collect()
@@ -19,11 +19,11 @@ fn descriptors_are_laid_out_as_in_the_problem_files() {
         eprintln!("skipped: VEILOC_DATA is not set");
         return;
     };
-    // RedKitchen's file has frames of which the photographs are not there.
+    // RedKitchen's file has frames of which the images are not there.
     let all = read_keypoints(&data.join("problems/herzjesu_keypoints.jsonl.gz")).expect("keypoints");
-    let theirs = all.iter().find(|p| p.name == "0002.jpg").expect("the picture");
+    let theirs = all.iter().find(|p| p.name == "0002.jpg").expect("the image");
     let limits = ExtractionLimits { max_keypoints: 4096, max_image_side: 1024 };
-    let ours = keypoints_of_photograph(&data.join("herzjesu/images/0002.jpg"), limits).expect("a photograph");
+    let ours = keypoints_of_image(&data.join("herzjesu/images/0002.jpg"), limits).expect("an image");
     assert_eq!((ours.width, ours.height), (theirs.width, theirs.height));
 
     let cosine = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_eval::results::{Evaluation, SchemeSummary};
 use veiloc_eval::{
-    Hypotheses, PoseEvaluation, Recipe, SceneEvaluation, Strangers, evaluate_poses, evaluate_scene,
+    Hypotheses, Negatives, PoseEvaluation, Recipe, SceneEvaluation, evaluate_poses, evaluate_scene,
 };
 use veiloc_localize::LocalizeOptions;
 use veiloc_mapping::BuildOptions;
@@ -40,7 +40,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
         scores: Vec::new(),
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
         localize: LocalizeOptions::default(),
-        strangers: None,
+        negatives: None,
         seed: 0,
     }
 }
@@ -71,18 +71,18 @@ fn queries_of_another_place_are_not_trusted() {
     let Some(data) = data() else { return };
     let kitchen = data.join("redkitchen");
     let mut evaluation = scene(&data.join("herzjesu"), 1, &["points", "random-lines", "dcl"]);
-    evaluation.strangers = Some(Strangers {
+    evaluation.negatives = Some(Negatives {
         posed: kitchen.join("posed"),
         images: kitchen.join("images"),
         list: names(&kitchen.join("query.txt")).into_iter().step_by(4).collect(),
     });
     let result = evaluate_scene(&evaluation, &()).expect("evaluated");
     for summary in &result.schemes {
-        let strangers = summary.strangers.expect("there were some");
-        assert_eq!((strangers.queries, strangers.trusted), (8, 0), "{}", summary.scheme);
+        let negatives = summary.negatives.expect("there were some");
+        assert_eq!((negatives.queries, negatives.trusted), (8, 0), "{}", summary.scheme);
         assert_eq!(summary.trusted, Some(2), "{}: own queries", summary.scheme);
     }
-    assert_eq!(result.strangers.len(), 24);
+    assert_eq!(result.negatives.len(), 24);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The trade-off on three small pictures: figures found by other means, results that repeat, and files that do not fit.
+//! The trade-off on three small images: figures found by other means, results that repeat, and files that do not fit.
 
 use std::path::PathBuf;
 
@@ -15,8 +15,8 @@ const KEYPOINTS: usize = 240;
 /// Matches are those of the even keypoints.
 const MATCHES: usize = KEYPOINTS / 2;
 
-/// One picture: its line of keypoints, its problem. The matches of a lost picture are all wrong.
-fn picture(name: &str, lost: bool) -> (Value, Value) {
+/// One image: its line of keypoints, its problem. The matches of a lost image are all wrong.
+fn image(name: &str, lost: bool) -> (Value, Value) {
     let mut rng = ChaCha8Rng::seed_from_u64(u64::from(name.as_bytes()[0]));
     let (mut keypoints, mut points2d, mut points3d, mut ratio) = (vec![], vec![], vec![], vec![]);
     let t = [0.1, -0.2, 0.3];
@@ -39,12 +39,12 @@ fn picture(name: &str, lost: bool) -> (Value, Value) {
     }
     let bytes: Vec<u8> = (0..KEYPOINTS * 128).map(|_| rng.random_range(0..90)).collect();
     let descriptors = base64::engine::general_purpose::STANDARD.encode(bytes);
-    let pictured = json!({"name": name, "width": 640, "height": 480, "keypoints": keypoints, "descriptor_dim": 128,
+    let imaged = json!({"name": name, "width": 640, "height": 480, "keypoints": keypoints, "descriptor_dim": 128,
         "descriptors": descriptors});
     let camera = json!({"model": "PINHOLE", "width": 640, "height": 480, "params": [500, 500, 320, 240]});
     let problem = json!({"name": name, "camera": camera, "points2d": points2d, "points3d": points3d, "ratio": ratio,
         "cam_from_world": {"q": [1, 0, 0, 0], "t": t}});
-    (pictured, problem)
+    (imaged, problem)
 }
 
 struct Files {
@@ -57,9 +57,9 @@ fn files(change: impl Fn(usize, &mut Value, &mut Value)) -> Files {
     let folder = tempfile::tempdir().expect("temporary folder");
     let (mut keypoints, mut problems) = (Vec::new(), Vec::new());
     for (i, name) in ["a", "b", "c"].into_iter().enumerate() {
-        let (mut pictured, mut problem) = picture(name, name == "c");
-        change(i, &mut pictured, &mut problem);
-        keypoints.push(pictured.to_string());
+        let (mut imaged, mut problem) = image(name, name == "c");
+        change(i, &mut imaged, &mut problem);
+        keypoints.push(imaged.to_string());
         problems.push(problem.to_string());
     }
     let path = |name: &str, lines: &[String]| {
@@ -87,7 +87,7 @@ fn error_of_guess([u, v]: [f64; 2]) -> f64 {
     let anchor = if u <= 320.0 { [320.0, 0.0] } else { [320.0, 480.0] };
     let (du, dv) = (u - anchor[0], v - anchor[1]);
     let r = du.hypot(dv);
-    // The anchor lies on the border: the half-line is in the picture from there until it meets an edge.
+    // The anchor lies on the border: the half-line is in the image from there until it meets an edge.
     let far = [320.0 / du.abs(), 480.0 / dv.abs()].into_iter().fold(f64::INFINITY, f64::min) * r;
     (2.0 / 3.0 * far - r).abs()
 }
@@ -95,7 +95,7 @@ fn error_of_guess([u, v]: [f64; 2]) -> f64 {
 #[test]
 fn figures_are_those_found_by_other_means() {
     let files = files(|_, _, _| {});
-    let document = run(&files, &["dcl", "first=150", "known=0.8", "lot=100+bits=8", "decoys=50"]);
+    let document = run(&files, &["dcl", "first=150", "known=0.8", "random=100+bits=8", "decoys=50"]);
     let [plain, first, known, lot, decoys] = &document.variants[..] else { panic!("five variants") };
     let sent: Vec<f64> = document.variants.iter().map(|v| v.sent).collect();
     // Of the even keypoints every third has a ratio of 0.7.
@@ -108,7 +108,7 @@ fn figures_are_those_found_by_other_means() {
     );
     assert!((30.0..70.0).contains(&matches[3]), "half of a lot of 100: {matches:?}");
 
-    // Two pictures of three can be localized.
+    // Two images of three can be localized.
     for v in [plain, first, known, decoys] {
         assert!((v.localization.recall["0.1/2"] - 2.0 / 3.0).abs() < 1e-12, "{v:?}");
         assert!(v.localization.median_translation.is_some_and(|t| t < 0.1));
@@ -117,8 +117,8 @@ fn figures_are_those_found_by_other_means() {
 
     let mut expected: Vec<f64> = Vec::new();
     for name in ["a", "b", "c"] {
-        let (pictured, _) = picture(name, name == "c");
-        let all: Vec<[f64; 2]> = serde_json::from_value(pictured["keypoints"].clone()).expect("positions");
+        let (imaged, _) = image(name, name == "c");
+        let all: Vec<[f64; 2]> = serde_json::from_value(imaged["keypoints"].clone()).expect("positions");
         expected.extend(all.into_iter().map(error_of_guess));
     }
     expected.sort_by(f64::total_cmp);
@@ -134,7 +134,7 @@ fn figures_are_those_found_by_other_means() {
     }
     let graph = plain.attack("graph").expect("it ran");
     assert!(graph.under_30px > guess.under_30px && graph.shape_median_px <= graph.median_px, "{graph:?}");
-    assert!(plain.attack("transfer").is_some(), "the other pictures are a map");
+    assert!(plain.attack("transfer").is_some(), "the other images are a map");
 
     let table = tradeoff_table(&document);
     for word in ["240+120", "known=0.8", "≤0.1/2 %", "66.7", "transfer"] {
@@ -148,7 +148,7 @@ fn figures_are_those_found_by_other_means() {
 fn equal_seeds_give_equal_results_whatever_the_number_of_threads() {
     let files = files(|_, _, _| {});
     let once = |threads: usize, seed: u64| {
-        let mut evaluation = evaluation(&files, &["line=lot", "lot=80+noise=2+decoys=30"]);
+        let mut evaluation = evaluation(&files, &["line=lot", "random=80+noise=2+decoys=30"]);
         evaluation.seed = seed;
         evaluation.seeds = 2;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
@@ -161,22 +161,22 @@ fn equal_seeds_give_equal_results_whatever_the_number_of_threads() {
 }
 
 #[test]
-fn a_predictor_is_taught_by_other_pictures() {
+fn a_predictor_is_taught_by_other_images() {
     let own = files(|_, _, _| {});
-    let other = files(|i, pictured, problem| (*pictured, *problem) = picture(["x", "y", "z"][i], false));
+    let other = files(|i, imaged, problem| (*imaged, *problem) = image(["x", "y", "z"][i], false));
     let mut evaluation = evaluation(&own, &["dcl"]);
     evaluation.attacked = Some(1);
     assert_eq!(evaluate_tradeoff(&evaluation, &()).expect("it runs").variants[0].precision, None);
     evaluation.train = vec![other.keypoints.clone()];
     let document = evaluate_tradeoff(&evaluation, &()).expect("it runs");
-    assert_eq!((document.attacked, document.queries, document.train_pictures), (1, 3, 3));
-    // Descriptors drawn by lot tell nothing.
+    assert_eq!((document.attacked, document.queries, document.train_images), (1, 3, 3));
+    // Descriptors drawn at random tell nothing.
     let (precision, chance) =
         (document.variants[0].precision.expect("predicted"), document.variants[0].chance);
     assert!((precision - chance).abs() < 0.5 * chance, "{precision} {chance}");
     evaluation.train = vec![own.keypoints.clone()];
     let error = evaluate_tradeoff(&evaluation, &()).expect_err("taught by itself");
-    assert!(error.to_string().contains("other pictures"), "{error}");
+    assert!(error.to_string().contains("other images"), "{error}");
 }
 
 #[test]
@@ -185,12 +185,12 @@ fn files_that_do_not_belong_together_are_refused() {
         let error = evaluate_tradeoff(&evaluation(files, &["dcl"]), &()).expect_err(says);
         assert!(matches!(error, EvalError::DataSet(_)) && error.to_string().contains(says), "{error}");
     };
-    refused(&files(|i, _, problem| problem["name"] = json!(i.to_string())), "no picture name in common");
-    refused(&files(|_, pictured, _| drop(pictured["descriptors"].take())), "without descriptors");
-    refused(&files(|_, pictured, _| pictured["width"] = json!(641)), "641 x 480");
-    let moved = files(|i, pictured, _| {
+    refused(&files(|i, _, problem| problem["name"] = json!(i.to_string())), "no image name in common");
+    refused(&files(|_, imaged, _| drop(imaged["descriptors"].take())), "without descriptors");
+    refused(&files(|_, imaged, _| imaged["width"] = json!(641)), "641 x 480");
+    let moved = files(|i, imaged, _| {
         if i == 1 {
-            pictured["keypoints"][0] = json!([1.0, 1.0]);
+            imaged["keypoints"][0] = json!([1.0, 1.0]);
         }
     });
     refused(&moved, "b: a match is at");

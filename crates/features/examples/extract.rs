@@ -1,4 +1,4 @@
-//! Extracts the features of pictures into raw files, for scripts/oracle_features.py and for timing.
+//! Extracts the features of images into raw files, for scripts/oracle_features.py and for timing.
 //!
 //! ```text
 //! extract [--max N] [--no-upsample] [--peak P] [--repeat N] IMAGE OUT [IMAGE OUT]...

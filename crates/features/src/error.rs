@@ -1,8 +1,8 @@
-//! What can be wrong with a picture.
+//! What can be wrong with an image.
 
 use std::path::PathBuf;
 
-/// Why a picture was refused. The message names the file, where there is one, and what to do about it.
+/// Why an image was refused. The message names the file, where there is one, and what to do about it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FeatureError {
@@ -14,7 +14,7 @@ pub enum FeatureError {
         /// What the operating system said.
         source: std::io::Error,
     },
-    /// The file is no picture, is cut short, or is of a kind that is not supported.
+    /// The file is no image, is cut short, or is of a kind that is not supported.
     #[error("cannot decode {}: {reason}; expected a complete JPEG or PNG file, export or copy it again", path.display())]
     Decode {
         /// The file.
@@ -22,7 +22,7 @@ pub enum FeatureError {
         /// What the decoder said.
         reason: String,
     },
-    /// The picture has more pixels than we are ready to hold in memory.
+    /// The image has more pixels than we are ready to hold in memory.
     #[error(
         "{} has {width}x{height} pixels, more than {max_pixels}; scale it down first",
         path.display()
@@ -38,7 +38,7 @@ pub enum FeatureError {
         max_pixels: u64,
     },
     /// Width or height is zero.
-    #[error("the picture is empty ({width}x{height}); width and height must be at least 1")]
+    #[error("the image is empty ({width}x{height}); width and height must be at least 1")]
     Empty {
         /// Its width, pixels.
         width: u32,

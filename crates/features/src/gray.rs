@@ -1,11 +1,11 @@
-//! One-channel pictures, the input of extraction.
+//! One-channel images, the input of extraction.
 
 use crate::FeatureError;
 
 /// Weights of red, green and blue in gray: Rec. 709 luma on the stored (gamma-encoded) values, as COLMAP has it.
 const LUMA: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
-/// A gray picture: `width * height` finite samples, nominally in [0, 1], row by row, at least one pixel.
+/// A gray image: `width * height` finite samples, nominally in [0, 1], row by row, at least one pixel.
 ///
 /// The sample of column `x`, row `y` belongs to the point (x + 0.5, y + 0.5), COLMAP's pixel convention.
 #[derive(Clone, PartialEq)]
@@ -15,7 +15,7 @@ pub struct GrayImage {
     data: Vec<f32>,
 }
 
-// What a picture shows must never reach a log (leak L8).
+// What an image shows must never reach a log (leak L8).
 impl std::fmt::Debug for GrayImage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "GrayImage({}x{})", self.width, self.height)
@@ -78,9 +78,9 @@ impl GrayImage {
         &self.data[y as usize * width..][..width]
     }
 
-    /// The same picture at most `max_side` pixels wide and high, sides in proportion; unchanged when it already is.
+    /// The same image at most `max_side` pixels wide and high, sides in proportion; unchanged when it already is.
     ///
-    /// A point `(u, v)` of this picture is at `(u * new_width / width, v * new_height / height)` of the new one:
+    /// A point `(u, v)` of this image is at `(u * new_width / width, v * new_height / height)` of the new one:
     /// see [`Features::scaled`](crate::Features::scaled) for the way back.
     pub fn limited(self, max_side: u32) -> Self {
         let longest = self.width.max(self.height);
@@ -95,7 +95,7 @@ impl GrayImage {
         self.resized(shrink(self.width), shrink(self.height))
     }
 
-    /// The same picture at another size (at least 1x1), each new pixel the mean of the area it covers.
+    /// The same image at another size (at least 1x1), each new pixel the mean of the area it covers.
     ///
     /// Meant for shrinking; when growing it repeats pixels.
     pub fn resized(&self, width: u32, height: u32) -> Self {

@@ -3,10 +3,10 @@
 use veiloc_descriptor::Descriptors;
 use veiloc_geometry::Pixel;
 
-/// A place in a picture that can be found again.
+/// A place in an image that can be found again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Keypoint {
-    /// Where, COLMAP's pixel convention, in the picture it was extracted from (still distorted).
+    /// Where, COLMAP's pixel convention, in the image it was extracted from (still distorted).
     pub pixel: Pixel,
     /// Standard deviation of the Gaussian at which it was found, pixels.
     pub scale: f32,
@@ -16,7 +16,7 @@ pub struct Keypoint {
     pub response: f32,
 }
 
-/// What was extracted from one picture, strongest keypoint first.
+/// What was extracted from one image, strongest keypoint first.
 #[derive(Clone, PartialEq)]
 pub struct Features {
     /// `[N]`
@@ -33,9 +33,9 @@ impl std::fmt::Debug for Features {
 }
 
 impl Features {
-    /// The same features with keypoints in a picture of another size: `u` times `columns`, `v` times `rows`.
+    /// The same features with keypoints in an image of another size: `u` times `columns`, `v` times `rows`.
     ///
-    /// For a picture that was scaled down before extraction, with `columns = old width / new width`. Descriptors stay.
+    /// For an image that was scaled down before extraction, with `columns = old width / new width`. Descriptors stay.
     pub fn scaled(mut self, columns: f64, rows: f64) -> Self {
         for keypoint in &mut self.keypoints {
             keypoint.pixel = Pixel::new(keypoint.pixel.u * columns, keypoint.pixel.v * rows);

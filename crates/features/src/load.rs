@@ -1,4 +1,4 @@
-//! Pictures from files. Metadata (EXIF) is never read: it could only leak, and COLMAP ignores orientation too.
+//! Images from files. Metadata (EXIF) is never read: it could only leak, and COLMAP ignores orientation too.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -7,7 +7,7 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 
 use crate::{FeatureError, GrayImage};
 
-/// The largest picture read, pixels in all: 100 million, several times what phones take.
+/// The largest image read, pixels in all: 100 million, several times what phones take.
 pub const MAX_PIXELS: u64 = 100_000_000;
 
 /// Reads a JPEG or PNG file as gray in [0, 1].
@@ -23,7 +23,7 @@ pub fn load_gray(path: &Path) -> Result<GrayImage, FeatureError> {
     let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
     let format = image::guess_format(&bytes).map_err(|e| refused(e.to_string()))?;
     if format == ImageFormat::Jpeg && !is_complete_jpeg(&bytes) {
-        return Err(refused("the end of the picture is missing".into()));
+        return Err(refused("the end of the image is missing".into()));
     }
 
     let mut reader = ImageReader::with_format(Cursor::new(&bytes), format);

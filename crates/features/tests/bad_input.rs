@@ -1,4 +1,4 @@
-//! Pictures that are none, too small, flat, not finite, or cut short: typed errors or no keypoints, never a panic.
+//! Images that are none, too small, flat, not finite, or cut short: typed errors or no keypoints, never a panic.
 
 use std::path::{Path, PathBuf};
 
@@ -36,7 +36,7 @@ fn sizes_and_samples_are_checked() {
 }
 
 #[test]
-fn small_and_flat_pictures_have_no_keypoints() {
+fn small_and_flat_images_have_no_keypoints() {
     for (width, height) in [(1, 1), (1, 500), (2, 2), (3, 3), (8, 8), (200, 150)] {
         let flat = GrayImage::new(width, height, vec![0.5; (width * height) as usize]).expect("finite");
         assert_eq!(count(&flat), 0, "{width}x{height}");
@@ -44,7 +44,7 @@ fn small_and_flat_pictures_have_no_keypoints() {
 }
 
 #[test]
-fn extreme_pictures_do_not_panic() {
+fn extreme_images_do_not_panic() {
     let checker =
         |value: f32| (0..64 * 64).map(|i| if (i / 3 + i / 192) % 2 == 0 { value } else { -value }).collect();
     for value in [1e-40, 1.0, 1e20, f32::MAX] {
@@ -61,7 +61,7 @@ fn extreme_pictures_do_not_panic() {
 #[test]
 fn files_load_in_colmap_gray() {
     let folder = tempfile::tempdir().expect("a folder");
-    let image = load_gray(&saved(folder.path(), "a.png", ImageFormat::Png)).expect("a picture");
+    let image = load_gray(&saved(folder.path(), "a.png", ImageFormat::Png)).expect("an image");
     assert_eq!((image.width(), image.height()), (64, 48));
     let Rgb([r, g, b]) = colourful(64, 48)[(10, 20)];
     let luma = (0.2126 * f32::from(r) + 0.7152 * f32::from(g) + 0.0722 * f32::from(b)) / 255.0;
@@ -94,12 +94,12 @@ fn a_missing_or_damaged_file_is_named() {
         }
     }
     let text = folder.path().join("text.jpg");
-    std::fs::write(&text, "not a picture").expect("written");
+    std::fs::write(&text, "not an image").expect("written");
     assert!(matches!(load_gray(&text), Err(FeatureError::Decode { .. })));
 }
 
 #[test]
-fn a_huge_picture_is_refused_before_it_is_decoded() {
+fn a_huge_image_is_refused_before_it_is_decoded() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = saved(folder.path(), "huge.png", ImageFormat::Png);
     let mut bytes = std::fs::read(&path).expect("just written");

@@ -2,7 +2,7 @@
 
 use veiloc_features::{Features, GrayImage, SiftOptions, extract_sift};
 
-/// A picture of Gaussian blobs `(u, v, sigma)`, the centre of the first pixel at (0.5, 0.5).
+/// An image of Gaussian blobs `(u, v, sigma)`, the centre of the first pixel at (0.5, 0.5).
 fn blobs(width: u32, height: u32, blobs: &[[f64; 3]]) -> GrayImage {
     let mut data = vec![0.2f32; (width * height) as usize];
     for &[u, v, sigma] in blobs {
@@ -55,7 +55,7 @@ fn check_offsets(sigma: f64, upsample: bool, largest_allowed: f64) {
 
 #[test]
 fn blob_positions_have_no_bias_in_any_octave() {
-    // Scales of 1.2, 2, ... pixels belong to octaves 0, 1, 2, 3 of the doubled picture.
+    // Scales of 1.2, 2, ... pixels belong to octaves 0, 1, 2, 3 of the doubled image.
     for (sigma, largest_allowed) in [(1.2, 0.02), (2.0, 0.02), (4.0, 0.04), (8.0, 0.08)] {
         check_offsets(sigma, true, largest_allowed);
     }
@@ -65,7 +65,7 @@ fn blob_positions_have_no_bias_in_any_octave() {
 }
 
 #[test]
-fn a_mirrored_picture_has_mirrored_keypoints() {
+fn a_mirrored_image_has_mirrored_keypoints() {
     let places: Vec<[f64; 3]> = (0..12)
         .map(|i| {
             let (column, row) = (f64::from(i % 4), f64::from(i / 4));

@@ -1,4 +1,4 @@
-//! Agreement with pycolmap and OpenCV on a drawn picture; files made by `scripts/oracle_features.py --fixture`.
+//! Agreement with pycolmap and OpenCV on a drawn image; files made by `scripts/oracle_features.py --fixture`.
 
 use std::path::Path;
 

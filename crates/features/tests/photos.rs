@@ -11,7 +11,7 @@ fn apply([a, b, c, d, e, f]: Affine, u: f64, v: f64) -> (f64, f64) {
     (a * u + b * v + c, d * u + e * v + f)
 }
 
-/// Turns by `degrees` and scales about the centre of a picture.
+/// Turns by `degrees` and scales about the centre of an image.
 fn about_centre(image: &GrayImage, degrees: f64, scale: f64) -> Affine {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let (cu, cv) = (f64::from(image.width()) / 2.0, f64::from(image.height()) / 2.0);
@@ -19,7 +19,7 @@ fn about_centre(image: &GrayImage, degrees: f64, scale: f64) -> Affine {
     [cos, -sin, cu - cos * cu + sin * cv, sin, cos, cv - sin * cu - cos * cv]
 }
 
-/// The picture moved by `affine`: nine bilinear samples averaged for each pixel, the border continued.
+/// The image moved by `affine`: nine bilinear samples averaged for each pixel, the border continued.
 fn warped(image: &GrayImage, affine: Affine) -> GrayImage {
     let [a, b, c, d, e, f] = affine;
     let det = a * e - b * d;
@@ -47,7 +47,7 @@ fn warped(image: &GrayImage, affine: Affine) -> GrayImage {
     GrayImage::new(width, height, (0..width * height).map(pixel).collect()).expect("finite")
 }
 
-/// Share of keypoints that stay 16 px inside and have one of the other picture's within 1.5 px; mean offset of those.
+/// Share of keypoints that stay 16 px inside and have one of the other image's within 1.5 px; mean offset of those.
 fn repeatability(
     here: &Features,
     there: &Features,
@@ -71,7 +71,7 @@ fn repeatability(
 }
 
 #[test]
-fn keypoints_of_photographs_are_found_again() {
+fn keypoints_of_images_are_found_again() {
     let Some(data) = std::env::var_os("VEILOC_DATA").map(PathBuf::from) else {
         eprintln!("skipped: VEILOC_DATA is not set");
         return;
@@ -81,7 +81,7 @@ fn keypoints_of_photographs_are_found_again() {
     for photo in
         ["photos/01.jpg", "photos/10265353_3838484249.jpg", "redkitchen/images/frame-000000.color.jpg"]
     {
-        let image = load_gray(&data.join(photo)).expect("a photograph");
+        let image = load_gray(&data.join(photo)).expect("an image");
         let here = extract_sift(&image, &options);
         assert!(here.keypoints.len() == 1024, "{photo}: {}", here.keypoints.len());
         for (degrees, scale, expected) in [(30.0, 1.0, 0.75), (0.0, 0.7, 0.58), (-100.0, 0.85, 0.7)] {

@@ -1,4 +1,4 @@
-//! Equal pictures give equal bytes, with any number of threads; ranking, order and limits.
+//! Equal images give equal bytes, with any number of threads; ranking, order and limits.
 
 use veiloc_features::{Features, GrayImage, SiftOptions, extract_sift};
 

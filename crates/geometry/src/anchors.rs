@@ -1,13 +1,13 @@
 //! The two anchors of Dual Convergent Lines: where they are, which keypoint belongs to which, and the angle of a line.
 //!
-//! The picture is cut by a **dividing line** through its centre. Both anchors lie on that line, at the distance
+//! The image is cut by a **dividing line** through its centre. Both anchors lie on that line, at the distance
 //! `s·H/2` from the centre, one on either side. With `d` the unit direction of the dividing line, the first anchor
 //! sits against `d` and serves the side where `d × (x − c) ≥ 0`; the second sits along `d` and serves the other
 //! side. For the vertical midline (`d` pointing down) that is the paper's choice: left of the line to the top
 //! anchor `(W/2, 0)`, right of it to the bottom anchor `(W/2, H)`; a keypoint exactly on the line to the first.
 //!
 //! The line of a keypoint is then told by its anchor and one angle: `φ ∈ [0, π]`, measured at the anchor from the
-//! direction towards the picture's centre, turning into the anchor's own side. The half circle is all there is,
+//! direction towards the image's centre, turning into the anchor's own side. The half circle is all there is,
 //! because the keypoint is known to lie on the anchor's side: a line of DCL is a half-line.
 
 use nalgebra::Vector2;
@@ -18,9 +18,9 @@ use crate::pixel::Pixel;
 /// One of the two anchors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Anchor {
-    /// `a1`: at the top of the picture for a vertical dividing line.
+    /// `a1`: at the top of the image for a vertical dividing line.
     First,
-    /// `a2`: at the bottom of the picture for a vertical dividing line.
+    /// `a2`: at the bottom of the image for a vertical dividing line.
     Second,
 }
 
@@ -53,7 +53,7 @@ impl Anchor {
     }
 }
 
-/// The anchors and dividing line of one picture size.
+/// The anchors and dividing line of one image size.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DualAnchors {
     center: Vector2<f64>,
@@ -62,7 +62,7 @@ pub struct DualAnchors {
 }
 
 impl DualAnchors {
-    /// For a picture of this size, a dividing line through its centre in the direction `angle` (radians from the
+    /// For an image of this size, a dividing line through its centre in the direction `angle` (radians from the
     /// `u` axis towards `v`; π/2 is the vertical midline), and anchors `s·H/2` from the centre.
     ///
     /// `None` unless `s` is positive and both numbers are finite.
@@ -95,7 +95,7 @@ impl DualAnchors {
         Pixel::new(p.x, p.y)
     }
 
-    /// The line that divides the picture.
+    /// The line that divides the image.
     pub fn dividing_line(&self) -> PixelLine {
         PixelLine::through(Pixel::new(self.center.x, self.center.y), self.direction.y.atan2(self.direction.x))
     }
@@ -118,7 +118,7 @@ impl DualAnchors {
         cross(d, x).max(0.0).atan2(d.dot(&x))
     }
 
-    /// Unit direction, in the picture, of the half-line with angle `φ` from `anchor`.
+    /// Unit direction, in the image, of the half-line with angle `φ` from `anchor`.
     pub fn ray_direction(&self, anchor: Anchor, angle: f64) -> Vector2<f64> {
         let d = self.toward_center(anchor);
         let (sin, cos) = angle.sin_cos();

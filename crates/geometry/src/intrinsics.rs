@@ -165,25 +165,25 @@ impl CameraModel {
     }
 }
 
-/// A calibrated camera: its model and the size of its pictures.
+/// A calibrated camera: its model and the size of its images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     /// Projection and distortion.
     pub model: CameraModel,
-    /// Picture width, pixels.
+    /// Image width, pixels.
     pub width: u32,
-    /// Picture height, pixels.
+    /// Image height, pixels.
     pub height: u32,
 }
 
 impl Intrinsics {
-    /// From COLMAP's model name, picture size and parameters.
+    /// From COLMAP's model name, image size and parameters.
     ///
     /// # Errors
     /// [`IntrinsicsError`] for an unknown model, a wrong count, or an impossible value.
     pub fn new(name: &str, width: u32, height: u32, params: &[f64]) -> Result<Self, IntrinsicsError> {
         if width == 0 || height == 0 {
-            return Err(IntrinsicsError::BadValue { what: "picture size", value: 0.0 });
+            return Err(IntrinsicsError::BadValue { what: "image size", value: 0.0 });
         }
         Ok(Self { model: CameraModel::new(name, params)?, width, height })
     }
@@ -205,7 +205,7 @@ impl Intrinsics {
         Some(PlanePoint::new(p.x, p.y))
     }
 
-    /// The same camera without its distortion: where lines in space are lines in the picture.
+    /// The same camera without its distortion: where lines in space are lines in the image.
     pub fn pinhole(&self) -> Pinhole {
         let (focal, principal) = self.model.pinhole_parts();
         Pinhole { width: self.width, height: self.height, focal, principal }
@@ -216,7 +216,7 @@ impl Intrinsics {
         self.unproject(pixel).map(|p| self.pinhole().project(p))
     }
 
-    /// The same camera for a picture scaled to another size.
+    /// The same camera for an image scaled to another size.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let sx = f64::from(width) / f64::from(self.width);
         let sy = f64::from(height) / f64::from(self.height);
@@ -265,9 +265,9 @@ impl fmt::Display for Intrinsics {
 /// A camera without distortion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pinhole {
-    /// Picture width, pixels.
+    /// Image width, pixels.
     pub width: u32,
-    /// Picture height, pixels.
+    /// Image height, pixels.
     pub height: u32,
     /// `[fx, fy]`, pixels.
     pub focal: [f64; 2],
@@ -289,7 +289,7 @@ impl Pinhole {
         )
     }
 
-    /// Whether a pixel lies in the picture, or at most `margin` pixels outside it.
+    /// Whether a pixel lies in the image, or at most `margin` pixels outside it.
     pub fn contains(&self, pixel: Pixel, margin: f64) -> bool {
         pixel.u >= -margin
             && pixel.v >= -margin
@@ -364,7 +364,7 @@ mod tests {
     ];
 
     #[test]
-    fn distortion_round_trips_over_the_whole_picture() {
+    fn distortion_round_trips_over_the_whole_image() {
         for text in CAMERAS {
             let camera: Intrinsics = text.parse().expect("valid");
             for i in 0..=20 {
@@ -373,7 +373,7 @@ mod tests {
                         f64::from(camera.width) * f64::from(i) / 20.0,
                         f64::from(camera.height) * f64::from(j) / 20.0,
                     );
-                    let back = camera.project(camera.unproject(pixel).expect("inside the picture"));
+                    let back = camera.project(camera.unproject(pixel).expect("inside the image"));
                     assert!(back.distance(&pixel) < 1e-8, "{text} {pixel:?} -> {back:?}");
                 }
             }

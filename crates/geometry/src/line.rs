@@ -1,4 +1,4 @@
-//! 2D lines: in the picture, and on the plane one unit in front of the camera.
+//! 2D lines: in the image, and on the plane one unit in front of the camera.
 //!
 //! A line is stored as its homogeneous coordinates with a unit normal, `a u + b v + c = 0`, `a² + b² = 1`, so
 //! that its product with `(u, v, 1)` is a signed distance. Scaling it carries no meaning, and must not: the
@@ -10,7 +10,7 @@ use nalgebra::{Vector2, Vector3};
 use crate::intrinsics::Pinhole;
 use crate::pixel::{Pixel, PlanePoint};
 
-/// A line in a picture, in pixels.
+/// A line in an image, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PixelLine {
     coefficients: Vector3<f64>,

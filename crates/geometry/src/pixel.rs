@@ -1,10 +1,10 @@
-//! Where something is in a picture: in pixels, or on the plane one unit in front of the camera.
+//! Where something is in an image: in pixels, or on the plane one unit in front of the camera.
 
 use nalgebra::{Vector2, Vector3};
 
 use crate::frames::{Camera, Point3};
 
-/// A position in a picture, COLMAP's convention: the centre of the first pixel is (0.5, 0.5).
+/// A position in an image, COLMAP's convention: the centre of the first pixel is (0.5, 0.5).
 ///
 /// Programs that put it at (0, 0) (OpenCV, hloc's keypoint files, 7Scenes) are converted at the door with
 /// [`Pixel::from_center_at_zero`] and nowhere else.

@@ -4,11 +4,11 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_kernels::Backend;
 use veiloc_kernels::pose::{
-    Block, CameraRows, Group, LANES, Observed, Picture, PoseLanes, RadialBlock, RadialLanes,
+    Block, CameraRows, Group, Image, LANES, Observed, PoseLanes, RadialBlock, RadialLanes,
 };
 
 const KINDS: [Observed; 3] = [Observed::Points, Observed::Lines, Observed::Anchored];
-const PICTURE: Picture = Picture { middle: [3.0, -2.0], half: [320.0, 240.0], margin: 6.4 };
+const IMAGE: Image = Image { middle: [3.0, -2.0], half: [320.0, 240.0], margin: 6.4 };
 const FOCAL: [f32; 2] = [510.0, 525.0];
 const ANCHORS: [[f32; 2]; 2] = [[0.0, -240.0], [0.0, 240.0]];
 /// The first group is seen left of the middle, the second right of it.
@@ -56,7 +56,7 @@ fn problem(rng: &mut ChaCha8Rng, observed: Observed, sizes: [usize; 2]) -> Probl
         }
         groups.push(Group::new(blocks, ANCHORS[group], SIDES[group], 6.3));
     }
-    Problem { lanes: PoseLanes::new(observed, groups, PICTURE), all }
+    Problem { lanes: PoseLanes::new(observed, groups, IMAGE), all }
 }
 
 /// Rows of a small motion `[R | t]`.

@@ -1,4 +1,4 @@
-//! A place of random points with random descriptors, seen exactly: the whole server side without a picture.
+//! A place of random points with random descriptors, seen exactly: the whole server side without an image.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::{ChaCha8Rng, ChaCha20Rng};
@@ -52,7 +52,7 @@ impl Place {
             .collect()
     }
 
-    /// The point's descriptor as one picture shows it.
+    /// The point's descriptor as one image shows it.
     fn observed(&self, point: usize, rng: &mut impl Rng) -> [u8; 128] {
         self.descriptors[point].map(|d| d.saturating_add(rng.random_range(0..12)))
     }
@@ -161,11 +161,11 @@ fn a_place_never_mapped_is_not_found() {
     // The same vocabulary, but points of another place: matches exist, a pose must not.
     let place = Place::new(1);
     let map = open(&place.map());
-    let mut stranger = Place::new(2);
-    stranger.profile = place.profile.clone();
+    let mut negative = Place::new(2);
+    negative.profile = place.profile.clone();
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let profile = place.profile.with_scheme(Scheme::Points);
-    let sealed = seal(stranger.query(&pose(0.0, 0.0)), &stranger.camera, &profile, &mut rng).expect("sealed");
+    let sealed = seal(negative.query(&pose(0.0, 0.0)), &negative.camera, &profile, &mut rng).expect("sealed");
     let lost = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing agrees");
     assert!(matches!(lost, LocalizeError::NoPose { .. }), "{lost}");
 }

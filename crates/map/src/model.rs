@@ -34,13 +34,13 @@ pub struct Observation {
 /// An image of the map. All of its keypoints are kept, also those that see no point: images added later may need them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapImage {
-    /// File name, relative to the folder of the photographs; unique in the map.
+    /// File name, relative to the folder of the images; unique in the map.
     pub name: String,
     /// Index of its camera.
     pub camera: usize,
     /// Where it was taken.
     pub cam_from_world: CameraFromWorld,
-    /// `[N]`, pixels `[u, v]` of the photograph as it was taken (distorted).
+    /// `[N]`, pixels `[u, v]` of the image as it was taken (distorted).
     pub keypoints: Vec<[f32; 2]>,
     /// `[N, dim]`
     pub descriptors: Descriptors,
@@ -57,7 +57,7 @@ pub struct MapPoint {
     pub position: Point3<World>,
     /// Who sees it, in rising order, at least one.
     pub track: Vec<Observation>,
-    /// Mean reprojection error over the track, pixels of the photographs.
+    /// Mean reprojection error over the track, pixels of the images.
     pub error: f64,
 }
 
@@ -72,7 +72,7 @@ pub struct MapModel {
     pub images: Vec<MapImage>,
     /// Points, by [`PointId`].
     pub points: Vec<MapPoint>,
-    /// How much was extracted from the map's own photographs; images that join later are treated alike. What devices
+    /// How much was extracted from the map's own images; images that join later are treated alike. What devices
     /// extract is in the profile.
     pub extraction: ExtractionLimits,
     /// What a device needs to seal a query for this map.

@@ -1,4 +1,4 @@
-//! From posed photographs to a map.
+//! From posed images to a map.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -22,12 +22,12 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::triangulation::{nearest_to_both_rays, widest_angle_deg};
 
-/// Builds a map of the named photographs, whose poses and cameras the model `posed` holds.
+/// Builds a map of the named images, whose poses and cameras the model `posed` holds.
 ///
 /// Keypoints and points of `posed` are not taken over; its points only help to find pairs of images, where it has any.
 ///
 /// # Errors
-/// [`MappingError`]: an empty list, a name that is there twice or has no pose, a photograph that cannot be read or is not
+/// [`MappingError`]: an empty list, a name that is there twice or has no pose, an image that cannot be read or is not
 /// of its camera's size, no keypoints at all, or nothing that could be triangulated.
 pub fn build(
     posed: &ColmapModel,

@@ -1,4 +1,4 @@
-//! Photographs join a map and leave it, without the map being built again.
+//! Images join a map and leave it, without the map being built again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -15,14 +15,14 @@ use crate::pairs::Seeds;
 use crate::progress::Progress;
 use crate::scene::{Fallback, Scene};
 
-/// Adds the named photographs, whose poses and cameras the model `posed` holds, in the frame of the map.
+/// Adds the named images, whose poses and cameras the model `posed` holds, in the frame of the map.
 ///
 /// Features are extracted as they were for the map, and matched with images that see the same. Points that gain
 /// observations are refined, new points are added behind the old ones; all others, the vocabulary and the profile stay
 /// as they are, bit for bit. An error leaves the map as it was.
 ///
 /// # Errors
-/// [`MappingError`] as for [`build`](crate::build), and when a photograph is already in the map.
+/// [`MappingError`] as for [`build`](crate::build), and when an image is already in the map.
 pub fn add(
     model: &mut MapModel,
     posed: &ColmapModel,
@@ -64,8 +64,8 @@ pub(crate) fn join(
     model.link_keypoints();
 }
 
-/// Takes the named photographs out of a map, with everything that came from them: points they saw are triangulated
-/// again from the other photographs, or go when too few are left. All other points stay as they are, bit for bit.
+/// Takes the named images out of a map, with everything that came from them: points they saw are triangulated
+/// again from the other images, or go when too few are left. All other points stay as they are, bit for bit.
 ///
 /// # Errors
 /// [`MappingError`]: an empty list, a name twice, or one that is not in the map. The map is then as it was.

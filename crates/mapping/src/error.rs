@@ -11,16 +11,16 @@ use veiloc_query::QueryError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MappingError {
-    /// No photograph was named.
-    #[error("the list of photographs is empty; name at least one")]
+    /// No image was named.
+    #[error("the list of images is empty; name at least one")]
     EmptyList,
-    /// A photograph was named twice.
-    #[error("{name} is in the list twice; name every photograph once")]
+    /// An image was named twice.
+    #[error("{name} is in the list twice; name every image once")]
     DuplicateName {
         /// Its name.
         name: String,
     },
-    /// A photograph that was named has no pose.
+    /// An image that was named has no pose.
     #[error(
         "{name} is in the list, but the posed model has no pose for it; take it from the list or add its pose"
     )]
@@ -28,36 +28,36 @@ pub enum MappingError {
         /// Its name.
         name: String,
     },
-    /// A photograph that is to join is already there.
+    /// An image that is to join is already there.
     #[error("{name} is already in the map; remove it first to replace it")]
     AlreadyInMap {
         /// Its name.
         name: String,
     },
-    /// A photograph that is to leave is not there.
+    /// An image that is to leave is not there.
     #[error("{name} is not in the map, so it cannot be removed; names are those of the posed model")]
     NotInMap {
         /// Its name.
         name: String,
     },
-    /// A photograph could not be read.
+    /// An image could not be read.
     #[error(transparent)]
-    Picture(#[from] FeatureError),
-    /// A photograph is not of the size its camera says.
+    Image(#[from] FeatureError),
+    /// An image is not of the size its camera says.
     #[error(
-        "{}: {}x{} pixels, but its camera takes {}x{}; use the photographs the poses were computed from, \
+        "{}: {}x{} pixels, but its camera takes {}x{}; use the images the poses were computed from, \
          neither scaled nor turned", path.display(), actual.0, actual.1, camera.0, camera.1
     )]
-    PictureSize {
-        /// The photograph.
+    ImageSize {
+        /// The image.
         path: PathBuf,
         /// Its width and height.
         actual: (u32, u32),
         /// Width and height of its camera.
         camera: (u32, u32),
     },
-    /// Nothing to recognise was found in any photograph.
-    #[error("no usable keypoints in {images} photographs: {source}; are they blank, or not the right files?")]
+    /// Nothing to recognise was found in any image.
+    #[error("no usable keypoints in {images} images: {source}; are they blank, or not the right files?")]
     NoKeypoints {
         /// How many there were.
         images: usize,
@@ -66,11 +66,11 @@ pub enum MappingError {
     },
     /// No point of the place could be triangulated.
     #[error(
-        "no point could be triangulated from {images} photographs ({matches} matches, {verified} of them agree with \
-         the poses); do the photographs overlap, from different places, and are the poses world-to-camera?"
+        "no point could be triangulated from {images} images ({matches} matches, {verified} of them agree with \
+         the poses); do the images overlap, from different places, and are the poses world-to-camera?"
     )]
     NoPoints {
-        /// How many photographs.
+        /// How many images.
         images: usize,
         /// Matches by descriptors.
         matches: usize,
@@ -79,8 +79,8 @@ pub enum MappingError {
     },
     /// The model that is to be imported has nothing to import.
     #[error(
-        "the COLMAP model has {points} points, and no keypoint found in the photographs lies near any of their \
-         observations; are these the photographs of the model? To make points from poses alone, build a map instead"
+        "the COLMAP model has {points} points, and no keypoint found in the images lies near any of their \
+         observations; are these the images of the model? To make points from poses alone, build a map instead"
     )]
     NothingImported {
         /// Points of the model.

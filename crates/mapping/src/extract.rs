@@ -1,4 +1,4 @@
-//! Features of the map's photographs.
+//! Features of the map's images.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -13,9 +13,9 @@ use veiloc_query::ExtractionLimits;
 use crate::error::MappingError;
 use crate::progress::Progress;
 
-/// What was found in one photograph.
+/// What was found in one image.
 pub(crate) struct Extracted {
-    /// `[N]`, pixels of the photograph as it was taken.
+    /// `[N]`, pixels of the image as it was taken.
     pub(crate) keypoints: Vec<[f32; 2]>,
     /// `[N, dim]`
     pub(crate) descriptors: Descriptors,
@@ -41,7 +41,7 @@ pub(crate) fn select<'a>(
         .collect()
 }
 
-/// Extracts the features of photographs, in their order; the first error in that order, if there is one.
+/// Extracts the features of images, in their order; the first error in that order, if there is one.
 pub(crate) fn extract_all(
     images: &[&ColmapImage],
     posed: &ColmapModel,
@@ -52,7 +52,7 @@ pub(crate) fn extract_all(
     extract_each(images, posed, image_dir, limits, progress, |_, extracted| extracted)
 }
 
-/// The same, and does something with the features of each photograph while those of others are still extracted.
+/// The same, and does something with the features of each image while those of others are still extracted.
 pub(crate) fn extract_each<T: Send>(
     images: &[&ColmapImage],
     posed: &ColmapModel,
@@ -74,21 +74,21 @@ pub(crate) fn extract_each<T: Send>(
 }
 
 fn extract(path: &Path, camera: &Intrinsics, limits: ExtractionLimits) -> Result<Extracted, MappingError> {
-    let picture = load_gray(path)?;
-    let size = (picture.width(), picture.height());
+    let image = load_gray(path)?;
+    let size = (image.width(), image.height());
     if size != (camera.width, camera.height) {
-        return Err(MappingError::PictureSize {
+        return Err(MappingError::ImageSize {
             path: path.to_owned(),
             actual: size,
             camera: (camera.width, camera.height),
         });
     }
-    let picture = picture.limited(limits.max_image_side);
+    let image = image.limited(limits.max_image_side);
     let (columns, rows) =
-        (f64::from(size.0) / f64::from(picture.width()), f64::from(size.1) / f64::from(picture.height()));
+        (f64::from(size.0) / f64::from(image.width()), f64::from(size.1) / f64::from(image.height()));
     let mut options = SiftOptions::default();
     options.max_keypoints = limits.max_keypoints as usize;
-    let features = extract_sift(&picture, &options).scaled(columns, rows);
+    let features = extract_sift(&image, &options).scaled(columns, rows);
     let keypoints: Vec<[f32; 2]> =
         features.keypoints.iter().map(|k| [k.pixel.u as f32, k.pixel.v as f32]).collect();
     Ok(Extracted { keypoints, descriptors: features.descriptors })

@@ -64,13 +64,13 @@ impl fmt::Display for ImportReport {
 
 /// Makes a map of a complete COLMAP model.
 ///
-/// A COLMAP model has no descriptors. Keypoints are extracted from the photographs, and each observation is given to the
+/// A COLMAP model has no descriptors. Keypoints are extracted from the images, and each observation is given to the
 /// keypoint nearest to it, if one is within 2 pixels (and to those at the very same place, found with another
 /// orientation). Positions of points are COLMAP's. Points without any such keypoint are left out. All keypoints that see
 /// a point are kept, and the strongest of the others as far as [`BuildOptions::max_keypoints`] goes.
 ///
 /// # Errors
-/// [`MappingError`]: a model without images, photographs that cannot be read or are not of their cameras' sizes, no
+/// [`MappingError`]: a model without images, images that cannot be read or are not of their cameras' sizes, no
 /// keypoints, or no point with a keypoint near one of its observations.
 pub fn import(
     colmap: &ColmapModel,
@@ -176,7 +176,7 @@ fn keep_strongest(found: Extracted, mut joined: Joined, limit: usize) -> (Extrac
     (Extracted { keypoints, descriptors: found.descriptors.select(indices) }, joined)
 }
 
-/// Mean reprojection error of each point over its track, in the photographs.
+/// Mean reprojection error of each point over its track, in the images.
 fn measure(model: &mut MapModel) {
     let MapModel { cameras, images, points, .. } = model;
     points.par_iter_mut().for_each(|point| {
@@ -184,7 +184,7 @@ fn measure(model: &mut MapModel) {
             let image = &images[o.image as usize];
             let [u, v] = image.keypoints[o.keypoint as usize];
             let projected = PlanePoint::from_camera_point(&image.cam_from_world.transform(&point.position));
-            // A model may hold points behind their cameras; the picture's size stands for an error without bound.
+            // A model may hold points behind their cameras; the image's size stands for an error without bound.
             projected.map_or(f64::from(cameras[image.camera].width), |p| {
                 cameras[image.camera].project(p).distance(&Pixel::new(f64::from(u), f64::from(v)))
             })
@@ -225,7 +225,7 @@ fn report(colmap: &ColmapModel, model: &MapModel, observations_kept: usize) -> I
     }
 }
 
-/// Keypoints of a photograph among which those of the model are looked for.
+/// Keypoints of an image among which those of the model are looked for.
 const GENEROUS: u32 = 65_536;
 /// An observation and a keypoint farther apart are not the same.
 const MAX_DISTANCE_PX: f64 = 2.0;

@@ -1,11 +1,11 @@
-//! Posed pictures to map: pairs, matching, tracks, triangulation.
+//! Posed images to map: pairs, matching, tracks, triangulation.
 //!
 //! ```text
-//! photographs ── features ── pairs ── matches ── epipolar check ── tracks ── triangulation ── completion ── map
+//! images ── features ── pairs ── matches ── epipolar check ── tracks ── triangulation ── completion ── map
 //!                            from the poses      with the poses
 //! ```
-//! - [`build`]: a map of photographs whose poses are known.
-//! - [`add`], [`remove`]: photographs join and leave; what they do not touch stays as it is, bit for bit.
+//! - [`build`]: a map of images whose poses are known.
+//! - [`add`], [`remove`]: images join and leave; what they do not touch stays as it is, bit for bit.
 //! - [`import`]: a complete COLMAP model, whose points and observations are kept.
 //!
 //! Poses are taken for true: only points move. Results depend neither on the number of threads nor on time.

@@ -106,5 +106,5 @@ impl Epipolar {
     }
 }
 
-/// Sine of the angle below which rays are not asked where they meet: 0.2 degrees, two pixels of a phone's picture.
+/// Sine of the angle below which rays are not asked where they meet: 0.2 degrees, two pixels of a phone's image.
 const NEARLY_PARALLEL: f64 = 0.0035;

@@ -6,22 +6,22 @@ use crate::error::MappingError;
 
 /// How to build a map.
 ///
-/// Pixel thresholds are given for a picture whose longer side has 1600 pixels, and scale with the picture: noise of
+/// Pixel thresholds are given for an image whose longer side has 1600 pixels, and scale with the image: noise of
 /// poses and lenses does. None falls below [`Self::MIN_ERROR_PX`]: noise of keypoints does not.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct BuildOptions {
     /// Scheme that devices use unless told otherwise; published in the profile.
     pub scheme: Scheme,
-    /// Keypoints of a map photograph, the strongest. Default 4096: a map may be richer than a query.
+    /// Keypoints of a map image, the strongest. Default 4096: a map may be richer than a query.
     pub max_keypoints: usize,
-    /// Longest side at which map photographs are searched for keypoints, pixels. Default 1600.
+    /// Longest side at which map images are searched for keypoints, pixels. Default 1600.
     pub max_image_side: u32,
     /// What devices extract; published in the profile.
     pub device: ExtractionLimits,
-    /// Words of the vocabulary. Default 64: more help little in places of up to some thousand photographs.
+    /// Words of the vocabulary. Default 64: more help little in places of up to some thousand images.
     pub vocabulary_words: usize,
-    /// Photographs each photograph is matched with, at most (not counting those that chose it). Default 20.
+    /// Images each image is matched with, at most (not counting those that chose it). Default 20.
     pub pairs_per_image: usize,
     /// Largest ratio of nearest to second-nearest descriptor distance of a match. Default 0.8, Lowe's.
     pub max_ratio: f32,
@@ -31,9 +31,9 @@ pub struct BuildOptions {
     pub max_reprojection_error_px: f64,
     /// Least angle between the two rays of a point that differ most, degrees. Default 1.5, COLMAP's.
     pub min_triangulation_angle_deg: f64,
-    /// Least number of photographs that see a point. Default 3, as COLMAP has it: on two photographs agree too many wrong
+    /// Least number of images that see a point. Default 3, as COLMAP has it: on two images agree too many wrong
     /// matches. (Hold-out queries of Herz-Jesu under dcl: 0.87 cm with 3, 1.24 cm with 2 and half as many hypotheses
-    /// again.) A map of two photographs takes 2.
+    /// again.) A map of two images takes 2.
     pub min_track_length: usize,
     /// Seed of the vocabulary's training.
     pub seed: u64,
@@ -59,16 +59,16 @@ impl Default for BuildOptions {
 }
 
 impl BuildOptions {
-    /// No pixel threshold falls below this, however small the picture. (Hold-out queries of RedKitchen, 640 x 480, points:
+    /// No pixel threshold falls below this, however small the image. (Hold-out queries of RedKitchen, 640 x 480, points:
     /// 0.31 cm with 3, 0.33 cm with 1.6; under dcl 0.42 cm and 0.52 cm. Given poses are never exact either.)
     pub const MIN_ERROR_PX: f64 = 3.0;
 
-    /// What is extracted from the map's photographs.
+    /// What is extracted from the map's images.
     pub(crate) const fn extraction(&self) -> ExtractionLimits {
         ExtractionLimits { max_keypoints: self.max_keypoints as u32, max_image_side: self.max_image_side }
     }
 
-    /// A threshold given at 1600 pixels, for a picture of this size.
+    /// A threshold given at 1600 pixels, for an image of this size.
     pub(crate) fn pixels_at(threshold: f64, width: u32, height: u32) -> f64 {
         (threshold * f64::from(width.max(height)) / 1600.0).max(Self::MIN_ERROR_PX)
     }

@@ -210,7 +210,7 @@ impl<'a> Scene<'a> {
     fn finished(&self, point: &WorkPoint) -> MapPoint {
         let errors = point.track.iter().filter_map(|(image, keypoint)| {
             let pixel = self.keypoints[*image as usize][*keypoint as usize];
-            self.views[*image as usize].error_in_photograph(pixel, &point.position)
+            self.views[*image as usize].error_in_image(pixel, &point.position)
         });
         MapPoint {
             position: Point3::from_vector(point.position),

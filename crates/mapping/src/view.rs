@@ -5,7 +5,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3};
 
 /// An image whose pose is known. Errors are measured in undistorted pixels, where lines are straight and the
-/// derivative of the projection is simple; within a few pixels of a keypoint they equal those of the photograph.
+/// derivative of the projection is simple; within a few pixels of a keypoint they equal those of the image.
 #[derive(Debug, Clone)]
 pub(crate) struct View {
     pub(crate) camera: Intrinsics,
@@ -88,12 +88,12 @@ impl View {
         Some(((p - plane).component_mul(&self.focal), [row(0), row(1)]))
     }
 
-    /// Where a point is in the photograph, distorted; `None` when it is not in front of the camera or outside.
+    /// Where a point is in the image, distorted; `None` when it is not in front of the camera or outside.
     pub(crate) fn pixel_inside(&self, point: &Vector3<f64>) -> Option<Pixel> {
         let p = PlanePoint::from_camera_point(
             &self.cam_from_world.transform(&Point3::<World>::from_vector(*point)),
         )?;
-        // Far outside, a polynomial distortion may fold back into the picture.
+        // Far outside, a polynomial distortion may fold back into the image.
         let pinhole = self.camera.pinhole();
         let margin = f64::from(pinhole.width.max(pinhole.height)) / 2.0;
         if !pinhole.contains(pinhole.project(p), margin) {
@@ -103,8 +103,8 @@ impl View {
         pinhole.contains(pixel, 0.0).then_some(pixel)
     }
 
-    /// Distance of a point's projection from a keypoint in the photograph, distorted pixels.
-    pub(crate) fn error_in_photograph(&self, keypoint: [f32; 2], point: &Vector3<f64>) -> Option<f64> {
+    /// Distance of a point's projection from a keypoint in the image, distorted pixels.
+    pub(crate) fn error_in_image(&self, keypoint: [f32; 2], point: &Vector3<f64>) -> Option<f64> {
         let p = PlanePoint::from_camera_point(
             &self.cam_from_world.transform(&Point3::<World>::from_vector(*point)),
         )?;

@@ -18,7 +18,7 @@ use crate::seal::seal_frame;
 pub struct SealTruth {
     /// Index of the feature in the input; `None` for a decoy.
     pub source: Vec<Option<usize>>,
-    /// Where the keypoint is in the canonical camera's picture, before dither; of a decoy, where it was invented.
+    /// Where the keypoint is in the canonical camera's image, before dither; of a decoy, where it was invented.
     pub pixels: Vec<Pixel>,
 }
 
@@ -74,10 +74,10 @@ pub fn obfuscate_points(
         .expect("the rows were lifted under this scheme"))
 }
 
-/// Decoys as [`crate::seal`] invents them for a picture with these keypoints and descriptors, `count` of each. For
+/// Decoys as [`crate::seal`] invents them for an image with these keypoints and descriptors, `count` of each. For
 /// evaluation of how many more of them would do.
 ///
-/// Positions lie in the picture. Nothing is invented for a picture without keypoints.
+/// Positions lie in the image. Nothing is invented for an image without keypoints.
 pub fn decoys(
     keypoints: &[Pixel],
     descriptors: &Descriptors,

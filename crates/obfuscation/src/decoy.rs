@@ -1,7 +1,7 @@
 //! Decoys: features that fill a query up to the smallest size class (rule L5).
 //!
 //! Its position is drawn around the positions of real keypoints. Its descriptor is pieced together from quarters of
-//! several descriptors of the same picture, mirrored (a mirrored patch has a valid descriptor), chosen so that they
+//! several descriptors of the same image, mirrored (a mirrored patch has a valid descriptor), chosen so that they
 //! continue each other, with noise, and with the length and the largest number of real ones. Single statistics do
 //! not tell decoys from real rows; a classifier trained on decoys, or a search for the pieces among the rows, does
 //! better than chance. `docs/privacy.md` has the figures, `tests/decoys.rs` measures them.
@@ -12,7 +12,7 @@ use veiloc_geometry::Pixel;
 
 use crate::lift::Places;
 
-/// Spread of a decoy about the keypoint it is drawn from, as a part of the picture's longer side.
+/// Spread of a decoy about the keypoint it is drawn from, as a part of the image's longer side.
 const SPREAD: f64 = 0.05;
 /// How many parents are looked at for each further quarter. More make the seams too good to be true, and the pieces
 /// easier to find.
@@ -59,7 +59,7 @@ pub(crate) fn add_places<R: Rng + ?Sized>(
     }
 }
 
-/// Appends `count` decoys made from the descriptors of the whole picture, sent or not.
+/// Appends `count` decoys made from the descriptors of the whole image, sent or not.
 pub(crate) fn add_descriptors<R: Rng + ?Sized>(
     sent: &mut Descriptors,
     pool: &Descriptors,

@@ -1,4 +1,4 @@
-//! Why a picture could not be sealed, and what to do about it.
+//! Why an image could not be sealed, and what to do about it.
 
 use veiloc_query::QueryError;
 
@@ -12,9 +12,9 @@ pub enum SealError {
         /// Its index in the input.
         index: usize,
     },
-    /// A position further from the centre of the picture than the wire format can tell.
+    /// A position further from the centre of the image than the wire format can tell.
     #[error(
-        "keypoint {index} is more than 8191 px from the centre of the picture; extract from a smaller picture"
+        "keypoint {index} is more than 8191 px from the centre of the image; extract from a smaller image"
     )]
     TooFar {
         /// Its index in the input.
@@ -30,8 +30,8 @@ pub enum SealError {
     },
     /// No keypoint is usable.
     #[error(
-        "no usable keypoint among {extracted}: the picture shows no texture, or the camera parameters are not \
-         those of this picture; take another picture or check the camera"
+        "no usable keypoint among {extracted}: the image shows no texture, or the camera parameters are not \
+         those of this image; take another image or check the camera"
     )]
     NoKeypoints {
         /// How many there were.

@@ -1,4 +1,4 @@
-//! What a device does before it seals: read the picture, and extract what the profile asks for.
+//! What a device does before it seals: read the image, and extract what the profile asks for.
 
 use std::path::{Path, PathBuf};
 
@@ -10,29 +10,29 @@ use veiloc_query::Profile;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExtractError {
-    /// The file is no picture that can be read.
+    /// The file is no image that can be read.
     #[error(transparent)]
-    Picture(#[from] FeatureError),
-    /// The picture is not of the camera's size.
+    Image(#[from] FeatureError),
+    /// The image is not of the camera's size.
     #[error(
-        "{}: {}x{} pixels, but the camera takes {}x{}; give the camera of this picture, or the picture as the camera took it",
+        "{}: {}x{} pixels, but the camera takes {}x{}; give the camera of this image, or the image as the camera took it",
         path.display(), actual.0, actual.1, camera.0, camera.1
     )]
-    PictureSize {
-        /// The picture.
+    ImageSize {
+        /// The image.
         path: PathBuf,
         /// Its width and height.
         actual: (u32, u32),
-        /// Width and height of the camera's pictures.
+        /// Width and height of the camera's images.
         camera: (u32, u32),
     },
 }
 
-/// Features of a photograph as the profile asks for them, and the camera of the picture they are in: a photograph
+/// Features of an image as the profile asks for them, and the camera of the image they are in: an image
 /// larger than the profile's limit is made smaller first, and its camera with it.
 ///
 /// # Errors
-/// [`ExtractError`] when the file is no picture, or not of the camera's size.
+/// [`ExtractError`] when the file is no image, or not of the camera's size.
 pub fn extract(
     path: &Path,
     camera: &Intrinsics,
@@ -42,7 +42,7 @@ pub fn extract(
     let actual = (image.width(), image.height());
     if actual != (camera.width, camera.height) {
         let camera = (camera.width, camera.height);
-        return Err(ExtractError::PictureSize { path: path.to_owned(), actual, camera });
+        return Err(ExtractError::ImageSize { path: path.to_owned(), actual, camera });
     }
     let limits = profile.limits();
     let image = image.limited(limits.max_image_side);

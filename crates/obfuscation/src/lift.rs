@@ -44,7 +44,7 @@ pub(crate) fn dither<R: Rng + ?Sized>(pixel: Pixel, rng: &mut R) -> Pixel {
     Pixel::new(pixel.u + step(), pixel.v + step())
 }
 
-/// One row per place. `dithered` are positions in a picture of this size.
+/// One row per place. `dithered` are positions in an image of this size.
 ///
 /// The error names the index of a place.
 pub(crate) fn lift<R: Rng + ?Sized>(
@@ -95,7 +95,7 @@ fn each<P, T>(places: &[P], row: impl Fn(&P) -> Option<T>) -> Result<Vec<T>, Sea
 /// Pairs all places at random and exchanges one coordinate within each pair, `u` or `v` by the toss of a coin.
 ///
 /// Of an odd number, the last three form a ring and pass the coordinate on. A single place has nobody to exchange
-/// with and gets a coordinate drawn uniformly from the picture.
+/// with and gets a coordinate drawn uniformly from the image.
 fn permute<R: Rng + ?Sized>(places: &mut [[f64; 2]], center: [f64; 2], rng: &mut R) {
     if let [only] = places {
         let axis = usize::from(rng.random::<bool>());

@@ -1,4 +1,4 @@
-//! Sealing: from the features of one picture to the one message that leaves the device.
+//! Sealing: from the features of one image to the one message that leaves the device.
 
 use rand::CryptoRng;
 use rand::seq::SliceRandom;
@@ -14,17 +14,17 @@ use crate::lift::{Places, dither, lift, select};
 /// Keypoints nearer than this to an anchor, pixels, have no useful angle and are dropped.
 const ANCHOR_CLEARANCE: f64 = 1.0;
 
-/// Seals the features of one picture: the only door from keypoint to line.
+/// Seals the features of one image: the only door from keypoint to line.
 ///
 /// 1. Each keypoint is undistorted and re-projected into the canonical camera (L6). Those without a ray, outside
-///    that camera's picture, or within one pixel of an anchor are dropped.
+///    that camera's image, or within one pixel of an anchor are dropped.
 /// 2. The strongest are kept, as many as the largest size class not above the count and the profile's limit; below
 ///    the smallest class the rest is filled with decoys (L5).
 /// 3. Position, dithered by up to half a pixel (L2); side, line, code (L1, L9). Features with one position share
 ///    one dither and one line (L7).
 /// 4. Rows are shuffled (L3); strength, scale and orientation have been left behind (L4).
 ///
-/// The features are taken by value: a picture is sealed once (L7). When the network fails, send the same bytes
+/// The features are taken by value: an image is sealed once (L7). When the network fails, send the same bytes
 /// again; sealing a second time would draw second lines through the same keypoints, and their crossings are the
 /// keypoints.
 ///
@@ -32,7 +32,7 @@ const ANCHOR_CLEARANCE: f64 = 1.0;
 /// # use veiloc_obfuscation::{seal, device_rng};
 /// # fn f(features: veiloc_features::Features, camera: veiloc_geometry::Intrinsics, profile: veiloc_query::Profile) {
 /// let first = seal(features, &camera, &profile, &mut device_rng().unwrap());
-/// let retry = seal(features, &camera, &profile, &mut device_rng().unwrap()); // the picture is used up
+/// let retry = seal(features, &camera, &profile, &mut device_rng().unwrap()); // the image is used up
 /// # }
 /// ```
 ///
@@ -107,7 +107,7 @@ pub(crate) fn seal_frame(
     let mut places = Places::new(usable.iter().map(|kept| kept.pixel));
     let real_places = places.pixels.len();
     let decoys = rows - usable.len();
-    let clear = |pixel| in_picture(pixel, canonical, anchors.as_ref());
+    let clear = |pixel| in_image(pixel, canonical, anchors.as_ref());
     decoy::add_places(&mut places, usable.len(), decoys, size, clear, rng);
     let mut descriptors = features.descriptors.select(usable.iter().map(|kept| kept.source));
     decoy::add_descriptors(&mut descriptors, &features.descriptors, decoys, rng);
@@ -173,10 +173,10 @@ fn reproject(
     anchors: Option<&DualAnchors>,
 ) -> Option<Pixel> {
     let pixel = canonical.pinhole().project(camera.unproject(pixel)?);
-    in_picture(pixel, canonical, anchors).then_some(pixel)
+    in_image(pixel, canonical, anchors).then_some(pixel)
 }
 
-fn in_picture(pixel: Pixel, canonical: CanonicalCamera, anchors: Option<&DualAnchors>) -> bool {
+fn in_image(pixel: Pixel, canonical: CanonicalCamera, anchors: Option<&DualAnchors>) -> bool {
     canonical.pinhole().contains(pixel, 0.0)
         && anchors.is_none_or(|anchors| {
             Anchor::BOTH.iter().all(|a| anchors.position(*a).distance(&pixel) > ANCHOR_CLEARANCE)

@@ -18,19 +18,19 @@ use veiloc_query::{Profile, SealedQuery};
 
 /// One row of a sealed query as the attacker sees it, beside the truth.
 struct Row {
-    picture: usize,
+    image: usize,
     descriptor: Vec<f64>,
     decoy: bool,
 }
 
-/// All keypoints of one real picture.
-struct Picture {
+/// All keypoints of one real image.
+struct Image {
     size: [u32; 2],
     features: Features,
 }
 
-fn pictures(folder: &Path) -> Vec<Picture> {
-    let mut pictures = Vec::new();
+fn images(folder: &Path) -> Vec<Image> {
+    let mut images = Vec::new();
     for name in ["redkitchen", "herzjesu"] {
         let path = folder.join(format!("problems/{name}_keypoints.jsonl.gz"));
         let file = std::fs::File::open(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
@@ -42,7 +42,7 @@ fn pictures(folder: &Path) -> Vec<Picture> {
                 let [u, v] = [0, 1].map(|axis| position[axis].as_f64().expect("a number"));
                 Keypoint { pixel: Pixel::new(u, v), scale: 1.0, orientation: 0.0, response: 1.0 }
             });
-            pictures.push(Picture {
+            images.push(Image {
                 size: ["width", "height"].map(|k| record[k].as_u64().expect("a number") as u32),
                 features: Features {
                     keypoints: keypoints.collect(),
@@ -51,35 +51,35 @@ fn pictures(folder: &Path) -> Vec<Picture> {
             });
         }
     }
-    pictures
+    images
 }
 
-/// The picture reduced to some of its keypoints, sealed.
+/// The image reduced to some of its keypoints, sealed.
 fn seal_some(
-    picture: &Picture,
+    image: &Image,
     chosen: &[usize],
     profile: &Profile,
     rng: &mut ChaCha8Rng,
 ) -> (SealedQuery, SealTruth) {
     let features = Features {
-        keypoints: chosen.iter().map(|&i| picture.features.keypoints[i]).collect(),
-        descriptors: picture.features.descriptors.select(chosen.iter().copied()),
+        keypoints: chosen.iter().map(|&i| image.features.keypoints[i]).collect(),
+        descriptors: image.features.descriptors.select(chosen.iter().copied()),
     };
-    let [width, height] = picture.size;
+    let [width, height] = image.size;
     let params = [f64::from(width.max(height)), f64::from(width) / 2.0, f64::from(height) / 2.0];
     let camera = Intrinsics::new("SIMPLE_PINHOLE", width, height, &params).expect("valid");
     seal_with_truth(features, &camera, profile, rng).expect("both sides have some")
 }
 
-/// Pictures of 100 keypoints drawn from real ones, sealed: 100 real rows and 156 decoys each.
+/// Images of 100 keypoints drawn from real ones, sealed: 100 real rows and 156 decoys each.
 fn sealed_rows(folder: &Path) -> Vec<Row> {
     let mut rng = rng(1);
     let mut rows = Vec::new();
-    for (index, picture) in pictures(folder).iter().enumerate() {
-        let chosen = sample(&mut rng, picture.features.keypoints.len(), 100).into_vec();
-        let (query, truth) = seal_some(picture, &chosen, &profile("dcl"), &mut rng);
+    for (index, image) in images(folder).iter().enumerate() {
+        let chosen = sample(&mut rng, image.features.keypoints.len(), 100).into_vec();
+        let (query, truth) = seal_some(image, &chosen, &profile("dcl"), &mut rng);
         rows.extend(truth.source.iter().enumerate().map(|(row, source)| Row {
-            picture: index,
+            image: index,
             descriptor: query.descriptors().row(row).iter().map(|v| f64::from(*v)).collect(),
             decoy: source.is_none(),
         }));
@@ -118,10 +118,10 @@ fn mirrored_quarter(a: &[f64], b: &[f64], quarter: usize) -> f64 {
     ab / (aa * bb).sqrt()
 }
 
-/// Logistic regression on features of a row, trained on even pictures and judged on odd ones.
+/// Logistic regression on features of a row, trained on even images and judged on odd ones.
 fn trained(rows: &[Row], features: impl Fn(&Row) -> Vec<f64>) -> f64 {
     let inputs: Vec<(Vec<f64>, bool, bool)> =
-        rows.iter().map(|r| (features(r), r.decoy, r.picture % 2 == 0)).collect();
+        rows.iter().map(|r| (features(r), r.decoy, r.image % 2 == 0)).collect();
     let mut weights = vec![0.0; inputs[0].0.len() + 1];
     let score = |w: &[f64], x: &[f64]| w[0] + x.iter().zip(&w[1..]).map(|(a, b)| a * b).sum::<f64>();
     for epoch in 0..60 {
@@ -151,10 +151,10 @@ fn decoys_hide_as_well_as_the_document_says() {
     };
     let others = |row: &Row| -> Vec<&Row> {
         rows.iter()
-            .skip(row.picture * 256)
+            .skip(row.image * 256)
             .take(256)
             .filter(|other| !std::ptr::eq(*other, row))
-            .inspect(|other| assert_eq!(other.picture, row.picture))
+            .inspect(|other| assert_eq!(other.image, row.image))
             .collect()
     };
     let norm = simple(&|r| r.descriptor.iter().map(|v| v * v).sum::<f64>().sqrt());
@@ -195,7 +195,7 @@ fn decoys_hide_as_well_as_the_document_says() {
             })
             .sum()
     });
-    eprintln!("AUC of telling decoys from real rows, 0.5 is chance, {} pictures:", rows.len() / 256);
+    eprintln!("AUC of telling decoys from real rows, 0.5 is chance, {} images:", rows.len() / 256);
     for (what, found, allowed) in [
         ("length of the vector", norm, 0.40..0.60),
         ("zeros", zeros, 0.40..0.60),
@@ -212,20 +212,20 @@ fn decoys_hide_as_well_as_the_document_says() {
     }
 }
 
-/// What it costs that the global descriptor is made from decoys too: each picture is looked up by some of its
-/// keypoints among all pictures, which are known by their other keypoints.
+/// What it costs that the global descriptor is made from decoys too: each image is looked up by some of its
+/// keypoints among all images, which are known by their other keypoints.
 #[test]
 fn decoys_cost_in_retrieval_what_the_document_says() {
     let Some(folder) = std::env::var_os("VEILOC_DATA") else {
         eprintln!("skipped: VEILOC_DATA is not set");
         return;
     };
-    let pictures = pictures(Path::new(&folder));
+    let images = images(Path::new(&folder));
     let mut rng = rng(2);
     let mut samples = Descriptors::empty(DescriptorKind::RootSift);
-    for picture in &pictures {
-        for i in sample(&mut rng, picture.features.descriptors.len(), 400) {
-            samples.push(picture.features.descriptors.row(i)).expect("a row");
+    for image in &images {
+        for i in sample(&mut rng, image.features.descriptors.len(), 400) {
+            samples.push(image.features.descriptors.row(i)).expect("a row");
         }
     }
     let vocabulary = Vocabulary::train(samples.view(), 64, &mut rng).expect("enough samples");
@@ -234,11 +234,11 @@ fn decoys_cost_in_retrieval_what_the_document_says() {
     for kept in [50, 100, 200] {
         let [mut plain, mut with_decoys] = [0.0; 2];
         for _ in 0..DRAWS {
-            let chosen: Vec<Vec<usize>> = pictures
+            let chosen: Vec<Vec<usize>> = images
                 .iter()
                 .map(|p| sample(&mut rng, p.features.keypoints.len(), kept).into_vec())
                 .collect();
-            let known: Vec<GlobalDescriptor> = pictures
+            let known: Vec<GlobalDescriptor> = images
                 .iter()
                 .zip(&chosen)
                 .map(|(p, chosen)| {
@@ -246,16 +246,16 @@ fn decoys_cost_in_retrieval_what_the_document_says() {
                     vocabulary.aggregate(p.features.descriptors.select(rest).view())
                 })
                 .collect();
-            // One over the rank of the right picture.
+            // One over the rank of the right image.
             let found = |query: &GlobalDescriptor, right: usize| {
                 let own = query.similarity(known[right].as_codes());
                 1.0 / known.iter().filter(|k| query.similarity(k.as_codes()) >= own).count() as f64
             };
-            for (right, (picture, chosen)) in pictures.iter().zip(&chosen).enumerate() {
-                let n = (DRAWS * pictures.len()) as f64;
-                let (query, _) = seal_some(picture, chosen, &profile, &mut rng);
+            for (right, (image, chosen)) in images.iter().zip(&chosen).enumerate() {
+                let n = (DRAWS * images.len()) as f64;
+                let (query, _) = seal_some(image, chosen, &profile, &mut rng);
                 with_decoys += found(query.global(), right) / n;
-                let real = picture.features.descriptors.select(chosen.iter().copied());
+                let real = image.features.descriptors.select(chosen.iter().copied());
                 plain += found(&vocabulary.aggregate(real.view()), right) / n;
             }
         }

@@ -111,7 +111,7 @@ fn l2_an_angle_names_no_pixel() {
     assert!(real <= 8, "{real} of 256 pixels named");
 }
 
-/// L3: extractors go through the picture row by row.
+/// L3: extractors go through the image row by row.
 #[test]
 fn l3_rows_are_in_no_order() {
     let mut pixels = uniform_pixels(512, 3);
@@ -137,7 +137,7 @@ fn l3_rows_are_in_no_order() {
     }
 }
 
-/// L4: strength, scale and orientation leave no trace; two pictures that differ in nothing else give the same bytes.
+/// L4: strength, scale and orientation leave no trace; two images that differ in nothing else give the same bytes.
 #[test]
 fn l4_strength_scale_and_orientation_are_not_sent() {
     let plain = features_at(&uniform_pixels(256, 4), 4);
@@ -235,7 +235,7 @@ fn l6_the_camera_names_no_device() {
     assert!(told.len() <= 9, "{} cameras for 300 devices of one model", told.len());
 }
 
-/// L7: two different lines for one keypoint cross in it. Within a picture, features at one position share a line;
+/// L7: two different lines for one keypoint cross in it. Within an image, features at one position share a line;
 /// across retries, `seal` takes the features away (a `compile_fail` example in its documentation holds that).
 #[test]
 fn l7_one_keypoint_has_one_line() {
@@ -321,11 +321,11 @@ fn l9_random_directions_owe_nothing_to_the_keypoint() {
     let angle = |line: &PixelLine| line.direction().y.atan2(line.direction().x).rem_euclid(PI);
     let (here, there) = (uniform_pixels(5000, 8), uniform_pixels(5000, 9));
     let told = lines(&here, 1);
-    // Exactly: with one generator, two pictures have the same directions.
+    // Exactly: with one generator, two images have the same directions.
     let codes = |lines: &[PixelLine]| -> Vec<u16> { lines.iter().map(|l| bits.code_of(angle(l))).collect() };
     let same = codes(&told).iter().zip(codes(&lines(&there, 1))).filter(|(a, b)| **a == *b).count();
     assert!(same >= 4990, "{same} of 5000 directions the same"); // code_of may round across a border
-    // The leak: a direction chosen so that the line crosses the middle of the picture, within 60 degrees or so.
+    // The leak: a direction chosen so that the line crosses the middle of the image, within 60 degrees or so.
     let toward = |p: &Pixel| (240.0 - p.v).atan2(320.0 - p.u);
     let alignment = |pairs: &mut dyn Iterator<Item = (f64, f64)>| -> f64 {
         pairs.map(|(a, b)| (2.0 * (a - b)).cos()).sum::<f64>() / 5000.0

@@ -67,13 +67,13 @@ fn equal_generators_give_equal_queries_and_others_do_not() {
 }
 
 #[test]
-fn pictures_that_cannot_be_sealed_are_refused_with_a_reason() {
+fn images_that_cannot_be_sealed_are_refused_with_a_reason() {
     let seal_at = |pixels: &[Pixel], scheme: &str| {
         seal(features_at(pixels, 3), &camera(), &profile(scheme), &mut rng(3)).map(|q| q.len())
     };
     for scheme in SCHEMES {
         assert_eq!(seal_at(&[], scheme), Err(SealError::NoKeypoints { extracted: 0 }));
-        // Outside the picture: not the camera of these keypoints.
+        // Outside the image: not the camera of these keypoints.
         let outside = [Pixel::new(-50.0, 10.0), Pixel::new(10.0, 1000.0)];
         assert_eq!(seal_at(&outside, scheme), Err(SealError::NoKeypoints { extracted: 2 }));
     }
@@ -130,7 +130,7 @@ fn a_device_may_send_fewer_than_the_profile_asks_for() {
         assert_eq!(query.len(), rows, "{most}");
         // The map takes it as one of full size.
         assert_eq!(profile.check(&query), Ok(()));
-        // Rows that were not made up are the strongest: the last of the picture.
+        // Rows that were not made up are the strongest: the last of the image.
         let sent = |i: usize| {
             (0..query.len()).any(|row| query.descriptors().row(row) == features.descriptors.row(i))
         };

@@ -172,7 +172,7 @@ impl Message {
     }
 }
 
-/// Keypoints whose distance from their anchor owes nothing to their angle there, as in no picture: so whatever goes
+/// Keypoints whose distance from their anchor owes nothing to their angle there, as in no image: so whatever goes
 /// with the distance is a leak, and not geometry.
 fn free_radii(seed: u64) -> Vec<Pixel> {
     let anchors = DualAnchors::vertical(640, 480);

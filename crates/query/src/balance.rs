@@ -6,7 +6,7 @@ use crate::{Observations, SealedQuery};
 
 /// Fewest rows on each side of the dividing line that are worth sending.
 ///
-/// A trusted pose needs four agreeing keypoints a side (`veiloc_robust::Confidence`). Of the rows of a photograph of a
+/// A trusted pose needs four agreeing keypoints a side (`veiloc_robust::Confidence`). Of the rows of an image of a
 /// mapped place about a quarter agree in the end, of a hard one an eighth: 32 leave four.
 pub const LEAST_A_SIDE: usize = 32;
 
@@ -36,7 +36,7 @@ impl SealedQuery {
     }
 
     /// Whether enough rows lie on both sides of the dividing line. To be asked before sending; a query that is not sent
-    /// tells nobody anything, so another picture may be taken and sealed.
+    /// tells nobody anything, so another image may be taken and sealed.
     ///
     /// # Errors
     /// [`Lopsided`] with the counts.

@@ -23,16 +23,16 @@ pub struct CanonicalCamera {
 impl CanonicalCamera {
     /// Pixels of one unit of width and height.
     pub const BLOCK: u32 = 32;
-    /// Widest and highest picture: 8192 pixels.
+    /// Widest and highest image: 8192 pixels.
     pub const MAX_BLOCKS: u16 = 256;
     /// Steps of the ladder that are allowed: focal lengths of 16 to 32768 pixels.
     pub const FOCAL_STEPS: std::ops::RangeInclusive<u8> = 16..=60;
 
-    /// The camera for pictures of a device: the nearest focal length, and the smallest picture that covers all that
-    /// the device's picture shows once its distortion is undone.
+    /// The camera for images of a device: the nearest focal length, and the smallest image that covers all that
+    /// the device's image shows once its distortion is undone.
     ///
     /// # Errors
-    /// [`QueryError::Focal`] and [`QueryError::PictureSize`] for cameras this list does not reach, which in practice
+    /// [`QueryError::Focal`] and [`QueryError::ImageSize`] for cameras this list does not reach, which in practice
     /// are wrong calibrations.
     pub fn for_intrinsics(device: &Intrinsics) -> Result<Self, QueryError> {
         let focal = device.pinhole().mean_focal();
@@ -47,7 +47,7 @@ impl CanonicalCamera {
         let (width, height) = (blocks(half_width), blocks(half_height));
         let allowed = 1.0..=f64::from(Self::MAX_BLOCKS);
         if !(allowed.contains(&width) && allowed.contains(&height)) {
-            return Err(QueryError::PictureSize {
+            return Err(QueryError::ImageSize {
                 width: width * f64::from(Self::BLOCK),
                 height: height * f64::from(Self::BLOCK),
             });
@@ -87,12 +87,12 @@ impl CanonicalCamera {
         focal_of(self.focal_step)
     }
 
-    /// Picture width, pixels.
+    /// Image width, pixels.
     pub const fn width(self) -> u32 {
         self.width_blocks as u32 * Self::BLOCK
     }
 
-    /// Picture height, pixels.
+    /// Image height, pixels.
     pub const fn height(self) -> u32 {
         self.height_blocks as u32 * Self::BLOCK
     }
@@ -115,7 +115,7 @@ fn focal_of(step: u8) -> f64 {
     f64::from(1_u32 << (step / 4).min(31)) * QUARTERS[usize::from(step % 4)]
 }
 
-/// Largest `|x|` and `|y|` on the plane `z = 1` of what the picture shows, sampled over border and inside (inside,
+/// Largest `|x|` and `|y|` on the plane `z = 1` of what the image shows, sampled over border and inside (inside,
 /// because a border beyond the fold of a distortion has no ray).
 fn half_extent(device: &Intrinsics) -> [f64; 2] {
     const SAMPLES: u32 = 32;
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn covers_the_picture_and_keeps_the_scale() {
+    fn covers_the_image_and_keeps_the_scale() {
         for (text, focal, width, height) in [
             ("SIMPLE_PINHOLE,640,480,525.5,320,240", 512.0, 640, 480),
             ("PINHOLE,1536,1024,1379.74,1382.08,760.6,503.7", 1_448.154_687_870_049, 1632, 1120),
@@ -168,11 +168,8 @@ mod tests {
         let of = |text: &str| CanonicalCamera::for_intrinsics(&text.parse().expect("valid"));
         assert!(matches!(of("SIMPLE_PINHOLE,640,480,1,320,240"), Err(QueryError::Focal { .. })));
         assert!(matches!(of("SIMPLE_PINHOLE,640,480,1e9,320,240"), Err(QueryError::Focal { .. })));
-        assert!(matches!(of("SIMPLE_PINHOLE,640,480,500,99999,240"), Err(QueryError::PictureSize { .. })));
-        assert!(matches!(
-            of("SIMPLE_PINHOLE,4000000000,480,500,320,240"),
-            Err(QueryError::PictureSize { .. })
-        ));
+        assert!(matches!(of("SIMPLE_PINHOLE,640,480,500,99999,240"), Err(QueryError::ImageSize { .. })));
+        assert!(matches!(of("SIMPLE_PINHOLE,4000000000,480,500,320,240"), Err(QueryError::ImageSize { .. })));
         assert!(CanonicalCamera::from_codes(15, 1, 1).is_err());
         assert!(CanonicalCamera::from_codes(30, 0, 1).is_err());
         assert!(CanonicalCamera::from_codes(30, 1, 257).is_err());

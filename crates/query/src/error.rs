@@ -64,8 +64,8 @@ pub enum QueryError {
         /// How many there were.
         actual: usize,
     },
-    /// A row that no keypoint of the picture could have given.
-    #[error("row {row} lies outside the picture; the message was damaged or made by a faulty client")]
+    /// A row that no keypoint of the image could have given.
+    #[error("row {row} lies outside the image; the message was damaged or made by a faulty client")]
     Row {
         /// Its index.
         row: usize,
@@ -129,12 +129,12 @@ pub enum QueryError {
         /// Mean focal length of the device, pixels.
         focal: f64,
     },
-    /// A picture too large once its distortion is undone.
+    /// An image too large once its distortion is undone.
     #[error(
-        "without distortion the picture would be {width} × {height} px, at most 8192 × 8192 are possible; \
-         check the camera parameters, or extract from a smaller picture"
+        "without distortion the image would be {width} × {height} px, at most 8192 × 8192 are possible; \
+         check the camera parameters, or extract from a smaller image"
     )]
-    PictureSize {
+    ImageSize {
         /// Width that would be needed, pixels.
         width: f64,
         /// Height that would be needed, pixels.

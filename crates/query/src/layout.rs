@@ -8,7 +8,7 @@ use crate::QueryError;
 
 /// Dividing line and anchor distance of Dual Convergent Lines.
 ///
-/// Stored as small whole numbers, hundredths of a degree and hundredths of half the picture's height, so that
+/// Stored as small whole numbers, hundredths of a degree and hundredths of half the image's height, so that
 /// device and server compute with exactly the same anchors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct DclLayout {
@@ -75,12 +75,12 @@ impl DclLayout {
         f64::from(self.angle_code) / 100.0
     }
 
-    /// Distance of the anchors from the centre in half picture heights.
+    /// Distance of the anchors from the centre in half image heights.
     pub fn s(self) -> f64 {
         f64::from(self.distance_code) / 100.0
     }
 
-    /// The anchors for a picture of this size.
+    /// The anchors for an image of this size.
     pub fn anchors(self, width: u32, height: u32) -> DualAnchors {
         let angle = PI * (f64::from(self.angle_code) / f64::from(Self::HALF_TURN));
         DualAnchors::new(width, height, angle, self.s())

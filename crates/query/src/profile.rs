@@ -12,12 +12,12 @@ use crate::{AngleBits, QueryError, Scheme, SealedQuery};
 /// Most bytes a profile may have: the largest vocabulary and the fields around it.
 const MAX_BYTES: usize = Vocabulary::MAX_LEN * 128 + 4096;
 
-/// How much to extract from a picture.
+/// How much to extract from an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ExtractionLimits {
     /// Most keypoints, strongest first. From 256 to 4096.
     pub max_keypoints: u32,
-    /// Longest side of the picture, pixels; larger pictures are made smaller first. From 64 to 8192.
+    /// Longest side of the image, pixels; larger images are made smaller first. From 64 to 8192.
     pub max_image_side: u32,
 }
 

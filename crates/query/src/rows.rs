@@ -1,6 +1,6 @@
 //! What one keypoint becomes on the wire, besides its descriptor: a few bits, and their meaning.
 //!
-//! Lengths are whole quarters of a pixel from the centre of the picture, plus 2^15, in 16 bits. Angles are codes of
+//! Lengths are whole quarters of a pixel from the centre of the image, plus 2^15, in 16 bits. Angles are codes of
 //! [`AngleBits`]. There is a row type per kind of scheme, and none for a line scheme has room for a position.
 
 use std::f64::consts::FRAC_PI_2;
@@ -18,7 +18,7 @@ const ZERO_LENGTH: i32 = 1 << 15;
 /// Bits of a length.
 const LENGTH_BITS: u32 = 16;
 
-/// Row of `points` and `coordinate-permutation`: a position from the centre of the picture, quarter pixels.
+/// Row of `points` and `coordinate-permutation`: a position from the centre of the image, quarter pixels.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct PositionRow {
     u: u16,
@@ -26,7 +26,7 @@ pub struct PositionRow {
 }
 
 impl PositionRow {
-    /// The row for a position relative to the centre of the picture, pixels; `None` beyond ±8191 or not finite.
+    /// The row for a position relative to the centre of the image, pixels; `None` beyond ±8191 or not finite.
     pub fn new(u: f64, v: f64) -> Option<Self> {
         Some(Self { u: length_code(u)?, v: length_code(v)? })
     }
@@ -36,7 +36,7 @@ impl PositionRow {
     }
 }
 
-/// Row of `random-lines`: the line `−sin θ · u + cos θ · v = offset`, origin in the centre of the picture.
+/// Row of `random-lines`: the line `−sin θ · u + cos θ · v = offset`, origin in the centre of the image.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct LineRow {
     angle: u16,
@@ -44,7 +44,7 @@ pub struct LineRow {
 }
 
 impl LineRow {
-    /// The row of the line with this angle code through a position relative to the centre of the picture, pixels.
+    /// The row of the line with this angle code through a position relative to the centre of the image, pixels.
     ///
     /// The angle comes first and owes nothing to the position (rule L9). `None` for an angle code too large or an
     /// offset beyond ±8191 pixels.
@@ -129,7 +129,7 @@ impl Rows {
         )
     }
 
-    /// What the rows tell about a picture of this size. `None` when they are not of that scheme.
+    /// What the rows tell about an image of this size. `None` when they are not of that scheme.
     pub fn observations(&self, scheme: Scheme, bits: AngleBits, size: [u32; 2]) -> Option<Observations> {
         Some(match (self, scheme) {
             (Self::Points(rows), Scheme::Points) => {
@@ -221,7 +221,7 @@ impl Rows {
         }
     }
 
-    /// Every code within what a picture of this size can give.
+    /// Every code within what an image of this size can give.
     pub(crate) fn check(&self, [width, height]: [u32; 2], bits: AngleBits) -> Result<(), QueryError> {
         // A dithered position lies up to half a pixel outside, and is rounded by an eighth.
         let limit = |size: f64| (size / 2.0 + 1.0) * STEPS_PER_PIXEL;

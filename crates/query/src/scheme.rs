@@ -15,7 +15,7 @@ use crate::{DclLayout, QueryError};
 /// | `dcl` | one of two anchors and the angle of the line to it | Dual Convergent Lines, CVPR 2026 |
 ///
 /// As text: the names above; `dcl` may be followed by a colon and, separated by commas, `vertical`, `horizontal` or
-/// `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in half picture heights).
+/// `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in half image heights).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Scheme {

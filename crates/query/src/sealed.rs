@@ -1,4 +1,4 @@
-//! The sealed query: the only thing about a picture that leaves the device.
+//! The sealed query: the only thing about an image that leaves the device.
 
 use prost::Message;
 use veiloc_descriptor::{DescriptorKind, DescriptorView, Descriptors, GlobalDescriptor, Vocabulary};
@@ -17,7 +17,7 @@ const MAX_BYTES: usize = 4096 * (4 + 128) + MAX_GLOBAL_BYTES + 4096;
 
 /// What a device sends to be localized.
 ///
-/// Per row: a few bits about the position, as the scheme says ([`Rows`]), and a descriptor. For the picture: the
+/// Per row: a few bits about the position, as the scheme says ([`Rows`]), and a descriptor. For the image: the
 /// scheme, one of few cameras, a global descriptor that is computed from the rows' own descriptors, and the name
 /// of the profile. There is no field for a keypoint, a scale, an orientation, a strength, a time or a device.
 ///
@@ -43,7 +43,7 @@ impl SealedQuery {
     ///
     /// # Errors
     /// [`QueryError::Mismatch`] when rows are not of the profile's scheme, when there are not as many descriptors as
-    /// rows, or when that number is no [`SizeClass`]; [`QueryError::Row`] for a row outside the picture.
+    /// rows, or when that number is no [`SizeClass`]; [`QueryError::Row`] for a row outside the image.
     pub fn new(
         profile: &Profile,
         camera: CanonicalCamera,

@@ -2,11 +2,11 @@
 
 use crate::QueryError;
 
-/// The number of rows of a sealed query. The number of keypoints of a picture tells something about it; one of
+/// The number of rows of a sealed query. The number of keypoints of an image tells something about it; one of
 /// five numbers tells much less, and makes all messages of a class equally long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum SizeClass {
-    /// 256 rows; also what a picture with fewer keypoints is filled up to.
+    /// 256 rows; also what an image with fewer keypoints is filled up to.
     Rows256,
     /// 512 rows.
     Rows512,
@@ -40,7 +40,7 @@ impl SizeClass {
         Self::ALL.into_iter().find(|class| class.rows() == rows)
     }
 
-    /// The class a picture with this many usable keypoints gets: the largest not above the count, or the smallest
+    /// The class an image with this many usable keypoints gets: the largest not above the count, or the smallest
     /// class when there are fewer (the rest is then filled with decoys).
     pub fn for_count(count: usize) -> Self {
         Self::ALL.into_iter().rev().find(|class| class.rows() <= count).unwrap_or(Self::SMALLEST)

@@ -1,4 +1,4 @@
-//! Bytes from strangers: refused with a reason, or read and written again unchanged. Never a panic.
+//! Bytes from negatives: refused with a reason, or read and written again unchanged. Never a panic.
 
 mod common;
 
@@ -115,7 +115,7 @@ fn wrong_numbers_are_named() {
     assert!(matches!(SealedQuery::decode(&longer), Err(QueryError::Length { field: "positions", .. })));
     let more = with_field(&sealed(Scheme::default()), 10, 512);
     assert!(matches!(SealedQuery::decode(&more), Err(QueryError::Length { .. })));
-    // A line that misses a smaller picture.
+    // A line that misses a smaller image.
     let small = with_field(&with_field(&sealed(Scheme::RandomLines), 8, 1), 9, 1);
     assert!(matches!(SealedQuery::decode(&small), Err(QueryError::Row { .. })));
     // Layout numbers where there is no layout.

@@ -1,4 +1,4 @@
-//! Anchored lines as what they are: half-lines that begin at their anchor and lead into its side of the picture.
+//! Anchored lines as what they are: half-lines that begin at their anchor and lead into its side of the image.
 
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{DualAnchors, Pixel};

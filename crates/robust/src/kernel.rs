@@ -7,7 +7,7 @@
 use veiloc_geometry::nalgebra::{Matrix6, RowVector3, Vector3, Vector6};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pixel};
 use veiloc_kernels::Backend;
-use veiloc_kernels::pose::{Block, CameraRows, Group, LANES, Observed, Picture, PoseLanes, ScaledRows};
+use veiloc_kernels::pose::{Block, CameraRows, Group, Image, LANES, Observed, PoseLanes, ScaledRows};
 
 use crate::matches::{Kind, Matches};
 use crate::refine::System;
@@ -99,16 +99,16 @@ impl Kernel {
             order.extend(members.iter().copied().map(Some));
             order.resize(order.len().next_multiple_of(LANES), None);
         }
-        let picture = Picture {
+        let image = Image {
             middle: [(w / 2.0 - cx) as f32, (h / 2.0 - cy) as f32],
             half: [(w / 2.0) as f32, (h / 2.0) as f32],
             margin: margin as f32,
         };
         Self {
             scale,
-            lanes: PoseLanes::new(observed, groups(1.0), picture),
+            lanes: PoseLanes::new(observed, groups(1.0), image),
             coarse: (matches.len() > 2 * COARSE)
-                .then(|| PoseLanes::new(observed, groups(COARSE as f64 / matches.len() as f64), picture)),
+                .then(|| PoseLanes::new(observed, groups(COARSE as f64 / matches.len() as f64), image)),
             order,
             center,
             focal: camera.focal,

@@ -7,15 +7,15 @@
 //!
 //! | kind | observed | spread of wrong ones | log likelihood ratio |
 //! |---|---|---|---|
-//! | points | position | the picture, `1/(W H)` | `logit γ + log(W H / (2π σ²)) − 3 log(1 + e²/(4σ²))` |
-//! | lines | offset, given the direction | its chord's share of the picture, `L/(W H)` | `logit γ + log(c W H / (L σ)) − 3 log(1 + e²/(5σ²))` |
+//! | points | position | the image, `1/(W H)` | `logit γ + log(W H / (2π σ²)) − 3 log(1 + e²/(4σ²))` |
+//! | lines | offset, given the direction | its chord's share of the image, `L/(W H)` | `logit γ + log(c W H / (L σ)) − 3 log(1 + e²/(5σ²))` |
 //! | anchored | angle about the anchor | the half circle, `1/π` | `logit γ + log(c π r / σ) − 3 log(1 + e²/(5σ²))` |
 //!
 //! The noise is a Student t distribution of four (points, in the plane) or five (lines) degrees of freedom, with
 //! `c = 8 / (3 π √5)`: keypoints are a precise many and a coarse few, and a Gaussian lets the few pull. On keypoints of
 //! truly Gaussian noise it costs 2 % (`veiloc eval crb`). Further, `r` is the distance of the projection from the anchor: an angle seen from far is worth more than one seen
 //! from near, and the collapse of the scene into an anchor is worth nothing. It counts only when the point is in front
-//! of the camera, inside the picture and, for anchored lines, on the anchor's side (each with a small margin).
+//! of the camera, inside the image and, for anchored lines, on the anchor's side (each with a small margin).
 
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine};
@@ -31,7 +31,7 @@ const LINE_FREEDOM: f64 = 5.0;
 /// Priors are kept this far from certainty: no single match may decide.
 const PRIOR_LIMIT: f64 = 1e-3;
 
-/// How far outside the picture, or over the dividing line, a projection may lie, as a share of the picture's width.
+/// How far outside the image, or over the dividing line, a projection may lie, as a share of the image's width.
 const MARGIN: f64 = 0.01;
 
 /// What kind of observation all correspondences are.
@@ -166,7 +166,7 @@ impl Matches {
         })
     }
 
-    /// Whether a projection may be what was seen: inside the picture, on its anchor's side.
+    /// Whether a projection may be what was seen: inside the image, on its anchor's side.
     fn admits(&self, i: usize, pixel: &Vector2<f64>) -> bool {
         let margin = self.margin();
         let pixel = Pixel::new(pixel.x, pixel.y);
@@ -258,7 +258,7 @@ impl Matches {
     }
 }
 
-/// Length of a line inside the picture, at least one pixel.
+/// Length of a line inside the image, at least one pixel.
 fn chord_length(line: &PixelLine, camera: &Pinhole) -> f64 {
     let (w, h) = (f64::from(camera.width), f64::from(camera.height));
     let foot = line.closest_point(Pixel::new(w / 2.0, h / 2.0));

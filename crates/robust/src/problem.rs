@@ -101,7 +101,7 @@ impl PoseProblem {
             }
         }
         if c.width == 0 || c.height == 0 {
-            return Err(PoseError::BadValue { what: "picture size", value: 0.0 });
+            return Err(PoseError::BadValue { what: "image size", value: 0.0 });
         }
         let bad = match &self.observations {
             Correspondences::Points { pixels } => pixels.iter().position(|p| !p.is_finite()),

@@ -172,7 +172,7 @@ impl RadialVote {
     }
 }
 
-/// The radius of a keypoint is not known before the depth is; half the picture's height is typical, pixels.
+/// The radius of a keypoint is not known before the depth is; half the image's height is typical, pixels.
 fn typical_radius(matches: &Matches) -> f64 {
     0.5 * f64::from(matches.camera.height)
 }

@@ -181,7 +181,7 @@ mod tests {
     const LOSSES: [Loss; 3] =
         [Loss::Squared, Loss::Truncated { threshold: 4.0 }, Loss::Likelihood { noise: 2.0 }];
 
-    /// Exact observations from the identity pose, well inside the picture.
+    /// Exact observations from the identity pose, well inside the image.
     fn matches(rng: &mut ChaCha8Rng, kind: usize) -> Matches {
         let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
         let anchors = DualAnchors::vertical(640, 480);

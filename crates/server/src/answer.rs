@@ -57,7 +57,7 @@ fn center_covariance(pose: &CameraFromWorld, covariance: &[[f64; 6]; 6]) -> [[f6
     std::array::from_fn(|i| std::array::from_fn(|j| world[(i, j)]))
 }
 
-/// Where the picture was taken.
+/// Where the image was taken.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct AnswerDocument {
     /// 1.

@@ -33,7 +33,7 @@ pub enum ServerError {
         /// Where it was to listen.
         listen: SocketAddr,
     },
-    /// No tokens where strangers can ask.
+    /// No tokens where negatives can ask.
     #[error(
         "everybody who reaches {listen} could ask; give a file of tokens, or say that this is meant with \
          --allow-anonymous"

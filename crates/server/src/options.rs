@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn plain_http_and_strangers_stay_on_loopback() {
+    fn plain_http_and_negatives_stay_on_loopback() {
         for loopback in ["127.0.0.1:0", "127.8.8.8:80", "[::1]:0"] {
             options(loopback, &["a"]).check().expect("nobody else can listen");
         }

@@ -40,7 +40,7 @@ pub(crate) enum Problem {
     #[error("{0}")]
     Version(String),
     #[error(
-        "the query was sealed for another map or with an old profile; fetch the profile and seal a new picture"
+        "the query was sealed for another map or with an old profile; fetch the profile and seal a new image"
     )]
     WrongProfile,
     #[error("{0}")]
@@ -51,7 +51,7 @@ pub(crate) enum Problem {
     QueueFull { retry_after: NonZeroU64 },
     #[error("no pose within {seconds} s; send the same bytes again later")]
     TimedOut { seconds: u64 },
-    #[error("an error of ours; it was logged")]
+    #[error("a bug in veiloc; it was logged")]
     Broken,
 }
 

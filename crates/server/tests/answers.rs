@@ -113,12 +113,12 @@ fn a_map_is_served_under_each_of_its_names() {
     }
 }
 
-/// A map at a known place on Earth tells where on Earth a picture was taken.
+/// A map at a known place on Earth tells where on Earth an image was taken.
 #[test]
 fn a_map_tied_to_earth_tells_geo_poses() {
     let files = Files::new();
     let mut options = files.open_options();
-    // The map's axes are the camera's of an upright picture looking north: x east, y down, z north.
+    // The map's axes are the camera's of an upright image looking north: x east, y down, z north.
     options.maps[0].geo = Some("47.5,8.5,400,0.70710678,-0.70710678,0,0".parse().expect("a frame"));
     let server = Running::start(options);
     let request =

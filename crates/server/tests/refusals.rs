@@ -72,13 +72,13 @@ fn every_wrong_request_is_told_what_is_wrong() {
 }
 
 #[test]
-fn a_picture_of_elsewhere_is_not_localized() {
+fn a_image_of_elsewhere_is_not_localized() {
     let files = Files::new();
     let server = Running::start(files.open_options());
     // Same vocabulary, other points.
-    let mut stranger = Place::new(2);
-    stranger.profile = files.place.profile.clone();
-    let response = server.localize(&stranger.sealed(&truth()), "");
+    let mut negative = Place::new(2);
+    negative.profile = files.place.profile.clone();
+    let response = server.localize(&negative.sealed(&truth()), "");
     if response.status == 200 {
         assert_eq!(response.json()["trusted"], false, "{}", response.text());
         assert!(!response.json()["doubts"].as_array().expect("a list").is_empty());

@@ -124,7 +124,7 @@ fn near_degenerate_samples_still_give_valid_poses() {
     assert!(share >= 0.99 && coarse >= 0.999, "{share} {coarse}");
     let [_, coarse] = found_shares("close together", 73, 20_000, any_pose, spread(0.1, 4.0..4.001));
     assert!(coarse >= 0.9, "{coarse}");
-    // Lines through almost one point of the picture.
+    // Lines through almost one point of the image.
     let crossing = |rng: &mut ChaCha8Rng, truth: &CameraFromWorld| {
         let pairs: [_; 4] = std::array::from_fn(|_| random_match(rng, truth));
         let lines = pairs.map(|(pixel, _)| {

@@ -1,10 +1,10 @@
 //! Rendered places and geometric problems with ground truth.
 //!
 //! [`Place`] is a furnished room that paints and renders itself: given a seed, a camera pose and intrinsics it
-//! answers a picture with the true depth of every pixel. Nothing is read from disk, nothing repeats from surface to
+//! answers an image with the true depth of every pixel. Nothing is read from disk, nothing repeats from surface to
 //! surface, and equal seeds give equal bytes for any number of threads.
 //!
-//! [`problems`] makes sets of 2D–3D matches without pictures, for tests and benches of solvers.
+//! [`problems`] makes sets of 2D–3D matches without images, for tests and benches of solvers.
 //!
 //! ```
 //! use veiloc_geometry::Intrinsics;

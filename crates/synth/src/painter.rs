@@ -1,11 +1,11 @@
-//! Pictures in the place (posters, screens, paper): drawn once, kept as a pyramid, read with a filter.
+//! Images in the place (posters, screens, paper): drawn once, kept as a pyramid, read with a filter.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::material::Colour;
 
-/// A square-texel picture and its ever smaller versions.
+/// A square-texel image and its ever smaller versions.
 pub(crate) struct Raster {
     levels: Vec<Level>,
 }

@@ -90,7 +90,7 @@ pub struct PointProblem {
 }
 
 impl PointProblem {
-    /// Draws a pose anywhere and matches all over the picture.
+    /// Draws a pose anywhere and matches all over the image.
     pub fn generate(options: &PointProblemOptions, rng: &mut impl Rng) -> Self {
         let cam_from_world = random_pose(rng);
         let world_from_cam = cam_from_world.inverse();

@@ -1,4 +1,4 @@
-//! From a pose and a camera to a picture with the depth of every pixel.
+//! From a pose and a camera to an image with the depth of every pixel.
 //!
 //! One ray goes through every pixel corner. Where all four corners of a pixel meet the same surface, four samples of
 //! its texture are averaged; elsewhere nine rays are, so that edges are smooth. Texture detail finer than a
@@ -20,11 +20,11 @@ use crate::place::Place;
 pub struct RenderOptions {
     /// Factor on the light; 1 by default.
     pub exposure: f32,
-    /// Loss of light in the corners of the picture, 0 to 1; 0.18 by default.
+    /// Loss of light in the corners of the image, 0 to 1; 0.18 by default.
     pub vignetting: f32,
     /// Standard deviation of the sensor's noise, grey levels of 255; 1 by default.
     pub noise: f32,
-    /// Seed of the noise: give every picture its own.
+    /// Seed of the noise: give every image its own.
     pub seed: u64,
 }
 
@@ -41,7 +41,7 @@ impl RenderOptions {
     }
 }
 
-/// A rendered picture with its ground truth.
+/// A rendered image with its ground truth.
 #[derive(Clone, PartialEq)]
 pub struct Rendering {
     rgb: RgbImage,
@@ -52,12 +52,12 @@ pub struct Rendering {
 }
 
 impl Rendering {
-    /// The picture, 8 bits a channel.
+    /// The image, 8 bits a channel.
     pub const fn rgb(&self) -> &RgbImage {
         &self.rgb
     }
 
-    /// The picture in grey, Rec. 601 weights.
+    /// The image in grey, Rec. 601 weights.
     pub fn gray(&self) -> GrayImage {
         let (w, h) = self.rgb.dimensions();
         GrayImage::from_fn(w, h, |x, y| {
@@ -66,7 +66,7 @@ impl Rendering {
         })
     }
 
-    /// Depth (camera `z`, metres) of what is seen through the centre of a pixel; `None` outside the picture, or where
+    /// Depth (camera `z`, metres) of what is seen through the centre of a pixel; `None` outside the image, or where
     /// the distortion leaves a pixel without ray.
     pub fn depth(&self, x: u32, y: u32) -> Option<f32> {
         let (w, h) = self.rgb.dimensions();
@@ -102,7 +102,7 @@ impl std::fmt::Debug for Rendering {
 const FAR: f32 = 100.0;
 
 impl Place {
-    /// The picture of a camera (with its distortion) at a pose. Equal input gives equal bytes.
+    /// The image of a camera (with its distortion) at a pose. Equal input gives equal bytes.
     pub fn render(
         &self,
         cam_from_world: &CameraFromWorld,

@@ -1,4 +1,4 @@
-//! The place against what pictures of a real place obey: geometry, repetition, free space.
+//! The place against what images of a real place obey: geometry, repetition, free space.
 
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3};
@@ -15,13 +15,13 @@ fn quiet() -> RenderOptions {
 }
 
 /// Grey value between pixel centres.
-fn gray_at(picture: &image::GrayImage, p: Pixel) -> Option<f64> {
+fn gray_at(image: &image::GrayImage, p: Pixel) -> Option<f64> {
     let (x, y) = (p.u - 0.5, p.v - 0.5);
     let inside =
-        x >= 0.0 && y >= 0.0 && x < f64::from(picture.width() - 1) && y < f64::from(picture.height() - 1);
+        x >= 0.0 && y >= 0.0 && x < f64::from(image.width() - 1) && y < f64::from(image.height() - 1);
     inside.then(|| {
         let (i, j, fx, fy) = (x as u32, y as u32, x.fract(), y.fract());
-        let at = |a, b| f64::from(picture.get_pixel(i + a, j + b).0[0]);
+        let at = |a, b| f64::from(image.get_pixel(i + a, j + b).0[0]);
         (at(0, 0) * (1.0 - fx) + at(1, 0) * fx) * (1.0 - fy) + (at(0, 1) * (1.0 - fx) + at(1, 1) * fx) * fy
     })
 }
@@ -87,7 +87,7 @@ fn depth_does_not_depend_on_the_lens() {
 #[test]
 fn equal_seeds_give_equal_bytes_and_others_do_not() {
     let small: Intrinsics = "SIMPLE_PINHOLE,96,72,80,48,36".parse().expect("valid");
-    let picture = |seed: u64, threads: usize| {
+    let image = |seed: u64, threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         pool.install(|| {
             let place = Place::generate(seed);
@@ -95,9 +95,9 @@ fn equal_seeds_give_equal_bytes_and_others_do_not() {
             place.render(&pose, &small, &RenderOptions::with_seed(5))
         })
     };
-    let one = picture(1, 1);
-    assert!(one == picture(1, 3), "the number of threads changed a picture");
-    assert!(one.rgb() != picture(2, 1).rgb());
+    let one = image(1, 1);
+    assert!(one == image(1, 3), "the number of threads changed an image");
+    assert!(one.rgb() != image(2, 1).rgb());
 }
 
 #[test]

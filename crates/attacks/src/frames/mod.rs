@@ -4,7 +4,7 @@
 //! A keypoint's line and the camera's centre span a **plane** in space, and the keypoint's 3D point lies in it: one
 //! equation for three unknowns.
 //! - **Two frames**: two planes meet in a line. It lies in the first plane and so projects onto the first line: *every*
-//!   position on the line remains possible. Only limits cut it: in front of both cameras, inside both pictures, on the
+//!   position on the line remains possible. Only limits cut it: in front of both cameras, inside both images, on the
 //!   anchor's side of each, and within the depths that the map has there.
 //! - **Three frames** fix the point. Any three planes do, also those of wrong matches: nothing is left to notice it by.
 //! - **Four** leave the first check.

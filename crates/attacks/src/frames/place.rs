@@ -47,7 +47,7 @@ impl Plane<'_> {
         Vector3::new(c.focal[0] * l.x, c.focal[1] * l.y, c.principal[0] * l.x + c.principal[1] * l.y + l.z)
     }
 
-    /// Signed distance of the projection from the line, pixels; `None` behind the camera, outside the picture or on
+    /// Signed distance of the projection from the line, pixels; `None` behind the camera, outside the image or on
     /// the wrong side of the anchor.
     fn distance(&self, x: Vector3<f64>) -> Option<f64> {
         let seen = self.sight.rotation * x + self.sight.translation;
@@ -65,7 +65,7 @@ impl Plane<'_> {
     }
 }
 
-/// Pixels that a projection may lie outside the picture.
+/// Pixels that a projection may lie outside the image.
 const MARGIN: f64 = 3.0;
 /// Step of the sweep along the line, pixels.
 const STEP: f64 = 1.5;
@@ -233,7 +233,7 @@ fn nearest<'a, 'b>(planes: &'a [Plane<'b>], x: Vector3<f64>) -> Option<(&'a Plan
 }
 
 /// Expected number of agreements of so many among wrong matches: each choice of two fixes a place, and each of the
-/// others runs through it with the probability that a line of its side of the picture comes so near.
+/// others runs through it with the probability that a line of its side of the image comes so near.
 fn by_chance(matched: usize, agreeing: usize, width: u32, options: &FramesOptions) -> f64 {
     if agreeing < 3 {
         return f64::INFINITY;

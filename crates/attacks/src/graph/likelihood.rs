@@ -13,7 +13,7 @@
 //! keypoints does not matter.
 //!
 //! Each `ρ_i` is set where the cost is least. This matters: with a radius set otherwise (by counting neighbours,
-//! say) all pairs together push or pull, and on half-lines that converge the whole picture grows or shrinks by tens
+//! say) all pairs together push or pull, and on half-lines that converge the whole image grows or shrinks by tens
 //! of pixels; at the best radius that pressure is zero.
 //!
 //! `s` falls from sweep to sweep, so that far-off layouts are drawn in first and the sharp truth is met last; `q` is

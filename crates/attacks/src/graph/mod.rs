@@ -38,7 +38,7 @@ use likelihood::ListLikelihood;
 use places::Places;
 use rail::{Rail, pixels};
 
-/// How the graph attack works. The defaults were chosen on synthetic keypoints and hold on photographs.
+/// How the graph attack works. The defaults were chosen on synthetic keypoints and hold on images.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct GraphOptions {
@@ -91,7 +91,7 @@ impl Default for GraphOptions {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct GraphAnswer {
-    /// `[N]`: the position of each keypoint, inside the picture, pixels.
+    /// `[N]`: the position of each keypoint, inside the image, pixels.
     pub pixels: Vec<Pixel>,
     /// Estimated share of false entries in the lists, 0 to 1.
     pub false_share: f64,
@@ -107,7 +107,7 @@ const WORTH_WARMING: f64 = 0.002;
 
 /// Recovers all keypoints together from their observations and the graph of their neighbours (module docs).
 ///
-/// `width`, `height`: the picture, pixels. Order within a list does not matter. Equal generators give equal answers,
+/// `width`, `height`: the image, pixels. Order within a list does not matter. Equal generators give equal answers,
 /// whatever the number of threads.
 ///
 /// # Errors

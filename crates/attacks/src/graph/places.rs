@@ -3,7 +3,7 @@
 //!
 //! Left apart they fill each other's lists with themselves, so that a list tells next to nothing of what lies around;
 //! taken together they are one keypoint whose list reaches as far as that of others. Equal lines alone prove nothing
-//! (angles are rounded, and a picture holds keypoints enough for chance to repeat some), so rows are one place only when
+//! (angles are rounded, and an image holds keypoints enough for chance to repeat some), so rows are one place only when
 //! their lists say so too.
 
 use std::collections::HashMap;

@@ -17,7 +17,7 @@ pub(super) struct Rail {
 }
 
 impl Rail {
-    /// Of a segment; one that misses the picture, or is not finite, stands still where the guess is.
+    /// Of a segment; one that misses the image, or is not finite, stands still where the guess is.
     pub(super) fn of(segment: &KnownSegment) -> Self {
         let origin = segment.origin.vector();
         let guess = segment.expected();

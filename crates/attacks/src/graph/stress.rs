@@ -1,4 +1,4 @@
-//! A first layout: keypoints on their rails so that distances in the picture follow distances along the graph.
+//! A first layout: keypoints on their rails so that distances in the image follow distances along the graph.
 //!
 //! With graph distances `g_li` from landmarks `l`, minimises the stress
 //!

@@ -1,20 +1,20 @@
-//! What the network learns from: random subsets of the keypoints of a picture, and who is near whom among them.
+//! What the network learns from: random subsets of the keypoints of an image, and who is near whom among them.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::DMatrix;
 
-use crate::features::{Descriptors, KnownPicture};
+use crate::features::{Descriptors, KnownImage};
 use crate::neighbours::NeighbourLists;
 
-/// A picture made ready for training.
+/// An image made ready for training.
 pub(super) struct Lesson {
     /// `[dimension, N]`
     input: DMatrix<f32>,
     near: NeighbourLists,
 }
 
-/// Some keypoints of one picture.
+/// Some keypoints of one image.
 pub(super) struct Batch {
     /// `[n, dimension]`, row by row.
     pub(super) input: Vec<f32>,
@@ -26,7 +26,7 @@ pub(super) struct Batch {
     pub(super) rows: usize,
 }
 
-/// `[dimension, N]`: descriptors as the network sees them, the picture's mean taken off, entries near one.
+/// `[dimension, N]`: descriptors as the network sees them, the image's mean taken off, entries near one.
 pub(super) fn input(descriptors: &Descriptors) -> DMatrix<f32> {
     let columns = descriptors.centered();
     let scale = (columns.nrows() as f32).sqrt();
@@ -35,10 +35,10 @@ pub(super) fn input(descriptors: &Descriptors) -> DMatrix<f32> {
 
 impl Lesson {
     /// The `k` nearest keypoints of each are its neighbours; `None` when no keypoint has any.
-    pub(super) fn new(picture: &KnownPicture, k: usize) -> Option<Self> {
-        let near = NeighbourLists::nearest(picture.keypoints(), k);
+    pub(super) fn new(image: &KnownImage, k: usize) -> Option<Self> {
+        let near = NeighbourLists::nearest(image.keypoints(), k);
         let any = (0..near.len()).any(|i| !near.of(i).is_empty());
-        any.then(|| Self { input: input(picture.descriptors()), near })
+        any.then(|| Self { input: input(image.descriptors()), near })
     }
 
     /// At most `most` keypoints, drawn without repetition.
@@ -83,8 +83,8 @@ mod tests {
         let bytes: Vec<u8> = (0..50).flat_map(|i| (0..50).map(move |j| u8::from(i == j))).collect();
         let descriptors = Descriptors::new(&bytes, 50).expect("whole");
         let near = NeighbourLists::nearest(&keypoints, 6);
-        let picture = KnownPicture::new(keypoints, descriptors, 90, 90).expect("one each");
-        let lesson = Lesson::new(&picture, 6).expect("neighbours");
+        let image = KnownImage::new(keypoints, descriptors, 90, 90).expect("one each");
+        let lesson = Lesson::new(&image, 6).expect("neighbours");
         let batch = lesson.draw(20, &mut rng);
         assert_eq!((batch.len, batch.input.len(), batch.targets.len()), (20, 20 * 50, 400));
         let largest = |row: &[f32]| (0..50).max_by(|a, b| row[*a].total_cmp(&row[*b])).expect("a largest");

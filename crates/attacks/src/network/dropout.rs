@@ -5,7 +5,7 @@ use burn::tensor::{Tensor, TensorData};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-/// Sets entries to zero by lot while a network learns, so that it leans on none of them.
+/// Sets entries to zero at random while a network learns, so that it leans on none of them.
 pub(super) struct Dropout<'a> {
     drawing: Option<(f64, &'a mut ChaCha8Rng)>,
 }

@@ -6,7 +6,7 @@ use crate::error::AttackError;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NetworkError {
-    /// The pictures do not fit.
+    /// The images do not fit.
     #[error(transparent)]
     Attack(#[from] AttackError),
     /// An option, or a number in a file, is none of those allowed.

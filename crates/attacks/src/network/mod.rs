@@ -1,9 +1,9 @@
-//! An attention network over the set of descriptors of a picture, which predicts who is whose neighbour.
+//! An attention network over the set of descriptors of an image, which predicts who is whose neighbour.
 //!
 //! After Chelani et al., *Obfuscation Based Privacy Preserving Representations are Recoverable Using Neighborhood
-//! Information*: every descriptor is embedded, self-attention lets it see the others of its picture, and a pair is the
+//! Information*: every descriptor is embedded, self-attention lets it see the others of its image, and a pair is the
 //! likelier the more alike its embeddings are. Nothing but descriptors goes in; positions are needed for training
-//! alone, on pictures that the attacker took himself.
+//! alone, on images that the attacker took himself.
 //!
 //! ```text
 //! descriptors [N, dimension] → linear → (norm, attention, +; norm, two layers, +) × layers → norm, linear, unit length

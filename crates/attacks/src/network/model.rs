@@ -23,7 +23,7 @@ pub(super) struct Shape {
 
 /// The layer behind attention is this many times wider.
 const WIDENING: usize = 2;
-/// Keypoints whose attention is computed together: of a whole picture the table of all pairs would fill memory.
+/// Keypoints whose attention is computed together: of a whole image the table of all pairs would fill memory.
 const ROWS: usize = 512;
 /// Logits of pairs range from minus to plus this at the start of training.
 const FIRST_SCALE: f32 = 10.0;
@@ -40,7 +40,7 @@ impl Shape {
     }
 }
 
-/// From descriptors of one picture to embeddings of its keypoints.
+/// From descriptors of one image to embeddings of its keypoints.
 #[derive(Module, Debug)]
 pub(super) struct Encoder<B: Backend> {
     input: Linear<B>,
@@ -100,7 +100,7 @@ impl<B: Backend> Encoder<B> {
         x.div(length)
     }
 
-    /// `[N, N]`: logits of pairs of one picture, from its embeddings `[N, width]`.
+    /// `[N, N]`: logits of pairs of one image, from its embeddings `[N, width]`.
     pub(super) fn logits(&self, embedded: Tensor<B, 2>) -> Tensor<B, 2> {
         let scaled = embedded.clone().mul(self.log_scale.val().exp().unsqueeze());
         scaled.matmul(embedded.transpose())

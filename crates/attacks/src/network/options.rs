@@ -9,11 +9,11 @@ use super::model::Shape;
 pub struct TrainingOptions {
     /// Steps of the optimizer. Default 3000.
     pub steps: usize,
-    /// Pictures of a step. Default 2.
-    pub pictures: usize,
+    /// Images of a step. Default 2.
+    pub images: usize,
     /// Keypoints drawn from each of them, so that no two steps see the same set. Default 512.
     pub keypoints: usize,
-    /// Nearest keypoints of the whole picture that count as neighbours. Default 20.
+    /// Nearest keypoints of the whole image that count as neighbours. Default 20.
     pub neighbours: usize,
     /// Length of an embedding. Default 96.
     pub width: usize,
@@ -27,7 +27,7 @@ pub struct TrainingOptions {
     pub weight_decay: f64,
     /// Share of entries dropped behind each half of a layer. Default 0.1.
     pub dropout: f64,
-    /// Steps from one look at the validation pictures to the next. Default 250.
+    /// Steps from one look at the validation images to the next. Default 250.
     pub validate_every: usize,
     /// Seed of weights and draws.
     pub seed: u64,
@@ -37,7 +37,7 @@ impl Default for TrainingOptions {
     fn default() -> Self {
         Self {
             steps: 3000,
-            pictures: 2,
+            images: 2,
             keypoints: 512,
             neighbours: 20,
             width: 96,
@@ -62,7 +62,7 @@ impl TrainingOptions {
     pub(super) fn shape(&self, dimension: usize) -> Result<Shape, NetworkError> {
         for (name, value) in [
             ("steps", self.steps),
-            ("pictures", self.pictures),
+            ("images", self.images),
             ("neighbours", self.neighbours),
             ("validate_every", self.validate_every),
         ] {

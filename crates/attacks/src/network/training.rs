@@ -1,4 +1,4 @@
-//! The training: AdamW on random subsets of the training pictures, judged on pictures that are never learned from.
+//! The training: AdamW on random subsets of the training images, judged on images that are never learned from.
 
 use burn::backend::Autodiff;
 use burn::backend::ndarray::NdArrayDevice;
@@ -18,7 +18,7 @@ use super::options::TrainingOptions;
 use super::schedule::learning_rate;
 use super::{Cpu, NeighbourNetwork, parameters};
 use crate::error::AttackError;
-use crate::features::KnownPicture;
+use crate::features::KnownImage;
 use crate::neighbours::NeighbourLists;
 
 /// Where networks are trained.
@@ -29,21 +29,21 @@ pub const PRECISION_AT: usize = 20;
 /// Gradients longer than this are made shorter.
 const LONGEST_GRADIENT: f32 = 1.0;
 
-/// How far training was at one look at the validation pictures.
+/// How far training was at one look at the validation images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePoint {
     /// Steps done.
     pub step: usize,
     /// Mean loss of the steps since the last point.
     pub loss: f64,
-    /// Share of the [`PRECISION_AT`] likeliest neighbours that are among as many nearest, validation pictures.
+    /// Share of the [`PRECISION_AT`] likeliest neighbours that are among as many nearest, validation images.
     pub precision: f64,
 }
 
 /// What training gave.
 #[derive(Debug, Clone)]
 pub struct Trained {
-    /// The network of the best look at the validation pictures.
+    /// The network of the best look at the validation images.
     pub network: NeighbourNetwork,
     /// Steps done at that look.
     pub best_step: usize,
@@ -51,18 +51,18 @@ pub struct Trained {
     pub curve: Vec<CurvePoint>,
 }
 
-/// Trains a network, and keeps that of the best precision on the `validation` pictures.
+/// Trains a network, and keeps that of the best precision on the `validation` images.
 ///
 /// `observe` is called after every step with the number of steps done, and with the point of the curve when there is
-/// one. The validation pictures should be of other places than the `training` pictures, and what is said about an
+/// one. The validation images should be of other places than the `training` images, and what is said about an
 /// unseen place must be measured on a third one, as the step was chosen on these.
 ///
 /// # Errors
 /// [`NetworkError::Option`] for options that make no sense, [`NetworkError::Attack`] when there is nothing to learn or
 /// judge, or descriptors differ in dimension, [`NetworkError::Diverged`] when the loss is no number any more.
 pub fn train(
-    training: &[KnownPicture],
-    validation: &[KnownPicture],
+    training: &[KnownImage],
+    validation: &[KnownImage],
     options: &TrainingOptions,
     mut observe: impl FnMut(usize, Option<&CurvePoint>),
 ) -> Result<Trained, NetworkError> {
@@ -71,8 +71,8 @@ pub fn train(
         return Err(AttackError::NothingToLearn.into());
     }
     let shape = options.shape(dimension)?;
-    for picture in training.iter().chain(validation) {
-        let found = picture.descriptors().columns().nrows();
+    for image in training.iter().chain(validation) {
+        let found = image.descriptors().columns().nrows();
         if found != dimension {
             return Err(AttackError::Dimensions { expected: dimension, found }.into());
         }
@@ -94,10 +94,10 @@ pub fn train(
     let mut best: Option<(f64, NeighbourNetwork, usize)> = None;
     let (mut losses, mut since) = (0.0, 0.0);
     for step in 0..options.steps {
-        let pictures: Vec<Batch> = (0..options.pictures)
+        let images: Vec<Batch> = (0..options.images)
             .map(|_| lessons[rng.random_range(0..lessons.len())].draw(options.keypoints, &mut rng))
             .collect();
-        let wrong = step_loss(&encoder, &pictures, &shape, options.dropout, &mut rng);
+        let wrong = step_loss(&encoder, &images, &shape, options.dropout, &mut rng);
         let value = f64::from(wrong.clone().into_scalar());
         if !value.is_finite() {
             return Err(NetworkError::Diverged { step });
@@ -128,35 +128,35 @@ pub fn train(
     Ok(Trained { network, best_step, curve })
 }
 
-/// Mean loss of some pictures, `[1]`.
+/// Mean loss of some images, `[1]`.
 fn step_loss(
     encoder: &Encoder<Learning>,
-    pictures: &[Batch],
+    images: &[Batch],
     shape: &Shape,
     dropped: f64,
     rng: &mut ChaCha8Rng,
 ) -> Tensor<Learning, 1> {
     let device = NdArrayDevice::default();
     let mut sum = Tensor::zeros([1], &device);
-    for batch in pictures {
+    for batch in images {
         let input = TensorData::new(batch.input.clone(), [batch.len, shape.dimension]);
         let targets = TensorData::new(batch.targets.clone(), [batch.len, batch.len]);
         let embedded = encoder.forward(Tensor::from_data(input, &device), &mut Dropout::new(dropped, rng));
         let targets = Tensor::from_data(targets, &device);
         sum = sum + loss(encoder.logits(embedded), targets, batch.rows);
     }
-    sum.div_scalar(pictures.len() as f32)
+    sum.div_scalar(images.len() as f32)
 }
 
-/// Precision over all entries of all pictures.
+/// Precision over all entries of all images.
 fn precision(
     network: &NeighbourNetwork,
-    pictures: &[KnownPicture],
+    images: &[KnownImage],
     truth: &[NeighbourLists],
 ) -> Result<f64, AttackError> {
     let (mut right, mut entries) = (0.0, 0.0);
-    for (picture, near) in pictures.iter().zip(truth) {
-        let said = network.predict(picture.descriptors(), PRECISION_AT)?;
+    for (image, near) in images.iter().zip(truth) {
+        let said = network.predict(image.descriptors(), PRECISION_AT)?;
         let count = (0..said.len()).map(|i| said.of(i).len()).sum::<usize>() as f64;
         if count > 0.0 {
             right += count * said.precision(near);
@@ -181,8 +181,8 @@ mod tests {
             (0..12).map(|_| Pixel::new(rng.random_range(0.0..9.0), rng.random_range(0.0..9.0))).collect();
         let bytes: Vec<u8> = (0..12 * 6).map(|_| rng.random()).collect();
         let descriptors = Descriptors::new(&bytes, 6).expect("whole");
-        let picture = KnownPicture::new(keypoints, descriptors, 9, 9).expect("one each");
-        let lesson = Lesson::new(&picture, 3).expect("neighbours");
+        let image = KnownImage::new(keypoints, descriptors, 9, 9).expect("one each");
+        let lesson = Lesson::new(&image, 3).expect("neighbours");
         let batch = [lesson.draw(10, &mut rng)];
 
         let shape = Shape { dimension: 6, width: 8, heads: 2, layers: 2 };

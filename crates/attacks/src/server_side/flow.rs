@@ -1,20 +1,20 @@
-//! The flow from a map picture into the query, told by keypoints whose place in both is known.
+//! The flow from a map image into the query, told by keypoints whose place in both is known.
 
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::metrics::median;
 
-/// A keypoint of the map picture, and where it lies in the query.
+/// A keypoint of the map image, and where it lies in the query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FlowVector {
-    /// In the map picture, scaled to the query's size, pixels.
+    /// In the map image, scaled to the query's size, pixels.
     pub(super) from: Vector2<f64>,
     /// Query position minus `from`, pixels.
     pub(super) moved: Vector2<f64>,
 }
 
-/// Where a place of the map picture lies in the query.
+/// Where a place of the map image lies in the query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Warped {
     pub(super) pixel: Pixel,
@@ -56,7 +56,7 @@ impl Flow {
         (kept.len() >= FEWEST).then_some(Self { vectors: kept })
     }
 
-    /// Where a place of the map picture lies in the query: an affine change of the vectors around, near ones first and
+    /// Where a place of the map image lies in the query: an affine change of the vectors around, near ones first and
     /// those that do not fit left out softly.
     pub(super) fn warp(&self, place: Pixel) -> Warped {
         let at = place.vector();
@@ -136,7 +136,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// The picture turned a little, grown a little and moved; the exact answer is the map itself.
+    /// The image turned a little, grown a little and moved; the exact answer is the map itself.
     fn true_flow(at: Vector2<f64>) -> Vector2<f64> {
         Vector2::new(12.0 + 0.05 * at.x - 0.03 * at.y, -7.0 + 0.03 * at.x + 0.05 * at.y)
     }

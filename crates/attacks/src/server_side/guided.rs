@@ -1,11 +1,11 @@
 //! Position transfer by a server that knows the pose: only what can lie on the half-line is compared.
 //!
-//! [`crate::transfer()`] asks a whole map picture for the most similar descriptor. A server that has localized the
-//! query knows where its inliers lie in the query *and* in its map pictures, hence how a map picture flows into the
-//! query. Warped by that flow, the map picture has only a handful of keypoints near a given half-line, and the most
+//! [`crate::transfer()`] asks a whole map image for the most similar descriptor. A server that has localized the
+//! query knows where its inliers lie in the query *and* in its map images, hence how a map image flows into the
+//! query. Warped by that flow, the map image has only a handful of keypoints near a given half-line, and the most
 //! similar of a handful is right far more often than the most similar of thousands.
 //!
-//! For each hidden keypoint the candidates are the keypoints of several warped map pictures within a few standard
+//! For each hidden keypoint the candidates are the keypoints of several warped map images within a few standard
 //! deviations of its line. With `s` the logarithm of the descriptors' distance over the least among keypoints far from
 //! the line, distance `e` from the line and standard deviation `σ`, a candidate weighs
 //!
@@ -15,7 +15,7 @@
 //!
 //! where both densities are normal and learned from the query's own inliers, of which the server knows which
 //! candidate is right. All candidates may be wrong, so "none of them" has a weight too. Candidates of several
-//! pictures that land together add up; the heaviest place is the answer, and is **believed** when it outweighs
+//! images that land together add up; the heaviest place is the answer, and is **believed** when it outweighs
 //! everything else.
 
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ use veiloc_geometry::Pixel;
 use super::known;
 use super::warp::{Candidate, MapView, Matched, Similarities};
 use crate::error::AttackError;
-use crate::features::{Descriptors, KnownPicture};
+use crate::features::{Descriptors, KnownImage};
 use crate::observation::Observation;
 use crate::prior::KnownSegment;
 
@@ -32,11 +32,11 @@ use crate::prior::KnownSegment;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct GuidedOptions {
-    /// Map pictures that are asked, those with most mutual matches.
-    pub pictures: usize,
+    /// Map images that are asked, those with most mutual matches.
+    pub images: usize,
     /// Standard deviations from the line within which a warped keypoint is a candidate.
     pub gate: f64,
-    /// Share of keypoints that are found again in one map picture that shows their place, 0 to 1.
+    /// Share of keypoints that are found again in one map image that shows their place, 0 to 1.
     pub repeatability: f64,
     /// Pixels within which candidates say the same.
     pub together_px: f64,
@@ -44,7 +44,7 @@ pub struct GuidedOptions {
 
 impl Default for GuidedOptions {
     fn default() -> Self {
-        Self { pictures: 5, gate: 3.0, repeatability: 0.3, together_px: 6.0 }
+        Self { images: 5, gate: 3.0, repeatability: 0.3, together_px: 6.0 }
     }
 }
 
@@ -64,18 +64,18 @@ impl Guided {
     }
 }
 
-/// Positions of hidden keypoints from map pictures, warped into the query by the flow of its known keypoints: `[N]`.
+/// Positions of hidden keypoints from map images, warped into the query by the flow of its known keypoints: `[N]`.
 ///
-/// `query`: one descriptor an observation. `size`: width and height of the query picture, pixels. A map picture in
-/// which too few known keypoints are found again says nothing; without any such picture nothing is answered.
+/// `query`: one descriptor an observation. `size`: width and height of the query image, pixels. A map image in
+/// which too few known keypoints are found again says nothing; without any such image nothing is answered.
 ///
 /// # Errors
-/// [`AttackError::Dimensions`] when a map picture has descriptors of another dimension,
+/// [`AttackError::Dimensions`] when a map image has descriptors of another dimension,
 /// [`AttackError::FrameDescriptors`] when there is not one descriptor per observation.
 pub fn guided_transfer(
     query: &Descriptors,
     observations: &[Observation],
-    map: &[KnownPicture],
+    map: &[KnownImage],
     size: (u32, u32),
     options: &GuidedOptions,
 ) -> Result<Vec<Guided>, AttackError> {
@@ -91,7 +91,7 @@ pub fn guided_transfer(
     let mut matched: Vec<Matched<'_>> = map.par_iter().map(|p| Matched::new(query, p)).collect();
     // Stable: equal counts stay in the order of the map.
     matched.sort_by_key(|m| std::cmp::Reverse(m.mutual.len()));
-    matched.truncate(options.pictures);
+    matched.truncate(options.images);
     let views: Vec<MapView> =
         matched.into_par_iter().filter_map(|m| MapView::new(m, &known, size, options.gate)).collect();
 
@@ -122,7 +122,7 @@ fn one(
         // One of the candidates is right with the probability of repetition, each as likely before it is looked at.
         none += (candidates.len() - first) as f64 * (1.0 - options.repeatability) / options.repeatability;
     }
-    // "None of them" holds for all pictures together, where each picture's candidates compete with its own.
+    // "None of them" holds for all images together, where each image's candidates compete with its own.
     none /= views.len().max(1) as f64;
     let total = candidates.iter().map(|c| c.weight).sum::<f64>() + none;
     // Hundreds of candidates weigh nothing; only few can lead.

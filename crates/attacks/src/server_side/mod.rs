@@ -3,7 +3,7 @@
 //!
 //! - [`server_side`]: the paper's attack (its supplement, "Baseline server-side attack");
 //! - [`iterative`]: the paper's iterative attack, which goes on from what it has just estimated;
-//! - [`guided_transfer`](guided_transfer()): map pictures warped into the query by the flow of the inliers.
+//! - [`guided_transfer`](guided_transfer()): map images warped into the query by the flow of the inliers.
 //!
 //! [`crate::graph()`] takes known positions as well, and is the strongest of those that ask for neighbours.
 

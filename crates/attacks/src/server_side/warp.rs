@@ -1,13 +1,13 @@
-//! A map picture warped into the query, and how similar descriptors of the same place are.
+//! A map image warped into the query, and how similar descriptors of the same place are.
 
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::DMatrix;
 
 use super::flow::{Flow, FlowVector, Warped};
-use crate::features::{Descriptors, KnownPicture};
+use crate::features::{Descriptors, KnownImage};
 use crate::prior::KnownSegment;
 
-/// A keypoint of a map picture that may be the hidden one.
+/// A keypoint of a map image that may be the hidden one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Candidate {
     /// Its place in the query, on the hidden keypoint's line.
@@ -15,9 +15,9 @@ pub(super) struct Candidate {
     pub(super) weight: f64,
 }
 
-/// A map picture, and how similar its keypoints are to those of the query.
+/// A map image, and how similar its keypoints are to those of the query.
 pub(super) struct Matched<'a> {
-    picture: &'a KnownPicture,
+    image: &'a KnownImage,
     /// `[map, query]`: cosines of descriptors.
     similarity: DMatrix<f32>,
     /// Pairs of map and query keypoint that are each other's most similar, in the order of the query.
@@ -25,14 +25,14 @@ pub(super) struct Matched<'a> {
 }
 
 impl<'a> Matched<'a> {
-    pub(super) fn new(query: &Descriptors, picture: &'a KnownPicture) -> Self {
-        let similarity = picture.descriptors().cosines(query);
+    pub(super) fn new(query: &Descriptors, image: &'a KnownImage) -> Self {
+        let similarity = image.descriptors().cosines(query);
         let mutual = mutual(&similarity);
-        Self { picture, similarity, mutual }
+        Self { image, similarity, mutual }
     }
 }
 
-/// A map picture with its keypoints where they lie in the query.
+/// A map image with its keypoints where they lie in the query.
 pub(super) struct MapView {
     /// `[map, query]`: cosines of descriptors.
     similarity: DMatrix<f32>,
@@ -49,15 +49,15 @@ impl MapView {
         (width, height): (u32, u32),
         gate: f64,
     ) -> Option<Self> {
-        let Matched { picture, similarity, mutual } = matched;
+        let Matched { image, similarity, mutual } = matched;
         let of_known = || mutual.iter().filter_map(|&(at, i)| known[i].map(|p| (at, i, p)));
         let vectors = of_known().map(|(at, _, p)| {
-            let from = picture.scaled(at, width, height).vector();
+            let from = image.scaled(at, width, height).vector();
             FlowVector { from, moved: p.vector() - from }
         });
         let flow = Flow::new(vectors.collect())?;
-        let places = 0..picture.keypoints().len();
-        let warped: Vec<Warped> = places.map(|at| flow.warp(picture.scaled(at, width, height))).collect();
+        let places = 0..image.keypoints().len();
+        let warped: Vec<Warped> = places.map(|at| flow.warp(image.scaled(at, width, height))).collect();
         let agrees = |at: usize, p: Pixel| warped[at].pixel.distance(&p) <= gate * warped[at].sigma;
         let agreeing = of_known().filter(|(at, _, p)| agrees(*at, *p)).map(|(at, i, _)| (at, i)).collect();
         Some(Self { similarity, warped, agreeing })
@@ -119,7 +119,7 @@ fn mutual(similarity: &DMatrix<f32>) -> Vec<(usize, usize)> {
     pairs.map(|(i, b)| (b.1, i)).collect()
 }
 
-/// How much nearer descriptors of one place in two pictures are than those of different places: two normal densities.
+/// How much nearer descriptors of one place in two images are than those of different places: two normal densities.
 ///
 /// Distances differ much between keypoints (a corner among a hundred like it, a letter on a sign), so what counts is
 /// the logarithm of the distance over the least distance among map keypoints that cannot be the same place.

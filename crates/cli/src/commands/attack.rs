@@ -13,22 +13,22 @@ use crate::ui::Ui;
 
 /// Recover keypoints from what is sent, by every attack under every scheme.
 ///
-/// Reads keypoints of pictures, obfuscates them as a device would, attacks them, and says how far the recovered
+/// Reads keypoints of images, obfuscates them as a device would, attacks them, and says how far the recovered
 /// keypoints are from the true ones. The first row of a scheme is the guess that uses no neighbours: an attack
 /// counts only by what it gains over that.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Keypoints of pictures, one JSON object a line, plain or gzipped.
+    /// Keypoints of images, one JSON object a line, plain or gzipped.
     #[arg(value_name = "KEYPOINTS", required_unless_present = "synthetic")]
     files: Vec<PathBuf>,
     /// Attack N evenly spread keypoints in 640 x 480 pixels too (the paper's figure: 1500).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     synthetic: Option<u32>,
-    /// Attack the first N pictures of each file only.
+    /// Attack the first N images of each file only.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    pictures: Option<u32>,
-    /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-picture, closed-form-informed,
-    /// closed-form-consensus, transfer (positions of matches in the file's other pictures), graph, transfer-graph; and
+    images: Option<u32>,
+    /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-image, closed-form-informed,
+    /// closed-form-consensus, transfer (positions of matches in the file's other images), graph, transfer-graph; and
     /// of a server that knows the pose (--known): server-side and iterative (the paper's), server-side-points,
     /// guided-transfer, several-frames.
     #[arg(
@@ -59,7 +59,7 @@ pub(super) struct AdversaryArgs {
     /// Who tells which keypoints are neighbours.
     #[arg(long, value_enum, default_value = "oracle")]
     neighbours: Source,
-    /// Keypoints with descriptors that teach the predictor of neighbours; attacked pictures among them are left out.
+    /// Keypoints with descriptors that teach the predictor of neighbours; attacked images among them are left out.
     #[arg(long, value_name = "FILE", required_if_eq("neighbours", "predicted"))]
     train: Vec<PathBuf>,
     /// A trained network, as `veiloc train neighbours` writes it.
@@ -68,15 +68,15 @@ pub(super) struct AdversaryArgs {
     /// Neighbours a keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
-    /// Replace this many percent of the neighbours by keypoints drawn by lot; several for a curve.
+    /// Replace this many percent of the neighbours by keypoints drawn at random; several for a curve.
     #[arg(long, value_delimiter = ',', default_value = "0", value_name = "PERCENT,…", value_parser = percent)]
     corrupt: Vec<f64>,
-    /// Matches of the same pictures with a map (problems.jsonl): the attacker is a server that has localized them, and
+    /// Matches of the same images with a map (problems.jsonl): the attacker is a server that has localized them, and
     /// knows the positions of its inliers. Errors are of the other keypoints. May be given several times.
     #[arg(long, value_name = "PROBLEMS")]
     known: Vec<PathBuf>,
     /// With --known: this percentage of the keypoints lies in a compact region that the map does not have, as a person
-    /// in the picture. Errors are of that region.
+    /// in the image. Errors are of that region.
     #[arg(long, value_name = "PERCENT", requires = "known", value_parser = percent)]
     private: Option<f64>,
     /// With --known: on which keypoints errors are measured.
@@ -98,11 +98,11 @@ pub(super) struct AdversaryArgs {
 enum Source {
     /// One who knows the true positions: the worst case.
     Oracle,
-    /// A statistic of which descriptors occur side by side, learned from the pictures of `--train`.
+    /// A statistic of which descriptors occur side by side, learned from the images of `--train`.
     Predicted,
     /// The attention network of `--model`; needs a veiloc built with the feature `network`.
     Network,
-    /// A server that has the other pictures of the file for a map.
+    /// A server that has the other images of the file for a map.
     Transferred,
 }
 
@@ -127,7 +127,7 @@ impl AdversaryArgs {
         Ok(AttackEvaluation {
             files: Vec::new(),
             synthetic: 0,
-            pictures: None,
+            images: None,
             schemes: self.schemes.clone(),
             attacks: attacks.to_vec(),
             neighbours: match self.neighbours {
@@ -158,7 +158,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = AttackEvaluation {
         files: args.files.clone(),
         synthetic: args.synthetic.unwrap_or(0) as usize,
-        pictures: args.pictures.map(|n| n as usize),
+        images: args.images.map(|n| n as usize),
         ..args.adversary.evaluation(&args.attacks)?
     };
     let bar = ui.bar("Attacking", 0);

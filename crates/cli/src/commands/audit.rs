@@ -1,4 +1,4 @@
-//! `veiloc audit`: what attackers would get out of one's own pictures, as a page with a conclusion.
+//! `veiloc audit`: what attackers would get out of one's own images, as a page with a conclusion.
 
 mod inputs;
 
@@ -16,7 +16,7 @@ use crate::ui::{Bars, Ui};
 
 use inputs::Inputs;
 
-/// Attack what would be sent of your pictures, and write a report on it.
+/// Attack what would be sent of your images, and write a report on it.
 ///
 /// Reads photographs (their keypoints are extracted here) or files of keypoints, obfuscates the keypoints as a device
 /// would, attacks them by every attack under every scheme, and writes one HTML page: a conclusion in sentences, all
@@ -31,15 +31,15 @@ pub(crate) struct Args {
     /// Where the report goes: a file that ends in `.html`, or a folder for `audit.html`.
     #[arg(short, long, default_value = "audit.html", value_name = "FILE|FOLDER")]
     out: PathBuf,
-    /// Attack the first N pictures of each folder or file only.
+    /// Attack the first N images of each folder or file only.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..))]
-    pictures: u32,
-    /// Draw the first N pictures; all count in the figures.
+    images: u32,
+    /// Draw the first N images; all count in the figures.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=100))]
     shown: u32,
     /// Leave the photographs out of the report. Positions of keypoints are still in it.
     #[arg(long)]
-    no_pictures: bool,
+    no_images: bool,
     /// Leave the paper's synthetic scene (Fig. 4) out.
     #[arg(long)]
     no_synthetic: bool,
@@ -48,7 +48,7 @@ pub(crate) struct Args {
           value_parser = clap::value_parser!(u32).range(1..=100_000))]
     synthetic: u32,
     /// Attacks, as `veiloc attack` knows them. Default: closed-form, closed-form-informed and graph; with several
-    /// pictures that have descriptors, transfer too, which takes the others for the map of a server.
+    /// images that have descriptors, transfer too, which takes the others for the map of a server.
     #[arg(long, value_delimiter = ',', value_name = "ATTACK,…")]
     attacks: Option<Vec<AttackKind>>,
     #[command(flatten)]
@@ -70,11 +70,11 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let report = report_path(&args.out)?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
     let bars = Bars::new(ui);
-    let inputs = Inputs::read(&args.inputs, args.pictures as usize, limits, &bars, ui)?;
+    let inputs = Inputs::read(&args.inputs, args.images as usize, limits, &bars, ui)?;
     let attacks = args.attacks.clone().unwrap_or_else(|| inputs.default_attacks());
     let options = AuditOptions {
         evaluation: AttackEvaluation {
-            pictures: Some(args.pictures as usize),
+            images: Some(args.images as usize),
             synthetic: if args.no_synthetic { 0 } else { args.synthetic as usize },
             ..args.adversary.evaluation(&attacks)?
         },
@@ -82,7 +82,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         shown: args.shown as usize,
         command: command_line(),
     };
-    let photograph = |group, index| (!args.no_pictures).then(|| inputs.photograph(group, index)).flatten();
+    let photograph = |group, index| (!args.no_images).then(|| inputs.photograph(group, index)).flatten();
     let audit = run_audit(&options, &photograph, &bars)?;
     files::write(&report, audit.html.as_bytes())?;
     tell(args, &audit, ui)?;

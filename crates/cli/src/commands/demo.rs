@@ -14,7 +14,7 @@ use crate::ui::{Bars, Ui};
 /// Needs no data and no network. Everything after the renderer is what real photographs go through, from pixels on.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Folder for the pictures, the map, the sealed queries and the report.
+    /// Folder for the images, the map, the sealed queries and the report.
     #[arg(long, default_value = "out/demo", value_name = "DIR")]
     out: PathBuf,
     /// Seed of the place and of every random choice.

@@ -106,7 +106,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         let query = SealedQuery::decode(&files::read(path)?).map_err(|e| {
             Failure::with_help(
                 format!("{}: {e}", path.display()),
-                "seal the photograph again with `veiloc seal`, and send the file unchanged",
+                "seal the image again with `veiloc seal`, and send the file unchanged",
             )
         })?;
         let file = path.display().to_string();

@@ -14,27 +14,27 @@ use crate::ui::{Bars, Ui};
 /// What to do with a map.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Build a map from photographs whose poses are known.
+    /// Build a map from images whose poses are known.
     Build(BuildArgs),
     /// Make a map of a complete COLMAP model: its points and observations are kept.
     Import(ImportArgs),
     /// Say what is in a map.
     Info(InfoArgs),
-    /// Add photographs with known poses to a map, without building it again.
+    /// Add images with known poses to a map, without building it again.
     Add(AddArgs),
-    /// Take photographs out of a map, with the points that only they saw.
+    /// Take images out of a map, with the points that only they saw.
     Remove(RemoveArgs),
     /// Write what a device needs to seal queries for a map; it holds no map data.
     Profile(ProfileArgs),
 }
 
-/// What is extracted from a photograph, and what devices are asked to do.
+/// What is extracted from an image, and what devices are asked to do.
 #[derive(clap::Args)]
 pub(crate) struct ExtractionArgs {
     /// Kind of features.
     #[arg(long, default_value = "sift", value_parser = ["sift"])]
     features: String,
-    /// Keypoints of a photograph at most, the strongest.
+    /// Keypoints of an image at most, the strongest.
     #[arg(long, default_value_t = 4096, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
     max_keypoints: u32,
     /// Keypoints devices are asked for at most, the strongest; it is published in the profile.
@@ -67,23 +67,23 @@ struct WrittenArgs {
     json: bool,
 }
 
-/// Photographs with poses.
+/// Images with poses.
 #[derive(clap::Args)]
 struct PosedArgs {
     /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
     #[arg(long, value_name = "DIR")]
     posed: PathBuf,
-    /// Folder of the photographs.
+    /// Folder of the images.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
-    /// Names of the photographs to use, one a line. Default: every image of the model.
+    /// Names of the images to use, one a line. Default: every image of the model.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
 }
 
-/// Build a map from photographs whose poses are known.
+/// Build a map from images whose poses are known.
 ///
-/// Extracts features, matches photographs that see the same things, checks the matches against the known poses,
+/// Extracts features, matches images that see the same things, checks the matches against the known poses,
 /// triangulates map points, and writes one file. An interrupted build leaves an older map as it was.
 #[derive(clap::Args)]
 pub(crate) struct BuildArgs {
@@ -97,13 +97,13 @@ pub(crate) struct BuildArgs {
 
 /// Make a map of a complete COLMAP model: its points and observations are kept.
 ///
-/// Descriptors are extracted from the photographs and joined to the model's points by position.
+/// Descriptors are extracted from the images and joined to the model's points by position.
 #[derive(clap::Args)]
 pub(crate) struct ImportArgs {
     /// Folder of the COLMAP model, text or binary.
     #[arg(long, value_name = "DIR")]
     model: PathBuf,
-    /// Folder of the photographs.
+    /// Folder of the images.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
     #[command(flatten)]
@@ -122,7 +122,7 @@ pub(crate) struct InfoArgs {
     json: bool,
 }
 
-/// Add photographs with known poses to a map, without building it again.
+/// Add images with known poses to a map, without building it again.
 #[derive(clap::Args)]
 pub(crate) struct AddArgs {
     /// The map.
@@ -137,12 +137,12 @@ pub(crate) struct AddArgs {
     json: bool,
 }
 
-/// Take photographs out of a map, with the points that only they saw.
+/// Take images out of a map, with the points that only they saw.
 #[derive(clap::Args)]
 pub(crate) struct RemoveArgs {
     /// The map.
     map: PathBuf,
-    /// Names of the photographs.
+    /// Names of the images.
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
     /// The map file to write. Default: the map itself.

@@ -1,4 +1,4 @@
-//! `veiloc seal`: photographs to sealed queries, as a device does it.
+//! `veiloc seal`: images to sealed queries, as a device does it.
 
 use std::path::{Path, PathBuf};
 
@@ -10,14 +10,14 @@ use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::ui::Ui;
 
-/// Turn photographs into sealed queries.
+/// Turn images into sealed queries.
 ///
 /// A sealed query holds descriptors and lines, never keypoints; it is all a server gets. Nothing of the file but its
 /// pixels is read: no EXIF, no time, no place. Everything random comes from the operating system's generator, so
-/// sealing one photograph twice gives two different queries; never send both (see docs/privacy.md, rule L7).
+/// sealing one image twice gives two different queries; never send both (see docs/privacy.md, rule L7).
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Photographs, JPEG or PNG, all taken with the camera given.
+    /// Images, JPEG or PNG, all taken with the camera given.
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
     /// The camera: COLMAP's model name, width, height and parameters, for example
@@ -33,7 +33,7 @@ pub(crate) struct Args {
     scheme: Option<Scheme>,
     #[command(flatten)]
     amount: AmountArgs,
-    /// File to write, or a folder when there are several photographs.
+    /// File to write, or a folder when there are several images.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
 }
@@ -108,7 +108,7 @@ fn target(image: &Path, out: &Path, into_folder: bool) -> PathBuf {
     out.join(name)
 }
 
-/// Two photographs of one name would overwrite each other's query.
+/// Two images of one name would overwrite each other's query.
 fn refuse_collisions(images: &[PathBuf], outputs: &[PathBuf]) -> Result<(), Failure> {
     for (i, a) in outputs.iter().enumerate() {
         if let Some(j) = outputs[..i].iter().position(|b| a == b) {
@@ -126,7 +126,7 @@ fn refuse_collisions(images: &[PathBuf], outputs: &[PathBuf]) -> Result<(), Fail
     Ok(())
 }
 
-/// Nobody means to lose a photograph or the profile.
+/// Nobody means to lose an image or the profile.
 fn refuse_overwriting_input(args: &Args, outputs: &[PathBuf]) -> Result<(), Failure> {
     let inputs: Vec<PathBuf> =
         args.images.iter().chain([&args.profile]).filter_map(|path| path.canonicalize().ok()).collect();

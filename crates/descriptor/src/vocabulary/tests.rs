@@ -123,7 +123,7 @@ fn too_few_samples_are_refused() {
 #[test]
 fn cosines_of_codes_are_those_of_exact_vectors() {
     let vocabulary = Vocabulary::train(random_descriptors(3000, 1).view(), 64, &mut rng(1)).unwrap();
-    // Pictures that share some, all or none of their descriptors; with 1 to 2000 descriptors.
+    // Images that share some, all or none of their descriptors; with 1 to 2000 descriptors.
     let all = random_descriptors(4000, 2);
     let mut worst = 0.0_f64;
     for (a, b) in

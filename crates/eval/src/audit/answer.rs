@@ -1,31 +1,31 @@
-//! One attack on one picture: what the attacker holds, and what he answers.
+//! One attack on one image: what the attacker holds, and what he answers.
 
 use std::collections::BTreeMap;
 
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    AttackError, ClosedFormOptions, Density, GraphOptions, Guided, GuidedOptions, KnownPicture,
-    LineNeighbours, NeighbourLists, Observation, Sighted, Transfer, closed_form, graph, guided_transfer,
-    iterative, prior_only, server_side,
+    AttackError, ClosedFormOptions, Density, GraphOptions, Guided, GuidedOptions, KnownImage, LineNeighbours,
+    NeighbourLists, Observation, Sighted, Transfer, closed_form, graph, guided_transfer, iterative,
+    prior_only, server_side,
 };
 use veiloc_geometry::Pixel;
 
-use super::keypoints::KeypointPicture;
+use super::keypoints::KeypointImage;
 use super::kind::AttackKind;
 use super::server::View;
 use super::sightings::sighted;
 use crate::error::EvalError;
 
-/// What the attacker holds of one picture beside what was sent.
+/// What the attacker holds of one image beside what was sent.
 pub(super) struct Held<'a> {
     pub(super) density: Density,
     pub(super) neighbours: NeighbourLists,
     pub(super) transferred: Option<Transfer>,
-    /// Which of the file's pictures it is.
+    /// Which of the file's images it is.
     pub(super) own: usize,
-    /// The file's pictures with descriptors, where an attack reads them.
-    pub(super) pictures: &'a [KnownPicture],
-    /// By scheme, the file's pictures as the server sees them, where there is one.
+    /// The file's images with descriptors, where an attack reads them.
+    pub(super) images: &'a [KnownImage],
+    /// By scheme, the file's images as the server sees them, where there is one.
     pub(super) views: &'a BTreeMap<String, Vec<View>>,
 }
 
@@ -41,27 +41,27 @@ impl From<Vec<Pixel>> for Answers {
     }
 }
 
-/// Pixels within which neighbours agree, in shares of the picture's width: 20 px of 640.
+/// Pixels within which neighbours agree, in shares of the image's width: 20 px of 640.
 const CONSENSUS: f64 = 20.0 / 640.0;
 
-/// What several frames tell about one picture; the guess where they tell nothing.
+/// What several frames tell about one image; the guess where they tell nothing.
 pub(super) fn by_frames(
     observations: &[Observation],
     frames: usize,
     held: &Held<'_>,
     scheme: &str,
-    picture: &KeypointPicture,
+    image: &KeypointImage,
 ) -> Result<Answers, EvalError> {
     let views = held.views.get(scheme).map_or(&[][..], Vec::as_slice);
     if views.len() < frames {
         return Err(EvalError::Options(format!(
-            "{frames} frames are asked for, and the file of {} has {} pictures",
-            picture.name,
+            "{frames} frames are asked for, and the file of {} has {} images",
+            image.name,
             views.len()
         )));
     }
-    let guess = prior_only(observations, picture.width, picture.height);
-    let Some(found) = sighted(views, held.pictures, held.own, frames)? else {
+    let guess = prior_only(observations, image.width, image.height);
+    let Some(found) = sighted(views, held.images, held.own, frames)? else {
         return Ok(Answers { believed: Some(vec![false; guess.len()]), pixels: guess });
     };
     Ok(Answers {
@@ -70,16 +70,16 @@ pub(super) fn by_frames(
     })
 }
 
-/// One attack on one picture.
+/// One attack on one image.
 pub(super) fn answer(
     attack: AttackKind,
     observations: &[Observation],
     neighbours: &NeighbourLists,
-    picture: &KeypointPicture,
+    image: &KeypointImage,
     held: &Held<'_>,
     rng: &mut ChaCha8Rng,
 ) -> Result<Answers, AttackError> {
-    let (width, height) = (picture.width, picture.height);
+    let (width, height) = (image.width, image.height);
     let closed = |options: ClosedFormOptions| {
         let answers = closed_form(observations, neighbours, width, height, &options)?;
         Ok(answers.iter().map(|a| a.pixel).collect::<Vec<_>>().into())
@@ -99,7 +99,7 @@ pub(super) fn answer(
         AttackKind::Prior => Ok(prior_only(observations, width, height).into()),
         AttackKind::LearnedPrior => Ok(held.density.guess(observations, width, height).into()),
         AttackKind::ClosedForm => closed(ClosedFormOptions::default()),
-        AttackKind::ClosedFormInPicture => closed(ClosedFormOptions::in_picture()),
+        AttackKind::ClosedFormInImage => closed(ClosedFormOptions::in_image()),
         AttackKind::ClosedFormInformed => closed(ClosedFormOptions::informed()),
         AttackKind::ClosedFormConsensus => {
             closed(ClosedFormOptions::informed().with_consensus(CONSENSUS * f64::from(width)))
@@ -116,16 +116,16 @@ pub(super) fn answer(
     }
 }
 
-/// Positions from warped map pictures where the server believes them, and of the plain transfer elsewhere.
+/// Positions from warped map images where the server believes them, and of the plain transfer elsewhere.
 fn guided(
     observations: &[Observation],
     held: &Held<'_>,
     size: (u32, u32),
     plain: Vec<Pixel>,
 ) -> Result<Answers, AttackError> {
-    let own = held.pictures[held.own].descriptors();
-    let others = held.pictures.iter().enumerate().filter(|(i, _)| *i != held.own);
-    let map: Vec<KnownPicture> = others.map(|(_, p)| p.clone()).collect();
+    let own = held.images[held.own].descriptors();
+    let others = held.images.iter().enumerate().filter(|(i, _)| *i != held.own);
+    let map: Vec<KnownImage> = others.map(|(_, p)| p.clone()).collect();
     let found = guided_transfer(own, observations, &map, size, &GuidedOptions::default())?;
     let chosen = |(g, plain): (&Guided, Pixel)| g.pixel.filter(|_| g.is_believed()).unwrap_or(plain);
     Ok(Answers {

@@ -21,7 +21,7 @@ pub struct AttackDocument {
     /// Share of predicted neighbours that are among the true `k` nearest; absent for an oracle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub precision: Option<f64>,
-    /// What the same share is when neighbours are drawn by lot.
+    /// What the same share is when neighbours are drawn at random.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chance: Option<f64>,
     /// What the server knew that attacked, one entry per scheme; absent when no server did.
@@ -38,9 +38,9 @@ pub struct AttackDocument {
 pub struct ServerSummary {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// Pictures.
+    /// Images.
     pub images: usize,
-    /// Pictures for which a pose was found that the server trusts; for the others it knows nothing.
+    /// Images for which a pose was found that the server trusts; for the others it knows nothing.
     pub posed: usize,
     /// Share of all keypoints whose position the server has from its map, 0 to 1.
     pub known: f64,
@@ -61,12 +61,12 @@ pub struct AttackSummary {
     pub scheme: String,
     /// Attack.
     pub attack: String,
-    /// Percent of the neighbours that were replaced by keypoints drawn by lot.
+    /// Percent of the neighbours that were replaced by keypoints drawn at random.
     pub corrupt: f64,
-    /// Frames of one place that the attack had, the attacked one included; absent for attacks on one picture.
+    /// Frames of one place that the attack had, the attacked one included; absent for attacks on one image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<usize>,
-    /// Pictures.
+    /// Images.
     pub images: usize,
     /// Mean error of a keypoint, pixels.
     pub mean_px: f64,
@@ -89,7 +89,7 @@ pub struct AttackSummary {
     /// Share of believed answers with an error under 10 px, 0 to 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub believed_under_10px: Option<f64>,
-    /// Milliseconds a picture, median, without the search for neighbours.
+    /// Milliseconds an image, median, without the search for neighbours.
     pub ms: f64,
 }
 
@@ -116,7 +116,7 @@ pub fn attacks_table(document: &AttackDocument) -> String {
         ]);
     }
     let told = document.precision.zip(document.chance).map(|(precision, chance)| {
-        format!("\n{} of the neighbours are true, by lot {}\n", percent(precision), percent(chance))
+        format!("\n{} of the neighbours are true, at random {}\n", percent(precision), percent(chance))
     });
     table.render() + &told.unwrap_or_default() + &of_server(document) + &believed(document)
 }
@@ -125,7 +125,7 @@ pub fn attacks_table(document: &AttackDocument) -> String {
 fn of_server(document: &AttackDocument) -> String {
     let one = |s: &ServerSummary| {
         format!(
-            "\n{}: a pose for {} of {} pictures; the server knows {} of the keypoints (median error {:.1} px, {} under \
+            "\n{}: a pose for {} of {} images; the server knows {} of the keypoints (median error {:.1} px, {} under \
              10 px); errors are of {} of the keypoints\n",
             s.scheme,
             s.posed,

@@ -1,4 +1,4 @@
-//! Keypoints of photographs, as `veiloc attack` and the training of predictors read them.
+//! Keypoints of images, as `veiloc attack` and the training of predictors read them.
 
 use std::path::{Path, PathBuf};
 
@@ -8,18 +8,18 @@ use veiloc_geometry::Pixel;
 use veiloc_mapping::Progress;
 use veiloc_query::ExtractionLimits;
 
-use super::keypoints::KeypointPicture;
+use super::keypoints::KeypointImage;
 use crate::error::EvalError;
 
-/// Endings of files that are taken for photographs when a folder is given; any case.
+/// Endings of files that are taken for images when a folder is given; any case.
 const ENDINGS: [&str; 3] = ["jpg", "jpeg", "png"];
 
-/// Photographs among `paths`, in their order: a file as it is, a folder as the JPEG and PNG files right in it, sorted by
+/// Images among `paths`, in their order: a file as it is, a folder as the JPEG and PNG files right in it, sorted by
 /// name.
 ///
 /// # Errors
-/// [`EvalError::Io`] when a folder cannot be read, [`EvalError::Empty`] when it holds no photograph.
-pub fn photographs(paths: &[PathBuf]) -> Result<Vec<PathBuf>, EvalError> {
+/// [`EvalError::Io`] when a folder cannot be read, [`EvalError::Empty`] when it holds no image.
+pub fn images_in(paths: &[PathBuf]) -> Result<Vec<PathBuf>, EvalError> {
     let mut files = Vec::new();
     for path in paths {
         if !path.is_dir() {
@@ -45,20 +45,20 @@ pub fn photographs(paths: &[PathBuf]) -> Result<Vec<PathBuf>, EvalError> {
     Ok(files)
 }
 
-/// Keypoints and descriptors of one photograph, strongest keypoint first, named after the file.
+/// Keypoints and descriptors of one image, strongest keypoint first, named after the file.
 ///
-/// A photograph larger than the limit is made smaller first, as a device does it, and positions and size are those of
+/// An image larger than the limit is made smaller first, as a device does it, and positions and size are those of
 /// the smaller one, to a thousandth of a pixel, so that they are read back as they were written. No lens is undistorted.
 ///
 /// # Errors
-/// [`EvalError::Extract`] when the file is no picture.
-pub fn keypoints_of_photograph(path: &Path, limits: ExtractionLimits) -> Result<KeypointPicture, EvalError> {
+/// [`EvalError::Extract`] when the file is no image.
+pub fn keypoints_of_image(path: &Path, limits: ExtractionLimits) -> Result<KeypointImage, EvalError> {
     let image = load_gray(path).map_err(|e: FeatureError| EvalError::Extract(e.into()))?;
     let image = image.limited(limits.max_image_side);
     let mut options = SiftOptions::default();
     options.max_keypoints = limits.max_keypoints as usize;
     let features = extract_sift(&image, &options);
-    Ok(KeypointPicture {
+    Ok(KeypointImage {
         name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
         width: image.width(),
         height: image.height(),
@@ -72,22 +72,22 @@ fn rounded(p: Pixel) -> Pixel {
     Pixel::new(round(p.u), round(p.v))
 }
 
-/// [`keypoints_of_photograph`] of many, in their order.
+/// [`keypoints_of_image`] of many, in their order.
 ///
 /// # Errors
 /// The first in that order, if there is one.
-pub fn keypoints_of_photographs(
+pub fn keypoints_of_images(
     paths: &[PathBuf],
     limits: ExtractionLimits,
     progress: &dyn Progress,
-) -> Result<Vec<KeypointPicture>, EvalError> {
+) -> Result<Vec<KeypointImage>, EvalError> {
     progress.start("Extracting keypoints", paths.len());
-    let extracted: Vec<Result<KeypointPicture, EvalError>> = paths
+    let extracted: Vec<Result<KeypointImage, EvalError>> = paths
         .par_iter()
         .map(|path| {
-            let picture = keypoints_of_photograph(path, limits);
+            let image = keypoints_of_image(path, limits);
             progress.advance(1);
-            picture
+            image
         })
         .collect();
     progress.finish();
@@ -102,7 +102,7 @@ mod tests {
     use crate::audit::{encode_keypoints, read_keypoints};
 
     /// Blobs of several sizes on a slope: something to find at several scales.
-    fn photograph(path: &Path) {
+    fn image(path: &Path) {
         GrayImage::from_fn(160, 120, |x, y| {
             let (x, y) = (f64::from(x), f64::from(y));
             let wave = (x * (0.15 + x / 2000.0)).sin() * (y * 0.21).cos();
@@ -116,33 +116,33 @@ mod tests {
     fn what_is_written_is_read_back() {
         let folder = tempfile::tempdir().expect("temporary folder");
         for name in ["b.png", "a.PNG"] {
-            photograph(&folder.path().join(name));
+            image(&folder.path().join(name));
         }
-        std::fs::write(folder.path().join("notes.txt"), "no photograph").expect("written");
-        let paths = photographs(&[folder.path().to_owned()]).expect("two");
+        std::fs::write(folder.path().join("notes.txt"), "no image").expect("written");
+        let paths = images_in(&[folder.path().to_owned()]).expect("two");
         let mut limits = ExtractionLimits::default();
         (limits.max_keypoints, limits.max_image_side) = (40, 80);
-        let pictures = keypoints_of_photographs(&paths, limits, &()).expect("pictures");
-        assert_eq!(pictures.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a.PNG", "b.png"]);
-        let picture = &pictures[0];
-        assert_eq!((picture.width, picture.height), (80, 60), "made smaller");
-        assert_eq!(picture.keypoints.len(), 40, "the strongest only");
-        assert!(picture.keypoints.iter().all(|p| (0.0..80.0).contains(&p.u) && (0.0..60.0).contains(&p.v)));
+        let images = keypoints_of_images(&paths, limits, &()).expect("images");
+        assert_eq!(images.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a.PNG", "b.png"]);
+        let image = &images[0];
+        assert_eq!((image.width, image.height), (80, 60), "made smaller");
+        assert_eq!(image.keypoints.len(), 40, "the strongest only");
+        assert!(image.keypoints.iter().all(|p| (0.0..80.0).contains(&p.u) && (0.0..60.0).contains(&p.v)));
         for gzip in [false, true] {
             let file = folder.path().join("keypoints");
-            std::fs::write(&file, encode_keypoints(&pictures, gzip).expect("encoded")).expect("written");
-            assert_eq!(read_keypoints(&file).expect("read"), pictures, "gzip {gzip}");
+            std::fs::write(&file, encode_keypoints(&images, gzip).expect("encoded")).expect("written");
+            assert_eq!(read_keypoints(&file).expect("read"), images, "gzip {gzip}");
         }
     }
 
     #[test]
-    fn what_is_no_photograph_is_named() {
+    fn what_is_no_image_is_named() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let says = |error: EvalError, what: &str| assert!(error.to_string().contains(what), "{error}");
-        says(photographs(&[folder.path().to_owned()]).expect_err("empty"), "no JPEG or PNG");
+        says(images_in(&[folder.path().to_owned()]).expect_err("empty"), "no JPEG or PNG");
         let file = folder.path().join("a.png");
-        std::fs::write(&file, "no picture").expect("written");
+        std::fs::write(&file, "no image").expect("written");
         let limits = ExtractionLimits::default();
-        says(keypoints_of_photograph(&file, limits).expect_err("no picture"), "a.png");
+        says(keypoints_of_image(&file, limits).expect_err("no image"), "a.png");
     }
 }

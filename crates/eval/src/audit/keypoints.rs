@@ -1,4 +1,4 @@
-//! `keypoints.jsonl`: the keypoints of pictures, with or without descriptors, the input of `veiloc attack`.
+//! `keypoints.jsonl`: the keypoints of images, with or without descriptors, the input of `veiloc attack`.
 
 use std::path::Path;
 
@@ -14,10 +14,10 @@ use crate::json_lines;
 use crate::make_problems::encode_lines;
 use crate::seeds::seed_for;
 
-/// The keypoints of one picture.
+/// The keypoints of one image.
 #[derive(Debug, Clone, PartialEq)]
-pub struct KeypointPicture {
-    /// Name of the picture.
+pub struct KeypointImage {
+    /// Name of the image.
     pub name: String,
     /// Width, pixels.
     pub width: u32,
@@ -41,27 +41,27 @@ struct Line {
     descriptors: Option<String>,
 }
 
-/// Longest picture side and largest count of keypoints that are taken for honest.
+/// Longest image side and largest count of keypoints that are taken for honest.
 const LARGEST_SIDE: u32 = 1 << 16;
 const MOST_KEYPOINTS: usize = 1 << 17;
 
-/// Reads all pictures of a `keypoints.jsonl` or `keypoints.jsonl.gz`.
+/// Reads all images of a `keypoints.jsonl` or `keypoints.jsonl.gz`.
 ///
 /// # Errors
-/// [`EvalError`] naming file and line when a line is no picture: an impossible size, a keypoint that is not finite,
+/// [`EvalError`] naming file and line when a line is no image: an impossible size, a keypoint that is not finite,
 /// descriptors that do not fit the keypoints.
-pub fn read_keypoints(path: &Path) -> Result<Vec<KeypointPicture>, EvalError> {
+pub fn read_keypoints(path: &Path) -> Result<Vec<KeypointImage>, EvalError> {
     json_lines::read::<Line>(path)?
         .into_iter()
         .map(|(number, line)| {
-            picture(line).map_err(|reason| EvalError::Line { path: path.to_owned(), line: number, reason })
+            image(line).map_err(|reason| EvalError::Line { path: path.to_owned(), line: number, reason })
         })
         .collect()
 }
 
-fn picture(line: Line) -> Result<KeypointPicture, String> {
+fn image(line: Line) -> Result<KeypointImage, String> {
     if !(1..=LARGEST_SIDE).contains(&line.width) || !(1..=LARGEST_SIDE).contains(&line.height) {
-        return Err(format!("a picture of {} x {} pixels is not possible", line.width, line.height));
+        return Err(format!("an image of {} x {} pixels is not possible", line.width, line.height));
     }
     if line.keypoints.len() > MOST_KEYPOINTS {
         return Err(format!("{} keypoints are more than {MOST_KEYPOINTS}", line.keypoints.len()));
@@ -86,23 +86,23 @@ fn picture(line: Line) -> Result<KeypointPicture, String> {
             Some((bytes, dimension))
         }
     };
-    Ok(KeypointPicture { name: line.name, width: line.width, height: line.height, keypoints, descriptors })
+    Ok(KeypointImage { name: line.name, width: line.width, height: line.height, keypoints, descriptors })
 }
 
 /// The bytes of a `keypoints.jsonl`, gzipped if asked for: what [`read_keypoints`] reads.
 ///
 /// # Errors
 /// Only when memory cannot be written to.
-pub fn encode_keypoints(pictures: &[KeypointPicture], gzip: bool) -> std::io::Result<Vec<u8>> {
-    let lines: Vec<String> = pictures
+pub fn encode_keypoints(images: &[KeypointImage], gzip: bool) -> std::io::Result<Vec<u8>> {
+    let lines: Vec<String> = images
         .iter()
-        .map(|picture| {
-            let descriptors = picture.descriptors.as_ref();
+        .map(|image| {
+            let descriptors = image.descriptors.as_ref();
             Ok(serde_json::to_string(&Line {
-                name: picture.name.clone(),
-                width: picture.width,
-                height: picture.height,
-                keypoints: picture.keypoints.iter().map(|p| [p.u, p.v]).collect(),
+                name: image.name.clone(),
+                width: image.width,
+                height: image.height,
+                keypoints: image.keypoints.iter().map(|p| [p.u, p.v]).collect(),
                 descriptor_dim: descriptors.map(|d| d.1),
                 descriptors: descriptors.map(|d| STANDARD.encode(&d.0)),
             })?)
@@ -112,12 +112,12 @@ pub fn encode_keypoints(pictures: &[KeypointPicture], gzip: bool) -> std::io::Re
 }
 
 /// The paper's Fig. 4: keypoints spread evenly over 640 x 480 pixels.
-pub fn synthetic_picture(keypoints: usize, seed: u64) -> KeypointPicture {
+pub fn synthetic_image(keypoints: usize, seed: u64) -> KeypointImage {
     let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &["synthetic keypoints"]));
     let (width, height) = (640, 480);
     let mut draw = || Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0));
     let keypoints = (0..keypoints).map(|_| draw()).collect();
-    KeypointPicture { name: "synthetic".to_owned(), width, height, keypoints, descriptors: None }
+    KeypointImage { name: "synthetic".to_owned(), width, height, keypoints, descriptors: None }
 }
 
 #[cfg(test)]
@@ -126,7 +126,7 @@ mod tests {
 
     const GOOD: &str = r#"{"name":"a","width":640,"height":480,"keypoints":[[1,2],[3,4.5]],"descriptor_dim":3,"descriptors":"AQIDBAUG"}"#;
 
-    fn read(text: &str) -> Result<Vec<KeypointPicture>, EvalError> {
+    fn read(text: &str) -> Result<Vec<KeypointImage>, EvalError> {
         let dir = tempfile::tempdir().expect("temporary folder");
         let path = dir.path().join("k.jsonl");
         std::fs::write(&path, text).expect("written");
@@ -134,10 +134,10 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_read_and_bad_lines_named() {
-        let picture = &read(GOOD).expect("well formed")[0];
-        assert_eq!(picture.keypoints[1], Pixel::new(3.0, 4.5));
-        assert_eq!(picture.descriptors, Some((vec![1, 2, 3, 4, 5, 6], 3)));
+    fn images_are_read_and_bad_lines_named() {
+        let image = &read(GOOD).expect("well formed")[0];
+        assert_eq!(image.keypoints[1], Pixel::new(3.0, 4.5));
+        assert_eq!(image.descriptors, Some((vec![1, 2, 3, 4, 5, 6], 3)));
         for (text, says) in [
             (GOOD.replace("640", "0"), "not possible"),
             (GOOD.replace("\"descriptor_dim\":3", "\"descriptor_dim\":2"), "another number"),

@@ -9,17 +9,17 @@ use std::str::FromStr;
 pub enum AttackKind {
     /// The guess that uses no neighbours, keypoints taken to be spread evenly: the zero line of every table.
     Prior,
-    /// The same with a density learned from the other pictures.
+    /// The same with a density learned from the other images.
     LearnedPrior,
     /// The paper's attack (Eq. 3): infinite lines, answers anywhere.
     ClosedForm,
-    /// The same with answers held in the picture.
-    ClosedFormInPicture,
-    /// Parts of lines in the picture, neighbours of the other anchor only, answers in the picture.
+    /// The same with answers held in the image.
+    ClosedFormInImage,
+    /// Parts of lines in the image, neighbours of the other anchor only, answers in the image.
     ClosedFormInformed,
     /// [`Self::ClosedFormInformed`] with false neighbours filtered by consensus.
     ClosedFormConsensus,
-    /// Positions taken over from the map pictures that match best, projected on the lines.
+    /// Positions taken over from the map images that match best, projected on the lines.
     Transfer,
     /// The layout of the whole graph of neighbours.
     Graph,
@@ -31,7 +31,7 @@ pub enum AttackKind {
     ServerSidePoints,
     /// The paper's iterative server-side attack.
     Iterative,
-    /// Map pictures warped into the query by the flow of the inliers.
+    /// Map images warped into the query by the flow of the inliers.
     GuidedTransfer,
     /// Several frames of one place, triangulated from their lines.
     SeveralFrames,
@@ -43,7 +43,7 @@ impl AttackKind {
         Self::Prior,
         Self::LearnedPrior,
         Self::ClosedForm,
-        Self::ClosedFormInPicture,
+        Self::ClosedFormInImage,
         Self::ClosedFormInformed,
         Self::ClosedFormConsensus,
         Self::Transfer,
@@ -62,7 +62,7 @@ impl AttackKind {
             Self::Prior => "prior",
             Self::LearnedPrior => "learned-prior",
             Self::ClosedForm => "closed-form",
-            Self::ClosedFormInPicture => "closed-form-in-picture",
+            Self::ClosedFormInImage => "closed-form-in-image",
             Self::ClosedFormInformed => "closed-form-informed",
             Self::ClosedFormConsensus => "closed-form-consensus",
             Self::Transfer => "transfer",
@@ -76,7 +76,7 @@ impl AttackKind {
         }
     }
 
-    /// Whether it takes positions over from map pictures.
+    /// Whether it takes positions over from map images.
     pub const fn transfers(self) -> bool {
         matches!(self, Self::Transfer | Self::TransferGraph | Self::GuidedTransfer)
     }

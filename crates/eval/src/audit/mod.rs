@@ -16,10 +16,10 @@ mod sightings;
 pub mod training;
 
 pub use document::{AttackDocument, AttackSummary, ServerSummary, attacks_table};
-pub use extract::{keypoints_of_photograph, keypoints_of_photographs, photographs};
-pub use keypoints::{KeypointPicture, encode_keypoints, read_keypoints, synthetic_picture};
+pub use extract::{images_in, keypoints_of_image, keypoints_of_images};
+pub use keypoints::{KeypointImage, encode_keypoints, read_keypoints, synthetic_image};
 pub use kind::{AttackKind, AttackKindError};
 pub use neighbours::NeighbourSource;
-pub use observer::{AttackObserver, AttackTrial, PictureGroup};
+pub use observer::{AttackObserver, AttackTrial, ImageGroup};
 pub use run::{AttackEvaluation, attack_groups, evaluate_attacks};
 pub use server::{Measured, ServerKnowledge};

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_attacks::{
-    AttackError, Descriptors, KnownPicture, NeighbourLists, NeighbourPredictor, Transfer, transfer,
+    AttackError, Descriptors, KnownImage, NeighbourLists, NeighbourPredictor, Transfer, transfer,
 };
 
-use super::keypoints::{KeypointPicture, read_keypoints};
+use super::keypoints::{KeypointImage, read_keypoints};
 use crate::error::EvalError;
 
 /// Who tells the attacker which keypoints are neighbours.
@@ -15,7 +15,7 @@ use crate::error::EvalError;
 pub enum NeighbourSource {
     /// An oracle that knows the positions: the worst case.
     Oracle,
-    /// A statistic of which descriptors occur side by side, learned from the pictures of these files. Pictures named
+    /// A statistic of which descriptors occur side by side, learned from the images of these files. Images named
     /// as one that is attacked are left out.
     Predicted {
         /// Files of keypoints with descriptors.
@@ -26,13 +26,13 @@ pub enum NeighbourSource {
         /// The network's file.
         model: PathBuf,
     },
-    /// The other pictures of the same file, taken for the map of a server: keypoints whose matches are near each
+    /// The other images of the same file, taken for the map of a server: keypoints whose matches are near each
     /// other there.
     Transferred,
 }
 
-/// Map pictures whose positions and neighbours are taken over, those with most mutual matches.
-const MAP_PICTURES: usize = 5;
+/// Map images whose positions and neighbours are taken over, those with most mutual matches.
+const MAP_IMAGES: usize = 5;
 
 impl NeighbourSource {
     /// Its name in the document and on the command line.
@@ -45,24 +45,24 @@ impl NeighbourSource {
         }
     }
 
-    /// The predictor, where there is one, learned without the pictures that are `attacked`.
+    /// The predictor, where there is one, learned without the images that are `attacked`.
     pub(super) fn learn(
         &self,
-        attacked: &[&KeypointPicture],
+        attacked: &[&KeypointImage],
         k: usize,
     ) -> Result<Option<Predictor>, EvalError> {
         match self {
             Self::Oracle | Self::Transferred => Ok(None),
             Self::Network { model } => read_network(model).map(Some),
             Self::Predicted { train } => {
-                let mut pictures = Vec::new();
+                let mut images = Vec::new();
                 for file in train {
                     let all = read_keypoints(file)?;
-                    for picture in all.iter().filter(|p| attacked.iter().all(|a| a.name != p.name)) {
-                        pictures.push(known(picture)?);
+                    for image in all.iter().filter(|p| attacked.iter().all(|a| a.name != p.name)) {
+                        images.push(known(image)?);
                     }
                 }
-                Ok(Some(Predictor::Statistic(NeighbourPredictor::fit(&pictures, k)?)))
+                Ok(Some(Predictor::Statistic(NeighbourPredictor::fit(&images, k)?)))
             }
         }
     }
@@ -104,29 +104,29 @@ fn read_network(model: &Path) -> Result<Predictor, EvalError> {
     )))
 }
 
-/// A picture with everything that is known of it.
-pub(super) fn known(picture: &KeypointPicture) -> Result<KnownPicture, EvalError> {
-    let descriptors = descriptors(picture)?;
-    Ok(KnownPicture::new(picture.keypoints.clone(), descriptors, picture.width, picture.height)?)
+/// An image with everything that is known of it.
+pub(super) fn known(image: &KeypointImage) -> Result<KnownImage, EvalError> {
+    let descriptors = descriptors(image)?;
+    Ok(KnownImage::new(image.keypoints.clone(), descriptors, image.width, image.height)?)
 }
 
-/// What the others of a file, `[pictures]`, tell about one of them as a server's map would.
+/// What the others of a file, `[images]`, tell about one of them as a server's map would.
 pub(super) fn from_others(
-    known: &[KnownPicture],
+    known: &[KnownImage],
     own: usize,
     size: (u32, u32),
     k: usize,
 ) -> Result<Transfer, AttackError> {
-    let map: Vec<KnownPicture> =
+    let map: Vec<KnownImage> =
         known.iter().enumerate().filter(|(i, _)| *i != own).map(|(_, p)| p.clone()).collect();
-    transfer(known[own].descriptors(), &map, size, MAP_PICTURES, k)
+    transfer(known[own].descriptors(), &map, size, MAP_IMAGES, k)
 }
 
-pub(super) fn descriptors(picture: &KeypointPicture) -> Result<Descriptors, EvalError> {
-    let Some((bytes, dimension)) = &picture.descriptors else {
+pub(super) fn descriptors(image: &KeypointImage) -> Result<Descriptors, EvalError> {
+    let Some((bytes, dimension)) = &image.descriptors else {
         return Err(EvalError::Options(format!(
             "{} comes without descriptors, and this attack reads them",
-            picture.name
+            image.name
         )));
     };
     Ok(Descriptors::new(bytes, *dimension)?)
@@ -153,7 +153,7 @@ impl Precision {
         self.by_lot += true_entries as f64 / n / (n - 1.0).max(1.0) * entries as f64;
     }
 
-    /// Precision, and what drawing by lot would have; `None` without entries.
+    /// Precision, and what drawing at random would have; `None` without entries.
     pub(super) fn shares(&self) -> Option<(f64, f64)> {
         (self.entries > 0.0).then(|| (self.right / self.entries, self.by_lot / self.entries))
     }

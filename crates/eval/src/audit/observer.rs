@@ -1,35 +1,35 @@
-//! Looking over the shoulder of an evaluation: what was sent, answered and wrong, picture by picture.
+//! Looking over the shoulder of an evaluation: what was sent, answered and wrong, image by image.
 //!
-//! The document sums up; whoever draws pictures needs the single keypoints and takes them from here.
+//! The document sums up; whoever draws images needs the single keypoints and takes them from here.
 
 use veiloc_attacks::{NeighbourLists, Observation};
 use veiloc_geometry::Pixel;
 use veiloc_query::{Observations, Scheme};
 
-use super::keypoints::KeypointPicture;
+use super::keypoints::KeypointImage;
 use super::kind::AttackKind;
 
-/// Pictures that belong together: the others of a group teach the learned prior and are the map of `transfer`.
+/// Images that belong together: the others of a group teach the learned prior and are the map of `transfer`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PictureGroup {
+pub struct ImageGroup {
     /// What the document calls them.
     pub name: String,
-    /// The pictures.
-    pub pictures: Vec<KeypointPicture>,
+    /// The images.
+    pub images: Vec<KeypointImage>,
 }
 
-/// One attack on one picture under one scheme. Slices are `[N]`, one entry a keypoint, in the picture's order.
+/// One attack on one image under one scheme. Slices are `[N]`, one entry a keypoint, in the image's order.
 #[derive(Debug, Clone, Copy)]
 pub struct AttackTrial<'a> {
-    /// Index of the picture's group in the document's `data`.
+    /// Index of the image's group in the document's `data`.
     pub group: usize,
-    /// The picture; its keypoints are the truth.
-    pub picture: &'a KeypointPicture,
+    /// The image; its keypoints are the truth.
+    pub image: &'a KeypointImage,
     /// The scheme.
     pub scheme: Scheme,
     /// The attack.
     pub attack: AttackKind,
-    /// Percent of the neighbours that were replaced by lot.
+    /// Percent of the neighbours that were replaced at random.
     pub corrupt: f64,
     /// What was sent, angles quantized.
     pub sent: &'a Observations,
@@ -37,17 +37,17 @@ pub struct AttackTrial<'a> {
     pub observations: &'a [Observation],
     /// The neighbours the attack was told, after replacement; also given where the attack does not ask for them.
     pub neighbours: &'a NeighbourLists,
-    /// Where the attack puts the keypoints, pixels; may lie outside the picture or not be finite.
+    /// Where the attack puts the keypoints, pixels; may lie outside the image or not be finite.
     pub answers: &'a [Pixel],
     /// Distance of answer from truth, pixels; infinite where there is no answer.
     pub errors: &'a [f64],
 }
 
-/// One who looks on as an evaluation runs. Calls come in the order of the work: group, picture, row of the document.
+/// One who looks on as an evaluation runs. Calls come in the order of the work: group, image, row of the document.
 pub trait AttackObserver {
-    /// So many of all attacks on single pictures are done.
+    /// So many of all attacks on single images are done.
     fn advance(&mut self, _done: usize, _total: usize) {}
-    /// An attack on a picture is over.
+    /// An attack on an image is over.
     fn saw(&mut self, _trial: &AttackTrial<'_>) {}
 }
 
@@ -65,9 +65,7 @@ mod tests {
     use veiloc_attacks::{ErrorSummary, bits_over_prior};
     use veiloc_query::AngleBits;
 
-    use super::super::{
-        AttackEvaluation, NeighbourSource, attack_groups, evaluate_attacks, synthetic_picture,
-    };
+    use super::super::{AttackEvaluation, NeighbourSource, attack_groups, evaluate_attacks, synthetic_image};
     use super::*;
 
     type Key = (String, String, u64);
@@ -87,19 +85,18 @@ mod tests {
         }
 
         fn saw(&mut self, trial: &AttackTrial<'_>) {
-            let n = trial.picture.keypoints.len();
+            let n = trial.image.keypoints.len();
             assert_eq!([trial.observations.len(), trial.answers.len(), trial.errors.len()], [n; 3]);
-            for ((answer, truth), error) in
-                trial.answers.iter().zip(&trial.picture.keypoints).zip(trial.errors)
+            for ((answer, truth), error) in trial.answers.iter().zip(&trial.image.keypoints).zip(trial.errors)
             {
                 assert!((answer.distance(truth) - error).abs() < 1e-9);
             }
             // What was sent holds the keypoint: to within the dither and the quantized angle.
-            for (sent, truth) in trial.observations.iter().zip(&trial.picture.keypoints) {
+            for (sent, truth) in trial.observations.iter().zip(&trial.image.keypoints) {
                 assert!(sent.distance(*truth) < 2.0, "{}", sent.distance(*truth));
             }
             let key = (trial.scheme.to_string(), trial.attack.to_string(), trial.corrupt as u64);
-            self.trials.push((trial.group, trial.picture.name.clone(), key.clone()));
+            self.trials.push((trial.group, trial.image.name.clone(), key.clone()));
             if trial.attack == AttackKind::Prior {
                 self.guess = trial.errors.to_vec();
             }
@@ -118,7 +115,7 @@ mod tests {
         let evaluation = AttackEvaluation {
             files: Vec::new(),
             synthetic: 200,
-            pictures: None,
+            images: None,
             schemes: vec![Scheme::RandomLines, Scheme::default()],
             attacks: vec![AttackKind::ClosedForm],
             neighbours: NeighbourSource::Oracle,
@@ -129,13 +126,13 @@ mod tests {
             angle_bits: AngleBits::new(12).expect("allowed"),
             seed: 3,
         };
-        let mut own = synthetic_picture(200, 9);
+        let mut own = synthetic_image(200, 9);
         own.name = "own".to_owned();
-        let groups = vec![PictureGroup { name: "memory".to_owned(), pictures: vec![own] }];
+        let groups = vec![ImageGroup { name: "memory".to_owned(), images: vec![own] }];
         let mut seen = Recorder::default();
         let document = attack_groups(&evaluation, groups, &mut seen).expect("it runs");
         assert_eq!(document.data, ["memory", "synthetic 200"]);
-        // Two pictures, two schemes; the guess, and the closed form at two shares of false neighbours.
+        // Two images, two schemes; the guess, and the closed form at two shares of false neighbours.
         assert_eq!(seen.steps, (1..=12).map(|done| (done, 12)).collect::<Vec<_>>());
         assert_eq!(seen.trials.len(), 12);
         assert_eq!((seen.trials[0].0, seen.trials[6].0), (0, 1));

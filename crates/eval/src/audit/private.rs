@@ -1,4 +1,4 @@
-//! A region whose keypoints the map does not have, as the keypoints of a person who stands in the picture.
+//! A region whose keypoints the map does not have, as the keypoints of a person who stands in the image.
 //!
 //! What is private is not scattered among what the map knows: it is one compact thing, and its middle is far from
 //! every known position. Errors on keypoints that happened to stay unmatched say little about it.
@@ -9,7 +9,7 @@ use veiloc_geometry::Pixel;
 /// Height over width of the region: of a person seen from head to hip.
 const UPRIGHT: f64 = 2.5;
 
-/// Which keypoints lie in an upright ellipse around one of them, drawn by lot, that holds this share of all, rounded
+/// Which keypoints lie in an upright ellipse around one of them, drawn at random, that holds this share of all, rounded
 /// up: `[N]`.
 pub(super) fn person(keypoints: &[Pixel], share: f64, rng: &mut impl Rng) -> Vec<bool> {
     let mut inside = vec![false; keypoints.len()];

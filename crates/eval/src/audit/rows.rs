@@ -19,7 +19,7 @@ pub(super) struct Row {
     pub(super) errors: Vec<f64>,
     /// Errors of the answers that the attack believes, where it says so.
     pub(super) believed: Option<Vec<f64>>,
-    /// Bits times keypoints, summed over pictures.
+    /// Bits times keypoints, summed over images.
     pub(super) bits: f64,
     pub(super) ms: Vec<f64>,
 }
@@ -44,9 +44,9 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), EvalError> {
         }
         let by_map = evaluation.attacks.iter().any(|a| a.transfers());
         if by_map || evaluation.neighbours == NeighbourSource::Transferred {
-            // The region is of the place itself, and the other pictures show it: no person would be there.
+            // The region is of the place itself, and the other images show it: no person would be there.
             return refuse(
-                "what is private is in no map picture, so nothing can be transferred to it".to_owned(),
+                "what is private is in no map image, so nothing can be transferred to it".to_owned(),
             );
         }
     }

@@ -1,4 +1,4 @@
-//! Runs every attack on every scheme and picture.
+//! Runs every attack on every scheme and image.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -6,15 +6,15 @@ use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::{KnownPicture, NeighbourLists, Observation, PlaceCounts, bits_over_prior, errors_px};
+use veiloc_attacks::{KnownImage, NeighbourLists, Observation, PlaceCounts, bits_over_prior, errors_px};
 use veiloc_query::{AngleBits, Observations, Scheme};
 
 use super::answer::{Held, answer, by_frames};
 use super::document::AttackDocument;
-use super::keypoints::{KeypointPicture, read_keypoints, synthetic_picture};
+use super::keypoints::{KeypointImage, read_keypoints, synthetic_image};
 use super::kind::AttackKind;
 use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
-use super::observer::{AttackObserver, AttackTrial, PictureGroup, Progress};
+use super::observer::{AttackObserver, AttackTrial, ImageGroup, Progress};
 use super::rows::{Row, check, rows, summary};
 use super::server::{Server, ServerKnowledge, Tally, View, send};
 use crate::error::EvalError;
@@ -26,10 +26,10 @@ use crate::seeds::seed_for;
 pub struct AttackEvaluation {
     /// Files of keypoints; empty for [`Self::synthetic`] alone.
     pub files: Vec<PathBuf>,
-    /// Evenly spread keypoints of an additional picture, 0 for none.
+    /// Evenly spread keypoints of an additional image, 0 for none.
     pub synthetic: usize,
-    /// Pictures of each file that are attacked, from the first; all of them teach the learned prior.
-    pub pictures: Option<usize>,
+    /// Images of each file that are attacked, from the first; all of them teach the learned prior.
+    pub images: Option<usize>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
     /// Attacks, in the order of the table. The guess is always there, first.
@@ -38,9 +38,9 @@ pub struct AttackEvaluation {
     pub neighbours: NeighbourSource,
     /// Neighbours a keypoint.
     pub k: usize,
-    /// Percent of the neighbours that are replaced by keypoints drawn by lot; the neighbour attacks run once each.
+    /// Percent of the neighbours that are replaced by keypoints drawn at random; the neighbour attacks run once each.
     pub corrupt: Vec<f64>,
-    /// What a server knows that has localized the pictures; `None` for an attacker who has only what was sent.
+    /// What a server knows that has localized the images; `None` for an attacker who has only what was sent.
     pub server: Option<ServerKnowledge>,
     /// How many frames of a file [`AttackKind::SeveralFrames`] puts together, the attacked one included; once each.
     pub frames: Vec<usize>,
@@ -50,7 +50,7 @@ pub struct AttackEvaluation {
     pub seed: u64,
 }
 
-/// What a picture sends under one scheme, and how far off the guess from it is.
+/// What an image sends under one scheme, and how far off the guess from it is.
 struct Sent {
     scheme: Scheme,
     observed: Observations,
@@ -71,34 +71,34 @@ pub fn evaluate_attacks(
 
 /// Attacks everything, `groups` beside the files of the evaluation, under the eyes of an observer.
 ///
-/// Groups come first in the document's `data`, then the files, then the synthetic picture.
+/// Groups come first in the document's `data`, then the files, then the synthetic image.
 ///
 /// # Errors
 /// As [`evaluate_attacks`].
 pub fn attack_groups(
     evaluation: &AttackEvaluation,
-    groups: Vec<PictureGroup>,
+    groups: Vec<ImageGroup>,
     observer: &mut dyn AttackObserver,
 ) -> Result<AttackDocument, EvalError> {
     check(evaluation)?;
     let server = evaluation.server.as_ref().map(Server::new).transpose()?;
-    let (mut data, mut groups): (Vec<String>, Vec<Vec<KeypointPicture>>) =
-        groups.into_iter().map(|g| (g.name, g.pictures)).unzip();
+    let (mut data, mut groups): (Vec<String>, Vec<Vec<KeypointImage>>) =
+        groups.into_iter().map(|g| (g.name, g.images)).unzip();
     for file in &evaluation.files {
         groups.push(read_keypoints(file)?);
         data.push(json_lines::display_name(file));
     }
     if evaluation.synthetic > 0 {
-        groups.push(vec![synthetic_picture(evaluation.synthetic, evaluation.seed)]);
+        groups.push(vec![synthetic_image(evaluation.synthetic, evaluation.seed)]);
         data.push(format!("synthetic {}", evaluation.synthetic));
     }
 
     let mut rows = rows(evaluation);
-    let pictures: usize = groups.iter().map(|g| g.len().min(evaluation.pictures.unwrap_or(usize::MAX))).sum();
-    let total = pictures * rows.len();
+    let images: usize = groups.iter().map(|g| g.len().min(evaluation.images.unwrap_or(usize::MAX))).sum();
+    let total = images * rows.len();
     let mut done = 0;
-    let most = evaluation.pictures.unwrap_or(usize::MAX);
-    let attacked: Vec<&KeypointPicture> = groups.iter().flat_map(|g| g.iter().take(most)).collect();
+    let most = evaluation.images.unwrap_or(usize::MAX);
+    let attacked: Vec<&KeypointImage> = groups.iter().flat_map(|g| g.iter().take(most)).collect();
     let predictor = evaluation.neighbours.learn(&attacked, evaluation.k)?;
     let transfers = evaluation.neighbours == NeighbourSource::Transferred
         || evaluation.attacks.iter().any(|a| a.transfers());
@@ -112,26 +112,26 @@ pub fn attack_groups(
         for counts in &counts {
             all.add(counts);
         }
-        let map: Vec<KnownPicture> = if transfers || several {
+        let map: Vec<KnownImage> = if transfers || several {
             group.iter().map(known).collect::<Result<_, _>>()?
         } else {
             Vec::new()
         };
         let views = match &server {
-            // Every picture of the file can be one of several frames.
+            // Every image of the file can be one of several frames.
             Some(server) => {
                 seen(evaluation, server, &group[..if several { group.len() } else { most.min(group.len()) }])?
             }
             None => BTreeMap::new(),
         };
-        for (i, (picture, own)) in group.iter().zip(&counts).take(most).enumerate() {
+        for (i, (image, own)) in group.iter().zip(&counts).take(most).enumerate() {
             let mut others = all.clone();
             others.subtract(own);
-            let size = (picture.width, picture.height);
+            let size = (image.width, image.height);
             let transferred = if transfers { Some(from_others(&map, i, size, evaluation.k)?) } else { None };
-            let nearest = NeighbourLists::nearest(&picture.keypoints, evaluation.k);
+            let nearest = NeighbourLists::nearest(&image.keypoints, evaluation.k);
             let neighbours = match (&predictor, &transferred) {
-                (Some(predictor), _) => predictor.predict(&descriptors(picture)?, evaluation.k)?,
+                (Some(predictor), _) => predictor.predict(&descriptors(image)?, evaluation.k)?,
                 (None, Some(t)) if evaluation.neighbours == NeighbourSource::Transferred => {
                     t.neighbours.clone()
                 }
@@ -139,11 +139,11 @@ pub fn attack_groups(
             };
             precision.add(&neighbours, &nearest);
             for (scheme, views) in &views {
-                tallies.entry(scheme.clone()).or_default().add(&views[i], &picture.keypoints);
+                tallies.entry(scheme.clone()).or_default().add(&views[i], &image.keypoints);
             }
             let density = others.density();
-            let held = Held { density, neighbours, transferred, own: i, pictures: &map, views: &views };
-            attack_picture(evaluation, (group_index, picture), &held, &mut rows, &mut |trial| {
+            let held = Held { density, neighbours, transferred, own: i, images: &map, views: &views };
+            attack_image(evaluation, (group_index, image), &held, &mut rows, &mut |trial| {
                 observer.saw(trial);
                 done += 1;
                 observer.advance(done, total);
@@ -164,44 +164,44 @@ pub fn attack_groups(
         chance: told.map(|t| t.1),
         server,
         seed: evaluation.seed,
-        attacks: rows.iter().map(|row| summary(row, pictures)).collect(),
+        attacks: rows.iter().map(|row| summary(row, images)).collect(),
     })
 }
 
-/// These pictures as the server sees them, by scheme.
+/// These images as the server sees them, by scheme.
 fn seen(
     evaluation: &AttackEvaluation,
     server: &Server<'_>,
-    pictures: &[KeypointPicture],
+    images: &[KeypointImage],
 ) -> Result<BTreeMap<String, Vec<View>>, EvalError> {
     let mut views = BTreeMap::new();
     for scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
-        let of_scheme = pictures.iter().map(|p| server.view(evaluation, p, *scheme));
+        let of_scheme = images.iter().map(|p| server.view(evaluation, p, *scheme));
         views.insert(scheme.to_string(), of_scheme.collect::<Result<_, _>>()?);
     }
     Ok(views)
 }
 
-fn attack_picture(
+fn attack_image(
     evaluation: &AttackEvaluation,
-    (group, picture): (usize, &KeypointPicture),
+    (group, image): (usize, &KeypointImage),
     held: &Held<'_>,
     rows: &mut [Row],
     attacked: &mut dyn FnMut(&AttackTrial<'_>),
 ) -> Result<(), EvalError> {
-    let truth = &picture.keypoints;
+    let truth = &image.keypoints;
     let mut sent: Option<Sent> = None;
     for row in rows {
         let name = row.scheme.to_string();
-        // The seed names picture and scheme: no choice of other schemes or attacks changes anything.
+        // The seed names image and scheme: no choice of other schemes or attacks changes anything.
         let rng =
-            |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&picture.name, &name, what]));
+            |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&image.name, &name, what]));
         let view = held.views.get(&name).map(|views| &views[held.own]);
         if sent.as_ref().is_none_or(|s| s.scheme != row.scheme) {
             let (observed, observations) = if let Some(view) = view {
                 (view.observed.clone(), view.observations.clone())
             } else {
-                let observed = send(evaluation, picture, row.scheme)?;
+                let observed = send(evaluation, image, row.scheme)?;
                 let observations = Observation::of_sent(&observed);
                 (observed, observations)
             };
@@ -211,8 +211,8 @@ fn attack_picture(
         let corrupted = held.neighbours.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
         let started = Instant::now();
         let answers = match row.frames {
-            Some(frames) => by_frames(&sent.observations, frames, held, &name, picture)?,
-            None => answer(row.attack, &sent.observations, &corrupted, picture, held, &mut rng("attack"))?,
+            Some(frames) => by_frames(&sent.observations, frames, held, &name, image)?,
+            None => answer(row.attack, &sent.observations, &corrupted, image, held, &mut rng("attack"))?,
         };
         row.ms.push(started.elapsed().as_secs_f64() * 1e3);
         let counts = |i: usize| view.is_none_or(|v| v.measured[i]);
@@ -226,12 +226,12 @@ fn attack_picture(
             sent.guess_errors.clone_from(&errors);
         }
         if !errors.is_empty() {
-            let bits = bits_over_prior(&errors, &sent.guess_errors, picture.width, picture.height);
+            let bits = bits_over_prior(&errors, &sent.guess_errors, image.width, image.height);
             row.bits += bits * errors.len() as f64;
         }
         attacked(&AttackTrial {
             group,
-            picture,
+            image,
             scheme: row.scheme,
             attack: row.attack,
             corrupt: row.corrupt,

@@ -1,7 +1,7 @@
 //! What a server knows that has localized the query: its pose, and the keypoints that matched the map.
 //!
 //! The pose is what the server itself finds from the very lines that are attacked, not the true one; the matches are
-//! those of `problems.jsonl`, for the same pictures. Inliers of a pose that the server trusts become known
+//! those of `problems.jsonl`, for the same images. Inliers of a pose that the server trusts become known
 //! positions: the projections of their map points under it, wrong ones included.
 
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ use veiloc_query::{Observations, Scheme};
 use veiloc_robust::{PoseOptions, estimate_pose};
 
 use super::document::ServerSummary;
-use super::keypoints::KeypointPicture;
+use super::keypoints::KeypointImage;
 use super::private::person;
 use super::run::AttackEvaluation;
 use crate::error::EvalError;
@@ -38,16 +38,16 @@ pub enum Measured {
 /// What the server brings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServerKnowledge {
-    /// Matches with the map, one problem for each attacked picture by its name.
+    /// Matches with the map, one problem for each attacked image by its name.
     pub problems: Vec<PathBuf>,
-    /// Share of the keypoints, 0 to 1, in a compact region that the map does not have, as a person in the picture;
+    /// Share of the keypoints, 0 to 1, in a compact region that the map does not have, as a person in the image;
     /// errors are then measured on that region.
     pub private: Option<f64>,
     /// Where errors are measured, unless in a private region.
     pub measured: Measured,
 }
 
-/// One picture as the server sees it under one scheme.
+/// One image as the server sees it under one scheme.
 pub(super) struct View {
     /// What was sent.
     pub(super) observed: Observations,
@@ -68,7 +68,7 @@ pub(super) struct Posed {
     pub(super) depths: [f64; 2],
 }
 
-/// The problems by the names of their pictures.
+/// The problems by the names of their images.
 pub(super) struct Server<'a> {
     knowledge: &'a ServerKnowledge,
     problems: BTreeMap<String, Problem>,
@@ -88,25 +88,23 @@ impl<'a> Server<'a> {
         Ok(Self { knowledge, problems })
     }
 
-    /// What the server makes of one picture. That no pose is found is a result, not an error.
+    /// What the server makes of one image. That no pose is found is a result, not an error.
     pub(super) fn view(
         &self,
         evaluation: &AttackEvaluation,
-        picture: &KeypointPicture,
+        image: &KeypointImage,
         scheme: Scheme,
     ) -> Result<View, EvalError> {
-        let name = &picture.name;
-        let problem =
-            self.problems.get(name).ok_or_else(|| EvalError::NoMatches { picture: name.clone() })?;
-        let (size, expected) =
-            ([problem.camera.width, problem.camera.height], [picture.width, picture.height]);
+        let name = &image.name;
+        let problem = self.problems.get(name).ok_or_else(|| EvalError::NoMatches { image: name.clone() })?;
+        let (size, expected) = ([problem.camera.width, problem.camera.height], [image.width, image.height]);
         if size != expected {
-            return Err(EvalError::OtherSize { picture: name.clone(), size, expected });
+            return Err(EvalError::OtherSize { image: name.clone(), size, expected });
         }
-        let rows = rows_of(problem, picture)?;
+        let rows = rows_of(problem, image)?;
         let private = self.knowledge.private.map(|share| {
             let seed = seed_for(evaluation.seed, &[name, "private region"]);
-            person(&picture.keypoints, share, &mut ChaCha8Rng::seed_from_u64(seed))
+            person(&image.keypoints, share, &mut ChaCha8Rng::seed_from_u64(seed))
         });
         let in_map = |m: usize| private.as_ref().is_none_or(|inside| !inside[rows[m][0]]);
         let kept: Vec<usize> = (0..rows.len()).filter(|m| in_map(*m)).collect();
@@ -114,7 +112,7 @@ impl<'a> Server<'a> {
 
         let text = scheme.to_string();
         let rng = |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[name, &text, what]));
-        let observed = send(evaluation, picture, scheme)?;
+        let observed = send(evaluation, image, scheme)?;
         let (input, match_of) = pose_problem(&matched, &observed, true);
         let lines = Observation::of_sent(&observed);
         let mut observations = lines.clone();
@@ -163,29 +161,29 @@ impl<'a> Server<'a> {
     }
 }
 
-/// What is sent of a picture: the seed names picture and scheme, so that no choice of other schemes or attacks changes
+/// What is sent of an image: the seed names image and scheme, so that no choice of other schemes or attacks changes
 /// it.
 pub(super) fn send(
     evaluation: &AttackEvaluation,
-    picture: &KeypointPicture,
+    image: &KeypointImage,
     scheme: Scheme,
 ) -> Result<Observations, EvalError> {
-    let seed = seed_for(evaluation.seed, &[&picture.name, &scheme.to_string(), "sent"]);
+    let seed = seed_for(evaluation.seed, &[&image.name, &scheme.to_string(), "sent"]);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let (width, height) = (picture.width, picture.height);
-    obfuscate_points(&picture.keypoints, width, height, &scheme, evaluation.angle_bits, &mut rng)
-        .map_err(|source| EvalError::Seal { name: picture.name.clone(), source })
+    let (width, height) = (image.width, image.height);
+    obfuscate_points(&image.keypoints, width, height, &scheme, evaluation.angle_bits, &mut rng)
+        .map_err(|source| EvalError::Seal { name: image.name.clone(), source })
 }
 
 /// Keypoints of the two files that are nearer than this in both coordinates are one, pixels.
 const SAME_PX: f64 = 0.005;
 
-/// For each match the picture's keypoints at its place (SIFT finds several orientations at one), one at least.
-fn rows_of(problem: &Problem, picture: &KeypointPicture) -> Result<Vec<Vec<usize>>, EvalError> {
+/// For each match the image's keypoints at its place (SIFT finds several orientations at one), one at least.
+fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, EvalError> {
     // Cells twice as wide as the tolerance: a keypoint and its like lie in the same or in adjacent cells.
     let cell = |p: &Pixel| [p.u, p.v].map(|x| (x / (2.0 * SAME_PX)).floor() as i64);
     let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
-    for (i, p) in picture.keypoints.iter().enumerate() {
+    for (i, p) in image.keypoints.iter().enumerate() {
         cells.entry(cell(p)).or_default().push(i);
     }
     let at = |p: &Pixel| -> Vec<usize> {
@@ -193,7 +191,7 @@ fn rows_of(problem: &Problem, picture: &KeypointPicture) -> Result<Vec<Vec<usize
         let around = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [x + dx, y + dy]));
         let near = around.filter_map(|c| cells.get(&c)).flatten().copied();
         let same = |i: &usize| {
-            let q = picture.keypoints[*i];
+            let q = image.keypoints[*i];
             (q.u - p.u).abs() < SAME_PX && (q.v - p.v).abs() < SAME_PX
         };
         let mut rows: Vec<usize> = near.filter(same).collect();
@@ -203,12 +201,12 @@ fn rows_of(problem: &Problem, picture: &KeypointPicture) -> Result<Vec<Vec<usize
     let of_keypoint: Vec<Vec<usize>> = problem.keypoints.iter().map(at).collect();
     if let Some(missing) = of_keypoint.iter().position(Vec::is_empty) {
         let [u, v] = [problem.keypoints[missing].u, problem.keypoints[missing].v];
-        return Err(EvalError::NoSuchKeypoint { picture: picture.name.clone(), u, v });
+        return Err(EvalError::NoSuchKeypoint { image: image.name.clone(), u, v });
     }
     Ok(problem.keypoint_of_match.iter().map(|k| of_keypoint[*k].clone()).collect())
 }
 
-/// The problem with these matches alone, their keypoints being rows of the picture.
+/// The problem with these matches alone, their keypoints being rows of the image.
 fn only(problem: &Problem, kept: &[usize], rows: &[Vec<usize>]) -> Problem {
     fn pick<T: Copy>(all: &[T], kept: &[usize]) -> Vec<T> {
         kept.iter().map(|m| all[*m]).collect()
@@ -227,10 +225,10 @@ fn only(problem: &Problem, kept: &[usize], rows: &[Vec<usize>]) -> Problem {
     }
 }
 
-/// What the server knew under one scheme, summed over pictures.
+/// What the server knew under one scheme, summed over images.
 #[derive(Default)]
 pub(super) struct Tally {
-    pictures: usize,
+    images: usize,
     posed: usize,
     keypoints: usize,
     measured: usize,
@@ -240,7 +238,7 @@ pub(super) struct Tally {
 
 impl Tally {
     pub(super) fn add(&mut self, view: &View, truth: &[Pixel]) {
-        self.pictures += 1;
+        self.images += 1;
         self.posed += usize::from(view.pose.is_some());
         self.keypoints += truth.len();
         self.measured += view.measured.iter().filter(|m| **m).count();
@@ -252,16 +250,16 @@ impl Tally {
     }
 
     /// # Errors
-    /// [`EvalError::NoPose`] when no pose was found for any picture: the server knows nothing then.
+    /// [`EvalError::NoPose`] when no pose was found for any image: the server knows nothing then.
     pub(super) fn summary(&self, scheme: Scheme) -> Result<ServerSummary, EvalError> {
         if self.posed == 0 {
-            return Err(EvalError::NoPose { scheme: scheme.to_string(), pictures: self.pictures });
+            return Err(EvalError::NoPose { scheme: scheme.to_string(), images: self.images });
         }
         let errors = ErrorSummary::of(&self.errors);
         let share = |count: usize| count as f64 / self.keypoints.max(1) as f64;
         Ok(ServerSummary {
             scheme: scheme.to_string(),
-            images: self.pictures,
+            images: self.images,
             posed: self.posed,
             known: share(self.errors.len()),
             known_median_px: errors.median_px,

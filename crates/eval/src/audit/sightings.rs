@@ -1,7 +1,7 @@
 //! Several frames of one file, as a server that has localized them all puts them together.
 
 use veiloc_attacks::{
-    AttackError, Frame, FramesOptions, KnownPicture, Sighted, mutual_matches, several_frames,
+    AttackError, Frame, FramesOptions, KnownImage, Sighted, mutual_matches, several_frames,
 };
 
 use super::server::View;
@@ -9,15 +9,15 @@ use super::server::View;
 /// Ratio of descriptor distances below which a match counts when frames are chosen.
 const RATIO: f64 = 0.9;
 
-/// What the `frames` frames nearest to picture `own` tell about its keypoints, itself among them, all with their poses
+/// What the `frames` frames nearest to image `own` tell about its keypoints, itself among them, all with their poses
 /// as the server found them: `[N]`; `None` when it, or every other, has none.
 ///
 /// The nearest are those with most matches: the server goes by descriptors, as for its own map.
 ///
-/// `views`, `pictures`: `[pictures]` of the file.
+/// `views`, `images`: `[images]` of the file.
 pub(super) fn sighted(
     views: &[View],
-    pictures: &[KnownPicture],
+    images: &[KnownImage],
     own: usize,
     frames: usize,
 ) -> Result<Option<Vec<Sighted>>, AttackError> {
@@ -28,13 +28,13 @@ pub(super) fn sighted(
             camera: pose.camera,
             cam_from_world: pose.cam_from_world,
             observations,
-            descriptors: pictures[i].descriptors(),
+            descriptors: images[i].descriptors(),
         })
     };
     let Some((first, pose)) = frame(own).zip(views[own].pose) else { return Ok(None) };
     let mut others: Vec<(usize, usize)> = Vec::new();
     for i in (0..views.len()).filter(|i| *i != own && views[*i].pose.is_some()) {
-        let matches = mutual_matches(first.descriptors, pictures[i].descriptors(), RATIO)?;
+        let matches = mutual_matches(first.descriptors, images[i].descriptors(), RATIO)?;
         others.push((matches.iter().flatten().count(), i));
     }
     // Stable: equal counts stay in the order of the file.

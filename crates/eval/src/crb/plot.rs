@@ -1,4 +1,4 @@
-//! The law as a picture: median translation error over bound by noise, a panel a scene and share of outliers, a colour a scheme.
+//! The law as an image: median translation error over bound by noise, a panel a scene and share of outliers, a colour a scheme.
 
 use plotters::prelude::*;
 

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use veiloc_geometry::Pinhole;
 use veiloc_synth::problems::PointProblemOptions;
 
-/// What the camera looks at. Pictures are 640 × 480; depths are in map units.
+/// What the camera looks at. Images are 640 × 480; depths are in map units.
 ///
 /// | name | field of view | points |
 /// |---|---|---|

@@ -129,15 +129,15 @@ mod tests {
         assert!(text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
         assert_eq!(text.lines().filter(|l| l.starts_with("deep") || l.starts_with("narrow")).count(), 16);
         assert_eq!(text.lines().filter(|l| l.starts_with("all ")).count(), 4, "two schemes in two tables");
-        let picture = plot(&document).expect("drawn");
-        assert!(picture.starts_with("<svg") && picture.trim_end().ends_with("</svg>"));
+        let image = plot(&document).expect("drawn");
+        assert!(image.starts_with("<svg") && image.trim_end().ends_with("</svg>"));
         for word in
             ["deep, 25 % outliers", "narrow, 25 % outliers", "points", "dcl", "noise of a keypoint, px"]
         {
-            assert!(picture.contains(word), "{word}");
+            assert!(image.contains(word), "{word}");
         }
         // A dot a cell, and one a scheme in the legend.
-        assert_eq!(picture.matches("<circle").count(), document.cells.len() + 2);
+        assert_eq!(image.matches("<circle").count(), document.cells.len() + 2);
     }
 
     #[test]

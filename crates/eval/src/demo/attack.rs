@@ -17,7 +17,7 @@ use veiloc_obfuscation::{extract, seal_with_truth};
 use veiloc_query::{Observations, Scheme};
 
 use crate::demo::DemoOptions;
-use crate::demo::place::{RenderedPlace, picture};
+use crate::demo::place::{RenderedPlace, image};
 use crate::error::EvalError;
 use crate::metrics::{mean, median};
 use crate::report::{AttackRow, PRIOR_ONLY, QueryPanel, SchemePanel};
@@ -32,16 +32,16 @@ const CLOSED_FORM: &str = "closed-form";
 /// Name of the graph attack in tables and documents.
 const GRAPH: &str = "graph";
 
-/// Rows of the table, and the pictures for the report.
+/// Rows of the table, and the images for the report.
 pub(crate) struct Attacked {
     pub(crate) rows: Vec<AttackRow>,
     pub(crate) panels: Vec<QueryPanel>,
 }
 
-/// Queries whose pictures the report shows, and that the graph attack works on: it takes seconds a picture.
+/// Queries whose images the report shows, and that the graph attack works on: it takes seconds an image.
 const SHOWN: usize = 2;
 
-/// Errors of one attack on one scheme, those of the guess on the same keypoints, and milliseconds a picture.
+/// Errors of one attack on one scheme, those of the guess on the same keypoints, and milliseconds an image.
 #[derive(Default)]
 struct Tally {
     errors: Vec<f64>,
@@ -79,7 +79,7 @@ pub(crate) fn attack_all(
         let (features, camera) = extract(&path, &place.camera, profile)?;
         let mut panel = QueryPanel {
             name: name.clone(),
-            picture: picture(&path)?,
+            image: image(&path)?,
             keypoints: features.keypoints.iter().map(|k| k.pixel).collect(),
             schemes: Vec::new(),
         };

@@ -1,6 +1,6 @@
 //! `veiloc demo`: a place that renders itself, and everything that is done with a real one.
 //!
-//! The renderer writes photographs and a posed COLMAP model to a folder. From there on nothing knows that the place
+//! The renderer writes images and a posed COLMAP model to a folder. From there on nothing knows that the place
 //! is not real: the map is built from the files, queries are sealed, sent as bytes and localized by the code that
 //! `veiloc eval scene` runs, and the attack works on what was sent.
 
@@ -87,7 +87,7 @@ pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, 
             Threshold { translation: 0.02, rotation_deg: 1.0 },
         ],
         localize: LocalizeOptions::default(),
-        strangers: None,
+        negatives: None,
         seed: options.seed,
     };
     let result = evaluate_scene(&evaluation, progress)?;

@@ -23,7 +23,7 @@ pub(crate) fn page(
         title: "veiloc demo".to_owned(),
         lead: format!(
             "A room that nobody has photographed was rendered from {} places and turned into a map. Then {} hidden views \
-             asked where they were taken, without sending their picture or where their keypoints are.",
+             asked where they were taken, without sending their image or where their keypoints are.",
             place.map_list.len(),
             place.query_list.len()
         ),

@@ -1,4 +1,4 @@
-//! Renders the demo's place to files: photographs and a posed COLMAP model, as an operator would have them.
+//! Renders the demo's place to files: images and a posed COLMAP model, as an operator would have them.
 
 use std::path::{Path, PathBuf};
 
@@ -28,7 +28,7 @@ pub(crate) struct RenderedPlace {
 }
 
 impl RenderedPlace {
-    /// The true pose of a photograph.
+    /// The true pose of an image.
     pub(crate) fn pose_of(&self, name: &str) -> Option<CameraFromWorld> {
         self.poses.iter().find(|(n, _)| n == name).map(|(_, pose)| *pose)
     }
@@ -88,9 +88,9 @@ pub(crate) fn render(options: &DemoOptions, progress: &dyn Progress) -> Result<R
     })
 }
 
-/// A rendered picture in colour, for the report.
-pub(crate) fn picture(path: &Path) -> Result<RgbImage, EvalError> {
-    let picture = image::open(path)
+/// A rendered image in colour, for the report.
+pub(crate) fn image(path: &Path) -> Result<RgbImage, EvalError> {
+    let image = image::open(path)
         .map_err(|e| EvalError::Io { path: path.to_owned(), source: std::io::Error::other(e) })?;
-    Ok(picture.to_rgb8())
+    Ok(image.to_rgb8())
 }

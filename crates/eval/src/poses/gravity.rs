@@ -50,7 +50,7 @@ impl fmt::Display for GravitySource {
     }
 }
 
-/// Down in the world of pictures held upright: the mean of the cameras' own down axes (`+y`).
+/// Down in the world of images held upright: the mean of the cameras' own down axes (`+y`).
 ///
 /// It need not be the true vertical: what the estimator is told is the same direction in both frames, and any one will do.
 pub(crate) fn mean_down<'a>(poses: impl Iterator<Item = &'a CameraFromWorld>) -> Vector3<f64> {

@@ -53,7 +53,7 @@ pub struct PoseEvaluation {
     /// What the estimator is told about gravity, in the order of the table; not empty.
     pub gravity: Vec<GravitySource>,
     /// A match is truly right, for [`Recipe::Floor`], when its map point projects this near to the keypoint under the
-    /// true pose, pixels. 4, the paper's inlier threshold for pictures of this size, by default.
+    /// true pose, pixels. 4, the paper's inlier threshold for images of this size, by default.
     pub oracle_radius_px: f64,
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
@@ -167,7 +167,7 @@ pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> R
         fixed_hypotheses: only,
         schemes,
         queries: results,
-        strangers: Vec::new(),
+        negatives: Vec::new(),
         map: None,
     })
 }
@@ -239,7 +239,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         obfuscate_points(&problem.keypoints, width, height, &row.scheme, evaluation.angle_bits, &mut rng);
     let observations = match obfuscated {
         Ok(observations) => observations,
-        // A keypoint so far outside the picture that no line code reaches it: the query cannot be sent.
+        // A keypoint so far outside the image that no line code reaches it: the query cannot be sent.
         Err(error) => return blank().because(&error),
     };
     let (mut pose_problem, match_of) = pose_problem(problem, &observations, row.variant.prior);

@@ -18,9 +18,9 @@ pub struct Report {
     pub cards: Vec<Card>,
     /// One row per scheme (and score).
     pub localization: Vec<SchemeSummary>,
-    /// One row per scheme and attack; the prior-only guess is an attack named [`PRIOR_ONLY`].
+    /// One row per scheme and attack; the prior guess is an attack named [`PRIOR_ONLY`].
     pub attacks: Vec<AttackRow>,
-    /// Pictures of queries: what the camera saw, what was sent, what the attack made of it.
+    /// Images of queries: what the camera saw, what was sent, what the attack made of it.
     pub queries: Vec<QueryPanel>,
     /// The place from above.
     pub top_view: Option<TopView>,
@@ -29,7 +29,7 @@ pub struct Report {
 }
 
 /// Name of the guess that uses no neighbours, in [`AttackRow::attack`].
-pub const PRIOR_ONLY: &str = "prior-only";
+pub const PRIOR_ONLY: &str = "prior";
 
 /// A large number with what it means.
 #[derive(Debug, Clone, Default)]
@@ -49,7 +49,7 @@ pub struct AttackRow {
     pub scheme: String,
     /// Attack, or [`PRIOR_ONLY`].
     pub attack: String,
-    /// Number of pictures attacked.
+    /// Number of images attacked.
     pub images: usize,
     /// Mean distance of recovered from true keypoints, pixels.
     pub mean_px: f64,
@@ -59,17 +59,17 @@ pub struct AttackRow {
     pub under_30px: f64,
     /// What the attack tells beyond the guess, bits per keypoint (`veiloc_attacks::bits_over_prior`).
     pub bits_over_prior: Option<f64>,
-    /// Milliseconds per picture.
+    /// Milliseconds per image.
     pub ms: f64,
 }
 
-/// One query picture and what became of it.
+/// One query image and what became of it.
 #[derive(Debug, Clone)]
 pub struct QueryPanel {
     /// Name of the query.
     pub name: String,
-    /// The picture that never leaves the device.
-    pub picture: RgbImage,
+    /// The image that never leaves the device.
+    pub image: RgbImage,
     /// Its keypoints, pixels.
     pub keypoints: Vec<Pixel>,
     /// What was sent under each scheme.
@@ -87,9 +87,9 @@ pub struct SchemePanel {
     pub truth: Vec<Pixel>,
     /// What the attack answered for each row; empty when there was no attack.
     pub recovered: Vec<Pixel>,
-    /// What the prior-only guess answered for each row; empty when there was none.
+    /// What the prior guess answered for each row; empty when there was none.
     pub guessed: Vec<Pixel>,
-    /// Size of the camera's picture, pixels.
+    /// Size of the camera's image, pixels.
     pub size: (u32, u32),
 }
 
@@ -102,7 +102,7 @@ pub struct TopView {
     pub right: [f64; 3],
     /// Unit direction of the map that points up on the page.
     pub up: [f64; 3],
-    /// Poses of the pictures in the map.
+    /// Poses of the images in the map.
     pub mapping: Vec<CameraFromWorld>,
     /// One drawing per scheme.
     pub schemes: Vec<TopViewScheme>,

@@ -37,7 +37,7 @@ pub(super) fn degrees(value: Option<f64>) -> String {
     }
 }
 
-/// A distance in the picture.
+/// A distance in the image.
 pub(super) fn pixels(value: f64) -> String {
     match value {
         v if !v.is_finite() => "–".to_owned(),
@@ -89,9 +89,9 @@ pub(super) fn scheme_words(scheme: &str) -> (String, &'static str) {
 /// An attack's name for people. Unknown names stand for themselves.
 pub(super) fn attack_words(attack: &str) -> String {
     match attack {
-        "prior-only" => "Guess without neighbours".to_owned(),
+        "prior" => "Guess without neighbours".to_owned(),
         "closed-form" => "Geometry recovery".to_owned(),
-        "closed-form-in-picture" => "Geometry recovery, kept in the picture".to_owned(),
+        "closed-form-in-image" => "Geometry recovery, kept in the image".to_owned(),
         "graph" => "Layout of the neighbour graph".to_owned(),
         other => escape(other),
     }

@@ -1,14 +1,14 @@
 //! One self-contained HTML file that shows what was localized and what leaked.
 //!
 //! Whoever measured fills a [`Report`] with plain data; [`html`] turns it into a page that loads nothing from
-//! anywhere: no scripts, fonts or pictures but those inside. It follows the reader's light or dark setting, prints,
+//! anywhere: no scripts, fonts or images but those inside. It follows the reader's light or dark setting, prints,
 //! and fits a telephone. Captions speak to people who never heard of keypoints.
 
 mod audit;
 mod data;
+mod embed;
 mod format;
 mod histogram;
-mod picture;
 mod query_figures;
 mod tables;
 mod top_view;

@@ -1,4 +1,4 @@
-//! What became of one query: the picture, what was sent, what the attack made of it.
+//! What became of one query: the image, what was sent, what the attack made of it.
 
 use std::fmt::Write as _;
 
@@ -6,9 +6,9 @@ use veiloc_geometry::{Anchor, Pixel, PixelLine};
 use veiloc_query::Observations;
 
 use super::data::{QueryPanel, SchemePanel};
+use super::embed::data_address;
 use super::format::{escape, percent, pixels, scheme_words};
 use super::histogram;
-use super::picture::data_address;
 
 /// Lines drawn at most: more are only a smear.
 const MOST_LINES: usize = 400;
@@ -22,11 +22,11 @@ pub(super) fn section(panels: &[QueryPanel]) -> String {
     }
     let mut out = String::from(
         "<section><h2>One query, seen by the device, the server and an attacker</h2>\
-         <p>A keypoint is a place in a picture that can be found again in other pictures. Where keypoints are known, a \
-         picture can be drawn from them; so their positions are what a scheme must hide.</p>",
+         <p>A keypoint is a place in an image that can be found again in other images. Where keypoints are known, a \
+         image can be drawn from them; so their positions are what a scheme must hide.</p>",
     );
     for panel in panels {
-        out.push_str(&photograph(panel));
+        out.push_str(&image(panel));
         out.push_str(&legend());
         for scheme in &panel.schemes {
             out.push_str(&scheme_row(scheme));
@@ -36,15 +36,15 @@ pub(super) fn section(panels: &[QueryPanel]) -> String {
     out
 }
 
-fn photograph(panel: &QueryPanel) -> String {
-    let (w, h) = panel.picture.dimensions();
-    let Some(address) = data_address(&panel.picture) else { return String::new() };
+fn image(panel: &QueryPanel) -> String {
+    let (w, h) = panel.image.dimensions();
+    let Some(address) = data_address(&panel.image) else { return String::new() };
     let points = dots(panel.keypoints.iter().copied());
     format!(
         "<h3>Query: {name}</h3><div class=\"see\"><figure><svg viewBox=\"0 0 {w} {h}\" role=\"img\" \
-         aria-label=\"Photograph with keypoints\"><image width=\"{w}\" height=\"{h}\" href=\"{address}\"/>\
+         aria-label=\"Image with keypoints\"><image width=\"{w}\" height=\"{h}\" href=\"{address}\"/>\
          <path class=\"dot keypoint\" d=\"{points}\"/><path class=\"dot keypoint2\" d=\"{points}\"/></svg><figcaption>\
-         <b>What the camera saw.</b> {count} keypoints. Neither this picture nor the positions of the dots leave the \
+         <b>What the camera saw.</b> {count} keypoints. Neither this image nor the positions of the dots leave the \
          device, except under the scheme “Points”.</figcaption></figure><ol><li><b>As sent</b>, left below: all that the \
          server gets about positions. Each line comes with a descriptor, a fingerprint of what the place looks \
          like.</li><li><b>As recovered</b>, in the middle: where an attacker puts the keypoints, who knows which of them \
@@ -100,7 +100,7 @@ fn errors(answers: &[Pixel], truth: &[Pixel]) -> Vec<f64> {
     answers.iter().zip(truth).map(|(a, t)| a.distance(t)).collect()
 }
 
-/// The picture with a rim, so that anchors and points just outside are seen.
+/// The image with a rim, so that anchors and points just outside are seen.
 fn view_box((w, h): (u32, u32)) -> String {
     let rim = f64::from(w.max(h)) * 0.05;
     format!("{:.0} {:.0} {:.0} {:.0}", -rim, -rim, f64::from(w) + 2.0 * rim, f64::from(h) + 2.0 * rim)
@@ -191,7 +191,7 @@ pub(super) fn sent(panel: &SchemePanel) -> (String, String) {
                 let rays =
                     lines.iter().step_by(some(lines.len())).filter(|l| l.anchor == anchor).filter_map(|l| {
                         let d = anchors.ray_direction(anchor, l.angle);
-                        // As far as the picture's border.
+                        // As far as the image's border.
                         let ends = chord(&anchors.line(anchor, l.angle), panel.size)?;
                         let far = ends.into_iter().max_by(|a, b| {
                             let along = |p: &Pixel| (p.vector() - from.vector()).dot(&d);
@@ -221,7 +221,7 @@ fn strokes(segments: impl Iterator<Item = [Pixel; 2]>) -> String {
     })
 }
 
-/// The part of a line in the picture.
+/// The part of a line in the image.
 fn chord(line: &PixelLine, (w, h): (u32, u32)) -> Option<[Pixel; 2]> {
     let (o, v) = (line.closest_point(Pixel::new(f64::from(w) / 2.0, f64::from(h) / 2.0)), line.direction());
     let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);

@@ -97,11 +97,11 @@ pub(super) fn attacks(rows: &[AttackRow]) -> String {
     }
     let mut out = String::from(
         "<section><h2>What an attacker learns</h2>\
-         <p>The attacker sees what the server sees and tries to put every keypoint back into the picture. \
+         <p>The attacker sees what the server sees and tries to put every keypoint back into the image. \
          To be on the safe side it is told which keypoints are neighbours. \
          The guess uses nothing but the single line: an attack is only worth something where it beats the guess.</p>\
          <div class=\"scroll attacks\"><table><thead><tr><th>Scheme</th><th>Attack</th><th>Mean error</th><th>Median error</th>\
-         <th>Recovered to<br>within 30 px</th><th>Learned beyond<br>the guess</th><th>Pictures</th><th>Time a<br>picture</th>\
+         <th>Recovered to<br>within 30 px</th><th>Learned beyond<br>the guess</th><th>Images</th><th>Time a<br>image</th>\
          </tr></thead><tbody>",
     );
     let mut last = None;

@@ -52,9 +52,9 @@ fn attack(
     (panel, rows.into())
 }
 
-/// Places where the picture has corners: enough like keypoints for a drawing.
-fn corners(picture: &image::GrayImage) -> Vec<Pixel> {
-    let at = |x: u32, y: u32| f64::from(picture.get_pixel(x, y).0[0]);
+/// Places where the image has corners: enough like keypoints for a drawing.
+fn corners(image: &image::GrayImage) -> Vec<Pixel> {
+    let at = |x: u32, y: u32| f64::from(image.get_pixel(x, y).0[0]);
     let mut found = Vec::new();
     for y in (6..SIZE.1 - 6).step_by(6) {
         for x in (6..SIZE.0 - 6).step_by(6) {
@@ -161,7 +161,7 @@ fn sample() -> Report {
         attacks,
         queries: vec![QueryPanel {
             name: "query_07.png".into(),
-            picture: view.rgb().clone(),
+            image: view.rgb().clone(),
             keypoints: truth,
             schemes,
         }],
@@ -193,7 +193,7 @@ fn outside_addresses(page: &str) -> Vec<&str> {
 
 /// Places where a number that is none was written as one.
 fn numbers_that_are_none(page: &str) -> Vec<&str> {
-    // Not inside words, and not inside pictures: base64 has letters around it.
+    // Not inside words, and not inside images: base64 has letters around it.
     let edge = |c: Option<char>| c.is_none_or(|c| !c.is_ascii_alphanumeric() && c != '+' && c != '/');
     ["NaN", "inf"]
         .iter()
@@ -242,7 +242,7 @@ fn names_cannot_become_markup() {
     report.localization[0].recall.insert(evil.into(), 1.0);
     report.queries = vec![QueryPanel {
         name: evil.into(),
-        picture: RgbImage::new(8, 8),
+        image: RgbImage::new(8, 8),
         keypoints: vec![],
         schemes: vec![SchemePanel {
             scheme: evil.into(),
@@ -274,7 +274,7 @@ fn empty_and_broken_numbers_are_survived() {
         }],
         queries: vec![QueryPanel {
             name: String::new(),
-            picture: RgbImage::new(0, 0),
+            image: RgbImage::new(0, 0),
             keypoints: vec![nan],
             schemes: vec![SchemePanel {
                 scheme: "random-lines".into(),

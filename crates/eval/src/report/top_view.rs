@@ -52,7 +52,7 @@ fn legend() -> String {
         "<ul class=\"legend\">{}{}{}{}{}<li><svg viewBox=\"0 0 12 12\" aria-hidden=\"true\"><path class=\"lost\" \
          stroke-width=\"2\" d=\"M2 2L10 10M10 2L2 10\"/></svg>not localized</li><li><svg viewBox=\"0 0 12 12\" \
          aria-hidden=\"true\"><path class=\"mappoint\" stroke-width=\"5\" d=\"M6 6h0\"/></svg>map point</li></ul>",
-        entry("mapcam", "picture in the map"),
+        entry("mapcam", "image in the map"),
         entry("truecam", "true camera"),
         entry("near", "estimate, under 5 cm off"),
         entry("mid", "under 25 cm"),

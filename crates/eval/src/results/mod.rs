@@ -36,7 +36,7 @@ pub struct Evaluation {
     pub queries: Vec<QueryResult>,
     /// Queries of another place, of which none should be localized: one entry per row and query.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub strangers: Vec<StrangerResult>,
+    pub negatives: Vec<NegativeResult>,
     /// Facts about the map, for `eval scene`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map: Option<MapSummary>,
@@ -98,7 +98,7 @@ pub struct SchemeSummary {
     pub per_seed: Vec<SeedSummary>,
     /// What became of the queries of another place.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub strangers: Option<StrangerSummary>,
+    pub negatives: Option<NegativeSummary>,
 }
 
 /// All queries of one row under one seed; fields as in [`SchemeSummary`].
@@ -116,7 +116,7 @@ pub struct SeedSummary {
 
 /// How many queries of another place were taken for queries of this one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct StrangerSummary {
+pub struct NegativeSummary {
     /// How many queries.
     pub queries: usize,
     /// How many got a pose: each is wrong.
@@ -125,9 +125,9 @@ pub struct StrangerSummary {
     pub trusted: usize,
 }
 
-impl StrangerSummary {
-    /// The strangers of one row.
-    pub(crate) fn of(results: &[StrangerResult]) -> Self {
+impl NegativeSummary {
+    /// The negatives of one row.
+    pub(crate) fn of(results: &[NegativeResult]) -> Self {
         Self {
             queries: results.len(),
             localized: results.iter().filter(|r| r.localized).count(),
@@ -178,7 +178,7 @@ pub struct QueryResult {
 
 /// One query of another place under one row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StrangerResult {
+pub struct NegativeResult {
     /// Its name in the data.
     pub name: String,
     /// Obfuscation scheme.

@@ -43,7 +43,7 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
         sealed_bytes: bytes.get(bytes.len() / 2).copied(),
         median_ms: all.median_ms,
         per_seed: if per_seed.len() > 1 { per_seed } else { Vec::new() },
-        strangers: None,
+        negatives: None,
     }
 }
 

@@ -23,25 +23,25 @@ pub fn table(rows: &[SchemeSummary]) -> String {
     let figures = ["hypotheses", "localized", "trusted", "rot °", "trans"].map(str::to_owned);
     let recalls = thresholds.iter().map(|t| format!("≤{t} %"));
     let mut found = block(figures.into_iter().chain(recalls).chain(["inliers %".to_owned()]).collect());
-    let mut strangers = block(vec!["strangers localized".to_owned(), "strangers trusted".to_owned()]);
+    let mut negatives = block(vec!["negatives localized".to_owned(), "negatives trusted".to_owned()]);
     let stages = STAGES.iter().map(|stage| format!("{stage} ms"));
     let mut cost = block(stages.chain(["sealed bytes".to_owned()]).collect());
     for row in rows {
         let names = names_of(row, rows);
         let with = |cells: Vec<String>| names.iter().cloned().chain(cells).collect();
         found.push(with(figures_of(row, &thresholds)));
-        strangers.push(with(strangers_of(row)));
+        negatives.push(with(negatives_of(row)));
         cost.push(with(cost_of(row)));
         if !row.per_seed.is_empty() {
             let with = |cells: Vec<String>| vec![String::new(); NAMES].into_iter().chain(cells).collect();
             found.push(with(spread_of(row, &thresholds)));
-            strangers.push(Vec::new());
+            negatives.push(Vec::new());
             cost.push(with(cost_spread_of(row)));
         }
     }
     let mut text = String::new();
     let mut open = found;
-    for block in [strangers, cost].into_iter().filter(TextTable::has_numbers) {
+    for block in [negatives, cost].into_iter().filter(TextTable::has_numbers) {
         let joined = open.beside(&block);
         if joined.width() <= WIDTH {
             open = joined;
@@ -105,9 +105,9 @@ fn figures_of(row: &SchemeSummary, thresholds: &[&String]) -> Vec<String> {
     cells
 }
 
-fn strangers_of(row: &SchemeSummary) -> Vec<String> {
+fn negatives_of(row: &SchemeSummary) -> Vec<String> {
     let share = |count: usize, of: usize| format!("{count}/{of}");
-    row.strangers
+    row.negatives
         .map(|s| vec![share(s.localized, s.queries), share(s.trusted, s.queries)])
         .unwrap_or_default()
 }
@@ -183,7 +183,7 @@ fn number(value: Option<f64>, digits: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::StrangerSummary;
+    use crate::results::NegativeSummary;
     use crate::results::summary::{summarize, tests::query};
 
     fn row(errors: &[(u64, Option<(f64, f64)>)]) -> SchemeSummary {
@@ -203,7 +203,7 @@ mod tests {
             ["dcl", "vote", "~100", "1/3", "1", "—", "—", "33.3", "33.3", "50.0", "5.0", "1000"]
         );
         assert!(
-            !text.contains("gravity") && !text.contains("score") && !text.contains("strangers"),
+            !text.contains("gravity") && !text.contains("score") && !text.contains("negatives"),
             "{text}"
         );
         assert!(lines[..3].iter().all(|l| l.chars().count() == lines[1].chars().count()), "{text}");
@@ -240,7 +240,7 @@ mod tests {
         wide.scheme = "coordinate-permutation".to_owned();
         wide.variant.recipe = None;
         wide.median_ms = STAGES.iter().map(|s| ((*s).to_owned(), 12.3)).collect();
-        wide.strangers = Some(StrangerSummary { queries: 25, localized: 3, trusted: 0 });
+        wide.negatives = Some(NegativeSummary { queries: 25, localized: 3, trusted: 0 });
         let text = table(&[wide]);
         assert_eq!(text.matches("coordinate-permutation").count(), 3, "{text}");
         assert_eq!(text.matches("──\n").count(), 3, "{text}");

@@ -20,14 +20,14 @@ pub struct TradeoffDocument {
     pub command: &'static str,
     /// Names of the files of keypoints and of problems.
     pub data: Vec<String>,
-    /// Pictures that poses were estimated for.
+    /// Images that poses were estimated for.
     pub queries: usize,
     /// How many of them were attacked.
     pub attacked: usize,
-    /// Pictures of the map, queries among them, of which each query has all but itself for the transfer.
-    pub map_pictures: usize,
-    /// Pictures that taught the predictor of neighbours.
-    pub train_pictures: usize,
+    /// Images of the map, queries among them, of which each query has all but itself for the transfer.
+    pub map_images: usize,
+    /// Images that taught the predictor of neighbours.
+    pub train_images: usize,
     /// Neighbours a keypoint.
     pub k: usize,
     /// Whether the estimator's noise was raised by what the variant adds on average.
@@ -47,7 +47,7 @@ pub struct TradeoffDocument {
 pub struct VariantFigures {
     /// The variant as text.
     pub variant: String,
-    /// Keypoints sent of a picture, mean over the attacked.
+    /// Keypoints sent of an image, mean over the attacked.
     pub sent: f64,
     /// Decoys beside them.
     pub decoys: f64,
@@ -55,13 +55,13 @@ pub struct VariantFigures {
     pub attacks: Vec<AttackFigures>,
     /// Share of predicted neighbours that are true; null without a predictor.
     pub precision: Option<f64>,
-    /// The same when they are drawn by lot.
+    /// The same when they are drawn at random.
     pub chance: f64,
     /// Poses.
     pub localization: LocalizationFigures,
 }
 
-/// One attack on all attacked pictures.
+/// One attack on all attacked images.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AttackFigures {
     /// `guess`, `graph`, `graph-P` with `P` percent false neighbours, `transfer`.
@@ -70,13 +70,13 @@ pub struct AttackFigures {
     pub mean_px: Option<f64>,
     /// Median error, pixels.
     pub median_px: Option<f64>,
-    /// Median error as a share of the picture's diagonal.
+    /// Median error as a share of the image's diagonal.
     pub median_share: Option<f64>,
     /// Share of the sent keypoints with an error under 10 px, 0 to 1.
     pub under_10px: Option<f64>,
     /// The same under 30 px.
     pub under_30px: Option<f64>,
-    /// Keypoints of a picture with an error under 10 px, mean: what is not sent is not found.
+    /// Keypoints of an image with an error under 10 px, mean: what is not sent is not found.
     pub found_10px: f64,
     /// The same under 30 px.
     pub found_30px: f64,
@@ -106,7 +106,7 @@ pub struct LocalizationFigures {
 }
 
 impl VariantFigures {
-    /// Sums up the attacked pictures and all queries. `judged[i]`: keypoints, decoys and attacks of `queries[attacked[i]]`.
+    /// Sums up the attacked images and all queries. `judged[i]`: keypoints, decoys and attacks of `queries[attacked[i]]`.
     pub(super) fn of(
         variant: &Variant,
         queries: &[Query],
@@ -115,23 +115,23 @@ impl VariantFigures {
         summary: &SchemeSummary,
         located: &[&QueryResult],
     ) -> Self {
-        let pictures = judged.len().max(1) as f64;
+        let images = judged.len().max(1) as f64;
         let mean =
-            |of: &dyn Fn(&(usize, usize, Judgement)) -> f64| judged.iter().map(of).sum::<f64>() / pictures;
+            |of: &dyn Fn(&(usize, usize, Judgement)) -> f64| judged.iter().map(of).sum::<f64>() / images;
         let names = judged.first().map_or(0, |j| j.2.attacks.len());
         let attacks = (0..names)
             .map(|a| {
                 let (mut errors, mut shares, mut shape) = (Vec::new(), Vec::new(), Vec::new());
                 for (q, (_, _, judgement)) in attacked.iter().zip(judged) {
-                    let picture = &queries[*q].picture;
-                    let diagonal = f64::from(picture.width).hypot(f64::from(picture.height));
+                    let image = &queries[*q].image;
+                    let diagonal = f64::from(image.width).hypot(f64::from(image.height));
                     let attack = &judgement.attacks[a];
                     errors.extend_from_slice(&attack.errors);
                     shares.extend(attack.errors.iter().map(|e| e / diagonal));
                     shape.extend_from_slice(&attack.shape);
                 }
                 let name = judged.first().map_or_else(String::new, |j| j.2.attacks[a].attack.clone());
-                AttackFigures::of(name, &errors, &shares, &shape, pictures)
+                AttackFigures::of(name, &errors, &shares, &shape, images)
             })
             .collect();
         let (right, entries) =
@@ -164,10 +164,10 @@ impl VariantFigures {
 }
 
 impl AttackFigures {
-    fn of(attack: String, errors: &[f64], shares: &[f64], shape: &[f64], pictures: f64) -> Self {
+    fn of(attack: String, errors: &[f64], shares: &[f64], shape: &[f64], images: f64) -> Self {
         let all = ErrorSummary::of(errors);
         let count = errors.len() as f64;
-        let found = |share: f64| if errors.is_empty() { 0.0 } else { share * count / pictures };
+        let found = |share: f64| if errors.is_empty() { 0.0 } else { share * count / images };
         Self {
             attack,
             mean_px: finite(all.mean_px),
@@ -187,7 +187,7 @@ mod tests {
     use super::AttackFigures;
 
     #[test]
-    fn figures_count_keypoints_of_a_picture() {
+    fn figures_count_keypoints_of_a_image() {
         let errors = [4.0, 8.0, 20.0, 100.0];
         let figures =
             AttackFigures::of("graph".to_owned(), &errors, &[0.1, 0.2, 0.3, 0.4], &[1.0, 2.0, 3.0], 2.0);

@@ -1,4 +1,4 @@
-//! The judge of localization: the pose that the engine finds from what one picture sends.
+//! The judge of localization: the pose that the engine finds from what one image sends.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -36,7 +36,7 @@ pub(super) fn localize(
     }
 }
 
-/// The problem as it is when only these keypoints of the picture are sent, its matches named by their row.
+/// The problem as it is when only these keypoints of the image are sent, its matches named by their row.
 ///
 /// A match is there when a keypoint at its position was sent: one of several orientations is enough.
 fn matches_sent(query: &Query, kept: &[usize]) -> Problem {
@@ -47,7 +47,7 @@ fn matches_sent(query: &Query, kept: &[usize]) -> Problem {
         (0..all.points.len()).filter(|m| row_of[all.keypoint_of_match[*m]].is_some()).collect();
     let counts = |of: &Option<Vec<u32>>| of.as_ref().map(|v| there.iter().map(|m| v[*m]).collect());
     Problem {
-        keypoints: kept.iter().map(|row| query.picture.keypoints[*row]).collect(),
+        keypoints: kept.iter().map(|row| query.image.keypoints[*row]).collect(),
         keypoint_of_match: there.iter().filter_map(|m| row_of[all.keypoint_of_match[*m]]).collect(),
         points: there.iter().map(|m| all.points[*m]).collect(),
         ratio: all.ratio.as_ref().map(|v| there.iter().map(|m| v[*m]).collect()),

@@ -2,7 +2,7 @@
 //!
 //! A variant ([`Variant`]) says what a device might do differently: send fewer keypoints, coarser angles, decoys. Poses
 //! and attacks work on the very same rows. Errors are those of keypoints that are sent; what is not sent is not leaked,
-//! so beside shares stand absolute numbers: keypoints of a picture that an attack puts near the truth.
+//! so beside shares stand absolute numbers: keypoints of an image that an attack puts near the truth.
 
 mod data;
 mod document;
@@ -19,11 +19,11 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::prelude::*;
-use veiloc_attacks::{Descriptors, KnownPicture, NeighbourPredictor, Transfer, transfer};
+use veiloc_attacks::{Descriptors, KnownImage, NeighbourPredictor, Transfer, transfer};
 use veiloc_mapping::Progress;
 use veiloc_robust::PoseOptions;
 
-use crate::audit::{KeypointPicture, read_keypoints};
+use crate::audit::{KeypointImage, read_keypoints};
 use crate::error::EvalError;
 use crate::json_lines;
 use crate::metrics::Threshold;
@@ -41,21 +41,21 @@ pub use variant::{DividingLine, Keep, Variant, VariantError};
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct TradeoffEvaluation {
-    /// All keypoints of pictures, with descriptors.
+    /// All keypoints of images, with descriptors.
     pub keypoints: PathBuf,
-    /// Matches of the same pictures, with true poses; pictures without serve the map of `transfer` only.
+    /// Matches of the same images, with true poses; images without serve the map of `transfer` only.
     pub problems: PathBuf,
-    /// More pictures of the map that `transfer` takes positions from, beside the others of [`Self::keypoints`].
+    /// More images of the map that `transfer` takes positions from, beside the others of [`Self::keypoints`].
     pub map: Vec<PathBuf>,
-    /// Pictures that teach the predictor of neighbours; those named as a query are left out. Empty: nothing is predicted.
+    /// Images that teach the predictor of neighbours; those named as a query are left out. Empty: nothing is predicted.
     pub train: Vec<PathBuf>,
     /// Variants, in the order of the table.
     pub variants: Vec<Variant>,
-    /// How many pictures are attacked, spread evenly over the queries; `None` for all. Poses are estimated for all.
+    /// How many images are attacked, spread evenly over the queries; `None` for all. Poses are estimated for all.
     pub attacked: Option<usize>,
     /// Neighbours a keypoint.
     pub k: usize,
-    /// Percent of the oracle's neighbours that are replaced by lot, one graph attack each.
+    /// Percent of the oracle's neighbours that are replaced at random, one graph attack each.
     pub corrupt: Vec<f64>,
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
@@ -72,7 +72,7 @@ pub struct TradeoffEvaluation {
 }
 
 impl TradeoffEvaluation {
-    /// `dcl` as it is on these files, every picture attacked, one seed.
+    /// `dcl` as it is on these files, every image attacked, one seed.
     pub fn new(keypoints: PathBuf, problems: PathBuf) -> Self {
         Self {
             keypoints,
@@ -97,16 +97,16 @@ impl TradeoffEvaluation {
 ///
 /// # Errors
 /// [`EvalError`] when a file cannot be read, files do not belong together, descriptors are missing, or nothing was
-/// asked for. A picture that cannot be localized is a result, not an error.
+/// asked for. An image that cannot be localized is a result, not an error.
 pub fn evaluate_tradeoff(
     evaluation: &TradeoffEvaluation,
     progress: &dyn Progress,
 ) -> Result<TradeoffDocument, EvalError> {
     if evaluation.variants.is_empty() || evaluation.seeds == 0 || evaluation.attacked == Some(0) {
-        return Err(EvalError::Options("no variant, seed or picture to evaluate".to_owned()));
+        return Err(EvalError::Options("no variant, seed or image to evaluate".to_owned()));
     }
     let data = data::read(&evaluation.keypoints, &evaluation.problems)?;
-    let map = map_pictures(&data, &evaluation.map)?;
+    let map = map_images(&data, &evaluation.map)?;
     let teachers = teachers(&data, &evaluation.train)?;
     let attacked = spread(data.queries.len(), evaluation.attacked);
     let world = World { evaluation, data: &data, map: &map, transfers: Mutex::default() };
@@ -145,8 +145,8 @@ pub fn evaluate_tradeoff(
         data: vec![name(&evaluation.keypoints), name(&evaluation.problems)],
         queries: data.queries.len(),
         attacked: attacked.len(),
-        map_pictures: map.len(),
-        train_pictures: teachers.len(),
+        map_images: map.len(),
+        train_images: teachers.len(),
         k: evaluation.k,
         tell_noise: evaluation.tell_noise,
         thresholds: evaluation.thresholds.iter().map(ToString::to_string).collect(),
@@ -163,7 +163,7 @@ type Rows = (usize, Vec<usize>, usize);
 struct World<'a> {
     evaluation: &'a TradeoffEvaluation,
     data: &'a Data,
-    map: &'a [(String, KnownPicture)],
+    map: &'a [(String, KnownImage)],
     /// What the map tells about these rows of this query: it does not depend on lines, so variants share it.
     transfers: Mutex<HashMap<Rows, Arc<Transfer>>>,
 }
@@ -177,7 +177,7 @@ impl World<'_> {
         predictor: Option<&NeighbourPredictor>,
     ) -> Result<(usize, usize, Judgement), EvalError> {
         let query = &self.data.queries[q];
-        let sent = Sent::of(variant, &query.picture, Some(&query.ratios), self.evaluation.seed)?;
+        let sent = Sent::of(variant, &query.image, Some(&query.ratios), self.evaluation.seed)?;
         let transfer = self.transfer(q, &sent)?;
         let attackers = Attackers {
             k: self.evaluation.k,
@@ -186,37 +186,37 @@ impl World<'_> {
             predictor,
             seed: self.evaluation.seed,
         };
-        let judged = privacy::judge(&sent, &query.picture, &attackers)?;
+        let judged = privacy::judge(&sent, &query.image, &attackers)?;
         Ok((sent.kept.len(), sent.truth.len() - sent.kept.len(), judged))
     }
 
-    /// `None` without a picture of the map.
+    /// `None` without an image of the map.
     fn transfer(&self, q: usize, sent: &Sent) -> Result<Option<Arc<Transfer>>, EvalError> {
-        let picture = &self.data.queries[q].picture;
+        let image = &self.data.queries[q].image;
         let key = (q, sent.kept.clone(), sent.truth.len());
         let lock = || self.transfers.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = lock().get(&key) {
             return Ok(Some(Arc::clone(known)));
         }
-        let others: Vec<KnownPicture> =
-            self.map.iter().filter(|(name, _)| *name != picture.name).map(|(_, p)| p.clone()).collect();
+        let others: Vec<KnownImage> =
+            self.map.iter().filter(|(name, _)| *name != image.name).map(|(_, p)| p.clone()).collect();
         if others.is_empty() {
             return Ok(None);
         }
         let (bytes, dimension) = &sent.descriptors;
         let descriptors = Descriptors::new(bytes, *dimension)?;
-        let size = (picture.width, picture.height);
-        let found = Arc::new(transfer(&descriptors, &others, size, MAP_PICTURES, 1)?);
+        let size = (image.width, image.height);
+        let found = Arc::new(transfer(&descriptors, &others, size, MAP_IMAGES, 1)?);
         lock().insert(key, Arc::clone(&found));
         Ok(Some(found))
     }
 
     fn localize(&self, variant: &Variant, query: &Query) -> Result<Vec<QueryResult>, EvalError> {
         let e = self.evaluation;
-        let size = (query.picture.width, query.picture.height);
+        let size = (query.image.width, query.image.height);
         (e.seed..e.seed.saturating_add(e.seeds))
             .map(|seed| {
-                let sent = Sent::of(variant, &query.picture, Some(&query.ratios), seed)?;
+                let sent = Sent::of(variant, &query.image, Some(&query.ratios), seed)?;
                 let mut pose = e.pose.clone();
                 if e.tell_noise {
                     pose.noise_px = pose.noise_px.hypot(sent.added_variance(variant, size).sqrt());
@@ -227,50 +227,50 @@ impl World<'_> {
     }
 }
 
-/// Pictures of the map from which a server takes positions over: those with most mutual matches.
-const MAP_PICTURES: usize = 5;
+/// Images of the map from which a server takes positions over: those with most mutual matches.
+const MAP_IMAGES: usize = 5;
 
-/// Every picture that a server might have, by name; queries among them know nothing of themselves.
-fn map_pictures(data: &Data, files: &[PathBuf]) -> Result<Vec<(String, KnownPicture)>, EvalError> {
-    let mut pictures: Vec<KeypointPicture> = data.queries.iter().map(|q| q.picture.clone()).collect();
-    pictures.extend(data.others.iter().cloned());
+/// Every image that a server might have, by name; queries among them know nothing of themselves.
+fn map_images(data: &Data, files: &[PathBuf]) -> Result<Vec<(String, KnownImage)>, EvalError> {
+    let mut images: Vec<KeypointImage> = data.queries.iter().map(|q| q.image.clone()).collect();
+    images.extend(data.others.iter().cloned());
     for file in files {
-        pictures.extend(read_keypoints(file)?);
+        images.extend(read_keypoints(file)?);
     }
-    let all = |p: &KeypointPicture| (0..p.keypoints.len()).collect::<Vec<_>>();
-    pictures.into_iter().map(|p| Ok((p.name.clone(), data::known(&p, &all(&p))?))).collect()
+    let all = |p: &KeypointImage| (0..p.keypoints.len()).collect::<Vec<_>>();
+    images.into_iter().map(|p| Ok((p.name.clone(), data::known(&p, &all(&p))?))).collect()
 }
 
-fn teachers(data: &Data, files: &[PathBuf]) -> Result<Vec<KeypointPicture>, EvalError> {
-    let mut pictures = Vec::new();
+fn teachers(data: &Data, files: &[PathBuf]) -> Result<Vec<KeypointImage>, EvalError> {
+    let mut images = Vec::new();
     for file in files {
-        pictures.extend(read_keypoints(file)?);
+        images.extend(read_keypoints(file)?);
     }
-    pictures.retain(|p| data.queries.iter().all(|q| q.picture.name != p.name));
-    if pictures.is_empty() && !files.is_empty() {
+    images.retain(|p| data.queries.iter().all(|q| q.image.name != p.name));
+    if images.is_empty() && !files.is_empty() {
         return Err(EvalError::Options(
-            "every training picture is named as one that is attacked; train on other pictures".to_owned(),
+            "every training image is named as one that is attacked; train on other images".to_owned(),
         ));
     }
-    Ok(pictures)
+    Ok(images)
 }
 
 /// The predictor of an attacker who knows the variant: learned from keypoints thinned out in the same way, without
-/// decoys and without knowing what of its pictures a map knows.
+/// decoys and without knowing what of its images a map knows.
 fn predictor(
     variant: &Variant,
-    teachers: &[KeypointPicture],
+    teachers: &[KeypointImage],
     evaluation: &TradeoffEvaluation,
 ) -> Result<Option<NeighbourPredictor>, EvalError> {
     if teachers.is_empty() {
         return Ok(None);
     }
     let honest = Variant { decoys: 0.0, ..variant.clone() };
-    let pictures = teachers
+    let images = teachers
         .par_iter()
         .map(|p| data::known(p, &Sent::of(&honest, p, None, evaluation.seed)?.kept))
         .collect::<Result<Vec<_>, _>>()?;
-    Ok(Some(NeighbourPredictor::fit(&pictures, evaluation.k)?))
+    Ok(Some(NeighbourPredictor::fit(&images, evaluation.k)?))
 }
 
 /// So many of `0..n`, spread evenly.

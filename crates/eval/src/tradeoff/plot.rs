@@ -1,4 +1,4 @@
-//! The trade-off as a picture: recall over keypoints found, a panel an attack, a numbered dot a variant.
+//! The trade-off as an image: recall over keypoints found, a panel an attack, a numbered dot a variant.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -13,7 +13,7 @@ const PANEL: (u32, u32) = (470, 400);
 /// Attacks that get a panel, as far as they ran.
 const ATTACKS: [&str; 3] = ["graph", "graph-30", "transfer"];
 
-/// The document as SVG: for each attack the keypoints of a picture it finds to within 10 px, on a logarithmic axis, and
+/// The document as SVG: for each attack the keypoints of an image it finds to within 10 px, on a logarithmic axis, and
 /// the recall at the first threshold. Left and up is better; numbers are those of the table.
 ///
 /// # Errors
@@ -56,7 +56,7 @@ fn draw(
             .map_err(fault)?;
         chart
             .configure_mesh()
-            .x_desc("keypoints of a picture found to within 10 px")
+            .x_desc("keypoints of an image found to within 10 px")
             .y_desc(format!("poses within {threshold}, %"))
             .light_line_style(TRANSPARENT)
             .x_label_formatter(&|x| if is_round(*x) { format!("{x:.0}") } else { String::new() })

@@ -1,4 +1,4 @@
-//! The judges of privacy: what attackers get out of what one picture sends.
+//! The judges of privacy: what attackers get out of what one image sends.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -9,11 +9,11 @@ use veiloc_geometry::{Anchor, Pixel};
 use veiloc_query::Observations;
 
 use super::sent::Sent;
-use crate::audit::KeypointPicture;
+use crate::audit::KeypointImage;
 use crate::error::EvalError;
 use crate::seeds::seed_for;
 
-/// One attack on one picture. Errors are those of true keypoints, `[kept]`; decoys have none.
+/// One attack on one image. Errors are those of true keypoints, `[kept]`; decoys have none.
 pub(super) struct AttackErrors {
     pub(super) attack: String,
     /// Pixels.
@@ -22,32 +22,32 @@ pub(super) struct AttackErrors {
     pub(super) shape: Vec<f64>,
 }
 
-/// All attacks on one picture.
+/// All attacks on one image.
 pub(super) struct Judgement {
     pub(super) attacks: Vec<AttackErrors>,
     /// Predicted neighbours: how many are true, and how many there are; `None` without a predictor.
     pub(super) predicted: Option<(f64, f64)>,
-    /// Expected share of true ones when they are drawn by lot.
+    /// Expected share of true ones when they are drawn at random.
     pub(super) by_lot: f64,
 }
 
 /// What attackers hold beside what was sent.
 pub(super) struct Attackers<'a> {
     pub(super) k: usize,
-    /// Percent of the oracle's neighbours that are replaced by lot, one graph attack each.
+    /// Percent of the oracle's neighbours that are replaced at random, one graph attack each.
     pub(super) corrupt: &'a [f64],
     pub(super) transfer: Option<&'a Transfer>,
     pub(super) predictor: Option<&'a NeighbourPredictor>,
     pub(super) seed: u64,
 }
 
-/// Runs every attack on one picture.
+/// Runs every attack on one image.
 pub(super) fn judge(
     sent: &Sent,
-    picture: &KeypointPicture,
+    image: &KeypointImage,
     attackers: &Attackers<'_>,
 ) -> Result<Judgement, EvalError> {
-    let (width, height) = (picture.width, picture.height);
+    let (width, height) = (image.width, image.height);
     let truth = &sent.truth[..sent.kept.len()];
     let mut attacks = Vec::new();
     let mut push = |attack: String, answers: &[Pixel]| {
@@ -60,7 +60,7 @@ pub(super) fn judge(
     for &percent in attackers.corrupt {
         // The same lists and starts whatever else is sent, as far as the rows are the same.
         let rng = |what: &str| {
-            ChaCha8Rng::seed_from_u64(seed_for(attackers.seed, &[&picture.name, what, &percent.to_string()]))
+            ChaCha8Rng::seed_from_u64(seed_for(attackers.seed, &[&image.name, what, &percent.to_string()]))
         };
         let told = nearest.corrupted(percent / 100.0, &mut rng("corrupted"));
         let options = GraphOptions::default();
@@ -91,7 +91,7 @@ pub(super) fn graph_name(percent: f64) -> String {
 }
 
 /// Errors after the answers of each anchor were scaled about it: all half-lines of one anchor scaled together have the
-/// same neighbours, so that scale is all that a side without neighbours on the other can hide. A picture whose shape is
+/// same neighbours, so that scale is all that a side without neighbours on the other can hide. An image whose shape is
 /// known to a scale shows what it shows.
 ///
 /// The scale is the one of least absolute error: the median of `truth / answer`, weighted by `answer`.
@@ -129,14 +129,14 @@ fn shape_errors(sent: &Sent, answers: &[Pixel], truth: &[Pixel]) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::sent::tests::picture;
+    use super::super::sent::tests::image;
     use super::*;
 
     #[test]
     fn a_layout_of_the_wrong_scale_has_the_right_shape() {
-        let picture = picture();
+        let image = image();
         let sent =
-            Sent::of(&"crop=0.5+bits=16".parse().expect("well written"), &picture, None, 1).expect("sent");
+            Sent::of(&"crop=0.5+bits=16".parse().expect("well written"), &image, None, 1).expect("sent");
         let scale = [0.8, 1.25];
         let answers: Vec<Pixel> = sent
             .truth
@@ -155,16 +155,16 @@ mod tests {
 
     #[test]
     fn decoys_are_attacked_with_the_rest_but_not_counted() {
-        let picture = picture();
+        let image = image();
         let sent =
-            Sent::of(&"lot=100+decoys=100".parse().expect("well written"), &picture, None, 1).expect("sent");
+            Sent::of(&"random=100+decoys=100".parse().expect("well written"), &image, None, 1).expect("sent");
         let attackers = Attackers { k: 10, corrupt: &[0.0, 40.0], transfer: None, predictor: None, seed: 3 };
-        let judged = judge(&sent, &picture, &attackers).expect("it runs");
+        let judged = judge(&sent, &image, &attackers).expect("it runs");
         let names: Vec<&str> = judged.attacks.iter().map(|a| a.attack.as_str()).collect();
         assert_eq!(names, ["guess", "graph", "graph-40"]);
         assert!(judged.attacks.iter().all(|a| a.errors.len() == 100 && a.shape.len() == 100));
         assert!((judged.by_lot - 10.0 / 199.0).abs() < 1e-12 && judged.predicted.is_none());
-        let again = judge(&sent, &picture, &attackers).expect("it runs");
+        let again = judge(&sent, &image, &attackers).expect("it runs");
         assert!(judged.attacks.iter().zip(&again.attacks).all(|(a, b)| a.errors == b.errors), "equal seeds");
     }
 }

@@ -40,7 +40,7 @@ pub(super) fn select(
             && (variant.crop >= 1.0 || along(anchors, p, size) <= crop[anchors.anchor_of(p).index()])
     };
     let order: Vec<usize> = match variant.keep {
-        Keep::Lot(_) => shuffled,
+        Keep::Random(_) => shuffled,
         Keep::All | Keep::First(_) => (0..keypoints.len()).collect(),
     };
     let mut kept: Vec<usize> = Vec::new();
@@ -56,14 +56,14 @@ pub(super) fn select(
         }
     }
     match variant.keep {
-        Keep::First(n) | Keep::Lot(n) => kept.truncate(n),
+        Keep::First(n) | Keep::Random(n) => kept.truncate(n),
         Keep::All => {}
     }
     kept.sort_unstable();
     kept
 }
 
-/// How far out on its half-line a keypoint is, as a share of the way from the anchor to the picture's border.
+/// How far out on its half-line a keypoint is, as a share of the way from the anchor to the image's border.
 fn along(anchors: &DualAnchors, p: Pixel, size: (u32, u32)) -> f64 {
     let anchor = anchors.anchor_of(p);
     let ray = Observation::anchored(anchors, anchor, anchors.angle_of(anchor, p));
@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn spacing_is_kept_and_nothing_more_is_left_out() {
         let all = keypoints();
-        for text in ["spacing=12", "spacing=32", "spacing=12+lot=1000"] {
+        for text in ["spacing=12", "spacing=32", "spacing=12+random=1000"] {
             let kept = selected(text, None, 3);
             let spacing = if text.contains("32") { 32.0 } else { 12.0 };
             let near =
@@ -107,18 +107,18 @@ mod tests {
             assert!((0..all.len()).filter(|i| !kept.contains(i)).all(|i| near(i) > 0), "{text}");
         }
         assert_eq!(selected("spacing=12", None, 3)[0], 0, "the strongest stays");
-        assert_ne!(selected("spacing=12", None, 3), selected("spacing=12+lot=1000", None, 3));
+        assert_ne!(selected("spacing=12", None, 3), selected("spacing=12+random=1000", None, 3));
     }
 
     #[test]
     fn counts_cells_and_gaps_are_what_they_say() {
         let all = keypoints();
         assert_eq!(selected("first=128", None, 1), (0..128).collect::<Vec<_>>());
-        let lot = selected("lot=128", None, 1);
-        assert_eq!(lot.len(), 128);
-        assert!(lot.windows(2).all(|w| w[0] < w[1]) && lot != selected("lot=128", None, 2));
-        assert_eq!(lot, selected("lot=128", None, 1), "equal seeds");
-        assert!(lot.iter().all(|i| selected("lot=300", None, 1).contains(i)), "nested");
+        let drawn = selected("random=128", None, 1);
+        assert_eq!(drawn.len(), 128);
+        assert!(drawn.windows(2).all(|w| w[0] < w[1]) && drawn != selected("random=128", None, 2));
+        assert_eq!(drawn, selected("random=128", None, 1), "equal seeds");
+        assert!(drawn.iter().all(|i| selected("random=300", None, 1).contains(i)), "nested");
         assert_eq!(selected("dcl", None, 1).len(), all.len());
 
         let cells = selected("cell=80", None, 1);
@@ -141,13 +141,13 @@ mod tests {
     }
 
     #[test]
-    fn a_crop_is_the_side_of_the_picture_scaled_about_its_anchor() {
+    fn a_crop_is_the_side_of_the_image_scaled_about_its_anchor() {
         let (all, anchors) = (keypoints(), DualAnchors::vertical(SIZE.0, SIZE.1));
         for seed in 0..20 {
             let kept = selected("crop=0.5", None, seed);
             for anchor in Anchor::BOTH {
                 let own = |i: &usize| anchors.anchor_of(all[*i]) == anchor;
-                // The picture's half, scaled by λ about (320, 0) or (320, 480): |u − 320| ≤ 320 λ, |v − v0| ≤ 480 λ.
+                // The image's half, scaled by λ about (320, 0) or (320, 480): |u − 320| ≤ 320 λ, |v − v0| ≤ 480 λ.
                 let v0 = anchors.position(anchor).v;
                 let least = |i: usize| ((all[i].u - 320.0).abs() / 320.0).max((all[i].v - v0).abs() / 480.0);
                 let inside = kept.iter().copied().filter(own).map(least).fold(0.0, f64::max);

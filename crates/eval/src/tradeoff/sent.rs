@@ -1,4 +1,4 @@
-//! What a device sends of one picture under a variant, and what was true.
+//! What a device sends of one image under a variant, and what was true.
 
 use std::collections::BTreeMap;
 
@@ -14,13 +14,13 @@ use veiloc_synth::problems::normal;
 use super::data;
 use super::select::select;
 use super::variant::Variant;
-use crate::audit::KeypointPicture;
+use crate::audit::KeypointImage;
 use crate::error::EvalError;
 use crate::seeds::seed_for;
 
-/// What is sent of one picture. Rows are the keypoints that are kept, in the order of the file, then decoys.
+/// What is sent of one image. Rows are the keypoints that are kept, in the order of the file, then decoys.
 pub(super) struct Sent {
-    /// `[kept]`: which keypoints of the picture.
+    /// `[kept]`: which keypoints of the image.
     pub(super) kept: Vec<usize>,
     /// `[rows]`: where each row's keypoint truly is, before noise and dither; of a decoy, where it was invented.
     pub(super) truth: Vec<Pixel>,
@@ -37,24 +37,24 @@ pub(super) struct Sent {
 }
 
 impl Sent {
-    /// Draws everything that is drawn from the names of picture and seed, so that variants which keep the same keypoints
+    /// Draws everything that is drawn from the names of image and seed, so that variants which keep the same keypoints
     /// differ in nothing else.
     pub(super) fn of(
         variant: &Variant,
-        picture: &KeypointPicture,
+        image: &KeypointImage,
         ratios: Option<&[f64]>,
         seed: u64,
     ) -> Result<Self, EvalError> {
-        let rng = |what: &str| ChaCha8Rng::seed_from_u64(seed_for(seed, &[&picture.name, what]));
-        let size = (picture.width, picture.height);
+        let rng = |what: &str| ChaCha8Rng::seed_from_u64(seed_for(seed, &[&image.name, what]));
+        let size = (image.width, image.height);
         let scheme = variant.scheme(&mut rng("dividing line"));
         let Scheme::Dcl(layout) = scheme else {
             return Err(EvalError::Options(format!("{scheme} has no anchors")));
         };
         let anchors = layout.anchors(size.0, size.1);
-        let kept = select(variant, &picture.keypoints, size, &anchors, ratios, &mut rng("selection"));
-        let mut truth: Vec<Pixel> = kept.iter().map(|i| picture.keypoints[*i]).collect();
-        let (bytes, dimension) = data::descriptors(picture)?;
+        let kept = select(variant, &image.keypoints, size, &anchors, ratios, &mut rng("selection"));
+        let mut truth: Vec<Pixel> = kept.iter().map(|i| image.keypoints[*i]).collect();
+        let (bytes, dimension) = data::descriptors(image)?;
         let mut rows: Vec<u8> =
             kept.iter().flat_map(|i| &bytes[i * dimension..(i + 1) * dimension]).copied().collect();
         let mut moved = across(&truth, &anchors, variant.noise, &mut rng("noise"));
@@ -63,11 +63,11 @@ impl Sent {
             if dimension != DescriptorKind::RootSift.dim() {
                 return Err(EvalError::Options(format!(
                     "{}: decoys are made of RootSIFT descriptors, these have dimension {dimension}",
-                    picture.name
+                    image.name
                 )));
             }
             let pool = Descriptors::new(DescriptorKind::RootSift, rows.clone())
-                .map_err(|e| EvalError::DataSet(format!("{}: {e}", picture.name)))?;
+                .map_err(|e| EvalError::DataSet(format!("{}: {e}", image.name)))?;
             let (pixels, descriptors) =
                 audit::decoys(&truth, &pool, [size.0, size.1], count, &mut rng("decoys"));
             truth.extend(&pixels);
@@ -75,7 +75,7 @@ impl Sent {
             rows.extend_from_slice(descriptors.as_bytes());
         }
         let observed = obfuscate_points(&moved, size.0, size.1, &scheme, variant.bits, &mut rng("sent"))
-            .map_err(|source| EvalError::Seal { name: picture.name.clone(), source })?;
+            .map_err(|source| EvalError::Seal { name: image.name.clone(), source })?;
         let observations = Observation::of_sent(&observed);
         Ok(Self { kept, truth, descriptors: (rows, dimension), observed, observations, anchors, scheme })
     }
@@ -123,17 +123,17 @@ fn across(pixels: &[Pixel], anchors: &DualAnchors, noise: f64, rng: &mut impl Rn
 pub(super) mod tests {
     use super::*;
 
-    /// 400 keypoints with descriptors drawn by lot; two of them at one position.
-    pub(in crate::tradeoff) fn picture() -> KeypointPicture {
-        let mut picture = crate::audit::synthetic_picture(400, 4);
-        picture.keypoints[7] = picture.keypoints[8];
+    /// 400 keypoints with descriptors drawn at random; two of them at one position.
+    pub(in crate::tradeoff) fn image() -> KeypointImage {
+        let mut image = crate::audit::synthetic_image(400, 4);
+        image.keypoints[7] = image.keypoints[8];
         let mut rng = ChaCha8Rng::seed_from_u64(9);
-        picture.descriptors = Some(((0..400 * 128).map(|_| rng.random_range(0..90)).collect(), 128));
-        picture
+        image.descriptors = Some(((0..400 * 128).map(|_| rng.random_range(0..90)).collect(), 128));
+        image
     }
 
     fn sent(text: &str) -> Sent {
-        Sent::of(&text.parse().expect("well written"), &picture(), None, 0).expect("it can be sent")
+        Sent::of(&text.parse().expect("well written"), &image(), None, 0).expect("it can be sent")
     }
 
     /// Deviation of the truth from its line: root mean square, pixels.
@@ -147,7 +147,7 @@ pub(super) mod tests {
     fn lines_are_off_by_as_much_as_is_asked_for() {
         // The dither is uniform over a pixel: variance 1/12 along any direction.
         let dither = 1.0 / 12.0_f64;
-        for text in ["dcl", "noise=4", "bits=7", "bits=6+noise=2", "line=lot+s=2+bits=8"] {
+        for text in ["dcl", "noise=4", "bits=7", "bits=6+noise=2", "line=random+s=2+bits=8"] {
             let (variant, sent) = (text.parse::<Variant>().expect("well written"), sent(text));
             let expected = (dither + sent.added_variance(&variant, (640, 480))).sqrt();
             let measured = off_line(&sent);
@@ -171,7 +171,7 @@ pub(super) mod tests {
 
     #[test]
     fn decoys_come_on_top_of_what_is_sent_without_them() {
-        let (plain, with) = (sent("lot=200"), sent("lot=200+decoys=50"));
+        let (plain, with) = (sent("random=200"), sent("random=200+decoys=50"));
         assert_eq!((plain.truth.len(), with.truth.len()), (200, 300));
         assert_eq!(plain.kept, with.kept);
         assert_eq!(plain.truth, with.truth[..200]);

@@ -11,7 +11,7 @@ pub fn tradeoff_table(document: &TradeoffDocument) -> String {
         .map_or_else(Vec::new, |v| v.attacks.iter().map(|a| a.attack.as_str()).collect());
     let told: Vec<&str> = attacks.iter().copied().filter(|a| *a != "guess").collect();
     let mut errors = columns(&["sent"], &attacks);
-    errors.extend(["shape", "precision", "by lot"].map(str::to_owned));
+    errors.extend(["shape", "precision", "at random"].map(str::to_owned));
     let mut medians = TextTable::new(errors, 2);
     let mut found = TextTable::new(columns(&[], &told), 2);
     for (index, v) in document.variants.iter().enumerate() {
@@ -34,9 +34,9 @@ pub fn tradeoff_table(document: &TradeoffDocument) -> String {
         found.push(row);
     }
     format!(
-        "Median error of the sent keypoints, pixels ({} of {} pictures attacked); shape: of `graph`, each side scaled to \
+        "Median error of the sent keypoints, pixels ({} of {} images attacked); shape: of `graph`, each side scaled to \
          fit;\nprecision: of {} predicted neighbours.\n\n{}\n\
-         Keypoints of a picture within 10 px of the truth, and their share of those sent.\n\n{}\n\
+         Keypoints of an image within 10 px of the truth, and their share of those sent.\n\n{}\n\
          Poses (seeds: {}, queries of each: {}).\n\n{}",
         document.attacked,
         document.queries,

@@ -14,15 +14,15 @@ use veiloc_query::{AngleBits, DclLayout, Scheme};
 /// |---|---|
 /// | `known=R` | sends only keypoints that match the map with a distance ratio of at most `R`; it must hold the map's descriptors for that |
 /// | `gap=PX` | leaves out keypoints nearer than this to the dividing line |
-/// | `crop=C` | draws `λ` from `[C, 1]` for each side and leaves out keypoints beyond the share `λ` of their half-line in the picture |
+/// | `crop=C` | draws `λ` from `[C, 1]` for each side and leaves out keypoints beyond the share `λ` of their half-line in the image |
 /// | `spacing=PX` | goes through the keypoints in the order of the file and leaves out those nearer than this to one that is kept |
 /// | `cell=PX` | keeps the first keypoint in every square cell of this size |
 /// | `first=N` | keeps the first `N` of the file: the strongest, where the file is in order of strength |
-/// | `lot=N` | keeps `N` drawn by lot; `spacing` and `cell` then go through a shuffled list |
+/// | `random=N` | keeps `N` drawn at random; `spacing` and `cell` then go through a shuffled list |
 /// | `noise=PX` | moves every keypoint across its half-line by normal noise of this deviation |
 /// | `decoys=P` | adds `P` percent more rows, decoys as a device invents them |
-/// | `line=L` | dividing line `vertical`, `horizontal`, or `lot`: a direction drawn for every query |
-/// | `s=S` | anchors at `S` half picture heights from the centre |
+/// | `line=L` | dividing line `vertical`, `horizontal`, or `random`: a direction drawn for every query |
+/// | `s=S` | anchors at `S` half image heights from the centre |
 /// | `bits=B` | angles of `B` bits, 6 to 16 |
 #[derive(Debug, Clone, PartialEq)]
 #[expect(missing_docs, reason = "the table above says what each field does")]
@@ -47,8 +47,8 @@ pub enum Keep {
     All,
     /// The first of the file.
     First(usize),
-    /// Drawn by lot.
-    Lot(usize),
+    /// Drawn at random.
+    Random(usize),
 }
 
 /// Where the dividing line runs.
@@ -59,7 +59,7 @@ pub enum DividingLine {
     /// The other midline.
     Horizontal,
     /// A direction drawn for every query.
-    Lot,
+    Random,
 }
 
 /// `dcl` as it is.
@@ -87,7 +87,7 @@ impl Variant {
         let degrees = match self.line {
             DividingLine::Vertical => 90.0,
             DividingLine::Horizontal => 0.0,
-            DividingLine::Lot => rng.random_range(0.0..180.0),
+            DividingLine::Random => rng.random_range(0.0..180.0),
         };
         // `s` was checked when the variant was read, and every direction is allowed.
         Scheme::Dcl(DclLayout::new(degrees, self.s).unwrap_or_default())
@@ -112,8 +112,8 @@ impl FromStr for Variant {
         for part in text.split('+').map(str::trim).filter(|p| *p != "dcl") {
             let (name, value) =
                 part.split_once('=').ok_or_else(|| refuse(format!("{part:?} has no value")))?;
-            // `first` and `lot` answer the same question.
-            let slot = if name == "first" { "lot" } else { name };
+            // `first` and `random` answer the same question.
+            let slot = if name == "first" { "random" } else { name };
             if seen.contains(&slot) {
                 return Err(refuse(format!("{name} is asked for twice")));
             }
@@ -141,7 +141,7 @@ impl Variant {
             "spacing" => self.spacing = number(0.0, 1e4)?,
             "cell" => self.cell = number(0.0, 1e4)?,
             "first" => self.keep = Keep::First(count()?),
-            "lot" => self.keep = Keep::Lot(count()?),
+            "random" => self.keep = Keep::Random(count()?),
             "noise" => self.noise = number(0.0, 100.0)?,
             "decoys" => self.decoys = number(0.0, 1000.0)?,
             "s" => self.s = number(0.1, 20.0)?,
@@ -149,7 +149,7 @@ impl Variant {
                 self.line = match value {
                     "vertical" => DividingLine::Vertical,
                     "horizontal" => DividingLine::Horizontal,
-                    "lot" => DividingLine::Lot,
+                    "random" => DividingLine::Random,
                     _ => return Err("line takes vertical, horizontal or lot".to_owned()),
                 }
             }
@@ -176,14 +176,14 @@ impl fmt::Display for Variant {
         match self.keep {
             Keep::All => {}
             Keep::First(n) => push(true, format!("first={n}")),
-            Keep::Lot(n) => push(true, format!("lot={n}")),
+            Keep::Random(n) => push(true, format!("random={n}")),
         }
         push(self.noise != plain.noise, format!("noise={}", self.noise));
         push(self.decoys != plain.decoys, format!("decoys={}", self.decoys));
         match self.line {
             DividingLine::Vertical => {}
             DividingLine::Horizontal => push(true, "line=horizontal".to_owned()),
-            DividingLine::Lot => push(true, "line=lot".to_owned()),
+            DividingLine::Random => push(true, "line=random".to_owned()),
         }
         push(self.s != plain.s, format!("s={}", self.s));
         push(self.bits != plain.bits, format!("bits={}", self.bits.get()));
@@ -200,8 +200,8 @@ mod tests {
         for text in [
             "dcl",
             "known=0.8+gap=30+crop=0.5",
-            "spacing=12+lot=256+bits=9",
-            "cell=16+first=128+noise=2+decoys=50+line=lot+s=2+bits=6",
+            "spacing=12+random=256+bits=9",
+            "cell=16+first=128+noise=2+decoys=50+line=random+s=2+bits=6",
             "line=horizontal",
         ] {
             assert_eq!(text.parse::<Variant>().expect(text).to_string(), text);
@@ -221,8 +221,8 @@ mod tests {
             ("spacing=-1", "from 0"),
             ("spacing=NaN", "from 0"),
             ("bits=5", "6 to 16"),
-            ("lot=0", "above 0"),
-            ("lot=9+first=9", "twice"),
+            ("random=0", "above 0"),
+            ("random=9+first=9", "twice"),
             ("line=diagonal", "vertical"),
             ("s=0", "from 0.1"),
             ("blur=3", "nothing is called"),
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_by_lot_differs_from_query_to_query_and_others_do_not() {
+    fn a_random_line_differs_from_query_to_query_and_others_do_not() {
         use rand::SeedableRng;
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         let mut drawn = |text: &str| {
@@ -242,7 +242,7 @@ mod tests {
         };
         assert_eq!(drawn("dcl"), ["dcl", "dcl"]);
         assert_eq!(drawn("line=horizontal+s=3"), ["dcl:horizontal,s=3"; 2]);
-        let [a, b] = drawn("line=lot+s=2");
+        let [a, b] = drawn("line=random+s=2");
         assert!(a != b && a.starts_with("dcl:angle=") && a.ends_with(",s=2"), "{a} {b}");
     }
 }

@@ -1,7 +1,7 @@
-//! Gaussian blur, and the first level of the scale space, which doubles the picture while it blurs it.
+//! Gaussian blur, and the first level of the scale space, which doubles the image while it blurs it.
 //!
 //! Rows are independent and every sum has one fixed order, so results do not depend on the number of threads.
-//! Outside the picture its border samples go on for ever.
+//! Outside the image its border samples go on for ever.
 
 use std::array::from_fn;
 

@@ -23,7 +23,7 @@ const WINDOW: f32 = 2.0;
 /// No bin holds more than this share of the length of the whole vector.
 const CLIP: f32 = 0.2;
 
-/// Every second row is counted: gradients of a picture blurred by at least 1.6 samples are that smooth. Half the time,
+/// Every second row is counted: gradients of an image blurred by at least 1.6 samples are that smooth. Half the time,
 /// and no difference beyond the noise (docs/features.md).
 const ROW_STEP: usize = 2;
 

@@ -98,7 +98,7 @@ fn candidates(octave: &Octave, rows: std::ops::Range<usize>, threshold: f32) -> 
 #[inline]
 fn peaks_in_row(dog: &[f32], at: usize, threshold: f32) -> [bool; LANES] {
     let mut hits = [false; LANES];
-    // There is always another row behind, so that lanes right of the picture can be read; the caller drops them.
+    // There is always another row behind, so that lanes right of the image can be read; the caller drops them.
     let window = &dog[(at - 1)..=(at + LANES)];
     for i in 0..LANES {
         let (left, here, right) = (window[i], window[i + 1], window[i + 2]);
@@ -213,7 +213,7 @@ impl Fit {
         offset.iter().all(|d| d.is_finite()).then(|| offset.map(|d| d as f32))
     }
 
-    /// trace² / determinant of the curvature in the picture, which grows with the ratio of the two; `None` at a saddle.
+    /// trace² / determinant of the curvature in the image, which grows with the ratio of the two; `None` at a saddle.
     fn edge_score(&self) -> Option<f32> {
         let [xx, yy, _, xy, ..] = self.hessian;
         let determinant = xx * yy - xy * xy;

@@ -1,4 +1,4 @@
-//! Gradients of a blurred picture, one stretch of a row at a time.
+//! Gradients of a blurred image, one stretch of a row at a time.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 

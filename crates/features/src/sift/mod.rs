@@ -5,14 +5,14 @@
 //! object retrieval*, CVPR 2012.
 //!
 //! ```text
-//! picture → [doubled] → 6 blurred levels per octave → differences → extrema → refined → ranked, cut
+//! image → [doubled] → 6 blurred levels per octave → differences → extrema → refined → ranked, cut
 //!         → directions → descriptors
 //! ```
 //!
-//! Sample `x` of octave `o` lies at `(x + 0.5) * 0.5` of the picture in the doubled first octave, and at
+//! Sample `x` of octave `o` lies at `(x + 0.5) * 0.5` of the image in the doubled first octave, and at
 //! `x * 2^o * 0.5 + 0.25` in octave `o`: halving keeps every second sample, so the first one stays where it is.
 //!
-//! Every sum has one order and work is cut by rows and keypoints, never by threads: equal pictures give equal bytes
+//! Every sum has one order and work is cut by rows and keypoints, never by threads: equal images give equal bytes
 //! with any number of threads.
 
 mod blur;
@@ -37,7 +37,7 @@ use octave::{Octave, SCALES, sigma_of_level};
 
 /// Finds keypoints and describes them, strongest first.
 ///
-/// A picture without structure, or too small for any, gives none. Memory: about 25 times the samples of `image` in
+/// An image without structure, or too small for any, gives none. Memory: about 25 times the samples of `image` in
 /// `f32` when it is doubled, a quarter of that when not.
 pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
     let (octaves, mut extrema) = scale_space(image, options);
@@ -78,7 +78,7 @@ fn rank(extrema: &mut [Extremum], octaves: &[Octave]) {
     extrema.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
 }
 
-/// Peak difference of Gaussians times the scale in pixels of the picture.
+/// Peak difference of Gaussians times the scale in pixels of the image.
 ///
 /// Large keypoints survive a change of distance, high peaks survive noise, but the largest lie a good part of a pixel
 /// off: docs/decisions/0005-keypoints-are-ranked-by-peak-times-scale.md weighs recall against precision of poses.

@@ -6,21 +6,21 @@ use crate::GrayImage;
 
 /// Scales per octave at which keypoints are looked for.
 pub(super) const SCALES: usize = 3;
-/// Blurred pictures per octave: each scale needs a neighbour below and above among their differences.
+/// Blurred images per octave: each scale needs a neighbour below and above among their differences.
 pub(super) const LEVELS: usize = SCALES + 3;
 /// Blur of the first level of an octave, in pixels of the octave.
 pub(super) const FIRST_SIGMA: f64 = 1.6;
 /// An octave narrower than this has no room for a descriptor.
 const MIN_SIDE: usize = 12;
 
-/// Blurred pictures of one octave and where their samples lie in the picture.
+/// Blurred images of one octave and where their samples lie in the image.
 #[derive(Debug, Default)]
 pub(super) struct Octave {
     /// `[LEVELS]` while keypoints are looked for; later only the levels `1..=SCALES`, at their places.
     pub(super) levels: Vec<Plane>,
-    /// Pixels of the picture per sample.
+    /// Pixels of the image per sample.
     pub(super) step: f64,
-    /// The sample in column `x` lies at `x * step + offset` in the picture.
+    /// The sample in column `x` lies at `x * step + offset` in the image.
     pub(super) offset: f64,
 }
 
@@ -30,7 +30,7 @@ pub(super) fn sigma_of_level(level: f64) -> f64 {
 }
 
 impl Octave {
-    /// The first octave, of the picture itself or of the doubled picture.
+    /// The first octave, of the image itself or of the doubled image.
     pub(super) fn first(image: &GrayImage, upsample: bool) -> Self {
         let mut source = Plane::default();
         source.reshape(image.width() as usize, image.height() as usize);
@@ -41,7 +41,7 @@ impl Octave {
 
         let mut base = Plane::default();
         let step = if upsample { 0.5 } else { 1.0 };
-        // Lowe takes off 0.5 pixels that the camera blurred already. Blurring in full repeats better on photographs
+        // Lowe takes off 0.5 pixels that the camera blurred already. Blurring in full repeats better on images
         // (81 against 79 % of keypoints, 448 against 426 correct matches a pair: docs/features.md).
         let sigma = FIRST_SIGMA * step;
         if upsample {

@@ -6,7 +6,7 @@
 pub struct SiftOptions {
     /// At most this many keypoints, the strongest. Default 4096, the largest size class of a query.
     pub max_keypoints: usize,
-    /// Doubles the picture first. Default true: about three times as many keypoints, four times the work.
+    /// Doubles the image first. Default true: about three times as many keypoints, four times the work.
     pub upsample: bool,
     /// The least |difference of Gaussians| at a keypoint, for samples in [0, 1]. Default 0.004; COLMAP's 0.02 / 3 finds
     /// fewer indoors and gives a seventh fewer correct matches there (docs/features.md).
@@ -15,7 +15,7 @@ pub struct SiftOptions {
     pub edge_threshold: f32,
     /// At most this many keypoints at one place, one for each strong gradient direction. Default 2, COLMAP's.
     pub max_orientations: usize,
-    /// At most this many octaves. Default 16: until the picture is smaller than a descriptor.
+    /// At most this many octaves. Default 16: until the image is smaller than a descriptor.
     pub max_octaves: usize,
 }
 

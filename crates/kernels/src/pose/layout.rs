@@ -81,9 +81,9 @@ pub enum Observed {
     Anchored,
 }
 
-/// The picture that projections must lie in, pixels from the principal point.
+/// The image that projections must lie in, pixels from the principal point.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Picture {
+pub struct Image {
     /// Its middle.
     pub middle: [f32; 2],
     /// Half its size.
@@ -92,7 +92,7 @@ pub struct Picture {
     pub margin: f32,
 }
 
-impl Picture {
+impl Image {
     #[inline(always)]
     pub(super) fn holds(&self, u: f32, v: f32) -> bool {
         ((u - self.middle[0]).abs() <= self.half[0] + self.margin)
@@ -105,12 +105,12 @@ impl Picture {
 pub struct PoseLanes {
     pub(super) observed: Observed,
     pub(super) groups: Vec<Group>,
-    pub(super) picture: Picture,
+    pub(super) image: Image,
 }
 
 impl PoseLanes {
     /// Correspondences of one kind in their groups.
-    pub fn new(observed: Observed, groups: Vec<Group>, picture: Picture) -> Self {
-        Self { observed, groups, picture }
+    pub fn new(observed: Observed, groups: Vec<Group>, image: Image) -> Self {
+        Self { observed, groups, image }
     }
 }

@@ -21,7 +21,7 @@
 //!
 //! - truncated: `Σ max(0, worth − k e²)` over points in front of the camera;
 //! - likelihood: `llr = worth + shift + ½ log(r² / (1 + k e²)⁶)`, a Student t distribution's logarithm, summed where
-//!   it is positive over points that project into the picture and on their group's side.
+//!   it is positive over points that project into the image and on their group's side.
 
 mod approx;
 mod layout;
@@ -29,7 +29,7 @@ mod normal;
 mod radial;
 mod score;
 
-pub use layout::{Block, Group, LANES, Lanes, NEVER, Observed, Picture, PoseLanes};
+pub use layout::{Block, Group, Image, LANES, Lanes, NEVER, Observed, PoseLanes};
 pub use normal::{CameraRows, NormalEquations};
 pub use radial::{RadialBlock, RadialLanes};
 pub use score::ScaledRows;

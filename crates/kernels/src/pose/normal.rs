@@ -151,7 +151,7 @@ fn lane<const OBSERVED: u8>(
     let [fx, fy] = camera.focal;
     let inverse = 1.0 / z;
     let (u, v) = (fx * x * inverse, fy * y * inverse);
-    let mut visible = (z > 0.0) & (z < FARTHEST) & lanes.picture.holds(u, v);
+    let mut visible = (z > 0.0) & (z < FARTHEST) & lanes.image.holds(u, v);
     let (e0, e1) = if OBSERVED == POINTS {
         (u - block.a[l], v - block.b[l])
     } else {
@@ -162,7 +162,7 @@ fn lane<const OBSERVED: u8>(
     if OBSERVED == ANCHORED {
         (du, dv) = (u - group.anchor[0], v - group.anchor[1]);
         radius = du * du + dv * dv;
-        visible &= group.side[0] * u + group.side[1] * v + group.side[2] >= -lanes.picture.margin;
+        visible &= group.side[0] * u + group.side[1] * v + group.side[2] >= -lanes.image.margin;
         visible &= radius > 1e-6;
     }
     let s = 1.0 + k * squared;

@@ -4,7 +4,7 @@
 //! stays under what it has to beat is dropped early, without any loss. NaN gains nothing.
 
 use super::approx::ln;
-use super::layout::{Block, FARTHEST, Group, LANES, Observed, Picture, PoseLanes};
+use super::layout::{Block, FARTHEST, Group, Image, LANES, Observed, PoseLanes};
 use crate::backend::{Backend, Kind};
 
 /// Blocks between two looks at whether the pose can still win.
@@ -209,13 +209,13 @@ fn project<const OBSERVED: u8>(task: &Task<'_>, block: &Block, l: usize) -> Seen
 #[expect(clippy::needless_bitwise_bool, reason = "`&&` is a branch, and branches stop vectorization")]
 fn likelihood<const OBSERVED: u8>(task: &Task<'_>, group: &Group, block: &Block, l: usize) -> (f32, bool) {
     let Seen { u, v, z, squared } = project::<OBSERVED>(task, block, l);
-    let picture: &Picture = &task.lanes.picture;
-    let mut visible = (z > 0.0) & (z < FARTHEST) & picture.holds(u, v);
+    let image: &Image = &task.lanes.image;
+    let mut visible = (z > 0.0) & (z < FARTHEST) & image.holds(u, v);
     let mut radius = 1.0;
     if OBSERVED == ANCHORED {
         let (du, dv) = (u - group.anchor[0], v - group.anchor[1]);
         radius = du * du + dv * dv;
-        visible &= group.side[0] * u + group.side[1] * v + group.side[2] >= -picture.margin;
+        visible &= group.side[0] * u + group.side[1] * v + group.side[2] >= -image.margin;
     }
     let s = 1.0 + task.k * squared;
     let cube = s * s * s;

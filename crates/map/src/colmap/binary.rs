@@ -106,7 +106,7 @@ fn camera(bytes: &mut Bytes) -> Result<(u32, Intrinsics), MapError> {
     let (width, height) = (bytes.u64()?, bytes.u64()?);
     let (Ok(width), Ok(height)) = (u32::try_from(width), u32::try_from(height)) else {
         return Err(
-            bytes.refuse(format!("camera {id} has pictures of {width} x {height} pixels, which none has"))
+            bytes.refuse(format!("camera {id} has images of {width} x {height} pixels, which none has"))
         );
     };
     let mut params = Vec::with_capacity(count);
@@ -134,7 +134,7 @@ fn image(bytes: &mut Bytes) -> Result<ColmapImage, MapError> {
         return Err(bytes.refuse(format!("the name of image {id} does not end; export the model again")));
     };
     let name = std::str::from_utf8(&rest[..length])
-        .map_err(|_| bytes.refuse(format!("the name of image {id} is not UTF-8; rename the photograph")))?
+        .map_err(|_| bytes.refuse(format!("the name of image {id} is not UTF-8; rename the image")))?
         .to_owned();
     bytes.at += length + 1;
     let count = bytes.count("2D points", 24)?;

@@ -12,7 +12,7 @@ use crate::error::{MapError, Record};
 /// A keypoint of a COLMAP image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ColmapPoint2d {
-    /// Where, in the picture as it was taken (distorted).
+    /// Where, in the image as it was taken (distorted).
     pub pixel: Pixel,
     /// The 3D point it observes.
     pub point: Option<u64>,
@@ -23,7 +23,7 @@ pub struct ColmapPoint2d {
 pub struct ColmapImage {
     /// COLMAP's number of the image.
     pub id: u32,
-    /// File name, relative to the folder of the photographs.
+    /// File name, relative to the folder of the images.
     pub name: String,
     /// COLMAP's number of its camera.
     pub camera_id: u32,

@@ -103,7 +103,7 @@ pub(super) struct Entry {
     pub(super) checksum: u64,
 }
 
-/// How the map's own photographs were treated.
+/// How the map's own images were treated.
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct SettingsRecord {

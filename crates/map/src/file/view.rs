@@ -66,7 +66,7 @@ impl MapFile {
         &self.profile
     }
 
-    /// How much was extracted from the map's own photographs.
+    /// How much was extracted from the map's own images.
     pub const fn extraction(&self) -> ExtractionLimits {
         self.extraction
     }
@@ -176,7 +176,7 @@ pub struct ImageView<'a> {
 }
 
 impl<'a> ImageView<'a> {
-    /// File name of the photograph.
+    /// File name of the image.
     pub fn name(&self) -> &'a str {
         &self.entry.name
     }
@@ -191,7 +191,7 @@ impl<'a> ImageView<'a> {
         &self.entry.cam_from_world
     }
 
-    /// `[N]`, pixels `[u, v]` of the photograph as it was taken (distorted).
+    /// `[N]`, pixels `[u, v]` of the image as it was taken (distorted).
     pub fn keypoints(&self) -> &'a [[f32; 2]] {
         &self.map.records(&self.map.large.keypoints)[self.entry.keypoints.clone()]
     }

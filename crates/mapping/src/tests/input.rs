@@ -31,7 +31,7 @@ fn refused(posed: &ColmapModel, dir: &Path, names: &[&str], options: &BuildOptio
 }
 
 #[test]
-fn lists_and_photographs_that_cannot_be_used_are_named() {
+fn lists_and_images_that_cannot_be_used_are_named() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("a.png"), PNG).unwrap();
     let options = BuildOptions::default();

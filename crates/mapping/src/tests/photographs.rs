@@ -68,7 +68,7 @@ fn a_colmap_model_is_imported_with_its_points() {
 }
 
 #[test]
-fn a_map_of_redkitchen_loses_and_regains_a_photograph() {
+fn a_map_of_redkitchen_loses_and_regains_a_image() {
     let Some(data) = data() else { return };
     let posed = read_model(&data.join("redkitchen/posed")).unwrap();
     let images = data.join("redkitchen/images");
@@ -99,7 +99,7 @@ fn a_map_of_redkitchen_loses_and_regains_a_photograph() {
     assert!((now / then - 1.0).abs() < 0.06, "{now} points, {then} before");
     assert_eq!(model.profile, before.profile);
 
-    // Photographs that share nothing: no map.
+    // Images that share nothing: no map.
     let far: Vec<String> = vec![names[0].clone()];
     assert!(matches!(
         build(&posed, &images, &far, &options, &()),

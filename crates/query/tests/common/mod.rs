@@ -23,7 +23,7 @@ impl Draw {
         ((u64::from(self.0.next_u32()) * u64::from(n)) >> 32) as u32
     }
 
-    /// A position from the centre of a picture of this size, quarter pixels.
+    /// A position from the centre of an image of this size, quarter pixels.
     fn position(&mut self, [width, height]: [u32; 2]) -> [f64; 2] {
         [width, height].map(|size| f64::from(self.below(4 * size + 1)) / 4.0 - f64::from(size) / 2.0)
     }

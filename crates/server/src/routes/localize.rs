@@ -25,7 +25,7 @@ use crate::state::App;
 /// Where a sealed query was taken.
 ///
 /// The body is one `veiloc.v1.SealedQuery` message. After 408, 429, 503 or 504 the same bytes may be sent again; the
-/// picture must not be sealed a second time.
+/// image must not be sealed a second time.
 #[utoipa::path(post, path = "/v1/maps/{name}/localize", security(("token" = [])),
     params(("name" = String, Path, description = "Name of the map")),
     request_body(content = Vec<u8>, content_type = "application/x-protobuf"),
@@ -152,7 +152,7 @@ async fn compute(app: &Arc<App>, hosted: Arc<Hosted>, query: SealedQuery) -> Res
         Err(_) => Err(Problem::TimedOut { seconds: limit.as_secs().max(1) }),
         Ok(Ok(done)) => Ok(done),
         Ok(Err(_)) => {
-            tracing::error!("localization broke; this is an error of ours");
+            tracing::error!("localization broke; this is a bug in veiloc");
             Err(Problem::Broken)
         }
     }

@@ -53,7 +53,7 @@ pub fn openapi_json() -> String {
 #[openapi(
     info(
         title = "veiloc",
-        description = "Where a picture was taken, without the picture: sealed queries in, poses out. \
+        description = "Where an image was taken, without the image: sealed queries in, poses out. \
                        Bodies are described in docs/wire-format.md and proto/veiloc/v1."
     ),
     paths(

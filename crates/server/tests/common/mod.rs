@@ -28,7 +28,7 @@ pub const PHONE: &str = "phone-token";
 /// The token that may read metrics.
 pub const OPERATOR: &str = "operator-token";
 
-/// Random points with random descriptors, seen exactly: the whole server side without a picture.
+/// Random points with random descriptors, seen exactly: the whole server side without an image.
 pub struct Place {
     pub camera: Intrinsics,
     pub profile: Profile,
@@ -100,7 +100,7 @@ impl Place {
         model
     }
 
-    /// A picture from this pose.
+    /// An image from this pose.
     pub fn features(&self, pose: &CameraFromWorld) -> Features {
         let seen = self.seen(pose);
         let keypoint = |(i, (_, pixel)): (usize, &(usize, Pixel))| Keypoint {

@@ -33,7 +33,7 @@ pub(crate) fn random_pose(rng: &mut impl Rng) -> CameraFromWorld {
     Rigid3::new(r, -(r * center))
 }
 
-/// A pixel of the picture and a map point that projects there, one to eleven units deep.
+/// A pixel of the image and a map point that projects there, one to eleven units deep.
 pub(crate) fn random_match(rng: &mut impl Rng, pose: &CameraFromWorld) -> (Pixel, Point3<World>) {
     let pixel = Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0));
     (pixel, lift(pose, pixel, rng.random_range(1.0..11.0)))

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use veiloc_eval::audit::{
-    AttackKind, KeypointPicture, PictureGroup, keypoints_of_photographs, photographs, read_keypoints,
+    AttackKind, ImageGroup, KeypointImage, images_in, keypoints_of_images, read_keypoints,
 };
 use veiloc_mapping::Progress;
 use veiloc_query::ExtractionLimits;
@@ -12,15 +12,15 @@ use veiloc_query::ExtractionLimits;
 use crate::exit::Failure;
 use crate::ui::Ui;
 
-/// Pictures with their keypoints, in groups, and where the photographs lie.
+/// Images with their keypoints, in groups, and where the photographs lie.
 pub(super) struct Inputs {
     groups: Vec<Group>,
 }
 
 struct Group {
     name: String,
-    /// The picture, and its file where it is a photograph.
-    pictures: Vec<(KeypointPicture, Option<PathBuf>)>,
+    /// The image, and its file where it is a photograph.
+    images: Vec<(KeypointImage, Option<PathBuf>)>,
 }
 
 impl Inputs {
@@ -36,19 +36,19 @@ impl Inputs {
         let mut loose: Vec<PathBuf> = Vec::new();
         for path in paths {
             if path.is_dir() {
-                let mut inside = photographs(std::slice::from_ref(path))?;
+                let mut inside = images_in(std::slice::from_ref(path))?;
                 if inside.len() > most {
                     ui.say(format!("{}: the first {most} of {} photographs", path.display(), inside.len()));
                     inside.truncate(most);
                 }
                 groups.push(group(display_name(path), inside, limits, progress)?);
             } else if holds_keypoints(path) {
-                let pictures = read_keypoints(path)?;
-                if pictures.len() > most {
-                    ui.say(format!("{}: the first {most} of {} pictures", path.display(), pictures.len()));
+                let images = read_keypoints(path)?;
+                if images.len() > most {
+                    ui.say(format!("{}: the first {most} of {} images", path.display(), images.len()));
                 }
-                let pictures = pictures.into_iter().map(|picture| (picture, None)).collect();
-                groups.push(Group { name: display_name(path), pictures });
+                let images = images.into_iter().map(|image| (image, None)).collect();
+                groups.push(Group { name: display_name(path), images });
             } else {
                 loose.push(path.clone());
             }
@@ -56,8 +56,8 @@ impl Inputs {
         if !loose.is_empty() {
             if loose.len() > most {
                 return Err(Failure::with_help(
-                    format!("{} photographs are given, and {most} pictures would be attacked", loose.len()),
-                    format!("say --pictures {} to attack all of them", loose.len()),
+                    format!("{} photographs are given, and {most} images would be attacked", loose.len()),
+                    format!("say --images {} to attack all of them", loose.len()),
                 ));
             }
             let name = if loose.len() == 1 {
@@ -72,38 +72,38 @@ impl Inputs {
         Ok(inputs)
     }
 
-    /// A picture without keypoints sends nothing that could be attacked.
+    /// An image without keypoints sends nothing that could be attacked.
     fn drop_empty(&mut self, ui: &Ui) -> Result<(), Failure> {
         let mut first = None;
         for group in &mut self.groups {
-            group.pictures.retain(|(picture, _)| {
-                let empty = picture.keypoints.is_empty();
+            group.images.retain(|(image, _)| {
+                let empty = image.keypoints.is_empty();
                 if empty {
-                    ui.say(format!("{}: no keypoint in it, left out", picture.name));
-                    first.get_or_insert_with(|| picture.name.clone());
+                    ui.say(format!("{}: no keypoint in it, left out", image.name));
+                    first.get_or_insert_with(|| image.name.clone());
                 }
                 !empty
             });
         }
-        self.groups.retain(|group| !group.pictures.is_empty());
+        self.groups.retain(|group| !group.images.is_empty());
         match first {
             Some(name) if self.groups.is_empty() => Err(Failure::with_help(
                 format!("{name}: no keypoint in it, so there is nothing that could be attacked"),
-                "give a sharp picture with some texture in it",
+                "give a sharp image with some texture in it",
             )),
             _ => Ok(()),
         }
     }
 
     /// For the evaluation.
-    pub(super) fn groups(&self) -> Vec<PictureGroup> {
-        let pictures = |g: &Group| g.pictures.iter().map(|(picture, _)| picture.clone()).collect();
-        self.groups.iter().map(|g| PictureGroup { name: g.name.clone(), pictures: pictures(g) }).collect()
+    pub(super) fn groups(&self) -> Vec<ImageGroup> {
+        let images = |g: &Group| g.images.iter().map(|(image, _)| image.clone()).collect();
+        self.groups.iter().map(|g| ImageGroup { name: g.name.clone(), images: images(g) }).collect()
     }
 
     /// Attacks that these inputs allow and that end in reasonable time.
     pub(super) fn default_attacks(&self) -> Vec<AttackKind> {
-        let map = |g: &Group| g.pictures.len() > 1 && g.pictures.iter().all(|(p, _)| p.descriptors.is_some());
+        let map = |g: &Group| g.images.len() > 1 && g.images.iter().all(|(p, _)| p.descriptors.is_some());
         let mut attacks = vec![AttackKind::Prior, AttackKind::ClosedForm, AttackKind::ClosedFormInformed];
         if !self.groups.is_empty() && self.groups.iter().all(map) {
             attacks.push(AttackKind::Transfer);
@@ -112,9 +112,9 @@ impl Inputs {
         attacks
     }
 
-    /// The photograph behind a picture; `None` where there is none.
+    /// The photograph behind an image; `None` where there is none.
     pub(super) fn photograph(&self, group: usize, index: usize) -> Option<PathBuf> {
-        self.groups.get(group)?.pictures.get(index)?.1.clone()
+        self.groups.get(group)?.images.get(index)?.1.clone()
     }
 }
 
@@ -124,15 +124,15 @@ fn group(
     limits: ExtractionLimits,
     progress: &dyn Progress,
 ) -> Result<Group, Failure> {
-    let mut pictures = keypoints_of_photographs(&files, limits, progress)?;
+    let mut images = keypoints_of_images(&files, limits, progress)?;
     // Two folders may hold files of one name; then the paths tell them apart.
     let mut names = BTreeSet::new();
-    if !pictures.iter().all(|p| names.insert(p.name.clone())) {
-        for (picture, file) in pictures.iter_mut().zip(&files) {
-            picture.name = file.display().to_string();
+    if !images.iter().all(|p| names.insert(p.name.clone())) {
+        for (image, file) in images.iter_mut().zip(&files) {
+            image.name = file.display().to_string();
         }
     }
-    Ok(Group { name, pictures: pictures.into_iter().zip(files.into_iter().map(Some)).collect() })
+    Ok(Group { name, images: images.into_iter().zip(files.into_iter().map(Some)).collect() })
 }
 
 fn display_name(path: &Path) -> String {

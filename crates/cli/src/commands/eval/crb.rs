@@ -14,7 +14,7 @@ use crate::ui::{Bars, Ui};
 
 /// Errors on random synthetic problems over what the Cramér–Rao bound allows.
 ///
-/// Every problem has matches all over a 640 × 480 picture, some of them wrong, and Gaussian noise on its keypoints. The
+/// Every problem has matches all over a 640 × 480 image, some of them wrong, and Gaussian noise on its keypoints. The
 /// bound counts that noise, the dither and the rounding that obfuscation adds, and only the right matches. A second
 /// table says how often the truth lies in the region that the estimated covariance draws around the estimate.
 #[derive(clap::Args)]

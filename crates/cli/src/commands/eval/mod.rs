@@ -25,7 +25,7 @@ pub(crate) enum Command {
     Problems(problems::Args),
     /// Variants of dcl: what attackers get out of each, and the poses it still gives.
     Tradeoff(tradeoff::Args),
-    /// Keypoints and descriptors of photographs, as `attack` and the training of predictors read them.
+    /// Keypoints and descriptors of images, as `attack` and the training of predictors read them.
     Keypoints(keypoints::Args),
 }
 

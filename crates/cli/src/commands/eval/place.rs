@@ -8,7 +8,7 @@ pub(super) struct PlaceArgs {
     /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
     #[arg(long, value_name = "DIR")]
     pub(super) posed: PathBuf,
-    /// Folder of the photographs.
+    /// Folder of the images.
     #[arg(long, value_name = "DIR")]
     pub(super) images: PathBuf,
     /// Names of the images the map is built from, one a line.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_eval::audit::{KeypointPicture, encode_keypoints};
+use veiloc_eval::audit::{KeypointImage, encode_keypoints};
 use veiloc_eval::{ProblemSource, encode_lines, make_problems};
 
 use crate::commands::eval::place::PlaceArgs;
@@ -24,7 +24,7 @@ pub(crate) struct Args {
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
     /// Where all keypoints of the queries go, with descriptors, strongest first, as `attack` and `eval tradeoff` read
-    /// them: the very positions of the problems. They are in the clear, for tests of one's own pictures.
+    /// them: the very positions of the problems. They are in the clear, for tests of one's own images.
     #[arg(long, value_name = "FILE")]
     keypoints: Option<PathBuf>,
     /// Seed of the keypoints' dither.
@@ -46,12 +46,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         localize: &args.matching.localize_options(),
         seed: args.seed,
     };
-    let (lines, pictures): (Vec<String>, Vec<KeypointPicture>) =
+    let (lines, images): (Vec<String>, Vec<KeypointImage>) =
         make_problems(&source, &Bars::new(ui))?.into_iter().map(|made| (made.line, made.keypoints)).unzip();
     let gzip = |path: &Path| path.extension().is_some_and(|e| e == "gz");
     files::write(&args.out, &encode_lines(&lines, gzip(&args.out))?)?;
     if let Some(path) = &args.keypoints {
-        files::write(path, &encode_keypoints(&pictures, gzip(path))?)?;
+        files::write(path, &encode_keypoints(&images, gzip(path))?)?;
     }
     ui.say(format!("{}: {} problems", args.out.display(), lines.len()));
     Ok(Exit::Success)

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::{SceneEvaluation, Strangers, evaluate_scene};
+use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
 
 use crate::commands::eval::place::PlaceArgs;
 use crate::commands::eval::report::ReportArgs;
@@ -24,7 +24,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     keep_map: Option<PathBuf>,
     #[command(flatten)]
-    strangers: StrangerArgs,
+    negatives: NegativeArgs,
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
@@ -37,28 +37,28 @@ pub(crate) struct Args {
 
 /// Queries that must not be localized.
 #[derive(clap::Args)]
-struct StrangerArgs {
-    /// Folder of a COLMAP model of another place, for the cameras of the strangers: queries of that place, whose poses
+struct NegativeArgs {
+    /// Folder of a COLMAP model of another place, for the cameras of the negatives: queries of that place, whose poses
     /// in this map would all be wrong. Those that get a pose, and a trusted pose, are counted.
-    #[arg(id = "strangers_posed", long = "strangers-posed", value_name = "DIR", requires_all = ["strangers_images", "strangers_list"])]
+    #[arg(id = "negatives_posed", long = "negatives-posed", value_name = "DIR", requires_all = ["negatives_images", "negatives_list"])]
     posed: Option<PathBuf>,
-    /// Folder of the other place's photographs.
+    /// Folder of the other place's images.
     #[arg(
-        id = "strangers_images",
-        long = "strangers-images",
+        id = "negatives_images",
+        long = "negatives-images",
         value_name = "DIR",
-        requires = "strangers_posed"
+        requires = "negatives_posed"
     )]
     images: Option<PathBuf>,
-    /// Names of the strangers, one a line.
-    #[arg(id = "strangers_list", long = "strangers-list", value_name = "FILE", requires = "strangers_posed")]
+    /// Names of the negatives, one a line.
+    #[arg(id = "negatives_list", long = "negatives-list", value_name = "FILE", requires = "negatives_posed")]
     list: Option<PathBuf>,
 }
 
-impl StrangerArgs {
-    fn strangers(&self) -> Result<Option<Strangers>, Failure> {
+impl NegativeArgs {
+    fn negatives(&self) -> Result<Option<Negatives>, Failure> {
         match (&self.posed, &self.images, &self.list) {
-            (Some(posed), Some(images), Some(list)) => Ok(Some(Strangers {
+            (Some(posed), Some(images), Some(list)) => Ok(Some(Negatives {
                 posed: posed.clone(),
                 images: images.clone(),
                 list: files::read_list(list)?,
@@ -80,7 +80,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         scores: args.report.scores(&args.pose.engine),
         thresholds: args.report.thresholds.clone(),
         localize: args.matching.options(&args.pose),
-        strangers: args.strangers.strangers()?,
+        negatives: args.negatives.negatives()?,
         seed: args.pose.run.seed,
     };
     let result = evaluate_scene(&evaluation, &Bars::new(ui))?;

@@ -13,34 +13,34 @@ use crate::ui::{Bars, Ui};
 
 /// Variants of dcl: what attackers get out of each, and the poses it still gives.
 ///
-/// Reads all keypoints of pictures and the matches of the same pictures, as `eval problems --keypoints` writes them.
+/// Reads all keypoints of images and the matches of the same images, as `eval problems --keypoints` writes them.
 /// Each variant is a change of what a device sends; the same rows are attacked and localized.
 #[derive(clap::Args)]
 #[command(after_long_help = VARIANTS)]
 pub(crate) struct Args {
-    /// All keypoints of pictures with descriptors, one JSON object a line, plain or gzipped.
+    /// All keypoints of images with descriptors, one JSON object a line, plain or gzipped.
     #[arg(value_name = "KEYPOINTS")]
     keypoints: PathBuf,
-    /// Matches and true poses of the same pictures; pictures without are only searched for known positions.
+    /// Matches and true poses of the same images; images without are only searched for known positions.
     #[arg(value_name = "PROBLEMS")]
     problems: PathBuf,
     /// Variants, in the order of the table.
     #[arg(long, value_delimiter = ',', default_value = "dcl", value_name = "VARIANT,…")]
     variants: Vec<Variant>,
-    /// Keypoints of more map pictures, from which `transfer` takes positions over.
+    /// Keypoints of more map images, from which `transfer` takes positions over.
     #[arg(long, value_name = "FILE")]
     map: Vec<PathBuf>,
-    /// Keypoints that teach the predictor of neighbours; attacked pictures among them are left out. Without, nothing is
+    /// Keypoints that teach the predictor of neighbours; attacked images among them are left out. Without, nothing is
     /// predicted.
     #[arg(long, value_name = "FILE")]
     train: Vec<PathBuf>,
-    /// Attack N pictures only, spread evenly; poses are estimated for all.
+    /// Attack N images only, spread evenly; poses are estimated for all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     attacked: Option<u32>,
     /// Neighbours a keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
-    /// Percent of the true neighbours that are replaced by keypoints drawn by lot, one graph attack each.
+    /// Percent of the true neighbours that are replaced by keypoints drawn at random, one graph attack each.
     #[arg(long, value_delimiter = ',', default_value = "0,30,50", value_name = "PERCENT,…")]
     corrupt: Vec<f64>,
     /// Bounds of the recall columns, `translation/degrees` with the translation in map units; the plot shows the first.
@@ -71,11 +71,11 @@ Variants: dcl, or any of these joined by +
   spacing=PX   none nearer than this to one before it in the file
   cell=PX      the first in every square cell of this size
   first=N      the first N of the file (the strongest, where it is in order of strength)
-  lot=N        N drawn by lot
+  random=N        N drawn at random
   noise=PX     moved across the half-line by normal noise
   decoys=P     P percent more rows, decoys as a device invents them
   line=L       dividing line vertical, horizontal, or lot: drawn for every query
-  s=S          anchors at S half picture heights from the centre
+  s=S          anchors at S half image heights from the centre
   bits=B       angles of B bits, 6 to 16";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {

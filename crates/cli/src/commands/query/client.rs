@@ -190,14 +190,14 @@ fn refusal(response: &mut Response<Body>) -> Failure {
         }
         Some("wrong-profile") => Failure::with_help(
             message,
-            "the map was exchanged meanwhile; take a new photograph, this one must not be sealed twice",
+            "the map was exchanged meanwhile; take a new image, this one must not be sealed twice",
         ),
-        Some("not-localized") => Failure::with_help(message, "take a photograph from elsewhere in the place"),
+        Some("not-localized") => Failure::with_help(message, "take an image from elsewhere in the place"),
         _ => Failure::refused(message),
     }
 }
 
-/// Words of a stranger, fit for a terminal.
+/// Words of the other side, fit for a terminal.
 fn printable(text: &str) -> String {
     text.chars().filter(|c| !c.is_control()).take(500).collect()
 }
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn words_of_strangers_cannot_move_the_cursor() {
+    fn words_of_the_other_side_cannot_move_the_cursor() {
         assert_eq!(printable("a\u{1b}[2Jb\r\nc"), "a[2Jbc");
     }
 }

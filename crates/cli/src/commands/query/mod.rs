@@ -7,10 +7,10 @@ mod send;
 use crate::exit::Outcome;
 use crate::ui::Ui;
 
-/// Ask a service where a photograph was taken, without sending it.
+/// Ask a service where an image was taken, without sending it.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Seal one photograph, send it, print the pose.
+    /// Seal one image, send it, print the pose.
     Send(send::Args),
 }
 

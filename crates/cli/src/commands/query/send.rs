@@ -1,4 +1,4 @@
-//! `veiloc query send`: photograph in, pose out, and only sealed bytes on the way.
+//! `veiloc query send`: image in, pose out, and only sealed bytes on the way.
 
 use std::path::PathBuf;
 
@@ -13,14 +13,14 @@ use crate::commands::seal::AmountArgs;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
-/// Seal one photograph, send it, print the pose.
+/// Seal one image, send it, print the pose.
 ///
-/// What is sent holds descriptors and lines, never pixels or keypoints. The photograph is sealed once; when the service
-/// is busy or the network fails, the very same bytes are sent again. Send a photograph once, and do not seal it in
+/// What is sent holds descriptors and lines, never pixels or keypoints. The image is sealed once; when the service
+/// is busy or the network fails, the very same bytes are sent again. Send an image once, and do not seal it in
 /// another way afterwards (see docs/privacy.md, rule L7).
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// A photograph, JPEG or PNG.
+    /// An image, JPEG or PNG.
     image: PathBuf,
     /// Its camera: COLMAP's model name, width, height and parameters, for example
     /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034.

@@ -7,9 +7,9 @@ use crate::ui::Ui;
 
 /// Train the attention network that tells neighbours from descriptors alone.
 ///
-/// Learns from the pictures of `--train`, keeps the step that is best on those of `--validate`, and tells how many of
+/// Learns from the images of `--train`, keeps the step that is best on those of `--validate`, and tells how many of
 /// the neighbours it names on those of `--test` are true, beside the statistic of `attack --neighbours predicted`
-/// learned from the same pictures. Give three different places. Needs a veiloc built with the feature `network`.
+/// learned from the same images. Give three different places. Needs a veiloc built with the feature `network`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Keypoints with descriptors to learn from, as `eval keypoints` writes them.
@@ -24,22 +24,22 @@ pub(crate) struct Args {
     /// The network's file.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// Validation pictures at most, evenly picked.
+    /// Validation images at most, evenly picked.
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    validation_pictures: u32,
+    validation_images: u32,
     /// Steps of the optimizer.
     #[arg(long, default_value_t = 3000, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     steps: u32,
-    /// Steps from one look at the validation pictures to the next.
+    /// Steps from one look at the validation images to the next.
     #[arg(long, default_value_t = 250, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
-    /// Pictures of a step.
+    /// Images of a step.
     #[arg(long, default_value_t = 2, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
-    pictures: u32,
+    images: u32,
     /// Keypoints drawn from each of them.
     #[arg(long, default_value_t = 512, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8192))]
     keypoints: u32,
-    /// Nearest keypoints of a picture that count as neighbours.
+    /// Nearest keypoints of an image that count as neighbours.
     #[arg(short, default_value_t = 20, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
     /// Length of an embedding.
@@ -104,12 +104,12 @@ mod training {
             train: args.train.clone(),
             validate: args.validate.clone(),
             test: args.test.clone(),
-            validation_pictures: args.validation_pictures as usize,
+            validation_images: args.validation_images as usize,
             options: TrainingOptions::default(),
         };
         let options = &mut run.options;
         (options.steps, options.validate_every) = (args.steps as usize, args.every as usize);
-        (options.pictures, options.keypoints) = (args.pictures as usize, args.keypoints as usize);
+        (options.images, options.keypoints) = (args.images as usize, args.keypoints as usize);
         options.neighbours = args.k as usize;
         (options.width, options.heads) = (args.width as usize, args.heads as usize);
         options.layers = args.layers as usize;

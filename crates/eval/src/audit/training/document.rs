@@ -12,19 +12,19 @@ pub struct TrainingDocument {
     pub version: u32,
     /// `train neighbours`.
     pub command: &'static str,
-    /// Pictures that were learned from, that chose the step, and that the final figures are of.
-    pub pictures: [usize; 3],
-    /// Keypoints of the pictures that were learned from.
+    /// Images that were learned from, that chose the step, and that the final figures are of.
+    pub images: [usize; 3],
+    /// Keypoints of the images that were learned from.
     pub keypoints: usize,
     /// How it was trained.
     pub options: OptionsRow,
     /// Numbers that were learned.
     pub parameters: usize,
-    /// Steps done when the network was the best on the validation pictures.
+    /// Steps done when the network was the best on the validation images.
     pub best_step: usize,
-    /// Wall-clock seconds of the training, looks at the validation pictures included.
+    /// Wall-clock seconds of the training, looks at the validation images included.
     pub seconds: f64,
-    /// Every look at the validation pictures.
+    /// Every look at the validation images.
     pub curve: Vec<CurveRow>,
     /// The final figures.
     pub precision: Vec<PrecisionRow>,
@@ -35,7 +35,7 @@ pub struct TrainingDocument {
 #[expect(missing_docs, reason = "each is the option of the same name")]
 pub struct OptionsRow {
     pub steps: usize,
-    pub pictures: usize,
+    pub images: usize,
     pub keypoints: usize,
     pub neighbours: usize,
     pub width: usize,
@@ -51,7 +51,7 @@ impl From<&TrainingOptions> for OptionsRow {
     fn from(o: &TrainingOptions) -> Self {
         Self {
             steps: o.steps,
-            pictures: o.pictures,
+            images: o.images,
             keypoints: o.keypoints,
             neighbours: o.neighbours,
             width: o.width,
@@ -65,14 +65,14 @@ impl From<&TrainingOptions> for OptionsRow {
     }
 }
 
-/// One look at the validation pictures.
+/// One look at the validation images.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct CurveRow {
     /// Steps done.
     pub step: usize,
     /// Mean loss of the steps since the last look, natural logarithms.
     pub loss: f64,
-    /// Precision at 20 on the validation pictures.
+    /// Precision at 20 on the validation images.
     pub precision_at_20: f64,
 }
 
@@ -86,10 +86,10 @@ impl From<&CurvePoint> for CurveRow {
 #[derive(Debug, Clone, Serialize)]
 pub struct PrecisionRow {
     /// `validate` or `test`.
-    pub pictures: &'static str,
-    /// `network`, or `statistic`: canonical correlations learned from the same pictures.
+    pub part: &'static str,
+    /// `network`, or `statistic`: canonical correlations learned from the same images.
     pub predictor: &'static str,
-    /// Pictures.
+    /// Images.
     pub images: usize,
     /// Share of the 5 likeliest, 0 to 1.
     pub at_5: f64,
@@ -97,17 +97,17 @@ pub struct PrecisionRow {
     pub at_10: f64,
     /// The same of the 20 likeliest.
     pub at_20: f64,
-    /// What drawing by lot would have.
+    /// What drawing at random would have.
     pub chance: f64,
 }
 
 /// The final figures as a table for people.
 pub fn training_table(document: &TrainingDocument) -> String {
-    let head = ["pictures", "predictor", "images", "at 5", "at 10", "at 20", "by lot"];
+    let head = ["part", "predictor", "images", "at 5", "at 10", "at 20", "at random"];
     let mut table = TextTable::new(head, 2);
     for row in &document.precision {
         table.push(vec![
-            row.pictures.to_owned(),
+            row.part.to_owned(),
             row.predictor.to_owned(),
             row.images.to_string(),
             percent(row.at_5),
@@ -116,9 +116,9 @@ pub fn training_table(document: &TrainingDocument) -> String {
             percent(row.chance),
         ]);
     }
-    let [train, validate, _] = document.pictures;
+    let [train, validate, _] = document.images;
     format!(
-        "{}\nNamed neighbours that are among the 20 nearest. Learned from {train} pictures, best of {} steps on {validate}: {}.\n",
+        "{}\nNamed neighbours that are among the 20 nearest. Learned from {train} images, best of {} steps on {validate}: {}.\n",
         table.render(),
         document.options.steps,
         document.best_step

@@ -1,6 +1,6 @@
 //! `veiloc train neighbours`: a network is trained on some places, chosen on a second, and judged on a third.
 //!
-//! What is said about unseen places comes from the pictures of [`TrainingRun::test`] alone: those of
+//! What is said about unseen places comes from the images of [`TrainingRun::test`] alone: those of
 //! [`TrainingRun::validate`] chose the step that is kept.
 
 mod document;
@@ -11,9 +11,9 @@ use std::time::Instant;
 
 pub use veiloc_attacks::network::TrainingOptions;
 use veiloc_attacks::network::{CurvePoint, NeighbourNetwork, train};
-use veiloc_attacks::{KnownPicture, NeighbourLists, NeighbourPredictor};
+use veiloc_attacks::{KnownImage, NeighbourLists, NeighbourPredictor};
 
-use super::keypoints::{KeypointPicture, read_keypoints};
+use super::keypoints::{KeypointImage, read_keypoints};
 use super::neighbours::{Predictor, known};
 use crate::error::EvalError;
 
@@ -29,8 +29,8 @@ pub struct TrainingRun {
     pub validate: Vec<PathBuf>,
     /// Files of a third place, which only the final figures are of; may be empty.
     pub test: Vec<PathBuf>,
-    /// At most so many validation pictures, evenly picked.
-    pub validation_pictures: usize,
+    /// At most so many validation images, evenly picked.
+    pub validation_images: usize,
     /// The network and its training.
     pub options: TrainingOptions,
 }
@@ -42,15 +42,15 @@ const NEAREST: usize = 20;
 /// Trains; `observe` is called after every step with the steps done, and with the point of the curve when there is one.
 ///
 /// # Errors
-/// [`EvalError`] when a file cannot be read, a picture is in two of the three sets, or training fails.
+/// [`EvalError`] when a file cannot be read, an image is in two of the three sets, or training fails.
 pub fn train_neighbours(
     run: &TrainingRun,
     observe: impl FnMut(usize, Option<&CurvePoint>),
 ) -> Result<(NeighbourNetwork, TrainingDocument), EvalError> {
     let (train_set, test_set) = (read_all(&run.train)?, read_all(&run.test)?);
-    let validation_set = spread(read_all(&run.validate)?, run.validation_pictures);
+    let validation_set = spread(read_all(&run.validate)?, run.validation_images);
     refuse_shared(&[("--train", &train_set), ("--validate", &validation_set), ("--test", &test_set)])?;
-    let all_known = |set: &[KeypointPicture]| set.iter().map(known).collect::<Result<Vec<_>, _>>();
+    let all_known = |set: &[KeypointImage]| set.iter().map(known).collect::<Result<Vec<_>, _>>();
     let (training, validation) = (all_known(&train_set)?, all_known(&validation_set)?);
 
     let started = Instant::now();
@@ -60,15 +60,15 @@ pub fn train_neighbours(
     let network = Predictor::Network(Box::new(trained.network.clone()));
     let statistic = Predictor::Statistic(statistic);
     let mut precision = Vec::new();
-    for (pictures, set) in [("validate", &validation_set), ("test", &test_set)] {
+    for (part, set) in [("validate", &validation_set), ("test", &test_set)] {
         for (predictor, name) in [(&network, "network"), (&statistic, "statistic")] {
-            precision.extend(row(pictures, set, predictor, name)?);
+            precision.extend(row(part, set, predictor, name)?);
         }
     }
     let document = TrainingDocument {
         version: 1,
         command: "train neighbours",
-        pictures: [training.len(), validation.len(), test_set.len()],
+        images: [training.len(), validation.len(), test_set.len()],
         keypoints: train_set.iter().map(|p| p.keypoints.len()).sum(),
         options: (&run.options).into(),
         parameters: trained.network.parameters(),
@@ -80,28 +80,27 @@ pub fn train_neighbours(
     Ok((trained.network, document))
 }
 
-fn read_all(files: &[PathBuf]) -> Result<Vec<KeypointPicture>, EvalError> {
+fn read_all(files: &[PathBuf]) -> Result<Vec<KeypointImage>, EvalError> {
     let read: Vec<_> = files.iter().map(|f| read_keypoints(f)).collect::<Result<_, _>>()?;
     Ok(read.concat())
 }
 
 /// At most so many, from the first to the last.
-fn spread(pictures: Vec<KeypointPicture>, most: usize) -> Vec<KeypointPicture> {
-    let all = pictures.len();
+fn spread(images: Vec<KeypointImage>, most: usize) -> Vec<KeypointImage> {
+    let all = images.len();
     let most = most.clamp(1, all.max(1));
     let kept: Vec<usize> = (0..most).map(|i| i * all / most).collect();
-    pictures.into_iter().enumerate().filter(|(i, _)| kept.contains(i)).map(|(_, p)| p).collect()
+    images.into_iter().enumerate().filter(|(i, _)| kept.contains(i)).map(|(_, p)| p).collect()
 }
 
-/// A figure of a picture that was learned from would be worth nothing.
-fn refuse_shared(sets: &[(&str, &Vec<KeypointPicture>)]) -> Result<(), EvalError> {
+/// A figure of an image that was learned from would be worth nothing.
+fn refuse_shared(sets: &[(&str, &Vec<KeypointImage>)]) -> Result<(), EvalError> {
     for (i, (a, first)) in sets.iter().enumerate() {
         for (b, second) in &sets[i + 1..] {
-            let same =
-                |x: &KeypointPicture, y: &KeypointPicture| x.name == y.name && x.keypoints == y.keypoints;
+            let same = |x: &KeypointImage, y: &KeypointImage| x.name == y.name && x.keypoints == y.keypoints;
             if let Some(shared) = first.iter().find(|x| second.iter().any(|y| same(x, y))) {
                 return Err(EvalError::Options(format!(
-                    "{} is among the pictures of {a} and of {b}; give pictures of different places",
+                    "{} is among the images of {a} and of {b}; give images of different places",
                     shared.name
                 )));
             }
@@ -110,18 +109,18 @@ fn refuse_shared(sets: &[(&str, &Vec<KeypointPicture>)]) -> Result<(), EvalError
     Ok(())
 }
 
-/// Precision over all keypoints of some pictures; `None` without any.
+/// Precision over all keypoints of some images; `None` without any.
 fn row(
-    pictures: &'static str,
-    set: &[KeypointPicture],
+    part: &'static str,
+    set: &[KeypointImage],
     predictor: &Predictor,
     name: &'static str,
 ) -> Result<Option<PrecisionRow>, EvalError> {
     let (mut right, mut said_of, mut chance, mut keypoints) = ([0usize; 3], [0usize; 3], 0.0, 0usize);
-    for picture in set {
-        let known: KnownPicture = known(picture)?;
+    for image in set {
+        let known: KnownImage = known(image)?;
         let said = predictor.predict(known.descriptors(), NEAREST)?;
-        let near = NeighbourLists::nearest(&picture.keypoints, NEAREST);
+        let near = NeighbourLists::nearest(&image.keypoints, NEAREST);
         for i in 0..near.len() {
             let is_near = |j: &&u32| near.of(i).contains(j);
             for (slot, length) in LENGTHS.into_iter().enumerate() {
@@ -135,7 +134,7 @@ fn row(
     }
     let share = |slot: usize| right[slot] as f64 / said_of[slot] as f64;
     Ok((keypoints > 0 && said_of[0] > 0).then(|| PrecisionRow {
-        pictures,
+        part,
         predictor: name,
         images: set.len(),
         at_5: share(0),

@@ -1,11 +1,11 @@
-//! The training's curve as a picture: the loss above, the precision on the validation pictures below.
+//! The training's curve as an image: the loss above, the precision on the validation images below.
 
 use plotters::prelude::*;
 
 use super::TrainingDocument;
 use crate::error::EvalError;
 
-/// Width and height of the picture, pixels.
+/// Width and height of the image, pixels.
 const SIZE: (u32, u32) = (560, 480);
 /// Distinct in print and for the colour-blind (Okabe and Ito).
 const BLUE: RGBColor = RGBColor(0, 114, 178);
@@ -36,16 +36,11 @@ fn draw(document: &TrainingDocument, root: &Area<'_>) -> Result<(), String> {
         document.curve.iter().map(|p| (p.step as f64, value(p))).collect::<Vec<_>>()
     };
     panel(&halves[0], "loss", &of(|p| p.loss), &[])?;
-    let beside = document.precision.iter().find(|r| r.pictures == "validate" && r.predictor == "statistic");
+    let beside = document.precision.iter().find(|r| r.images == "validate" && r.predictor == "statistic");
     let levels: Vec<(&str, f64)> = beside
-        .map(|r| vec![("statistic", 100.0 * r.at_20), ("by lot", 100.0 * r.chance)])
+        .map(|r| vec![("statistic", 100.0 * r.at_20), ("at random", 100.0 * r.chance)])
         .unwrap_or_default();
-    panel(
-        &halves[1],
-        "precision at 20 on validation pictures, %",
-        &of(|p| 100.0 * p.precision_at_20),
-        &levels,
-    )
+    panel(&halves[1], "precision at 20 on validation images, %", &of(|p| 100.0 * p.precision_at_20), &levels)
 }
 
 fn panel(area: &Area<'_>, caption: &str, curve: &[(f64, f64)], levels: &[(&str, f64)]) -> Result<(), String> {

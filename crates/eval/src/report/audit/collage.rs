@@ -7,7 +7,7 @@
 use image::{Rgb, RgbImage};
 use veiloc_geometry::Pixel;
 
-/// Half the side of a patch, in shares of the picture's longer side: 8 px of 640.
+/// Half the side of a patch, in shares of the image's longer side: 8 px of 640.
 const HALF_PATCH: f64 = 8.0 / 640.0;
 /// Where no patch lies.
 const NOTHING: Rgb<u8> = Rgb([118, 122, 126]);
@@ -38,7 +38,7 @@ pub(super) fn collage(photograph: &RgbImage, truth: &[Pixel], answers: &[Pixel])
     out
 }
 
-/// Mean absolute difference of two pictures of one size, 0 to 255: how far a collage is from the photograph.
+/// Mean absolute difference of two images of one size, 0 to 255: how far a collage is from the photograph.
 #[cfg(test)]
 fn difference(a: &RgbImage, b: &RgbImage) -> f64 {
     let pairs = a.as_raw().iter().zip(b.as_raw());
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn right_positions_give_the_picture_back_and_wrong_ones_do_not() {
+    fn right_positions_give_the_image_back_and_wrong_ones_do_not() {
         let photograph = RgbImage::from_fn(160, 120, |x, y| {
             let wave = 120.0 + 100.0 * (f64::from(x) / 9.0).sin() * (f64::from(y) / 7.0).cos();
             Rgb([wave as u8, x as u8, y as u8])

@@ -190,7 +190,7 @@ fn of_replaced(found: &Found<'_>, document: &AttackDocument) -> Option<Sentence>
     let stands = rows.iter().take_while(|r| r.under_10px >= GIVEN_AWAY).count();
     let at = |row: &AttackSummary| match row.corrupt {
         0.0 => "With none of the neighbours replaced".to_owned(),
-        share => format!("With {share:.0} % of the neighbours replaced by lot"),
+        share => format!("With {share:.0} % of the neighbours replaced at random"),
     };
     let says = |row: &AttackSummary| {
         format!(
@@ -212,7 +212,7 @@ fn of_replaced(found: &Found<'_>, document: &AttackDocument) -> Option<Sentence>
 fn of_neighbours(document: &AttackDocument) -> Sentence {
     let replaced = base_share(document);
     let replaced = if replaced > 0.0 && replaced.is_finite() {
-        format!(" In this run at least {replaced:.0} % of them were replaced by keypoints drawn by lot.")
+        format!(" In this run at least {replaced:.0} % of them were replaced by keypoints drawn at random.")
     } else {
         String::new()
     };
@@ -224,7 +224,7 @@ fn of_neighbours(document: &AttackDocument) -> Sentence {
         ),
         (source, Some((true_share, chance))) => format!(
             "Attacks that ask who is near whom were told {} neighbours of each keypoint from the source “{source}”: {} of them \
-             true, where drawing by lot has {}.",
+             true, where drawing at random has {}.",
             document.k,
             percent(true_share),
             percent(chance)
@@ -246,7 +246,7 @@ fn limits(part: &AuditPart) -> Sentence {
         format!(
             "{} with {}; others may give other figures. An attack that fails says nothing of attacks that were not \
              run.{left_out} Positions are all that is attacked: descriptors travel with every scheme and tell things of their own.",
-            count(images, "picture"),
+            count(images, "image"),
             count(part.keypoints, "keypoint")
         ),
     )

@@ -1,4 +1,4 @@
-//! How the attacks stand false neighbours: median error over the share that was replaced by lot.
+//! How the attacks stand false neighbours: median error over the share that was replaced at random.
 
 use std::fmt::Write as _;
 
@@ -90,7 +90,7 @@ pub(super) fn figure(
     Some(format!(
         "<figure><svg viewBox=\"0 0 {WIDTH} 310\" role=\"img\" aria-label=\"Median error by share of false neighbours\">{drawn}\
          <path class=\"axis\" d=\"M{LEFT} {BASE}H{:.0}\"/><text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"middle\">neighbours \
-         replaced by lot, percent</text></svg><figcaption><b>{}.</b> Median error in pixels; dashed: the guess.\
+         replaced at random, percent</text></svg><figcaption><b>{}.</b> Median error in pixels; dashed: the guess.\
          <ul class=\"legend\">{legend}</ul></figcaption></figure>",
         WIDTH - 24.0,
         f64::midpoint(WIDTH, LEFT),

@@ -1,4 +1,4 @@
-//! The sections of pictures: spreads of errors, the inputs, the paper's scene, and patches in place of its Fig. 6.
+//! The sections of images: spreads of errors, the inputs, the paper's scene, and patches in place of its Fig. 6.
 
 use std::fmt::Write as _;
 
@@ -17,8 +17,8 @@ use super::table::table;
 use super::verdict::base_share;
 use super::words::{attack_words, px, scheme_words};
 use crate::audit::AttackKind;
+use crate::report::embed::data_address;
 use crate::report::format::escape;
-use crate::report::picture::data_address;
 
 /// Longest side of a collage, pixels.
 const COLLAGE: f64 = 480.0;
@@ -62,8 +62,8 @@ pub(super) fn spreads(part: &Part) -> String {
     if !replaced.is_empty() {
         let _ = write!(
             out,
-            "<h3>False neighbours</h3><p>A share of each keypoint's neighbours replaced by keypoints drawn by lot. The mistakes \
-             of a real predictor are not drawn by lot, and harder to filter.</p><div class=\"two\">{replaced}</div>"
+            "<h3>False neighbours</h3><p>A share of each keypoint's neighbours replaced by keypoints drawn at random. The mistakes \
+             of a real predictor are not drawn at random, and harder to filter.</p><div class=\"two\">{replaced}</div>"
         );
     }
     out + "</section>"
@@ -81,8 +81,8 @@ fn legend() -> String {
     out + "<li>Gray: where the keypoints are. Thin lines join some of them to the answers.</li></ul>"
 }
 
-/// Every shown picture under every scheme and attack.
-pub(super) fn pictures(part: &Part) -> String {
+/// Every shown image under every scheme and attack.
+pub(super) fn images(part: &Part) -> String {
     if part.gallery.shown.is_empty() {
         return String::new();
     }
@@ -221,19 +221,19 @@ pub(super) fn collages(part: &Part) -> String {
     let small: RgbImage = resize(photograph, small(w), small(h), FilterType::Triangle);
     let scaled = |p: &Pixel| Pixel::new(p.u * scale, p.v * scale);
     let truth: Vec<Pixel> = shown.truth.iter().map(scaled).collect();
-    let figure = |picture: &RgbImage, caption: &str| {
-        data_address(picture).map_or_else(String::new, |address| {
+    let figure = |image: &RgbImage, caption: &str| {
+        data_address(image).map_or_else(String::new, |address| {
             format!(
                 "<figure><img src=\"{address}\" alt=\"{caption}\"><figcaption>{caption}</figcaption></figure>"
             )
         })
     };
     let mut out = format!(
-        "<section><h2>What the positions are worth: in place of the paper's Fig. 6</h2><p>The paper draws pictures from recovered \
+        "<section><h2>What the positions are worth: in place of the paper's Fig. 6</h2><p>The paper draws images from recovered \
          keypoints with trained inversion networks. Those networks and their scores (PSNR, SSIM, LPIPS) are not reproduced \
          here. In their place each keypoint's patch is cut from the photograph and set where the attack puts the keypoint. No \
          attacker holds the patches: he has descriptors, from which a network makes blurred ones and fills the gaps between \
-         them. So these pictures show what recovered positions are worth, not what a network would draw, and neither bounds \
+         them. So these images show what recovered positions are worth, not what a network would draw, and neither bounds \
          the other.</p><div class=\"four\">{}{}</div>",
         figure(&small, "The photograph"),
         figure(&collage(&small, &truth, &truth), "Patches at the true positions: nothing hidden (points)")

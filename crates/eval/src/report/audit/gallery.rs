@@ -6,18 +6,18 @@ use veiloc_query::{Observations, Scheme};
 
 use crate::audit::{AttackKind, AttackObserver, AttackTrial};
 
-/// Single keypoints of an evaluation: the errors of all pictures, and everything of the first pictures.
+/// Single keypoints of an evaluation: the errors of all images, and everything of the first images.
 #[derive(Default)]
 pub(super) struct Gallery {
-    /// Pictures that are kept whole.
+    /// Images that are kept whole.
     pub(super) most_shown: usize,
     /// Errors of each row of the document, in its order.
     pub(super) spreads: Vec<Spread>,
-    /// The pictures that are kept whole.
+    /// The images that are kept whole.
     pub(super) shown: Vec<Shown>,
-    /// Keypoints of all pictures.
+    /// Keypoints of all images.
     pub(super) keypoints: usize,
-    /// Group and index in it of the picture being attacked.
+    /// Group and index in it of the image being attacked.
     at: Option<(usize, usize)>,
     /// True neighbours in it.
     near: Option<NeighbourLists>,
@@ -25,7 +25,7 @@ pub(super) struct Gallery {
     first: Option<(Scheme, AttackKind, f64)>,
 }
 
-/// Errors of one attack on one scheme, all pictures.
+/// Errors of one attack on one scheme, all images.
 pub(super) struct Spread {
     pub(super) scheme: String,
     pub(super) attack: String,
@@ -36,7 +36,7 @@ pub(super) struct Spread {
     pub(super) bending: Vec<f64>,
 }
 
-/// One picture with all that became of it.
+/// One image with all that became of it.
 pub(super) struct Shown {
     /// Group in the document's `data`, and index in the group.
     pub(super) at: (usize, usize),
@@ -46,7 +46,7 @@ pub(super) struct Shown {
     pub(super) schemes: Vec<ShownScheme>,
 }
 
-/// The picture under one scheme.
+/// The image under one scheme.
 pub(super) struct ShownScheme {
     pub(super) scheme: Scheme,
     pub(super) sent: Observations,
@@ -64,7 +64,7 @@ pub(super) struct ShownAttack {
 }
 
 impl Gallery {
-    /// Keeps the first pictures whole.
+    /// Keeps the first images whole.
     pub(super) fn keeping(most_shown: usize) -> Self {
         Self { most_shown, ..Self::default() }
     }
@@ -75,14 +75,14 @@ impl Gallery {
             _ => 0,
         };
         self.at = Some((trial.group, index));
-        self.keypoints += trial.picture.keypoints.len();
-        self.near = Some(NeighbourLists::nearest(&trial.picture.keypoints, ARRANGED));
+        self.keypoints += trial.image.keypoints.len();
+        self.near = Some(NeighbourLists::nearest(&trial.image.keypoints, ARRANGED));
         if self.shown.len() < self.most_shown {
             self.shown.push(Shown {
                 at: (trial.group, index),
-                name: trial.picture.name.clone(),
-                size: (trial.picture.width, trial.picture.height),
-                truth: trial.picture.keypoints.clone(),
+                name: trial.image.name.clone(),
+                size: (trial.image.width, trial.image.height),
+                truth: trial.image.keypoints.clone(),
                 schemes: Vec::new(),
             });
         }
@@ -111,7 +111,7 @@ impl Gallery {
 
 impl AttackObserver for Gallery {
     fn saw(&mut self, trial: &AttackTrial<'_>) {
-        // Rows come in the same order for every picture: the first row again is the next picture.
+        // Rows come in the same order for every image: the first row again is the next image.
         let row = (trial.scheme, trial.attack, trial.corrupt);
         if self.last.is_none() || self.first == Some(row) {
             self.begin(trial);
@@ -121,7 +121,7 @@ impl AttackObserver for Gallery {
         self.keep(trial);
         let (scheme, attack) = (trial.scheme.to_string(), trial.attack.to_string());
         let same = |s: &&mut Spread| s.scheme == scheme && s.attack == attack && s.corrupt == trial.corrupt;
-        let bent = self.near.as_ref().map(|near| bending(&trial.picture.keypoints, trial.answers, near));
+        let bent = self.near.as_ref().map(|near| bending(&trial.image.keypoints, trial.answers, near));
         let bent = bent.unwrap_or_default();
         if let Some(spread) = self.spreads.iter_mut().find(same) {
             spread.errors.extend_from_slice(trial.errors);
@@ -140,7 +140,7 @@ const ARRANGED: usize = 8;
 /// to the neighbour in shares of the offset's length. 0 where all are moved together, 1 where all fall on one place;
 /// infinite without an answer or neighbours.
 ///
-/// An error in pixels does not see that a layout is right but shifted or bent, from which a picture can still be drawn.
+/// An error in pixels does not see that a layout is right but shifted or bent, from which an image can still be drawn.
 fn bending(truth: &[Pixel], answers: &[Pixel], near: &NeighbourLists) -> Vec<f64> {
     let of = |i: usize| {
         let mut off: Vec<f64> = near

@@ -1,11 +1,11 @@
-//! The page: conclusion first, then figures, pictures, how to read them, and how to repeat them.
+//! The page: conclusion first, then figures, images, how to read them, and how to repeat them.
 
 use std::fmt::Write as _;
 
 use image::RgbImage;
 
 use super::conclusion::{conclusion, findings};
-use super::figures::{collages, paper_scene, pictures, spreads};
+use super::figures::{collages, images, paper_scene, spreads};
 use super::gallery::Gallery;
 use super::run::{AuditOptions, AuditPart};
 use super::table::table;
@@ -17,7 +17,7 @@ use crate::report::format::escape;
 pub(super) struct Part {
     pub(super) document: AuditPart,
     pub(super) gallery: Gallery,
-    /// `[shown]`: the photographs behind the pictures that are drawn.
+    /// `[shown]`: the photographs behind the images that are drawn.
     pub(super) photographs: Vec<Option<RgbImage>>,
 }
 
@@ -72,7 +72,7 @@ pub(super) fn page(
             note()
         );
         out.push_str(&spreads(part));
-        out.push_str(&pictures(part));
+        out.push_str(&images(part));
         out.push_str(&collages(part));
     }
     if let Some(part) = synthetic {
@@ -80,7 +80,7 @@ pub(super) fn page(
     }
     if inputs.is_none_or(|p| p.photographs.iter().all(Option::is_none)) {
         out.push_str(
-            "<section><h2>The paper's Fig. 6</h2><p>It shows pictures that trained networks draw from recovered keypoints. \
+            "<section><h2>The paper's Fig. 6</h2><p>It shows images that trained networks draw from recovered keypoints. \
              Neither those networks nor their scores (PSNR, SSIM, LPIPS) are reproduced here. Given photographs, this report \
              shows in their place what the recovered positions are worth.</p></section>",
         );
@@ -98,7 +98,7 @@ fn lead(inputs: Option<&Part>, synthetic: Option<&Part>) -> String {
         if inputs.is_some() && synthetic.is_some() { ", and the paper's synthetic scene," } else { "" };
     format!(
         "{} with {}{also} obfuscated as a device does it under {}, attacked, and compared with the truth.",
-        count(images, "picture"),
+        count(images, "image"),
         count(part.gallery.keypoints, "keypoint"),
         count(part.schemes().len(), "scheme"),
     )
@@ -111,10 +111,10 @@ fn private(part: &Part) -> &'static str {
     } else if part.photographs.iter().any(Option::is_some) {
         "<p class=\"private\"><b>This file contains the photographs</b> and the true positions of their keypoints. It is for \
          whoever owns them. Nothing was sent anywhere to make it; who passes it on passes the photographs on. \
-         <code>--no-pictures</code> leaves the photographs out.</p>"
+         <code>--no-images</code> leaves the photographs out.</p>"
     } else {
         "<p class=\"private\"><b>This file contains true positions of keypoints</b>, which is what the schemes hide. It is for \
-         whoever owns the pictures. Nothing was sent anywhere to make it.</p>"
+         whoever owns the images. Nothing was sent anywhere to make it.</p>"
     }
 }
 
@@ -135,8 +135,8 @@ pub(super) fn note() -> &'static str {
 
 fn how_to_read(part: Option<&Part>) -> String {
     let mut out = String::from(
-        "<section><h2>How to read this</h2><p>A keypoint is a place in a picture that can be found again in other pictures. \
-         Where keypoints are known, a picture can be drawn from them, so their positions are what a scheme must hide. Each \
+        "<section><h2>How to read this</h2><p>A keypoint is a place in an image that can be found again in other images. \
+         Where keypoints are known, an image can be drawn from them, so their positions are what a scheme must hide. Each \
          scheme sends a line (or a mixed position) in place of the keypoint. An attack says where on the line the keypoint \
          was. Its error is the distance from the truth.</p><p>A large error shows that <em>this</em> attack fails, not that \
          none can succeed: that is why every attack stands beside the guess. A small error under true neighbours shows what \

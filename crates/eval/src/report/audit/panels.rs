@@ -1,4 +1,4 @@
-//! Pictures of true and recovered keypoints, and maps of the error.
+//! Images of true and recovered keypoints, and maps of the error.
 
 use std::fmt::Write as _;
 
@@ -17,7 +17,7 @@ const MOST_LINES: usize = 300;
 /// Share of answers outside the drawing from which on the view is zoomed out by two, as in the paper's Fig. 5 (d).
 const ZOOM_OUT: f64 = 0.1;
 
-/// One picture's drawings: what they share is drawn once and referred to.
+/// One image's drawings: what they share is drawn once and referred to.
 pub(super) struct Panels<'a> {
     shown: &'a Shown,
     /// Name of the shared layers on the page.
@@ -27,7 +27,7 @@ pub(super) struct Panels<'a> {
 }
 
 impl<'a> Panels<'a> {
-    /// Drawings of a picture; `id` tells it from others on the page.
+    /// Drawings of an image; `id` tells it from others on the page.
     pub(super) fn new(shown: &'a Shown, id: impl Into<String>, has_photograph: bool) -> Self {
         Self { shown, id: id.into(), has_photograph }
     }
@@ -46,12 +46,12 @@ impl<'a> Panels<'a> {
         )
     }
 
-    /// A pixel of a picture 640 wide.
+    /// A pixel of an image 640 wide.
     fn unit(&self) -> f64 {
         f64::from(self.shown.size.0.max(self.shown.size.1)).max(1.0) / 640.0
     }
 
-    /// `extra`: the rim around the picture, in shares of its longer side.
+    /// `extra`: the rim around the image, in shares of its longer side.
     fn open(&self, label: &str, rim: f64) -> String {
         let (w, h) = (f64::from(self.shown.size.0), f64::from(self.shown.size.1));
         let rim = w.max(h) * rim;
@@ -86,7 +86,7 @@ impl<'a> Panels<'a> {
         )
     }
 
-    /// The true keypoints as dots of a width in pixels of a picture 640 wide.
+    /// The true keypoints as dots of a width in pixels of an image 640 wide.
     fn truth(&self, class: &str, width: f64) -> String {
         format!(
             "<use href=\"#{}truth\" class=\"{class}\" style=\"stroke-width:{:.1}\"/>",
@@ -207,7 +207,7 @@ impl<'a> Panels<'a> {
 /// Lower ends of the classes of crossing spreads, pixels; the last is open below.
 const SPREADS: [f64; 4] = [1000.0, 100.0, 10.0, 1.0];
 
-/// What the errors of one picture say in a caption.
+/// What the errors of one image say in a caption.
 fn tells(errors: &[f64]) -> String {
     let s = ErrorSummary::of(errors);
     format!(

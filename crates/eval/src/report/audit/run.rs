@@ -12,7 +12,7 @@ use super::conclusion::conclusion;
 use super::gallery::{Gallery, Shown, Spread};
 use super::page::{Part, page};
 use crate::audit::{
-    AttackDocument, AttackEvaluation, AttackKind, AttackObserver, AttackTrial, NeighbourSource, PictureGroup,
+    AttackDocument, AttackEvaluation, AttackKind, AttackObserver, AttackTrial, ImageGroup, NeighbourSource,
     attack_groups,
 };
 use crate::error::EvalError;
@@ -24,9 +24,9 @@ pub struct AuditOptions {
     /// Schemes, attacks and what the attacker knows. Its `files` are attacked after [`Self::groups`]; `synthetic` is the
     /// number of keypoints of the paper's synthetic scene, 0 for none.
     pub evaluation: AttackEvaluation,
-    /// Pictures; may be none, for the synthetic scene alone.
-    pub groups: Vec<PictureGroup>,
-    /// Pictures that are drawn, from the first.
+    /// Images; may be none, for the synthetic scene alone.
+    pub groups: Vec<ImageGroup>,
+    /// Images that are drawn, from the first.
     pub shown: usize,
     /// The command that repeats the run, for the page.
     pub command: String,
@@ -55,7 +55,7 @@ pub struct AuditPart {
     /// The document of `veiloc attack`.
     #[serde(flatten)]
     pub attacks: AttackDocument,
-    /// Keypoints of all pictures.
+    /// Keypoints of all images.
     pub keypoints: usize,
     /// One entry for each of the document's attacks, in its order: how far the arrangement of the recovered keypoints is
     /// bent. The median, over keypoints and over 8 true neighbours of each, of the error of the offset to the neighbour in
@@ -74,10 +74,10 @@ pub struct Audit {
 
 /// Attacks inputs and synthetic scene, and writes the report on both.
 ///
-/// `photograph(group, index)` names the file behind the keypoints of a group's picture, or `None` when there is none or
-/// it shall not be shown; it is asked for the drawn pictures only.
+/// `photograph(group, index)` names the file behind the keypoints of a group's image, or `None` when there is none or
+/// it shall not be shown; it is asked for the drawn images only.
 ///
-/// On the synthetic scene, which has no descriptors and no other pictures, neighbours are the oracle's and attacks that
+/// On the synthetic scene, which has no descriptors and no other images, neighbours are the oracle's and attacks that
 /// need more are left out.
 ///
 /// # Errors
@@ -111,8 +111,8 @@ pub fn run_audit(
     if evaluation.synthetic > 0 {
         let on_scene = AttackEvaluation {
             files: Vec::new(),
-            pictures: None,
-            attacks: evaluation.attacks.iter().copied().filter(|a| needs_one_picture(*a)).collect(),
+            images: None,
+            attacks: evaluation.attacks.iter().copied().filter(|a| needs_one_image(*a)).collect(),
             neighbours: NeighbourSource::Oracle,
             ..evaluation.clone()
         };
@@ -158,18 +158,18 @@ fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
 /// A photograph in colour, of the size that its keypoints are in. Its metadata is not read, nor its orientation.
 fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, EvalError> {
     let fault = |e| EvalError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
-    let picture = image::open(path).map_err(fault)?.into_rgb8();
-    let fits = picture.dimensions() == (width, height);
-    Ok(if fits { picture } else { resize(&picture, width, height, FilterType::Triangle) })
+    let image = image::open(path).map_err(fault)?.into_rgb8();
+    let fits = image.dimensions() == (width, height);
+    Ok(if fits { image } else { resize(&image, width, height, FilterType::Triangle) })
 }
 
-/// Whether an attack runs on keypoints alone, without descriptors, other pictures or a server.
-const fn needs_one_picture(attack: AttackKind) -> bool {
+/// Whether an attack runs on keypoints alone, without descriptors, other images or a server.
+const fn needs_one_image(attack: AttackKind) -> bool {
     matches!(
         attack,
         AttackKind::Prior
             | AttackKind::ClosedForm
-            | AttackKind::ClosedFormInPicture
+            | AttackKind::ClosedFormInImage
             | AttackKind::ClosedFormInformed
             | AttackKind::ClosedFormConsensus
             | AttackKind::Graph

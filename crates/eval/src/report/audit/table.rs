@@ -15,7 +15,7 @@ pub(super) fn table(part: &AuditPart) -> String {
     let mut out = format!(
         "<div class=\"scroll attacks\"><table><thead><tr><th>Scheme</th><th>Attack</th>{replaced_head}\
          <th>Mean<br>error</th><th>Median<br>error</th><th>Within<br>5 px</th><th>Within<br>10 px</th><th>Within<br>30 px</th>\
-         <th>Bits beyond<br>the guess</th><th>Bent</th><th>Time a<br>picture</th></tr></thead><tbody>",
+         <th>Bits beyond<br>the guess</th><th>Bent</th><th>Time a<br>image</th></tr></thead><tbody>",
     );
     let mut last: Option<&str> = None;
     for (index, row) in rows.iter().enumerate() {

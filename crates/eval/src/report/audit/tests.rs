@@ -6,18 +6,17 @@ use veiloc_query::{AngleBits, Scheme};
 use super::conclusion::conclusion;
 use super::*;
 use crate::audit::{
-    AttackDocument, AttackEvaluation, AttackKind, AttackSummary, NeighbourSource, PictureGroup,
-    synthetic_picture,
+    AttackDocument, AttackEvaluation, AttackKind, AttackSummary, ImageGroup, NeighbourSource, synthetic_image,
 };
 
-fn options(groups: Vec<PictureGroup>, synthetic: usize) -> AuditOptions {
+fn options(groups: Vec<ImageGroup>, synthetic: usize) -> AuditOptions {
     AuditOptions {
         evaluation: AttackEvaluation {
             files: Vec::new(),
             synthetic,
-            pictures: None,
+            images: None,
             schemes: vec![Scheme::RandomLines, Scheme::CoordinatePermutation, Scheme::default()],
-            attacks: vec![AttackKind::ClosedForm, AttackKind::ClosedFormInPicture],
+            attacks: vec![AttackKind::ClosedForm, AttackKind::ClosedFormInImage],
             neighbours: NeighbourSource::Oracle,
             k: 20,
             corrupt: vec![0.0, 30.0],
@@ -64,7 +63,7 @@ fn number(cell: &str) -> f64 {
 
 #[test]
 fn page_and_document_agree() {
-    let group = PictureGroup { name: "own".to_owned(), pictures: vec![synthetic_picture(220, 8)] };
+    let group = ImageGroup { name: "own".to_owned(), images: vec![synthetic_image(220, 8)] };
     let audit = run_audit(&options(vec![group], 180), &nowhere, &()).expect("it runs");
     let rows = cells(&audit.html);
     let parts = [audit.document.inputs.as_ref(), audit.document.synthetic.as_ref()];
@@ -138,7 +137,7 @@ fn sentences_follow_the_figures() {
     assert!(all.contains("In short: Against the strongest attack that was run, most keypoint positions are given away under random-lines and dcl."), "{all}");
     assert!(all.contains("dcl (worse") || all.contains("worse than guessing"), "{all}");
     assert!(all.contains("With none of the neighbours replaced it puts 98.0 %"), "{all}");
-    assert!(all.contains("With 40 % of the neighbours replaced by lot it puts 10.0 %"), "{all}");
+    assert!(all.contains("With 40 % of the neighbours replaced at random it puts 10.0 %"), "{all}");
 
     let one = words(found, [lost, lost], 300.0, 0.9);
     assert!(one.contains("given away under random-lines, but not under dcl."), "{one}");
@@ -162,7 +161,7 @@ fn sentences_follow_the_figures() {
     assert!(bent.contains("off by 20.0 % of their length"), "{bent}");
 
     let stands = words(found, [found, found], 50.0, 0.9);
-    assert!(stands.contains("With 40 % of the neighbours replaced by lot it puts 98.0 %"), "{stands}");
+    assert!(stands.contains("With 40 % of the neighbours replaced at random it puts 98.0 %"), "{stands}");
     assert!(!stands.contains("worse than guessing") && stands.contains("(2.0 times nearer)"), "{stands}");
 }
 
@@ -184,7 +183,7 @@ fn limits_name_what_was_not_run_and_who_told_the_neighbours() {
     };
     let say = |part: &AuditPart| conclusion(part).iter().map(|s| s.plain() + "\n").collect::<String>();
     let told = say(&part);
-    assert!(told.contains("9.3 % of them true, where drawing by lot has 1.0 %"), "{told}");
+    assert!(told.contains("9.3 % of them true, where drawing at random has 1.0 %"), "{told}");
     let not_run = told.split("Not run here: ").nth(1).and_then(|r| r.split('.').next()).expect("a list");
     assert!(not_run.contains("transfer") && not_run.contains("closed-form"), "{not_run}");
     assert!(!not_run.split(", ").any(|name| name == "graph" || name == "prior"), "{not_run}");
@@ -207,9 +206,9 @@ fn limits_name_what_was_not_run_and_who_told_the_neighbours() {
 
 #[test]
 fn the_page_loads_nothing_and_names_are_only_text() {
-    let mut picture = synthetic_picture(60, 2);
-    picture.name = "<script>alert('x')</script>&\".jpg".to_owned();
-    let group = PictureGroup { name: "<img src=x onerror=alert(1)>".to_owned(), pictures: vec![picture] };
+    let mut image = synthetic_image(60, 2);
+    image.name = "<script>alert('x')</script>&\".jpg".to_owned();
+    let group = ImageGroup { name: "<img src=x onerror=alert(1)>".to_owned(), images: vec![image] };
     let page = run_audit(&options(vec![group], 60), &nowhere, &()).expect("it runs").html;
     for bad in ["<script", "<img src=x", "http:", "https:", "url(", "@import", "<link", "<iframe", "src=\"/"]
     {
@@ -230,9 +229,9 @@ fn a_photograph_is_inside_and_stays_out_when_it_shall() {
     image::RgbImage::from_fn(320, 240, |x, y| image::Rgb([x as u8, y as u8, 90]))
         .save(&file)
         .expect("written");
-    let mut picture = synthetic_picture(80, 2);
-    (picture.width, picture.height) = (640, 480);
-    let group = PictureGroup { name: "a.png".to_owned(), pictures: vec![picture] };
+    let mut image = synthetic_image(80, 2);
+    (image.width, image.height) = (640, 480);
+    let group = ImageGroup { name: "a.png".to_owned(), images: vec![image] };
     let options = options(vec![group], 0);
     let with = run_audit(&options, &|_, _| Some(file.clone()), &()).expect("it runs").html;
     assert!(
@@ -253,9 +252,9 @@ fn a_photograph_is_inside_and_stays_out_when_it_shall() {
 #[test]
 fn what_is_asked_twice_is_done_once() {
     let groups = || {
-        vec![PictureGroup {
+        vec![ImageGroup {
             name: "two".to_owned(),
-            pictures: vec![synthetic_picture(90, 1), synthetic_picture(80, 2)],
+            images: vec![synthetic_image(90, 1), synthetic_image(80, 2)],
         }]
     };
     let mut twice = options(groups(), 0);
@@ -279,16 +278,16 @@ fn neighbours_that_were_all_replaced_are_not_called_true() {
     assert!(!said(&options).contains("at least"), "{}", said(&options));
     options.evaluation.corrupt = vec![30.0];
     assert!(said(&options).contains("at least 30 % of them were replaced"), "{}", said(&options));
-    assert!(said(&options).contains("near keypoints of each, 30 % of them by lot"), "{}", said(&options));
+    assert!(said(&options).contains("near keypoints of each, 30 % of them at random"), "{}", said(&options));
 }
 
 #[test]
-fn degenerate_pictures_make_a_page() {
-    let mut one = synthetic_picture(1, 1);
+fn degenerate_images_make_a_page() {
+    let mut one = synthetic_image(1, 1);
     one.keypoints = vec![Pixel::new(3.0, 4.0)];
-    let group = PictureGroup { name: "one".to_owned(), pictures: vec![one] };
+    let group = ImageGroup { name: "one".to_owned(), images: vec![one] };
     let page = run_audit(&options(vec![group], 0), &nowhere, &()).expect("it runs").html;
-    assert!(page.contains("1 picture with 1 keypoint ") && !page.contains("NaN"), "{}", &page[..0]);
+    assert!(page.contains("1 image with 1 keypoint ") && !page.contains("NaN"), "{}", &page[..0]);
     let nothing = run_audit(&options(Vec::new(), 0), &nowhere, &()).expect_err("nothing");
     assert!(nothing.to_string().contains("nothing to attack"), "{nothing}");
 }

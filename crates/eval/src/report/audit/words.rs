@@ -10,7 +10,7 @@ pub(super) fn attack_words(attack: &str) -> String {
         "prior" => "guess from the single line".to_owned(),
         "learned-prior" => "guess with a learned density".to_owned(),
         "closed-form" => "the paper's attack (closed form)".to_owned(),
-        "closed-form-in-picture" => "closed form held in the picture".to_owned(),
+        "closed-form-in-image" => "closed form held in the image".to_owned(),
         "closed-form-informed" => "closed form that knows the scheme".to_owned(),
         "closed-form-consensus" => "closed form with consensus".to_owned(),
         "transfer" => "positions taken over from a map".to_owned(),
@@ -31,26 +31,26 @@ pub(super) fn needs(attack: &str, document: &AttackDocument) -> Option<String> {
     let told = match document.neighbours {
         "oracle" if replaced > 0.0 && replaced.is_finite() => {
             format!(
-                "somebody who names {} near keypoints of each, {replaced:.0} % of them by lot",
+                "somebody who names {} near keypoints of each, {replaced:.0} % of them at random",
                 document.k
             )
         }
         "oracle" => format!("somebody who names the true {} nearest keypoints of each", document.k),
         "predicted" => "neighbours predicted from descriptors".to_owned(),
-        "transferred" => "map pictures that tell who is near whom".to_owned(),
+        "transferred" => "map images that tell who is near whom".to_owned(),
         other => format!("neighbours from the source “{other}”"),
     };
     match attack {
         "prior" => Some("nothing else".to_owned()),
-        "learned-prior" => Some("keypoints of other pictures".to_owned()),
-        "transfer" => Some("other pictures of the place, with keypoints and descriptors".to_owned()),
-        "transfer-graph" => Some(format!("other pictures of the place, and {told}")),
+        "learned-prior" => Some("keypoints of other images".to_owned()),
+        "transfer" => Some("other images of the place, with keypoints and descriptors".to_owned()),
+        "transfer-graph" => Some(format!("other images of the place, and {told}")),
         "graph" => Some(told),
         "server-side" | "server-side-points" | "iterative" => {
             Some(format!("a server that has found the pose, and {told}"))
         }
         "guided-transfer" => {
-            Some("a server that has found the pose, with the keypoints of its map pictures".to_owned())
+            Some("a server that has found the pose, with the keypoints of its map images".to_owned())
         }
         "several-frames" => Some("several queries of one place whose poses a server has found".to_owned()),
         other if other.starts_with("closed-form") => Some(told),
@@ -80,7 +80,7 @@ pub(super) fn percent(share: f64) -> String {
     if share.is_finite() { format!("{:.1} %", 100.0 * share) } else { "–".to_owned() }
 }
 
-/// Counted things, `1 picture`, `2 pictures`.
+/// Counted things, `1 image`, `2 images`.
 pub(super) fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }

@@ -1,4 +1,4 @@
-//! Photographs inside the page.
+//! Images inside the page.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -9,17 +9,17 @@ use image::imageops::{FilterType, resize};
 /// Longest side on the page, pixels.
 const LONGEST: u32 = 1000;
 
-/// A `data:` address of the picture as JPEG; `None` for an empty picture.
-pub(super) fn data_address(picture: &RgbImage) -> Option<String> {
-    let (w, h) = picture.dimensions();
+/// A `data:` address of the image as JPEG; `None` for an empty image.
+pub(super) fn data_address(image: &RgbImage) -> Option<String> {
+    let (w, h) = image.dimensions();
     let shrink = (f64::from(LONGEST) / f64::from(w.max(h).max(1))).min(1.0);
     let size = |n: u32| ((f64::from(n) * shrink) as u32).max(1);
     let small;
     let shown = if shrink < 1.0 {
-        small = resize(picture, size(w), size(h), FilterType::Triangle);
+        small = resize(image, size(w), size(h), FilterType::Triangle);
         &small
     } else {
-        picture
+        image
     };
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, 84).encode_image(shown).ok()?;

@@ -10,21 +10,21 @@ use veiloc_obfuscation::extract;
 use veiloc_query::SealedQuery;
 
 use crate::error::EvalError;
-use crate::results::StrangerResult;
+use crate::results::NegativeResult;
 use crate::scene::{PosedQuery, SceneEvaluation, posed_queries, scores_or_default, send};
 
 /// Where queries of another place are.
 #[derive(Debug, Clone)]
-pub struct Strangers {
+pub struct Negatives {
     /// Folder of a COLMAP model of the other place; only its cameras are used.
     pub posed: PathBuf,
-    /// Folder of its photographs.
+    /// Folder of its images.
     pub images: PathBuf,
     /// Names of the images that ask for their place.
     pub list: Vec<String>,
 }
 
-impl Strangers {
+impl Negatives {
     /// The queries; refused when they are of the very place that is evaluated.
     pub(crate) fn queries(&self, evaluation: &SceneEvaluation) -> Result<Vec<PosedQuery>, EvalError> {
         let same = match (self.images.canonicalize(), evaluation.images.canonicalize()) {
@@ -33,7 +33,7 @@ impl Strangers {
         };
         if same {
             return Err(EvalError::DataSet(format!(
-                "{}: the strangers' images are those of the place itself; give images of another place",
+                "{}: the negatives' images are those of the place itself; give images of another place",
                 self.images.display()
             )));
         }
@@ -41,26 +41,26 @@ impl Strangers {
     }
 }
 
-/// Seals every stranger for this map and asks for its pose; rows as in the table, `[rows][strangers]`.
-pub(crate) fn localize_strangers(
+/// Seals every negative for this map and asks for its pose; rows as in the table, `[rows][negatives]`.
+pub(crate) fn localize_negatives(
     map: &MapFile,
-    strangers: &[PosedQuery],
+    negatives: &[PosedQuery],
     evaluation: &SceneEvaluation,
     progress: &dyn Progress,
-) -> Result<Vec<Vec<StrangerResult>>, EvalError> {
+) -> Result<Vec<Vec<NegativeResult>>, EvalError> {
     let profile = map.profile();
     let scores = scores_or_default(&evaluation.scores);
-    let mut rows = vec![Vec::with_capacity(strangers.len()); evaluation.schemes.len() * scores.len()];
-    progress.start("Localizing strangers", strangers.len());
-    for stranger in strangers {
-        let (features, camera) = extract(&stranger.path, &stranger.camera, profile)?;
+    let mut rows = vec![Vec::with_capacity(negatives.len()); evaluation.schemes.len() * scores.len()];
+    progress.start("Localizing negatives", negatives.len());
+    for negative in negatives {
+        let (features, camera) = extract(&negative.path, &negative.camera, profile)?;
         for (s, scheme) in evaluation.schemes.iter().enumerate() {
             let sent =
-                send(&features, &camera, &profile.with_scheme(*scheme), &stranger.name, evaluation.seed);
+                send(&features, &camera, &profile.with_scheme(*scheme), &negative.name, evaluation.seed);
             let received = sent.ok().and_then(|bytes| SealedQuery::decode(&bytes).ok());
             for (k, score) in scores.iter().enumerate() {
-                let mut result = StrangerResult {
-                    name: stranger.name.clone(),
+                let mut result = NegativeResult {
+                    name: negative.name.clone(),
                     scheme: scheme.to_string(),
                     score: score.to_string(),
                     localized: false,
