@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
-use veiloc_mapping::Progress;
+use veiloc_features::Progress;
 
 use crate::exit::Failure;
 

@@ -1,29 +1,29 @@
-//! Data sets, metrics, tables and reports: how well it localizes, and what it leaks.
+//! How well it localizes: places with known poses, negative queries, ready-made problems, and the Cramér–Rao bound.
+//!
+//! - [`evaluate_scene`]: the whole road, from images to poses, on a place with known poses ([`Negatives`]: and on queries
+//!   of another place).
+//! - [`evaluate_poses`]: the pose engine alone, on problems made by [`make_problems`] or by others.
+//! - [`crb`]: errors over the Cramér–Rao bound, on synthetic scenes.
+//! - [`metrics`], [`results`], [`text_table`]: what is counted, the JSON documents, the tables for people.
 #![forbid(unsafe_code)]
 
-pub mod audit;
 mod chi_squared;
 pub mod crb;
-pub mod demo;
 mod error;
 mod hypotheses;
-mod json_lines;
 mod make_problems;
 pub mod metrics;
 mod negatives;
-mod plotting;
 mod poses;
-pub mod problems;
-pub mod report;
 pub mod results;
 mod scene;
-mod seeds;
-mod text_table;
-pub mod tradeoff;
+pub mod text_table;
 
 pub use error::EvalError;
 pub use hypotheses::{Hypotheses, HypothesesError};
-pub use make_problems::{MadeProblem, ProblemSource, encode_lines, make_problems};
+pub use make_problems::{MadeProblem, ProblemSource, make_problems};
 pub use negatives::Negatives;
-pub use poses::{GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses};
+pub use poses::{
+    GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses, pose_problem,
+};
 pub use scene::{SceneEvaluation, evaluate_scene};

@@ -3,28 +3,25 @@
 //! What the pose stage is compared and fitted on. The map is built and opened as a server would, keypoints travel as
 //! the scheme `points` sends them, matching is that of localization.
 
-use std::io::Write as _;
 use std::path::Path;
 
-use flate2::Compression;
-use flate2::write::GzEncoder;
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
+use veiloc_datasets::problems::{CameraLine, PoseLine, ProblemLine};
+use veiloc_datasets::{KeypointImage, seed_for};
+use veiloc_features::Progress;
 use veiloc_localize::matching::match_points;
 use veiloc_localize::retrieval::retrieve;
 use veiloc_localize::{LocalizeOptions, observe_matches};
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_model;
-use veiloc_mapping::{BuildOptions, Progress, build};
+use veiloc_mapping::{BuildOptions, build};
 use veiloc_obfuscation::{SealTruth, extract, seal_with_truth};
 use veiloc_query::{Observations, Scheme, SealedQuery};
 use veiloc_robust::Correspondences;
 
-use crate::audit::KeypointImage;
 use crate::error::EvalError;
-use crate::problems::{CameraLine, Line, PoseLine};
 use crate::scene::{PosedQuery, posed_queries};
-use crate::seeds::seed_for;
 
 /// Where the problems come from.
 #[derive(Debug, Clone)]
@@ -125,7 +122,7 @@ fn line(
     query: &PosedQuery,
     source: &ProblemSource<'_>,
     sealed: &SealedQuery,
-) -> Result<Line, EvalError> {
+) -> Result<ProblemLine, EvalError> {
     let retrieved = retrieve(sealed.global(), map, source.localize.retrieve);
     let matches = match_points(sealed.descriptors(), map, &retrieved, &source.localize.matching);
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
@@ -134,7 +131,7 @@ fn line(
         return Err(EvalError::DataSet(format!("{}: the scheme points sent no points", query.name)));
     };
     let camera = sealed.camera();
-    Ok(Line {
+    Ok(ProblemLine {
         name: query.name.clone(),
         camera: CameraLine {
             model: "PINHOLE".to_owned(),
@@ -154,19 +151,4 @@ fn line(
         gravity_in_camera: None,
         gravity_in_world: None,
     })
-}
-
-/// The bytes of a JSON-lines file, gzipped if asked for.
-///
-/// # Errors
-/// Only when memory cannot be written to.
-pub fn encode_lines(lines: &[String], gzip: bool) -> std::io::Result<Vec<u8>> {
-    let mut text = lines.join("\n").into_bytes();
-    text.push(b'\n');
-    if !gzip {
-        return Ok(text);
-    }
-    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-    encoder.write_all(&text)?;
-    encoder.finish()
 }

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use veiloc_features::Progress;
 use veiloc_localize::localize;
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_model;
-use veiloc_mapping::Progress;
 use veiloc_obfuscation::extract;
 use veiloc_query::SealedQuery;
 

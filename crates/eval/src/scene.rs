@@ -9,11 +9,12 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_features::Features;
+use veiloc_features::Progress;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_localize::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_map::colmap::{ColmapModel, read_model};
-use veiloc_mapping::{BuildOptions, Progress, build};
+use veiloc_mapping::{BuildOptions, build};
 use veiloc_obfuscation::{SealError, extract, seal};
 use veiloc_query::{Profile, Scheme, SealedQuery};
 use veiloc_robust::ScoreKind;
@@ -22,7 +23,7 @@ use crate::error::EvalError;
 use crate::metrics::Threshold;
 use crate::negatives::{Negatives, localize_negatives};
 use crate::results::{Evaluation, MapSummary, NegativeSummary, QueryResult, Variant, summarize};
-use crate::seeds::seed_for;
+use veiloc_datasets::seed_for;
 
 /// What to evaluate.
 #[derive(Debug, Clone)]

@@ -3,16 +3,16 @@
 use std::fmt::Write as _;
 
 /// Columns a terminal is sure to have room for.
-pub(crate) const WIDTH: usize = 120;
+pub const WIDTH: usize = 120;
 
 /// A share of 1 as tables show it: percent with one decimal.
-pub(crate) fn percent(share: f64) -> String {
+pub fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
 /// A table being filled; all rows as long as the head.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct TextTable {
+pub struct TextTable {
     head: Vec<String>,
     /// This many columns from the left hold names, which stand to the left; numbers stand to the right.
     names: usize,
@@ -21,18 +21,18 @@ pub(crate) struct TextTable {
 
 impl TextTable {
     /// A table with these columns, the first `names` of them for names.
-    pub(crate) fn new(head: impl IntoIterator<Item = impl Into<String>>, names: usize) -> Self {
+    pub fn new(head: impl IntoIterator<Item = impl Into<String>>, names: usize) -> Self {
         Self { head: head.into_iter().map(Into::into).collect(), names, rows: Vec::new() }
     }
 
     /// Appends a row; missing cells are empty.
-    pub(crate) fn push(&mut self, mut cells: Vec<String>) {
+    pub fn push(&mut self, mut cells: Vec<String>) {
         cells.resize(self.head.len(), String::new());
         self.rows.push(cells);
     }
 
     /// The names of the first table once, then all numbers of both: for tables that were filled row by row together.
-    pub(crate) fn beside(&self, other: &Self) -> Self {
+    pub fn beside(&self, other: &Self) -> Self {
         let join = |a: &Vec<String>, b: &Vec<String>| a.iter().chain(&b[other.names..]).cloned().collect();
         Self {
             head: join(&self.head, &other.head),
@@ -42,12 +42,12 @@ impl TextTable {
     }
 
     /// Whether there is any number in it.
-    pub(crate) fn has_numbers(&self) -> bool {
+    pub fn has_numbers(&self) -> bool {
         self.rows.iter().any(|row| row[self.names..].iter().any(|cell| !cell.is_empty()))
     }
 
     /// Characters of a line.
-    pub(crate) fn width(&self) -> usize {
+    pub fn width(&self) -> usize {
         let widths = self.widths();
         widths.iter().sum::<usize>() + 2 * widths.iter().filter(|w| **w > 0).count().saturating_sub(1)
     }
@@ -63,7 +63,7 @@ impl TextTable {
     }
 
     /// The text, every line ended.
-    pub(crate) fn render(&self) -> String {
+    pub fn render(&self) -> String {
         let widths = self.widths();
         let mut text = String::new();
         for (index, cells) in std::iter::once(&self.head).chain(&self.rows).enumerate() {

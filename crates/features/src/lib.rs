@@ -7,10 +7,12 @@ mod error;
 mod gray;
 mod keypoint;
 mod load;
+mod progress;
 mod sift;
 
 pub use error::FeatureError;
 pub use gray::GrayImage;
 pub use keypoint::{Features, Keypoint};
 pub use load::{MAX_PIXELS, load_gray};
+pub use progress::Progress;
 pub use sift::{SiftOptions, extract_sift};

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::audit::{
-    AttackEvaluation, AttackKind, Measured, NeighbourSource, ServerKnowledge, attacks_table, evaluate_attacks,
+use veiloc_audit::{
+    Attack, AttackEvaluation, Measured, NeighbourSource, ServerKnowledge, attacks_table, evaluate_attacks,
 };
 use veiloc_query::{AngleBits, Scheme};
 
@@ -37,7 +37,7 @@ pub(crate) struct Args {
         default_value = "prior,learned-prior,closed-form,closed-form-informed,graph",
         value_name = "ATTACK,…"
     )]
-    attacks: Vec<AttackKind>,
+    attacks: Vec<Attack>,
     #[command(flatten)]
     adversary: AdversaryArgs,
     /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
@@ -117,7 +117,7 @@ enum MeasureOn {
 
 impl AdversaryArgs {
     /// Lowers the arguments to an evaluation of these attacks that has no data yet.
-    pub(super) fn evaluation(&self, attacks: &[AttackKind]) -> Result<AttackEvaluation, Failure> {
+    pub(super) fn evaluation(&self, attacks: &[Attack]) -> Result<AttackEvaluation, Failure> {
         if let Some(scheme) = self.schemes.iter().find(|s| !s.hides_positions()) {
             return Err(Failure::with_help(
                 format!("{scheme} hides nothing that could be attacked"),

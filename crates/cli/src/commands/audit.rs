@@ -5,9 +5,9 @@ mod inputs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use veiloc_eval::audit::{AttackEvaluation, AttackKind, attacks_table};
-use veiloc_eval::report::{Audit, AuditOptions, run_audit};
+use veiloc_audit::{Attack, AttackEvaluation, Audit, AuditOptions, attacks_table, run_audit};
 use veiloc_query::ExtractionLimits;
+use veiloc_report::audit_page;
 
 use crate::commands::attack::AdversaryArgs;
 use crate::exit::{Exit, Failure, Outcome};
@@ -50,7 +50,7 @@ pub(crate) struct Args {
     /// Attacks, as `veiloc attack` knows them. Default: closed-form, closed-form-informed and graph; with several
     /// images that have descriptors, transfer too, which takes the others for the map of a server.
     #[arg(long, value_delimiter = ',', value_name = "ATTACK,…")]
-    attacks: Option<Vec<AttackKind>>,
+    attacks: Option<Vec<Attack>>,
     #[command(flatten)]
     adversary: AdversaryArgs,
     /// Keypoints of a photograph at most, the strongest.
@@ -84,12 +84,13 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let photograph = |group, index| (!args.no_images).then(|| inputs.photograph(group, index)).flatten();
     let audit = run_audit(&options, &photograph, &bars)?;
-    files::write(&report, audit.html.as_bytes())?;
+    let page = audit_page(&audit, &options);
+    files::write(&report, page.as_bytes())?;
     tell(args, &audit, ui)?;
     ui.say(format!(
         "\nReport: {} ({:.1} MB; open it in a browser). Done in {:.0} s.",
         report.display(),
-        audit.html.len() as f64 / 1e6,
+        page.len() as f64 / 1e6,
         started.elapsed().as_secs_f64()
     ));
     Ok(Exit::Success)

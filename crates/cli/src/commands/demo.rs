@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use veiloc_eval::demo::{DemoOptions, run_demo};
+use veiloc_audit::attacks_table;
+use veiloc_demo::{DemoOptions, run_demo};
 use veiloc_eval::results::table;
 
 use crate::exit::{Exit, Outcome};
@@ -34,7 +35,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     } else {
         ui.print(table(&demo.document.evaluation.schemes));
         ui.print("\n");
-        ui.print(veiloc_eval::demo::attack_table(&demo.document.attacks));
+        ui.print(attacks_table(&demo.document.attacks));
     }
     ui.say(format!(
         "\nReport: {} (open it in a browser). Done in {:.0} s.",

@@ -9,7 +9,7 @@
 
 mod bound;
 mod noise;
-mod plot;
+
 mod scene;
 mod table;
 mod trial;
@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 use serde::Serialize;
-use veiloc_mapping::Progress;
+use veiloc_features::Progress;
 use veiloc_query::{AngleBits, Scheme};
 use veiloc_robust::PoseOptions;
 
@@ -28,7 +28,6 @@ use crate::metrics::{PoseError, mean, median};
 use crate::results::finite;
 use trial::Trial;
 
-pub use plot::plot;
 pub use scene::{SceneError, SyntheticScene};
 pub use table::table;
 

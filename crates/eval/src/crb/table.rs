@@ -109,12 +109,12 @@ fn number(value: Option<f64>, digits: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, plot};
+    use crate::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound};
     use crate::text_table::WIDTH;
     use veiloc_query::Scheme;
 
     #[test]
-    fn table_and_plot_hold_every_cell() {
+    fn table_holds_every_cell() {
         let evaluation = SyntheticEvaluation {
             scenes: vec![SyntheticScene::Deep, SyntheticScene::Narrow],
             schemes: vec![Scheme::Points, Scheme::default()],
@@ -129,15 +129,6 @@ mod tests {
         assert!(text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
         assert_eq!(text.lines().filter(|l| l.starts_with("deep") || l.starts_with("narrow")).count(), 16);
         assert_eq!(text.lines().filter(|l| l.starts_with("all ")).count(), 4, "two schemes in two tables");
-        let image = plot(&document).expect("drawn");
-        assert!(image.starts_with("<svg") && image.trim_end().ends_with("</svg>"));
-        for word in
-            ["deep, 25 % outliers", "narrow, 25 % outliers", "points", "dcl", "noise of a keypoint, px"]
-        {
-            assert!(image.contains(word), "{word}");
-        }
-        // A dot a cell, and one a scheme in the legend.
-        assert_eq!(image.matches("<circle").count(), document.cells.len() + 2);
     }
 
     #[test]

@@ -10,8 +10,8 @@ use veiloc_synth::problems::PointProblem;
 use super::{Condition, SyntheticEvaluation, bound, noise};
 use crate::metrics::PoseError;
 use crate::poses::{pose_problem, runs_through};
-use crate::problems::Problem;
-use crate::seeds::seed_for;
+use veiloc_datasets::Problem;
+use veiloc_datasets::seed_for;
 
 /// Draws from the bound a problem: many problems make the median smooth, not many draws of one.
 const DRAWS: usize = 16;

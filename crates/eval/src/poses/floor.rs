@@ -3,7 +3,7 @@
 use veiloc_geometry::{Pixel, PlanePoint};
 use veiloc_robust::{Correspondences, PoseProblem};
 
-use crate::problems::Problem;
+use veiloc_datasets::Problem;
 
 /// A candidate line this far from its keypoint is the wrong one of two: dither and quantization move it by less.
 const OFF_LINE_PX: f64 = 1.0;

@@ -14,21 +14,21 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use veiloc_features::Progress;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_localize::{MatchedObservations, observe_matches};
-use veiloc_mapping::Progress;
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_query::{AngleBits, Observations, Scheme};
 use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, estimate_pose, optimize_pose, refine_pose};
 
 use crate::error::EvalError;
 use crate::hypotheses::Hypotheses;
-use crate::json_lines;
 use crate::metrics::Threshold;
-use crate::problems::{Problem, read_problems};
 use crate::results::{Evaluation, QueryResult, Variant, summarize};
 use crate::scene::{DEFAULT_SCORE, scores_or_default};
-use crate::seeds::seed_for;
+use veiloc_datasets::json_lines;
+use veiloc_datasets::problems::{Problem, read_problems};
+use veiloc_datasets::seed_for;
 
 pub(crate) use floor::runs_through;
 pub use gravity::{GravityError, GravitySource};
@@ -280,7 +280,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
 }
 
 /// The estimator's input, and the match each of its correspondences was made of.
-pub(crate) fn pose_problem(
+pub fn pose_problem(
     problem: &Problem,
     observations: &Observations,
     use_prior: bool,

@@ -232,7 +232,7 @@ pub struct MapSummary {
 
 impl QueryResult {
     /// A query that has no pose (yet).
-    pub(crate) fn unsolved(name: &str, scheme: Scheme, score: ScoreKind) -> Self {
+    pub fn unsolved(name: &str, scheme: Scheme, score: ScoreKind) -> Self {
         Self {
             name: name.to_owned(),
             scheme: scheme.to_string(),
@@ -253,13 +253,13 @@ impl QueryResult {
     }
 
     /// With the reason why there is no pose.
-    pub(crate) fn because(mut self, error: &impl std::error::Error) -> Self {
+    pub fn because(mut self, error: &impl std::error::Error) -> Self {
         self.failure = Some(error.to_string());
         self
     }
 
     /// With an estimate, and how far it is from the truth.
-    pub(crate) fn found(mut self, estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
+    pub fn found(mut self, estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
         let error = PoseError::of(estimate, truth);
         self.cam_from_world = Some(PoseDocument::of(estimate));
         self.rotation_error_deg = finite(error.rotation_deg);
@@ -281,6 +281,6 @@ impl QueryResult {
 }
 
 /// JSON has no infinity: a number that is not finite becomes null.
-pub(crate) fn finite(value: f64) -> Option<f64> {
+pub fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }

@@ -3,10 +3,9 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use veiloc_eval::audit::{
-    AttackKind, ImageGroup, KeypointImage, images_in, keypoints_of_images, read_keypoints,
-};
-use veiloc_mapping::Progress;
+use veiloc_audit::{Attack, ImageGroup};
+use veiloc_datasets::{KeypointImage, images_in, keypoints_of_images, read_keypoints};
+use veiloc_features::Progress;
 use veiloc_query::ExtractionLimits;
 
 use crate::exit::Failure;
@@ -102,13 +101,13 @@ impl Inputs {
     }
 
     /// Attacks that these inputs allow and that end in reasonable time.
-    pub(super) fn default_attacks(&self) -> Vec<AttackKind> {
+    pub(super) fn default_attacks(&self) -> Vec<Attack> {
         let map = |g: &Group| g.images.len() > 1 && g.images.iter().all(|(p, _)| p.descriptors.is_some());
-        let mut attacks = vec![AttackKind::Prior, AttackKind::ClosedForm, AttackKind::ClosedFormInformed];
+        let mut attacks = vec![Attack::PRIOR, Attack::CLOSED_FORM, Attack::CLOSED_FORM_INFORMED];
         if !self.groups.is_empty() && self.groups.iter().all(map) {
-            attacks.push(AttackKind::Transfer);
+            attacks.push(Attack::TRANSFER);
         }
-        attacks.push(AttackKind::Graph);
+        attacks.push(Attack::GRAPH);
         attacks
     }
 

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use veiloc_eval::Hypotheses;
-use veiloc_eval::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, plot, table};
+use veiloc_eval::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, table};
 use veiloc_query::{AngleBits, Scheme};
+use veiloc_report::plots;
 
 use crate::commands::eval::report::JsonArgs;
 use crate::commands::localization_args::{EngineArgs, positive};
@@ -76,7 +77,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.seed = args.seed;
     let document = evaluate_bound(&evaluation, &Bars::new(ui))?;
     if let Some(path) = &args.plot {
-        files::write(path, plot(&document)?.as_bytes())?;
+        files::write(path, plots::bound(&document)?.as_bytes())?;
     }
     args.json.print(table(&document), &document, ui)?;
     let localized = document.cells.iter().any(|cell| cell.localized > 0.0);

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::audit::{encode_keypoints, images_in, keypoints_of_images};
+use veiloc_datasets::{encode_keypoints, images_in, keypoints_of_images};
 use veiloc_query::ExtractionLimits;
 
 use crate::exit::{Exit, Failure, Outcome};

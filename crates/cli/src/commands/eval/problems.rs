@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_eval::audit::{KeypointImage, encode_keypoints};
-use veiloc_eval::{ProblemSource, encode_lines, make_problems};
+use veiloc_datasets::json_lines;
+use veiloc_datasets::{KeypointImage, encode_keypoints};
+use veiloc_eval::{ProblemSource, make_problems};
 
 use crate::commands::eval::place::PlaceArgs;
 use crate::commands::localization_args::MatchArgs;
@@ -49,7 +50,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let (lines, images): (Vec<String>, Vec<KeypointImage>) =
         make_problems(&source, &Bars::new(ui))?.into_iter().map(|made| (made.line, made.keypoints)).unzip();
     let gzip = |path: &Path| path.extension().is_some_and(|e| e == "gz");
-    files::write(&args.out, &encode_lines(&lines, gzip(&args.out))?)?;
+    files::write(&args.out, &json_lines::encode(&lines, gzip(&args.out))?)?;
     if let Some(path) = &args.keypoints {
         files::write(path, &encode_keypoints(&images, gzip(path))?)?;
     }

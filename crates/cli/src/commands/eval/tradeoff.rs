@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use veiloc_audit::tradeoff::{TradeoffEvaluation, Variant, evaluate_tradeoff, tradeoff_table};
 use veiloc_eval::metrics::Threshold;
-use veiloc_eval::tradeoff::{TradeoffEvaluation, Variant, evaluate_tradeoff, plot, tradeoff_table};
+use veiloc_report::plots;
 
 use crate::commands::eval::report::JsonArgs;
 use crate::commands::localization_args::{EngineArgs, RunArgs};
@@ -94,7 +95,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.seeds = args.seeds;
     let document = evaluate_tradeoff(&evaluation, &Bars::new(ui))?;
     if let Some(path) = &args.plot {
-        files::write(path, plot(&document)?.as_bytes())?;
+        files::write(path, plots::tradeoff(&document)?.as_bytes())?;
     }
     args.json.print(tradeoff_table(&document), &document, ui)?;
     let localized = document.variants.iter().any(|v| v.localization.localized > 0);

@@ -90,9 +90,8 @@ mod training {
 
     use std::path::Path;
 
-    use veiloc_eval::audit::training::{
-        TrainingOptions, TrainingRun, plot, train_neighbours, training_table,
-    };
+    use veiloc_audit::training::{TrainingOptions, TrainingRun, train_neighbours, training_table};
+    use veiloc_report::plots;
 
     use super::Args;
     use crate::exit::{Exit, Outcome};
@@ -132,7 +131,7 @@ mod training {
         bar.finish_and_clear();
         files::write(&args.out, &network.encode())?;
         if let Some(path) = &args.plot {
-            files::write(path, plot(&document)?.as_bytes())?;
+            files::write(path, plots::training(&document)?.as_bytes())?;
         }
         match &args.json {
             Some(path) if path == Path::new("-") => {

@@ -1,0 +1,221 @@
+//! The audit: the attacks on the inputs and on the paper's synthetic scene, the document, and all that a page draws.
+//!
+//! What is said in words is decided by the figures ([`conclusion`]). `veiloc-report` makes the page of it.
+
+mod conclusion;
+mod gallery;
+#[cfg(test)]
+mod tests;
+mod verdict;
+mod words;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use image::RgbImage;
+use image::imageops::{FilterType, resize};
+use serde::Serialize;
+use veiloc_features::Progress;
+
+use crate::error::AuditError;
+use crate::{
+    AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, ImageGroup, NeighbourSource, attack_groups,
+};
+use veiloc_eval::metrics::median;
+
+pub use conclusion::{conclusion, findings};
+pub use gallery::{Gallery, Shown, ShownAttack, ShownScheme, Spread};
+pub use verdict::base_share;
+pub use words::{Sentence, capital, count, needs, percent, px, scheme_words};
+
+/// What an audit attacks, and how it reports.
+#[derive(Debug, Clone)]
+pub struct AuditOptions {
+    /// Schemes, attacks and what the attacker knows. Its `files` are attacked after [`Self::groups`]; `synthetic` is the
+    /// number of keypoints of the paper's synthetic scene, 0 for none.
+    pub evaluation: AttackEvaluation,
+    /// Images; may be none, for the synthetic scene alone.
+    pub groups: Vec<ImageGroup>,
+    /// Images that are drawn, from the first.
+    pub shown: usize,
+    /// The command that repeats the run, for the page.
+    pub command: String,
+}
+
+/// The document of `veiloc audit --json`.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct AuditDocument {
+    /// Version of this document; a field is never removed or given another meaning under the same number.
+    pub version: u32,
+    /// `audit`.
+    pub command: &'static str,
+    /// What was found in words, decided by the figures below: of the inputs, or of the synthetic scene without inputs.
+    pub conclusion: Vec<String>,
+    /// The attacks on the inputs; absent without inputs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub inputs: Option<AuditPart>,
+    /// The attacks on the paper's synthetic scene; absent when it was left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub synthetic: Option<AuditPart>,
+}
+
+/// The attacks on inputs or scene, as `veiloc attack` has them, and what only the audit measures.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct AuditPart {
+    /// The document of `veiloc attack`.
+    #[serde(flatten)]
+    pub attacks: AttackDocument,
+    /// Keypoints of all images.
+    pub keypoints: usize,
+    /// One entry for each of the document's attacks, in its order: how far the arrangement of the recovered keypoints is
+    /// bent. The median, over keypoints and over 8 true neighbours of each, of the error of the offset to the neighbour in
+    /// shares of its length: 0 when all are moved together, 1 when all fall on one place.
+    pub bending: Vec<f64>,
+}
+
+/// What an audit found.
+#[derive(Debug, Clone)]
+pub struct Audit {
+    /// All figures.
+    pub document: AuditDocument,
+    /// What a page draws of the inputs; `None` without inputs.
+    pub inputs: Option<Part>,
+    /// The same of the synthetic scene; `None` when it was left out.
+    pub synthetic: Option<Part>,
+    /// How long it took.
+    pub seconds: f64,
+}
+
+/// One evaluation and what was collected of it.
+#[derive(Debug, Clone)]
+pub struct Part {
+    /// Its figures.
+    pub document: AuditPart,
+    /// Single keypoints.
+    pub gallery: Gallery,
+    /// `[shown]`: the photographs behind the images that are drawn.
+    pub photographs: Vec<Option<RgbImage>>,
+}
+
+/// Attacks inputs and synthetic scene.
+///
+/// `photograph(group, index)` names the file behind the keypoints of a group's image, or `None` when there is none or
+/// it shall not be shown; it is asked for the drawn images only.
+///
+/// On the synthetic scene, which has no descriptors and no other images, neighbours are the oracle's and attacks that
+/// need more are left out.
+///
+/// # Errors
+/// [`AuditError`] as [`attack_groups`], or when a photograph cannot be read; [`AuditError::Options`] when there is
+/// nothing to attack.
+pub fn run_audit(
+    options: &AuditOptions,
+    photograph: &dyn Fn(usize, usize) -> Option<PathBuf>,
+    progress: &dyn Progress,
+) -> Result<Audit, AuditError> {
+    let started = Instant::now();
+    let evaluation = &once(&options.evaluation);
+    let with_inputs = !options.groups.is_empty() || !evaluation.files.is_empty();
+    if !with_inputs && evaluation.synthetic == 0 {
+        return Err(AuditError::Options(
+            "there is nothing to attack: no input, and no synthetic scene".to_owned(),
+        ));
+    }
+    let mut inputs = None;
+    if with_inputs {
+        let on_inputs = AttackEvaluation { synthetic: 0, ..evaluation.clone() };
+        let mut watched = Watched::new(options.shown, progress, "Attacking the inputs");
+        let document = attack_groups(&on_inputs, options.groups.clone(), &mut watched)?;
+        let gallery = watched.finish();
+        let document = part(document, &gallery);
+        let of = |s: &Shown| photograph(s.at.0, s.at.1).map(|path| load(&path, s.size)).transpose();
+        let photographs = gallery.shown.iter().map(of).collect::<Result<_, _>>()?;
+        inputs = Some(Part { document, gallery, photographs });
+    }
+    let mut synthetic = None;
+    if evaluation.synthetic > 0 {
+        let on_scene = AttackEvaluation {
+            files: Vec::new(),
+            images: None,
+            attacks: evaluation.attacks.iter().copied().filter(|a| a.needs.one_image()).collect(),
+            neighbours: NeighbourSource::Oracle,
+            ..evaluation.clone()
+        };
+        let mut watched = Watched::new(1, progress, "Attacking the synthetic scene");
+        let document = attack_groups(&on_scene, Vec::new(), &mut watched)?;
+        let gallery = watched.finish();
+        synthetic = Some(Part { document: part(document, &gallery), gallery, photographs: vec![None] });
+    }
+    let first = inputs.as_ref().or(synthetic.as_ref());
+    let said = first.map(|p| conclusion(&p.document)).unwrap_or_default();
+    let document = AuditDocument {
+        version: 1,
+        command: "audit",
+        conclusion: said.iter().map(|s| s.plain()).collect(),
+        inputs: inputs.as_ref().map(|p| p.document.clone()),
+        synthetic: synthetic.as_ref().map(|p| p.document.clone()),
+    };
+    Ok(Audit { document, inputs, synthetic, seconds: started.elapsed().as_secs_f64() })
+}
+
+/// The same with nothing asked for twice: a row of the document is one of the page.
+fn once(evaluation: &AttackEvaluation) -> AttackEvaluation {
+    fn distinct<T: PartialEq + Copy>(all: &[T]) -> Vec<T> {
+        all.iter().enumerate().filter(|(i, x)| !all[..*i].contains(x)).map(|(_, x)| *x).collect()
+    }
+    AttackEvaluation {
+        schemes: distinct(&evaluation.schemes),
+        attacks: distinct(&evaluation.attacks),
+        corrupt: distinct(&evaluation.corrupt),
+        ..evaluation.clone()
+    }
+}
+
+fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
+    let bending = attacks.attacks.iter().map(|row| {
+        let same = |s: &&Spread| s.scheme == row.scheme && s.attack == row.attack && s.corrupt == row.corrupt;
+        gallery.spreads.iter().find(same).map_or(f64::NAN, |s| median(&s.bending))
+    });
+    AuditPart { bending: bending.collect(), keypoints: gallery.keypoints, attacks }
+}
+
+/// A photograph in colour, of the size that its keypoints are in. Its metadata is not read, nor its orientation.
+fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, AuditError> {
+    let fault = |e| AuditError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
+    let image = image::open(path).map_err(fault)?.into_rgb8();
+    let fits = image.dimensions() == (width, height);
+    Ok(if fits { image } else { resize(&image, width, height, FilterType::Triangle) })
+}
+
+/// Collects for the page, and tells how far the work is.
+struct Watched<'a> {
+    gallery: Gallery,
+    progress: &'a dyn Progress,
+    stage: &'static str,
+    begun: bool,
+}
+
+impl<'a> Watched<'a> {
+    fn new(shown: usize, progress: &'a dyn Progress, stage: &'static str) -> Self {
+        Self { gallery: Gallery::keeping(shown), progress, stage, begun: false }
+    }
+
+    fn finish(self) -> Gallery {
+        self.progress.finish();
+        self.gallery
+    }
+}
+
+impl AttackObserver for Watched<'_> {
+    fn advance(&mut self, _done: usize, total: usize) {
+        if !self.begun {
+            self.progress.start(self.stage, total);
+            self.begun = true;
+        }
+        self.progress.advance(1);
+    }
+
+    fn saw(&mut self, trial: &AttackTrial<'_>) {
+        self.gallery.saw(trial);
+    }
+}

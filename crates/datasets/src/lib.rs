@@ -1,0 +1,21 @@
+//! What evaluations and attacks read, and write for each other: correspondence problems, keypoints of images, lists of images.
+//!
+//! - [`problems`]: `problems.jsonl`, 2D–3D matches with the true pose, the input of `veiloc eval pose`.
+//! - [`keypoints`]: `keypoints.jsonl`, keypoints with or without descriptors, the input of `veiloc attack`.
+//! - [`images`]: images of folders, and their keypoints as a device would extract them.
+//! - [`json_lines`]: the files themselves, plain or gzipped, one JSON object a line.
+//! - [`seed_for`]: one seed for each named part of a run, so that no choice of other parts changes it.
+#![forbid(unsafe_code)]
+
+mod error;
+pub mod images;
+pub mod json_lines;
+pub mod keypoints;
+pub mod problems;
+mod seeds;
+
+pub use error::DatasetError;
+pub use images::{images_in, keypoints_of_image, keypoints_of_images};
+pub use keypoints::{KeypointImage, encode_keypoints, read_keypoints, synthetic_image};
+pub use problems::{Problem, ProblemLine, read_problems};
+pub use seeds::seed_for;

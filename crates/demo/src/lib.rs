@@ -1,0 +1,104 @@
+//! `veiloc demo`: a place that renders itself, and everything that is done with a real one.
+//!
+//! The renderer writes images and a posed COLMAP model to a folder. From there on nothing knows that the place
+//! is not real: the map is built from the files, queries are sealed, sent as bytes and localized by the code that
+//! `veiloc eval scene` runs, and the attack works on what was sent.
+
+#![forbid(unsafe_code)]
+
+mod attack;
+mod error;
+mod page;
+mod place;
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use veiloc_localize::LocalizeOptions;
+use veiloc_map::MapFile;
+use veiloc_mapping::BuildOptions;
+use veiloc_query::Scheme;
+
+use veiloc_audit::AttackDocument;
+use veiloc_eval::metrics::Threshold;
+use veiloc_eval::results::Evaluation;
+use veiloc_eval::{SceneEvaluation, evaluate_scene};
+use veiloc_features::Progress;
+
+pub use error::DemoError;
+
+/// What the demo does.
+#[derive(Debug, Clone)]
+pub struct DemoOptions {
+    /// Folder for everything that is written.
+    pub out: PathBuf,
+    /// Seed of the place and of every random choice.
+    pub seed: u64,
+    /// Views the map is built from. 40 look into every corner of the room from several sides.
+    pub map_views: usize,
+    /// Hidden views that are localized.
+    pub query_views: usize,
+    /// Schemes that are compared.
+    pub schemes: Vec<Scheme>,
+}
+
+impl DemoOptions {
+    /// The demo's own size: 40 views for the map, 12 hidden ones, all four schemes.
+    pub fn new(out: PathBuf, seed: u64) -> Self {
+        let schemes =
+            vec![Scheme::Points, Scheme::RandomLines, Scheme::CoordinatePermutation, Scheme::default()];
+        Self { out, seed, map_views: 40, query_views: 12, schemes }
+    }
+}
+
+/// The document of `veiloc demo --json`.
+#[derive(Debug, Clone, Serialize)]
+pub struct DemoDocument {
+    /// Localization of the hidden views.
+    pub evaluation: Evaluation,
+    /// What attacks recovered: the paper's on all hidden views, the graph attack on those that the report draws.
+    pub attacks: AttackDocument,
+}
+
+/// What the demo found, and where its report is.
+#[derive(Debug)]
+pub struct Demo {
+    /// All figures.
+    pub document: DemoDocument,
+    /// The report, one HTML file.
+    pub report: PathBuf,
+}
+
+/// Runs the demo.
+///
+/// # Errors
+/// [`DemoError`] when a file cannot be written, or the place could not be mapped.
+pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, DemoError> {
+    let place = place::render(options, progress)?;
+    let evaluation = SceneEvaluation {
+        posed: place.posed.clone(),
+        images: place.images.clone(),
+        map_list: place.map_list.clone(),
+        query_list: place.query_list.clone(),
+        keep_map: Some(options.out.join("place.vmap")),
+        build: BuildOptions::default(),
+        schemes: options.schemes.clone(),
+        scores: Vec::new(),
+        thresholds: vec![
+            Threshold { translation: 0.05, rotation_deg: 5.0 },
+            Threshold { translation: 0.02, rotation_deg: 1.0 },
+        ],
+        localize: LocalizeOptions::default(),
+        negatives: None,
+        seed: options.seed,
+    };
+    let result = evaluate_scene(&evaluation, progress)?;
+    let map = MapFile::open(&options.out.join("place.vmap"))?;
+    let attacked = attack::attack_all(&place, &map, options, progress)?;
+    let page = page::page(&place, &map, &result, &attacked, options);
+    let report = options.out.join("report.html");
+    std::fs::write(&report, veiloc_report::html(&page))
+        .map_err(|source| DemoError::Io { path: report.clone(), source })?;
+    let document = DemoDocument { evaluation: result, attacks: attacked.document };
+    Ok(Demo { document, report })
+}

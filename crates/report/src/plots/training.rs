@@ -1,0 +1,69 @@
+//! The training's curve as an image: the loss above, the precision on the validation images below.
+
+use plotters::prelude::*;
+
+use veiloc_audit::training::{CurveRow, TrainingDocument};
+
+use super::PlotError;
+
+/// Width and height of the image, pixels.
+const SIZE: (u32, u32) = (560, 480);
+/// Distinct in print and for the colour-blind (Okabe and Ito).
+const BLUE: RGBColor = RGBColor(0, 114, 178);
+const ORANGE: RGBColor = RGBColor(230, 159, 0);
+
+/// Loss and precision by step as an SVG document; the precision of the statistic and of a lot as lines beside it.
+///
+/// # Errors
+/// [`PlotError::Nothing`] when there is nothing to draw.
+pub fn plot(document: &TrainingDocument) -> Result<String, PlotError> {
+    if document.curve.is_empty() {
+        return Err(PlotError::Nothing("no step to draw"));
+    }
+    let mut text = String::new();
+    {
+        let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+        draw(document, &root).map_err(|e| PlotError::Failed(e.to_string()))?;
+    }
+    Ok(text)
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
+
+fn draw(document: &TrainingDocument, root: &Area<'_>) -> Result<(), String> {
+    root.fill(&WHITE).map_err(|e| e.to_string())?;
+    let halves = root.split_evenly((2, 1));
+    let of = |value: fn(&CurveRow) -> f64| {
+        document.curve.iter().map(|p| (p.step as f64, value(p))).collect::<Vec<_>>()
+    };
+    panel(&halves[0], "loss", &of(|p| p.loss), &[])?;
+    let beside = document.precision.iter().find(|r| r.part == "validate" && r.predictor == "statistic");
+    let levels: Vec<(&str, f64)> = beside
+        .map(|r| vec![("statistic", 100.0 * r.at_20), ("at random", 100.0 * r.chance)])
+        .unwrap_or_default();
+    panel(&halves[1], "precision at 20 on validation images, %", &of(|p| 100.0 * p.precision_at_20), &levels)
+}
+
+fn panel(area: &Area<'_>, caption: &str, curve: &[(f64, f64)], levels: &[(&str, f64)]) -> Result<(), String> {
+    let fault = |e: &dyn std::fmt::Display| e.to_string();
+    let values = || curve.iter().map(|p| p.1).chain(levels.iter().map(|l| l.1));
+    let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
+    let room = 0.08 * (high - low).max(1e-3 * high.abs()).max(1e-9);
+    let last = curve.last().map_or(1.0, |p| p.0);
+    let mut chart = ChartBuilder::on(area)
+        .caption(caption, ("sans-serif", 15))
+        .margin(8)
+        .x_label_area_size(34)
+        .y_label_area_size(44)
+        .build_cartesian_2d(0.0..1.02 * last, low - room..high + room)
+        .map_err(|e| fault(&e))?;
+    chart.configure_mesh().x_desc("step").light_line_style(TRANSPARENT).draw().map_err(|e| fault(&e))?;
+    for (name, level) in levels {
+        let ends = [(0.0, *level), (1.02 * last, *level)];
+        chart.draw_series(LineSeries::new(ends, ORANGE.stroke_width(2))).map_err(|e| fault(&e))?;
+        let label = Text::new((*name).to_owned(), (0.01 * last, *level + room), ("sans-serif", 13));
+        chart.draw_series([label]).map_err(|e| fault(&e))?;
+    }
+    chart.draw_series(LineSeries::new(curve.iter().copied(), BLUE.stroke_width(2))).map_err(|e| fault(&e))?;
+    Ok(())
+}
