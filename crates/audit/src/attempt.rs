@@ -4,8 +4,8 @@ use veiloc_attacks::{Density, KnownImage, NeighbourLists, Observation, Sighted, 
 use veiloc_geometry::Pixel;
 
 use crate::error::AuditError;
-use crate::server::View;
 use crate::sightings::sighted;
+use crate::view::View;
 
 /// What an attacker holds of one image. `[N]`: one entry a keypoint, in the order of the rows.
 #[derive(Clone, Copy)]

@@ -15,6 +15,7 @@ mod error;
 mod findings;
 mod neighbours;
 mod observer;
+mod options;
 mod private;
 mod rows;
 mod run;
@@ -23,6 +24,7 @@ mod sightings;
 pub mod tradeoff;
 #[cfg(feature = "network")]
 pub mod training;
+mod view;
 
 pub use attacks::{ATTACKS, Attack, Needs, UnknownAttack};
 pub use attempt::{Answers, Attempt};
@@ -34,5 +36,5 @@ pub use findings::{
 };
 pub use neighbours::{NeighbourSource, Neighbours};
 pub use observer::{AttackObserver, AttackTrial, ImageGroup};
-pub use run::{AttackEvaluation, attack_groups, evaluate_attacks};
-pub use server::{Measured, ServerKnowledge};
+pub use options::{AttackEvaluation, Measured, ServerKnowledge};
+pub use run::{attack_groups, evaluate_attacks};

@@ -6,7 +6,7 @@ use veiloc_query::Scheme;
 use super::attacks::Attack;
 use super::document::AttackSummary;
 use super::neighbours::NeighbourSource;
-use super::run::AttackEvaluation;
+use super::options::AttackEvaluation;
 use crate::error::AuditError;
 use veiloc_eval::metrics::median;
 

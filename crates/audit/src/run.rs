@@ -1,7 +1,6 @@
 //! Runs every attack on every scheme and image.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::time::Instant;
 
 use rand::SeedableRng;
@@ -9,48 +8,21 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
     Density, KnownImage, NeighbourLists, Observation, PlaceCounts, Transfer, bits_over_prior, errors_px,
 };
-use veiloc_query::{AngleBits, Observations, Scheme};
+use veiloc_query::{Observations, Scheme};
 
 use super::attacks::Attack;
 use super::attempt::Attempt;
 use super::document::AttackDocument;
 use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
 use super::observer::{AttackObserver, AttackTrial, ImageGroup, Progress};
+use super::options::AttackEvaluation;
 use super::rows::{Row, check, rows, summary};
-use super::server::{Server, ServerKnowledge, Tally, View, send};
+use super::server::{Server, Tally, send};
+use super::view::View;
 use crate::error::AuditError;
 use veiloc_datasets::json_lines;
 use veiloc_datasets::seed_for;
 use veiloc_datasets::{KeypointImage, read_keypoints, synthetic_image};
-
-/// What to attack, and how.
-#[derive(Debug, Clone)]
-pub struct AttackEvaluation {
-    /// Files of keypoints; empty for [`Self::synthetic`] alone.
-    pub files: Vec<PathBuf>,
-    /// Evenly spread keypoints of an additional image, 0 for none.
-    pub synthetic: usize,
-    /// Images of each file that are attacked, from the first; all of them teach the learned prior.
-    pub images: Option<usize>,
-    /// Schemes, in the order of the table.
-    pub schemes: Vec<Scheme>,
-    /// Attacks, in the order of the table. The guess is always there, first.
-    pub attacks: Vec<Attack>,
-    /// Who tells the neighbours.
-    pub neighbours: NeighbourSource,
-    /// Neighbours a keypoint.
-    pub k: usize,
-    /// Percent of the neighbours that are replaced by keypoints drawn at random; the neighbour attacks run once each.
-    pub corrupt: Vec<f64>,
-    /// What a server knows that has localized the images; `None` for an attacker who has only what was sent.
-    pub server: Option<ServerKnowledge>,
-    /// How many frames of a file an attack that needs several puts together, the attacked one included; once each.
-    pub frames: Vec<usize>,
-    /// Bits of a line's angle, as a profile sets them.
-    pub angle_bits: AngleBits,
-    /// Seed of obfuscation, corruption and starts.
-    pub seed: u64,
-}
 
 /// What an image sends under one scheme, and how far off the guess from it is.
 struct Sent {

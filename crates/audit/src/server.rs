@@ -5,68 +5,24 @@
 //! positions: the projections of their map points under it, wrong ones included.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{ErrorSummary, Observation};
-use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, PlanePoint};
+use veiloc_geometry::{Pixel, PlanePoint};
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_query::{Observations, Scheme};
 use veiloc_robust::{PoseOptions, estimate_pose};
 
 use super::document::ServerSummary;
+use super::options::{AttackEvaluation, Measured, ServerKnowledge};
 use super::private::person;
-use super::run::AttackEvaluation;
+use super::view::{Posed, View};
 use crate::error::AuditError;
 use veiloc_datasets::KeypointImage;
 use veiloc_datasets::seed_for;
 use veiloc_datasets::{Problem, read_problems};
 use veiloc_eval::pose_problem;
-
-/// On which keypoints errors are measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[non_exhaustive]
-pub enum Measured {
-    /// Those whose position the server does not know from its map.
-    #[default]
-    Hidden,
-    /// All, the known ones with the positions the server has for them.
-    All,
-}
-
-/// What the server brings.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ServerKnowledge {
-    /// Matches with the map, one problem for each attacked image by its name.
-    pub problems: Vec<PathBuf>,
-    /// Share of the keypoints, 0 to 1, in a compact region that the map does not have, as a person in the image;
-    /// errors are then measured on that region.
-    pub private: Option<f64>,
-    /// Where errors are measured, unless in a private region.
-    pub measured: Measured,
-}
-
-/// One image as the server sees it under one scheme.
-pub(super) struct View {
-    /// What was sent.
-    pub(super) observed: Observations,
-    /// `[N]`: the same as an attacker reads it, nothing else.
-    pub(super) sent: Vec<Observation>,
-    /// `[N]`: the same with the positions of the inliers.
-    pub(super) observations: Vec<Observation>,
-    /// `[N]`: whether the errors of a keypoint count.
-    pub(super) measured: Vec<bool>,
-    /// The camera and its pose, where one was found, and the least and greatest depth of the scene, map units.
-    pub(super) pose: Option<Posed>,
-}
-
-#[derive(Clone, Copy)]
-pub(super) struct Posed {
-    pub(super) camera: Pinhole,
-    pub(super) cam_from_world: CameraFromWorld,
-    pub(super) depths: [f64; 2],
-}
 
 /// The problems by the names of their images.
 pub(super) struct Server<'a> {

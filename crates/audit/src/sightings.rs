@@ -4,7 +4,7 @@ use veiloc_attacks::{
     AttackError, Frame, FramesOptions, KnownImage, Sighted, mutual_matches, several_frames,
 };
 
-use super::server::View;
+use super::view::View;
 
 /// Ratio of descriptor distances below which a match counts when frames are chosen.
 const RATIO: f64 = 0.9;

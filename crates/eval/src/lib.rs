@@ -13,17 +13,16 @@ mod error;
 mod hypotheses;
 mod make_problems;
 pub mod metrics;
-mod negatives;
 mod poses;
 pub mod results;
 mod scene;
+mod scores;
 pub mod text_table;
 
 pub use error::EvalError;
 pub use hypotheses::{Hypotheses, HypothesesError};
 pub use make_problems::{MadeProblem, ProblemSource, make_problems};
-pub use negatives::Negatives;
 pub use poses::{
     GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses, pose_problem,
 };
-pub use scene::{SceneEvaluation, evaluate_scene};
+pub use scene::{Negatives, SceneEvaluation, evaluate_scene};

@@ -1,6 +1,6 @@
 //! The conclusion in sentences. Every one of them is decided by the figures: other data, other sentences.
 
-use super::AuditPart;
+use super::data::AuditPart;
 use super::verdict::{ARRANGED, Found, GIVEN_AWAY, LEARNED, Verdict, base_share, by_scheme};
 use super::words::{Sentence, count, listed, needs, percent, px, scheme_words};
 use crate::{ATTACKS, Attack, AttackDocument, AttackSummary, Neighbours};

@@ -4,7 +4,7 @@ use veiloc_datasets::synthetic_image;
 use veiloc_query::{AngleBits, Scheme};
 
 use super::*;
-use crate::{Attack, AttackSummary, Neighbours};
+use crate::{Attack, AttackSummary, ImageGroup, Neighbours};
 
 fn options(groups: Vec<ImageGroup>, synthetic: usize) -> AuditOptions {
     AuditOptions {

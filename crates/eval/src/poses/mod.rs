@@ -25,7 +25,7 @@ use crate::error::EvalError;
 use crate::hypotheses::Hypotheses;
 use crate::metrics::Threshold;
 use crate::results::{Evaluation, QueryResult, Variant, summarize};
-use crate::scene::{DEFAULT_SCORE, scores_or_default};
+use crate::scores::{DEFAULT_SCORE, scores_or_default};
 use veiloc_datasets::json_lines;
 use veiloc_datasets::problems::{Problem, read_problems};
 use veiloc_datasets::seed_for;

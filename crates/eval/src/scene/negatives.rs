@@ -1,7 +1,5 @@
 //! Queries of another place: every pose they get is wrong, and one that is trusted is a false positive.
 
-use std::path::PathBuf;
-
 use veiloc_features::Progress;
 use veiloc_localize::localize;
 use veiloc_map::MapFile;
@@ -9,20 +7,11 @@ use veiloc_map::colmap::read_model;
 use veiloc_obfuscation::extract;
 use veiloc_query::SealedQuery;
 
+use super::options::{Negatives, SceneEvaluation};
+use super::queries::{PosedQuery, posed_queries, send};
 use crate::error::EvalError;
 use crate::results::NegativeResult;
-use crate::scene::{PosedQuery, SceneEvaluation, posed_queries, scores_or_default, send};
-
-/// Where queries of another place are.
-#[derive(Debug, Clone)]
-pub struct Negatives {
-    /// Folder of a COLMAP model of the other place; only its cameras are used.
-    pub posed: PathBuf,
-    /// Folder of its images.
-    pub images: PathBuf,
-    /// Names of the images that ask for their place.
-    pub list: Vec<String>,
-}
+use crate::scores::scores_or_default;
 
 impl Negatives {
     /// The queries; refused when they are of the very place that is evaluated.

@@ -3,69 +3,30 @@
 //! The map is built, written and opened again as a server would; every query is sealed, encoded and decoded as if it
 //! had crossed a network. No stage is short-cut because truth is at hand.
 
-use std::path::{Path, PathBuf};
+mod negatives;
+mod options;
+mod queries;
+
+use std::path::Path;
 use std::time::Instant;
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha20Rng;
-use veiloc_features::Features;
 use veiloc_features::Progress;
-use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_localize::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
-use veiloc_map::colmap::{ColmapModel, read_model};
-use veiloc_mapping::{BuildOptions, build};
-use veiloc_obfuscation::{SealError, extract, seal};
-use veiloc_query::{Profile, Scheme, SealedQuery};
+use veiloc_map::colmap::read_model;
+use veiloc_mapping::build;
+use veiloc_obfuscation::extract;
+use veiloc_query::{Scheme, SealedQuery};
 use veiloc_robust::ScoreKind;
 
+pub use options::{Negatives, SceneEvaluation};
+pub(crate) use queries::{PosedQuery, posed_queries};
+
 use crate::error::EvalError;
-use crate::metrics::Threshold;
-use crate::negatives::{Negatives, localize_negatives};
 use crate::results::{Evaluation, MapSummary, NegativeSummary, QueryResult, Variant, summarize};
-use veiloc_datasets::seed_for;
-
-/// What to evaluate.
-#[derive(Debug, Clone)]
-pub struct SceneEvaluation {
-    /// Folder of the COLMAP model with cameras and poses.
-    pub posed: PathBuf,
-    /// Folder of the images.
-    pub images: PathBuf,
-    /// Names of the images the map is built from.
-    pub map_list: Vec<String>,
-    /// Names of the images to localize.
-    pub query_list: Vec<String>,
-    /// Where to keep the map; a temporary file when none.
-    pub keep_map: Option<PathBuf>,
-    /// How the map is built.
-    pub build: BuildOptions,
-    /// Schemes, in the order of the table.
-    pub schemes: Vec<Scheme>,
-    /// Scores, in the order of the table; empty for the default.
-    pub scores: Vec<ScoreKind>,
-    /// Thresholds of the recall columns.
-    pub thresholds: Vec<Threshold>,
-    /// Localization; its score is replaced by each of [`Self::scores`].
-    pub localize: LocalizeOptions,
-    /// Queries of another place, none of which should be localized.
-    pub negatives: Option<Negatives>,
-    /// Seed of sealing and sampling.
-    pub seed: u64,
-}
-
-/// An image whose pose is known.
-#[derive(Debug, Clone)]
-pub(crate) struct PosedQuery {
-    /// Its name.
-    pub(crate) name: String,
-    /// Its file.
-    pub(crate) path: PathBuf,
-    /// Its camera.
-    pub(crate) camera: Intrinsics,
-    /// Where it truly was taken.
-    pub(crate) cam_from_world: CameraFromWorld,
-}
+use crate::scores::scores_or_default;
+use negatives::localize_negatives;
+use queries::send;
 
 /// Builds the map and localizes every query under every scheme and score.
 ///
@@ -131,28 +92,6 @@ fn folder_name(images: &Path) -> String {
     }
 }
 
-pub(crate) fn posed_queries(
-    posed: &ColmapModel,
-    images: &Path,
-    names: &[String],
-) -> Result<Vec<PosedQuery>, EvalError> {
-    names
-        .iter()
-        .map(|name| {
-            let image = posed.image_by_name(name).ok_or_else(|| {
-                EvalError::DataSet(format!("{name}: in the query list, but the model has no pose for it; take it from the list or add its pose"))
-            })?;
-            let camera = posed.camera_of(image);
-            Ok(PosedQuery {
-                name: name.clone(),
-                path: images.join(name),
-                camera: *camera,
-                cam_from_world: image.cam_from_world,
-            })
-        })
-        .collect()
-}
-
 type Results = (Vec<crate::results::SchemeSummary>, Vec<QueryResult>);
 
 /// Seals each query once a scheme, and localizes it with every score.
@@ -204,29 +143,6 @@ fn localize_all(
         .map(|results| summarize(&results.iter().collect::<Vec<_>>(), &evaluation.thresholds))
         .collect();
     Ok((summaries, by_recipe.into_iter().flatten().collect()))
-}
-
-/// What crosses the network for a query.
-///
-/// A device draws from the operating system; here the draw must be repeatable.
-pub(crate) fn send(
-    features: &Features,
-    camera: &Intrinsics,
-    profile: &Profile,
-    name: &str,
-    seed: u64,
-) -> Result<Vec<u8>, SealError> {
-    let seed = seed_for(seed, &[name, &profile.scheme().to_string()]);
-    let sealed = seal(features.clone(), camera, profile, &mut ChaCha20Rng::seed_from_u64(seed))?;
-    Ok(sealed.encode())
-}
-
-/// The score an estimator compares by that is told none.
-pub(crate) const DEFAULT_SCORE: ScoreKind = ScoreKind::Likelihood;
-
-/// The scores a scheme is run with: those asked for, or the default.
-pub(crate) fn scores_or_default(asked: &[ScoreKind]) -> Vec<ScoreKind> {
-    if asked.is_empty() { vec![DEFAULT_SCORE] } else { asked.to_vec() }
 }
 
 fn localize_one(

@@ -1,0 +1,59 @@
+//! What is attacked, and what the attacker knows.
+
+use std::path::PathBuf;
+
+use veiloc_query::{AngleBits, Scheme};
+
+use crate::attacks::Attack;
+use crate::neighbours::NeighbourSource;
+
+/// What to attack, and how.
+#[derive(Debug, Clone)]
+pub struct AttackEvaluation {
+    /// Files of keypoints; empty for [`Self::synthetic`] alone.
+    pub files: Vec<PathBuf>,
+    /// Evenly spread keypoints of an additional image, 0 for none.
+    pub synthetic: usize,
+    /// Images of each file that are attacked, from the first; all of them teach the learned prior.
+    pub images: Option<usize>,
+    /// Schemes, in the order of the table.
+    pub schemes: Vec<Scheme>,
+    /// Attacks, in the order of the table. The guess is always there, first.
+    pub attacks: Vec<Attack>,
+    /// Who tells the neighbours.
+    pub neighbours: NeighbourSource,
+    /// Neighbours a keypoint.
+    pub k: usize,
+    /// Percent of the neighbours that are replaced by keypoints drawn at random; the neighbour attacks run once each.
+    pub corrupt: Vec<f64>,
+    /// What a server knows that has localized the images; `None` for an attacker who has only what was sent.
+    pub server: Option<ServerKnowledge>,
+    /// How many frames of a file an attack that needs several puts together, the attacked one included; once each.
+    pub frames: Vec<usize>,
+    /// Bits of a line's angle, as a profile sets them.
+    pub angle_bits: AngleBits,
+    /// Seed of obfuscation, corruption and starts.
+    pub seed: u64,
+}
+
+/// On which keypoints errors are measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Measured {
+    /// Those whose position the server does not know from its map.
+    #[default]
+    Hidden,
+    /// All, the known ones with the positions the server has for them.
+    All,
+}
+
+/// What the server brings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ServerKnowledge {
+    /// Matches with the map, one problem for each attacked image by its name.
+    pub problems: Vec<PathBuf>,
+    /// Share of the keypoints, 0 to 1, in a compact region that the map does not have, as a person in the image;
+    /// errors are then measured on that region.
+    pub private: Option<f64>,
+    /// Where errors are measured, unless in a private region.
+    pub measured: Measured,
+}

@@ -1,0 +1,26 @@
+//! One image as a server sees it that has localized it.
+
+use veiloc_attacks::Observation;
+use veiloc_geometry::{CameraFromWorld, Pinhole};
+use veiloc_query::Observations;
+
+/// One image as the server sees it under one scheme.
+pub(crate) struct View {
+    /// What was sent.
+    pub(crate) observed: Observations,
+    /// `[N]`: the same as an attacker reads it, nothing else.
+    pub(crate) sent: Vec<Observation>,
+    /// `[N]`: the same with the positions of the inliers.
+    pub(crate) observations: Vec<Observation>,
+    /// `[N]`: whether the errors of a keypoint count.
+    pub(crate) measured: Vec<bool>,
+    /// The camera and its pose, where one was found, and the least and greatest depth of the scene, map units.
+    pub(crate) pose: Option<Posed>,
+}
+
+#[derive(Clone, Copy)]
+pub(crate) struct Posed {
+    pub(crate) camera: Pinhole,
+    pub(crate) cam_from_world: CameraFromWorld,
+    pub(crate) depths: [f64; 2],
+}

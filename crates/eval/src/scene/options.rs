@@ -1,0 +1,50 @@
+//! What is evaluated on a place with known poses.
+
+use std::path::PathBuf;
+
+use veiloc_localize::LocalizeOptions;
+use veiloc_mapping::BuildOptions;
+use veiloc_query::Scheme;
+use veiloc_robust::ScoreKind;
+
+use crate::metrics::Threshold;
+
+/// What to evaluate.
+#[derive(Debug, Clone)]
+pub struct SceneEvaluation {
+    /// Folder of the COLMAP model with cameras and poses.
+    pub posed: PathBuf,
+    /// Folder of the images.
+    pub images: PathBuf,
+    /// Names of the images the map is built from.
+    pub map_list: Vec<String>,
+    /// Names of the images to localize.
+    pub query_list: Vec<String>,
+    /// Where to keep the map; a temporary file when none.
+    pub keep_map: Option<PathBuf>,
+    /// How the map is built.
+    pub build: BuildOptions,
+    /// Schemes, in the order of the table.
+    pub schemes: Vec<Scheme>,
+    /// Scores, in the order of the table; empty for the default.
+    pub scores: Vec<ScoreKind>,
+    /// Thresholds of the recall columns.
+    pub thresholds: Vec<Threshold>,
+    /// Localization; its score is replaced by each of [`Self::scores`].
+    pub localize: LocalizeOptions,
+    /// Queries of another place, none of which should be localized.
+    pub negatives: Option<Negatives>,
+    /// Seed of sealing and sampling.
+    pub seed: u64,
+}
+
+/// Where queries of another place are.
+#[derive(Debug, Clone)]
+pub struct Negatives {
+    /// Folder of a COLMAP model of the other place; only its cameras are used.
+    pub posed: PathBuf,
+    /// Folder of its images.
+    pub images: PathBuf,
+    /// Names of the images that ask for their place.
+    pub list: Vec<String>,
+}

@@ -1,0 +1,64 @@
+//! Queries whose poses are known, and what crosses the network for them.
+
+use std::path::{Path, PathBuf};
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use veiloc_datasets::seed_for;
+use veiloc_features::Features;
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_map::colmap::ColmapModel;
+use veiloc_obfuscation::{SealError, seal};
+use veiloc_query::Profile;
+
+use crate::error::EvalError;
+
+/// An image whose pose is known.
+#[derive(Debug, Clone)]
+pub(crate) struct PosedQuery {
+    /// Its name.
+    pub(crate) name: String,
+    /// Its file.
+    pub(crate) path: PathBuf,
+    /// Its camera.
+    pub(crate) camera: Intrinsics,
+    /// Where it truly was taken.
+    pub(crate) cam_from_world: CameraFromWorld,
+}
+
+pub(crate) fn posed_queries(
+    posed: &ColmapModel,
+    images: &Path,
+    names: &[String],
+) -> Result<Vec<PosedQuery>, EvalError> {
+    names
+        .iter()
+        .map(|name| {
+            let image = posed.image_by_name(name).ok_or_else(|| {
+                EvalError::DataSet(format!("{name}: in the query list, but the model has no pose for it; take it from the list or add its pose"))
+            })?;
+            let camera = posed.camera_of(image);
+            Ok(PosedQuery {
+                name: name.clone(),
+                path: images.join(name),
+                camera: *camera,
+                cam_from_world: image.cam_from_world,
+            })
+        })
+        .collect()
+}
+
+/// What crosses the network for a query.
+///
+/// A device draws from the operating system; here the draw must be repeatable.
+pub(crate) fn send(
+    features: &Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    name: &str,
+    seed: u64,
+) -> Result<Vec<u8>, SealError> {
+    let seed = seed_for(seed, &[name, &profile.scheme().to_string()]);
+    let sealed = seal(features.clone(), camera, profile, &mut ChaCha20Rng::seed_from_u64(seed))?;
+    Ok(sealed.encode())
+}
