@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use super::format::{degrees, escape, length, milliseconds, percent, pixels, scheme_words};
 use veiloc_audit::{Attack, AttackSummary, capital};
-use veiloc_eval::results::SchemeSummary;
+use veiloc_eval::results::{STAGES, SchemeSummary};
 
 pub(super) fn localization(rows: &[SchemeSummary]) -> String {
     if rows.is_empty() {
@@ -52,7 +52,11 @@ pub(super) fn localization(rows: &[SchemeSummary]) -> String {
 }
 
 fn stage_times(rows: &[SchemeSummary], several_scores: bool) -> String {
-    let stages: BTreeSet<&String> = rows.iter().flat_map(|r| r.median_ms.keys()).collect();
+    let known: BTreeSet<&String> = rows.iter().flat_map(|r| r.median_ms.keys()).collect();
+    // As a query goes through them; what is not on that road comes last.
+    let place = |stage: &str| STAGES.iter().position(|s| *s == stage).unwrap_or(STAGES.len());
+    let mut stages: Vec<&String> = known.into_iter().collect();
+    stages.sort_by_key(|stage| place(stage));
     if stages.is_empty() {
         return String::new();
     }

@@ -17,7 +17,8 @@ pub(super) fn section(view: &TopView) -> String {
     let Some(plan) = Plan::new(view) else { return String::new() };
     let mut out = String::from(
         "<section><h2>The place from above</h2><p>Every hidden view, drawn where the camera really stood and where \
-         the server put it. A filled wedge on its hollow one is a camera that was found.</p>",
+         the server put it. A filled wedge on its hollow one is a camera that was found. A wedge has its tip where the camera \
+         stood and opens to where it looked.</p>",
     );
     out.push_str(&legend());
     let mut ground = String::new();
@@ -34,8 +35,8 @@ pub(super) fn section(view: &TopView) -> String {
         let _ = write!(ground, "<path class=\"mapcam\" stroke-width=\"1\" d=\"{}\"/>", plan.wedge(pose, 7.0));
     }
     out.push_str("<div class=\"two\">");
-    for scheme in &view.schemes {
-        out.push_str(&figure(scheme, &plan, &ground));
+    for group in alike(&view.schemes) {
+        out.push_str(&figure(&group, &plan, &ground));
     }
     out.push_str("</div></section>");
     out
@@ -60,7 +61,36 @@ fn legend() -> String {
     )
 }
 
-fn figure(scheme: &TopViewScheme, plan: &Plan, ground: &str) -> String {
+/// How far off one estimate is; as the legend has it.
+fn class(truth: &CameraFromWorld, estimate: Option<&CameraFromWorld>) -> &'static str {
+    match estimate.filter(|pose| pose.is_finite()).map(|pose| pose.translation_error(truth)) {
+        None => "lost",
+        Some(error) if error < 0.05 => "near",
+        Some(error) if error < 0.25 => "mid",
+        Some(_) => "far",
+    }
+}
+
+/// Schemes whose drawings would look the same share one.
+fn alike(schemes: &[TopViewScheme]) -> Vec<Vec<&TopViewScheme>> {
+    let classes = |scheme: &TopViewScheme| -> Vec<&'static str> {
+        scheme.cameras.iter().map(|(truth, estimate)| class(truth, estimate.as_ref())).collect()
+    };
+    let mut groups: Vec<Vec<&TopViewScheme>> = Vec::new();
+    for scheme in schemes {
+        // Where nothing is farther off than a wedge is long, nobody sees a difference.
+        let own = classes(scheme);
+        let seen = own.iter().any(|c| *c == "far");
+        match groups.iter_mut().find(|g| !seen && classes(g[0]) == own) {
+            Some(group) => group.push(scheme),
+            None => groups.push(vec![scheme]),
+        }
+    }
+    groups
+}
+
+fn figure(group: &[&TopViewScheme], plan: &Plan, ground: &str) -> String {
+    let scheme = group[0];
     let (mut drawn, mut off_page, mut lost) = (String::new(), 0, 0);
     for (truth, _) in &scheme.cameras {
         let _ =
@@ -68,14 +98,7 @@ fn figure(scheme: &TopViewScheme, plan: &Plan, ground: &str) -> String {
     }
     for (truth, estimate) in &scheme.cameras {
         if let Some(pose) = estimate.filter(CameraFromWorld::is_finite) {
-            let error = pose.translation_error(truth);
-            let class = if error < 0.05 {
-                "near"
-            } else if error < 0.25 {
-                "mid"
-            } else {
-                "far"
-            };
+            let class = class(truth, Some(&pose));
             if plan.holds(plan.place(pose.center().coords)) {
                 let _ = write!(drawn, "<path class=\"{class}\" d=\"{}\"/>", plan.wedge(&pose, 10.0));
             } else {
@@ -93,7 +116,11 @@ fn figure(scheme: &TopViewScheme, plan: &Plan, ground: &str) -> String {
     if off_page > 0 {
         let _ = write!(words, " {off_page} estimated so far away that they are off this page.");
     }
-    let (name, _) = scheme_words(&scheme.scheme);
+    let names: Vec<String> = group.iter().map(|s| scheme_words(&s.scheme).0).collect();
+    let name = names.join(", ");
+    if group.len() > 1 {
+        words.push_str(" The same under each of these schemes; the first is drawn.");
+    }
     format!(
         "<figure><svg viewBox=\"0 0 {WIDTH:.0} {:.0}\" role=\"img\" aria-label=\"The place from above\">{ground}{drawn}{}</svg>\
          <figcaption><b>{name}.</b> {words}</figcaption></figure>",
@@ -175,5 +202,29 @@ impl Plan {
             y + 4.0,
             length(Some(metres)).replace(".00 ", " ").replace(".0 ", " ")
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scheme(name: &str, off: Option<f64>) -> TopViewScheme {
+        let at =
+            |x: f64| CameraFromWorld::from_quaternion([1.0, 0.0, 0.0, 0.0], [x, 0.0, 0.0]).expect("a pose");
+        TopViewScheme {
+            scheme: name.to_owned(),
+            cameras: vec![(at(0.0), off.map(at)), (at(1.0), Some(at(1.0)))],
+        }
+    }
+
+    #[test]
+    fn schemes_that_look_alike_share_a_drawing_and_others_do_not() {
+        let (a, b, lost) =
+            (scheme("points", Some(0.01)), scheme("dcl", Some(0.02)), scheme("random-lines", None));
+        let (far, farther) = (scheme("points", Some(1.0)), scheme("dcl", Some(2.0)));
+        assert_eq!(alike(&[a.clone(), lost, b.clone()]).iter().map(Vec::len).collect::<Vec<_>>(), [2, 1]);
+        assert_eq!(alike(&[far, farther]).len(), 2, "they are drawn at different places");
+        assert_eq!(alike(&[a, scheme("dcl", Some(0.2)), b]).len(), 2);
     }
 }

@@ -13,7 +13,7 @@ use veiloc_robust::ScoreKind;
 use crate::metrics::PoseError;
 
 pub use summary::summarize;
-pub use table::table;
+pub use table::{STAGES, table};
 
 /// The document that `eval pose --json` and `eval scene --json` print.
 #[derive(Debug, Clone, Serialize)]

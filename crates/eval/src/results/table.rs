@@ -8,7 +8,7 @@ use crate::hypotheses::Hypotheses;
 use crate::text_table::{TextTable, WIDTH};
 
 /// Stages in the order a query passes them; the table's columns.
-const STAGES: [&str; 6] = ["extract", "seal", "decode", "retrieve", "match", "pose"];
+pub const STAGES: [&str; 6] = ["extract", "seal", "decode", "retrieve", "match", "pose"];
 
 /// Columns that tell rows apart: scheme, recipe, score, gravity.
 const NAMES: usize = 4;
