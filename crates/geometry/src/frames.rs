@@ -202,6 +202,23 @@ impl CameraFromWorld {
         let turn = Rotation3::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
         Self::new(turn * self.rotation, turn * self.translation + Vector3::new(step[3], step[4], step[5]))
     }
+
+    /// Covariance of the camera centre in the world frame, map units squared, from that of the pose in the chart of
+    /// [`Self::perturbed`].
+    ///
+    /// The centre moves by `−Rᵀ v` to first order. Infinite on the diagonal, and 0 beside it, when the translation's part
+    /// is not finite: turning infinities would mix them into NaN.
+    pub fn center_covariance(&self, covariance: &[[f64; 6]; 6]) -> [[f64; 3]; 3] {
+        let shift = Matrix3::from_fn(|i, j| covariance[3 + i][3 + j]);
+        if !shift.iter().all(|c| c.is_finite()) {
+            return std::array::from_fn(|i| {
+                std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 })
+            });
+        }
+        let r = self.rotation.matrix();
+        let center = r.transpose() * shift * r;
+        std::array::from_fn(|i| std::array::from_fn(|j| center[(i, j)]))
+    }
 }
 
 #[cfg(test)]
@@ -249,5 +266,35 @@ mod tests {
         assert!(a.translation_error(&b) < 1e-12);
         let c = a.perturbed(&[0.0, 0.0, 0.0, 0.5, 0.0, 0.0]);
         assert!((a.translation_error(&c) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_covariance_of_the_centre_is_that_of_its_finite_differences() {
+        let pose = pose(0.7);
+        // Any symmetric positive matrix: A Aᵀ of a full A.
+        let a = |i: usize, j: usize| (1.3 * i as f64 + 0.7 * (j * j) as f64).sin() + f64::from(i == j);
+        let covariance: [[f64; 6]; 6] =
+            std::array::from_fn(|i| std::array::from_fn(|j| (0..6).map(|k| a(i, k) * a(j, k)).sum()));
+        let moved = |k: usize| {
+            let mut step = [0.0; 6];
+            step[k] = 1e-6;
+            let ahead = pose.perturbed(&step).center().coords;
+            step[k] = -1e-6;
+            (ahead - pose.perturbed(&step).center().coords) / 2e-6
+        };
+        let jacobian: [Vector3<f64>; 6] = std::array::from_fn(moved);
+        let found = pose.center_covariance(&covariance);
+        for i in 0..3 {
+            for j in 0..3 {
+                let expected: f64 =
+                    (0..36).map(|k| jacobian[k / 6][i] * covariance[k / 6][k % 6] * jacobian[k % 6][j]).sum();
+                assert!((found[i][j] - expected).abs() < 1e-6, "[{i}][{j}] {} {expected}", found[i][j]);
+            }
+        }
+        let mut free = covariance;
+        free[4][4] = f64::INFINITY;
+        let free = pose.center_covariance(&free);
+        assert_eq!(free.map(|row| row.map(f64::is_nan)), [[false; 3]; 3]);
+        assert!((0..3).all(|i| free[i][i] == f64::INFINITY));
     }
 }
