@@ -9,13 +9,16 @@ use veiloc_robust::Correspondences;
 pub struct MatchedObservations {
     /// `[N]`, in the order of the matches.
     pub correspondences: Correspondences,
+    /// The row of the query each correspondence belongs to, `[N]`.
+    pub keypoints: Vec<usize>,
     /// The match each correspondence came from, `[N]`, rising.
     pub match_of: Vec<usize>,
 }
 
 /// One correspondence a match; two for coordinate permutation, whose line is either horizontal or vertical.
 ///
-/// Of those two at most one is right. The estimator takes the other for what it is to it, an outlier.
+/// Of those two at most one is right: they share their row, which is how the estimator knows. It takes the other for what
+/// it is to it, an outlier.
 ///
 /// `rows[i]` is the row of the query that match `i` belongs to; a row may have several matches.
 ///
@@ -23,7 +26,7 @@ pub struct MatchedObservations {
 /// When a row is not in the query.
 pub fn observe_matches(observations: &Observations, rows: &[usize]) -> MatchedObservations {
     let once = || (0..rows.len()).collect::<Vec<_>>();
-    let (correspondences, match_of) = match observations {
+    let (correspondences, match_of): (_, Vec<usize>) = match observations {
         Observations::Points(pixels) => {
             (Correspondences::Points { pixels: rows.iter().map(|&r| pixels[r]).collect() }, once())
         }
@@ -42,5 +45,6 @@ pub fn observe_matches(observations: &Observations, rows: &[usize]) -> MatchedOb
             once(),
         ),
     };
-    MatchedObservations { correspondences, match_of }
+    let keypoints = match_of.iter().map(|&m| rows[m]).collect();
+    MatchedObservations { correspondences, keypoints, match_of }
 }

@@ -7,7 +7,6 @@ use veiloc_robust::PoseError;
 ///
 /// None of the messages holds anything of the query's content (leak L8).
 #[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
 pub enum LocalizeError {
     /// The query was sealed for another map, or for an older state of this one's profile.
     #[error(
@@ -20,9 +19,6 @@ pub enum LocalizeError {
     /// The map holds no image or no point.
     #[error("the map is empty; add posed images with `veiloc map add`")]
     EmptyMap,
-    /// The numbers of the query do not describe a camera or a set of lines.
-    #[error("the query is not usable: {0}")]
-    BadQuery(String),
     /// The robust estimator found no pose.
     #[error("not localized: {source}")]
     NoPose {

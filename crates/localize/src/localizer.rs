@@ -1,5 +1,6 @@
 //! The whole road from sealed query to pose, with the time each stage took.
 
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 use rand::SeedableRng;
@@ -58,6 +59,7 @@ pub struct StageTimes {
 
 /// Where the query was taken.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Localization {
     /// The pose in the map.
     pub cam_from_world: CameraFromWorld,
@@ -65,10 +67,14 @@ pub struct Localization {
     pub covariance: [[f64; 6]; 6],
     /// Whether to trust the pose, and why not.
     pub confidence: Confidence,
-    /// Matches that agree with the pose.
+    /// Rows of the query that agree with the pose: those with a pair that does.
     pub inliers: usize,
-    /// Matches between query and map.
+    /// Rows of the query that were matched, to one map point or several.
     pub matches: usize,
+    /// Pairs of a row and a map point that agree with the pose.
+    pub inlier_pairs: usize,
+    /// Pairs of a row and a map point: what the pose was estimated from.
+    pub pairs: usize,
     /// Hypotheses drawn.
     pub hypotheses: usize,
     /// The images that were matched, best first.
@@ -103,6 +109,7 @@ pub fn localize(
     let problem = PoseProblem {
         camera: query.camera(),
         observations: observed.correspondences,
+        keypoints: observed.keypoints,
         points: observed.match_of.iter().map(|m| map.point(of_match(m).point)).collect(),
         prior: options
             .use_prior
@@ -112,21 +119,18 @@ pub fn localize(
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)
         .map_err(|source| LocalizeError::NoPose { source, correspondences: problem.points.len() })?;
-    let mut agreeing: Vec<usize> = observed
-        .match_of
-        .iter()
-        .zip(&estimate.inliers)
-        .filter_map(|(m, inlier)| inlier.then_some(*m))
-        .collect();
-    agreeing.dedup();
+    let agreeing =
+        observed.match_of.iter().zip(&estimate.inliers).filter_map(|(m, agrees)| agrees.then_some(*m));
 
     let ms = |from: Instant, to: Instant| to.duration_since(from).as_secs_f64() * 1e3;
     Ok(Localization {
         cam_from_world: estimate.cam_from_world,
         covariance: estimate.covariance,
         confidence: estimate.confidence,
-        inliers: agreeing.len(),
-        matches: matches.len(),
+        inliers: estimate.inlier_keypoints,
+        matches: distinct(rows.iter().copied()),
+        inlier_pairs: distinct(agreeing),
+        pairs: matches.len(),
         hypotheses: estimate.hypotheses,
         retrieved,
         times: StageTimes {
@@ -135,6 +139,11 @@ pub fn localize(
             pose_ms: ms(matched_at, Instant::now()),
         },
     })
+}
+
+/// How many different numbers there are.
+fn distinct(numbers: impl Iterator<Item = usize>) -> usize {
+    numbers.collect::<BTreeSet<_>>().len()
 }
 
 /// Probability that a match is right, before geometry is asked.

@@ -146,6 +146,39 @@ fn every_scheme_finds_the_camera() {
 }
 
 #[test]
+fn rows_are_counted_whatever_number_of_points_they_are_matched_to() {
+    // Every map point twice, each seen by half of the images, as unfinished tracks leave them: a row has two pairs.
+    let place = Place::new(1);
+    let whole = place.map();
+    let mut halves = whole.clone();
+    halves.points = whole
+        .points
+        .iter()
+        .flat_map(|point| {
+            let (first, second) = point.track.split_at(point.track.len() / 2);
+            [first, second].map(|track| MapPoint { track: track.to_vec(), ..point.clone() })
+        })
+        .filter(|point| !point.track.is_empty())
+        .collect();
+    halves.link_keypoints();
+    for scheme in ["points", "coordinate-permutation", "dcl"] {
+        let profile = place.profile.with_scheme(scheme.parse().expect("a scheme"));
+        let mut rng = ChaCha20Rng::seed_from_u64(3);
+        let sealed = seal(place.query(&pose(0.13, 0.2)), &place.camera, &profile, &mut rng).expect("sealed");
+        let [once, twice] = [&whole, &halves]
+            .map(|map| localize(&sealed, &open(map), &LocalizeOptions::default()).expect("localized"));
+        assert!(once.inliers <= once.matches && once.matches <= once.pairs, "{scheme}");
+        assert_eq!(twice.matches, once.matches, "{scheme}: rows");
+        assert!(twice.inliers <= twice.matches && twice.inliers > 100, "{scheme}: {}", twice.inliers);
+        assert!(twice.pairs > once.pairs * 3 / 2, "{scheme}: {} pairs", twice.pairs);
+        assert!(twice.inlier_pairs > twice.inliers * 3 / 2, "{scheme}: {} agree", twice.inlier_pairs);
+        // The same rows see the same places: what they prove does not double.
+        let (once, twice) = (once.confidence.log_evidence, twice.confidence.log_evidence);
+        assert!(twice < 1.3 * once, "{scheme}: {twice} in place of {once}");
+    }
+}
+
+#[test]
 fn a_query_for_another_map_is_refused() {
     let (place, other) = (Place::new(1), Place::new(2));
     let map = open(&place.map());

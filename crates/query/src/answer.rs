@@ -36,9 +36,9 @@ pub struct Answer {
     pub log_evidence: f64,
     /// Log likelihood by which the pose beats the best other one; infinite when no other was found.
     pub margin: f64,
-    /// Matches that agree with the pose.
+    /// Rows of the query that agree with the pose.
     pub inliers: u32,
-    /// Matches between query and map.
+    /// Rows of the query that were matched to map points, to one or several.
     pub matches: u32,
     /// Minimal samples drawn.
     pub hypotheses: u32,

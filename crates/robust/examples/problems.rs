@@ -110,6 +110,7 @@ fn evaluate(
             let problem = PoseProblem {
                 camera: query.camera,
                 observations: obfuscate(query, &recipe.scheme, &mut rng),
+                keypoints: query.keypoints.clone(),
                 points: query.points.clone(),
                 prior: recipe.prior.then(|| {
                     query

@@ -1,11 +1,12 @@
 //! Whether to trust a pose: its evidence against chance, its rivals, and how firmly it is held.
 //!
 //! # Evidence
-//! For one pose, the matches of a keypoint (of which at most one is right) explain what was observed better than "all
-//! of them are wrong" by the factor `1 − Σ γᵢ + Σ γᵢ ρᵢ`, with `γᵢ` the prior of match `i` and `ρᵢ` how much likelier
-//! its observation is when right than when wrong (`matches.rs`). The product over keypoints, integrated over all poses
-//! that might have been (any orientation, anywhere in the mapped region) by Laplace's approximation, is the Bayes factor
-//! of "taken here" against "taken elsewhere":
+//! For one pose, the matches of a keypoint explain what was observed better than "all of them are wrong" by the factor
+//! `1 − Σ γᵢ + Σ γᵢ ρᵢ`, with `γᵢ` the prior of match `i` and `ρᵢ` how much likelier its observation is when right than
+//! when wrong (`matches.rs`). Of one keypoint's matches at most one is right, and [`crate::PoseProblem::keypoints`] says which
+//! are one keypoint's. The product over keypoints, integrated over all poses that might have been (any orientation,
+//! anywhere in the mapped region) by Laplace's approximation, is the Bayes factor of "taken here" against "taken
+//! elsewhere":
 //!
 //! ```text
 //! log evidence = Σ log(1 − Σ γ + Σ γ ρ) + ½ log det(2π C) − log(8π² V)
@@ -16,18 +17,18 @@
 //! that were tried is paid for. Real wrong matches are not random (repeated structures agree with each other), so
 //! [`Confidence::is_trusted`] asks for more than that; false positives are measured in `docs/pose-engine.md`.
 
-use std::collections::HashMap;
 use std::fmt;
 
-use veiloc_geometry::nalgebra::{Matrix6, Vector3};
+use veiloc_geometry::nalgebra::Matrix6;
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
 use crate::information::Symmetric6;
-use crate::matches::{Kind, Matches};
+use crate::matches::Matches;
+use crate::problem::Correspondences;
 
-/// Least natural logarithm of the evidence of a trusted pose. Queries of other places reached 43 at most, queries of the
-/// place began at 740 (`docs/pose-engine.md`).
-const LEAST_LOG_EVIDENCE: f64 = 50.0;
+/// Least natural logarithm of the evidence of a trusted pose. Queries of other places reached 49 at most, queries of the
+/// place began at 599, at 456 with 256 keypoints (`docs/pose-engine.md`).
+const LEAST_LOG_EVIDENCE: f64 = 60.0;
 
 /// Least log likelihood by which a trusted pose beats the best other one.
 const LEAST_MARGIN: f64 = 8.0;
@@ -58,7 +59,6 @@ pub struct Confidence {
 
 /// A reason not to trust a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
 pub enum Doubt {
     /// So many agreeing matches could be chance.
     WeakEvidence {
@@ -133,7 +133,7 @@ impl Confidence {
 /// Assesses a pose with the log likelihood ratios of all correspondences under it, its covariance, and what it beats the
 /// best other pose by.
 pub(crate) fn assess(
-    matches: &Matches,
+    matches: &Matches<'_>,
     pose: &CameraFromWorld,
     inliers: &[usize],
     likelihoods: &[f64],
@@ -159,36 +159,28 @@ pub(crate) fn assess(
         center_sd,
         center_sd_relative: center_sd / distance,
         rotation_sd_deg: rotation_sd.to_degrees(),
-        sides: matches!(matches.kind, Kind::Anchored(_)).then(|| sides(matches, inliers)),
+        sides: matches!(matches.observations, Correspondences::Anchored { .. })
+            .then(|| sides(matches, inliers)),
     }
 }
 
 /// Distinct keypoints among the inliers of each anchor.
-fn sides(matches: &Matches, inliers: &[usize]) -> [usize; 2] {
+fn sides(matches: &Matches<'_>, inliers: &[usize]) -> [usize; 2] {
     Anchor::BOTH.map(|anchor| {
-        let of_anchor = inliers.iter().filter(|&&i| matches.anchor[i] == anchor);
-        of_anchor.map(|&i| key(&matches.observed[i])).collect::<std::collections::BTreeSet<_>>().len()
+        matches.keypoints_among(inliers.iter().copied().filter(|&i| matches.anchor[i] == anchor))
     })
 }
 
-fn key(observed: &Vector3<f64>) -> [u64; 3] {
-    [observed.x.to_bits(), observed.y.to_bits(), observed.z.to_bits()]
-}
-
-fn log_evidence(matches: &Matches, likelihoods: &[f64], covariance: &Matrix6<f64>) -> f64 {
+fn log_evidence(matches: &Matches<'_>, likelihoods: &[f64], covariance: &Matrix6<f64>) -> f64 {
     let log_volume = log_det(&(covariance * std::f64::consts::TAU));
     let Some(log_volume) = log_volume else { return f64::NEG_INFINITY };
     // Σ γ and Σ γ ρ of each keypoint.
-    let mut index: HashMap<[u64; 3], usize> = HashMap::with_capacity(matches.len());
-    let mut keypoints: Vec<(f64, f64)> = Vec::with_capacity(matches.len());
+    let mut keypoints = vec![(0.0, 0.0); matches.keypoints];
     for (i, &llr) in likelihoods.iter().enumerate() {
         let prior = matches.weight[i];
-        let at = *index.entry(key(&matches.observed[i])).or_insert(keypoints.len());
-        if at == keypoints.len() {
-            keypoints.push((0.0, 0.0));
-        }
-        keypoints[at].0 += prior;
-        keypoints[at].1 += (1.0 - prior) * llr.exp();
+        let (right, explained): &mut (f64, f64) = &mut keypoints[matches.keypoint[i]];
+        *right += prior;
+        *explained += (1.0 - prior) * llr.exp();
     }
     let gained: f64 = keypoints
         .iter()
@@ -208,7 +200,7 @@ fn log_det(m: &Matrix6<f64>) -> Option<f64> {
 }
 
 /// Logarithm of the volume a camera might have been in: the box of the middle 90 % of the points, doubled.
-fn log_region(matches: &Matches) -> f64 {
+fn log_region(matches: &Matches<'_>) -> f64 {
     let extents = [0, 1, 2].map(|axis| {
         let mut values: Vec<f64> = matches.points.iter().map(|p| p[axis]).collect();
         values.sort_by(f64::total_cmp);

@@ -2,7 +2,6 @@
 
 /// Why no pose was estimated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
 pub enum PoseError {
     /// Fewer correspondences than a minimal sample needs.
     #[error("{actual} correspondences are too few for a pose, {required} are the least")]
@@ -55,13 +54,13 @@ pub enum PoseError {
         /// Its value.
         value: f64,
     },
-    /// No hypothesis was supported by enough correspondences.
+    /// No hypothesis was supported by enough keypoints.
     #[error(
         "no pose is supported by the correspondences: the best of {hypotheses} hypotheses has {inliers} inliers, \
          {required} are the least"
     )]
     NoConsensus {
-        /// Inliers of the best pose; 0 when no sample gave a pose.
+        /// Keypoints that agree with the best pose; 0 when no sample gave a pose.
         inliers: usize,
         /// The least that is accepted.
         required: usize,

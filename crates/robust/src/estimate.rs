@@ -3,15 +3,50 @@
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
-use crate::confidence::assess;
+use crate::confidence::{Confidence, assess};
 use crate::error::PoseError;
 use crate::kernel::Scale;
-use crate::matches::{Kind, Matches};
+use crate::matches::Matches;
 use crate::minimal::Minimal;
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
-use crate::problem::{PoseEstimate, PoseProblem};
+use crate::problem::{Correspondences, PoseProblem};
 use crate::ransac::{Budget, Estimator, lo_ransac};
 use crate::search::Search;
+
+/// Where the camera was, and how well that is known.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct PoseEstimate {
+    /// The pose.
+    pub cam_from_world: CameraFromWorld,
+    /// Which correspondences agree with it, `[N]`.
+    pub inliers: Vec<bool>,
+    /// How many do.
+    pub inlier_count: usize,
+    /// How many keypoints they belong to.
+    pub inlier_keypoints: usize,
+    /// Minimal samples drawn.
+    pub hypotheses: usize,
+    /// What the search minimised, lower is better: the MSAC value in units of whole outliers (between 0 and `N`), or
+    /// minus the log likelihood ratio against "all are outliers" (below 0).
+    pub score: f64,
+    /// Standard deviation that the inliers show, pixels: across the line, for points along each axis.
+    pub noise_px: f64,
+    /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): the variance of the
+    /// inliers' residuals times the inverse of `JᵀJ`. Infinite on the diagonal when the inliers leave a direction free.
+    pub covariance: [[f64; 6]; 6],
+    /// Whether to trust the pose.
+    pub confidence: Confidence,
+    /// Whether the final refinement was kept. It is dropped when it made the score worse.
+    pub refined: bool,
+}
+
+impl PoseEstimate {
+    /// Covariance of the camera centre in the world frame, map units squared.
+    pub fn center_covariance(&self) -> [[f64; 3]; 3] {
+        self.cam_from_world.center_covariance(&self.covariance)
+    }
+}
 
 /// Estimates where the camera was.
 ///
@@ -70,11 +105,16 @@ pub fn optimize_pose(
     conclude(&search, &matches, Some(start), 0, options)
 }
 
-fn search<'a>(matches: &'a Matches, problem: &PoseProblem, options: &PoseOptions) -> Search<'a> {
+fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOptions) -> Search<'a> {
     let kind = options.score.unwrap_or_default();
     let scale = match kind {
         ScoreKind::Msac => {
-            let lines = if matches.kind == Kind::Points { 1.0 } else { std::f64::consts::FRAC_1_SQRT_2 };
+            let lines = match matches.observations {
+                Correspondences::Points { .. } => 1.0,
+                Correspondences::Lines { .. } | Correspondences::Anchored { .. } => {
+                    std::f64::consts::FRAC_1_SQRT_2
+                }
+            };
             Scale::Msac { threshold: options.max_error_px * lines }
         }
         ScoreKind::Likelihood => Scale::Likelihood { noise: options.noise_px },
@@ -87,7 +127,7 @@ fn search<'a>(matches: &'a Matches, problem: &PoseProblem, options: &PoseOptions
 /// Final refinement of the best pose, and what is said of it.
 fn conclude(
     search: &Search<'_>,
-    matches: &Matches,
+    matches: &Matches<'_>,
     best: Option<CameraFromWorld>,
     hypotheses: usize,
     options: &PoseOptions,
@@ -98,8 +138,9 @@ fn conclude(
     let polished = search.polish(&best, options.estimate_noise);
     let likelihoods = search.likelihoods(&polished);
     let inliers = search.agreeing(&polished.pose, &likelihoods);
-    if inliers.len() < options.min_inliers {
-        return Err(no_consensus(inliers.len()));
+    let inlier_keypoints = matches.keypoints_among(inliers.iter().copied());
+    if inlier_keypoints < options.min_inliers {
+        return Err(no_consensus(inlier_keypoints));
     }
     let mut mask = vec![false; matches.len()];
     for &i in &inliers {
@@ -110,6 +151,7 @@ fn conclude(
     Ok(PoseEstimate {
         cam_from_world: polished.pose,
         inlier_count: inliers.len(),
+        inlier_keypoints,
         hypotheses,
         score: search.cost(&polished.pose, f64::INFINITY),
         noise_px,

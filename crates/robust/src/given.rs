@@ -4,10 +4,11 @@ use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::assess;
 use crate::error::PoseError;
+use crate::estimate::PoseEstimate;
 use crate::information::{active, inverse_or_infinite};
 use crate::matches::Matches;
 use crate::options::PoseOptions;
-use crate::problem::{PoseEstimate, PoseProblem};
+use crate::problem::PoseProblem;
 use crate::refine::{Loss, linearize, refine};
 
 /// Steps of Levenberg–Marquardt.
@@ -38,7 +39,7 @@ pub fn refine_pose(
     let matches = Matches::new(problem, options.expected_inlier_ratio);
     let refined = refine(&matches, &chosen, Loss::Squared, start, STEPS);
     let system = linearize(&matches, &chosen, Loss::Squared, &refined.pose);
-    let freedom = (matches.rows() * chosen.len()).saturating_sub(6).max(1);
+    let freedom = (matches.residuals() * chosen.len()).saturating_sub(6).max(1);
     let variance = 2.0 * system.loss / freedom as f64;
     let noise_px = variance.sqrt().max(f64::MIN_POSITIVE);
     let covariance = inverse_or_infinite(&(system.hessian / variance));
@@ -47,6 +48,7 @@ pub fn refine_pose(
         cam_from_world: refined.pose,
         inliers: inliers.to_vec(),
         inlier_count: chosen.len(),
+        inlier_keypoints: matches.keypoints_among(chosen.iter().copied()),
         hypotheses: 0,
         score: refined.loss,
         noise_px,

@@ -7,7 +7,7 @@ use veiloc_solvers::HalfLine;
 use crate::matches::Matches;
 
 /// The half-line of each correspondence on the plane `z = 1`, unit directions, `[N]`.
-pub(crate) fn half_lines(matches: &Matches, anchors: &DualAnchors) -> Vec<HalfLine> {
+pub(crate) fn half_lines(matches: &Matches<'_>, anchors: &DualAnchors) -> Vec<HalfLine> {
     let c = &matches.camera;
     (0..matches.len())
         .map(|i| {

@@ -81,13 +81,13 @@ pub(crate) fn inverse_or_infinite(information: &Matrix6<f64>) -> Symmetric6 {
 ///
 /// It asks what the residuals are, not what the model says they should be: it stays right when they are not Student's.
 pub(crate) fn covariance(
-    matches: &Matches,
+    matches: &Matches<'_>,
     pose: &CameraFromWorld,
     likelihoods: &[f64],
     noise: f64,
 ) -> Symmetric6 {
     let scale = matches.freedom() * noise * noise;
-    let rows = matches.rows() as f64;
+    let rows = matches.residuals() as f64;
     let (mut agreeing, mut pulls, mut slopes, mut squared_slopes) = (0.0, 0.0, 0.0, 0.0);
     let mut information = Matrix6::zeros();
     for (i, &llr) in likelihoods.iter().enumerate().filter(|(_, llr)| **llr > NEGLIGIBLE) {
@@ -103,7 +103,7 @@ pub(crate) fn covariance(
         let slope = right * slope - right * (1.0 - right) * pull;
         slopes += slope;
         squared_slopes += slope * slope;
-        for row in 0..matches.rows() {
+        for row in 0..matches.residuals() {
             let j = Vector6::from(residual.jacobian[row]);
             information += right * j * j.transpose();
         }

@@ -9,7 +9,8 @@ use veiloc_geometry::{Anchor, CameraFromWorld, Pixel};
 use veiloc_kernels::Backend;
 use veiloc_kernels::pose::{Block, CameraRows, Group, Image, LANES, Observed, PoseLanes, ScaledRows};
 
-use crate::matches::{Kind, Matches};
+use crate::matches::Matches;
+use crate::problem::Correspondences;
 use crate::refine::System;
 
 /// Local optimisation looks at so many correspondences; the search and the final refinement at all.
@@ -37,12 +38,12 @@ pub(crate) struct Kernel {
     focal: [f64; 2],
     count: usize,
     freedom: f64,
-    rows: usize,
+    residuals: usize,
     backend: Backend,
 }
 
 impl Kernel {
-    pub(crate) fn new(matches: &Matches, scale: Scale) -> Self {
+    pub(crate) fn new(matches: &Matches<'_>, scale: Scale) -> Self {
         let camera = &matches.camera;
         let center = median_point(&matches.points);
         let [cx, cy] = camera.principal;
@@ -67,17 +68,17 @@ impl Kernel {
             let of_group = |i: &usize| anchor.is_none_or(|a| matches.anchor[*i] == a);
             promising_first(matches, (0..matches.len()).filter(of_group))
         };
-        let all: Vec<Vec<usize>> = match matches.kind {
-            Kind::Points | Kind::Lines => vec![members(None)],
-            Kind::Anchored(_) => Anchor::BOTH.map(|a| members(Some(a))).into(),
+        let all: Vec<Vec<usize>> = match matches.observations {
+            Correspondences::Points { .. } | Correspondences::Lines { .. } => vec![members(None)],
+            Correspondences::Anchored { .. } => Anchor::BOTH.map(|a| members(Some(a))).into(),
         };
         let groups = |share: f64| -> Vec<Group> {
             let first = |members: &Vec<usize>| (members.len() as f64 * share).ceil() as usize;
-            match matches.kind {
-                Kind::Points | Kind::Lines => {
+            match matches.observations {
+                Correspondences::Points { .. } | Correspondences::Lines { .. } => {
                     vec![group(None, Pixel::new(0.0, 0.0), [0.0; 3], &all[0][..first(&all[0])])]
                 }
-                Kind::Anchored(anchors) => {
+                Correspondences::Anchored { anchors, .. } => {
                     let at = |u, v| anchors.signed_side(Pixel::new(u, v));
                     let side = [at(1.0, 0.0) - at(0.0, 0.0), at(0.0, 1.0) - at(0.0, 0.0), at(0.0, 0.0)];
                     let of = |a: Anchor| {
@@ -89,10 +90,10 @@ impl Kernel {
                 }
             }
         };
-        let observed = match matches.kind {
-            Kind::Points => Observed::Points,
-            Kind::Lines => Observed::Lines,
-            Kind::Anchored(_) => Observed::Anchored,
+        let observed = match matches.observations {
+            Correspondences::Points { .. } => Observed::Points,
+            Correspondences::Lines { .. } => Observed::Lines,
+            Correspondences::Anchored { .. } => Observed::Anchored,
         };
         let mut order = Vec::new();
         for members in &all {
@@ -114,7 +115,7 @@ impl Kernel {
             focal: camera.focal,
             count: matches.len(),
             freedom: matches.freedom(),
-            rows: matches.rows(),
+            residuals: matches.residuals(),
             backend: Backend::best(),
         }
     }
@@ -173,7 +174,7 @@ impl Kernel {
         let camera = CameraRows { rows: [r0, r1, r2], focal: self.focal.map(|f| f as f32) };
         let found = lanes.normal_equations(self.backend, &camera, k, shift);
         // One step of expectation maximisation for the scale of a Student t distribution.
-        let shown = (found.spread / (self.freedom * self.rows as f64 * found.agreeing)).sqrt();
+        let shown = (found.spread / (self.freedom * self.residuals as f64 * found.agreeing)).sqrt();
         let system = System {
             loss: found.loss,
             gradient: Vector6::from(found.gradient),
@@ -188,7 +189,7 @@ impl Kernel {
             Scale::Likelihood { noise } => noise,
             Scale::Msac { .. } => 1.0,
         };
-        let shift = -(self.rows as f64) * (noise / base).ln();
+        let shift = -(self.residuals as f64) * (noise / base).ln();
         ((self.freedom * noise * noise).recip() as f32, shift as f32)
     }
 
@@ -209,7 +210,7 @@ impl Kernel {
 
 /// The members by what they are worth, most first. Equal ones come in an order that has nothing to do with theirs: any
 /// beginning of the list is a fair sample.
-pub(crate) fn promising_first(matches: &Matches, members: impl Iterator<Item = usize>) -> Vec<usize> {
+pub(crate) fn promising_first(matches: &Matches<'_>, members: impl Iterator<Item = usize>) -> Vec<usize> {
     let mixed = |i: usize| (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(23);
     let mut members: Vec<usize> = members.collect();
     members.sort_unstable_by(|&i, &j| {
@@ -218,16 +219,18 @@ pub(crate) fn promising_first(matches: &Matches, members: impl Iterator<Item = u
     members
 }
 
-fn block(matches: &Matches, members: &[usize], center: &Vector3<f64>, scale: &Scale) -> Block {
+fn block(matches: &Matches<'_>, members: &[usize], center: &Vector3<f64>, scale: &Scale) -> Block {
     let mut block = Block::EMPTY;
     let [cx, cy] = matches.camera.principal;
     for (l, &i) in members.iter().enumerate() {
         let p = matches.points[i] - center;
         (block.x[l], block.y[l], block.z[l]) = (p.x as f32, p.y as f32, p.z as f32);
         let o = &matches.observed[i];
-        let (a, b, c) = match matches.kind {
-            Kind::Points => (o.x - cx, o.y - cy, 0.0),
-            Kind::Lines | Kind::Anchored(_) => (o.x, o.y, o.z + o.x * cx + o.y * cy),
+        let (a, b, c) = match matches.observations {
+            Correspondences::Points { .. } => (o.x - cx, o.y - cy, 0.0),
+            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => {
+                (o.x, o.y, o.z + o.x * cx + o.y * cy)
+            }
         };
         (block.a[l], block.b[l], block.c[l]) = (a as f32, b as f32, c as f32);
         block.worth[l] = match scale {
@@ -272,7 +275,7 @@ mod tests {
             .collect();
         let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
         let prior = Some((0..n).map(|_| rng.random_range(0.0..1.0)).collect());
-        PoseProblem { camera, observations, points, prior, gravity: None }
+        PoseProblem { camera, observations, keypoints: (0..n).collect(), points, prior, gravity: None }
     }
 
     fn near_identity(rng: &mut ChaCha8Rng) -> CameraFromWorld {
@@ -285,7 +288,8 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for kind in 0..3 {
             for n in [1, 15, 16, 17, 700] {
-                let matches = Matches::new(&problem(&mut rng, kind, n), 0.2);
+                let problem = problem(&mut rng, kind, n);
+                let matches = Matches::new(&problem, 0.2);
                 for _ in 0..20 {
                     let pose = near_identity(&mut rng);
                     let likelihood = Kernel::new(&matches, Scale::Likelihood { noise: 1.5 });
@@ -318,7 +322,8 @@ mod tests {
     fn giving_up_early_never_drops_a_better_pose() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         for kind in 0..3 {
-            let matches = Matches::new(&problem(&mut rng, kind, 900), 0.2);
+            let problem = problem(&mut rng, kind, 900);
+            let matches = Matches::new(&problem, 0.2);
             for scale in [Scale::Msac { threshold: 3.0 }, Scale::Likelihood { noise: 1.5 }] {
                 let kernel = Kernel::new(&matches, scale);
                 let costs: Vec<(CameraFromWorld, f64)> = (0..100)
@@ -343,7 +348,8 @@ mod tests {
     fn poses_that_are_not_finite_gain_nothing() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         for kind in 0..3 {
-            let matches = Matches::new(&problem(&mut rng, kind, 50), 0.2);
+            let problem = problem(&mut rng, kind, 50);
+            let matches = Matches::new(&problem, 0.2);
             let pose = Rigid3::new(Rotation3::identity(), Vector3::repeat(f64::NAN));
             assert_eq!(
                 Kernel::new(&matches, Scale::Msac { threshold: 3.0 }).cost(&pose, f64::INFINITY),

@@ -17,6 +17,35 @@
 //! An estimate comes with a covariance that covers what it claims and with a [`Confidence`] that says whether to trust
 //! it. Recall, errors and times: `docs/pose-engine.md`.
 //!
+//! # Example
+//! A camera at the origin, and sixty keypoints of which it told no more than a line each:
+//! ```
+//! use rand::SeedableRng;
+//! use veiloc_geometry::{CameraFromWorld, DualAnchors, Pinhole, Pixel, Point3};
+//! use veiloc_robust::{Correspondences, PoseOptions, PoseProblem, estimate_pose};
+//!
+//! let camera = Pinhole { width: 640, height: 480, focal: [525.0; 2], principal: [320.0, 240.0] };
+//! let anchors = DualAnchors::vertical(640, 480);
+//! let pixel = |i: u32| Pixel::new(f64::from(i * 97 % 640) + 0.5, f64::from(i * 53 % 480) + 0.5);
+//! let depth = |i: u32| 2.0 + 0.7 * f64::from(i % 5);
+//! let line = |p: Pixel| (anchors.anchor_of(p), anchors.angle_of(anchors.anchor_of(p), p));
+//! let problem = PoseProblem {
+//!     camera,
+//!     observations: Correspondences::Anchored { anchors, lines: (0..60).map(|i| line(pixel(i))).collect() },
+//!     keypoints: (0..60).collect(), // each has one correspondence
+//!     points: (0..60)
+//!         .map(|i| Point3::from_vector(camera.unproject(pixel(i)).homogeneous() * depth(i)))
+//!         .collect(),
+//!     prior: None,
+//!     gravity: None,
+//! };
+//! let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+//! let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng)?;
+//! assert!(found.cam_from_world.translation_error(&CameraFromWorld::identity()) < 1e-3);
+//! assert!(found.inlier_keypoints > 50);
+//! # Ok::<(), veiloc_robust::PoseError>(())
+//! ```
+//!
 //! Results depend on the problem, the options and the generator handed in, on nothing else.
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
@@ -43,8 +72,8 @@ mod test_data;
 
 pub use confidence::{Confidence, Doubt};
 pub use error::PoseError;
-pub use estimate::{estimate_pose, optimize_pose};
+pub use estimate::{PoseEstimate, estimate_pose, optimize_pose};
 pub use given::refine_pose;
 pub use information::fisher_information;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
-pub use problem::{Correspondences, Gravity, PoseEstimate, PoseProblem};
+pub use problem::{Correspondences, Gravity, PoseProblem};

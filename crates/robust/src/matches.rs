@@ -17,8 +17,10 @@
 //! from near, and the collapse of the scene into an anchor is worth nothing. It counts only when the point is in front
 //! of the camera, inside the image and, for anchored lines, on the anchor's side (each with a small margin).
 
+use std::collections::HashMap;
+
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
-use veiloc_geometry::{Anchor, CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine};
+use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
 
 use crate::problem::{Correspondences, PoseProblem};
 
@@ -34,19 +36,16 @@ const PRIOR_LIMIT: f64 = 1e-3;
 /// How far outside the image, or over the dividing line, a projection may lie, as a share of the image's width.
 const MARGIN: f64 = 0.01;
 
-/// What kind of observation all correspondences are.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Kind {
-    Points,
-    Lines,
-    Anchored(DualAnchors),
-}
-
 /// The correspondences of one problem, checked.
 #[derive(Debug, Clone)]
-pub(crate) struct Matches {
+pub(crate) struct Matches<'a> {
     pub(crate) camera: Pinhole,
-    pub(crate) kind: Kind,
+    /// As they came: what kind of observation all of them are.
+    pub(crate) observations: &'a Correspondences,
+    /// Keypoint of each, numbered from 0 in order of first appearance, `[N]`.
+    pub(crate) keypoint: Vec<usize>,
+    /// How many keypoints there are.
+    pub(crate) keypoints: usize,
     /// `X`, world frame.
     pub(crate) points: Vec<Vector3<f64>>,
     /// Lines: `(a, b, c)` of unit normal in pixels. Points: `(u, v, 1)`.
@@ -78,30 +77,26 @@ impl Residual {
     }
 }
 
-impl Matches {
+impl<'a> Matches<'a> {
     /// The problem must have passed its check.
-    pub(crate) fn new(problem: &PoseProblem, expected_inlier_ratio: f64) -> Self {
+    pub(crate) fn new(problem: &'a PoseProblem, expected_inlier_ratio: f64) -> Self {
         let camera = problem.camera;
         let n = problem.points.len();
         let area = f64::from(camera.width) * f64::from(camera.height);
         // Density of the noise across a line at its middle, in units of 1/σ: the `c` of the table.
         let peak = 8.0 / (3.0 * std::f64::consts::PI * LINE_FREEDOM.sqrt());
         let mut anchor = vec![Anchor::First; n];
-        let (kind, observed, spread): (Kind, Vec<Vector3<f64>>, Vec<f64>) = match &problem.observations {
-            Correspondences::Points { pixels } => (
-                Kind::Points,
-                pixels.iter().map(|p| p.homogeneous()).collect(),
-                vec![area / std::f64::consts::TAU; n],
-            ),
+        let (observed, spread): (Vec<Vector3<f64>>, Vec<f64>) = match &problem.observations {
+            Correspondences::Points { pixels } => {
+                (pixels.iter().map(|p| p.homogeneous()).collect(), vec![area / std::f64::consts::TAU; n])
+            }
             Correspondences::Lines { lines } => (
-                Kind::Lines,
                 lines.iter().map(|l| *l.coefficients()).collect(),
                 lines.iter().map(|l| area * peak / chord_length(l, &camera)).collect(),
             ),
             Correspondences::Anchored { anchors, lines } => {
                 anchor = lines.iter().map(|(a, _)| *a).collect();
                 (
-                    Kind::Anchored(*anchors),
                     lines.iter().map(|(a, angle)| *anchors.line(*a, *angle).coefficients()).collect(),
                     vec![std::f64::consts::PI * peak; n],
                 )
@@ -111,9 +106,12 @@ impl Matches {
             let p = problem.prior.as_ref().map_or(expected_inlier_ratio, |p| p[i]);
             p.clamp(PRIOR_LIMIT, 1.0 - PRIOR_LIMIT)
         };
+        let (keypoint, keypoints) = numbered(&problem.keypoints);
         Self {
             camera,
-            kind,
+            observations: &problem.observations,
+            keypoint,
+            keypoints,
             points: problem.points.iter().map(|p| p.coords).collect(),
             observed,
             anchor,
@@ -126,25 +124,28 @@ impl Matches {
         self.points.len()
     }
 
+    /// How many keypoints these correspondences belong to.
+    pub(crate) fn keypoints_among(&self, correspondences: impl Iterator<Item = usize>) -> usize {
+        let mut seen = vec![false; self.keypoints];
+        correspondences.filter(|&i| !std::mem::replace(&mut seen[self.keypoint[i]], true)).count()
+    }
+
     /// Residuals of one correspondence: two for points, one for lines.
-    pub(crate) const fn rows(&self) -> usize {
-        match self.kind {
-            Kind::Points => 2,
-            Kind::Lines | Kind::Anchored(_) => 1,
-        }
+    pub(crate) const fn residuals(&self) -> usize {
+        self.observations.residuals()
     }
 
     /// What the squared residual is divided by in the likelihood, for unit noise.
     pub(crate) const fn freedom(&self) -> f64 {
-        match self.kind {
-            Kind::Points => POINT_FREEDOM,
-            Kind::Lines | Kind::Anchored(_) => LINE_FREEDOM,
+        match self.observations {
+            Correspondences::Points { .. } => POINT_FREEDOM,
+            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => LINE_FREEDOM,
         }
     }
 
     /// `−log σ` as often as the noise enters, for [`Self::worth`].
     pub(crate) fn noise_term(&self, noise: f64) -> f64 {
-        -(self.rows() as f64) * noise.ln()
+        -(self.residuals() as f64) * noise.ln()
     }
 
     /// Margin of the gates, pixels.
@@ -170,12 +171,12 @@ impl Matches {
     fn admits(&self, i: usize, pixel: &Vector2<f64>) -> bool {
         let margin = self.margin();
         let pixel = Pixel::new(pixel.x, pixel.y);
-        let own_side = match self.kind {
-            Kind::Anchored(anchors) => {
+        let own_side = match self.observations {
+            Correspondences::Anchored { anchors, .. } => {
                 let side = anchors.signed_side(pixel);
                 self.anchor[i].sign() * side >= -margin
             }
-            Kind::Points | Kind::Lines => true,
+            Correspondences::Points { .. } | Correspondences::Lines { .. } => true,
         };
         own_side && self.camera.contains(pixel, margin)
     }
@@ -198,14 +199,17 @@ impl Matches {
         let o = &self.observed[i];
         let mut residual =
             Residual { error: [0.0; 2], jacobian: [[0.0; 6]; 2], log_radius: 0.0, radius_jacobian: [0.0; 6] };
-        if self.kind == Kind::Points {
-            residual.error = [pixel.x - o.x, pixel.y - o.y];
-            residual.jacobian = [chart(du), chart(dv)];
-        } else {
-            residual.error[0] = o.x * pixel.x + o.y * pixel.y + o.z;
-            residual.jacobian[0] = chart(du * o.x + dv * o.y);
+        match self.observations {
+            Correspondences::Points { .. } => {
+                residual.error = [pixel.x - o.x, pixel.y - o.y];
+                residual.jacobian = [chart(du), chart(dv)];
+            }
+            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => {
+                residual.error[0] = o.x * pixel.x + o.y * pixel.y + o.z;
+                residual.jacobian[0] = chart(du * o.x + dv * o.y);
+            }
         }
-        if let Kind::Anchored(anchors) = self.kind {
+        if let Correspondences::Anchored { anchors, .. } = self.observations {
             let from_anchor = pixel - anchors.position(self.anchor[i]).vector();
             let squared = from_anchor.norm_squared().max(1e-12);
             residual.log_radius = 0.5 * squared.ln();
@@ -222,10 +226,11 @@ impl Matches {
     /// Squared distance of a pixel from what was observed.
     fn squared_distance(&self, i: usize, pixel: &Vector2<f64>) -> f64 {
         let o = &self.observed[i];
-        if self.kind == Kind::Points {
-            (pixel.x - o.x).powi(2) + (pixel.y - o.y).powi(2)
-        } else {
-            (o.x * pixel.x + o.y * pixel.y + o.z).powi(2)
+        match self.observations {
+            Correspondences::Points { .. } => (pixel.x - o.x).powi(2) + (pixel.y - o.y).powi(2),
+            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => {
+                (o.x * pixel.x + o.y * pixel.y + o.z).powi(2)
+            }
         }
     }
 
@@ -246,16 +251,30 @@ impl Matches {
         if !self.admits(i, &pixel) {
             return None;
         }
-        let log_radius = match self.kind {
-            Kind::Anchored(anchors) => {
+        let log_radius = match self.observations {
+            Correspondences::Anchored { anchors, .. } => {
                 (pixel - anchors.position(self.anchor[i]).vector()).norm().max(1e-6).ln()
             }
-            Kind::Points | Kind::Lines => 0.0,
+            Correspondences::Points { .. } | Correspondences::Lines { .. } => 0.0,
         };
         let squared = self.squared_distance(i, &pixel);
         let tail = 3.0 * (squared / (self.freedom() * noise * noise)).ln_1p();
         Some(self.worth[i] + self.noise_term(noise) + log_radius - tail)
     }
+}
+
+/// The same keypoints numbered from 0 in order of first appearance, and how many there are: their own numbers change
+/// nothing, not even the order of sums.
+fn numbered(keypoints: &[usize]) -> (Vec<usize>, usize) {
+    let mut known: HashMap<usize, usize> = HashMap::with_capacity(keypoints.len());
+    let numbered = keypoints
+        .iter()
+        .map(|keypoint| {
+            let next = known.len();
+            *known.entry(*keypoint).or_insert(next)
+        })
+        .collect();
+    (numbered, known.len())
 }
 
 /// Length of a line inside the image, at least one pixel.
@@ -281,7 +300,7 @@ mod tests {
     use super::*;
     use crate::test_data::observe;
     use veiloc_geometry::nalgebra::Rotation3;
-    use veiloc_geometry::{Point3, Rigid3};
+    use veiloc_geometry::{DualAnchors, Point3, Rigid3};
 
     fn problem(kind: usize) -> PoseProblem {
         let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
@@ -296,7 +315,8 @@ mod tests {
             .collect();
         let mut angles = (0..).map(f64::from);
         let observations = observe(kind, pixels, anchors, || angles.next().unwrap_or(0.0));
-        PoseProblem { camera, observations, points, prior: None, gravity: None }
+        let keypoints = (0..30).collect();
+        PoseProblem { camera, observations, keypoints, points, prior: None, gravity: None }
     }
 
     fn near_identity() -> CameraFromWorld {
@@ -306,7 +326,8 @@ mod tests {
     #[test]
     fn jacobians_agree_with_finite_differences() {
         for kind in 0..3 {
-            let matches = Matches::new(&problem(kind), 0.2);
+            let problem = problem(kind);
+            let matches = Matches::new(&problem, 0.2);
             let pose = near_identity();
             for i in 0..matches.len() {
                 let here = matches.residual(i, &pose, false).expect("in front");

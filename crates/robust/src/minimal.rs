@@ -7,14 +7,11 @@ use veiloc_geometry::{Anchor, CameraFromWorld, PixelLine, PlaneLine, PlanePoint,
 use veiloc_solvers::{ArrayVec, GravityAlignment, HalfLine, p3p, p6lp, p6lp_dual_radial, u4lp, up2p};
 
 use crate::half_lines::half_lines;
-use crate::matches::{Kind, Matches};
+use crate::matches::Matches;
 use crate::options::AnchoredSolver;
-use crate::problem::Gravity;
+use crate::problem::{Correspondences, Gravity};
 use crate::radial::RadialVote;
-use crate::sampler::{SplitSampler, WeightedSampler};
-
-/// Draws before a sample of distinct correspondences is given up.
-const PATIENCE: usize = 64;
+use crate::sampler::{SplitSampler, WeightedSampler, draw};
 
 /// One way from correspondences to hypotheses.
 #[derive(Debug, Clone)]
@@ -44,27 +41,31 @@ pub(crate) enum LineSampler {
 
 impl Minimal {
     pub(crate) fn new(
-        matches: &Matches,
+        matches: &Matches<'_>,
         anchored: AnchoredSolver,
         gravity: Option<&Gravity>,
         noise: f64,
     ) -> Self {
         let gravity = gravity.and_then(|g| GravityAlignment::new(&g.in_camera, &g.in_world));
         let all = || WeightedSampler::new((0..matches.len()).map(|i| (i, matches.weight[i])));
-        match (matches.kind, gravity) {
-            (Kind::Points, None) => Self::P3p { sampler: all(), bearings: bearings(matches) },
-            (Kind::Points, Some(gravity)) => {
+        match (matches.observations, gravity) {
+            (Correspondences::Points { .. }, None) => {
+                Self::P3p { sampler: all(), bearings: bearings(matches) }
+            }
+            (Correspondences::Points { .. }, Some(gravity)) => {
                 Self::Up2p { sampler: all(), bearings: bearings(matches), gravity }
             }
-            (Kind::Lines, None) => Self::P6lp { sampler: LineSampler::Any(all()), lines: planes(matches) },
-            (Kind::Lines, Some(gravity)) => {
+            (Correspondences::Lines { .. }, None) => {
+                Self::P6lp { sampler: LineSampler::Any(all()), lines: planes(matches) }
+            }
+            (Correspondences::Lines { .. }, Some(gravity)) => {
                 Self::U4lp { sampler: LineSampler::Any(all()), lines: planes(matches), gravity }
             }
-            (Kind::Anchored(_), Some(gravity)) => {
+            (Correspondences::Anchored { .. }, Some(gravity)) => {
                 let sampler = LineSampler::Split(SplitSampler::new(both_sides(matches), 4));
                 Self::U4lp { sampler, lines: planes(matches), gravity }
             }
-            (Kind::Anchored(anchors), None) => match anchored {
+            (Correspondences::Anchored { anchors, .. }, None) => match anchored {
                 AnchoredSolver::RadialVote => match RadialVote::new(matches, noise) {
                     Some(vote) => Self::Radial(Box::new(vote)),
                     None => Self::six_anchored(matches),
@@ -81,19 +82,19 @@ impl Minimal {
                         return Self::six_anchored(matches);
                     }
                     let first = chance[0] / (chance[0] + chance[1]);
-                    Self::DualRadial { sides, first, lines: half_lines(matches, &anchors) }
+                    Self::DualRadial { sides, first, lines: half_lines(matches, anchors) }
                 }
             },
         }
     }
 
-    fn six_anchored(matches: &Matches) -> Self {
+    fn six_anchored(matches: &Matches<'_>) -> Self {
         let sampler = LineSampler::Split(SplitSampler::new(both_sides(matches), 6));
         Self::P6lp { sampler, lines: planes(matches) }
     }
 
     /// Probability that a sample consists of correspondences from this list.
-    pub(crate) fn hit_probability(&self, matches: &Matches, agreeing: &[usize]) -> f64 {
+    pub(crate) fn hit_probability(&self, matches: &Matches<'_>, agreeing: &[usize]) -> f64 {
         let mut weight = [0.0; 2];
         for &i in agreeing {
             weight[matches.anchor[i].index()] += matches.weight[i];
@@ -119,7 +120,7 @@ impl Minimal {
     /// Draws a sample and appends the poses it gives.
     pub(crate) fn hypothesize<R: Rng + ?Sized>(
         &mut self,
-        matches: &Matches,
+        matches: &Matches<'_>,
         rng: &mut R,
         models: &mut Vec<CameraFromWorld>,
     ) {
@@ -165,7 +166,11 @@ impl Minimal {
 }
 
 impl LineSampler {
-    fn draw<const K: usize, R: Rng + ?Sized>(&self, matches: &Matches, rng: &mut R) -> Option<[usize; K]> {
+    fn draw<const K: usize, R: Rng + ?Sized>(
+        &self,
+        matches: &Matches<'_>,
+        rng: &mut R,
+    ) -> Option<[usize; K]> {
         match self {
             Self::Any(sampler) => draw(matches, rng, |rng, _| sampler.draw(rng)),
             Self::Split(sampler) => {
@@ -176,18 +181,18 @@ impl LineSampler {
     }
 }
 
-fn points<const K: usize>(matches: &Matches, sample: &[usize; K]) -> [Point3<World>; K] {
+fn points<const K: usize>(matches: &Matches<'_>, sample: &[usize; K]) -> [Point3<World>; K] {
     sample.map(|i| Point3::from_vector(matches.points[i]))
 }
 
-fn both_sides(matches: &Matches) -> [WeightedSampler; 2] {
+fn both_sides(matches: &Matches<'_>) -> [WeightedSampler; 2] {
     Anchor::BOTH.map(|anchor| {
         let members = (0..matches.len()).filter(|&i| matches.anchor[i] == anchor);
         WeightedSampler::new(members.map(|i| (i, matches.weight[i])))
     })
 }
 
-fn bearings(matches: &Matches) -> Vec<Vector3<f64>> {
+fn bearings(matches: &Matches<'_>) -> Vec<Vector3<f64>> {
     let c = &matches.camera;
     let bearing = |o: &Vector3<f64>| {
         let x = (o.x - c.principal[0]) / c.focal[0];
@@ -196,31 +201,7 @@ fn bearings(matches: &Matches) -> Vec<Vector3<f64>> {
     matches.observed.iter().map(bearing).collect()
 }
 
-fn planes(matches: &Matches) -> Vec<PlaneLine> {
+fn planes(matches: &Matches<'_>) -> Vec<PlaneLine> {
     let line = |o| PixelLine::from_homogeneous(o).expect("observed lines have unit normals");
     matches.observed.iter().map(|o| line(*o).back_project(&matches.camera)).collect()
-}
-
-/// `K` correspondences, no two of one observation or one map point: at most one of such a pair is right.
-///
-/// `next` is told how many are drawn already.
-pub(crate) fn draw<const K: usize, R: Rng + ?Sized>(
-    matches: &Matches,
-    rng: &mut R,
-    mut next: impl FnMut(&mut R, usize) -> Option<usize>,
-) -> Option<[usize; K]> {
-    let mut sample: ArrayVec<usize, K> = ArrayVec::new();
-    for _ in 0..PATIENCE {
-        let i = next(rng, sample.len())?;
-        let clash = sample.iter().any(|&j| {
-            i == j || matches.observed[i] == matches.observed[j] || matches.points[i] == matches.points[j]
-        });
-        if !clash {
-            sample.push(i);
-            if sample.is_full() {
-                return sample.into_inner().ok();
-            }
-        }
-    }
-    None
 }

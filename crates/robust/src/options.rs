@@ -7,7 +7,6 @@ use crate::error::PoseError;
 
 /// How hypotheses are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-#[non_exhaustive]
 pub enum ScoreKind {
     /// The paper's recipe: truncated squared pixel distance of the projection from the point or line. On anchored lines
     /// it has a false optimum, with the scene projected onto an anchor.
@@ -48,7 +47,6 @@ impl FromStr for ScoreKind {
 
 /// How hypotheses for anchored lines are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
 pub enum AnchoredSolver {
     /// Six lines of both anchors: the paper's recipe.
     P6lp,
@@ -127,7 +125,7 @@ pub struct PoseOptions {
     pub fixed_hypotheses: Option<usize>,
     /// Stop when the probability to have missed a better sample is below one minus this.
     pub confidence: f64,
-    /// Fewer inliers than this are no consensus. Six lines always agree with some pose, so it must be well above six.
+    /// Fewer agreeing keypoints than this are no consensus. Six lines always agree with some pose, so it must be well above six.
     pub min_inliers: usize,
 }
 

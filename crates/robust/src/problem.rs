@@ -1,15 +1,13 @@
 //! What goes into pose estimation: correspondences between one query and the map.
 
 use veiloc_geometry::frames::World;
-use veiloc_geometry::nalgebra::{Matrix3, Vector3};
-use veiloc_geometry::{Anchor, CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine, Point3};
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_geometry::{Anchor, DualAnchors, Pinhole, Pixel, PixelLine, Point3};
 
-use crate::confidence::Confidence;
 use crate::error::PoseError;
 
 /// What the query tells about each correspondence, `[N]`.
 #[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
 pub enum Correspondences {
     /// The keypoints themselves.
     Points {
@@ -52,6 +50,14 @@ impl Correspondences {
             Self::Lines { .. } | Self::Anchored { .. } => 6,
         }
     }
+
+    /// Residuals of one correspondence: two for points, one for lines.
+    pub(crate) const fn residuals(&self) -> usize {
+        match self {
+            Self::Points { .. } => 2,
+            Self::Lines { .. } | Self::Anchored { .. } => 1,
+        }
+    }
 }
 
 /// A query's correspondences and the camera that saw them.
@@ -61,6 +67,13 @@ pub struct PoseProblem {
     pub camera: Pinhole,
     /// What was seen, `[N]`.
     pub observations: Correspondences,
+    /// The keypoint that each correspondence belongs to, `[N]`: its row in the query, or any other number that
+    /// correspondences of one keypoint share and those of different ones do not.
+    ///
+    /// A keypoint proposed for several map points has one correspondence for each of them, one that was sent as two lines
+    /// one for each line: at most one of them is right, and they count as one piece of evidence. What was observed cannot
+    /// tell, because different keypoints often have the same line once angles are rounded.
+    pub keypoints: Vec<usize>,
     /// The map points proposed for them, `[N]`, map units.
     pub points: Vec<Point3<World>>,
     /// Probability in (0, 1) that each correspondence is right, `[N]`; `None` treats all alike.
@@ -85,8 +98,10 @@ impl PoseProblem {
     pub(crate) fn check(&self) -> Result<(), PoseError> {
         let n = self.observations.len();
         let required = self.observations.sample_size();
-        if self.points.len() != n {
-            return Err(PoseError::LengthMismatch { what: "points", expected: n, actual: self.points.len() });
+        for (what, actual) in [("points", self.points.len()), ("keypoints", self.keypoints.len())] {
+            if actual != n {
+                return Err(PoseError::LengthMismatch { what, expected: n, actual });
+            }
         }
         let c = &self.camera;
         for (what, value) in [("focal length fx", c.focal[0]), ("focal length fy", c.focal[1])] {
@@ -143,47 +158,5 @@ impl PoseProblem {
             return Err(PoseError::OneSided { lines: n });
         }
         Ok(())
-    }
-}
-
-/// Where the camera was, and how well that is known.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub struct PoseEstimate {
-    /// The pose.
-    pub cam_from_world: CameraFromWorld,
-    /// Which correspondences agree with it, `[N]`.
-    pub inliers: Vec<bool>,
-    /// How many do.
-    pub inlier_count: usize,
-    /// Minimal samples drawn.
-    pub hypotheses: usize,
-    /// What the search minimised, lower is better: the MSAC value in units of whole outliers (between 0 and `N`), or
-    /// minus the log likelihood ratio against "all are outliers" (below 0).
-    pub score: f64,
-    /// Standard deviation that the inliers show, pixels: across the line, for points along each axis.
-    pub noise_px: f64,
-    /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): the variance of the
-    /// inliers' residuals times the inverse of `JᵀJ`. Infinite on the diagonal when the inliers leave a direction free.
-    pub covariance: [[f64; 6]; 6],
-    /// Whether to trust the pose.
-    pub confidence: Confidence,
-    /// Whether the final refinement was kept. It is dropped when it made the score worse.
-    pub refined: bool,
-}
-
-impl PoseEstimate {
-    /// Covariance of the camera centre in the world frame, map units squared.
-    pub fn center_covariance(&self) -> [[f64; 3]; 3] {
-        // The centre moves by −Rᵀ v to first order, with v the translation's share of the chart.
-        let r = self.cam_from_world.rotation().matrix();
-        let c = Matrix3::from_fn(|i, j| self.covariance[3 + i][3 + j]);
-        if c.iter().any(|x| !x.is_finite()) {
-            return std::array::from_fn(|i| {
-                std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 })
-            });
-        }
-        let world = r.transpose() * c * r;
-        std::array::from_fn(|i| std::array::from_fn(|j| world[(i, j)]))
     }
 }

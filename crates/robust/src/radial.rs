@@ -16,9 +16,9 @@ use veiloc_solvers::{ArrayVec, RadialPose, p5lp_radial};
 
 use crate::half_lines::half_lines;
 use crate::kernel::{median_point, promising_first};
-use crate::matches::{Kind, Matches};
-use crate::minimal::draw;
-use crate::sampler::WeightedSampler;
+use crate::matches::Matches;
+use crate::problem::Correspondences;
+use crate::sampler::{WeightedSampler, draw};
 
 /// A radial pose is completed when its score comes this close to the best radial score of its side: 0.2 below it at
 /// first, ever closer as more of the side's poses have been completed.
@@ -72,10 +72,10 @@ struct Vote {
 
 impl RadialVote {
     /// `None` unless the correspondences are anchored and one side has enough lines while the other is not empty.
-    pub(crate) fn new(matches: &Matches, noise: f64) -> Option<Self> {
-        let Kind::Anchored(anchors) = matches.kind else { return None };
+    pub(crate) fn new(matches: &Matches<'_>, noise: f64) -> Option<Self> {
+        let Correspondences::Anchored { anchors, .. } = matches.observations else { return None };
         let center = median_point(&matches.points);
-        let lines = half_lines(matches, &anchors);
+        let lines = half_lines(matches, anchors);
         let side = |anchor: Anchor| {
             let members =
                 promising_first(matches, (0..matches.len()).filter(|&i| matches.anchor[i] == anchor));
@@ -126,7 +126,7 @@ impl RadialVote {
     /// Draws five lines of one side and appends the poses they and the vote give.
     pub(crate) fn hypothesize<R: Rng + ?Sized>(
         &mut self,
-        matches: &Matches,
+        matches: &Matches<'_>,
         rng: &mut R,
         models: &mut Vec<CameraFromWorld>,
     ) {
@@ -153,7 +153,7 @@ impl RadialVote {
     }
 
     /// The pose with the depth that most of the other side's lines agree on; `None` when none of them does.
-    fn complete(&self, matches: &Matches, chosen: usize, radial: &RadialPose) -> Option<CameraFromWorld> {
+    fn complete(&self, matches: &Matches<'_>, chosen: usize, radial: &RadialPose) -> Option<CameraFromWorld> {
         let side = &self.sides[chosen];
         let back = side.turn.inverse();
         let rotation = back * radial.rotation;
@@ -173,13 +173,13 @@ impl RadialVote {
 }
 
 /// The radius of a keypoint is not known before the depth is; half the image's height is typical, pixels.
-fn typical_radius(matches: &Matches) -> f64 {
+fn typical_radius(matches: &Matches<'_>) -> f64 {
     0.5 * f64::from(matches.camera.height)
 }
 
 /// The depths at which point `i`, at `start + depth · along`, projects within `reach` pixels of its line.
 fn vote(
-    matches: &Matches,
+    matches: &Matches<'_>,
     i: usize,
     start: &Vector3<f64>,
     along: &Vector3<f64>,
@@ -220,7 +220,7 @@ fn heaviest(votes: &[Vote]) -> Option<f64> {
 }
 
 fn block(
-    matches: &Matches,
+    matches: &Matches<'_>,
     members: &[usize],
     center: &Vector3<f64>,
     directions: &[Vector2<f64>],
@@ -246,7 +246,7 @@ fn rows(pose: &RadialPose, center: &Vector3<f64>) -> [[f32; 4]; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::{Correspondences, PoseProblem};
+    use crate::problem::PoseProblem;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::{DualAnchors, Pinhole, Pixel};
@@ -255,7 +255,7 @@ mod tests {
         Pinhole { width: 640, height: 480, focal: [525.0, 520.0], principal: [318.0, 242.0] };
 
     /// Exact matches seen from the identity pose, for a dividing line of any angle and anchors at any distance.
-    fn exact(rng: &mut ChaCha8Rng, angle: f64, s: f64) -> Matches {
+    fn exact(rng: &mut ChaCha8Rng, angle: f64, s: f64) -> PoseProblem {
         let anchors = DualAnchors::new(640, 480, angle, s).expect("finite");
         let pixels: Vec<Pixel> =
             (0..80).map(|_| Pixel::new(rng.random_range(1.0..639.0), rng.random_range(1.0..479.0))).collect();
@@ -268,7 +268,8 @@ mod tests {
             .map(|p| Point3::from_vector(CAMERA.unproject(*p).homogeneous() * rng.random_range(1.0..7.0)))
             .collect();
         let observations = Correspondences::Anchored { anchors, lines };
-        Matches::new(&PoseProblem { camera: CAMERA, observations, points, prior: None, gravity: None }, 0.2)
+        let keypoints = (0..80).collect();
+        PoseProblem { camera: CAMERA, observations, keypoints, points, prior: None, gravity: None }
     }
 
     #[test]
@@ -276,7 +277,8 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for angle in [0.0, 0.5, std::f64::consts::FRAC_PI_2, 2.7] {
             for s in [1.0, 2.0, 3.0] {
-                let matches = exact(&mut rng, angle, s);
+                let problem = exact(&mut rng, angle, s);
+                let matches = Matches::new(&problem, 0.2);
                 let mut vote = RadialVote::new(&matches, 1.0).expect("both sides");
                 let mut models = Vec::new();
                 for _ in 0..20 {
@@ -291,7 +293,8 @@ mod tests {
     #[test]
     fn half_lines_lead_to_their_keypoints() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let matches = exact(&mut rng, 1.1, 1.0);
+        let problem = exact(&mut rng, 1.1, 1.0);
+        let matches = Matches::new(&problem, 0.2);
         let vote = RadialVote::new(&matches, 1.0).expect("both sides");
         for side in &vote.sides {
             for &i in &side.members {
@@ -315,7 +318,8 @@ mod tests {
     #[test]
     fn a_side_without_lines_has_no_vote() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let mut matches = exact(&mut rng, 1.1, 1.0);
+        let problem = exact(&mut rng, 1.1, 1.0);
+        let mut matches = Matches::new(&problem, 0.2);
         matches.anchor.fill(Anchor::First);
         assert!(RadialVote::new(&matches, 1.0).is_none());
     }

@@ -34,7 +34,7 @@ pub(crate) struct System {
 ///
 /// Never returns a pose with a larger loss than the start's.
 pub(crate) fn refine(
-    matches: &Matches,
+    matches: &Matches<'_>,
     active: &[usize],
     loss: Loss,
     start: &CameraFromWorld,
@@ -96,12 +96,17 @@ fn reorthonormalized(pose: &CameraFromWorld) -> CameraFromWorld {
     CameraFromWorld::new(rotation, *pose.translation())
 }
 
-pub(crate) fn linearize(matches: &Matches, active: &[usize], loss: Loss, pose: &CameraFromWorld) -> System {
+pub(crate) fn linearize(
+    matches: &Matches<'_>,
+    active: &[usize],
+    loss: Loss,
+    pose: &CameraFromWorld,
+) -> System {
     let mut system = System { loss: 0.0, gradient: Vector6::zeros(), hessian: Matrix6::zeros() };
     let gated = matches!(loss, Loss::Likelihood { .. });
     let noise_term = match loss {
         Loss::Likelihood { noise } => matches.noise_term(noise),
-        _ => 0.0,
+        Loss::Squared | Loss::Truncated { .. } => 0.0,
     };
     for &i in active {
         let Some(residual) = matches.residual(i, pose, gated) else {
@@ -125,7 +130,7 @@ pub(crate) fn linearize(matches: &Matches, active: &[usize], loss: Loss, pose: &
             }
         };
         system.loss += value;
-        system.add(&residual, weight, radial, matches.rows());
+        system.add(&residual, weight, radial, matches.residuals());
     }
     for row in 0..6 {
         for column in 0..row {
@@ -182,7 +187,7 @@ mod tests {
         [Loss::Squared, Loss::Truncated { threshold: 4.0 }, Loss::Likelihood { noise: 2.0 }];
 
     /// Exact observations from the identity pose, well inside the image.
-    fn matches(rng: &mut ChaCha8Rng, kind: usize) -> Matches {
+    fn exact(rng: &mut ChaCha8Rng, kind: usize) -> PoseProblem {
         let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
         let anchors = DualAnchors::vertical(640, 480);
         let pixels: Vec<Pixel> = (0..60)
@@ -193,7 +198,8 @@ mod tests {
             .map(|p| Point3::from_vector(camera.unproject(*p).homogeneous() * rng.random_range(2.0..6.0)))
             .collect();
         let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
-        Matches::new(&PoseProblem { camera, observations, points, prior: None, gravity: None }, 0.2)
+        let keypoints = (0..60).collect();
+        PoseProblem { camera, observations, keypoints, points, prior: None, gravity: None }
     }
 
     fn start(rng: &mut ChaCha8Rng, size: f64) -> CameraFromWorld {
@@ -205,7 +211,8 @@ mod tests {
     fn gradients_of_all_losses_agree_with_finite_differences() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for kind in 0..3 {
-            let matches = matches(&mut rng, kind);
+            let problem = exact(&mut rng, kind);
+            let matches = Matches::new(&problem, 0.2);
             let active: Vec<usize> = (0..matches.len()).collect();
             for loss in LOSSES {
                 let pose = start(&mut rng, 0.004);
@@ -229,7 +236,8 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         for kind in 0..3 {
             for _ in 0..20 {
-                let matches = matches(&mut rng, kind);
+                let problem = exact(&mut rng, kind);
+                let matches = Matches::new(&problem, 0.2);
                 let active: Vec<usize> = (0..matches.len()).collect();
                 let from = start(&mut rng, 0.02);
                 let found = refine(&matches, &active, Loss::Squared, &from, 50).pose;

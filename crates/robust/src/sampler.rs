@@ -1,6 +1,13 @@
-//! Drawing correspondences: with probability proportional to a weight, from a generator the caller seeded.
+//! Drawing correspondences and samples of them: with probability proportional to a weight, from a generator the caller
+//! seeded.
 
 use rand::Rng;
+use veiloc_solvers::ArrayVec;
+
+use crate::matches::Matches;
+
+/// Draws before a sample of distinct correspondences is given up.
+const PATIENCE: usize = 64;
 
 /// Draws indices of a list with given weights.
 #[derive(Debug, Clone)]
@@ -101,11 +108,39 @@ impl SplitSampler {
     }
 }
 
+/// `K` correspondences, no two of one keypoint or at one place of the map: at most one of such a pair is right.
+///
+/// Map points are told apart by where they are: two at one place constrain a pose as one, whatever they are called.
+///
+/// `next` is told how many are drawn already.
+pub(crate) fn draw<const K: usize, R: Rng + ?Sized>(
+    matches: &Matches<'_>,
+    rng: &mut R,
+    mut next: impl FnMut(&mut R, usize) -> Option<usize>,
+) -> Option<[usize; K]> {
+    let mut sample: ArrayVec<usize, K> = ArrayVec::new();
+    for _ in 0..PATIENCE {
+        let i = next(rng, sample.len())?;
+        let clash = sample
+            .iter()
+            .any(|&j| matches.keypoint[i] == matches.keypoint[j] || matches.points[i] == matches.points[j]);
+        if !clash {
+            sample.push(i);
+            if sample.is_full() {
+                return sample.into_inner().ok();
+            }
+        }
+    }
+    None
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::problem::{Correspondences, PoseProblem};
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
+    use veiloc_geometry::{Pinhole, Pixel, PixelLine, Point3};
 
     #[test]
     fn frequencies_follow_the_weights() {
@@ -149,5 +184,52 @@ mod tests {
         assert!((hits as f64 / f64::from(rounds) - expected).abs() < 0.003, "{hits} {expected}");
         // One list too short for any split, or empty.
         assert_eq!(SplitSampler::new([list(0, 0, 1.0), list(10, 9, 0.3)], 4).draw_split(&mut rng), None);
+    }
+
+    /// Pixels seen exactly from the identity pose, each proposed for two map points and sent as one line.
+    fn proposed_twice(lines: [f64; 3], keypoints: [usize; 6]) -> PoseProblem {
+        let camera = Pinhole { width: 640, height: 480, focal: [500.0; 2], principal: [320.0, 240.0] };
+        let pixel = |i: usize| Pixel::new(100.0, 100.0 + 40.0 * i as f64);
+        PoseProblem {
+            camera,
+            observations: Correspondences::Lines {
+                lines: (0..6).map(|i| PixelLine::through(pixel(0), lines[i / 2])).collect(),
+            },
+            keypoints: keypoints.into(),
+            points: (0..6).map(|i| Point3::new(0.1 * i as f64, 0.3, 2.0)).collect(),
+            prior: None,
+            gravity: None,
+        }
+    }
+
+    #[test]
+    fn a_sample_has_one_correspondence_of_a_keypoint_whatever_was_observed() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let all = WeightedSampler::new((0..6).map(|i| (i, 1.0)));
+        let mut sample = |problem: &PoseProblem| {
+            let matches = Matches::new(problem, 0.5);
+            draw::<3, _>(&matches, &mut rng, |rng, _| all.draw(rng))
+        };
+        // The lines of a keypoint differ, as those of coordinate permutation do.
+        let mut two_lines = proposed_twice([0.1, 0.2, 0.3], [7, 7, 5, 5, 6, 6]);
+        if let Correspondences::Lines { lines } = &mut two_lines.observations {
+            lines[1] = lines[2];
+            lines[3] = lines[4];
+            lines[5] = lines[0];
+        }
+        for _ in 0..200 {
+            let drawn = sample(&two_lines).expect("three keypoints");
+            let mut keypoints = drawn.map(|i| two_lines.keypoints[i]);
+            keypoints.sort_unstable();
+            assert_eq!(keypoints, [5, 6, 7]);
+        }
+        // One code for all six: six keypoints all the same.
+        let one_code = proposed_twice([0.1; 3], [0, 1, 2, 3, 4, 5]);
+        assert!(sample(&one_code).is_some());
+        // Six different places of the map, but two keypoints: no sample of three.
+        assert_eq!(sample(&proposed_twice([0.1, 0.2, 0.3], [0, 0, 0, 1, 1, 1])), None);
+        let mut one_place = one_code;
+        one_place.points = vec![one_place.points[0]; 6];
+        assert_eq!(sample(&one_place), None);
     }
 }

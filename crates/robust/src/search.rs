@@ -50,7 +50,7 @@ const ELSEWHERE: f64 = 400.0;
 
 /// One problem under one score.
 pub(crate) struct Search<'a> {
-    matches: &'a Matches,
+    matches: &'a Matches<'a>,
     kernel: Kernel,
     scale: Scale,
     minimal: Minimal,
@@ -69,7 +69,7 @@ pub(crate) struct Polished {
 }
 
 impl<'a> Search<'a> {
-    pub(crate) fn new(matches: &'a Matches, scale: Scale, minimal: Minimal) -> Self {
+    pub(crate) fn new(matches: &'a Matches<'a>, scale: Scale, minimal: Minimal) -> Self {
         Self { matches, kernel: Kernel::new(matches, scale), scale, minimal, optima: Vec::new() }
     }
 
@@ -174,7 +174,7 @@ impl<'a> Search<'a> {
         match self.scale {
             Scale::Msac { .. } => {
                 let system = linearize(self.matches, inliers, Loss::Squared, pose);
-                let freedom = (self.matches.rows() * inliers.len()) as f64 - 6.0;
+                let freedom = (self.matches.residuals() * inliers.len()) as f64 - 6.0;
                 let variance = 2.0 * system.loss / freedom.max(1.0);
                 let information = if freedom > 0.0 { system.hessian / variance } else { Matrix6::zeros() };
                 (variance.sqrt(), inverse_or_infinite(&information))
@@ -184,7 +184,7 @@ impl<'a> Search<'a> {
                 for &i in inliers {
                     let right = 1.0 / (1.0 + (-likelihoods[i]).exp());
                     sum += right * self.matches.squared_error(i, pose).unwrap_or(0.0);
-                    count += right * self.matches.rows() as f64;
+                    count += right * self.matches.residuals() as f64;
                 }
                 let shown = if count > 0.0 { (sum / count).sqrt() } else { *noise };
                 (shown, covariance(self.matches, pose, likelihoods, *noise))

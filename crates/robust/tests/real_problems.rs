@@ -20,6 +20,7 @@ fn recall(queries: &[Query], scheme: &str, score: ScoreKind, prior: bool, thresh
         let problem = PoseProblem {
             camera: query.camera,
             observations: obfuscate(query, scheme, &mut rng),
+            keypoints: query.keypoints.clone(),
             points: query.points.clone(),
             prior: prior.then(|| query.evidence.iter().map(match_probability).collect()),
             gravity: None,

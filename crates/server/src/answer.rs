@@ -2,8 +2,6 @@
 
 use serde::Serialize;
 use utoipa::ToSchema;
-use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::Matrix3;
 use veiloc_localize::Localization;
 use veiloc_query::{Answer, AnswerDoubt, AnswerTimes, DoubtKind};
 use veiloc_robust::Doubt;
@@ -18,7 +16,7 @@ pub(crate) fn answer_of(found: &Localization, queue_ms: f64) -> Answer {
         translation: (*pose.translation()).into(),
         center: pose.center().coords.into(),
         covariance: found.covariance,
-        center_covariance: center_covariance(pose, &found.covariance),
+        center_covariance: pose.center_covariance(&found.covariance),
         trusted: doubts.is_empty(),
         doubts: doubts.iter().map(|d| AnswerDoubt { kind: kind_of(d), text: d.to_string() }).collect(),
         log_evidence: found.confidence.log_evidence,
@@ -41,20 +39,7 @@ const fn kind_of(doubt: &Doubt) -> DoubtKind {
         Doubt::Ambiguous { .. } => DoubtKind::Ambiguous,
         Doubt::LooselyHeld { .. } => DoubtKind::LooselyHeld,
         Doubt::OneSided { .. } => DoubtKind::OneSided,
-        _ => DoubtKind::Other,
     }
-}
-
-/// The centre moves by `−Rᵀ v` to first order, with `v` the translation's share of the pose's chart.
-fn center_covariance(pose: &CameraFromWorld, covariance: &[[f64; 6]; 6]) -> [[f64; 3]; 3] {
-    let c = Matrix3::from_fn(|i, j| covariance[3 + i][3 + j]);
-    if !c.iter().all(|x| x.is_finite()) {
-        // Turning infinities would mix them into NaN.
-        return std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 }));
-    }
-    let r = pose.rotation().matrix();
-    let world = r.transpose() * c * r;
-    std::array::from_fn(|i| std::array::from_fn(|j| world[(i, j)]))
 }
 
 /// Where the image was taken.
@@ -81,9 +66,9 @@ pub struct AnswerDocument {
     pub doubts: Vec<DoubtDocument>,
     /// How strong the evidence is.
     pub confidence: ConfidenceDocument,
-    /// Matches that agree with the pose.
+    /// Rows of the query that agree with the pose.
     pub inliers: u32,
-    /// Matches between query and map.
+    /// Rows of the query that were matched to map points.
     pub matches: u32,
     /// Minimal samples drawn.
     pub hypotheses: u32,

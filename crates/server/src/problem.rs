@@ -69,8 +69,7 @@ impl Problem {
         match error {
             LocalizeError::WrongProfile { .. } => Self::WrongProfile,
             LocalizeError::EmptyMap => Self::EmptyMap,
-            LocalizeError::BadQuery(_) => Self::Malformed(error.to_string()),
-            _ => Self::NotLocalized(error.to_string()),
+            LocalizeError::NoPose { .. } => Self::NotLocalized(error.to_string()),
         }
     }
 

@@ -38,7 +38,7 @@ pub(crate) fn observation_noise(
             let mean = squared_radii.iter().sum::<f64>() / squared_radii.len().max(1) as f64;
             mean * step * step / 12.0
         }
-        _ => ROUNDING,
+        Correspondences::Points { .. } | Correspondences::Lines { .. } => ROUNDING,
     };
     (keypoint_noise * keypoint_noise + DITHER + rounding).sqrt()
 }
@@ -83,7 +83,6 @@ mod tests {
                             Correspondences::Anchored { anchors, lines } => {
                                 anchors.line(lines[i].0, lines[i].1).signed_distance(exact)
                             }
-                            other => panic!("{other:?}"),
                         }
                     })
                     .collect();

@@ -37,6 +37,6 @@ pub(crate) fn truly_right(
 pub(crate) fn runs_through(estimated: &PoseProblem, i: usize, keypoint: Pixel) -> bool {
     match &estimated.observations {
         Correspondences::Lines { lines } => lines[i].signed_distance(keypoint).abs() <= OFF_LINE_PX,
-        _ => true,
+        Correspondences::Points { .. } | Correspondences::Anchored { .. } => true,
     }
 }

@@ -285,12 +285,13 @@ pub fn pose_problem(
     observations: &Observations,
     use_prior: bool,
 ) -> (PoseProblem, Vec<usize>) {
-    let MatchedObservations { correspondences, match_of } =
+    let MatchedObservations { correspondences, keypoints, match_of } =
         observe_matches(observations, &problem.keypoint_of_match);
     let prior = use_prior.then(|| problem.prior()).flatten();
     let pose_problem = PoseProblem {
         camera: problem.camera,
         observations: correspondences,
+        keypoints,
         points: match_of.iter().map(|&m| problem.points[m]).collect(),
         prior: prior.map(|p| match_of.iter().map(|&m| p[m]).collect()),
         gravity: None,

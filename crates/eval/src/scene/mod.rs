@@ -166,8 +166,8 @@ fn localize_one(
     match localize(&decoded, map, &options) {
         Ok(found) => {
             result = result.found(&found.cam_from_world, &query.cam_from_world);
-            result.inliers = found.inliers;
-            result.correspondences = found.matches;
+            result.inliers = found.inlier_pairs;
+            result.correspondences = found.pairs;
             result.hypotheses = found.hypotheses;
             result.trusted = Some(found.confidence.is_trusted());
             result.ms.insert("retrieve".to_owned(), found.times.retrieve_ms);

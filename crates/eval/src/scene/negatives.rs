@@ -62,8 +62,8 @@ pub(crate) fn localize_negatives(
                 if let Some(found) = received.as_ref().and_then(|query| localize(query, map, &options).ok()) {
                     result.localized = true;
                     result.trusted = found.confidence.is_trusted();
-                    result.inliers = found.inliers;
-                    result.correspondences = found.matches;
+                    result.inliers = found.inlier_pairs;
+                    result.correspondences = found.pairs;
                 }
                 rows[s * scores.len() + k].push(result);
             }

@@ -62,5 +62,6 @@ pub(crate) fn problem(setup: &Setup, rng: &mut ChaCha8Rng) -> (PoseProblem, Came
             Correspondences::Anchored { anchors, lines: pixels.iter().map(of).collect() }
         }
     };
-    (PoseProblem { camera: CAMERA, observations, points, prior: None, gravity: None }, truth)
+    let keypoints = (0..points.len()).collect();
+    (PoseProblem { camera: CAMERA, observations, keypoints, points, prior: None, gravity: None }, truth)
 }

@@ -1,5 +1,6 @@
 //! Reads `problems.jsonl.gz` and obfuscates its keypoints: for the real-data test and the `problems` example.
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
 
 use rand::Rng;
@@ -16,6 +17,8 @@ pub(crate) type Failure = Box<dyn std::error::Error>;
 pub(crate) struct Query {
     pub(crate) camera: Pinhole,
     pub(crate) pixels: Vec<Pixel>,
+    /// Matches with one position in the file belong to one keypoint: that is what the format says.
+    pub(crate) keypoints: Vec<usize>,
     pub(crate) points: Vec<Point3<World>>,
     pub(crate) truth: CameraFromWorld,
     pub(crate) evidence: Vec<Evidence>,
@@ -29,12 +32,13 @@ pub(crate) fn obfuscate(query: &Query, scheme: &str, rng: &mut ChaCha8Rng) -> Co
     let anchors = DualAnchors::vertical(query.camera.width, query.camera.height);
     let step = std::f64::consts::PI / 4096.0;
     let quantized = |angle: f64| ((angle / step).floor().clamp(0.0, 4095.0) + 0.5) * step;
-    let mut known = std::collections::BTreeMap::new();
+    let mut known = BTreeMap::new();
     let drawn: Vec<(Pixel, f64)> = query
         .pixels
         .iter()
-        .map(|p| {
-            *known.entry((p.u.to_bits(), p.v.to_bits())).or_insert_with(|| {
+        .zip(&query.keypoints)
+        .map(|(p, keypoint)| {
+            *known.entry(*keypoint).or_insert_with(|| {
                 let dither = Pixel::new(p.u + rng.random_range(-0.5..0.5), p.v + rng.random_range(-0.5..0.5));
                 (dither, rng.random_range(0.0..std::f64::consts::PI))
             })
@@ -77,6 +81,14 @@ fn query(line: &Value) -> Result<Query, Failure> {
     let (q, t) = (numbers(&pose["q"]), numbers(&pose["t"]));
     let truth = CameraFromWorld::from_quaternion(q.as_slice().try_into()?, t.as_slice().try_into()?)
         .ok_or("bad pose")?;
+    let mut known = BTreeMap::new();
+    let keypoints = rows(&line["points2d"])
+        .iter()
+        .map(|p| {
+            let next = known.len();
+            *known.entry([p[0].to_bits(), p[1].to_bits()]).or_insert(next)
+        })
+        .collect();
     let pixels = rows(&line["points2d"])
         .iter()
         .map(|p| camera.undistort_pixel(Pixel::new(p[0], p[1])).ok_or("pixel without ray"))
@@ -92,5 +104,5 @@ fn query(line: &Value) -> Result<Query, Failure> {
             track_length: count(&track_length, i),
         })
         .collect();
-    Ok(Query { camera: camera.pinhole(), pixels, points, truth, evidence })
+    Ok(Query { camera: camera.pinhole(), pixels, keypoints, points, truth, evidence })
 }
