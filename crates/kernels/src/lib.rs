@@ -7,6 +7,19 @@
 //!
 //! Every kernel has a portable twin without intrinsics ([`Backend::PORTABLE`]), which is also what machines other than
 //! x86-64 run. All results are equal on every backend, to the bit; the tests hold each one against naive loops.
+//!
+//! Who calls this crate picks a [`Backend`] once ([`Backend::best`]) and hands over plain slices; shapes stand beside
+//! each function.
+//!
+//! # Example
+//! ```
+//! use veiloc_kernels::{Backend, PackedRows, best_two};
+//!
+//! // Three rows of two bytes each; the query lies nearest to the second.
+//! let rows = PackedRows::new(Backend::best(), &[0, 0, 10, 0, 0, 20], 2);
+//! let nearest = best_two(&[9, 1], &rows)[0].expect("there are rows");
+//! assert_eq!((nearest.index, nearest.distance), (1, 1 + 1));
+//! ```
 #![deny(unsafe_op_in_unsafe_fn)]
 #![expect(
     unsafe_code,

@@ -15,6 +15,20 @@
 //!
 //! Every solver is deterministic, allocates nothing, never panics, and answers a degenerate or non-finite sample with
 //! no poses: that is not an error, RANSAC draws again.
+//!
+//! # Example
+//! ```
+//! use veiloc_geometry::{CameraFromWorld, Point3};
+//! use veiloc_solvers::{ArrayVec, p3p};
+//!
+//! let truth = CameraFromWorld::from_quaternion([0.9, 0.1, -0.2, 0.3], [0.2, -0.1, 0.5]).expect("finite");
+//! let points = [Point3::new(0.0, 0.0, 4.0), Point3::new(1.0, 0.0, 5.0), Point3::new(0.0, 1.0, 6.0)];
+//! let bearings = points.map(|point| truth.transform(&point).coords.normalize());
+//!
+//! let mut poses = ArrayVec::new();
+//! p3p(&bearings, &points, &mut poses);
+//! assert!(poses.iter().any(|pose| pose.translation_error(&truth) < 1e-6));
+//! ```
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
