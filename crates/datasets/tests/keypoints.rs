@@ -1,9 +1,10 @@
 //! Our keypoints beside those of an independent pipeline on the same image. Needs `VEILOC_DATA`.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use veiloc_datasets::{KeypointImage, keypoints_of_image, read_keypoints};
 use veiloc_query::ExtractionLimits;
+use veiloc_testdata::real_data_test;
 
 /// Row `i` as a unit vector.
 fn unit(image: &KeypointImage, i: usize) -> Vec<f64> {
@@ -13,12 +14,8 @@ fn unit(image: &KeypointImage, i: usize) -> Vec<f64> {
     row.iter().map(|x| x / norm).collect()
 }
 
-#[test]
-fn descriptors_are_laid_out_as_in_the_problem_files() {
-    let Some(data) = std::env::var_os("VEILOC_DATA").map(PathBuf::from) else {
-        eprintln!("skipped: VEILOC_DATA is not set");
-        return;
-    };
+#[real_data_test]
+fn descriptors_are_laid_out_as_in_the_problem_files(data: &Path) {
     // RedKitchen's file has frames of which the images are not there.
     let all = read_keypoints(&data.join("problems/herzjesu_keypoints.jsonl.gz")).expect("keypoints");
     let theirs = all.iter().find(|p| p.name == "0002.jpg").expect("the image");

@@ -1,8 +1,6 @@
 //! The whole road on real photographs: map, seal, localize. Needs `VEILOC_DATA`.
 
-#![expect(clippy::print_stderr, reason = "a skipped test says so")]
-
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use veiloc_eval::results::{Evaluation, SchemeSummary};
 use veiloc_eval::{
@@ -12,14 +10,7 @@ use veiloc_localize::LocalizeOptions;
 use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
 use veiloc_robust::ScoreKind;
-
-fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("VEILOC_DATA").map(PathBuf::from);
-    if folder.is_none() {
-        eprintln!("skipped: VEILOC_DATA is not set");
-    }
-    folder
-}
+use veiloc_testdata::real_data_test;
 
 fn names(list: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(list).expect("a list of the data");
@@ -53,9 +44,8 @@ fn assert_recall(result: &Evaluation, scheme: &str, least: f64, translation: f64
     assert!(median <= translation, "{scheme}: median {median} m, at most {translation} is expected");
 }
 
-#[test]
-fn redkitchen_is_localized_under_every_scheme() {
-    let Some(data) = data() else { return };
+#[real_data_test]
+fn redkitchen_is_localized_under_every_scheme(data: &Path) {
     let schemes = ["points", "random-lines", "dcl"];
     let result = evaluate_scene(&scene(&data.join("redkitchen"), 2, &schemes), &()).expect("evaluated");
     assert_recall(&result, "points", 0.99, 0.010);
@@ -66,9 +56,8 @@ fn redkitchen_is_localized_under_every_scheme() {
 }
 
 /// A kitchen is no church door: whatever pose comes out must not be trusted.
-#[test]
-fn queries_of_another_place_are_not_trusted() {
-    let Some(data) = data() else { return };
+#[real_data_test]
+fn queries_of_another_place_are_not_trusted(data: &Path) {
     let kitchen = data.join("redkitchen");
     let mut evaluation = scene(&data.join("herzjesu"), 1, &["points", "random-lines", "dcl"]);
     evaluation.negatives = Some(Negatives {
@@ -85,17 +74,15 @@ fn queries_of_another_place_are_not_trusted() {
     assert_eq!(result.negatives.len(), 24);
 }
 
-#[test]
-fn herzjesu_is_localized_with_dcl() {
-    let Some(data) = data() else { return };
+#[real_data_test]
+fn herzjesu_is_localized_with_dcl(data: &Path) {
     let result = evaluate_scene(&scene(&data.join("herzjesu"), 1, &["dcl"]), &()).expect("evaluated");
     assert_recall(&result, "dcl", 0.99, 0.05);
 }
 
 /// DESIGN's collapse: with the plain score the false optimum at an anchor wins; the likelihood removes it.
-#[test]
-fn the_collapse_of_the_plain_score_and_its_cure() {
-    let Some(data) = data() else { return };
+#[real_data_test]
+fn the_collapse_of_the_plain_score_and_its_cure(data: &Path) {
     let files = vec![data.join("problems/redkitchen_nn.jsonl.gz")];
     let mut evaluation = PoseEvaluation::new(files, vec![Scheme::default()]);
     evaluation.scores = vec![ScoreKind::Msac, ScoreKind::Likelihood];
@@ -110,9 +97,8 @@ fn the_collapse_of_the_plain_score_and_its_cure() {
 }
 
 /// Every recipe is run on the same real matches; who knows the right matches is nearer than who must find them.
-#[test]
-fn recipes_seeds_and_the_floor_on_real_matches() {
-    let Some(data) = data() else { return };
+#[real_data_test]
+fn recipes_seeds_and_the_floor_on_real_matches(data: &Path) {
     let files = vec![data.join("problems/redkitchen_r08.jsonl.gz")];
     let mut evaluation = PoseEvaluation::new(files, vec![Scheme::Points, Scheme::default()]);
     evaluation.recipes = vec![Recipe::Paper, Recipe::Default, Recipe::Floor];

@@ -1,8 +1,9 @@
 //! Real photographs under known homographies. Needs the environment variable `VEILOC_DATA`.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use veiloc_features::{Features, GrayImage, SiftOptions, extract_sift, load_gray};
+use veiloc_testdata::real_data_test;
 
 /// `x = a u + b v + c, y = d u + e v + f`
 type Affine = [f64; 6];
@@ -70,12 +71,8 @@ fn repeatability(
     (f64::from(repeated) / f64::from(inside), bias.map(|sum| sum / f64::from(repeated)))
 }
 
-#[test]
-fn keypoints_of_images_are_found_again() {
-    let Some(data) = std::env::var_os("VEILOC_DATA").map(PathBuf::from) else {
-        eprintln!("skipped: VEILOC_DATA is not set");
-        return;
-    };
+#[real_data_test]
+fn keypoints_of_images_are_found_again(data: &Path) {
     let mut options = SiftOptions::default();
     options.max_keypoints = 1024;
     for photo in

@@ -15,6 +15,7 @@ use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
 use veiloc_query::{Profile, SealedQuery};
+use veiloc_testdata::real_data_test;
 
 /// One row of a sealed query as the attacker sees it, beside the truth.
 struct Row {
@@ -139,13 +140,9 @@ fn trained(rows: &[Row], features: impl Fn(&Row) -> Vec<f64>) -> f64 {
     auc(&judged)
 }
 
-#[test]
-fn decoys_hide_as_well_as_the_document_says() {
-    let Some(folder) = std::env::var_os("VEILOC_DATA") else {
-        eprintln!("skipped: VEILOC_DATA is not set");
-        return;
-    };
-    let rows = sealed_rows(Path::new(&folder));
+#[real_data_test]
+fn decoys_hide_as_well_as_the_document_says(data: &Path) {
+    let rows = sealed_rows(data);
     let simple = |value: &dyn Fn(&Row) -> f64| -> f64 {
         auc(&rows.iter().map(|row| (value(row), row.decoy)).collect::<Vec<_>>())
     };
@@ -214,13 +211,9 @@ fn decoys_hide_as_well_as_the_document_says() {
 
 /// What it costs that the global descriptor is made from decoys too: each image is looked up by some of its
 /// keypoints among all images, which are known by their other keypoints.
-#[test]
-fn decoys_cost_in_retrieval_what_the_document_says() {
-    let Some(folder) = std::env::var_os("VEILOC_DATA") else {
-        eprintln!("skipped: VEILOC_DATA is not set");
-        return;
-    };
-    let images = images(Path::new(&folder));
+#[real_data_test]
+fn decoys_cost_in_retrieval_what_the_document_says(data: &Path) {
+    let images = images(data);
     let mut rng = rng(2);
     let mut samples = Descriptors::empty(DescriptorKind::RootSift);
     for image in &images {

@@ -1,14 +1,17 @@
 //! Recall on the real correspondence sets of `$VEILOC_DATA/problems`: the collapse of MSAC on anchored lines, and its cure.
-#![expect(clippy::print_stderr, reason = "says when it is skipped, and what was measured")]
+#![expect(clippy::print_stderr, reason = "says what was measured")]
 
 #[path = "support/problems.rs"]
 mod support;
+
+use std::path::Path;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{Query, obfuscate, read};
 use veiloc_robust::prior::match_probability;
 use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, estimate_pose};
+use veiloc_testdata::real_data_test;
 
 /// Share of the queries within the threshold, 1000 hypotheses each.
 fn recall(queries: &[Query], scheme: &str, score: ScoreKind, prior: bool, threshold: (f64, f64)) -> f64 {
@@ -36,16 +39,12 @@ fn recall(queries: &[Query], scheme: &str, score: ScoreKind, prior: bool, thresh
     share
 }
 
-#[test]
-fn recall_on_real_matches() {
-    let Ok(data) = std::env::var("VEILOC_DATA") else {
-        eprintln!("skipped: VEILOC_DATA is not set");
-        return;
-    };
+#[real_data_test]
+fn recall_on_real_matches(data: &Path) {
     for (file, threshold, plain, weighted) in
         [("redkitchen_nn", (0.05, 5.0), 0.85, 0.9), ("herzjesu_nn", (0.1, 1.0), 0.9, 0.96)]
     {
-        let queries = read(&format!("{data}/problems/{file}.jsonl.gz")).expect("readable problems");
+        let queries = read(&data.join(format!("problems/{file}.jsonl.gz"))).expect("readable problems");
         assert!(queries.len() > 20);
         let at = |scheme, score, prior| recall(&queries, scheme, score, prior, threshold);
         assert!(at("points", ScoreKind::Msac, false) >= 0.99);

@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use veiloc_testdata::real_data_test;
+
 use super::{ColmapModel, read_model, write_text};
 use crate::MapError;
 
@@ -231,18 +233,14 @@ fn faulty_binary_records_are_refused() {
     assert!(error.contains("not a number"), "{error}");
 }
 
-#[test]
-fn lund_door_is_read_whole() {
-    let Some(data) = std::env::var_os("VEILOC_DATA") else {
-        eprintln!("skipped: VEILOC_DATA is not set");
-        return;
-    };
-    let model = read_model(&PathBuf::from(&data).join("lund-door/sparse")).unwrap();
+#[real_data_test]
+fn lund_door_is_read_whole(data: &Path) {
+    let model = read_model(&data.join("lund-door/sparse")).unwrap();
     assert_eq!((model.images().len(), model.points().len()), (12, 11384));
     let observations: usize = model.points().iter().map(|p| p.track.len()).sum();
     assert_eq!(observations, 73327);
     for posed in ["redkitchen", "herzjesu"] {
-        let model = read_model(&PathBuf::from(&data).join(posed).join("posed")).unwrap();
+        let model = read_model(&data.join(posed).join("posed")).unwrap();
         assert_eq!(model.images().len(), if posed == "redkitchen" { 112 } else { 25 });
         assert!(model.points().is_empty() && model.images().iter().all(|i| i.points2d.is_empty()));
     }

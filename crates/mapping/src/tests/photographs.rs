@@ -1,26 +1,18 @@
 //! Real photographs, found by `VEILOC_DATA`.
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::Path;
 
 use veiloc_map::colmap::{ColmapModel, read_model};
+use veiloc_testdata::real_data_test;
 
 use crate::import::recomputed_error;
 use crate::{BuildOptions, MappingError, add, build, import, remove};
 
-fn data() -> Option<PathBuf> {
-    let data = std::env::var_os("VEILOC_DATA").map(PathBuf::from);
-    if data.is_none() {
-        eprintln!("skipped: VEILOC_DATA is not set");
-    }
-    data
-}
-
 /// COLMAP's convention of pixels, poses and distortion is ours: we find the errors that it wrote down, as far as the six
 /// digits of its text go. (COLMAP itself, reading this file, finds them within 0.0043 px: `update_point_3d_errors`.)
-#[test]
-fn errors_of_a_colmap_model_are_what_the_file_says() {
-    let Some(data) = data() else { return };
+#[real_data_test]
+fn errors_of_a_colmap_model_are_what_the_file_says(data: &Path) {
     let colmap = read_model(&data.join("lund-door/sparse")).unwrap();
     let (mut told, mut own) = (0.0, 0.0);
     for point in colmap.points() {
@@ -49,9 +41,8 @@ fn cut(model: &ColmapModel, names: &[&str]) -> ColmapModel {
     ColmapModel::new(cameras, images, points).unwrap()
 }
 
-#[test]
-fn a_colmap_model_is_imported_with_its_points() {
-    let Some(data) = data() else { return };
+#[real_data_test]
+fn a_colmap_model_is_imported_with_its_points(data: &Path) {
     let whole = read_model(&data.join("lund-door/sparse")).unwrap();
     let colmap = cut(&whole, &["DSC_0004.JPG", "DSC_0005.JPG", "DSC_0006.JPG"]);
     let options = BuildOptions { max_keypoints: 1000, max_image_side: 2000, ..BuildOptions::default() };
@@ -67,9 +58,8 @@ fn a_colmap_model_is_imported_with_its_points() {
     assert!(matches!(import(&elsewhere, &data, &options, &()), Err(MappingError::EmptyList)));
 }
 
-#[test]
-fn a_map_of_redkitchen_loses_and_regains_a_image() {
-    let Some(data) = data() else { return };
+#[real_data_test]
+fn a_map_of_redkitchen_loses_and_regains_an_image(data: &Path) {
     let posed = read_model(&data.join("redkitchen/posed")).unwrap();
     let images = data.join("redkitchen/images");
     let names: Vec<String> = posed.image_names().into_iter().step_by(2).take(8).collect();

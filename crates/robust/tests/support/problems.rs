@@ -57,7 +57,7 @@ pub(crate) fn obfuscate(query: &Query, scheme: &str, rng: &mut ChaCha8Rng) -> Co
 }
 
 /// All queries of a file.
-pub(crate) fn read(path: &str) -> Result<Vec<Query>, Failure> {
+pub(crate) fn read(path: impl AsRef<std::path::Path>) -> Result<Vec<Query>, Failure> {
     let file = BufReader::new(flate2::read::MultiGzDecoder::new(std::fs::File::open(path)?));
     file.lines().map(|line| query(&serde_json::from_str(&line?)?)).collect()
 }
