@@ -5,7 +5,8 @@ use std::sync::Arc;
 use rand::Rng;
 
 use crate::builder::{Builder, Spot};
-use crate::material::{Colour, Pattern, colour};
+use crate::colour::{Colour, colour};
+use crate::material::Pattern;
 use crate::print::{PrintKind, any_colour, print};
 
 impl Builder {

@@ -22,6 +22,7 @@
 
 mod builder;
 mod bvh;
+mod colour;
 mod furniture;
 mod light;
 mod material;

@@ -2,18 +2,9 @@
 
 use std::sync::Arc;
 
-use nalgebra::Vector3;
-
+use crate::colour::{Colour, colour};
 use crate::noise::{fade, hash, octaves, splat, unit};
 use crate::painter::Raster;
-
-/// Linear reflectance, red, green, blue, 0 to 1.
-pub(crate) type Colour = Vector3<f32>;
-
-/// A colour from its channels.
-pub(crate) const fn colour(r: f32, g: f32, b: f32) -> Colour {
-    Vector3::new(r, g, b)
-}
 
 /// The kinds of surface. Lengths in metres.
 #[derive(Clone)]

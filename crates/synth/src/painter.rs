@@ -3,7 +3,7 @@
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::material::Colour;
+use crate::colour::Colour;
 
 /// A square-texel image and its ever smaller versions.
 pub(crate) struct Raster {

@@ -3,7 +3,7 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::material::{Colour, colour};
+use crate::colour::{Colour, colour};
 use crate::noise::octaves;
 use crate::painter::{Painter, Raster};
 

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, frames::World};
 
 use crate::bvh::{Hit, Vec3};
-use crate::material::Colour;
+use crate::colour::Colour;
 use crate::noise::{hash, unit};
 use crate::place::Place;
 

@@ -7,7 +7,8 @@ use rand::Rng;
 
 use crate::builder::{Builder, Spot};
 use crate::bvh::Vec3;
-use crate::material::{Pattern, colour};
+use crate::colour::colour;
+use crate::material::Pattern;
 use crate::print::PrintKind;
 
 /// Half the room's length and width, and its height, metres.
