@@ -1,12 +1,12 @@
 //! Which room may lean on which: the design's table, held against `cargo metadata`.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
-use std::process::Command;
 
-/// Every room of the library and the rooms it may name in its manifest. A room that is not here is a fault,
-/// so a new room is a decision someone makes in this file.
-const ALLOWED: &[(&str, &[&str])] = &[
+use crate::workspace::Workspace;
+
+/// Every room of the library and the rooms that it names in its manifest: no more and no fewer. A room that is not here
+/// is a fault, and so is an arrow that nobody uses, so the table is what is, and a new arrow is a decision made here.
+const ARROWS: &[(&str, &[&str])] = &[
     ("geometry", &[]),
     ("kernels", &[]),
     ("descriptor", &["kernels"]),
@@ -16,10 +16,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("features", &["geometry", "descriptor"]),
     ("obfuscation", &["geometry", "descriptor", "features", "query"]),
     ("map", &["geometry", "descriptor", "kernels", "query"]),
-    ("mapping", &["geometry", "descriptor", "features", "map", "query", "robust"]),
+    ("mapping", &["geometry", "descriptor", "features", "map", "query"]),
     ("localize", &["geometry", "descriptor", "query", "map", "robust"]),
     ("server", &["geometry", "query", "map", "localize", "robust"]),
-    ("attacks", &["geometry", "obfuscation", "query", "map", "descriptor"]),
+    ("attacks", &["geometry", "query"]),
     ("synth", &["geometry"]),
     ("datasets", &["geometry", "features", "query", "robust"]),
     (
@@ -70,73 +70,95 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "synth",
         ],
     ),
+    (
+        "cli",
+        &[
+            "audit",
+            "datasets",
+            "demo",
+            "eval",
+            "features",
+            "geometry",
+            "localize",
+            "map",
+            "mapping",
+            "obfuscation",
+            "query",
+            "report",
+            "robust",
+            "server",
+        ],
+    ),
 ];
 
 /// The server's side must not even be able to name a keypoint of a query: not directly, not through others.
 const SERVER_SIDE: &[&str] = &["localize", "map", "server"];
 const DEVICE_SIDE: &[&str] = &["features", "obfuscation"];
 
-/// Rooms that the others may not lean on: they sit at the end of the arrows.
+/// Rooms that no other room may lean on: they sit at the end of the arrows.
 const ENDS: &[&str] = &["cli"];
 
+/// Who leans on whom.
+pub(crate) type Arrows = BTreeMap<String, BTreeSet<String>>;
+
 /// Checks all arrows; returns how many rooms there are.
-pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, String> {
-    let direct = direct_dependencies(root)?;
-    let allowed: BTreeMap<&str, &[&str]> = ALLOWED.iter().copied().collect();
-    for (room, dependencies) in &direct {
-        if ENDS.contains(&room.as_str()) {
-            continue;
-        }
-        let Some(list) = allowed.get(room.as_str()) else {
+pub(crate) fn check(workspace: &Workspace, faults: &mut Vec<String>) -> usize {
+    let direct = direct_dependencies(workspace);
+    compare(&direct, &table(ARROWS), faults);
+    direct.len()
+}
+
+fn compare(direct: &Arrows, table: &Arrows, faults: &mut Vec<String>) {
+    let none = BTreeSet::new();
+    for (room, dependencies) in direct {
+        let Some(allowed) = table.get(room) else {
             faults.push(format!("room {room} is not in the table of arrows (xtask/src/arrows.rs)"));
             continue;
         };
-        for dependency in dependencies.iter().filter(|d| !list.contains(&d.as_str())) {
+        for dependency in dependencies.difference(allowed) {
             faults.push(format!("arrow {room} -> {dependency} is not in the design"));
+        }
+        for dependency in dependencies.iter().filter(|d| ENDS.contains(&d.as_str())) {
+            faults.push(format!("arrow {room} -> {dependency}: nothing may lean on {dependency}"));
+        }
+    }
+    for (room, allowed) in table {
+        if !direct.contains_key(room) {
+            faults.push(format!("the table of arrows names room {room}, which does not exist"));
+            continue;
+        }
+        for unused in allowed.difference(direct.get(room).unwrap_or(&none)) {
+            faults.push(format!("arrow {room} -> {unused} is allowed, and nobody uses it"));
         }
     }
     for room in SERVER_SIDE {
-        let reached = reach(room, &direct);
+        let reached = reach(room, direct);
         for forbidden in DEVICE_SIDE.iter().filter(|d| reached.contains(**d)) {
             faults.push(format!(
                 "{room} reaches {forbidden}: the server side could name a keypoint of a query"
             ));
         }
     }
-    Ok(direct.len())
 }
 
-/// `veiloc-*` dependencies of every `veiloc-*` package that ships, prefixes cut, test-only dependencies left out.
-fn direct_dependencies(root: &Path) -> Result<BTreeMap<String, BTreeSet<String>>, String> {
-    let output = Command::new(env!("CARGO"))
-        .args(["metadata", "--format-version", "1", "--no-deps"])
-        .current_dir(root)
-        .output()
-        .map_err(|e| format!("cargo metadata: {e}"))?;
-    if !output.status.success() {
-        return Err(format!("cargo metadata: {}", String::from_utf8_lossy(&output.stderr)));
-    }
-    let metadata: serde_json::Value =
-        serde_json::from_slice(&output.stdout).map_err(|e| format!("cargo metadata: {e}"))?;
-    let room = |name: &serde_json::Value| name.as_str()?.strip_prefix("veiloc-").map(str::to_owned);
-    let list = |value: &serde_json::Value| value.as_array().cloned().unwrap_or_default();
-    let mut rooms = BTreeMap::new();
-    for package in list(&metadata["packages"]) {
-        let Some(name) = room(&package["name"]).filter(|name| name != "benches") else { continue };
-        let dependencies = list(&package["dependencies"])
-            .iter()
+fn table(rows: &[(&str, &[&str])]) -> Arrows {
+    rows.iter().map(|(a, bs)| ((*a).to_owned(), bs.iter().map(|b| (*b).to_owned()).collect())).collect()
+}
+
+/// The rooms that every room names in its manifest; those of its tests are left out.
+pub(crate) fn direct_dependencies(workspace: &Workspace) -> Arrows {
+    let rooms: BTreeMap<&str, &str> =
+        workspace.ours().filter_map(|p| Some((p.text("name"), p.room()?))).collect();
+    let of = |package: &crate::workspace::Package| {
+        (package.dependencies())
             .filter(|d| d["kind"].as_str() != Some("dev"))
-            .filter_map(|d| room(&d["name"]))
-            .collect();
-        rooms.insert(name, dependencies);
-    }
-    if rooms.is_empty() {
-        return Err("cargo metadata names no room at all".to_owned());
-    }
-    Ok(rooms)
+            .filter_map(|d| rooms.get(d["name"].as_str()?).map(|room| (*room).to_owned()))
+            .collect()
+    };
+    workspace.ours().filter_map(|p| Some((p.room()?.to_owned(), of(p)))).collect()
 }
 
-fn reach(from: &str, direct: &BTreeMap<String, BTreeSet<String>>) -> BTreeSet<String> {
+fn reach(from: &str, direct: &Arrows) -> BTreeSet<String> {
     let mut seen = BTreeSet::new();
     let mut open = vec![from.to_owned()];
     while let Some(room) = open.pop() {
@@ -153,28 +175,48 @@ fn reach(from: &str, direct: &BTreeMap<String, BTreeSet<String>>) -> BTreeSet<St
 mod tests {
     use super::*;
 
-    fn graph(arrows: &[(&str, &[&str])]) -> BTreeMap<String, BTreeSet<String>> {
-        arrows.iter().map(|(a, bs)| ((*a).to_owned(), bs.iter().map(|b| (*b).to_owned()).collect())).collect()
+    fn faults(direct: &[(&str, &[&str])], allowed: &[(&str, &[&str])]) -> Vec<String> {
+        let mut faults = Vec::new();
+        compare(&table(direct), &table(allowed), &mut faults);
+        faults
     }
 
     #[test]
-    fn a_detour_is_found() {
-        let g = graph(&[
-            ("localize", &["map"]),
-            ("map", &["helper"]),
-            ("helper", &["features"]),
-            ("features", &[]),
-        ]);
-        assert!(reach("localize", &g).contains("features"));
-        assert!(!reach("features", &g).contains("localize"));
+    fn the_table_must_be_what_is() {
+        let rooms: &[(&str, &[&str])] = &[("a", &["b"]), ("b", &[])];
+        assert!(faults(rooms, rooms).is_empty());
+        let new = faults(&[("a", &["b"]), ("b", &["a"])], rooms);
+        assert_eq!(new, ["arrow b -> a is not in the design"]);
+        let unused = faults(&[("a", &[]), ("b", &[])], rooms);
+        assert_eq!(unused, ["arrow a -> b is allowed, and nobody uses it"]);
+        let unlisted = faults(&[("a", &["b"]), ("b", &[]), ("c", &[])], rooms);
+        assert_eq!(unlisted, ["room c is not in the table of arrows (xtask/src/arrows.rs)"]);
+        let gone = faults(&[("b", &[])], rooms);
+        assert_eq!(gone, ["the table of arrows names room a, which does not exist"]);
+    }
+
+    #[test]
+    fn nothing_leans_on_an_end() {
+        let rooms: &[(&str, &[&str])] = &[("a", &["cli"]), ("cli", &[])];
+        assert_eq!(faults(rooms, rooms), ["arrow a -> cli: nothing may lean on cli"]);
+    }
+
+    #[test]
+    fn a_detour_to_the_device_is_found() {
+        let rooms: &[(&str, &[&str])] =
+            &[("localize", &["map"]), ("map", &["helper"]), ("helper", &["features"]), ("features", &[])];
+        let found = faults(rooms, rooms);
+        assert!(found.iter().any(|f| f.starts_with("localize reaches features")), "{found:?}");
+        assert_eq!(found.len(), 2, "map does so too: {found:?}");
     }
 
     #[test]
     fn the_table_itself_keeps_the_server_blind() {
-        let g = graph(ALLOWED);
-        for room in SERVER_SIDE.iter().filter(|r| g.contains_key(**r)) {
+        let table = table(ARROWS);
+        for room in SERVER_SIDE {
+            assert!(table.contains_key(*room), "{room} is not in the table");
             for device in DEVICE_SIDE {
-                assert!(!reach(room, &g).contains(*device), "{room} reaches {device}");
+                assert!(!reach(room, &table).contains(*device), "{room} reaches {device}");
             }
         }
     }
