@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # Runs every fuzz target for a number of seconds and prints executions, coverage and findings.
+# What it finds goes to fuzz/regressions/TARGET/, where fuzz/tests/seeds.rs runs it for ever.
 #
 #     cargo install cargo-fuzz
 #     rustup toolchain install nightly

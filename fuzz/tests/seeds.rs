@@ -1,0 +1,150 @@
+//! Every fuzz target on its seeds, on what was once found, and on a bounded number of damaged seeds: on stable Rust, as
+//! ordinary tests. What the fuzzer finds goes to `fuzz/regressions/TARGET/` and is run here for ever.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use veiloc_map::MapFile;
+use veiloc_query::{Answer, Profile, SealedQuery};
+
+/// Damaged inputs for each target; fewer where they take longer than [`LONGEST`], but never fewer than a tenth.
+const DAMAGED: usize = 3000;
+const LONGEST: Duration = Duration::from_secs(5);
+
+fn folder(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(name)
+}
+
+/// The files of a folder of the repository whose name ends so.
+fn files(name: &str, ending: &str) -> Vec<Vec<u8>> {
+    let mut paths: Vec<PathBuf> =
+        fs::read_dir(folder(name)).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
+    paths.retain(|path| path.to_str().is_some_and(|path| path.ends_with(ending)));
+    paths.sort();
+    let read: Vec<Vec<u8>> = paths.iter().map(|path| fs::read(path).expect("a file")).collect();
+    assert!(!read.is_empty(), "no seed *{ending} in {name}");
+    read
+}
+
+/// Numbers that look random and are the same in every run (splitmix64).
+struct Numbers(u64);
+
+impl Numbers {
+    fn below(&mut self, bound: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % bound.max(1) as u64) as usize
+    }
+
+    /// One to four damages: another byte, another bit, an end cut off, a part twice, a number at an edge.
+    fn damaged(&mut self, seed: &[u8], other: &[u8]) -> Vec<u8> {
+        let mut bytes = seed.to_vec();
+        for _ in 0..=self.below(4) {
+            let at = self.below(bytes.len());
+            match self.below(6) {
+                0 if at < bytes.len() => bytes[at] = self.below(256) as u8,
+                1 if at < bytes.len() => bytes[at] ^= 1 << self.below(8),
+                2 => bytes.truncate(at),
+                3 => {
+                    let part = bytes[at..(at + self.below(64)).min(bytes.len())].to_vec();
+                    bytes.splice(at..at, part);
+                }
+                4 if at + 8 <= bytes.len() => {
+                    let edge = [0, 1, u64::MAX, u64::from(u32::MAX), 1 << 31, 1 << 63][self.below(6)];
+                    bytes[at..at + 8].copy_from_slice(&edge.to_le_bytes());
+                }
+                _ => {
+                    let from = self.below(other.len());
+                    bytes.truncate(at);
+                    bytes.extend(&other[from..]);
+                }
+            }
+        }
+        bytes
+    }
+}
+
+/// Runs a target on its seeds, which must be what the target is about, then on findings, then on damaged seeds.
+fn run(target: &str, seeds: &[Vec<u8>], is_accepted: impl Fn(&[u8]) -> bool, property: impl Fn(&[u8])) {
+    for (index, seed) in seeds.iter().enumerate() {
+        assert!(is_accepted(seed), "{target}: seed {index} is refused, so it tests nothing");
+        property(seed);
+    }
+    let found = folder("fuzz/regressions").join(target);
+    if found.is_dir() {
+        files(&format!("fuzz/regressions/{target}"), "").iter().for_each(|bytes| property(bytes));
+    }
+    let (begun, mut numbers, mut done) = (Instant::now(), Numbers(1), 0);
+    while done < DAMAGED && (done < DAMAGED / 10 || begun.elapsed() < LONGEST) {
+        let (one, other) = (numbers.below(seeds.len()), numbers.below(seeds.len()));
+        property(&numbers.damaged(&seeds[one], &seeds[other]));
+        done += 1;
+    }
+    println!("{target}: {} seeds, {done} damaged", seeds.len());
+}
+
+#[test]
+fn sealed_query() {
+    let seeds = files("crates/query/tests/data", ".vquery");
+    run("sealed_query", &seeds, |bytes| SealedQuery::decode(bytes).is_ok(), veiloc_fuzz::sealed_query);
+}
+
+#[test]
+fn profile() {
+    let seeds = files("crates/query/tests/data", ".profile");
+    run("profile", &seeds, |bytes| Profile::decode(bytes).is_ok(), veiloc_fuzz::profile);
+}
+
+#[test]
+fn answer() {
+    let seeds = files("crates/query/tests/data", ".answer");
+    run("answer", &seeds, |bytes| Answer::decode(bytes).is_ok(), veiloc_fuzz::answer);
+}
+
+#[test]
+fn map_file() {
+    let opens = |bytes: &[u8]| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("m.vmap");
+        fs::write(&path, bytes).expect("room");
+        MapFile::open(&path).is_ok()
+    };
+    run("map_file", &files("crates/map/tests/data", ".bin"), opens, veiloc_fuzz::map_file);
+}
+
+/// The files of a COLMAP model as one seed: a byte that says text or binary, then the three files.
+#[test]
+fn colmap() {
+    let mut seeds = Vec::new();
+    let models = folder("crates/map/tests/data/colmap");
+    for entry in fs::read_dir(&models).expect("models") {
+        let model = entry.expect("an entry").path();
+        for (extension, mark) in [("txt", b'0'), ("bin", b'1')] {
+            let read = |name: &str| fs::read(model.join(format!("{name}.{extension}")));
+            let Ok(cameras) = read("cameras") else { continue };
+            let [images, points] = ["images", "points3D"].map(|name| read(name).expect("beside the cameras"));
+            seeds.push([&[mark][..], &cameras, b"\n====\n", &images, b"\n====\n", &points].concat());
+        }
+    }
+    assert!(seeds.len() >= 2, "a text and a binary model");
+    let is_model = |bytes: &[u8]| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let extension = if bytes[0] & 1 == 0 { "txt" } else { "bin" };
+        let text = bytes[1..].to_vec();
+        let mut parts = Vec::new();
+        let mut rest = text.as_slice();
+        while let Some(end) = rest.windows(6).position(|w| w == b"\n====\n") {
+            parts.push(&rest[..end]);
+            rest = &rest[end + 6..];
+        }
+        parts.push(rest);
+        for (name, part) in ["cameras", "images", "points3D"].iter().zip(parts) {
+            fs::write(folder.path().join(format!("{name}.{extension}")), part).expect("room");
+        }
+        veiloc_map::colmap::read_model(folder.path()).is_ok()
+    };
+    run("colmap", &seeds, is_model, veiloc_fuzz::colmap);
+}
