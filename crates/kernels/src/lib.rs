@@ -3,7 +3,7 @@
 //! - [`PackedRows`], [`best_two`], [`best_two_with_columns`]: exact brute-force nearest neighbours of byte vectors.
 //! - [`dot_u8`], [`dot_i8`]: one dot product.
 //! - [`pose`]: scores and normal equations of camera poses.
-//! - [`MappedFile`]: a file read as one slice.
+//! - `MappedFile`: a file read as one slice; not on WebAssembly, which has no files to map.
 //!
 //! Every kernel has a portable twin without intrinsics ([`Backend::PORTABLE`]), which is also what machines other than
 //! x86-64 run. All results are equal on every backend, to the bit; the tests hold each one against naive loops.
@@ -28,6 +28,7 @@
 
 mod backend;
 mod dot;
+#[cfg(not(target_family = "wasm"))]
 mod mapped;
 mod packed;
 pub mod pose;
@@ -36,6 +37,7 @@ mod tile;
 
 pub use backend::Backend;
 pub use dot::{dot_i8, dot_u8};
+#[cfg(not(target_family = "wasm"))]
 pub use mapped::MappedFile;
 pub use packed::{MAX_DIM, PackedRows};
 pub use scan::{BestTwo, ColumnBest, best_two, best_two_with_columns};

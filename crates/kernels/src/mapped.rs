@@ -13,7 +13,7 @@ use memmap2::Mmap;
 ///
 /// This project avoids it by never writing into a file in place: a new version is written beside the old one, flushed,
 /// and renamed over it. The old version lives on, unchanged, for everyone who has it mapped. Files handed to this type
-/// must be treated the same way by whoever else can write to them; do not map files that negatives can write.
+/// must be treated the same way by whoever else can write to them; do not map files that others can write.
 #[derive(Debug)]
 pub struct MappedFile {
     // An empty file has nothing to map, and some systems refuse to.
