@@ -225,6 +225,9 @@ mod tests {
             for (k, [u, v]) in (0..).zip(&keypoints) {
                 let within = at.distance(&Pixel::new(f64::from(*u), f64::from(*v))) <= 4.0;
                 assert!(!within || near.contains(&k));
+                // A superset, but not everything: nothing from beyond the neighbouring cells.
+                let reach = (at.u - f64::from(*u)).abs().max((at.v - f64::from(*v)).abs());
+                assert!(reach < 8.0 || !near.contains(&k), "{k} is {reach} px away");
             }
         }
         assert_eq!(grid.near(Pixel::new(f64::NAN, f64::INFINITY)).count(), 0);

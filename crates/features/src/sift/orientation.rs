@@ -69,7 +69,8 @@ fn smoothed_peaks(mut bins: [f32; BINS], max: usize) -> Vec<f32> {
     let mut peaks: Vec<(f32, f32)> = Vec::new();
     for i in 0..BINS {
         let (before, here, after) = (bins[(i + BINS - 1) % BINS], bins[i], bins[(i + 1) % BINS]);
-        if here > before && here >= after && here >= PEAK_SHARE * highest {
+        // Samples far outside of [0, 1] overflow: then there is no direction.
+        if here > before && here >= after && here >= PEAK_SHARE * highest && here.is_finite() {
             let fraction = 0.5 * (before - after) / (before - 2.0 * here + after);
             let angle = (i as f32 + 0.5 + fraction) * (TAU / BINS as f32) - PI;
             peaks.push((here, if angle <= -PI { angle + TAU } else { angle }));
