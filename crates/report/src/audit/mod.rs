@@ -9,6 +9,7 @@ mod figures;
 mod page;
 mod palette;
 mod panels;
+mod sentences;
 mod table;
 
 #[cfg(test)]

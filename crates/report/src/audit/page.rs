@@ -4,11 +4,10 @@ use std::fmt::Write as _;
 
 use super::figures::{collages, images, paper_scene, spreads};
 use super::palette::schemes;
+use super::sentences::{note, said};
 use super::table::table;
 use crate::format::escape;
-use veiloc_audit::{
-    Attack, Audit, AuditOptions, Part, Sentence, capital, conclusion, count, findings, needs,
-};
+use veiloc_audit::{Attack, Audit, AuditOptions, Part, capital, count, needs};
 
 /// An audit as one HTML document that loads nothing. `options`: what it was run with, for whoever repeats it.
 pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
@@ -76,25 +75,6 @@ fn private(part: &Part) -> &'static str {
         "<p class=\"private\"><b>This file contains true positions of keypoints</b>, which is what the schemes hide. It is for \
          whoever owns the images. Nothing was sent anywhere to make it.</p>"
     }
-}
-
-/// The conclusion as a list, or the findings alone.
-pub(super) fn said(part: &Part, with_limits: bool) -> String {
-    let sentences = if with_limits { conclusion(&part.document) } else { findings(&part.document) };
-    let items: Vec<String> = sentences.iter().map(html).collect();
-    format!("<ul class=\"said\">{}</ul>", items.concat())
-}
-
-fn html(sentence: &Sentence) -> String {
-    format!("<li><b>{}.</b> {}</li>", escape(&sentence.subject), escape(&sentence.text))
-}
-
-/// What stands below a table.
-pub(super) fn note() -> &'static str {
-    "<p class=\"note\">The guess uses nothing but the single line; an attack counts only by what it gains over that. One bit \
-     beyond the guess halves the attacker's error, on average over keypoints; a negative number means that the attack did \
-     worse than guessing. Bent: by how much of its length the offset from a keypoint to a neighbour is off, in the median; where \
-     that is small and the error large, the layout is right but shifted or bent. Red: at least half of the keypoints.</p>"
 }
 
 fn how_to_read(part: Option<&Part>) -> String {
