@@ -25,7 +25,7 @@ fn tokens(expression: &str) -> Vec<String> {
     while let Some(word) = words.next() {
         match (word, tokens.last_mut()) {
             ("WITH", Some(licence)) => {
-                *licence = format!("{licence} WITH {}", words.next().unwrap_or_default())
+                *licence = format!("{licence} WITH {}", words.next().unwrap_or_default());
             }
             _ => tokens.push(word.to_owned()),
         }

@@ -100,7 +100,8 @@ fn wrong_dependencies(package: &Package, published: &BTreeMap<&str, bool>) -> Ve
             faults
                 .push(format!("the dev-dependency {name} is a path without a version, `{{ path = \"…\" }}`"));
         }
-        if !is_for_tests && !(has_version && *is_published) {
+        let is_in_registry = has_version && *is_published;
+        if !(is_for_tests || is_in_registry) {
             faults.push(format!("{name} is a dependency without a version, or is not published"));
         }
     }

@@ -219,7 +219,7 @@ fn sources(folder: &Path, prefix: &str, files: &mut Vec<(String, String)>) -> st
         let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
         if entry.file_type()?.is_dir() {
             sources(&entry.path(), &format!("{name}/"), files)?;
-        } else if name.ends_with(".rs") {
+        } else if entry.path().extension().is_some_and(|e| e == "rs") {
             files.push((name, std::fs::read_to_string(entry.path())?));
         }
     }

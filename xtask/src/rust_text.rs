@@ -28,15 +28,12 @@ pub(crate) fn code(source: &str) -> String {
     let mut at = 0;
     while at < bytes.len() {
         let end = comment_end(source, at).or_else(|| string_end(source, at));
-        match end {
-            Some(end) => {
-                out.extend(bytes[at..end].iter().map(|b| if *b == b'\n' { b'\n' } else { b' ' }));
-                at = end;
-            }
-            None => {
-                out.push(bytes[at]);
-                at += 1;
-            }
+        if let Some(end) = end {
+            out.extend(bytes[at..end].iter().map(|b| if *b == b'\n' { b'\n' } else { b' ' }));
+            at = end;
+        } else {
+            out.push(bytes[at]);
+            at += 1;
         }
     }
     String::from_utf8_lossy(&out).into_owned()

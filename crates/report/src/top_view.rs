@@ -80,7 +80,7 @@ fn alike(schemes: &[TopViewScheme]) -> Vec<Vec<&TopViewScheme>> {
     for scheme in schemes {
         // Where nothing is farther off than a wedge is long, nobody sees a difference.
         let own = classes(scheme);
-        let seen = own.iter().any(|c| *c == "far");
+        let seen = own.contains(&"far");
         match groups.iter_mut().find(|g| !seen && classes(g[0]) == own) {
             Some(group) => group.push(scheme),
             None => groups.push(vec![scheme]),

@@ -44,7 +44,7 @@ fn recall_on_real_matches(data: &Path) {
     for (file, threshold, plain, weighted) in
         [("redkitchen_nn", (0.05, 5.0), 0.85, 0.9), ("herzjesu_nn", (0.1, 1.0), 0.9, 0.96)]
     {
-        let queries = read(&data.join(format!("problems/{file}.jsonl.gz"))).expect("readable problems");
+        let queries = read(data.join(format!("problems/{file}.jsonl.gz"))).expect("readable problems");
         assert!(queries.len() > 20);
         let at = |scheme, score, prior| recall(&queries, scheme, score, prior, threshold);
         assert!(at("points", ScoreKind::Msac, false) >= 0.99);

@@ -55,7 +55,7 @@ fn a_colmap_model_is_imported_with_its_points(data: &Path) {
     let known: Vec<_> = colmap.points().iter().map(|p| p.position).collect();
     assert!(model.points.iter().all(|p| known.contains(&p.position)), "positions are COLMAP's");
     let elsewhere = cut(&whole, &[]);
-    assert!(matches!(import(&elsewhere, &data, &options, &()), Err(MappingError::EmptyList)));
+    assert!(matches!(import(&elsewhere, data, &options, &()), Err(MappingError::EmptyList)));
 }
 
 #[real_data_test]
