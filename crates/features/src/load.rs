@@ -21,7 +21,7 @@ pub const MAX_PIXELS: u64 = 100_000_000;
 pub fn load_gray(path: &Path) -> Result<GrayImage, FeatureError> {
     let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
     let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
-    let format = image::guess_format(&bytes).map_err(|e| refused(e.to_string()))?;
+    let format = known_format(&bytes).map_err(refused)?;
     if format == ImageFormat::Jpeg && !is_complete_jpeg(&bytes) {
         return Err(refused("the end of the image is missing".into()));
     }
@@ -43,6 +43,21 @@ pub fn load_gray(path: &Path) -> Result<GrayImage, FeatureError> {
         }
         other => GrayImage::from_rgb8(width, height, other.into_rgb8().as_raw()),
     }
+}
+
+/// JPEG or PNG; anything else by its name and with the remedy, as telephones write formats that are not read here.
+fn known_format(bytes: &[u8]) -> Result<ImageFormat, String> {
+    let name = match (image::guess_format(bytes), bytes.get(4..12)) {
+        (Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png)), _) => return Ok(format),
+        (_, Some(b"ftypheic" | b"ftypheix" | b"ftypheim" | b"ftyphevc" | b"ftypmif1" | b"ftypmsf1")) => {
+            "HEIC"
+        }
+        (_, Some(b"ftypavif" | b"ftypavis")) => "AVIF",
+        (Ok(other), _) => other.extensions_str().first().copied().unwrap_or("another format"),
+        (Err(_), _) if bytes.is_empty() => return Err("the file is empty".into()),
+        (Err(_), _) => return Err("it is no image of a known format".into()),
+    };
+    Err(format!("it is {}, and only JPEG and PNG are read; convert it to JPEG", name.to_uppercase()))
 }
 
 /// The decoder fills what a cut-short JPEG lacks with gray and reports success; so walk its segments to the end marker.
