@@ -11,9 +11,21 @@ pub(crate) enum Exit {
     Success,
     /// The input was refused, or nothing was localized.
     Refused,
+    /// Results could not be written.
+    Unwritten,
     /// Our own error.
     Bug,
 }
+
+/// For `veiloc --help`.
+pub(crate) const EXIT_CODES: &str = "\
+Exit codes:
+  0  done
+  1  input was refused (of several files: at least one, see --skip-bad), or nothing was localized
+  2  wrong usage of the command line
+  3  results could not be written (disk full, device gone), or there is a bug in veiloc
+
+A reader that closes the pipe (`veiloc … | head`) has read enough: that is no error.";
 
 impl From<Exit> for ExitCode {
     fn from(exit: Exit) -> Self {
@@ -21,7 +33,7 @@ impl From<Exit> for ExitCode {
         Self::from(match exit {
             Exit::Success => 0,
             Exit::Refused => 1,
-            Exit::Bug => 3,
+            Exit::Unwritten | Exit::Bug => 3,
         })
     }
 }
@@ -32,6 +44,11 @@ pub(crate) enum Failure {
     /// Something that was given cannot be used; the message names it, the help says what to do.
     Refused {
         /// What is wrong, with the causes below it.
+        report: miette::Report,
+    },
+    /// Results could not be written, though nothing was wrong with what was asked.
+    Output {
+        /// Where they should have gone, and what the system said.
         report: miette::Report,
     },
     /// Our own error.
@@ -53,41 +70,80 @@ impl Failure {
         Self::Refused { report }
     }
 
+    /// Results for `target` that could not be written.
+    ///
+    /// A path that cannot be a file of ours is refused, as other input is; a disk or device that fails is not the
+    /// caller's fault.
+    pub(crate) fn output(target: impl std::fmt::Display, error: &std::io::Error) -> Self {
+        if is_about_the_path(error.kind()) {
+            let help = "check that the folder exists, may be written, and has room";
+            return Self::with_help(format!("{target}: {error}"), help);
+        }
+        let help = "results are lost: make room, or write them elsewhere, and run the command again";
+        Self::Output { report: miette::miette!(help = help, "{target}: cannot be written: {error}") }
+    }
+
     /// The exit code it ends with.
     pub(crate) const fn exit(&self) -> Exit {
         match self {
             Self::Refused { .. } => Exit::Refused,
+            Self::Output { .. } => Exit::Unwritten,
             Self::Bug { .. } => Exit::Bug,
         }
     }
 }
 
-/// Every error of the libraries is about what was given to them: a refusal.
+/// Whether what the system said is about the path that was given, not about the disk behind it.
+const fn is_about_the_path(kind: ErrorKind) -> bool {
+    matches!(
+        kind,
+        ErrorKind::NotFound
+            | ErrorKind::NotADirectory
+            | ErrorKind::IsADirectory
+            | ErrorKind::PermissionDenied
+            | ErrorKind::ReadOnlyFilesystem
+            | ErrorKind::InvalidInput
+            | ErrorKind::InvalidFilename
+            | ErrorKind::AlreadyExists
+    )
+}
+
+/// Every error of the libraries is about what was given to them, hence a refusal, but for a disk that is full.
 impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
     fn from(error: E) -> Self {
-        match remedy_of_io(&error) {
-            Some(help) => Self::with_help(error, help),
-            None => Self::Refused { report: miette::Report::from_err(error) },
+        let Some(kind) = io_kind(&error) else {
+            return Self::Refused { report: miette::Report::from_err(error) };
+        };
+        let help = remedy_of_io(kind);
+        if matches!(kind, ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge) {
+            return Self::Output { report: miette::miette!(help = help, "{error}") };
         }
+        Self::with_help(error, help)
     }
 }
 
-/// What to do when the system refused a file: libraries say which file and what it said, but that is no remedy yet.
-fn remedy_of_io(error: &(dyn std::error::Error + 'static)) -> Option<&'static str> {
+/// What the system said, where an error comes from it.
+fn io_kind(error: &(dyn std::error::Error + 'static)) -> Option<ErrorKind> {
     let mut causes = std::iter::successors(Some(error), |e| e.source());
-    let io = causes.find_map(|e| e.downcast_ref::<std::io::Error>())?;
-    Some(match io.kind() {
+    causes.find_map(|e| e.downcast_ref::<std::io::Error>()).map(std::io::Error::kind)
+}
+
+/// What to do when the system refused a file: libraries say which file and what it said, but that is no remedy yet.
+pub(crate) const fn remedy_of_io(kind: ErrorKind) -> &'static str {
+    match kind {
         ErrorKind::NotFound | ErrorKind::NotADirectory => "check the path, and that its folder exists",
         ErrorKind::IsADirectory => "check the path: it leads to a folder, and a file is wanted",
         ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
             "check the permissions of the file and of its folder, or choose another place"
         }
-        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room on the disk, or choose another place",
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
+            "make room on the disk, or choose another place"
+        }
         ErrorKind::UnexpectedEof | ErrorKind::InvalidData | ErrorKind::InvalidInput => {
             "the file is cut short or damaged; copy it again or make it anew"
         }
         _ => "check the path, and that the file and its folder may be read and written",
-    })
+    }
 }
 
 /// What a command returns.
@@ -112,6 +168,21 @@ pub(crate) fn catching_panics(command: impl FnOnce() -> Outcome) -> Outcome {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_full_disk_is_not_the_callers_fault_and_a_wrong_path_is() {
+        for (kind, exit) in [
+            (ErrorKind::StorageFull, Exit::Unwritten),
+            (ErrorKind::Other, Exit::Unwritten),
+            (ErrorKind::NotFound, Exit::Refused),
+            (ErrorKind::PermissionDenied, Exit::Refused),
+        ] {
+            assert_eq!(Failure::output("a", &kind.into()).exit(), exit, "{kind}");
+        }
+        let of_a_library = |kind: ErrorKind| Failure::from(std::io::Error::from(kind)).exit();
+        assert_eq!(of_a_library(ErrorKind::StorageFull), Exit::Unwritten);
+        assert_eq!(of_a_library(ErrorKind::NotFound), Exit::Refused);
+    }
 
     #[test]
     fn a_panic_is_our_own_error() {

@@ -1,11 +1,21 @@
 //! Reads and writes whole files, with errors that name the file and the remedy; nothing is ever half-written.
 
-use std::collections::BTreeSet;
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::exit::Failure;
+use crate::ui::Ui;
+
+pub(crate) use crate::lists::read_list;
+
+/// What stands for stdin and stdout where a file is expected.
+const STANDARD: &str = "-";
+
+/// Whether a path stands for stdin or stdout.
+pub(crate) fn is_standard(path: &Path) -> bool {
+    path.as_os_str() == STANDARD
+}
 
 /// Reads a whole file.
 pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
@@ -17,14 +27,40 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     })
 }
 
+/// All of stdin.
+pub(crate) fn stdin() -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    std::io::Read::read_to_end(&mut std::io::stdin().lock(), &mut bytes)?;
+    Ok(bytes)
+}
+
+/// [`write`], or stdout when the path is `-`.
+pub(crate) fn write_or_print(path: &Path, bytes: &[u8], ui: &Ui) -> Result<(), Failure> {
+    if is_standard(path) {
+        ui.print_bytes(bytes);
+        return Ok(());
+    }
+    write(path, bytes)
+}
+
 /// Writes a file beside the old one, then takes its place; an interruption leaves the old one as it was.
+///
+/// What exists and is no file of its own (a device, a pipe) is written to as it is.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    let fault = |e: std::io::Error| {
-        Failure::with_help(
-            format!("{}: {e}", path.display()),
-            "check that the folder exists, may be written, and has room",
-        )
-    };
+    let fault = |e: std::io::Error| Failure::output(path.display(), &e);
+    if is_standard(path) {
+        return Err(Failure::with_help(
+            "-: stdout is for other results of this command",
+            "name a file; ./- is one of this name",
+        ));
+    }
+    if fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
+        return match fs::OpenOptions::new().write(true).open(path).and_then(|mut f| f.write_all(bytes)) {
+            // A reader that closed the pipe has read enough.
+            Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(fault(e)),
+            _ => Ok(()),
+        };
+    }
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
         _ => PathBuf::from("."),
@@ -59,51 +95,6 @@ pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
     })
 }
 
-/// A list of image names, one a line; empty lines and lines that begin with `#` do not count.
-///
-/// hloc's query lists carry the camera behind the name; it is cut. Names may hold spaces, as COLMAP's may.
-pub(crate) fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
-    let text = String::from_utf8(read(path)?).map_err(|_| {
-        Failure::with_help(
-            format!("{}: is not text", path.display()),
-            "give a text file with one image name a line",
-        )
-    })?;
-    let names: Vec<String> = text
-        .lines()
-        .map(str::trim)
-        .filter(|line| !line.is_empty() && !line.starts_with('#'))
-        .map(|line| without_camera(line).to_owned())
-        .collect();
-    if names.is_empty() {
-        return Err(Failure::with_help(
-            format!("{}: names no image", path.display()),
-            "write one image name a line, relative to the folder of the images",
-        ));
-    }
-    let mut seen = BTreeSet::new();
-    if let Some(twice) = names.iter().find(|name| !seen.insert(*name)) {
-        return Err(Failure::with_help(
-            format!("{}: {twice} is there twice", path.display()),
-            "name every image once",
-        ));
-    }
-    Ok(names)
-}
-
-/// `name PINHOLE 640 480 …` without the camera.
-fn without_camera(line: &str) -> &str {
-    let is_model = |word: &str| CAMERA_MODELS.contains(&word);
-    line.split_whitespace()
-        .skip(1)
-        .find(|word| is_model(word))
-        .and_then(|model| line.find(&format!(" {model} ")))
-        .map_or(line, |at| line[..at].trim_end())
-}
-
-/// Models that hloc's lists name.
-const CAMERA_MODELS: [&str; 5] = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"];
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,19 +109,5 @@ mod tests {
         write(&path, b"new").expect("written");
         assert_eq!(fs::read(&path).expect("there"), b"new");
         assert_eq!(fs::read_dir(folder.path()).expect("there").count(), 1, "nothing is left lying about");
-    }
-
-    #[test]
-    fn lists_are_names() {
-        let folder = tempfile::tempdir().expect("temporary folder");
-        let path = folder.path().join("list");
-        write(&path, b"# queries\na.jpg\n\n  b/c d.jpg PINHOLE 640 480 1 1 1 1\r\n").expect("written");
-        assert_eq!(read_list(&path).expect("a list"), ["a.jpg", "b/c d.jpg"]);
-        write(&path, b"\n# nothing\n").expect("written");
-        assert!(read_list(&path).is_err());
-        write(&path, b"a.jpg\nb.jpg\na.jpg\n").expect("written");
-        assert!(read_list(&path).is_err(), "a name twice");
-        write(&path, &[0xff, 0xfe]).expect("written");
-        assert!(read_list(&path).is_err());
     }
 }

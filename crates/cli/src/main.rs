@@ -1,25 +1,30 @@
 //! The `veiloc` binary: reads the command line, calls the libraries, and tells people how it went.
 //!
 //! Data goes to stdout (`--json`, tables), talk and progress go to stderr. Exit codes: 0 success, 1 the input was
-//! refused or nothing was localized, 2 wrong usage, 3 our own error.
+//! refused or nothing was localized, 2 wrong usage, 3 results could not be written or our own error.
 #![forbid(unsafe_code)]
 
+mod camera;
 mod commands;
 mod exit;
 mod files;
+mod items;
+mod lists;
+mod progress;
 mod ui;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::exit::{Exit, Failure};
 use crate::ui::Ui;
 
 /// Visual localization in which neither the image nor the keypoint positions leave the device.
 #[derive(Parser)]
-#[command(name = "veiloc", version, max_term_width = 110)]
+#[command(name = "veiloc", version, max_term_width = 110, after_help = exit::EXIT_CODES)]
 struct Cli {
-    /// No progress bars and no remarks, only results and errors.
+    /// No progress and no remarks, only results and errors.
     #[arg(long, short, global = true)]
     quiet: bool,
     #[command(subcommand)]
@@ -55,7 +60,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return answered(&error),
+    };
     let ui = Ui::new(cli.quiet);
     let result = exit::catching_panics(|| match &cli.command {
         Command::Demo(args) => commands::demo::run(args, &ui),
@@ -69,11 +77,79 @@ fn main() -> ExitCode {
         Command::Audit(args) => commands::audit::run(args, &ui),
         Command::Train(command) => commands::train::run(command, &ui),
     });
-    match result {
-        Ok(exit) => exit.into(),
-        Err(failure) => {
-            ui.failure(&failure);
+    let exit = result.unwrap_or_else(|failure| told(&failure, &ui));
+    // Whatever else went wrong: who asked has not got the results there were.
+    ui.lost_output().map_or(exit, |failure| told(&failure, &ui)).into()
+}
+
+fn told(failure: &Failure, ui: &Ui) -> Exit {
+    ui.failure(failure);
+    failure.exit()
+}
+
+/// Prints what the reader of the command line answers itself: help and version to stdout, wrong usage to stderr.
+fn answered(answer: &clap::Error) -> ExitCode {
+    let printed = answer.print().and_then(|()| std::io::Write::flush(&mut std::io::stdout()));
+    match (answer.use_stderr(), printed) {
+        (true, _) => ExitCode::from(2),
+        (false, Err(error)) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            let failure = Failure::output("stdout", &error);
+            Ui::new(false).failure(&failure);
             failure.exit().into()
         }
+        (false, _) => ExitCode::SUCCESS,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::{Arg, ArgAction, Command, CommandFactory as _};
+
+    use super::*;
+
+    /// Calls `check` with every argument of every command.
+    fn each_argument(command: &Command, path: &str, check: &mut dyn FnMut(&str, &Arg)) {
+        for argument in command.get_arguments() {
+            check(path, argument);
+        }
+        for inner in command.get_subcommands() {
+            each_argument(inner, &format!("{path} {}", inner.get_name()), check);
+        }
+    }
+
+    /// What a value is called in the usage, and the word that says its unit.
+    const UNITS: [(&str, &str); 4] =
+        [("PX", "pixel"), ("SECONDS", "seconds"), ("PERCENT", "percent"), ("T/DEG", "degrees")];
+    /// Whose absence needs no words: files and folders that are only read or written when they are named.
+    const ON_DEMAND: [&str; 5] = ["FILE", "DIR", "PROBLEMS", "NAME=", "TOKEN"];
+
+    #[test]
+    fn help_names_defaults_and_units() {
+        let mut silent = Vec::new();
+        each_argument(&Cli::command(), "veiloc", &mut |path, argument| {
+            let help =
+                argument.get_long_help().or(argument.get_help()).map(ToString::to_string).unwrap_or_default();
+            let help = help.to_lowercase();
+            let takes_value = matches!(argument.get_action(), ArgAction::Set | ArgAction::Append);
+            if argument.is_positional() || !takes_value {
+                return;
+            }
+            let value =
+                argument.get_value_names().and_then(|names| names.first()).map_or("", |name| name.as_str());
+            let name = format!("{path} --{}", argument.get_long().unwrap_or_default());
+            if let Some((_, unit)) =
+                UNITS.iter().find(|(v, unit)| value.starts_with(v) && !help.contains(unit))
+            {
+                silent.push(format!("{name}: {unit}"));
+            }
+            let told = argument.is_required_set()
+                || !argument.get_default_values().is_empty()
+                || ON_DEMAND.iter().any(|v| value.starts_with(v))
+                || help.contains("default");
+            if !told {
+                silent.push(format!("{name}: default"));
+            }
+        });
+        assert!(silent.is_empty(), "help does not say:\n{}", silent.join("\n"));
     }
 }

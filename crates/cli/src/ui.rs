@@ -1,19 +1,22 @@
-//! Talk to people: progress bars and remarks on stderr, results on stdout.
+//! Talk to people: progress and remarks on stderr, results on stdout.
 
-use std::io::{IsTerminal, Write};
-use std::sync::Mutex;
-use std::time::Duration;
+use std::io::{ErrorKind, IsTerminal, Write as _};
+use std::sync::{Mutex, PoisonError};
 
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
-use veiloc_features::Progress;
 
 use crate::exit::Failure;
+use crate::progress::Stage;
+
+pub(crate) use crate::progress::Stages as Bars;
 
 /// Where the program talks.
 pub(crate) struct Ui {
     quiet: bool,
-    bars: bool,
+    /// Whether a person watches stderr.
+    terminal: bool,
+    /// Why results did not all reach stdout.
+    lost: Mutex<Option<std::io::Error>>,
 }
 
 impl Ui {
@@ -24,23 +27,48 @@ impl Ui {
         let options = move || miette::MietteHandlerOpts::new().wrap_lines(terminal).break_words(false);
         // Fails only when there is a hook already; then that one was meant.
         let _ = miette::set_hook(Box::new(move |_| Box::new(options().build())));
-        Self { quiet, bars: !quiet && terminal }
+        Self { quiet, terminal, lost: Mutex::new(None) }
     }
 
     /// A remark for people.
-    #[expect(clippy::print_stderr, reason = "remarks go to stderr, by design")]
     pub(crate) fn say(&self, text: impl std::fmt::Display) {
         if !self.quiet {
-            eprintln!("{text}");
+            tell(text);
         }
     }
 
-    /// A result: the table or text a person asked for.
-    ///
-    /// A reader that closed the pipe has read enough; that is no error.
+    /// Something that went wrong, but does not end the work.
     #[expect(clippy::unused_self, reason = "all output goes through the Ui")]
+    pub(crate) fn complain(&self, text: impl std::fmt::Display) {
+        tell(text);
+    }
+
+    /// A result: the table or text a person asked for.
     pub(crate) fn print(&self, text: impl std::fmt::Display) {
-        let _ = write!(std::io::stdout(), "{text}");
+        self.print_bytes(text.to_string().as_bytes());
+    }
+
+    /// A result that is no text.
+    ///
+    /// A reader that closed the pipe has read enough; that is no error. Anything else that keeps a result from stdout
+    /// is remembered, so that no command can end well without it: see [`Self::lost_output`].
+    pub(crate) fn print_bytes(&self, bytes: &[u8]) {
+        let mut out = std::io::stdout().lock();
+        match out.write_all(bytes).and_then(|()| out.flush()) {
+            Err(error) if error.kind() != ErrorKind::BrokenPipe => self.lose(error),
+            _ => {}
+        }
+    }
+
+    /// Remembers why a result did not reach stdout; the first cause counts.
+    fn lose(&self, error: std::io::Error) {
+        self.lost.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+    }
+
+    /// Why results did not all reach stdout, once.
+    pub(crate) fn lost_output(&self) -> Option<Failure> {
+        let error = self.lost.lock().unwrap_or_else(PoisonError::into_inner).take()?;
+        Some(Failure::output("stdout", &error))
     }
 
     /// One JSON document on stdout.
@@ -51,63 +79,27 @@ impl Ui {
     }
 
     /// What went wrong, with the remedy.
-    #[expect(clippy::print_stderr, reason = "errors go to stderr, by design")]
     #[expect(clippy::unused_self, reason = "all output goes through the Ui")]
     pub(crate) fn failure(&self, failure: &Failure) {
         match failure {
-            Failure::Refused { report } => eprintln!("{report:?}"),
-            Failure::Bug { message } => {
-                eprintln!(
-                    "veiloc broke: {message}\nThis is a bug in veiloc; please report it with the command you ran."
-                );
-            }
+            Failure::Refused { report } | Failure::Output { report } => tell(format_args!("{report:?}")),
+            Failure::Bug { message } => tell(format_args!(
+                "veiloc broke: {message}\nThis is a bug in veiloc; please report it with the command you ran."
+            )),
         }
     }
 
-    /// A bar for a stage of `total` steps; silent where nobody watches.
-    pub(crate) fn bar(&self, stage: &str, total: u64) -> ProgressBar {
-        if !self.bars {
-            return ProgressBar::hidden();
+    /// A stage of `total` steps.
+    pub(crate) fn stage(&self, name: &str, total: u64) -> Stage {
+        match (self.quiet, self.terminal) {
+            (true, _) => Stage::Silent,
+            (false, true) => Stage::bar(name, total),
+            (false, false) => Stage::lines(name, total),
         }
-        let style = ProgressStyle::with_template("{msg:28} {wide_bar:.cyan/dim} {pos}/{len} {eta:>4}")
-            .unwrap_or_else(|_| ProgressStyle::default_bar());
-        let bar = ProgressBar::new(total).with_style(style).with_message(stage.to_owned());
-        bar.enable_steady_tick(Duration::from_millis(200));
-        bar
     }
 }
 
-/// Shows the stages of a library's long work as bars, one after another.
-pub(crate) struct Bars<'a> {
-    ui: &'a Ui,
-    current: Mutex<ProgressBar>,
-}
-
-impl<'a> Bars<'a> {
-    /// No stage yet.
-    pub(crate) fn new(ui: &'a Ui) -> Self {
-        Self { ui, current: Mutex::new(ProgressBar::hidden()) }
-    }
-
-    fn with(&self, act: impl FnOnce(&mut ProgressBar)) {
-        // A bar is only an image: one that another thread broke off in may still be drawn over.
-        act(&mut self.current.lock().unwrap_or_else(std::sync::PoisonError::into_inner));
-    }
-}
-
-impl Progress for Bars<'_> {
-    fn start(&self, stage: &str, total: usize) {
-        self.with(|bar| {
-            bar.finish_and_clear();
-            *bar = self.ui.bar(stage, total as u64);
-        });
-    }
-
-    fn advance(&self, steps: usize) {
-        self.with(|bar| bar.inc(steps as u64));
-    }
-
-    fn finish(&self) {
-        self.with(|bar| bar.finish_and_clear());
-    }
+/// A line on stderr. Where even that is closed there is nobody left to tell.
+fn tell(text: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -56,6 +56,8 @@ fn images() {
     place.write("bad/cut.png", &png[..png.len() / 2]);
     place.write("bad/empty.png", []);
     place.write("bad/text.png", "this is no image");
+    place.write("bad/phone.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic");
+    place.write("bad/web.webp", b"RIFF\x24\0\0\0WEBPVP8 ");
     let view = image::open(place.path("images/query-0.png")).expect("rendered").to_rgb8();
     let mut jpeg = std::io::Cursor::new(Vec::new());
     view.write_to(&mut jpeg, image::ImageFormat::Jpeg).expect("encoded");
@@ -70,13 +72,16 @@ fn images() {
 
     let mut cases = vec![
         refused(seal("bad/missing.png"), &["bad/missing.png", "check the path"]),
-        refused(seal("images"), &["images", "check the path"]),
+        refused(seal("posed"), &["posed", "no JPEG or PNG", "give a folder"]),
+        refused(seal("-"), &["stdin", "give a file"]),
         refused(seal("bad/cut.png"), &["bad/cut.png", "copy it again"]),
         refused(seal("bad/flipped.png"), &["bad/flipped.png", "copy it again"]),
         refused(seal("bad/cut.jpg"), &["bad/cut.jpg", "copy it again"]),
         refused(seal("bad/head.jpg"), &["bad/head.jpg", "copy it again"]),
         refused(seal("bad/empty.png"), &["bad/empty.png", "JPEG or PNG"]),
         refused(seal("bad/text.png"), &["bad/text.png", "JPEG or PNG"]),
+        refused(seal("bad/phone.heic"), &["bad/phone.heic", "HEIC", "convert it to JPEG"]),
+        refused(seal("bad/web.webp"), &["bad/web.webp", "WEBP", "convert it to JPEG"]),
         refused(seal("place.vmap"), &["place.vmap", "JPEG or PNG"]),
         refused(seal("bad/upright.png"), &["bad/upright.png", "300x400", "400x300", "give the camera"]),
     ];
@@ -84,7 +89,7 @@ fn images() {
         let scheme = format!("--scheme {scheme}");
         cases.push(refused(
             seal_with("bad/blank.png", CAMERA, "place.vprofile", &scheme),
-            &["bad/blank.png", "no usable keypoint", "take another p"],
+            &["bad/blank.png", "no usable keypoint", "take another image"],
         ));
     }
     check(place, cases);
@@ -204,7 +209,15 @@ fn sealed_queries() {
     ] {
         let says: &[&str] = Box::leak(Box::new([".vquery", reason]));
         cases.push(refused(format!("localize --map place.vmap bad/{name}.vquery"), says));
-        cases.push(refused(format!("localize --map place.vmap --json bad/{name}.vquery"), says));
+        let run = place.run(&format!("localize --map place.vmap --json bad/{name}.vquery"));
+        let document = run.json();
+        assert_eq!((run.code, &document["failed"]), (Some(1), &1.into()), "{run}");
+        let kind = if name == "missing" { "missing" } else { "damaged" };
+        assert_eq!(document["queries"][0]["error"]["kind"], kind, "{run}");
+        assert!(
+            document["queries"][0]["error"]["message"].as_str().is_some_and(|m| m.contains(reason)),
+            "{run}"
+        );
     }
     for length in [1, 4, 5, 6, 30, 70, sealed.len() / 2, sealed.len() - 1] {
         place.write(&format!("bad/cut-{length}.vquery"), &sealed[..length]);
@@ -236,7 +249,7 @@ fn sealed_queries_with_flipped_bytes() {
         files.push(format!("bad/bits-{k}.vquery"));
     }
     let run = place.run(&format!("localize --map place.vmap {}", files.join(" ")));
-    assert_eq!(run.code, Some(1), "the first unreadable query is named: {run}");
+    assert_eq!(run.code, Some(1), "an unreadable query counts: {run}");
 }
 
 #[test]
@@ -288,7 +301,8 @@ fn a_query_for_another_map() {
     assert_eq!(run.code, Some(1), "{run}");
     let document = run.json();
     assert_eq!(document["localized"], 0);
-    let error = document["queries"][0]["error"].as_str().expect("a reason");
+    assert_eq!(document["queries"][0]["error"]["kind"], "wrong_profile");
+    let error = document["queries"][0]["error"]["message"].as_str().expect("a reason");
     assert!(error.contains("veiloc map profile") && error.contains("profile"), "{run}");
     assert!(document["queries"][0].get("cam_from_world").is_none(), "{run}");
 
@@ -297,13 +311,14 @@ fn a_query_for_another_map() {
     let run = place.run("localize --map place.vmap --json five.vquery mine.vquery").succeeded();
     let document = run.json();
     assert_eq!(document["localized"], 1);
-    assert!(document["queries"][0]["error"].is_string() && document["queries"][1].get("error").is_none());
+    assert!(document["queries"][0]["error"].is_object() && document["queries"][1].get("error").is_none());
 }
 
 #[test]
 fn posed_models_and_lists() {
     let place = place();
-    let lists: [(&str, &[u8]); 8] = [
+    let lists: [(&str, &[u8]); 9] = [
+        ("intrinsics", b"map-00.png SIMPLE_RADIAL 400 300 330 201 149 -0.04\nmap-01.png\n"),
         ("empty", b""),
         ("comments", b"# nothing\n\n"),
         ("twice", b"map-00.png\nmap-01.png\nmap-00.png\n"),
@@ -359,6 +374,7 @@ fn posed_models_and_lists() {
             refused(list("climbing"), &["../secret.png", "no pose"]),
             refused(list("binary"), &["bad/binary.txt", "one image name a line"]),
             refused(list("missing"), &["bad/missing.txt", "check the path"]),
+            refused(list("intrinsics"), &["bad/intrinsics.txt", "line 1", "would not be used", "names only"]),
             refused(list("one"), &["no point could be triangulated", "overlap"]),
             refused(build("bad/missing", "map.txt", "bad/x.vmap"), &["bad/missing", "give the folder"]),
             refused(build("images", "map.txt", "bad/x.vmap"), &["images", "give the folder"]),

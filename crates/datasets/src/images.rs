@@ -10,40 +10,6 @@ use veiloc_query::ExtractionLimits;
 use crate::KeypointImage;
 use crate::error::DatasetError;
 
-/// Endings of files that are taken for images when a folder is given; any case.
-const ENDINGS: [&str; 3] = ["jpg", "jpeg", "png"];
-
-/// Images among `paths`, in their order: a file as it is, a folder as the JPEG and PNG files right in it, sorted by
-/// name.
-///
-/// # Errors
-/// [`DatasetError::Io`] when a folder cannot be read, [`DatasetError::Empty`] when it holds no image.
-pub fn images_in(paths: &[PathBuf]) -> Result<Vec<PathBuf>, DatasetError> {
-    let mut files = Vec::new();
-    for path in paths {
-        if !path.is_dir() {
-            files.push(path.clone());
-            continue;
-        }
-        let io = |source| DatasetError::Io { path: path.clone(), source };
-        let mut inside = Vec::new();
-        for entry in std::fs::read_dir(path).map_err(io)? {
-            let file = entry.map_err(io)?.path();
-            let ending = file.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-            if file.is_file() && ending.is_some_and(|e| ENDINGS.contains(&e.as_str())) {
-                inside.push(file);
-            }
-        }
-        if inside.is_empty() {
-            let what = "holds no JPEG or PNG file; give a folder that has some right in it, or the files";
-            return Err(DatasetError::Empty { path: path.clone(), what });
-        }
-        inside.sort();
-        files.append(&mut inside);
-    }
-    Ok(files)
-}
-
 /// Keypoints and descriptors of one image, strongest keypoint first, named after the file.
 ///
 /// An image larger than the limit is made smaller first, as a device does it, and positions and size are those of
@@ -117,8 +83,7 @@ mod tests {
         for name in ["b.png", "a.PNG"] {
             image(&folder.path().join(name));
         }
-        std::fs::write(folder.path().join("notes.txt"), "no image").expect("written");
-        let paths = images_in(&[folder.path().to_owned()]).expect("two");
+        let paths = ["a.PNG", "b.png"].map(|name| folder.path().join(name));
         let mut limits = ExtractionLimits::default();
         (limits.max_keypoints, limits.max_image_side) = (40, 80);
         let images = keypoints_of_images(&paths, limits, &()).expect("images");
@@ -138,7 +103,6 @@ mod tests {
     fn what_is_no_image_is_named() {
         let folder = tempfile::tempdir().expect("temporary folder");
         let says = |error: DatasetError, what: &str| assert!(error.to_string().contains(what), "{error}");
-        says(images_in(&[folder.path().to_owned()]).expect_err("empty"), "no JPEG or PNG");
         let file = folder.path().join("a.png");
         std::fs::write(&file, "no image").expect("written");
         let limits = ExtractionLimits::default();

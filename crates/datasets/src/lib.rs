@@ -15,7 +15,7 @@ pub mod problems;
 mod seeds;
 
 pub use error::DatasetError;
-pub use images::{images_in, keypoints_of_image, keypoints_of_images};
+pub use images::{keypoints_of_image, keypoints_of_images};
 pub use keypoints::{KeypointImage, encode_keypoints, read_keypoints, synthetic_image};
 pub use problems::{Problem, ProblemLine, read_problems};
 pub use seeds::seed_for;

@@ -25,6 +25,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
         images: folder.join("images"),
         map_list: thin("map.txt"),
         query_list: names(&folder.join("query.txt")).into_iter().step_by(3).collect(),
+        query_cameras: std::collections::BTreeMap::new(),
         keep_map: None,
         build: BuildOptions::default(),
         schemes: schemes.iter().map(|s| s.parse().expect("a scheme")).collect(),

@@ -7,8 +7,8 @@ use veiloc_audit::{
 };
 use veiloc_query::{AngleBits, Scheme};
 
+use crate::commands::json_args::JsonArgs;
 use crate::exit::{Exit, Failure, Outcome};
-use crate::files;
 use crate::ui::Ui;
 
 /// Recover keypoints from what is sent, by every attack under every scheme.
@@ -21,10 +21,10 @@ pub(crate) struct Args {
     /// Keypoints of images, one JSON object a line, plain or gzipped.
     #[arg(value_name = "KEYPOINTS", required_unless_present = "synthetic")]
     files: Vec<PathBuf>,
-    /// Attack N evenly spread keypoints in 640 x 480 pixels too (the paper's figure: 1500).
+    /// Attack N evenly spread keypoints in 640 x 480 pixels too (the paper's figure: 1500). Default: none.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     synthetic: Option<u32>,
-    /// Attack the first N images of each file only.
+    /// Attack the first N images of each file only. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     images: Option<u32>,
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-image, closed-form-informed,
@@ -40,9 +40,8 @@ pub(crate) struct Args {
     attacks: Vec<Attack>,
     #[command(flatten)]
     adversary: AdversaryArgs,
-    /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    json: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 /// What is attacked with what knowledge, whoever reports it.
@@ -76,7 +75,7 @@ pub(super) struct AdversaryArgs {
     #[arg(long, value_name = "PROBLEMS")]
     known: Vec<PathBuf>,
     /// With --known: this percentage of the keypoints lies in a compact region that the map does not have, as a person
-    /// in the image. Errors are of that region.
+    /// in the image. Errors are of that region. Default: no such region.
     #[arg(long, value_name = "PERCENT", requires = "known", value_parser = percent)]
     private: Option<f64>,
     /// With --known: on which keypoints errors are measured.
@@ -161,23 +160,10 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         images: args.images.map(|n| n as usize),
         ..args.adversary.evaluation(&args.attacks)?
     };
-    let bar = ui.bar("Attacking", 0);
-    let document = evaluate_attacks(&evaluation, |done, total| {
-        bar.set_length(total as u64);
-        bar.set_position(done as u64);
-    })?;
-    bar.finish_and_clear();
-    match &args.json {
-        Some(path) if path.as_os_str() == "-" => {
-            ui.say(attacks_table(&document));
-            ui.json(&document)?;
-        }
-        Some(path) => {
-            files::write(path, (serde_json::to_string_pretty(&document)? + "\n").as_bytes())?;
-            ui.print(attacks_table(&document));
-        }
-        None => ui.print(attacks_table(&document)),
-    }
+    let stage = ui.stage("Attacking", 0);
+    let document = evaluate_attacks(&evaluation, |done, total| stage.reach(done as u64, total as u64))?;
+    stage.finish();
+    args.json.print(&attacks_table(&document), &document, ui)?;
     Ok(Exit::Success)
 }
 

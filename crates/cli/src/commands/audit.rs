@@ -10,6 +10,7 @@ use veiloc_query::ExtractionLimits;
 use veiloc_report::audit_page;
 
 use crate::commands::attack::AdversaryArgs;
+use crate::commands::json_args::JsonArgs;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::ui::{Bars, Ui};
@@ -59,9 +60,8 @@ pub(crate) struct Args {
     /// Longest side, pixels; larger photographs are made smaller first.
     #[arg(long, default_value_t = 1600, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=8192))]
     max_size: u32,
-    /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    json: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -108,25 +108,17 @@ fn tell(args: &Args, audit: &Audit, ui: &Ui) -> Result<(), Failure> {
         text.push_str(sentence);
         text.push_str("\n\n");
     }
-    match &args.json {
-        Some(path) if path.as_os_str() == "-" => {
-            ui.say(text.trim_end());
-            ui.json(document)
-        }
-        Some(path) => {
-            files::write(path, (serde_json::to_string_pretty(document)? + "\n").as_bytes())?;
-            ui.print(text);
-            Ok(())
-        }
-        None => {
-            ui.print(text);
-            Ok(())
-        }
-    }
+    args.json.print(&text, document, ui)
 }
 
 /// The file of the report; its folder is made.
 fn report_path(out: &Path) -> Result<PathBuf, Failure> {
+    if files::is_standard(out) {
+        return Err(Failure::with_help(
+            "-: the report is a file to be opened in a browser",
+            "name a file or folder with --out",
+        ));
+    }
     let is_page =
         out.extension().is_some_and(|e| e.eq_ignore_ascii_case("html") || e.eq_ignore_ascii_case("htm"));
     let path = if is_page && !out.is_dir() { out.to_owned() } else { out.join("audit.html") };

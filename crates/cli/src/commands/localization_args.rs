@@ -17,12 +17,12 @@ pub(crate) struct EngineArgs {
     #[arg(long, value_name = "SOLVER")]
     pub(crate) solver: Option<AnchoredSolver>,
     /// Inlier threshold for points in pixels; lines use it divided by √2, as in the paper.
-    #[arg(long, value_name = "PX", value_parser = positive)]
-    pub(crate) max_error: Option<f64>,
+    #[arg(long, value_name = "PX", default_value_t = PoseOptions::default().max_error_px, value_parser = positive)]
+    pub(crate) max_error: f64,
     /// Noise of a keypoint across its line in pixels, the likelihood's only scale. The search takes it as it is; the
     /// final refinement starts from it and takes what the inliers show.
-    #[arg(long, value_name = "PX", value_parser = positive)]
-    pub(crate) noise: Option<f64>,
+    #[arg(long, value_name = "PX", default_value_t = PoseOptions::default().noise_px, value_parser = positive)]
+    pub(crate) noise: f64,
     /// Take the noise as given in the final refinement as well.
     #[arg(long)]
     pub(crate) fixed_noise: bool,
@@ -34,12 +34,8 @@ impl EngineArgs {
         let mut options = PoseOptions::default();
         options.score = self.score;
         options.anchored_solver = self.solver;
-        if let Some(px) = self.max_error {
-            options.max_error_px = px;
-        }
-        if let Some(px) = self.noise {
-            options.noise_px = px;
-        }
+        options.max_error_px = self.max_error;
+        options.noise_px = self.noise;
         options.estimate_noise = !self.fixed_noise;
         options
     }

@@ -1,37 +1,44 @@
 //! `veiloc localize`: sealed queries to poses.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use veiloc_eval::results::PoseDocument;
-use veiloc_localize::{Localization, localize};
+use veiloc_localize::{Localization, LocalizeError, LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_query::SealedQuery;
 use veiloc_robust::Confidence;
 
 use crate::commands::localization_args::{MatchArgs, PoseArgs};
-use crate::exit::{Exit, Failure, Outcome};
+use crate::exit::{Failure, Outcome};
 use crate::files;
+use crate::items::{self, Fault, FaultKind, Item, SEALED, SkipArgs, Tally};
 use crate::ui::Ui;
 
 /// Find where sealed queries were taken.
 ///
-/// Prints a line a query: position of the camera in the map, the direction it looks, how far to trust it. With
+/// Prints a line a query: position of the camera in the map, how many matches agree, how far to trust it. With
 /// `--json` one document with every pose as quaternion and translation (world to camera), covariance and times.
+///
+/// Every query is answered for itself: a file that is no sealed query does not stop the others. Ends with
+/// 1 when there was such a file, or when no query was localized.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The map.
     #[arg(long, value_name = "FILE")]
     map: PathBuf,
-    /// Sealed queries, as `veiloc seal` writes them.
-    #[arg(required = true, value_name = "SEALED")]
+    /// Sealed queries, as `veiloc seal` writes them; folders, of which all `.vquery` files in them and in their
+    /// sub-folders are taken; `-` for one from stdin.
+    #[arg(required = true, value_name = "SEALED|FOLDER")]
     queries: Vec<PathBuf>,
     #[command(flatten)]
     pose: PoseArgs,
     #[command(flatten)]
     matching: MatchArgs,
-    /// Print one JSON document to stdout.
+    #[command(flatten)]
+    skip: SkipArgs,
+    /// Print one JSON document to stdout, with what became of every query.
     #[arg(long)]
     json: bool,
 }
@@ -41,12 +48,56 @@ struct Document {
     version: u32,
     map: String,
     localized: usize,
+    not_localized: usize,
+    failed: usize,
     queries: Vec<Query>,
+}
+
+/// What became of a query.
+#[derive(Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Status {
+    /// It has a pose; whether to trust it is said beside it.
+    Localized,
+    /// It was read, and no pose was found.
+    NotLocalized,
+    /// The file could not be used.
+    Failed,
+}
+
+/// Why a query has no pose, for programs.
+#[derive(Clone, Copy, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum NoPoseKind {
+    /// Too few matches agree.
+    NoPose,
+    /// It was sealed for another map, or for an older state of this one.
+    WrongProfile,
+    /// The map holds nothing to localize in.
+    EmptyMap,
+}
+
+/// Why a query has no pose.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum ErrorDocument {
+    NotLocalized { kind: NoPoseKind, message: String },
+    Failed(Fault),
+}
+
+impl ErrorDocument {
+    fn message(&self) -> &str {
+        match self {
+            Self::NotLocalized { message, .. } => message,
+            Self::Failed(fault) => &fault.message,
+        }
+    }
 }
 
 #[derive(Serialize)]
 struct Query {
     file: String,
+    status: Status,
     #[serde(skip_serializing_if = "Option::is_none")]
     cam_from_world: Option<PoseDocument>,
     /// Projection centre in the map, map units.
@@ -65,7 +116,7 @@ struct Query {
     hypotheses: usize,
     ms: BTreeMap<&'static str, f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    error: Option<String>,
+    error: Option<ErrorDocument>,
 }
 
 /// What speaks for and against a pose; see `veiloc_robust::Confidence`.
@@ -98,33 +149,78 @@ impl ConfidenceDocument {
 }
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+    if args.queries.iter().filter(|path| files::is_standard(path)).count() > 1 {
+        return Err(Failure::with_help("-: stdin is given twice", "it holds one sealed query; give it once"));
+    }
     let map = MapFile::open(&args.map)?;
     let options = args.matching.options(&args.pose);
-    let bar = ui.bar("Localizing", args.queries.len() as u64);
+    let items = items::gather(&args.queries, &SEALED);
+    let mut tally = Tally::begin("localized", &items, ui);
+    let stage = (items.len() > 1).then(|| ui.stage("Localizing", items.len() as u64));
     let mut queries = Vec::new();
-    for path in &args.queries {
-        let query = SealedQuery::decode(&files::read(path)?).map_err(|e| {
-            Failure::with_help(
-                format!("{}: {e}", path.display()),
-                "seal the image again with `veiloc seal`, and send the file unchanged",
-            )
-        })?;
-        let file = path.display().to_string();
-        queries.push(match localize(&query, &map, &options) {
-            Ok(found) => found_query(file, &found),
-            Err(error) => lost_query(file, &error.to_string()),
-        });
-        bar.inc(1);
+    for item in &items {
+        let query = answer(item, &map, &options);
+        if let Some(ErrorDocument::Failed(fault)) = &query.error {
+            tally.failed(&query.file, fault);
+        }
+        queries.push(query);
+        if let Some(stage) = &stage {
+            stage.advance(1);
+        }
     }
-    bar.finish_and_clear();
-    let localized = queries.iter().filter(|q| q.cam_from_world.is_some()).count();
-    let document = Document { version: 1, map: args.map.display().to_string(), localized, queries };
+    if let Some(stage) = &stage {
+        stage.finish();
+    }
+    let count = |status| queries.iter().filter(|q| q.status == status).count();
+    let document = Document {
+        version: 2,
+        map: args.map.display().to_string(),
+        localized: count(Status::Localized),
+        not_localized: count(Status::NotLocalized),
+        failed: count(Status::Failed),
+        queries,
+    };
     if args.json {
         ui.json(&document)?;
     } else {
         ui.print(table(&document));
     }
-    Ok(if localized > 0 { Exit::Success } else { Exit::Refused })
+    let remark = match document.not_localized {
+        0 => String::new(),
+        n => format!(", {n} not localized"),
+    };
+    tally.end(document.localized, &remark, args.skip, ui)
+}
+
+/// What there is to say of one file.
+fn answer(item: &Item, map: &MapFile, options: &LocalizeOptions) -> Query {
+    let file = item.path.display().to_string();
+    let found = match &item.fault {
+        Some(fault) => Err(ErrorDocument::Failed(fault.clone())),
+        None => decode(&item.path).map_err(ErrorDocument::Failed).and_then(|query| {
+            localize(&query, map, options).map_err(|error| match error {
+                LocalizeError::WrongProfile { .. } => not_localized(NoPoseKind::WrongProfile, &error),
+                LocalizeError::EmptyMap => not_localized(NoPoseKind::EmptyMap, &error),
+                _ => not_localized(NoPoseKind::NoPose, &error),
+            })
+        }),
+    };
+    match found {
+        Ok(found) => found_query(file, &found),
+        Err(error) => lost_query(file, error),
+    }
+}
+
+fn not_localized(kind: NoPoseKind, error: &LocalizeError) -> ErrorDocument {
+    ErrorDocument::NotLocalized { kind, message: error.to_string() }
+}
+
+fn decode(path: &Path) -> Result<SealedQuery, Fault> {
+    let bytes = if files::is_standard(path) { files::stdin() } else { std::fs::read(path) };
+    SealedQuery::decode(&bytes.map_err(|e| Fault::of_io(&e))?).map_err(|e| {
+        let remedy = "seal the image again with `veiloc seal`, and send the file unchanged";
+        Fault::new(FaultKind::Damaged, format_args!("{e}; {remedy}"))
+    })
 }
 
 fn found_query(file: String, found: &Localization) -> Query {
@@ -132,6 +228,7 @@ fn found_query(file: String, found: &Localization) -> Query {
     let c = pose.center().coords;
     Query {
         file,
+        status: Status::Localized,
         cam_from_world: Some(PoseDocument::of(pose)),
         center: Some([c.x, c.y, c.z]),
         covariance: Some(found.covariance),
@@ -151,9 +248,14 @@ fn found_query(file: String, found: &Localization) -> Query {
     }
 }
 
-fn lost_query(file: String, error: &str) -> Query {
+fn lost_query(file: String, error: ErrorDocument) -> Query {
+    let status = match error {
+        ErrorDocument::NotLocalized { .. } => Status::NotLocalized,
+        ErrorDocument::Failed(_) => Status::Failed,
+    };
     Query {
         file,
+        status,
         cam_from_world: None,
         center: None,
         covariance: None,
@@ -164,15 +266,17 @@ fn lost_query(file: String, error: &str) -> Query {
         matches: 0,
         hypotheses: 0,
         ms: BTreeMap::new(),
-        error: Some(error.to_owned()),
+        error: Some(error),
     }
 }
 
+/// A line for each query that was answered; files that could not be used are told on stderr.
 fn table(document: &Document) -> String {
     use std::fmt::Write as _;
-    let width = document.queries.iter().map(|q| q.file.chars().count()).max().unwrap_or(0);
+    let answered = || document.queries.iter().filter(|q| q.status != Status::Failed);
+    let width = answered().map(|q| q.file.chars().count()).max().unwrap_or(0);
     let mut text = String::new();
-    for q in &document.queries {
+    for q in answered() {
         let _ = match (&q.center, &q.error) {
             (Some([x, y, z]), _) => {
                 let sigma = q.covariance.map_or(f64::NAN, |c| (c[3][3] + c[4][4] + c[5][5]).sqrt());
@@ -187,7 +291,12 @@ fn table(document: &Document) -> String {
                 )
             }
             (None, error) => {
-                writeln!(text, "{:<width$}  {}", q.file, error.as_deref().unwrap_or("not localized"))
+                writeln!(
+                    text,
+                    "{:<width$}  {}",
+                    q.file,
+                    error.as_ref().map_or("not localized", ErrorDocument::message)
+                )
             }
         };
     }

@@ -4,6 +4,7 @@ pub(crate) mod attack;
 pub(crate) mod audit;
 pub(crate) mod demo;
 pub(crate) mod eval;
+mod json_args;
 mod localization_args;
 pub(crate) mod localize;
 pub(crate) mod map;

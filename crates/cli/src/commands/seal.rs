@@ -1,13 +1,17 @@
 //! `veiloc seal`: images to sealed queries, as a device does it.
 
+mod batch;
+
 use std::path::{Path, PathBuf};
 
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{device_rng, extract, seal_at_most};
+use veiloc_obfuscation::{ExtractError, device_rng, extract, seal_at_most};
 use veiloc_query::{Profile, Scheme};
 
-use crate::exit::{Exit, Failure, Outcome};
+use crate::camera::CameraArg;
+use crate::exit::{Failure, Outcome};
 use crate::files;
+use crate::items::{Fault, FaultKind, SkipArgs};
 use crate::ui::Ui;
 
 /// Turn images into sealed queries.
@@ -15,15 +19,22 @@ use crate::ui::Ui;
 /// A sealed query holds descriptors and lines, never keypoints; it is all a server gets. Nothing of the file but its
 /// pixels is read: no EXIF, no time, no place. Everything random comes from the operating system's generator, so
 /// sealing one image twice gives two different queries; never send both (see docs/privacy.md, rule L7).
+///
+/// Every image is answered for itself: one that cannot be sealed does not stop the others.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, all taken with the camera given.
-    #[arg(required = true, value_name = "IMAGE")]
+    /// Images, JPEG or PNG, and folders: of a folder all images in it and in its sub-folders.
+    #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
-    /// The camera: COLMAP's model name, width, height and parameters, for example
-    /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034.
-    #[arg(long, value_name = "MODEL,W,H,PARAMS…")]
-    camera: Intrinsics,
+    /// Names of the images to seal, one a line, relative to the one folder given; behind each name its camera
+    /// (MODEL W H PARAMS…, as in hloc's query lists), or nothing when --camera says it.
+    #[arg(long, value_name = "FILE")]
+    list: Option<PathBuf>,
+    /// The camera of all images: COLMAP's model name, width, height (pixels) and parameters, with commas or spaces
+    /// between, for example SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; or a COLMAP cameras.txt
+    /// with one camera. Default: what the list says.
+    #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE", required_unless_present = "list")]
+    camera: Option<CameraArg>,
     /// The map's profile, as `veiloc map profile` writes it.
     #[arg(long, value_name = "FILE")]
     profile: PathBuf,
@@ -33,9 +44,15 @@ pub(crate) struct Args {
     scheme: Option<Scheme>,
     #[command(flatten)]
     amount: AmountArgs,
-    /// File to write, or a folder when there are several images.
+    /// File to write; a folder when it is one, ends in `/`, or there are several images; `-` for stdout. Sub-folders
+    /// of a folder given are made in it too.
     #[arg(long, short, value_name = "OUT")]
     out: PathBuf,
+    #[command(flatten)]
+    skip: SkipArgs,
+    /// Print one JSON document to stdout, with what became of every image.
+    #[arg(long)]
+    json: bool,
 }
 
 /// How much a device sends, of its own will.
@@ -59,34 +76,32 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(scheme) = args.scheme {
         profile = profile.with_scheme(scheme);
     }
-    let scheme = profile.scheme();
-    let into_folder = args.images.len() > 1 || args.out.is_dir();
-    let outputs = args.images.iter().map(|image| target(image, &args.out, into_folder)).collect::<Vec<_>>();
-    refuse_collisions(&args.images, &outputs)?;
-    refuse_overwriting_input(args, &outputs)?;
-    if into_folder {
-        files::make_folder(&args.out)?;
-    }
+    batch::run(args, &profile, ui)
+}
 
-    let bar = ui.bar("Sealing", args.images.len() as u64);
-    for (image, out) in args.images.iter().zip(&outputs) {
-        let (features, camera) = extract(image, &args.camera, &profile)?;
-        let found = features.keypoints.len();
-        let query = seal_at_most(features, &camera, &profile, args.amount.most(), &mut device_rng()?)
-            .map_err(|e| Failure::refused(format!("{}: {e}", image.display())))?;
-        let bytes = query.encode();
-        files::write(out, &bytes)?;
-        ui.say(format!(
-            "{}: {found} keypoints, {} sent as {scheme}, {} bytes → {}",
-            image.display(),
-            query.len(),
-            bytes.len(),
-            out.display()
-        ));
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    Ok(Exit::Success)
+/// One image sealed.
+struct Sealed {
+    bytes: Vec<u8>,
+    /// Keypoints found in the image.
+    found: usize,
+    /// Rows sent.
+    sent: usize,
+}
+
+/// Seals one image, all a device does with it.
+fn seal_one(path: &Path, camera: &Intrinsics, profile: &Profile, most: usize) -> Result<Sealed, Fault> {
+    let (features, camera) = extract(path, camera, profile).map_err(|e| {
+        let kind = match e {
+            ExtractError::ImageSize { .. } => FaultKind::Unfit,
+            _ => FaultKind::Damaged,
+        };
+        Fault::new(kind, e)
+    })?;
+    let found = features.keypoints.len();
+    let mut rng = device_rng().map_err(|e| Fault::new(FaultKind::Unfit, e))?;
+    let query = seal_at_most(features, &camera, profile, most, &mut rng)
+        .map_err(|e| Fault::new(FaultKind::Unfit, e))?;
+    Ok(Sealed { bytes: query.encode(), found, sent: query.len() })
 }
 
 /// Reads a profile file.
@@ -97,46 +112,4 @@ pub(crate) fn read_profile(path: &Path) -> Result<Profile, Failure> {
             "export the profile again with `veiloc map profile MAP -o FILE`",
         )
     })
-}
-
-fn target(image: &Path, out: &Path, into_folder: bool) -> PathBuf {
-    if !into_folder {
-        return out.to_owned();
-    }
-    let mut name = image.file_stem().unwrap_or_default().to_owned();
-    name.push(".vquery");
-    out.join(name)
-}
-
-/// Two images of one name would overwrite each other's query.
-fn refuse_collisions(images: &[PathBuf], outputs: &[PathBuf]) -> Result<(), Failure> {
-    for (i, a) in outputs.iter().enumerate() {
-        if let Some(j) = outputs[..i].iter().position(|b| a == b) {
-            return Err(Failure::with_help(
-                format!(
-                    "{} and {} would both be written to {}",
-                    images[j].display(),
-                    images[i].display(),
-                    a.display()
-                ),
-                "seal them in two calls with different --out folders",
-            ));
-        }
-    }
-    Ok(())
-}
-
-/// Nobody means to lose an image or the profile.
-fn refuse_overwriting_input(args: &Args, outputs: &[PathBuf]) -> Result<(), Failure> {
-    let inputs: Vec<PathBuf> =
-        args.images.iter().chain([&args.profile]).filter_map(|path| path.canonicalize().ok()).collect();
-    for out in outputs {
-        if out.canonicalize().is_ok_and(|out| inputs.contains(&out)) {
-            return Err(Failure::with_help(
-                format!("{} is an input, and would be overwritten by the sealed query", out.display()),
-                "choose another --out",
-            ));
-        }
-    }
-    Ok(())
 }

@@ -37,7 +37,10 @@ pub fn evaluate_scene(
     progress: &dyn Progress,
 ) -> Result<Evaluation, EvalError> {
     let posed = read_model(&evaluation.posed)?;
-    let queries = posed_queries(&posed, &evaluation.images, &evaluation.query_list)?;
+    let mut queries = posed_queries(&posed, &evaluation.images, &evaluation.query_list)?;
+    for query in &mut queries {
+        query.camera = evaluation.query_cameras.get(&query.name).copied().unwrap_or(query.camera);
+    }
     if let Some(name) = evaluation.query_list.iter().find(|q| evaluation.map_list.contains(q)) {
         return Err(EvalError::DataSet(format!(
             "{name} is in the map list and in the query list; a query that is in the map proves nothing; take it from one of the lists"

@@ -1,7 +1,9 @@
 //! What is evaluated on a place with known poses.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use veiloc_geometry::Intrinsics;
 use veiloc_localize::LocalizeOptions;
 use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
@@ -20,6 +22,8 @@ pub struct SceneEvaluation {
     pub map_list: Vec<String>,
     /// Names of the images to localize.
     pub query_list: Vec<String>,
+    /// Cameras of queries that are known better than the model's, by name; the model's are used for the others.
+    pub query_cameras: BTreeMap<String, Intrinsics>,
     /// Where to keep the map; a temporary file when none.
     pub keep_map: Option<PathBuf>,
     /// How the map is built.

@@ -1,14 +1,14 @@
 //! What an audit is given: photographs, folders of them, and files of keypoints.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use veiloc_audit::{Attack, ImageGroup};
-use veiloc_datasets::{KeypointImage, images_in, keypoints_of_images, read_keypoints};
+use veiloc_datasets::{KeypointImage, keypoints_of_images, read_keypoints};
 use veiloc_features::Progress;
 use veiloc_query::ExtractionLimits;
 
 use crate::exit::Failure;
+use crate::items::{self, IMAGES, Item};
 use crate::ui::Ui;
 
 /// Images with their keypoints, in groups, and where the photographs lie.
@@ -23,7 +23,7 @@ struct Group {
 }
 
 impl Inputs {
-    /// Reads everything; of a folder the first `most` photographs. Photographs that are given one by one are one group.
+    /// Reads everything; of a folder and its sub-folders the first `most` photographs. Photographs that are given one by one are one group.
     pub(super) fn read(
         paths: &[PathBuf],
         most: usize,
@@ -31,16 +31,18 @@ impl Inputs {
         progress: &dyn Progress,
         ui: &Ui,
     ) -> Result<Self, Failure> {
+        let given: Vec<Vec<Item>> =
+            paths.iter().map(|path| items::gather(std::slice::from_ref(path), &IMAGES)).collect();
+        items::refuse_bad(&given.concat())?;
         let mut groups: Vec<Group> = Vec::new();
-        let mut loose: Vec<PathBuf> = Vec::new();
-        for path in paths {
+        let mut loose: Vec<Item> = Vec::new();
+        for (path, mut inside) in paths.iter().zip(given) {
             if path.is_dir() {
-                let mut inside = images_in(std::slice::from_ref(path))?;
                 if inside.len() > most {
                     ui.say(format!("{}: the first {most} of {} photographs", path.display(), inside.len()));
                     inside.truncate(most);
                 }
-                groups.push(group(display_name(path), inside, limits, progress)?);
+                groups.push(group(display_name(path), &inside, limits, progress)?);
             } else if holds_keypoints(path) {
                 let images = read_keypoints(path)?;
                 if images.len() > most {
@@ -49,7 +51,7 @@ impl Inputs {
                 let images = images.into_iter().map(|image| (image, None)).collect();
                 groups.push(Group { name: display_name(path), images });
             } else {
-                loose.push(path.clone());
+                loose.append(&mut inside);
             }
         }
         if !loose.is_empty() {
@@ -60,11 +62,11 @@ impl Inputs {
                 ));
             }
             let name = if loose.len() == 1 {
-                display_name(&loose[0])
+                display_name(&loose[0].path)
             } else {
                 format!("{} photographs", loose.len())
             };
-            groups.push(group(name, loose, limits, progress)?);
+            groups.push(group(name, &loose, limits, progress)?);
         }
         let mut inputs = Self { groups };
         inputs.drop_empty(ui)?;
@@ -119,17 +121,14 @@ impl Inputs {
 
 fn group(
     name: String,
-    files: Vec<PathBuf>,
+    items: &[Item],
     limits: ExtractionLimits,
     progress: &dyn Progress,
 ) -> Result<Group, Failure> {
+    let files: Vec<PathBuf> = items.iter().map(|item| item.path.clone()).collect();
     let mut images = keypoints_of_images(&files, limits, progress)?;
-    // Two folders may hold files of one name; then the paths tell them apart.
-    let mut names = BTreeSet::new();
-    if !images.iter().all(|p| names.insert(p.name.clone())) {
-        for (image, file) in images.iter_mut().zip(&files) {
-            image.name = file.display().to_string();
-        }
+    for (image, name) in images.iter_mut().zip(items::names(items)) {
+        image.name = name;
     }
     Ok(Group { name, images: images.into_iter().zip(files.into_iter().map(Some)).collect() })
 }

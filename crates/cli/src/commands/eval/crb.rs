@@ -7,7 +7,7 @@ use veiloc_eval::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, tabl
 use veiloc_query::{AngleBits, Scheme};
 use veiloc_report::plots;
 
-use crate::commands::eval::report::JsonArgs;
+use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{EngineArgs, positive};
 use crate::exit::{Exit, Outcome};
 use crate::files;
@@ -79,7 +79,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(path) = &args.plot {
         files::write(path, plots::bound(&document)?.as_bytes())?;
     }
-    args.json.print(table(&document), &document, ui)?;
+    args.json.print(&table(&document), &document, ui)?;
     let localized = document.cells.iter().any(|cell| cell.localized > 0.0);
     Ok(if localized { Exit::Success } else { Exit::Refused })
 }

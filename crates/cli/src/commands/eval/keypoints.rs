@@ -2,11 +2,13 @@
 
 use std::path::PathBuf;
 
-use veiloc_datasets::{encode_keypoints, images_in, keypoints_of_images};
+use veiloc_datasets::{encode_keypoints, keypoints_of_images};
 use veiloc_query::ExtractionLimits;
 
-use crate::exit::{Exit, Failure, Outcome};
+use crate::exit::{Exit, Outcome};
 use crate::files;
+use crate::items::{self, IMAGES};
+use crate::lists;
 use crate::ui::{Bars, Ui};
 
 /// Keypoints and descriptors of images, as `attack` and the training of predictors read them.
@@ -15,13 +17,14 @@ use crate::ui::{Bars, Ui};
 /// `.gz`. The file holds keypoint positions in the clear: it is for tests of one's own images, never to be sent.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, and folders: of a folder the images right in it.
+    /// Images, JPEG or PNG, and folders: of a folder all images in it and in its sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
-    /// Names of the images to use, one a line, relative to the one folder given.
+    /// Names of the images to use, one a line, relative to the one folder given. Cameras behind the names are not
+    /// needed: keypoints are those of the image as it is.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
-    /// Where the keypoints go.
+    /// Where the keypoints go; `-` for stdout.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
     /// Keypoints of an image at most, the strongest.
@@ -33,20 +36,24 @@ pub(crate) struct Args {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let images = match (&args.list, args.images.as_slice()) {
-        (None, images) => images_in(images)?,
-        (Some(list), [folder]) => files::read_list(list)?.iter().map(|name| folder.join(name)).collect(),
-        (Some(_), _) => {
-            return Err(Failure::with_help(
-                "--list goes with one folder, and several places are given",
-                "give the folder that the names of the list are relative to, and no more",
-            ));
+    let items = match &args.list {
+        None => items::gather_all(&args.images, &IMAGES)?,
+        Some(list) => {
+            let folder = lists::one_folder(&args.images)?;
+            let listed = lists::read_with_cameras(list)?;
+            let items = items::listed(folder, listed.iter().map(|l| l.name.as_str()));
+            items::refuse_bad(&items)?;
+            items
         }
     };
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
-    let images = keypoints_of_images(&images, limits, &Bars::new(ui))?;
+    let paths: Vec<PathBuf> = items.iter().map(|item| item.path.clone()).collect();
+    let mut images = keypoints_of_images(&paths, limits, &Bars::new(ui))?;
+    for (image, name) in images.iter_mut().zip(items::names(&items)) {
+        image.name = name;
+    }
     let gzip = args.out.extension().is_some_and(|e| e == "gz");
-    files::write(&args.out, &encode_keypoints(&images, gzip)?)?;
+    files::write_or_print(&args.out, &encode_keypoints(&images, gzip)?, ui)?;
     let keypoints: usize = images.iter().map(|p| p.keypoints.len()).sum();
     ui.say(format!("{}: {} images, {keypoints} keypoints", args.out.display(), images.len()));
     Ok(Exit::Success)

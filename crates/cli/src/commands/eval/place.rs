@@ -14,7 +14,8 @@ pub(super) struct PlaceArgs {
     /// Names of the images the map is built from, one a line.
     #[arg(long, value_name = "FILE")]
     pub(super) map_list: PathBuf,
-    /// Names of the images taken as queries, one a line.
+    /// Names of the images taken as queries, one a line. `eval scene` seals with the cameras behind the names where
+    /// there are any (MODEL W H PARAMS…, as in hloc's query lists), with the model's elsewhere.
     #[arg(long, value_name = "FILE")]
     pub(super) query_list: PathBuf,
 }

@@ -21,7 +21,7 @@ pub(crate) struct Args {
     #[arg(required = true, value_name = "PROBLEMS")]
     files: Vec<PathBuf>,
     /// Named ways of estimating to compare: paper, likelihood, likelihood+prior, vote, default, optimum, floor. They set score,
-    /// solver and prior together; see below.
+    /// solver and prior together; see below. Default: none, single options count.
     #[arg(long, value_delimiter = ',', value_name = "RECIPE,…", conflicts_with_all = ["score", "scores", "solver", "no_prior"])]
     recipes: Vec<Recipe>,
     /// Add the floor: least squares from the true pose on the truly right matches.

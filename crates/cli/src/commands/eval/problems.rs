@@ -21,7 +21,7 @@ use crate::ui::{Bars, Ui};
 pub(crate) struct Args {
     #[command(flatten)]
     place: PlaceArgs,
-    /// Where the problems go.
+    /// Where the problems go; `-` for stdout.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
     /// Where all keypoints of the queries go, with descriptors, strongest first, as `attack` and `eval tradeoff` read
@@ -50,7 +50,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let (lines, images): (Vec<String>, Vec<KeypointImage>) =
         make_problems(&source, &Bars::new(ui))?.into_iter().map(|made| (made.line, made.keypoints)).unzip();
     let gzip = |path: &Path| path.extension().is_some_and(|e| e == "gz");
-    files::write(&args.out, &json_lines::encode(&lines, gzip(&args.out))?)?;
+    files::write_or_print(&args.out, &json_lines::encode(&lines, gzip(&args.out))?, ui)?;
     if let Some(path) = &args.keypoints {
         files::write(path, &encode_keypoints(&images, gzip(path))?)?;
     }

@@ -1,16 +1,13 @@
 //! What the evaluations of `veiloc eval` compare, and how they tell the result.
 
-use std::path::{Path, PathBuf};
-
-use serde::Serialize;
 use veiloc_eval::metrics::Threshold;
 use veiloc_eval::results::{Evaluation, table};
 use veiloc_query::Scheme;
 use veiloc_robust::ScoreKind;
 
+use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::EngineArgs;
-use crate::exit::{Exit, Failure, Outcome};
-use crate::files;
+use crate::exit::{Exit, Outcome};
 use crate::ui::Ui;
 
 /// What `eval scene` and `eval pose` compare and print.
@@ -40,37 +37,8 @@ impl ReportArgs {
 
     /// Prints the table and the document; nothing localized at all is a refusal.
     pub(super) fn finish(&self, evaluation: &Evaluation, ui: &Ui) -> Outcome {
-        self.json.print(table(&evaluation.schemes), evaluation, ui)?;
+        self.json.print(&table(&evaluation.schemes), evaluation, ui)?;
         let localized = evaluation.schemes.iter().any(|s| s.localized > 0);
         Ok(if localized { Exit::Success } else { Exit::Refused })
-    }
-}
-
-/// Where the document goes.
-#[derive(clap::Args)]
-pub(super) struct JsonArgs {
-    /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    json: Option<PathBuf>,
-}
-
-impl JsonArgs {
-    /// Stdout holds either the document or the table, never both.
-    pub(super) fn print(&self, table: String, document: &impl Serialize, ui: &Ui) -> Result<(), Failure> {
-        match &self.json {
-            Some(path) if path == Path::new("-") => {
-                ui.say(table);
-                ui.json(document)
-            }
-            Some(path) => {
-                files::write(path, (serde_json::to_string_pretty(document)? + "\n").as_bytes())?;
-                ui.print(table);
-                Ok(())
-            }
-            None => {
-                ui.print(table);
-                Ok(())
-            }
-        }
     }
 }

@@ -10,6 +10,7 @@ use crate::commands::localization_args::{MatchArgs, PoseArgs};
 use crate::commands::map::ExtractionArgs;
 use crate::exit::{Failure, Outcome};
 use crate::files;
+use crate::lists;
 use crate::ui::{Bars, Ui};
 
 /// The whole road on a place with known poses.
@@ -69,11 +70,14 @@ impl NegativeArgs {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    // What a device knows of its lens may be better than the model, so the list's cameras are used where there are any.
+    let queries = lists::read_with_cameras(&args.place.query_list)?;
     let evaluation = SceneEvaluation {
         posed: args.place.posed.clone(),
         images: args.place.images.clone(),
         map_list: files::read_list(&args.place.map_list)?,
-        query_list: files::read_list(&args.place.query_list)?,
+        query_list: queries.iter().map(|q| q.name.clone()).collect(),
+        query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
         keep_map: args.keep_map.clone(),
         build: args.extraction.options(),
         schemes: args.report.schemes.clone(),

@@ -6,7 +6,7 @@ use veiloc_audit::tradeoff::{TradeoffEvaluation, Variant, evaluate_tradeoff, tra
 use veiloc_eval::metrics::Threshold;
 use veiloc_report::plots;
 
-use crate::commands::eval::report::JsonArgs;
+use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{EngineArgs, RunArgs};
 use crate::exit::{Exit, Outcome};
 use crate::files;
@@ -35,7 +35,7 @@ pub(crate) struct Args {
     /// predicted.
     #[arg(long, value_name = "FILE")]
     train: Vec<PathBuf>,
-    /// Attack N images only, spread evenly; poses are estimated for all.
+    /// Attack N images only, spread evenly; poses are estimated for all. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     attacked: Option<u32>,
     /// Neighbours a keypoint.
@@ -97,7 +97,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(path) = &args.plot {
         files::write(path, plots::tradeoff(&document)?.as_bytes())?;
     }
-    args.json.print(tradeoff_table(&document), &document, ui)?;
+    args.json.print(&tradeoff_table(&document), &document, ui)?;
     let localized = document.variants.iter().any(|v| v.localization.localized > 0);
     Ok(if localized { Exit::Success } else { Exit::Refused })
 }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::commands::json_args::JsonArgs;
 use crate::exit::Outcome;
 use crate::ui::Ui;
 
@@ -66,9 +67,8 @@ pub(crate) struct Args {
     /// Draw loss and validation precision by step into FILE, as SVG.
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Write the JSON document, the curve in it, to FILE; without FILE, or with `-`, to stdout.
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    json: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
 }
 
 #[cfg(feature = "network")]
@@ -87,8 +87,6 @@ pub(super) fn run(_args: &Args, _ui: &Ui) -> Outcome {
 #[cfg(feature = "network")]
 mod training {
     //! What a build with networks does.
-
-    use std::path::Path;
 
     use veiloc_audit::training::{TrainingOptions, TrainingRun, train_neighbours, training_table};
     use veiloc_report::plots;
@@ -115,11 +113,12 @@ mod training {
         (options.learning_rate, options.weight_decay) = (args.rate, args.decay);
         (options.dropout, options.seed) = (args.dropout, args.seed);
 
-        let bar = ui.bar("Training", u64::from(args.steps));
+        let total = u64::from(args.steps);
+        let stage = ui.stage("Training", total);
         let (network, document) = train_neighbours(&run, |step, point| {
-            bar.set_position(step as u64);
+            stage.reach(step as u64, total);
             if let Some(p) = point {
-                bar.suspend(|| {
+                stage.suspend(|| {
                     let percent = 100.0 * p.precision;
                     ui.say(format!(
                         "step {step}: loss {:.4}, validation precision at 20 {percent:.2} %",
@@ -128,22 +127,12 @@ mod training {
                 });
             }
         })?;
-        bar.finish_and_clear();
+        stage.finish();
         files::write(&args.out, &network.encode())?;
         if let Some(path) = &args.plot {
             files::write(path, plots::training(&document)?.as_bytes())?;
         }
-        match &args.json {
-            Some(path) if path == Path::new("-") => {
-                ui.say(training_table(&document));
-                ui.json(&document)?;
-            }
-            Some(path) => {
-                files::write(path, (serde_json::to_string_pretty(&document)? + "\n").as_bytes())?;
-                ui.print(training_table(&document));
-            }
-            None => ui.print(training_table(&document)),
-        }
+        args.json.print(&training_table(&document), &document, ui)?;
         Ok(Exit::Success)
     }
 }

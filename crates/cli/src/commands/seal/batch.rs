@@ -1,0 +1,255 @@
+//! Many images to seal: which, where each query goes, and what became of all.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use veiloc_geometry::Intrinsics;
+use veiloc_query::Profile;
+
+use super::{Args, Sealed, seal_one};
+use crate::exit::{Failure, Outcome};
+use crate::files;
+use crate::items::{self, Fault, IMAGES, Item, Tally};
+use crate::lists;
+use crate::ui::Ui;
+
+/// The document of `veiloc seal --json`.
+#[derive(Serialize)]
+struct Document {
+    version: u32,
+    /// Scheme that hides the keypoints.
+    scheme: String,
+    sealed: usize,
+    failed: usize,
+    images: Vec<ImageDocument>,
+}
+
+#[derive(Serialize)]
+struct ImageDocument {
+    file: String,
+    status: Status,
+    /// The sealed query's file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    out: Option<String>,
+    /// Keypoints found in the image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    found: Option<usize>,
+    /// Rows sent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sent: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Fault>,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Status {
+    Sealed,
+    Failed,
+}
+
+/// An image to seal.
+struct Job {
+    item: Item,
+    camera: Intrinsics,
+    out: PathBuf,
+}
+
+pub(super) fn run(args: &Args, profile: &Profile, ui: &Ui) -> Outcome {
+    let jobs = jobs(args)?;
+    let scheme = profile.scheme().to_string();
+    let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
+    let mut tally = Tally::begin("sealed", &items, ui);
+    let stage = (jobs.len() > 1).then(|| ui.stage("Sealing", jobs.len() as u64));
+    let mut images = Vec::new();
+    for job in &jobs {
+        let name = job.item.path.display().to_string();
+        let sealed = match &job.item.fault {
+            Some(fault) => Err(fault.clone()),
+            None => seal_one(&job.item.path, &job.camera, profile, args.amount.most()),
+        };
+        match &sealed {
+            Ok(sealed) => {
+                keep(&job.out, sealed, ui)?;
+                let said = format!(
+                    "{name}: {} keypoints, {} sent as {scheme}, {} bytes → {}",
+                    sealed.found,
+                    sealed.sent,
+                    sealed.bytes.len(),
+                    if files::is_standard(&job.out) {
+                        "stdout".into()
+                    } else {
+                        job.out.display().to_string()
+                    }
+                );
+                match &stage {
+                    Some(stage) => stage.suspend(|| ui.say(said)),
+                    None => ui.say(said),
+                }
+            }
+            Err(fault) => tally.failed(&name, fault),
+        }
+        images.push(document_of(name, &job.out, sealed));
+        if let Some(stage) = &stage {
+            stage.advance(1);
+        }
+    }
+    if let Some(stage) = &stage {
+        stage.finish();
+    }
+    let failed = tally.failures();
+    let sealed = jobs.len() - failed;
+    if args.json {
+        ui.json(&Document { version: 1, scheme, sealed, failed, images })?;
+    }
+    tally.end(sealed, "", args.skip, ui)
+}
+
+/// Writes a sealed query; a failure ends the command, as the others could not be written either.
+fn keep(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
+    if let Some(folder) = out.parent().filter(|p| !p.as_os_str().is_empty() && !p.exists()) {
+        files::make_folder(folder)?;
+    }
+    files::write_or_print(out, &sealed.bytes, ui)
+}
+
+fn document_of(file: String, out: &Path, sealed: Result<Sealed, Fault>) -> ImageDocument {
+    let (status, sealed, error) = match sealed {
+        Ok(sealed) => (Status::Sealed, Some(sealed), None),
+        Err(fault) => (Status::Failed, None, Some(fault)),
+    };
+    ImageDocument {
+        file,
+        status,
+        out: sealed.as_ref().map(|_| out.display().to_string()),
+        found: sealed.as_ref().map(|s| s.found),
+        sent: sealed.as_ref().map(|s| s.sent),
+        bytes: sealed.as_ref().map(|s| s.bytes.len()),
+        error,
+    }
+}
+
+/// Which images, with which cameras, to which files.
+fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
+    let with_cameras = images(args)?;
+    let several =
+        with_cameras.len() > 1 || args.list.is_some() || args.images.iter().any(|path| path.is_dir());
+    let ends_in_slash = args.out.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
+    let into_folder = several || ends_in_slash || args.out.is_dir();
+    let standard = files::is_standard(&args.out);
+    if standard && (several || args.json) {
+        return Err(Failure::with_help(
+            "--out -: stdout takes one sealed query, and nothing beside it",
+            "name a folder with --out",
+        ));
+    }
+    let jobs: Vec<Job> = with_cameras
+        .into_iter()
+        .map(|(item, camera)| {
+            let into_folder = into_folder && !standard;
+            let out = if into_folder {
+                args.out.join(item.below.with_extension("vquery"))
+            } else {
+                args.out.clone()
+            };
+            Job { item, camera, out }
+        })
+        .collect();
+    refuse_collisions(&jobs)?;
+    refuse_overwriting_input(args, &jobs)?;
+    if into_folder && !standard {
+        if jobs.iter().any(|job| job.item.fault.is_none()) {
+            files::make_folder(&args.out)?;
+        }
+    } else if let Some(missing) = args.out.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
+        // A single file's folder is not made: a slip of the pen would leave a query where nobody looks.
+        return Err(Failure::with_help(
+            format!("{}: there is no folder {}", args.out.display(), missing.display()),
+            "make the folder, or choose another --out",
+        ));
+    }
+    Ok(jobs)
+}
+
+/// The images, each with its camera.
+fn images(args: &Args) -> Result<Vec<(Item, Intrinsics)>, Failure> {
+    if args.images.iter().any(|path| files::is_standard(path)) {
+        return Err(Failure::with_help("-: images are not read from stdin", "give a file or a folder"));
+    }
+    let camera = args.camera.as_ref().map(crate::camera::CameraArg::camera).transpose()?;
+    let Some(list) = &args.list else {
+        // The parser asks for a camera where there is no list.
+        let camera = camera.ok_or_else(|| Failure::refused("no camera is given; say --camera"))?;
+        return Ok(items::gather(&args.images, &IMAGES).into_iter().map(|item| (item, camera)).collect());
+    };
+    let folder = lists::one_folder(&args.images)?;
+    let (cameras, names): (Vec<Intrinsics>, Vec<String>) = lists::read_with_cameras(list)?
+        .into_iter()
+        .map(|listed| {
+            let at = || format!("{}: line {}: {}", list.display(), listed.line, listed.name);
+            let inside = |c| matches!(c, std::path::Component::Normal(_) | std::path::Component::CurDir);
+            if !Path::new(&listed.name).components().all(inside) {
+                return Err(Failure::with_help(
+                    format!("{} leads out of {}", at(), folder.display()),
+                    "name images relative to the folder given, without `..`",
+                ));
+            }
+            let camera = match (listed.camera, camera) {
+                (Some(own), None) => own,
+                (None, Some(common)) => common,
+                (Some(_), Some(_)) => {
+                    return Err(Failure::with_help(
+                        format!("{} has a camera of its own, and --camera is given too", at()),
+                        "leave out --camera, or give a list of names only",
+                    ));
+                }
+                (None, None) => {
+                    return Err(Failure::with_help(
+                        format!("{} has no camera", at()),
+                        "write MODEL W H PARAMS… behind the name, or give --camera",
+                    ));
+                }
+            };
+            Ok((camera, listed.name))
+        })
+        .collect::<Result<Vec<_>, Failure>>()?
+        .into_iter()
+        .unzip();
+    Ok(items::listed(folder, names.iter().map(String::as_str)).into_iter().zip(cameras).collect())
+}
+
+/// Two images of one name would overwrite each other's query.
+fn refuse_collisions(jobs: &[Job]) -> Result<(), Failure> {
+    for (i, a) in jobs.iter().enumerate() {
+        if let Some(b) = jobs[..i].iter().find(|b| a.out == b.out) {
+            return Err(Failure::with_help(
+                format!(
+                    "{} and {} would both be written to {}",
+                    b.item.path.display(),
+                    a.item.path.display(),
+                    a.out.display()
+                ),
+                "give the folder above them, whose sub-folders are kept, or seal them in two calls with different --out \
+                 folders",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Nobody means to lose an image, the profile or a list.
+fn refuse_overwriting_input(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
+    let given = jobs.iter().map(|job| &job.item.path).chain([&args.profile]).chain(&args.list);
+    let inputs: Vec<PathBuf> = given.filter_map(|path| path.canonicalize().ok()).collect();
+    for job in jobs {
+        if job.out.canonicalize().is_ok_and(|out| inputs.contains(&out)) {
+            return Err(Failure::with_help(
+                format!("{} is an input, and would be overwritten by the sealed query", job.out.display()),
+                "choose another --out",
+            ));
+        }
+    }
+    Ok(())
+}
