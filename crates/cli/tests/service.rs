@@ -98,6 +98,8 @@ fn a_image_gets_its_pose() {
         assert!(pose.translation_error(&truth) < 0.05, "{image}: {}", pose.translation_error(&truth));
         assert!(pose.rotation_error_degrees(&truth) < 1.0, "{image}");
         assert_eq!(run.json()["trusted"], true);
+        let fields = &common::documented::tables()["query send"];
+        assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
         assert!(run.stderr.contains("sent as dcl"), "{run}");
     }
     let text = place.run(&send_keeping("query-0.png", &service.url, "own")).succeeded();
