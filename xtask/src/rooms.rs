@@ -23,11 +23,6 @@ const LONG_FILES: &[(&str, &str)] = &[];
 /// Circles of files that stay, each with its reason: room, files relative to `src/`, reason.
 /// A circle within these files is allowed; a row without any circle is a fault.
 const CIRCLES: &[(&str, &[&str], &str)] = &[
-    (
-        "demo",
-        &["attack.rs", "lib.rs", "page.rs", "place.rs"],
-        "a small crate that is one module in four files: its options and results are its root's",
-    ),
     ("obfuscation", &["audit.rs", "seal.rs"], "the ground truth of a seal is a by-product of sealing"),
     (
         "query",
@@ -45,12 +40,6 @@ const CIRCLES: &[(&str, &[&str], &str)] = &[
         ],
         "one error type for all: it names the identity of a profile, which itself can fail",
     ),
-    (
-        "robust",
-        &["confidence.rs", "information.rs", "matches.rs", "problem.rs", "refine.rs"],
-        "the estimate stands beside the problem, and holds what is computed from its matches",
-    ),
-    ("robust", &["minimal.rs", "radial.rs"], "the radial vote draws its samples as the minimal solvers do"),
 ];
 
 /// One room as read from its files.

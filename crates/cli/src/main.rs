@@ -11,6 +11,7 @@ mod files;
 mod items;
 mod lists;
 mod progress;
+mod stages;
 mod ui;
 
 use std::process::ExitCode;

@@ -4,9 +4,6 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use veiloc_features::Progress;
-
-use crate::ui::Ui;
 
 /// A line for each tenth of a stage, but none sooner than this after the one before.
 const SOONEST: Duration = Duration::from_secs(1);
@@ -120,44 +117,6 @@ impl Lines {
 fn tell(text: &str) {
     use std::io::Write as _;
     let _ = writeln!(std::io::stderr(), "{text}");
-}
-
-/// Shows the stages of a library's long work, one after another.
-pub(crate) struct Stages<'a> {
-    ui: &'a Ui,
-    current: Mutex<Stage>,
-}
-
-impl<'a> Stages<'a> {
-    /// No stage yet.
-    pub(crate) fn new(ui: &'a Ui) -> Self {
-        Self { ui, current: Mutex::new(Stage::Silent) }
-    }
-
-    fn with(&self, act: impl FnOnce(&mut Stage)) {
-        // A stage is only for the eye: one that another thread broke off in may still be used.
-        act(&mut self.current.lock().unwrap_or_else(PoisonError::into_inner));
-    }
-}
-
-impl Progress for Stages<'_> {
-    fn start(&self, stage: &str, total: usize) {
-        self.with(|current| {
-            current.finish();
-            *current = self.ui.stage(stage, total as u64);
-        });
-    }
-
-    fn advance(&self, steps: usize) {
-        self.with(|stage| stage.advance(steps as u64));
-    }
-
-    fn finish(&self) {
-        self.with(|stage| {
-            stage.finish();
-            *stage = Stage::Silent;
-        });
-    }
 }
 
 #[cfg(test)]

@@ -8,8 +8,6 @@ use serde::Serialize;
 use crate::exit::Failure;
 use crate::progress::Stage;
 
-pub(crate) use crate::progress::Stages as Bars;
-
 /// Where the program talks.
 pub(crate) struct Ui {
     quiet: bool,

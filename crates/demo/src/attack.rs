@@ -15,8 +15,8 @@ use veiloc_obfuscation::{extract, seal_with_truth};
 use veiloc_query::{AngleBits, Scheme};
 use veiloc_report::{QueryPanel, SchemePanel};
 
-use crate::DemoOptions;
 use crate::error::DemoError;
+use crate::options::DemoOptions;
 use crate::place::{RenderedPlace, image};
 
 /// Neighbours of a keypoint, as in the paper.

@@ -8,6 +8,7 @@
 
 mod attack;
 mod error;
+mod options;
 mod page;
 mod place;
 
@@ -17,7 +18,6 @@ use serde::Serialize;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_mapping::BuildOptions;
-use veiloc_query::Scheme;
 
 use veiloc_audit::AttackDocument;
 use veiloc_eval::metrics::Threshold;
@@ -26,30 +26,7 @@ use veiloc_eval::{SceneEvaluation, evaluate_scene};
 use veiloc_features::Progress;
 
 pub use error::DemoError;
-
-/// What the demo does.
-#[derive(Debug, Clone)]
-pub struct DemoOptions {
-    /// Folder for everything that is written.
-    pub out: PathBuf,
-    /// Seed of the place and of every random choice.
-    pub seed: u64,
-    /// Views the map is built from. 40 look into every corner of the room from several sides.
-    pub map_views: usize,
-    /// Hidden views that are localized.
-    pub query_views: usize,
-    /// Schemes that are compared.
-    pub schemes: Vec<Scheme>,
-}
-
-impl DemoOptions {
-    /// The demo's own size: 40 views for the map, 12 hidden ones, all four schemes.
-    pub fn new(out: PathBuf, seed: u64) -> Self {
-        let schemes =
-            vec![Scheme::Points, Scheme::RandomLines, Scheme::CoordinatePermutation, Scheme::default()];
-        Self { out, seed, map_views: 40, query_views: 12, schemes }
-    }
-}
+pub use options::DemoOptions;
 
 /// The document of `veiloc demo --json`.
 #[derive(Debug, Clone, Serialize)]

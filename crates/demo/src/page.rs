@@ -7,8 +7,8 @@ use veiloc_audit::Attack;
 use veiloc_eval::results::{Evaluation, SchemeSummary};
 use veiloc_report::{Card, Report, TopView, TopViewScheme};
 
-use crate::DemoOptions;
 use crate::attack::Attacked;
+use crate::options::DemoOptions;
 use crate::place::RenderedPlace;
 
 /// Map points the top view draws at most; more only make the file larger.

@@ -8,8 +8,8 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
 use veiloc_synth::{PathOptions, Place, RenderOptions};
 
-use crate::DemoOptions;
 use crate::error::DemoError;
+use crate::options::DemoOptions;
 
 /// The camera of the demo: an ordinary phone lens with some distortion, so that undistortion is part of the road.
 const CAMERA: &str = "OPENCV,640,480,525,524,322,237,-0.06,0.02,0.0004,-0.0003";

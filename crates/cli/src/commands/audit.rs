@@ -13,7 +13,8 @@ use crate::commands::attack::AdversaryArgs;
 use crate::commands::json_args::JsonArgs;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
-use crate::ui::{Bars, Ui};
+use crate::stages::Stages;
+use crate::ui::Ui;
 
 use inputs::Inputs;
 
@@ -69,7 +70,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     // A report that cannot be written is refused before the work, not after it.
     let report = report_path(&args.out)?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
-    let bars = Bars::new(ui);
+    let bars = Stages::new(ui);
     let inputs = Inputs::read(&args.inputs, args.images as usize, limits, &bars, ui)?;
     let attacks = args.attacks.clone().unwrap_or_else(|| inputs.default_attacks());
     let options = AuditOptions {

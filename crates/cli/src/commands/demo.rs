@@ -8,7 +8,8 @@ use veiloc_demo::{DemoOptions, run_demo};
 use veiloc_eval::results::table;
 
 use crate::exit::{Exit, Outcome};
-use crate::ui::{Bars, Ui};
+use crate::stages::Stages;
+use crate::ui::Ui;
 
 /// Render a place, map it, localize hidden queries, attack them, write a report.
 ///
@@ -29,7 +30,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let started = Instant::now();
     let options = DemoOptions::new(args.out.clone(), args.seed);
-    let demo = run_demo(&options, &Bars::new(ui))?;
+    let demo = run_demo(&options, &Stages::new(ui))?;
     if args.json {
         ui.json(&demo.document)?;
     } else {

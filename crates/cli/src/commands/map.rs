@@ -9,7 +9,8 @@ use veiloc_query::Scheme;
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
-use crate::ui::{Bars, Ui};
+use crate::stages::Stages;
+use crate::ui::Ui;
 
 /// What to do with a map.
 #[derive(clap::Subcommand)]
@@ -178,14 +179,14 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     let posed = veiloc_map::colmap::read_model(&args.posed.posed)?;
     let names = args.posed.names(&posed)?;
     let options = args.extraction.options();
-    let model = veiloc_mapping::build(&posed, &args.posed.images, &names, &options, &Bars::new(ui))?;
+    let model = veiloc_mapping::build(&posed, &args.posed.images, &names, &options, &Stages::new(ui))?;
     save(&model, &args.written.out, args.written.json, ui)
 }
 
 fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     let colmap = veiloc_map::colmap::read_model(&args.model)?;
     let options = args.extraction.options();
-    let (model, report) = veiloc_mapping::import(&colmap, &args.images, &options, &Bars::new(ui))?;
+    let (model, report) = veiloc_mapping::import(&colmap, &args.images, &options, &Stages::new(ui))?;
     ui.say(report);
     save(&model, &args.written.out, args.written.json, ui)
 }
@@ -194,7 +195,7 @@ fn add(args: &AddArgs, ui: &Ui) -> Outcome {
     let mut model = MapFile::open(&args.map)?.to_model();
     let posed = veiloc_map::colmap::read_model(&args.posed.posed)?;
     let names = args.posed.names(&posed)?;
-    veiloc_mapping::add(&mut model, &posed, &args.posed.images, &names, &Bars::new(ui))?;
+    veiloc_mapping::add(&mut model, &posed, &args.posed.images, &names, &Stages::new(ui))?;
     save(&model, args.out.as_ref().unwrap_or(&args.map), args.json, ui)
 }
 

@@ -11,7 +11,8 @@ use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{EngineArgs, positive};
 use crate::exit::{Exit, Outcome};
 use crate::files;
-use crate::ui::{Bars, Ui};
+use crate::stages::Stages;
+use crate::ui::Ui;
 
 /// Errors on random synthetic problems over what the Cramér–Rao bound allows.
 ///
@@ -75,7 +76,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.pose.fixed_hypotheses = args.hypotheses.fixed();
     evaluation.angle_bits = AngleBits::new(args.angle_bits)?;
     evaluation.seed = args.seed;
-    let document = evaluate_bound(&evaluation, &Bars::new(ui))?;
+    let document = evaluate_bound(&evaluation, &Stages::new(ui))?;
     if let Some(path) = &args.plot {
         files::write(path, plots::bound(&document)?.as_bytes())?;
     }

@@ -9,7 +9,8 @@ use crate::exit::{Exit, Outcome};
 use crate::files;
 use crate::items::{self, IMAGES};
 use crate::lists;
-use crate::ui::{Bars, Ui};
+use crate::stages::Stages;
+use crate::ui::Ui;
 
 /// Keypoints and descriptors of images, as `attack` and the training of predictors read them.
 ///
@@ -48,7 +49,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
     let paths: Vec<PathBuf> = items.iter().map(|item| item.path.clone()).collect();
-    let mut images = keypoints_of_images(&paths, limits, &Bars::new(ui))?;
+    let mut images = keypoints_of_images(&paths, limits, &Stages::new(ui))?;
     for (image, name) in images.iter_mut().zip(items::names(&items)) {
         image.name = name;
     }

@@ -8,7 +8,8 @@ use veiloc_query::AngleBits;
 use crate::commands::eval::report::ReportArgs;
 use crate::commands::localization_args::{EngineArgs, RunArgs, positive};
 use crate::exit::Outcome;
-use crate::ui::{Bars, Ui};
+use crate::stages::Stages;
+use crate::ui::Ui;
 
 /// The pose stage alone, on matches that are already there.
 ///
@@ -86,6 +87,6 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.seed = args.run.seed;
     evaluation.seeds = args.seeds;
     evaluation.threads = usize::from(args.threads);
-    let result = evaluate_poses(&evaluation, &Bars::new(ui))?;
+    let result = evaluate_poses(&evaluation, &Stages::new(ui))?;
     args.report.finish(&result, ui)
 }

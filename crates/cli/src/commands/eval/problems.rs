@@ -11,7 +11,8 @@ use crate::commands::localization_args::MatchArgs;
 use crate::commands::map::ExtractionArgs;
 use crate::exit::{Exit, Outcome};
 use crate::files;
-use crate::ui::{Bars, Ui};
+use crate::stages::Stages;
+use crate::ui::Ui;
 
 /// Correspondence sets from a place with known poses, as `eval pose` reads them.
 ///
@@ -48,7 +49,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         seed: args.seed,
     };
     let (lines, images): (Vec<String>, Vec<KeypointImage>) =
-        make_problems(&source, &Bars::new(ui))?.into_iter().map(|made| (made.line, made.keypoints)).unzip();
+        make_problems(&source, &Stages::new(ui))?.into_iter().map(|made| (made.line, made.keypoints)).unzip();
     let gzip = |path: &Path| path.extension().is_some_and(|e| e == "gz");
     files::write_or_print(&args.out, &json_lines::encode(&lines, gzip(&args.out))?, ui)?;
     if let Some(path) = &args.keypoints {

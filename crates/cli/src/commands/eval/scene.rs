@@ -11,7 +11,8 @@ use crate::commands::map::ExtractionArgs;
 use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::lists;
-use crate::ui::{Bars, Ui};
+use crate::stages::Stages;
+use crate::ui::Ui;
 
 /// The whole road on a place with known poses.
 ///
@@ -87,7 +88,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         negatives: args.negatives.negatives()?,
         seed: args.pose.run.seed,
     };
-    let result = evaluate_scene(&evaluation, &Bars::new(ui))?;
+    let result = evaluate_scene(&evaluation, &Stages::new(ui))?;
     if let Some(map) = &result.map {
         ui.say(format!(
             "map: {} images, {} points, {:.1} MB ({:.0} bytes a point), built in {:.1} s ({:.2} s an image)",

@@ -10,7 +10,8 @@ use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{EngineArgs, RunArgs};
 use crate::exit::{Exit, Outcome};
 use crate::files;
-use crate::ui::{Bars, Ui};
+use crate::stages::Stages;
+use crate::ui::Ui;
 
 /// Variants of dcl: what attackers get out of each, and the poses it still gives.
 ///
@@ -93,7 +94,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.tell_noise = !args.untold;
     evaluation.seed = args.run.seed;
     evaluation.seeds = args.seeds;
-    let document = evaluate_tradeoff(&evaluation, &Bars::new(ui))?;
+    let document = evaluate_tradeoff(&evaluation, &Stages::new(ui))?;
     if let Some(path) = &args.plot {
         files::write(path, plots::tradeoff(&document)?.as_bytes())?;
     }
