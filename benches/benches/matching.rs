@@ -197,5 +197,5 @@ fn random_descriptors(count: usize, seed: u64) -> Descriptors {
         let total: f32 = histogram.iter().sum();
         bytes.extend(histogram.map(|h| ((h / total).sqrt() * 512.0).round().min(255.0) as u8));
     }
-    Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows")
+    Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows")
 }

@@ -11,7 +11,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("kernels", &[]),
     ("descriptor", &["kernels"]),
     ("solvers", &["geometry"]),
-    ("robust", &["geometry", "kernels", "solvers"]),
+    ("robust", &["geometry", "descriptor", "kernels", "solvers"]),
     ("query", &["geometry", "descriptor"]),
     ("features", &["geometry", "descriptor"]),
     ("obfuscation", &["geometry", "descriptor", "features", "query"]),

@@ -1,5 +1,6 @@
 //! What an attacker who holds no position of the query has of it, and what he has of images he knows.
 
+use veiloc_descriptor::DescriptorView;
 use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::DMatrix;
 
@@ -13,7 +14,13 @@ pub struct Descriptors {
 }
 
 impl Descriptors {
-    /// From `[N · dimension]` row-major bytes.
+    /// Those of a sealed query, of a map image or of an extractor, by the numbers their bytes stand for.
+    pub fn of(rows: DescriptorView<'_>) -> Self {
+        let values = (0..rows.len()).flat_map(|row| rows.values(row).map(f32::from));
+        Self::from_values(rows.kind().dim(), rows.len(), values)
+    }
+
+    /// From `[N · dimension]` row-major bytes, each the number it is, as keypoint files hold them.
     ///
     /// # Errors
     /// [`AttackError::Descriptors`] when the bytes are no whole number of descriptors.
@@ -22,14 +29,18 @@ impl Descriptors {
             return Err(AttackError::Descriptors { bytes: bytes.len(), dimension });
         }
         let values = bytes.iter().map(|b| f32::from(*b));
-        let mut columns = DMatrix::from_iterator(dimension, bytes.len() / dimension, values);
+        Ok(Self::from_values(dimension, bytes.len() / dimension, values))
+    }
+
+    fn from_values(dimension: usize, count: usize, values: impl Iterator<Item = f32>) -> Self {
+        let mut columns = DMatrix::from_iterator(dimension, count, values);
         for mut column in columns.column_iter_mut() {
             let norm = column.norm();
             if norm > 0.0 {
                 column /= norm;
             }
         }
-        Ok(Self { columns })
+        Self { columns }
     }
 
     /// How many there are.
@@ -105,5 +116,22 @@ impl KnownImage {
         let p = self.keypoints[keypoint];
         let scale = |x: f64, to: u32, from: u32| x * f64::from(to) / f64::from(from.max(1));
         Pixel::new(scale(p.u, width, self.size[0]), scale(p.v, height, self.size[1]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_offset_of_signed_numbers_is_no_part_of_the_vector() {
+        use veiloc_descriptor::{DescriptorKind, Encoding};
+        let kind = DescriptorKind::new("own", 2, Encoding::Signed, 100).expect("a kind");
+        let code = |x: f64| Encoding::Signed.byte(x);
+        let bytes = [code(60.0), code(80.0), code(-60.0), code(-80.0), code(80.0), code(-60.0)];
+        let own = Descriptors::of(DescriptorView::new(kind, &bytes).expect("whole rows"));
+        let cosines = own.cosines(&own);
+        assert!((cosines[(0, 1)] + 1.0).abs() < 1e-6, "opposite");
+        assert!(cosines[(0, 2)].abs() < 1e-6, "at right angles");
     }
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use veiloc_descriptor::DescriptorKind;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pinhole, Pixel, Point3};
@@ -91,16 +92,17 @@ pub struct PoseLine {
 }
 
 impl Problem {
-    /// Probability that each match is right, before geometry is asked, `[matches]`; `None` when the file brings no ratio.
+    /// Probability that each match is right, before geometry is asked, `[matches]`, for matches of RootSIFT; `None` when the file brings no ratio.
     pub fn prior(&self) -> Option<Vec<f64>> {
         let ratios = self.ratio.as_ref()?;
+        let prior = DescriptorKind::ROOT_SIFT.match_prior();
         let at = |counts: &Option<Vec<u32>>, i: usize| counts.as_ref().map(|c| c[i]);
         let evidence = |(i, &ratio)| Evidence {
             ratio,
             votes: at(&self.votes, i),
             track_length: at(&self.track_length, i),
         };
-        Some(ratios.iter().enumerate().map(evidence).map(|e| match_probability(&e)).collect())
+        Some(ratios.iter().enumerate().map(evidence).map(|e| match_probability(&prior, &e)).collect())
     }
 }
 

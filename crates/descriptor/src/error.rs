@@ -1,9 +1,41 @@
 //! What can be wrong with descriptors and vocabularies.
 
+use crate::Name;
+
 /// Why descriptors, or a vocabulary, were refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DescriptorError {
+    /// Not a name.
+    #[error("a name has 1 to 31 characters a-z, 0-9 and -, beginning with a letter")]
+    Name,
+    /// A number of a kind or of a global model is out of range.
+    #[error("descriptor kind: {field} is {value}; allowed is {allowed}")]
+    Kind {
+        /// Which number.
+        field: &'static str,
+        /// Its value.
+        value: u64,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// Something built in has this name, and other numbers.
+    #[error("the name {name} belongs to something built in, with other numbers; choose another name")]
+    NameTaken {
+        /// The name.
+        name: Name,
+    },
+    /// The bytes are no global model: neither a vocabulary nor a named one.
+    #[error("not a global model: the first bytes are no mark of one")]
+    NotAGlobalModel,
+    /// The bytes of a named global model are not as many as they must be.
+    #[error("a named global model has {expected} bytes, {found} are there")]
+    GlobalModelLength {
+        /// How many it has.
+        expected: usize,
+        /// How many there were.
+        found: usize,
+    },
     /// The bytes are not a whole number of descriptors.
     #[error("{bytes} bytes are not a whole number of descriptors of {dim} bytes")]
     Length {
@@ -36,11 +68,11 @@ pub enum DescriptorError {
     #[error("not a vocabulary: the first bytes are not its mark")]
     NotAVocabulary,
     /// The vocabulary is of a version this program does not know.
-    #[error("vocabulary version {found}; this program reads version {supported}")]
+    #[error("vocabulary version {found}; this program reads versions up to {supported}")]
     VocabularyVersion {
         /// The version found.
         found: u32,
-        /// The one that is read.
+        /// The last one that is read.
         supported: u32,
     },
     /// The vocabulary is for descriptors this program does not know.

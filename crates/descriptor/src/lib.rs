@@ -1,28 +1,56 @@
-//! Descriptors without positions: storage, distances, nearest neighbours, and the VLAD vocabulary.
+//! Descriptors without positions: kinds, storage, distances, nearest neighbours, and the vectors of whole images.
 //!
 //! This room knows nothing of where a descriptor was seen; both the device and the server use it.
 //!
-//! - [`Descriptors`], [`DescriptorView`]: rows of bytes.
-//! - [`two_nearest`], [`match_descriptors`]: exact nearest neighbours by brute force.
-//! - [`Vocabulary`]: turns the descriptors of an image into one [`GlobalDescriptor`] for retrieval.
+//! - [`DescriptorKind`]: what the bytes of a descriptor mean, and all that follows from it. RootSIFT is built in; an
+//!   extractor described at run time brings a kind of its own.
+//! - [`Descriptors`], [`DescriptorView`]: rows of bytes of one kind.
+//! - [`two_nearest`], [`match_descriptors`]: exact nearest neighbours by brute force, for every kind.
+//! - [`GlobalModel`]: how the one [`GlobalDescriptor`] of an image is made, by a [`Vocabulary`] from its rows or by an
+//!   extractor known by name.
 //!
 //! Everything is computed in integers up to the last step, so results are the same on every machine and for every
 //! number of threads.
+//!
+//! ```
+//! use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding, MatchOptions, match_descriptors};
+//!
+//! // Unit vectors of 4 numbers, kept as signed bytes: 100 times the number.
+//! let kind = DescriptorKind::new("my-network", 4, Encoding::Signed, 100)?;
+//! let code = |vector: [f64; 4]| vector.map(|x| kind.encoding().byte(100.0 * x));
+//! let query = Descriptors::new(kind, code([0.6, -0.8, 0.0, 0.0]).to_vec())?;
+//! let database = Descriptors::new(kind, [code([0.0, 0.0, 1.0, 0.0]), code([0.64, -0.77, 0.0, 0.0])].concat())?;
+//!
+//! let matches = match_descriptors(query.view(), database.view(), &MatchOptions::default());
+//! assert_eq!((matches[0].query, matches[0].database), (0, 1));
+//! assert_eq!(matches[0].distance, 5.0);
+//! # Ok::<(), veiloc_descriptor::DescriptorError>(())
+//! ```
 #![forbid(unsafe_code)]
 
+mod encoding;
 mod error;
 mod global;
+mod global_model;
+mod kind;
 mod kmeans;
 mod matching;
+mod name;
 mod neighbours;
+mod prior;
 mod storage;
 #[cfg(test)]
 mod test_data;
 mod vocabulary;
 
+pub use encoding::Encoding;
 pub use error::DescriptorError;
 pub use global::GlobalDescriptor;
+pub use global_model::{GlobalModel, NamedGlobal};
+pub use kind::{DecoyRecipe, DescriptorKind};
 pub use matching::{Match, MatchOptions, match_descriptors};
+pub use name::Name;
 pub use neighbours::{Neighbour, TwoNearest, two_nearest};
-pub use storage::{DescriptorKind, DescriptorView, Descriptors};
+pub use prior::{MatchPrior, PriorModel};
+pub use storage::{DescriptorView, Descriptors};
 pub use vocabulary::Vocabulary;

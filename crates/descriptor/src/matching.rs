@@ -101,7 +101,7 @@ mod tests {
 
     /// Rows whose first component is given and whose others are zero.
     fn line(values: &[u8]) -> Descriptors {
-        let mut rows = Descriptors::empty(DescriptorKind::RootSift);
+        let mut rows = Descriptors::empty(DescriptorKind::ROOT_SIFT);
         for &value in values {
             let mut row = [0; 128];
             row[0] = value;

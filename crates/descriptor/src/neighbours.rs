@@ -97,12 +97,15 @@ const MIN_BLOCK_ROWS: usize = 64;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{DescriptorKind, Descriptors, test_data::random_descriptors};
+    use crate::{
+        DescriptorKind, Descriptors,
+        test_data::{random_bytes, random_descriptors},
+    };
 
     #[test]
     fn an_empty_database_has_no_neighbours() {
         let query = random_descriptors(3, 1);
-        let none = Descriptors::empty(DescriptorKind::RootSift);
+        let none = Descriptors::empty(DescriptorKind::ROOT_SIFT);
         assert_eq!(two_nearest(query.view(), none.view()), [None; 3]);
         assert_eq!(two_nearest(none.view(), query.view()), []);
     }
@@ -112,6 +115,40 @@ mod tests {
         let query = random_descriptors(1, 2);
         let found = two_nearest(query.view(), query.view());
         assert_eq!(found, [Some(TwoNearest { nearest: Neighbour { index: 0, distance: 0 }, second: None })]);
+    }
+
+    /// Squared distances of the numbers themselves, in plain loops over `i16`.
+    fn signed_twin(query: &Descriptors, database: &Descriptors) -> Vec<Option<TwoNearest>> {
+        let numbers = |rows: &Descriptors, i| rows.view().values(i).collect::<Vec<i16>>();
+        let all: Vec<Vec<i16>> = (0..database.len()).map(|i| numbers(database, i)).collect();
+        let nearest = |own: &[i16]| {
+            let distance = |row: &Vec<i16>| -> u32 {
+                row.iter().zip(own).map(|(a, b)| (i32::from(*a) - i32::from(*b)).pow(2) as u32).sum()
+            };
+            let mut sorted: Vec<(u32, u32)> = all.iter().map(distance).zip(0..).collect();
+            sorted.sort_unstable();
+            let (distance, index) = *sorted.first()?;
+            let nearest = Neighbour { index, distance };
+            Some(TwoNearest { nearest, second: sorted.get(1).map(|s| s.0) })
+        };
+        (0..query.len()).map(|i| nearest(&numbers(query, i))).collect()
+    }
+
+    #[test]
+    fn signed_numbers_of_any_length_are_as_far_apart_as_their_bytes() {
+        for (dim, seed) in [(1, 1), (7, 2), (64, 3), (256, 4), (512, 5)] {
+            let kind = DescriptorKind::new("own", dim, crate::Encoding::Signed, 64).expect("a kind");
+            let (query, database) = (random_bytes(kind, 40, seed), random_bytes(kind, 90, seed + 10));
+            let found = two_nearest(query.view(), database.view());
+            assert_eq!(found, signed_twin(&query, &database), "{dim}");
+        }
+    }
+
+    #[test]
+    fn kinds_of_one_length_are_still_two_kinds() {
+        let own = DescriptorKind::new("own", 128, crate::Encoding::Unsigned, 512).expect("a kind");
+        let query = random_bytes(own, 3, 1);
+        assert_eq!(two_nearest(query.view(), random_descriptors(5, 1).view()), [None; 3]);
     }
 
     #[test]

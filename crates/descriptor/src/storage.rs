@@ -1,45 +1,6 @@
 //! Descriptors as rows of bytes: what is extracted, sent and stored is one and the same code.
 
-use crate::DescriptorError;
-
-/// Which extractor made a descriptor, and so what its bytes mean.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum DescriptorKind {
-    /// SIFT histograms, L1-normalized, square-rooted (RootSIFT), times 512, rounded, cut at 255. 128 bytes.
-    RootSift,
-}
-
-impl DescriptorKind {
-    /// Bytes of one descriptor.
-    pub const fn dim(self) -> usize {
-        match self {
-            Self::RootSift => 128,
-        }
-    }
-
-    /// The number in files and messages.
-    pub const fn code(self) -> u32 {
-        match self {
-            Self::RootSift => 1,
-        }
-    }
-
-    /// The kind with this number; `None` for a number of a later version.
-    pub const fn from_code(code: u32) -> Option<Self> {
-        match code {
-            1 => Some(Self::RootSift),
-            _ => None,
-        }
-    }
-
-    /// The name on the command line and in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::RootSift => "sift",
-        }
-    }
-}
+use crate::{DescriptorError, DescriptorKind};
 
 /// Descriptors of one image, `[N, dim]`, row by row.
 #[derive(Clone, PartialEq, Eq)]
@@ -51,7 +12,7 @@ pub struct Descriptors {
 // Descriptors betray what is in an image: a log may know how many there are, and no more (leak L8).
 impl std::fmt::Debug for Descriptors {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Descriptors({:?}, {})", self.kind, self.len())
+        write!(f, "Descriptors({}, {})", self.kind, self.len())
     }
 }
 
@@ -128,7 +89,7 @@ pub struct DescriptorView<'a> {
 
 impl std::fmt::Debug for DescriptorView<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "DescriptorView({:?}, {})", self.kind, self.len())
+        write!(f, "DescriptorView({}, {})", self.kind, self.len())
     }
 }
 
@@ -163,6 +124,12 @@ impl<'a> DescriptorView<'a> {
     pub fn row(&self, index: usize) -> &'a [u8] {
         let dim = self.kind.dim();
         &self.bytes[index * dim..(index + 1) * dim]
+    }
+
+    /// The numbers of descriptor `index`, `[dim]`: what its bytes stand for.
+    pub fn values(&self, index: usize) -> impl Iterator<Item = i16> + use<'a> {
+        let encoding = self.kind.encoding();
+        self.row(index).iter().map(move |byte| encoding.value(*byte))
     }
 
     /// Rows `range`.

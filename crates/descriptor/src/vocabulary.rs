@@ -46,7 +46,7 @@ impl PartialEq for Vocabulary {
 impl Eq for Vocabulary {}
 
 impl Vocabulary {
-    /// The most words a vocabulary may have: a global descriptor of 1 MiB for RootSIFT.
+    /// The most words a vocabulary may have: a global descriptor of 1 MiB for RootSIFT, 4 MiB at most.
     pub const MAX_LEN: usize = 8192;
 
     /// From its words.
@@ -130,39 +130,59 @@ impl Vocabulary {
         residuals
     }
 
-    /// Its bytes, for a file or a message: the mark `VLAD`, then as little-endian `u32` the version, the descriptor kind's
-    /// code and K, then the words `[K, dim]`.
+    /// Its bytes, for a file or a message: the mark `VLAD`, then as little-endian `u32` the version, and
+    /// - in version 1 the descriptor kind's number and K,
+    /// - in version 2 K and the kind `[40]` (see [`DescriptorKind::to_bytes`]),
+    ///
+    /// then the words `[K, dim]`. Kinds that have a number are written in version 1.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(HEADER + self.words.as_bytes().len());
-        bytes.extend_from_slice(MARK);
-        for number in [VERSION, self.kind().code(), self.len() as u32] {
-            bytes.extend_from_slice(&number.to_le_bytes());
+        let mut bytes = MARK.to_vec();
+        let count = self.len() as u32;
+        if let Some(code) = self.kind().v1_code() {
+            bytes.extend([VERSION_1, code, count].into_iter().flat_map(u32::to_le_bytes));
+        } else {
+            bytes.extend([VERSION_2, count].into_iter().flat_map(u32::to_le_bytes));
+            bytes.extend(self.kind().to_bytes());
         }
         bytes.extend_from_slice(self.words.as_bytes());
         bytes
     }
 
-    /// Reads what [`Vocabulary::to_bytes`] wrote.
+    /// Reads what [`Vocabulary::to_bytes`] wrote, and nothing else.
     ///
     /// # Errors
     /// What is wrong with the bytes: mark, version, kind, number of words or length.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, DescriptorError> {
-        let too_short = DescriptorError::VocabularyLength { expected: HEADER, found: bytes.len() };
         if !bytes.iter().zip(MARK).all(|(a, b)| a == b) {
             return Err(DescriptorError::NotAVocabulary);
         }
-        let Some((header, words)) = bytes.split_first_chunk::<HEADER>() else { return Err(too_short) };
+        let too_short = |expected| DescriptorError::VocabularyLength { expected, found: bytes.len() };
+        let (header, words) = bytes.split_first_chunk::<HEADER>().ok_or_else(|| too_short(HEADER))?;
         let number =
             |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
-        let (version, code, count) = (number(4), number(8), number(12) as usize);
-        if version != VERSION {
-            return Err(DescriptorError::VocabularyVersion { found: version, supported: VERSION });
-        }
-        let kind = DescriptorKind::from_code(code).ok_or(DescriptorError::UnknownKind { code })?;
+        let (kind, count, words) = match number(4) {
+            VERSION_1 => {
+                let code = number(8);
+                let kind = DescriptorKind::from_v1_code(code).ok_or(DescriptorError::UnknownKind { code })?;
+                (kind, number(12), words)
+            }
+            VERSION_2 => {
+                let after = &bytes[HEADER - 4..];
+                let (kind, words) = after
+                    .split_first_chunk::<{ DescriptorKind::BYTES }>()
+                    .ok_or_else(|| too_short(HEADER - 4 + DescriptorKind::BYTES))?;
+                let kind = DescriptorKind::from_bytes(kind)?;
+                if let Some(code) = kind.v1_code() {
+                    return Err(DescriptorError::UnknownKind { code }); // has a form of its own in version 1
+                }
+                (kind, number(8), words)
+            }
+            found => return Err(DescriptorError::VocabularyVersion { found, supported: VERSION_2 }),
+        };
+        let count = count as usize;
         check_word_count(count)?;
-        let expected = HEADER + count * kind.dim();
-        if bytes.len() != expected {
-            return Err(DescriptorError::VocabularyLength { expected, found: bytes.len() });
+        if words.len() != count * kind.dim() {
+            return Err(too_short(bytes.len() - words.len() + count * kind.dim()));
         }
         Self::new(Descriptors::new(kind, words.to_vec())?)
     }
@@ -175,8 +195,10 @@ fn check_word_count(words: usize) -> Result<(), DescriptorError> {
     Err(DescriptorError::WordCount { words, max: Vocabulary::MAX_LEN })
 }
 
-const MARK: &[u8; 4] = b"VLAD";
-const VERSION: u32 = 1;
+pub(crate) const MARK: &[u8; 4] = b"VLAD";
+const VERSION_1: u32 = 1;
+const VERSION_2: u32 = 2;
+/// Mark and three numbers, which both versions are longer than.
 const HEADER: usize = 16;
 
 #[cfg(test)]

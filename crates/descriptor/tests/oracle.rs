@@ -28,7 +28,7 @@ fn descriptors(hex: &str) -> Descriptors {
         .step_by(2)
         .map(|i| u8::from_str_radix(&hex[i..i + 2], 16).expect("hex digits"))
         .collect();
-    Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows")
+    Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows")
 }
 
 #[test]

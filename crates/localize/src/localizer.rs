@@ -9,7 +9,7 @@ use veiloc_descriptor::MatchOptions;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_map::MapFile;
 use veiloc_query::SealedQuery;
-use veiloc_robust::prior::{Evidence, match_probability};
+use veiloc_robust::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_robust::{Confidence, PoseOptions, PoseProblem, estimate_pose};
 
 use crate::correspondences::observe_matches;
@@ -106,6 +106,7 @@ pub fn localize(
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
     let observed = observe_matches(&query.observations(), &rows);
     let of_match = |m: &usize| &matches[*m];
+    let prior = query.descriptors().kind().match_prior();
     let problem = PoseProblem {
         camera: query.camera(),
         observations: observed.correspondences,
@@ -113,7 +114,7 @@ pub fn localize(
         points: observed.match_of.iter().map(|m| map.point(of_match(m).point)).collect(),
         prior: options
             .use_prior
-            .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map)).collect()),
+            .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map, &prior)).collect()),
         gravity: None,
     };
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
@@ -147,7 +148,7 @@ fn distinct(numbers: impl Iterator<Item = usize>) -> usize {
 }
 
 /// Probability that a match is right, before geometry is asked.
-fn prior_of(m: &PointMatch, map: &MapFile) -> f64 {
+fn prior_of(m: &PointMatch, map: &MapFile, prior: &MatchPrior) -> f64 {
     let track_length = u32::try_from(map.track_length(m.point)).ok();
-    match_probability(&Evidence { ratio: f64::from(m.ratio), votes: Some(m.votes), track_length })
+    match_probability(prior, &Evidence { ratio: f64::from(m.ratio), votes: Some(m.votes), track_length })
 }

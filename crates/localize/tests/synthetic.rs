@@ -34,7 +34,7 @@ impl Place {
             .collect();
         let descriptors: Vec<[u8; 128]> =
             (0..n).map(|_| std::array::from_fn(|_| rng.random_range(0..120))).collect();
-        let rows = Descriptors::new(DescriptorKind::RootSift, descriptors.concat()).expect("whole rows");
+        let rows = Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors.concat()).expect("whole rows");
         let vocabulary = Vocabulary::train(rows.view(), 16, &mut rng).expect("enough samples");
         let profile = Profile::new("dcl".parse().expect("a scheme"), vocabulary);
         let camera = "OPENCV,640,480,520,521,322,238,-0.05,0.01,0.0005,-0.0003".parse().expect("a camera");
@@ -66,7 +66,7 @@ impl Place {
             let pose = pose(f64::from(i) * 0.1 - 0.4, f64::from(i % 3) * 0.3);
             let seen = self.seen(&pose);
             let bytes = seen.iter().flat_map(|(p, _)| self.observed(*p, &mut rng)).collect();
-            let descriptors = Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows");
+            let descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows");
             for (keypoint, (point, _)) in seen.iter().enumerate() {
                 tracks[*point].push(Observation { image: i as u32, keypoint: keypoint as u32 });
             }
@@ -101,7 +101,7 @@ impl Place {
         };
         Features {
             keypoints: seen.iter().enumerate().map(keypoint).collect(),
-            descriptors: Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows"),
+            descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows"),
         }
     }
 }

@@ -144,6 +144,7 @@ fn candidates(
         .filter_map(|image| {
             let i = image as usize;
             let pixel = scene.views[i].pixel_inside(&point.position)?;
+            let max_distance = scene.descriptors[i].kind().same_point_distance();
             free[i]
                 .near(pixel)
                 .filter(|k| scene.sight((image, *k)).is_some_and(|s| s.agrees(&point.position)))
@@ -153,12 +154,13 @@ fn candidates(
                         rows.iter().map(|row| squared_distance(row, own)).min().unwrap_or(u32::MAX);
                     (distance, index, (image, k))
                 })
-                .filter(|(distance, ..)| *distance <= MAX_SQUARED_DISTANCE)
+                .filter(|(distance, ..)| *distance <= max_distance)
                 .min()
         })
         .collect()
 }
 
+/// Of offset codes as of plain ones: the offset cancels.
 fn squared_distance(a: &[u8], b: &[u8]) -> u32 {
     a.iter().zip(b).map(|(x, y)| u32::from(x.abs_diff(*y)).pow(2)).sum()
 }
@@ -206,9 +208,6 @@ const ROUNDS: usize = 2;
 const ATTACH_PASSES: usize = 3;
 /// Descriptors of a track that a candidate is compared with.
 const MAX_COMPARED: usize = 8;
-/// Squared descriptor distance up to which a keypoint at the right place is taken for the point; RootSIFT has length
-/// 512. Half of all verified matches are nearer than about 150, keypoints of other places hardly nearer than 300.
-const MAX_SQUARED_DISTANCE: u32 = 200 * 200;
 
 #[cfg(test)]
 mod tests {

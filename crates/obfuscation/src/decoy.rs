@@ -68,7 +68,7 @@ pub(crate) fn add_descriptors<R: Rng + ?Sized>(
 ) {
     for _ in 0..count {
         let row = match pool.kind() {
-            DescriptorKind::RootSift => root_sift(pool, rng),
+            DescriptorKind::ROOT_SIFT => root_sift(pool, rng),
             // A kind without a recipe is resampled: its decoys are copies.
             _ => pool.row(rng.random_range(0..pool.len())).to_vec(),
         };

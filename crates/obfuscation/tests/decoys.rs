@@ -47,7 +47,7 @@ fn images(folder: &Path) -> Vec<Image> {
                 size: ["width", "height"].map(|k| record[k].as_u64().expect("a number") as u32),
                 features: Features {
                     keypoints: keypoints.collect(),
-                    descriptors: Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows"),
+                    descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows"),
                 },
             });
         }
@@ -215,7 +215,7 @@ fn decoys_hide_as_well_as_the_document_says(data: &Path) {
 fn decoys_cost_in_retrieval_what_the_document_says(data: &Path) {
     let images = images(data);
     let mut rng = rng(2);
-    let mut samples = Descriptors::empty(DescriptorKind::RootSift);
+    let mut samples = Descriptors::empty(DescriptorKind::ROOT_SIFT);
     for image in &images {
         for i in sample(&mut rng, image.features.descriptors.len(), 400) {
             samples.push(image.features.descriptors.row(i)).expect("a row");

@@ -136,7 +136,7 @@ impl Profile {
             dividing_angle: Some(angle),
             anchor_distance: Some(distance),
             angle_bits: Some(self.angle_bits.get().into()),
-            descriptor_kind: Some(self.descriptor_kind().code()),
+            descriptor_kind: Some(self.descriptor_kind().v1_code().unwrap_or_default()),
             max_keypoints: Some(self.limits.max_keypoints),
             max_image_side: Some(self.limits.max_image_side),
             vocabulary: Some(self.vocabulary.words().as_bytes().to_vec()),
@@ -179,7 +179,7 @@ impl fmt::Debug for Profile {
 }
 
 pub(crate) fn descriptor_kind(code: u32) -> Result<DescriptorKind, QueryError> {
-    DescriptorKind::from_code(code).ok_or(QueryError::Field {
+    DescriptorKind::from_v1_code(code).ok_or(QueryError::Field {
         field: "descriptor_kind",
         value: code,
         allowed: "1 (RootSIFT)",

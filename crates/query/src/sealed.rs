@@ -145,7 +145,7 @@ impl SealedQuery {
             camera_width: Some(width),
             camera_height: Some(height),
             rows: Some(self.rows.len() as u32),
-            descriptor_kind: Some(self.descriptors.kind().code()),
+            descriptor_kind: Some(self.descriptors.kind().v1_code().unwrap_or_default()),
             positions: Some(self.rows.pack(self.angle_bits)),
             descriptors: Some(self.descriptors.as_bytes().to_vec()),
             global: Some(self.global.as_codes().iter().map(|code| code.cast_unsigned()).collect()),

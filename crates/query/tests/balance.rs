@@ -8,7 +8,7 @@ use veiloc_query::{
 };
 
 fn query(scheme: &str, rows: Rows) -> SealedQuery {
-    let kind = DescriptorKind::RootSift;
+    let kind = DescriptorKind::ROOT_SIFT;
     let words = Descriptors::new(kind, vec![7; 128]).and_then(Vocabulary::new).expect("one word");
     let profile = Profile::new(scheme.parse::<Scheme>().expect("a scheme"), words);
     let camera = CanonicalCamera::from_codes(36, 20, 15).expect("allowed");

@@ -28,11 +28,11 @@ fn lengths_are_as_documented() {
 /// One real message with 64 words, so that the sum above is known to be right.
 #[test]
 fn the_sum_of_the_lengths_is_right() {
-    let words = Descriptors::new(DescriptorKind::RootSift, vec![9; 64 * 128]).expect("whole rows");
+    let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![9; 64 * 128]).expect("whole rows");
     let profile = Profile::new(Scheme::Points, Vocabulary::new(words).expect("64 words"));
     let camera = CanonicalCamera::from_codes(36, 20, 15).expect("allowed");
     let row = veiloc_query::PositionRow::new(0.0, 0.0).expect("the centre");
-    let descriptors = Descriptors::new(DescriptorKind::RootSift, vec![1; 256 * 128]).expect("whole rows");
+    let descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![1; 256 * 128]).expect("whole rows");
     let query =
         SealedQuery::new(&profile, camera, Rows::Points(vec![row; 256]), descriptors).expect("parts fit");
     assert_eq!(query.encode().len(), length(Scheme::Points, SizeClass::Rows256));

@@ -19,9 +19,10 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{Failure, Query, obfuscate, read};
+use veiloc_descriptor::DescriptorKind;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{Pixel, PlanePoint, Point3};
-use veiloc_robust::prior::{PriorModel, match_probability};
+use veiloc_robust::prior::{PriorModel, match_probability, probability};
 use veiloc_robust::{AnchoredSolver, PoseOptions, PoseProblem, ScoreKind, estimate_pose, refine_pose};
 
 struct Recipe {
@@ -104,6 +105,7 @@ fn evaluate(
     options.anchored_solver = recipe.solver;
     let (mut hits, mut units, mut degrees, mut ms) = (0, Vec::new(), Vec::new(), Vec::new());
     let (mut inliers, mut samples) = (Vec::new(), Vec::new());
+    let fitted = DescriptorKind::ROOT_SIFT.match_prior();
     for (index, query) in queries.iter().enumerate() {
         for seed in 0..seeds {
             let mut rng = ChaCha8Rng::seed_from_u64(1000 * seed + index as u64);
@@ -116,7 +118,7 @@ fn evaluate(
                     query
                         .evidence
                         .iter()
-                        .map(|e| prior.map_or_else(|| match_probability(e), |p| p.probability(e)))
+                        .map(|e| prior.map_or_else(|| match_probability(&fitted, e), |p| probability(p, e)))
                         .collect()
                 }),
                 gravity: None,

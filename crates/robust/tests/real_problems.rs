@@ -9,12 +9,14 @@ use std::path::Path;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{Query, obfuscate, read};
+use veiloc_descriptor::DescriptorKind;
 use veiloc_robust::prior::match_probability;
 use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, estimate_pose};
 use veiloc_testdata::real_data_test;
 
 /// Share of the queries within the threshold, 1000 hypotheses each.
 fn recall(queries: &[Query], scheme: &str, score: ScoreKind, prior: bool, threshold: (f64, f64)) -> f64 {
+    let fitted = DescriptorKind::ROOT_SIFT.match_prior();
     let mut options = PoseOptions::default();
     options.score = Some(score);
     options.fixed_hypotheses = Some(1000);
@@ -25,7 +27,7 @@ fn recall(queries: &[Query], scheme: &str, score: ScoreKind, prior: bool, thresh
             observations: obfuscate(query, scheme, &mut rng),
             keypoints: query.keypoints.clone(),
             points: query.points.clone(),
-            prior: prior.then(|| query.evidence.iter().map(match_probability).collect()),
+            prior: prior.then(|| query.evidence.iter().map(|e| match_probability(&fitted, e)).collect()),
             gravity: None,
         };
         estimate_pose(&problem, &options, &mut rng).is_ok_and(|e| {

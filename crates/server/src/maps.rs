@@ -12,8 +12,9 @@ use crate::error::ServerError;
 use crate::geo::GeoFrame;
 use crate::options::MapSource;
 
-/// Rows of the largest query times the bytes of one, and room for the fields around them.
-const QUERY_BYTES_WITHOUT_GLOBAL: usize = 4096 * (4 + 128) + 4096;
+/// Rows of the largest query, and room for the fields around them.
+const QUERY_ROWS: usize = 4096;
+const QUERY_FIELDS: usize = 4096;
 
 /// A map as it is now. Whoever answers a query keeps this one, whatever becomes of its name meanwhile.
 pub(crate) struct Hosted {
@@ -37,7 +38,9 @@ impl Hosted {
         Ok(Self {
             name: source.name.clone(),
             geo: source.geo.clone(),
-            longest_query: QUERY_BYTES_WITHOUT_GLOBAL + map.profile().vocabulary().global_len(),
+            longest_query: QUERY_ROWS * (4 + map.profile().descriptor_kind().dim())
+                + QUERY_FIELDS
+                + map.profile().vocabulary().global_len(),
             etag: format!("\"{digits}\""),
             profile,
             map,

@@ -80,7 +80,7 @@ fn marked(files: &Files) -> Vec<u8> {
     let mut features = files.place.features(&truth());
     let count = features.keypoints.len();
     features.descriptors =
-        Descriptors::new(DescriptorKind::RootSift, MARK.repeat(8 * count)).expect("whole rows");
+        Descriptors::new(DescriptorKind::ROOT_SIFT, MARK.repeat(8 * count)).expect("whole rows");
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     seal(features, &files.place.camera, &files.place.profile, &mut rng).expect("sealed").encode()
 }

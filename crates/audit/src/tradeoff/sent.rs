@@ -60,13 +60,14 @@ impl Sent {
         let mut moved = across(&truth, &anchors, variant.noise, &mut rng("noise"));
         let count = (variant.decoys / 100.0 * kept.len() as f64).round() as usize;
         if count > 0 {
-            if dimension != DescriptorKind::RootSift.dim() {
+            let kind = DescriptorKind::ROOT_SIFT;
+            if dimension != kind.dim() {
                 return Err(AuditError::Options(format!(
                     "{}: decoys are made of RootSIFT descriptors, these have dimension {dimension}",
                     image.name
                 )));
             }
-            let pool = Descriptors::new(DescriptorKind::RootSift, rows.clone())
+            let pool = Descriptors::new(kind, rows.clone())
                 .map_err(|e| AuditError::DataSet(format!("{}: {e}", image.name)))?;
             let (pixels, descriptors) =
                 audit::decoys(&truth, &pool, [size.0, size.1], count, &mut rng("decoys"));

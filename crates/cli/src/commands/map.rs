@@ -240,7 +240,7 @@ struct Info {
     bytes_per_point: f64,
     mean_track_length: f64,
     mean_reprojection_error_px: f64,
-    descriptors: &'static str,
+    descriptors: String,
     scheme: String,
     profile: String,
 }
@@ -264,7 +264,7 @@ fn info(path: &Path, json: bool, ui: &Ui) -> Outcome {
         bytes_per_point: per_point(bytes as f64),
         mean_track_length: per_point(observations as f64),
         mean_reprojection_error_px: per_point(error),
-        descriptors: map.profile().descriptor_kind().name(),
+        descriptors: map.profile().descriptor_kind().name().to_owned(),
         scheme: map.profile().scheme().to_string(),
         profile: map.profile().id().to_string(),
     };

@@ -5,7 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::test_data::{clustered_descriptors, random_descriptors};
+use crate::test_data::{clustered_descriptors, random_bytes, random_descriptors};
 
 fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
@@ -14,17 +14,16 @@ fn rng(seed: u64) -> ChaCha8Rng {
 /// VLAD as in the doc of [`Vocabulary`], in f64 and with loops a reader can check; `[K * dim]`, unit length.
 fn reference(words: DescriptorView<'_>, rows: DescriptorView<'_>) -> Vec<f64> {
     let dim = words.kind().dim();
-    let distance = |a: &[u8], b: &[u8]| {
-        a.iter().zip(b).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum::<f64>()
+    let numbers = |of: DescriptorView<'_>, i| of.values(i).map(f64::from).collect::<Vec<f64>>();
+    let distance = |word, row| {
+        let pairs = numbers(words, word).into_iter().zip(numbers(rows, row));
+        pairs.map(|(a, b)| (a - b).powi(2)).sum::<f64>()
     };
     let mut vlad = vec![0.0; words.len() * dim];
     for i in 0..rows.len() {
-        let row = rows.row(i);
-        let word = (0..words.len())
-            .min_by(|&a, &b| distance(words.row(a), row).total_cmp(&distance(words.row(b), row)))
-            .unwrap();
+        let word = (0..words.len()).min_by(|&a, &b| distance(a, i).total_cmp(&distance(b, i))).unwrap();
         for d in 0..dim {
-            vlad[word * dim + d] += f64::from(row[d]) - f64::from(words.row(word)[d]);
+            vlad[word * dim + d] += numbers(rows, i)[d] - numbers(words, word)[d];
         }
     }
     for block in vlad.chunks_exact_mut(dim) {
@@ -113,7 +112,7 @@ fn too_few_samples_are_refused() {
         refused(same.view(), 2),
         DescriptorError::TooFewSamples { samples: 100, distinct: 1, words: 2 }
     );
-    let none = Descriptors::empty(DescriptorKind::RootSift);
+    let none = Descriptors::empty(DescriptorKind::ROOT_SIFT);
     assert_eq!(refused(none.view(), 1), DescriptorError::TooFewSamples { samples: 0, distinct: 0, words: 1 });
     let max = Vocabulary::MAX_LEN;
     assert_eq!(refused(few.view(), 0), DescriptorError::WordCount { words: 0, max });
@@ -138,11 +137,21 @@ fn cosines_of_codes_are_those_of_exact_vectors() {
 }
 
 #[test]
+fn signed_numbers_are_aggregated_as_they_are() {
+    let kind = DescriptorKind::new("own", 64, crate::Encoding::Signed, 100).unwrap();
+    let words = Vocabulary::train(random_bytes(kind, 300, 1).view(), 8, &mut rng(1)).unwrap();
+    let (a, b) = (random_bytes(kind, 50, 2), random_bytes(kind, 60, 3));
+    let exact = cosine(&reference(words.words(), a.view()), &reference(words.words(), b.view()));
+    let codes = words.aggregate(a.view()).similarity(words.aggregate(b.view()).as_codes());
+    assert!((exact - f64::from(codes)).abs() < 0.002, "{exact} {codes}");
+}
+
+#[test]
 fn a_residual_in_one_component_does_not_saturate() {
     let mut word = [0; 128];
-    let words = Descriptors::new(DescriptorKind::RootSift, word.to_vec()).unwrap();
+    let words = Descriptors::new(DescriptorKind::ROOT_SIFT, word.to_vec()).unwrap();
     word[5] = 255;
-    let row = Descriptors::new(DescriptorKind::RootSift, word.to_vec()).unwrap();
+    let row = Descriptors::new(DescriptorKind::ROOT_SIFT, word.to_vec()).unwrap();
     let global = Vocabulary::new(words).unwrap().aggregate(row.view());
     assert!(global.as_codes().iter().enumerate().all(|(i, &code)| code == if i == 5 { 127 } else { 0 }));
 }
@@ -150,7 +159,7 @@ fn a_residual_in_one_component_does_not_saturate() {
 #[test]
 fn no_descriptors_give_zeros() {
     let vocabulary = Vocabulary::new(random_descriptors(4, 1)).unwrap();
-    let global = vocabulary.aggregate(Descriptors::empty(DescriptorKind::RootSift).view());
+    let global = vocabulary.aggregate(Descriptors::empty(DescriptorKind::ROOT_SIFT).view());
     assert_eq!(global.as_codes(), [0; 4 * 128]);
     assert_eq!(global.len(), vocabulary.global_len());
     // A descriptor that is a word leaves no residual either.
@@ -168,10 +177,35 @@ fn the_order_of_descriptors_does_not_matter() {
 
 #[test]
 fn bytes_are_pinned() {
-    let words = Descriptors::new(DescriptorKind::RootSift, (0..=255).collect()).unwrap();
+    let words = Descriptors::new(DescriptorKind::ROOT_SIFT, (0..=255).collect()).unwrap();
     let bytes = Vocabulary::new(words).unwrap().to_bytes();
     assert_eq!(&bytes[..16], b"VLAD\x01\0\0\0\x01\0\0\0\x02\0\0\0");
     assert_eq!(&bytes[16..], (0..=255).collect::<Vec<u8>>());
+}
+
+/// A vocabulary of a kind that version 1 has no number for.
+fn of_own_kind() -> Vocabulary {
+    let kind = DescriptorKind::new("own", 3, crate::Encoding::Signed, 100).unwrap();
+    Vocabulary::new(Descriptors::new(kind, vec![1, 2, 3, 4, 5, 6]).unwrap()).unwrap()
+}
+
+#[test]
+fn kinds_without_a_number_are_written_in_version_2() {
+    let vocabulary = of_own_kind();
+    let bytes = vocabulary.to_bytes();
+    assert_eq!(&bytes[..12], b"VLAD\x02\0\0\0\x02\0\0\0");
+    assert_eq!(bytes[12..52], vocabulary.kind().to_bytes());
+    assert_eq!(bytes[52..], [1, 2, 3, 4, 5, 6]);
+    assert_eq!(Vocabulary::from_bytes(&bytes).unwrap(), vocabulary);
+    for cut in 0..bytes.len() {
+        assert!(Vocabulary::from_bytes(&bytes[..cut]).is_err(), "{cut}");
+    }
+    assert!(Vocabulary::from_bytes(&[&bytes[..], &[0]].concat()).is_err());
+    // RootSIFT has a form in version 1, so it has none here.
+    let mut sift = bytes[..12].to_vec();
+    sift.extend(DescriptorKind::ROOT_SIFT.to_bytes());
+    sift.extend([0; 256]);
+    assert_eq!(Vocabulary::from_bytes(&sift).unwrap_err(), DescriptorError::UnknownKind { code: 1 });
 }
 
 #[test]
@@ -183,7 +217,7 @@ fn damaged_bytes_are_refused_by_name() {
         Vocabulary::from_bytes(&bytes).unwrap_err()
     };
     assert_eq!(refused(0, b'X'), DescriptorError::NotAVocabulary);
-    assert_eq!(refused(4, 2), DescriptorError::VocabularyVersion { found: 2, supported: 1 });
+    assert_eq!(refused(4, 3), DescriptorError::VocabularyVersion { found: 3, supported: 2 });
     assert_eq!(refused(8, 99), DescriptorError::UnknownKind { code: 99 });
     assert_eq!(refused(12, 0), DescriptorError::WordCount { words: 0, max: Vocabulary::MAX_LEN });
     assert_eq!(refused(12, 4), DescriptorError::VocabularyLength { expected: 528, found: 400 });

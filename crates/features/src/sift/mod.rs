@@ -55,7 +55,7 @@ pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
     let rows = kept.iter().flat_map(|(_, row)| *row).collect();
     Features {
         keypoints: kept.iter().map(|(keypoint, _)| *keypoint).collect(),
-        descriptors: Descriptors::new(DescriptorKind::RootSift, rows).expect("whole rows of 128 bytes"),
+        descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows of 128 bytes"),
     }
 }
 

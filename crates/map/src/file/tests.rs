@@ -22,7 +22,7 @@ fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut rows = |n: usize| {
         let bytes = (0..n * 128).map(|_| rng.random()).collect();
-        Descriptors::new(DescriptorKind::RootSift, bytes).unwrap()
+        Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).unwrap()
     };
     let vocabulary = Vocabulary::new(rows(2)).unwrap();
     let descriptors: Vec<Descriptors> = (0..images).map(|_| rows(keypoints)).collect();
@@ -304,7 +304,7 @@ fn a_model_that_does_not_hold_together_is_not_written() {
             *pose = pose.perturbed(&[0.0, 0.0, 0.0, f64::NAN, 0.0, 0.0]);
         }),
         ("keypoint", |m| m.images[0].keypoints[0][1] = f32::INFINITY),
-        ("descriptors", |m| m.images[0].descriptors = Descriptors::empty(DescriptorKind::RootSift)),
+        ("descriptors", |m| m.images[0].descriptors = Descriptors::empty(DescriptorKind::ROOT_SIFT)),
         ("global", |m| m.images[0].global = veiloc_descriptor::GlobalDescriptor::new(vec![0; 3])),
         ("link", |m| m.images[0].point_of_keypoint[5] = Some(PointId(0))),
         ("no link", |m| m.images[1].point_of_keypoint[0] = None),

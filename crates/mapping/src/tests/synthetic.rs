@@ -60,7 +60,7 @@ fn place(images: u32, points: usize) -> Place {
     for image in &posed {
         let view = View::new(camera, image.cam_from_world, &[], 3.0, 3.0);
         let (mut keypoints, mut shown) = (Vec::new(), Vec::new());
-        let mut descriptors = Descriptors::empty(DescriptorKind::RootSift);
+        let mut descriptors = Descriptors::empty(DescriptorKind::ROOT_SIFT);
         for (p, point) in points.iter().enumerate() {
             // Three quarters of what is in view is found.
             let Some(pixel) = view.pixel_inside(point).filter(|_| rng.random_bool(0.75)) else { continue };
@@ -86,7 +86,7 @@ fn copy(features: &Extracted) -> Extracted {
 }
 
 fn empty_map() -> MapModel {
-    let words = Descriptors::new(DescriptorKind::RootSift, vec![30; 128]).unwrap();
+    let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![30; 128]).unwrap();
     let profile = Profile::new(Scheme::default(), Vocabulary::new(words).unwrap());
     MapModel::empty(profile, ExtractionLimits::default())
 }

@@ -31,7 +31,7 @@ pub(crate) fn random_descriptors(count: usize, rng: &mut ChaCha8Rng) -> Descript
         let norm = values.iter().map(|v| v * v).sum::<f64>().sqrt();
         bytes.extend(values.iter().map(|v| (v / norm * 512.0).round().min(255.0) as u8));
     }
-    Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows")
+    Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows")
 }
 
 /// Features at these positions, the first the strongest.

@@ -31,7 +31,7 @@ impl Draw {
 
 pub(crate) fn vocabulary(draw: &mut Draw) -> Vocabulary {
     let bytes: Vec<u8> = (0..4 * 128).map(|_| draw.below(90) as u8).collect();
-    Descriptors::new(DescriptorKind::RootSift, bytes).and_then(Vocabulary::new).expect("four whole words")
+    Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).and_then(Vocabulary::new).expect("four whole words")
 }
 
 pub(crate) fn profile(scheme: Scheme, bits: AngleBits) -> Profile {
@@ -69,7 +69,7 @@ pub(crate) fn query(scheme: Scheme, bits: AngleBits, count: usize, seed: u64) ->
         other => panic!("{other} is not known to the tests"),
     };
     let bytes = (0..count * 128).map(|_| draw.below(120) as u8).collect();
-    let descriptors = Descriptors::new(DescriptorKind::RootSift, bytes).expect("whole rows");
+    let descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows");
     SealedQuery::new(&profile(scheme, bits), camera, rows, descriptors).expect("parts fit")
 }
 

@@ -43,7 +43,7 @@ impl Place {
         let points = (0..900).map(|_| Point3::new(within(3.0), within(2.0), 6.5 + within(2.5))).collect();
         let descriptors: Vec<[u8; 128]> =
             (0..900).map(|_| std::array::from_fn(|_| rng.random_range(0..120))).collect();
-        let rows = Descriptors::new(DescriptorKind::RootSift, descriptors.concat()).expect("whole rows");
+        let rows = Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors.concat()).expect("whole rows");
         let vocabulary = Vocabulary::train(rows.view(), 8, &mut rng).expect("enough samples");
         let profile = Profile::new("dcl".parse().expect("a scheme"), vocabulary);
         let camera = "SIMPLE_RADIAL,640,480,520,322,238,-0.04".parse().expect("a camera");
@@ -65,7 +65,7 @@ impl Place {
             let noise: [u8; 128] = std::array::from_fn(|_| rng.random_range(0..12));
             std::array::from_fn::<u8, 128, _>(|i| self.descriptors[*p][i].saturating_add(noise[i]))
         });
-        Descriptors::new(DescriptorKind::RootSift, bytes.collect()).expect("whole rows")
+        Descriptors::new(DescriptorKind::ROOT_SIFT, bytes.collect()).expect("whole rows")
     }
 
     /// A map with this many images, at most ten.
