@@ -37,6 +37,37 @@ pub enum FeatureError {
         /// The limit, pixels in all.
         max_pixels: u64,
     },
+    /// The image is not of the size its camera takes.
+    #[error(
+        "{}: {}x{} pixels, but the camera takes {}x{}; {}give the camera of this image, or the image as the camera took it",
+        path.display(), actual.0, actual.1, camera.0, camera.1, turn_note(*turn)
+    )]
+    ImageSize {
+        /// The file.
+        path: PathBuf,
+        /// Its width and height, pixels.
+        actual: (u32, u32),
+        /// Width and height of the camera's images, pixels.
+        camera: (u32, u32),
+        /// By how many degrees clockwise the file says it is to be turned, when it fits the camera turned.
+        turn: Option<u16>,
+    },
+    /// No extractor makes such features.
+    #[error("no features of kind {asked} here; there are: {known}")]
+    UnknownKind {
+        /// What was asked for.
+        asked: String,
+        /// The names of those there are.
+        known: String,
+    },
+    /// An extractor could not run, or broke its promise.
+    #[error("features of kind {name}: {reason}")]
+    Extractor {
+        /// The extractor's name.
+        name: String,
+        /// What went wrong.
+        reason: String,
+    },
     /// Width or height is zero.
     #[error("the image is empty ({width}x{height}); width and height must be at least 1")]
     Empty {
@@ -65,4 +96,13 @@ pub enum FeatureError {
         /// Row of the first such sample.
         row: u32,
     },
+}
+
+fn turn_note(turn: Option<u16>) -> String {
+    turn.map_or_else(String::new, |degrees| {
+        format!(
+            "the file says it is to be turned by {degrees}\u{b0}, which is not done here, as COLMAP does not: coordinates \
+             are those of the stored pixels; "
+        )
+    })
 }

@@ -1,17 +1,43 @@
-//! From an image to keypoints, descriptors and one global vector. Runs on the device, and when a map is built.
+//! From an image to keypoints and descriptors. Runs on the device, and when a map is built.
+//!
+//! - [`extract_image`]: the one door from a file to features, whatever the [`Extractor`].
+//! - [`Extractors`]: the extractors a program has, by name. SIFT is built in; bring your own with [`Extractors::with`].
+//! - [`extract_sift`]: SIFT on an image in memory.
 //!
 //! Keypoints exist in this room as plain positions; the server's rooms do not depend on it.
+//!
+//! ```
+//! use veiloc_features::{Extractors, GrayImage, Image};
+//!
+//! // A bright square on dark ground has corners to find.
+//! let samples = (0..64 * 64).map(|i| if (20..44).contains(&(i % 64)) && (20..44).contains(&(i / 64)) { 0.9 } else { 0.1 });
+//! let image = Image::from(GrayImage::new(64, 64, samples.collect())?);
+//! let features = Extractors::default().named("sift")?.extract(&image, 100)?;
+//! assert!(!features.keypoints.is_empty());
+//! assert_eq!(features.descriptors.row(0).len(), 128);
+//!
+//! let unknown = Extractors::default().named("orb").err().map(|e| e.to_string());
+//! assert_eq!(unknown.as_deref(), Some("no features of kind orb here; there are: sift"));
+//! # Ok::<(), veiloc_features::FeatureError>(())
+//! ```
 #![forbid(unsafe_code)]
 
+mod door;
 mod error;
+mod extractor;
 mod gray;
+mod input;
 mod keypoint;
 mod load;
+mod orientation;
 mod progress;
 mod sift;
 
+pub use door::{ExtractedImage, Limits, extract_image};
 pub use error::FeatureError;
+pub use extractor::{Extractor, Extractors, Sift};
 pub use gray::GrayImage;
+pub use input::Image;
 pub use keypoint::{Features, Keypoint};
 pub use load::{MAX_PIXELS, load_gray};
 pub use progress::Progress;

@@ -1,4 +1,4 @@
-//! Images from files. Metadata (EXIF) is never read: it could only leak, and COLMAP ignores orientation too.
+//! Images from files. Metadata (EXIF) is not read: it could only leak, and COLMAP ignores orientation too.
 
 use std::io::Cursor;
 use std::path::Path;

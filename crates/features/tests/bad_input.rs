@@ -3,7 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use image::{ImageFormat, Rgb, RgbImage};
-use veiloc_features::{FeatureError, GrayImage, SiftOptions, extract_sift, load_gray};
+use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding};
+use veiloc_features::{
+    Extractor, Extractors, FeatureError, Features, GrayImage, Image, Limits, Sift, SiftOptions,
+    extract_image, extract_sift, load_gray,
+};
 
 fn count(image: &GrayImage) -> usize {
     extract_sift(image, &SiftOptions::default()).keypoints.len()
@@ -151,4 +155,98 @@ fn limiting_keeps_the_mean_and_the_sides_in_proportion() {
     }
     assert_eq!(image.clone().limited(50), image);
     assert_eq!(image.limited(0).width(), 1);
+}
+
+const LIMITS: Limits = Limits { max_keypoints: 50, max_side: 40 };
+
+#[test]
+fn an_image_of_another_size_than_the_cameras_is_refused() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let path = saved(folder.path(), "a.png", ImageFormat::Png);
+    let extracted = extract_image(&path, Some((64, 48)), &Sift::default(), LIMITS).expect("it fits");
+    assert_eq!((extracted.size_in_file, extracted.size), ((64, 48), (40, 30)));
+    let (own, in_file) = (extracted.features.keypoints.clone(), extracted.features_in_file().keypoints);
+    for (own, file) in own.iter().zip(&in_file) {
+        assert!(
+            (own.pixel.u * 1.6 - file.pixel.u).abs() < 1e-9
+                && (own.pixel.v * 1.6 - file.pixel.v).abs() < 1e-9
+        );
+    }
+    assert!(
+        extract_image(&path, None, &Sift::default(), LIMITS).is_ok(),
+        "no camera, nothing to compare with"
+    );
+    for camera in [(48, 64), (64, 47)] {
+        let error = extract_image(&path, Some(camera), &Sift::default(), LIMITS).expect_err("another camera");
+        let text = error.to_string();
+        assert!(text.contains("64x48") && text.contains(&format!("{}x{}", camera.0, camera.1)), "{text}");
+        assert!(!text.contains("turned"), "the file says nothing of turning: {text}");
+    }
+}
+
+/// A JPEG as phones write it: the samples as the sensor lies, and a note by how much to turn them.
+fn turned_jpeg(folder: &Path, orientation: u8) -> PathBuf {
+    let plain = std::fs::read(saved(folder, "plain.jpg", ImageFormat::Jpeg)).expect("just written");
+    // TIFF, big endian, one directory with one entry: orientation (0x0112), one short.
+    let tiff = [b"MM\0\x2A\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0", &[orientation][..], &[0; 6]].concat();
+    let body = [b"Exif\0\0", &tiff[..]].concat();
+    let length = u16::try_from(body.len() + 2).expect("short").to_be_bytes();
+    let path = folder.join("phone.jpg");
+    std::fs::write(&path, [&plain[..2], &[0xFF, 0xE1], &length, &body, &plain[2..]].concat())
+        .expect("written");
+    path
+}
+
+#[test]
+fn a_turned_file_is_named_and_never_turned() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    for (orientation, degrees) in [(6, Some("90\u{b0}")), (8, Some("270\u{b0}")), (1, None), (3, None)] {
+        let path = turned_jpeg(folder.path(), orientation);
+        let stored = load_gray(&path).expect("an image");
+        assert_eq!((stored.width(), stored.height()), (64, 48), "as it is stored");
+        let extract = |camera| extract_image(&path, Some(camera), &Sift::default(), LIMITS);
+        assert!(extract((64, 48)).is_ok(), "it fits as it is stored, whatever it says");
+        let text = extract((48, 64)).expect_err("turned").to_string();
+        match degrees {
+            Some(degrees) => assert!(text.contains(&format!("is to be turned by {degrees}")), "{text}"),
+            None => assert!(!text.contains("turned"), "{orientation}: {text}"),
+        }
+        let other = extract((100, 64)).expect_err("not even turned").to_string();
+        assert!(!other.contains("turned"), "{other}");
+    }
+}
+
+/// An extractor from outside: one keypoint in the middle, its brightness as descriptor.
+struct Middle {
+    rows: usize,
+}
+
+impl Extractor for Middle {
+    fn kind(&self) -> DescriptorKind {
+        DescriptorKind::new("middle", 4, Encoding::Signed, 100).expect("a kind")
+    }
+
+    fn extract(&self, image: &Image, _: usize) -> Result<Features, FeatureError> {
+        let mut features = extract_sift(image.gray(), &SiftOptions::default());
+        features.keypoints.truncate(1);
+        features.descriptors = Descriptors::new(self.kind(), vec![200; 4 * self.rows]).expect("whole rows");
+        Ok(features)
+    }
+}
+
+#[test]
+fn an_extractor_from_outside_is_found_by_name_and_held_to_its_promise() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let path = saved(folder.path(), "a.png", ImageFormat::Png);
+    let extractors = Extractors::default().with(Middle { rows: 1 });
+    assert_eq!(extractors.names(), "sift, middle");
+    let kind = extractors.named("middle").expect("it was added").kind();
+    let found =
+        extract_image(&path, None, extractors.of_kind(kind).expect("by kind"), LIMITS).expect("extracted");
+    assert_eq!(found.features.descriptors.kind(), kind);
+    let other = DescriptorKind::new("middle", 8, Encoding::Signed, 100).expect("a kind");
+    let unknown = extractors.of_kind(other).err().expect("the same name, another kind").to_string();
+    assert!(unknown.contains("there are: sift, middle"), "{unknown}");
+    let broken = extract_image(&path, None, &Middle { rows: 2 }, LIMITS);
+    assert!(matches!(broken, Err(FeatureError::Extractor { .. })), "{broken:?}");
 }

@@ -1,0 +1,66 @@
+//! The one door from an image file to features: read, check the size, make smaller, extract.
+
+use std::path::Path;
+
+use crate::{Extractor, FeatureError, Features, Image, load_gray, orientation};
+
+/// How much to extract from an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Most keypoints, strongest first.
+    pub max_keypoints: usize,
+    /// Longest side of the image, pixels; larger images are made smaller first.
+    pub max_side: u32,
+}
+
+/// Features of an image, and what was done to it.
+#[derive(Debug, Clone)]
+pub struct ExtractedImage {
+    /// In the image that was extracted from, which may be smaller than the file.
+    pub features: Features,
+    /// Width and height of the image extracted from, pixels.
+    pub size: (u32, u32),
+    /// Width and height of the image in the file, pixels.
+    pub size_in_file: (u32, u32),
+}
+
+impl ExtractedImage {
+    /// The features with keypoints in pixels of the file.
+    pub fn features_in_file(self) -> Features {
+        let scale = |file: u32, own: u32| f64::from(file) / f64::from(own);
+        self.features.scaled(scale(self.size_in_file.0, self.size.0), scale(self.size_in_file.1, self.size.1))
+    }
+}
+
+/// Features of an image file.
+///
+/// `camera_size`: width and height of the images of the camera it is said to be of, pixels; `None` when no camera is
+/// given. Of the file nothing but its pixels is read, with one exception: when it fits the camera only with its sides
+/// swapped, the message says what the file's EXIF orientation says. It is never applied.
+///
+/// # Errors
+/// [`FeatureError`]: no image, too large, not of the camera's size, or what the extractor says.
+pub fn extract_image(
+    path: &Path,
+    camera_size: Option<(u32, u32)>,
+    extractor: &dyn Extractor,
+    limits: Limits,
+) -> Result<ExtractedImage, FeatureError> {
+    let image = Image::from(load_gray(path)?);
+    let size_in_file = (image.width(), image.height());
+    if let Some(camera) = camera_size.filter(|camera| *camera != size_in_file) {
+        let swapped = (camera.1, camera.0) == size_in_file;
+        let turn = if swapped { orientation::turn_of(path) } else { None };
+        return Err(FeatureError::ImageSize { path: path.into(), actual: size_in_file, camera, turn });
+    }
+    let image = image.limited(limits.max_side);
+    let features = extractor.extract(&image, limits.max_keypoints)?;
+    let kind = extractor.kind();
+    if features.descriptors.kind() != kind || features.keypoints.len() != features.descriptors.len() {
+        return Err(FeatureError::Extractor {
+            name: kind.name().to_owned(),
+            reason: "it did not make one descriptor of its kind for each keypoint".to_owned(),
+        });
+    }
+    Ok(ExtractedImage { features, size: (image.width(), image.height()), size_in_file })
+}
