@@ -1,4 +1,4 @@
-"""Reads a sealed query with nothing but docs/wire-format.md and Python's standard library, and prints what it tells.
+"""Reads a sealed query of version 1 or 2 with nothing but docs/wire-format.md and Python's standard library, and prints what it tells.
 
 python3 proto/read_sealed_query.py FILE.vquery [ROWS]
 
@@ -11,10 +11,15 @@ import math
 import struct
 import sys
 
-NAMES = [
+HEAD = [
     "version", "profile_id", "scheme", "dividing_angle", "anchor_distance", "angle_bits", "camera_focal",
-    "camera_width", "camera_height", "rows", "descriptor_kind", "positions", "descriptors", "global",
+    "camera_width", "camera_height", "rows",
 ]
+NAMES = {
+    1: HEAD + ["descriptor_kind", "positions", "descriptors", "global"],
+    2: HEAD + ["descriptor_name", "descriptor_dim", "descriptor_encoding", "descriptor_norm"]
+    + ["positions", "descriptors", "global"],
+}
 
 
 def varint(data, at):
@@ -30,9 +35,11 @@ def varint(data, at):
 def fields(data):
     """Field name -> number or bytes."""
     found, at = {}, 0
+    (version,) = struct.unpack_from("<I", data, 1)
+    names = NAMES[version]
     while at < len(data):
         key, at = varint(data, at)
-        name = NAMES[(key >> 3) - 1]
+        name = names[(key >> 3) - 1]
         if key & 7 == 5:
             (found[name],), at = struct.unpack_from("<I", data, at), at + 4
         elif key & 7 == 2:
@@ -83,7 +90,8 @@ def main():
     message = fields(data)
     print("bytes", len(data), "sha256", hashlib.sha256(data).hexdigest())
     for name, value in message.items():
-        print(name, value if isinstance(value, int) else f"{len(value)} bytes {value[:16].hex()}")
+        text = value.decode() if name == "descriptor_name" else None
+        print(name, text or (value if isinstance(value, int) else f"{len(value)} bytes {value[:16].hex()}"))
     print("focal", 2 ** (message["camera_focal"] / 4))
     for index, row in enumerate(rows(message)):
         if index < (int(sys.argv[2]) if len(sys.argv) > 2 else 3) or index == message["rows"] - 1:

@@ -21,7 +21,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("server", &["geometry", "query", "map", "localize", "robust"]),
     ("attacks", &["geometry", "query"]),
     ("synth", &["geometry"]),
-    ("datasets", &["geometry", "features", "query", "robust"]),
+    ("datasets", &["geometry", "descriptor", "features", "query", "robust"]),
     (
         "eval",
         &[

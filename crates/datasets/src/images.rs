@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use veiloc_features::{Progress, SiftOptions, extract_sift, load_gray};
+use veiloc_features::{Limits, Progress, Sift, extract_image};
 use veiloc_geometry::Pixel;
 use veiloc_query::ExtractionLimits;
 
@@ -18,15 +18,13 @@ use crate::error::DatasetError;
 /// # Errors
 /// [`DatasetError::Image`] when the file is no image.
 pub fn keypoints_of_image(path: &Path, limits: ExtractionLimits) -> Result<KeypointImage, DatasetError> {
-    let image = load_gray(path)?;
-    let image = image.limited(limits.max_image_side);
-    let mut options = SiftOptions::default();
-    options.max_keypoints = limits.max_keypoints as usize;
-    let features = extract_sift(&image, &options);
+    let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
+    let image = extract_image(path, None, &Sift::default(), limits)?;
+    let (features, (width, height)) = (image.features, image.size);
     Ok(KeypointImage {
         name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
-        width: image.width(),
-        height: image.height(),
+        width,
+        height,
         keypoints: features.keypoints.iter().map(|k| rounded(k.pixel)).collect(),
         descriptors: Some((features.descriptors.as_bytes().to_vec(), features.descriptors.kind().dim())),
     })

@@ -11,6 +11,7 @@ use veiloc_datasets::{KeypointImage, seed_for};
 use veiloc_features::Progress;
 use veiloc_geometry::Pixel;
 use veiloc_map::MapFile;
+use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{extract, seal_with_truth};
 use veiloc_query::{AngleBits, Scheme};
 use veiloc_report::{QueryPanel, SchemePanel};
@@ -88,11 +89,11 @@ fn sent_of(
     seed: u64,
 ) -> Result<(KeypointImage, QueryPanel), DemoError> {
     let path = place.images.join(name);
-    let profile = map.profile().with_scheme(Scheme::default());
-    let (features, camera) = extract(&path, &place.camera, &profile)?;
+    let (profile, options) = (map.profile(), options_for(Scheme::default()));
+    let (features, camera) = extract(&path, &place.camera, profile, &options)?;
     let keypoints = features.keypoints.iter().map(|k| k.pixel).collect();
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[name, "sent"]));
-    let (query, truth) = seal_with_truth(features, &camera, &profile, &mut rng)
+    let (query, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
         .map_err(|source| DemoError::Seal { name: name.to_owned(), source })?;
     let real = truth.source.iter().zip(&truth.pixels).filter_map(|(source, pixel)| source.map(|_| *pixel));
     let sent = KeypointImage {

@@ -35,7 +35,7 @@ impl NamedGlobal {
         if !(1..=Self::MAX_DIM as u64).contains(&dim) {
             return Err(DescriptorError::Kind { field: "global dim", value: dim, allowed: "1 to 16384" });
         }
-        if name.as_str() == VLAD {
+        if name.as_str() == GlobalModel::VLAD {
             return Err(DescriptorError::NameTaken { name });
         }
         Ok(Self { name, dim: dim as u32 })
@@ -56,6 +56,9 @@ impl GlobalModel {
     /// Most codes any model's descriptors have.
     pub const MAX_LEN: usize = Vocabulary::MAX_LEN * crate::DescriptorKind::MAX_DIM;
 
+    /// The name of aggregation by a vocabulary.
+    pub const VLAD: &str = "vlad";
+
     /// Number of codes of its descriptors.
     pub const fn global_len(&self) -> usize {
         match self {
@@ -67,7 +70,7 @@ impl GlobalModel {
     /// The name in messages and reports.
     pub fn name(&self) -> &str {
         match self {
-            Self::Vlad(_) => VLAD,
+            Self::Vlad(_) => Self::VLAD,
             Self::Named(named) => named.name(),
         }
     }
@@ -125,8 +128,6 @@ impl From<Vocabulary> for GlobalModel {
     }
 }
 
-/// What aggregation by a vocabulary is called.
-const VLAD: &str = "vlad";
 const NAMED_MARK: &[u8; 4] = b"GLOB";
 
 #[cfg(test)]

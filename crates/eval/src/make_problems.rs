@@ -16,6 +16,7 @@ use veiloc_localize::{LocalizeOptions, observe_matches};
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_model;
 use veiloc_mapping::{BuildOptions, build};
+use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealTruth, extract, seal_with_truth};
 use veiloc_query::{Observations, Scheme, SealedQuery};
 use veiloc_robust::Correspondences;
@@ -84,11 +85,11 @@ pub fn make_problems(
 }
 
 fn made(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result<MadeProblem, EvalError> {
-    let profile = map.profile();
-    let (features, camera) = extract(&query.path, &query.camera, profile)?;
+    let (profile, options) = (map.profile(), options_for(Scheme::Points));
+    let (features, camera) = extract(&query.path, &query.camera, profile, &options)?;
     let strengths: Vec<f32> = features.keypoints.iter().map(|k| k.response).collect();
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(source.seed, &[&query.name]));
-    let (sealed, truth) = seal_with_truth(features, &camera, &profile.with_scheme(Scheme::Points), &mut rng)
+    let (sealed, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
         .map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?;
     let line = line(map, query, source, &sealed)?;
     Ok(MadeProblem {

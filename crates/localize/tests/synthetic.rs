@@ -9,7 +9,7 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
 use veiloc_localize::{LocalizeError, LocalizeOptions, localize};
 use veiloc_map::{MapFile, MapImage, MapModel, MapPoint, Observation};
-use veiloc_obfuscation::seal;
+use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_query::{ExtractionLimits, Profile, Scheme, SealedQuery};
 
 struct Place {
@@ -36,7 +36,7 @@ impl Place {
             (0..n).map(|_| std::array::from_fn(|_| rng.random_range(0..120))).collect();
         let rows = Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors.concat()).expect("whole rows");
         let vocabulary = Vocabulary::train(rows.view(), 16, &mut rng).expect("enough samples");
-        let profile = Profile::new("dcl".parse().expect("a scheme"), vocabulary);
+        let profile = Profile::vlad(vocabulary);
         let camera = "OPENCV,640,480,520,521,322,238,-0.05,0.01,0.0005,-0.0003".parse().expect("a camera");
         Self { camera, points, descriptors, profile }
     }
@@ -75,7 +75,7 @@ impl Place {
                 camera: 0,
                 cam_from_world: pose,
                 keypoints: seen.iter().map(|(_, p)| [p.u as f32, p.v as f32]).collect(),
-                global: self.profile.vocabulary().aggregate(descriptors.view()),
+                global: self.profile.global_model().of_rows(descriptors.view()).expect("VLAD"),
                 descriptors,
                 point_of_keypoint: vec![None; seen.len()],
             });
@@ -132,8 +132,12 @@ fn every_scheme_finds_the_camera() {
     ] {
         let scheme: Scheme = scheme.parse().expect("a scheme");
         let mut rng = ChaCha20Rng::seed_from_u64(3);
-        let profile = place.profile.with_scheme(scheme);
-        let sealed = seal(place.query(&truth), &place.camera, &profile, &mut rng).expect("sealed");
+        let options = match scheme {
+            Scheme::Points => SealOptions::unprotected_points(),
+            other => SealOptions::new(other).expect("it hides positions"),
+        };
+        let sealed =
+            seal(place.query(&truth), &place.camera, &place.profile, &options, &mut rng).expect("sealed");
         let received = SealedQuery::decode(&sealed.encode()).expect("decodes");
         let found = localize(&received, &map, &LocalizeOptions::default()).expect("localized");
         let error = found.cam_from_world.translation_error(&truth);
@@ -183,7 +187,9 @@ fn a_query_for_another_map_is_refused() {
     let (place, other) = (Place::new(1), Place::new(2));
     let map = open(&place.map());
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let sealed = seal(other.query(&pose(0.0, 0.0)), &other.camera, &other.profile, &mut rng).expect("sealed");
+    let sealed =
+        seal(other.query(&pose(0.0, 0.0)), &other.camera, &other.profile, &SealOptions::default(), &mut rng)
+            .expect("sealed");
     let refused = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("another profile");
     assert!(matches!(refused, LocalizeError::WrongProfile { .. }), "{refused}");
     assert!(refused.to_string().contains("veiloc map profile"), "{refused}");
@@ -197,8 +203,9 @@ fn a_place_never_mapped_is_not_found() {
     let mut negative = Place::new(2);
     negative.profile = place.profile.clone();
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let profile = place.profile.with_scheme(Scheme::Points);
-    let sealed = seal(negative.query(&pose(0.0, 0.0)), &negative.camera, &profile, &mut rng).expect("sealed");
+    let options = SealOptions::unprotected_points();
+    let query = negative.query(&pose(0.0, 0.0));
+    let sealed = seal(query, &negative.camera, &place.profile, &options, &mut rng).expect("sealed");
     let lost = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing agrees");
     assert!(matches!(lost, LocalizeError::NoPose { .. }), "{lost}");
 }
@@ -208,7 +215,9 @@ fn an_empty_map_says_so() {
     let place = Place::new(1);
     let map = open(&MapModel::empty(place.profile.clone(), ExtractionLimits::default()));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let sealed = seal(place.query(&pose(0.0, 0.0)), &place.camera, &place.profile, &mut rng).expect("sealed");
+    let sealed =
+        seal(place.query(&pose(0.0, 0.0)), &place.camera, &place.profile, &SealOptions::default(), &mut rng)
+            .expect("sealed");
     let refused = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing to find");
     assert!(matches!(refused, LocalizeError::EmptyMap), "{refused}");
 }

@@ -163,7 +163,7 @@ impl MapModel {
 
     fn check_image(&self, image: &MapImage) -> Result<(), String> {
         let count = image.keypoints.len();
-        let vocabulary = self.profile.vocabulary();
+        let global = self.profile.global_model();
         if image.name.is_empty() || image.name.contains(['\0', '\n', '\r']) {
             return Err("has no usable file name".to_owned());
         }
@@ -180,14 +180,14 @@ impl MapModel {
                 image.point_of_keypoint.len()
             ));
         }
-        if image.descriptors.kind() != vocabulary.kind() {
+        if image.descriptors.kind() != self.profile.descriptor_kind() {
             return Err("has descriptors of another kind than the profile".to_owned());
         }
-        if image.global.len() != vocabulary.global_len() {
+        if image.global.len() != global.global_len() {
             return Err(format!(
                 "has a global descriptor of {} codes, the profile's has {}",
                 image.global.len(),
-                vocabulary.global_len()
+                global.global_len()
             ));
         }
         if !image.keypoints.iter().flatten().all(|c| c.is_finite()) {

@@ -44,7 +44,7 @@ pub fn build(
     let features = extract_all(&chosen, posed, image_dir, options.extraction(), progress)?;
     let profile = profile(&features, options, progress)?;
     let mut model = MapModel::empty(profile, options.extraction());
-    append_images(&mut model, posed, &chosen, features);
+    append_images(&mut model, posed, &chosen, features)?;
 
     let mut scene = Scene::of(&model, options);
     let focus: Vec<u32> = (0..chosen.len() as u32).collect();
@@ -98,7 +98,7 @@ pub(crate) fn profile(
     let vocabulary = Vocabulary::train(sample.view(), words, &mut rng)
         .map_err(|source| MappingError::NoKeypoints { images: features.len(), source })?;
     progress.advance(1);
-    Ok(Profile::new(options.scheme, vocabulary).with_limits(options.device)?)
+    Ok(Profile::vlad(vocabulary).with_limits(options.device)?)
 }
 
 /// Adds images without points to a model; a camera that is already there is shared.
@@ -107,9 +107,11 @@ pub(crate) fn append_images(
     posed: &ColmapModel,
     images: &[&ColmapImage],
     features: Vec<Extracted>,
-) {
-    let vocabulary = model.profile.vocabulary().clone();
-    let globals: Vec<_> = features.par_iter().map(|f| vocabulary.aggregate(f.descriptors.view())).collect();
+) -> Result<(), MappingError> {
+    let global = model.profile.global_model();
+    let of_image = || MappingError::GlobalOfImage { name: global.name().to_owned() };
+    let globals = features.par_iter().map(|f| global.of_rows(f.descriptors.view()).ok_or_else(of_image));
+    let globals: Vec<_> = globals.collect::<Result<_, _>>()?;
     for ((image, features), global) in images.iter().zip(features).zip(globals) {
         let camera = posed.camera_of(image);
         let known = model.cameras.iter().position(|c| c == camera);
@@ -127,6 +129,7 @@ pub(crate) fn append_images(
             global,
         });
     }
+    Ok(())
 }
 
 /// Matches the images of `focus` with each other and with the rest, best edges first.

@@ -37,20 +37,19 @@ pub fn add(
     }
     let features = extract_all(&chosen, posed, image_dir, model.extraction, progress)?;
 
-    join(model, posed, &chosen, features, progress);
-    Ok(())
+    join(model, posed, &chosen, features, progress)
 }
 
-/// What follows extraction; nothing in it can fail.
+/// What follows extraction.
 pub(crate) fn join(
     model: &mut MapModel,
     posed: &ColmapModel,
     images: &[&ColmapImage],
     features: Vec<Extracted>,
     progress: &dyn Progress,
-) {
+) -> Result<(), MappingError> {
     let before = model.images.len() as u32;
-    append_images(model, posed, images, features);
+    append_images(model, posed, images, features)?;
     let options = BuildOptions::default();
     let mut scene = Scene::of(model, &options);
     let focus: Vec<u32> = (before..model.images.len() as u32).collect();
@@ -62,6 +61,7 @@ pub(crate) fn join(
     progress.finish();
     model.points = points;
     model.link_keypoints();
+    Ok(())
 }
 
 /// Takes the named images out of a map, with everything that came from them: points they saw are triangulated

@@ -1,7 +1,5 @@
 //! Why a map could not be built or changed. Every message names the file and says what to do.
 
-use std::path::PathBuf;
-
 use veiloc_descriptor::DescriptorError;
 use veiloc_features::FeatureError;
 use veiloc_map::MapError;
@@ -43,18 +41,13 @@ pub enum MappingError {
     /// An image could not be read.
     #[error(transparent)]
     Image(#[from] FeatureError),
-    /// An image is not of the size its camera says.
+    /// The map's global descriptors are made of images, by an extractor that is not here.
     #[error(
-        "{}: {}x{} pixels, but its camera takes {}x{}; use the images the poses were computed from, \
-         neither scaled nor turned", path.display(), actual.0, actual.1, camera.0, camera.1
+        "the map's global descriptors are made of the images by {name}, which this program does not have"
     )]
-    ImageSize {
-        /// The image.
-        path: PathBuf,
-        /// Its width and height.
-        actual: (u32, u32),
-        /// Width and height of its camera.
-        camera: (u32, u32),
+    GlobalOfImage {
+        /// The extractor's name.
+        name: String,
     },
     /// Nothing to recognise was found in any image.
     #[error("no usable keypoints in {images} images: {source}; are they blank, or not the right files?")]

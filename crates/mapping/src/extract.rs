@@ -5,7 +5,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use veiloc_descriptor::Descriptors;
-use veiloc_features::{SiftOptions, extract_sift, load_gray};
+use veiloc_features::{Limits, Sift, extract_image};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::colmap::{ColmapImage, ColmapModel};
 use veiloc_query::ExtractionLimits;
@@ -74,21 +74,9 @@ pub(crate) fn extract_each<T: Send>(
 }
 
 fn extract(path: &Path, camera: &Intrinsics, limits: ExtractionLimits) -> Result<Extracted, MappingError> {
-    let image = load_gray(path)?;
-    let size = (image.width(), image.height());
-    if size != (camera.width, camera.height) {
-        return Err(MappingError::ImageSize {
-            path: path.to_owned(),
-            actual: size,
-            camera: (camera.width, camera.height),
-        });
-    }
-    let image = image.limited(limits.max_image_side);
-    let (columns, rows) =
-        (f64::from(size.0) / f64::from(image.width()), f64::from(size.1) / f64::from(image.height()));
-    let mut options = SiftOptions::default();
-    options.max_keypoints = limits.max_keypoints as usize;
-    let features = extract_sift(&image, &options).scaled(columns, rows);
+    let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
+    let size = Some((camera.width, camera.height));
+    let features = extract_image(path, size, &Sift::default(), limits)?.features_in_file();
     let keypoints: Vec<[f32; 2]> =
         features.keypoints.iter().map(|k| [k.pixel.u as f32, k.pixel.v as f32]).collect();
     Ok(Extracted { keypoints, descriptors: features.descriptors })

@@ -91,7 +91,7 @@ pub fn import(
     let (features, joined): (Vec<Extracted>, Vec<Joined>) = joined.into_iter().unzip();
     let profile = profile(&features, options, progress)?;
     let mut model = MapModel::empty(profile, options.extraction());
-    append_images(&mut model, colmap, &images, features);
+    append_images(&mut model, colmap, &images, features)?;
 
     let mut tracks: BTreeMap<u64, Vec<Observation>> = BTreeMap::new();
     for (image, joined) in (0..).zip(&joined) {

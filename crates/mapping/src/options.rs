@@ -1,6 +1,6 @@
 //! What can be chosen when a map is built.
 
-use veiloc_query::{ExtractionLimits, Scheme};
+use veiloc_query::ExtractionLimits;
 
 use crate::error::MappingError;
 
@@ -11,8 +11,6 @@ use crate::error::MappingError;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct BuildOptions {
-    /// Scheme that devices use unless told otherwise; published in the profile.
-    pub scheme: Scheme,
     /// Keypoints of a map image, the strongest. Default 4096: a map may be richer than a query.
     pub max_keypoints: usize,
     /// Longest side at which map images are searched for keypoints, pixels. Default 1600.
@@ -42,7 +40,6 @@ pub struct BuildOptions {
 impl Default for BuildOptions {
     fn default() -> Self {
         Self {
-            scheme: Scheme::default(),
             max_keypoints: 4096,
             max_image_side: 1600,
             device: ExtractionLimits::default(),

@@ -1,6 +1,7 @@
 //! **Never for devices.** Obfuscation that keeps the answers, for attacks and evaluation to be judged by.
 //!
-//! All run the code a device runs, line for line; they only do not forget.
+//! All run the code a device runs, line for line; they only do not forget. This module is there with the cargo feature
+//! `ground-truth` only, which no crate of the device's road turns on (`tests/device_build.rs`).
 
 use rand::{CryptoRng, Rng};
 use veiloc_descriptor::Descriptors;
@@ -8,10 +9,10 @@ use veiloc_features::Features;
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_query::{AngleBits, Observations, Profile, Scheme, SealedQuery};
 
-use crate::SealError;
 use crate::decoy;
 use crate::lift::{Places, dither, lift, select};
 use crate::seal::seal_frame;
+use crate::{DeviceLimits, SealError, SealOptions};
 
 /// What a sealed query hides. `[N]` each, in the order of its rows.
 #[derive(Clone, PartialEq)]
@@ -37,9 +38,29 @@ pub fn seal_with_truth(
     features: Features,
     camera: &Intrinsics,
     profile: &Profile,
+    options: &SealOptions,
     rng: &mut impl CryptoRng,
 ) -> Result<(SealedQuery, SealTruth), SealError> {
-    seal_frame(features, camera, profile, usize::MAX, rng)
+    seal_frame(features, camera, profile, options, rng, |hidden| SealTruth {
+        source: hidden.order.iter().map(|&row| hidden.kept.get(row).map(|kept| kept.source)).collect(),
+        pixels: hidden.order.iter().map(|&row| hidden.places.pixels[hidden.places.of[row]]).collect(),
+    })
+}
+
+/// How an evaluation seals under any scheme, `points` too, as many keypoints as the profile asks for.
+pub fn options_for(scheme: Scheme) -> SealOptions {
+    let options = match scheme {
+        Scheme::Points => SealOptions::unprotected_points(),
+        Scheme::RandomLines | Scheme::CoordinatePermutation | Scheme::Dcl(_) => {
+            SealOptions::new(scheme).expect("it hides positions")
+        }
+    };
+    let everything = DeviceLimits {
+        max_keypoints: usize::MAX,
+        max_image_side: u32::MAX,
+        max_vocabulary_words: usize::MAX,
+    };
+    options.with_limits(everything)
 }
 
 /// Obfuscates bare positions in the order given, `[N]`: dither, line and quantization as in [`crate::seal`], but
@@ -74,25 +95,30 @@ pub fn obfuscate_points(
         .expect("the rows were lifted under this scheme"))
 }
 
-/// Decoys as [`crate::seal`] invents them for an image with these keypoints and descriptors, `count` of each. For
+/// Decoys as [`crate::seal`] invents them beside rows with these keypoints and descriptors, `count` of each. For
 /// evaluation of how many more of them would do.
 ///
 /// Positions lie in the image. Nothing is invented for an image without keypoints.
+///
+/// # Errors
+/// [`SealError::NoDecoys`] for a kind that has no recipe.
 pub fn decoys(
     keypoints: &[Pixel],
     descriptors: &Descriptors,
     size: [u32; 2],
     count: usize,
     rng: &mut impl Rng,
-) -> (Vec<Pixel>, Descriptors) {
-    let mut invented = descriptors.select(std::iter::empty());
+) -> Result<(Vec<Pixel>, Descriptors), SealError> {
     if keypoints.is_empty() || descriptors.is_empty() {
-        return (Vec::new(), invented);
+        return Ok((Vec::new(), Descriptors::empty(descriptors.kind())));
     }
     let mut places = Places::new(keypoints.iter().copied());
     let [width, height] = size.map(f64::from);
     let inside = |p: Pixel| (0.0..width).contains(&p.u) && (0.0..height).contains(&p.v);
     decoy::add_places(&mut places, keypoints.len(), count, size, inside, rng);
-    decoy::add_descriptors(&mut invented, descriptors, count, rng);
-    (places.of[keypoints.len()..].iter().map(|place| places.pixels[*place]).collect(), invented)
+    let mut all = descriptors.clone();
+    decoy::add_descriptors(&mut all, count, rng)?;
+    let invented = all.select(descriptors.len()..all.len());
+    let pixels = places.of[keypoints.len()..].iter().map(|place| places.pixels[*place]).collect();
+    Ok((pixels, invented))
 }

@@ -1,15 +1,18 @@
 //! Decoys: features that fill a query up to the smallest size class (rule L5).
 //!
-//! Its position is drawn around the positions of real keypoints. Its descriptor is pieced together from quarters of
-//! several descriptors of the same image, mirrored (a mirrored patch has a valid descriptor), chosen so that they
-//! continue each other, with noise, and with the length and the largest number of real ones. Single statistics do
-//! not tell decoys from real rows; a classifier trained on decoys, or a search for the pieces among the rows, does
-//! better than chance. `docs/privacy.md` has the figures, `tests/decoys.rs` measures them.
+//! Its position is drawn around the positions of real keypoints. Its descriptor is made of descriptors of real rows that
+//! are sent, and of nothing else of the image. RootSIFT: quarters of several descriptors, mirrored (a mirrored patch has
+//! a valid descriptor), chosen so that they continue each other, with noise, and with the length and the largest number
+//! of real ones. Other kinds: each number from one of several descriptors, with noise, and with the length of a real
+//! one. Single statistics do not tell decoys from real rows; a classifier trained on decoys, or a search for the pieces
+//! among the rows, does better than chance. `docs/privacy.md` has the figures, `tests/decoys.rs` measures them.
 
 use rand::Rng;
-use veiloc_descriptor::{DescriptorKind, Descriptors};
+use rand::seq::index::sample;
+use veiloc_descriptor::{DecoyRecipe, DescriptorKind, Descriptors, Encoding};
 use veiloc_geometry::Pixel;
 
+use crate::SealError;
 use crate::lift::Places;
 
 /// Spread of a decoy about the keypoint it is drawn from, as a part of the image's longer side.
@@ -21,8 +24,9 @@ const CANDIDATES: usize = 6;
 const NOISE: f64 = 0.15;
 /// Rounds of cutting and scaling a decoy's descriptor.
 const CUTS: usize = 6;
-/// Length of a RootSIFT vector in code units.
-const ROOT_SIFT_NORM: f64 = 512.0;
+/// Rows that one decoy of a kind without a recipe of its own is mixed of.
+const PARENTS: usize = 3;
+const ROOT_SIFT_DIM: usize = DescriptorKind::ROOT_SIFT.dim();
 
 /// Appends `count` decoys to the places of `real` keypoints.
 ///
@@ -59,21 +63,51 @@ pub(crate) fn add_places<R: Rng + ?Sized>(
     }
 }
 
-/// Appends `count` decoys made from the descriptors of the whole image, sent or not.
+/// Appends `count` decoys made of the rows that are there, which are the real ones that are sent.
 pub(crate) fn add_descriptors<R: Rng + ?Sized>(
     sent: &mut Descriptors,
-    pool: &Descriptors,
     count: usize,
     rng: &mut R,
-) {
+) -> Result<(), SealError> {
+    if count == 0 {
+        return Ok(());
+    }
+    let real = sent.clone();
+    let kind = real.kind();
+    let recipe = kind.decoy_recipe().filter(|recipe| match recipe {
+        DecoyRecipe::RootSiftQuarters => true,
+        DecoyRecipe::Mixture => real.len() >= PARENTS, // fewer would come near to a copy
+    });
+    let recipe =
+        recipe.ok_or_else(|| SealError::NoDecoys { kind: kind.name().to_owned(), keypoints: real.len() })?;
     for _ in 0..count {
-        let row = match pool.kind() {
-            DescriptorKind::ROOT_SIFT => root_sift(pool, rng),
-            // A kind without a recipe is resampled: its decoys are copies.
-            _ => pool.row(rng.random_range(0..pool.len())).to_vec(),
+        let row = match recipe {
+            DecoyRecipe::RootSiftQuarters => root_sift(&real, rng),
+            DecoyRecipe::Mixture => mixture(&real, rng),
         };
         sent.push(&row).expect("a decoy has as many numbers as the rows it was made from");
     }
+    Ok(())
+}
+
+/// Each number from one of a few different rows, drawn anew for each number, so that every number alone is distributed
+/// as in real rows; noise; then the length of another real row.
+fn mixture<R: Rng + ?Sized>(real: &Descriptors, rng: &mut R) -> Vec<u8> {
+    let (kind, rows) = (real.kind(), real.view());
+    let parents: Vec<Vec<i16>> =
+        sample(rng, real.len(), PARENTS).into_iter().map(|row| rows.values(row).collect()).collect();
+    let length = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
+    let like = rng.random_range(0..real.len());
+    let wanted = length(&mut rows.values(like).map(f64::from));
+    let spread = NOISE * wanted / (kind.dim() as f64).sqrt();
+    let mut values: Vec<f64> = (0..kind.dim())
+        .map(|i| f64::from(parents[rng.random_range(0..PARENTS)][i]) + spread * normal(rng))
+        .collect();
+    if kind.encoding() == Encoding::Unsigned {
+        values.iter_mut().for_each(|v| *v = v.max(0.0));
+    }
+    let scale = wanted / length(&mut values.iter().copied()).max(1e-9);
+    values.into_iter().map(|v| kind.encoding().byte(v * scale)).collect()
 }
 
 /// 4 × 4 cells of 8 directions: index `(y · 4 + x) · 8 + direction`, direction 0 the dominant one.
@@ -81,7 +115,8 @@ pub(crate) fn add_descriptors<R: Rng + ?Sized>(
 /// One quarter of the patch after the other is taken from a parent, mirrored about the dominant direction; of a few
 /// parents drawn at random the one that continues best what is there already.
 fn root_sift<R: Rng + ?Sized>(pool: &Descriptors, rng: &mut R) -> Vec<u8> {
-    let mut values = [0.0; 128];
+    let mut values = [0.0; ROOT_SIFT_DIM];
+    let full_length = f64::from(DescriptorKind::ROOT_SIFT.norm());
     let mut largest = 0.0;
     for quarter in 0..4 {
         let candidates = if quarter == 0 { 1 } else { CANDIDATES };
@@ -104,7 +139,7 @@ fn root_sift<R: Rng + ?Sized>(pool: &Descriptors, rng: &mut R) -> Vec<u8> {
     for _ in 0..CUTS {
         let norm = values.iter().map(|v| v * v).sum::<f64>().sqrt().max(1e-9);
         for value in &mut values {
-            *value = (*value / norm * ROOT_SIFT_NORM).min(largest);
+            *value = (*value / norm * full_length).min(largest);
         }
     }
     values.iter().map(|v| v.round().min(255.0) as u8).collect()
@@ -121,7 +156,7 @@ fn mirrored(row: &[u8], y: usize, x: usize, direction: usize) -> f64 {
 }
 
 /// How much a quarter taken from `parent` differs from its neighbours above and to the left, which are there.
-fn seam(values: &[f64; 128], parent: &[u8], quarter: usize) -> f64 {
+fn seam(values: &[f64; ROOT_SIFT_DIM], parent: &[u8], quarter: usize) -> f64 {
     let mut sum = 0.0;
     for (y, x) in cells(quarter) {
         for direction in 0..8 {

@@ -46,6 +46,40 @@ pub enum SealError {
         /// How many there are.
         keypoints: usize,
     },
+    /// `points` was asked for where a scheme that protects is expected.
+    #[error(
+        "the scheme points sends positions as they are; ask for it by its own name (SealOptions::unprotected_points)"
+    )]
+    Unprotected,
+    /// The profile's vocabulary is larger than the device allows.
+    #[error(
+        "the profile has a vocabulary of {words} words, this device takes {allowed}; an operator has no need of more"
+    )]
+    VocabularyTooLarge {
+        /// How many it has.
+        words: usize,
+        /// How many are taken.
+        allowed: usize,
+    },
+    /// The profile asks for a global descriptor that is made of the image and not of the rows that are sent.
+    #[error(
+        "the profile asks for a global descriptor of the image ({name}), which this device does not make"
+    )]
+    GlobalOfImage {
+        /// Its name.
+        name: String,
+    },
+    /// There are too few keypoints, and decoys cannot be made.
+    #[error(
+        "{keypoints} keypoints are too few, and no decoys can be made of descriptors of kind {kind} to fill the query \
+         up; take an image with more texture"
+    )]
+    NoDecoys {
+        /// The descriptor kind.
+        kind: String,
+        /// Usable keypoints.
+        keypoints: usize,
+    },
     /// The operating system gave no random numbers.
     #[error("the operating system gave no random numbers ({reason}); without them nothing can be sealed")]
     NoEntropy {

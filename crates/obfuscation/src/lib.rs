@@ -3,27 +3,52 @@
 //! Of all rooms only this one sees both a keypoint's position and the line that is sent instead. It runs on the
 //! device. [`seal`] is the door; everything it may not let through is listed with its test in `docs/privacy.md`.
 //!
-//! ```no_run
-//! # fn f(features: veiloc_features::Features, profile: veiloc_query::Profile) -> Result<(), Box<dyn std::error::Error>> {
-//! let camera = "SIMPLE_RADIAL,640,480,525,320,240,-0.01".parse()?;
-//! let sealed = veiloc_obfuscation::seal(features, &camera, &profile, &mut veiloc_obfuscation::device_rng()?)?;
-//! let bytes = sealed.encode(); // send these; send the same bytes again when the network fails
-//! # Ok(())
-//! # }
+//! What happens to positions is said by [`SealOptions`], which are the device's own; a [`Profile`](veiloc_query::Profile)
+//! says what to extract, and is followed within [`DeviceLimits`] only.
+//!
 //! ```
+//! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+//! use veiloc_features::{Features, Keypoint};
+//! use veiloc_geometry::Pixel;
+//! use veiloc_obfuscation::{SealOptions, device_rng, seal};
+//!
+//! // On a device the profile comes from the map's server, and features from `veiloc_obfuscation::extract`.
+//! let kind = DescriptorKind::ROOT_SIFT;
+//! let words = Descriptors::new(kind, vec![20; 2 * 128])?;
+//! let profile = veiloc_query::Profile::vlad(Vocabulary::new(words)?);
+//! let place = |i: u32| Pixel::new(f64::from(20 + i * 97 % 600), f64::from(20 + i * 61 % 440));
+//! let keypoints = (0..300).map(|i| Keypoint { pixel: place(i), scale: 2.0, orientation: 0.0, response: 1.0 });
+//! let bytes = (0..300 * 128_u32).map(|i| (i * 31 % 90) as u8).collect();
+//! let features = Features { keypoints: keypoints.collect(), descriptors: Descriptors::new(kind, bytes)? };
+//!
+//! let camera = "SIMPLE_RADIAL,640,480,525,320,240,-0.01".parse()?;
+//! let sealed = seal(features, &camera, &profile, &SealOptions::default(), &mut device_rng()?)?;
+//! assert_eq!((sealed.scheme().to_string(), sealed.len()), ("dcl".to_owned(), 256));
+//! let bytes = sealed.encode(); // send these; send the same bytes again when the network fails
+//! # assert!(!bytes.is_empty());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Cargo features
+//! - `ground-truth` (off): obfuscation that keeps the answers, for attacks and evaluation. No device needs it, and a
+//!   program for devices must not turn it on; `docs/privacy.md` says how to look.
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "ground-truth")]
 pub mod audit;
 mod decoy;
 mod error;
 mod extract;
 mod lift;
+mod options;
 mod rng;
 mod seal;
 
+#[cfg(feature = "ground-truth")]
 #[doc(inline)]
 pub use audit::{SealTruth, obfuscate_points, seal_with_truth};
 pub use error::SealError;
-pub use extract::{ExtractError, extract};
+pub use extract::{ExtractError, extract, extract_with};
+pub use options::{DeviceLimits, SealOptions};
 pub use rng::device_rng;
-pub use seal::{seal, seal_at_most};
+pub use seal::seal;

@@ -78,7 +78,6 @@ pub(crate) fn lift<R: Rng + ?Sized>(
             let anchors = layout.anchors(size[0], size[1]);
             Ok(Rows::Dcl(dithered.iter().map(|&pixel| anchored(&anchors, bits, pixel)).collect()))
         }
-        other => Err(veiloc_query::QueryError::SchemeSyntax { text: other.to_string() }.into()),
     }
 }
 
@@ -124,6 +123,5 @@ pub(crate) fn select(rows: &Rows, order: impl Iterator<Item = usize> + Clone) ->
         Rows::RandomLines(r) => Rows::RandomLines(order.map(|i| r[i]).collect()),
         Rows::CoordinatePermutation(r) => Rows::CoordinatePermutation(order.map(|i| r[i]).collect()),
         Rows::Dcl(r) => Rows::Dcl(order.map(|i| r[i]).collect()),
-        other => unreachable!("{other:?} is not made by `lift`"),
     }
 }

@@ -4,22 +4,23 @@ use rand::CryptoRng;
 use rand::seq::SliceRandom;
 use veiloc_features::Features;
 use veiloc_geometry::{Anchor, DualAnchors, Intrinsics, Pixel};
-use veiloc_query::{CanonicalCamera, Profile, QueryError, Scheme, SealedQuery, SizeClass};
+use veiloc_query::{CanonicalCamera, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass};
 
-use crate::SealError;
-use crate::audit::SealTruth;
 use crate::decoy;
 use crate::lift::{Places, dither, lift, select};
+use crate::{SealError, SealOptions};
 
 /// Keypoints nearer than this to an anchor, pixels, have no useful angle and are dropped.
 const ANCHOR_CLEARANCE: f64 = 1.0;
 
 /// Seals the features of one image: the only door from keypoint to line.
 ///
+/// The scheme is that of `options`, whatever a profile says.
+///
 /// 1. Each keypoint is undistorted and re-projected into the canonical camera (L6). Those without a ray, outside
 ///    that camera's image, or within one pixel of an anchor are dropped.
-/// 2. The strongest are kept, as many as the largest size class not above the count and the profile's limit; below
-///    the smallest class the rest is filled with decoys (L5).
+/// 2. The strongest are kept, as many as the largest size class not above the count, the profile's limit and the
+///    device's; below the smallest class the rest is filled with decoys made of the rows that are sent (L5).
 /// 3. Position, dithered by up to half a pixel (L2); side, line, code (L1, L9). Features with one position share
 ///    one dither and one line (L7).
 /// 4. Rows are shuffled (L3); strength, scale and orientation have been left behind (L4).
@@ -28,11 +29,12 @@ const ANCHOR_CLEARANCE: f64 = 1.0;
 /// again; sealing a second time would draw second lines through the same keypoints, and their crossings are the
 /// keypoints.
 ///
-/// ```compile_fail
-/// # use veiloc_obfuscation::{seal, device_rng};
+/// ```compile_fail,E0382
+/// # use veiloc_obfuscation::{SealOptions, device_rng, seal};
 /// # fn f(features: veiloc_features::Features, camera: veiloc_geometry::Intrinsics, profile: veiloc_query::Profile) {
-/// let first = seal(features, &camera, &profile, &mut device_rng().unwrap());
-/// let retry = seal(features, &camera, &profile, &mut device_rng().unwrap()); // the image is used up
+/// let options = SealOptions::default();
+/// let first = seal(features, &camera, &profile, &options, &mut device_rng().unwrap());
+/// let retry = seal(features, &camera, &profile, &options, &mut device_rng().unwrap()); // the image is used up
 /// # }
 /// ```
 ///
@@ -40,54 +42,53 @@ const ANCHOR_CLEARANCE: f64 = 1.0;
 ///
 /// # Errors
 /// [`SealError`]: no usable keypoint, all on one side of the dividing line (dcl), a position that is not finite, a
-/// camera that is not possible, descriptors of another kind than the profile's.
+/// camera that is not possible, descriptors of another kind than the profile's, a profile that asks for more than the
+/// device gives, or too few keypoints of a kind that has no decoys.
 pub fn seal(
     features: Features,
     camera: &Intrinsics,
     profile: &Profile,
+    options: &SealOptions,
     rng: &mut impl CryptoRng,
 ) -> Result<SealedQuery, SealError> {
-    seal_at_most(features, camera, profile, usize::MAX, rng)
-}
-
-/// As [`seal`], with at most so many keypoints, the strongest usable ones: what is not sent is not leaked. The limit of
-/// the profile holds as well, and the query is as good to the map as one of full size.
-///
-/// A number between two size classes is cut to the smaller; below the smallest class decoys fill up (L5).
-/// `docs/audit.md` has what fewer keypoints cost and what they buy.
-///
-/// # Errors
-/// As [`seal`]; [`SealError::NoKeypoints`] when `most` is 0.
-pub fn seal_at_most(
-    features: Features,
-    camera: &Intrinsics,
-    profile: &Profile,
-    most: usize,
-    rng: &mut impl CryptoRng,
-) -> Result<SealedQuery, SealError> {
-    seal_frame(features, camera, profile, most, rng).map(|(query, _)| query)
+    seal_frame(features, camera, profile, options, rng, |_| ()).map(|(query, ())| query)
 }
 
 /// A keypoint that is kept.
 #[derive(Clone, Copy)]
-struct Kept {
-    source: usize,
+pub(crate) struct Kept {
+    pub(crate) source: usize,
     pixel: Pixel,
 }
 
-pub(crate) fn seal_frame(
+/// What is forgotten when a query is sealed. Only the build for evaluation looks at it.
+#[cfg_attr(not(feature = "ground-truth"), expect(dead_code, reason = "nobody but the audit reads it"))]
+pub(crate) struct Hidden<'a> {
+    /// The real keypoints, `[real]`.
+    pub(crate) kept: &'a [Kept],
+    /// Positions of all rows, before dither.
+    pub(crate) places: &'a Places,
+    /// `[rows]`: index before the shuffle, real keypoints first.
+    pub(crate) order: &'a [usize],
+}
+
+/// Seals, and lets `look` see what is hidden before it is forgotten.
+pub(crate) fn seal_frame<T>(
     features: Features,
     camera: &Intrinsics,
     profile: &Profile,
-    most: usize,
+    options: &SealOptions,
     rng: &mut impl CryptoRng,
-) -> Result<(SealedQuery, SealTruth), SealError> {
+    look: impl FnOnce(&Hidden<'_>) -> T,
+) -> Result<(SealedQuery, T), SealError> {
+    options.bounded(profile)?;
     check(&features, profile)?;
+    let (scheme, angle_bits) = (options.scheme(), options.angle_bits());
     let canonical = CanonicalCamera::for_intrinsics(camera)?;
     let size = [canonical.width(), canonical.height()];
-    let anchors = match profile.scheme() {
+    let anchors = match scheme {
         Scheme::Dcl(layout) => Some(layout.anchors(size[0], size[1])),
-        _ => None,
+        Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => None,
     };
 
     let mut usable = strongest_first(&features)
@@ -96,7 +97,7 @@ pub(crate) fn seal_frame(
             let pixel = reproject(features.keypoints[source].pixel, camera, canonical, anchors.as_ref())?;
             Some(Kept { source, pixel })
         })
-        .take(most.min(profile.limits().max_keypoints as usize))
+        .take(options.most(profile))
         .collect::<Vec<_>>();
     if usable.is_empty() {
         return Err(SealError::NoKeypoints { extracted: features.keypoints.len() });
@@ -110,7 +111,7 @@ pub(crate) fn seal_frame(
     let clear = |pixel| in_image(pixel, canonical, anchors.as_ref());
     decoy::add_places(&mut places, usable.len(), decoys, size, clear, rng);
     let mut descriptors = features.descriptors.select(usable.iter().map(|kept| kept.source));
-    decoy::add_descriptors(&mut descriptors, &features.descriptors, decoys, rng);
+    decoy::add_descriptors(&mut descriptors, decoys, rng)?;
 
     let dithered: Vec<Pixel> = places.pixels.iter().map(|p| dither(*p, rng)).collect();
     if let Some(anchors) = &anchors {
@@ -119,21 +120,21 @@ pub(crate) fn seal_frame(
             return Err(SealError::OneSided { keypoints: usable.len() });
         }
     }
-    let lifted = lift(&dithered, size, profile.scheme(), profile.angle_bits(), rng)?;
+    let lifted = lift(&dithered, size, scheme, angle_bits, rng)?;
 
     let mut order: Vec<usize> = (0..rows).collect();
     order.shuffle(rng);
-    let query = SealedQuery::new(
-        profile,
-        canonical,
-        select(&lifted, order.iter().map(|&row| places.of[row])),
-        descriptors.select(order.iter().copied()),
-    )?;
-    let truth = SealTruth {
-        source: order.iter().map(|&row| usable.get(row).map(|kept| kept.source)).collect(),
-        pixels: order.iter().map(|&row| places.pixels[places.of[row]]).collect(),
+    let parts = QueryParts {
+        camera: canonical,
+        scheme,
+        angle_bits,
+        rows: select(&lifted, order.iter().map(|&row| places.of[row])),
+        descriptors: descriptors.select(order.iter().copied()),
+        image_global: None,
     };
-    Ok((query, truth))
+    let query = SealedQuery::new(profile, parts)?;
+    let seen = look(&Hidden { kept: &usable, places: &places, order: &order });
+    Ok((query, seen))
 }
 
 fn check(features: &Features, profile: &Profile) -> Result<(), SealError> {

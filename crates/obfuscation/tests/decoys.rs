@@ -7,7 +7,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use base64::Engine;
-use common::{profile, rng};
+use common::{options, profile, rng};
 use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalDescriptor, Vocabulary};
@@ -69,7 +69,7 @@ fn seal_some(
     let [width, height] = image.size;
     let params = [f64::from(width.max(height)), f64::from(width) / 2.0, f64::from(height) / 2.0];
     let camera = Intrinsics::new("SIMPLE_PINHOLE", width, height, &params).expect("valid");
-    seal_with_truth(features, &camera, profile, rng).expect("both sides have some")
+    seal_with_truth(features, &camera, profile, &options("dcl"), rng).expect("both sides have some")
 }
 
 /// Images of 100 keypoints drawn from real ones, sealed: 100 real rows and 156 decoys each.
@@ -78,7 +78,7 @@ fn sealed_rows(folder: &Path) -> Vec<Row> {
     let mut rows = Vec::new();
     for (index, image) in images(folder).iter().enumerate() {
         let chosen = sample(&mut rng, image.features.keypoints.len(), 100).into_vec();
-        let (query, truth) = seal_some(image, &chosen, &profile("dcl"), &mut rng);
+        let (query, truth) = seal_some(image, &chosen, &profile(), &mut rng);
         rows.extend(truth.source.iter().enumerate().map(|(row, source)| Row {
             image: index,
             descriptor: query.descriptors().row(row).iter().map(|v| f64::from(*v)).collect(),
@@ -222,7 +222,7 @@ fn decoys_cost_in_retrieval_what_the_document_says(data: &Path) {
         }
     }
     let vocabulary = Vocabulary::train(samples.view(), 64, &mut rng).expect("enough samples");
-    let profile = Profile::new("dcl".parse().expect("a scheme"), vocabulary.clone());
+    let profile = Profile::vlad(vocabulary.clone());
     const DRAWS: usize = 8;
     for kept in [50, 100, 200] {
         let [mut plain, mut with_decoys] = [0.0; 2];

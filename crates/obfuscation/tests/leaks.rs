@@ -6,8 +6,9 @@ mod common;
 use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use common::{angles, camera, correlation, features_at, profile, rng, uniform_pixels};
+use common::{angles, camera, correlation, features_at, options, profile, rng, uniform_pixels};
 use rand::Rng;
+use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
 use veiloc_geometry::{Anchor, DualAnchors, Intrinsics, Pixel, PixelLine};
 use veiloc_obfuscation::{SealError, obfuscate_points, seal, seal_with_truth};
@@ -33,7 +34,8 @@ fn l1_a_line_tells_no_distance_from_its_anchor() {
     let (query, truth) = seal_with_truth(
         features_at(&pixels, 1),
         &camera(),
-        &profile("dcl").with_limits(limits(4096)).expect("allowed"),
+        &profile().with_limits(limits(4096)).expect("allowed"),
+        &options("dcl").with_max_keypoints(4096),
         &mut rng,
     )
     .expect("sealed");
@@ -56,7 +58,7 @@ fn l1_a_line_tells_no_distance_from_its_anchor() {
     assert!(correlation(&sent).abs() < 0.06, "{}", correlation(&sent));
 
     // And there is nothing else in the message than anchor and angle: 13 bits a row, all of them accounted for.
-    assert_eq!(common::bytes_of_field(&query.encode(), 12).len(), 4096 * 13 / 8);
+    assert_eq!(common::bytes_of_field(&query.encode(), common::POSITIONS).len(), 4096 * 13 / 8);
     for ((anchor, angle), pixel) in angles(&query.observations()).iter().zip(&truth.pixels) {
         let anchor = Anchor::BOTH[*anchor];
         let dither = (0.71 / radius(*pixel)).min(1.0).asin();
@@ -75,7 +77,8 @@ fn l2_an_angle_names_no_pixel() {
         (0..160 * 128).map(|i| Pixel::new(f64::from(i % 160) + 0.5, f64::from(i / 160) + 0.5)).collect();
     let pixels: Vec<Pixel> = (0..256).map(|_| lattice[rng.random_range(0..lattice.len())]).collect();
     let (query, truth) =
-        seal_with_truth(features_at(&pixels, 2), &small, &profile("dcl"), &mut rng).expect("sealed");
+        seal_with_truth(features_at(&pixels, 2), &small, &profile(), &options("dcl"), &mut rng)
+            .expect("sealed");
     let sent = angles(&query.observations());
 
     // The attacker takes the lattice point whose exact angle is nearest.
@@ -126,7 +129,7 @@ fn l3_rows_are_in_no_order() {
     for scheme in ["points", "random-lines", "coordinate-permutation", "dcl"] {
         let order = |seed| {
             let features = features_at(&pixels, 3);
-            let sealed = seal_with_truth(features, &camera(), &profile(scheme), &mut rng(seed));
+            let sealed = seal_with_truth(features, &camera(), &profile(), &options(scheme), &mut rng(seed));
             sealed.expect("sealed").1.source
         };
         let (first, second) = (order(1), order(2));
@@ -149,15 +152,34 @@ fn l4_strength_scale_and_orientation_are_not_sent() {
     }
     for scheme in LINE_SCHEMES {
         let bytes = |f: &Features| {
-            seal(f.clone(), &camera(), &profile(scheme), &mut rng(4)).expect("sealed").encode()
+            seal(f.clone(), &camera(), &profile(), &options(scheme), &mut rng(4)).expect("sealed").encode()
         };
         assert_eq!(bytes(&plain), bytes(&other), "{scheme}");
-        // The leak: one octave number a row.
+        // The leak: the octave in a place that is sent, the first number of the descriptor.
         let leaky = |f: &Features| {
-            let octaves = f.keypoints.iter().map(|k| k.scale.log2() as u8);
-            [bytes(f), octaves.collect()].concat()
+            let dim = f.descriptors.kind().dim();
+            let mut rows = f.descriptors.as_bytes().to_vec();
+            for (row, keypoint) in rows.chunks_exact_mut(dim).zip(&f.keypoints) {
+                row[0] = keypoint.scale.log2() as u8;
+            }
+            let descriptors = Descriptors::new(f.descriptors.kind(), rows).expect("whole rows");
+            bytes(&Features { descriptors, keypoints: f.keypoints.clone() })
         };
         assert_ne!(leaky(&plain), leaky(&other), "the measure does not see the leak");
+
+        // Strength decides who is kept, and shows in the place of no row.
+        let (_, truth) = seal_with_truth(plain.clone(), &camera(), &profile(), &options(scheme), &mut rng(4))
+            .expect("sealed");
+        let strength = |source: usize| f64::from(plain.keypoints[source].response);
+        let told = |order: &[usize]| -> f64 {
+            let pairs: Vec<_> = order.iter().enumerate().map(|(row, s)| (row as f64, strength(*s))).collect();
+            correlation(&pairs).abs()
+        };
+        let order: Vec<usize> = truth.source.into_iter().flatten().collect();
+        let mut strongest_first = order.clone();
+        strongest_first.sort_by(|a, b| strength(*b).total_cmp(&strength(*a)));
+        assert!(told(&strongest_first) > 0.25, "the measure does not see the leak");
+        assert!(told(&order) < 0.2, "{scheme}: {}", told(&order));
     }
 }
 
@@ -167,7 +189,7 @@ fn l5_size_tells_the_class_only_and_nothing_marks_decoys() {
     for scheme in LINE_SCHEMES {
         let sealed = |count: usize| {
             let features = features_at(&uniform_pixels(count, 5), count as u64);
-            seal_with_truth(features, &camera(), &profile(scheme), &mut rng(5)).expect("sealed")
+            seal_with_truth(features, &camera(), &profile(), &options(scheme), &mut rng(5)).expect("sealed")
         };
         let lengths: BTreeSet<usize> =
             [3, 60, 255, 256, 300, 511].into_iter().map(|n| sealed(n).0.encode().len()).collect();
@@ -192,10 +214,9 @@ fn l5_size_tells_the_class_only_and_nothing_marks_decoys() {
             query.descriptors().row(*row).iter().map(|v| f64::from(*v).powi(2)).sum::<f64>().sqrt()
         };
         assert!((0..256).all(|row| (norm(&row) - 512.0).abs() < 8.0), "{scheme}: a length stands out");
-        let vocabulary = profile(scheme);
-        let of = |rows: Vec<usize>| {
-            vocabulary.vocabulary().aggregate(query.descriptors().to_owned().select(rows).view())
-        };
+        let profile = profile();
+        let vocabulary = profile.vocabulary().expect("VLAD");
+        let of = |rows: Vec<usize>| vocabulary.aggregate(query.descriptors().to_owned().select(rows).view());
         let real_only = of((0..256).filter(|&row| truth.source[row].is_some()).collect());
         assert_eq!(of((0..256).collect()).as_codes(), query.global().as_codes(), "{scheme}");
         assert_ne!(real_only.as_codes(), query.global().as_codes(), "the measure does not see the leak");
@@ -223,7 +244,7 @@ fn l6_the_camera_names_no_device() {
             // Nothing is lost: the canonical pixel is the same ray.
             let features = features_at(&pixels, 6);
             let (query, truth) =
-                seal_with_truth(features, &device, &profile("dcl"), &mut rng).expect("sealed");
+                seal_with_truth(features, &device, &profile(), &options("dcl"), &mut rng).expect("sealed");
             for (source, pixel) in truth.source.iter().zip(&truth.pixels) {
                 let Some(source) = source else { continue };
                 let ray = device.unproject(pixels[*source]).expect("inside").bearing();
@@ -244,7 +265,7 @@ fn l7_one_keypoint_has_one_line() {
     let twice: Vec<Pixel> = places.iter().flat_map(|p| [*p, *p]).collect();
     for scheme in LINE_SCHEMES {
         let (query, truth) =
-            seal_with_truth(features_at(&twice, 7), &camera(), &profile(scheme), &mut rng(7))
+            seal_with_truth(features_at(&twice, 7), &camera(), &profile(), &options(scheme), &mut rng(7))
                 .expect("sealed");
         let row_of = |source: usize| truth.source.iter().position(|s| *s == Some(source)).expect("kept");
         let observations = query.observations();
@@ -273,7 +294,8 @@ fn l7_one_keypoint_has_one_line() {
         .filter(|(place, (a, b))| a.intersection(b).is_some_and(|crossing| crossing.distance(place) < 3.0));
     assert!(named.count() > 200, "the measure does not see the leak");
     // A retry sends the same bytes.
-    let query = seal(features_at(&places, 7), &camera(), &profile("dcl"), &mut rng(7)).expect("sealed");
+    let query =
+        seal(features_at(&places, 7), &camera(), &profile(), &options("dcl"), &mut rng(7)).expect("sealed");
     assert_eq!(query.encode(), query.clone().encode());
 }
 
@@ -283,7 +305,8 @@ fn l8_debug_output_has_counts_only() {
     for scheme in ["points", "random-lines", "coordinate-permutation", "dcl"] {
         let sealed = |seed| {
             let features = features_at(&uniform_pixels(256, seed), seed);
-            seal_with_truth(features, &camera(), &profile(scheme), &mut rng(seed)).expect("sealed")
+            seal_with_truth(features, &camera(), &profile(), &options(scheme), &mut rng(seed))
+                .expect("sealed")
         };
         let ((a, truth_a), (b, truth_b)) = (sealed(1), sealed(2));
         assert_eq!(format!("{a:?} {a:#?}"), format!("{b:?} {b:#?}"));
@@ -299,7 +322,7 @@ fn l8_debug_output_has_counts_only() {
     }
     let mut features = features_at(&uniform_pixels(10, 1), 1);
     features.keypoints[3].pixel.u = f64::NAN;
-    let error = seal(features, &camera(), &profile("dcl"), &mut rng(1)).expect_err("not finite");
+    let error = seal(features, &camera(), &profile(), &options("dcl"), &mut rng(1)).expect_err("not finite");
     assert_eq!(error, SealError::NotFinite { index: 3 });
 }
 

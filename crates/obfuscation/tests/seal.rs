@@ -2,11 +2,11 @@
 
 mod common;
 
-use common::{camera, features_at, profile, random_descriptors, rng, uniform_pixels};
+use common::{camera, features_at, options, profile, random_descriptors, rng, uniform_pixels};
 use proptest::prelude::*;
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_obfuscation::{SealError, obfuscate_points, seal, seal_at_most, seal_with_truth};
+use veiloc_obfuscation::{SealError, obfuscate_points, seal, seal_with_truth};
 use veiloc_query::{AngleBits, ExtractionLimits, Observations, QueryError, Scheme, SealedQuery};
 
 const SCHEMES: [&str; 6] =
@@ -34,7 +34,8 @@ fn every_scheme_tells_the_truth_within_dither_and_rounding() {
         {
             let features = features_at(&uniform_pixels(700, 1), 1);
             let (query, truth) =
-                seal_with_truth(features.clone(), &camera, &profile(text), &mut rng(1)).expect(text);
+                seal_with_truth(features.clone(), &camera, &profile(), &options(text), &mut rng(1))
+                    .expect(text);
             assert_eq!((query.len(), query.scheme().to_string().as_str()), (512, text));
             let observations = query.observations();
             for row in 0..query.len() {
@@ -48,8 +49,7 @@ fn every_scheme_tells_the_truth_within_dither_and_rounding() {
                 assert!(off(&observations, row, pixel) < 0.708 + 0.5, "{text}");
             }
             assert_eq!(SealedQuery::decode(&query.encode()).expect("own bytes"), query);
-            profile(text).check(&query).expect("its own profile");
-            profile("points").check(&query).expect("the map's, whatever its scheme");
+            profile().check(&query).expect("its own profile");
         }
     }
 }
@@ -59,7 +59,7 @@ fn equal_generators_give_equal_queries_and_others_do_not() {
     for text in SCHEMES {
         let bytes = |seed| {
             let features = features_at(&uniform_pixels(300, 2), 2);
-            seal(features, &camera(), &profile(text), &mut rng(seed)).expect(text).encode()
+            seal(features, &camera(), &profile(), &options(text), &mut rng(seed)).expect(text).encode()
         };
         assert_eq!(bytes(1), bytes(1), "{text}");
         assert_ne!(bytes(1), bytes(2), "{text}");
@@ -69,7 +69,7 @@ fn equal_generators_give_equal_queries_and_others_do_not() {
 #[test]
 fn images_that_cannot_be_sealed_are_refused_with_a_reason() {
     let seal_at = |pixels: &[Pixel], scheme: &str| {
-        seal(features_at(pixels, 3), &camera(), &profile(scheme), &mut rng(3)).map(|q| q.len())
+        seal(features_at(pixels, 3), &camera(), &profile(), &options(scheme), &mut rng(3)).map(|q| q.len())
     };
     for scheme in SCHEMES {
         assert_eq!(seal_at(&[], scheme), Err(SealError::NoKeypoints { extracted: 0 }));
@@ -87,11 +87,12 @@ fn images_that_cannot_be_sealed_are_refused_with_a_reason() {
 
     let mut unpaired = features_at(&left, 3);
     unpaired.keypoints.pop();
-    let error = seal(unpaired, &camera(), &profile("dcl"), &mut rng(3)).expect_err("unpaired");
+    let error = seal(unpaired, &camera(), &profile(), &options("dcl"), &mut rng(3)).expect_err("unpaired");
     assert_eq!(error, SealError::Unpaired { keypoints: 99, descriptors: 100 });
 
     let absurd: Intrinsics = "SIMPLE_PINHOLE,640,480,2,320,240".parse().expect("a number");
-    let error = seal(features_at(&left, 3), &absurd, &profile("dcl"), &mut rng(3)).expect_err("2 px");
+    let error =
+        seal(features_at(&left, 3), &absurd, &profile(), &options("dcl"), &mut rng(3)).expect_err("2 px");
     assert!(matches!(error, SealError::Query(QueryError::Focal { .. })));
 }
 
@@ -103,14 +104,12 @@ fn the_strongest_are_kept_whatever_their_order_and_the_limit_holds() {
     }
     let limits = ExtractionLimits { max_keypoints: 600, max_image_side: 1600 };
     for (profile, expected) in [
-        (profile("dcl"), 512),
-        (profile("dcl").with_limits(limits).expect("allowed"), 512),
-        (
-            profile("dcl").with_limits(ExtractionLimits { max_keypoints: 400, ..limits }).expect("allowed"),
-            256,
-        ),
+        (profile(), 512),
+        (profile().with_limits(limits).expect("allowed"), 512),
+        (profile().with_limits(ExtractionLimits { max_keypoints: 400, ..limits }).expect("allowed"), 256),
     ] {
-        let (_, truth) = seal_with_truth(features.clone(), &camera(), &profile, &mut rng(4)).expect("sealed");
+        let (_, truth) = seal_with_truth(features.clone(), &camera(), &profile, &options("dcl"), &mut rng(4))
+            .expect("sealed");
         let mut kept: Vec<usize> = truth.source.into_iter().flatten().collect();
         kept.sort_unstable();
         // 999 has no strength and comes last, so 998 is the strongest.
@@ -124,9 +123,10 @@ fn a_device_may_send_fewer_than_the_profile_asks_for() {
     for (i, keypoint) in features.keypoints.iter_mut().enumerate() {
         keypoint.response = i as f32;
     }
-    let profile = profile("dcl");
+    let profile = profile();
     for (most, rows) in [(usize::MAX, 512), (600, 512), (511, 256), (256, 256), (40, 256)] {
-        let query = seal_at_most(features.clone(), &camera(), &profile, most, &mut rng(4)).expect("sealed");
+        let options = options("dcl").with_max_keypoints(most);
+        let query = seal(features.clone(), &camera(), &profile, &options, &mut rng(4)).expect("sealed");
         assert_eq!(query.len(), rows, "{most}");
         // The map takes it as one of full size.
         assert_eq!(profile.check(&query), Ok(()));
@@ -137,7 +137,8 @@ fn a_device_may_send_fewer_than_the_profile_asks_for() {
         let kept = most.min(rows);
         assert!((1000 - kept..1000).all(sent) && !(0..1000 - kept).any(sent), "{most}");
     }
-    let error = seal_at_most(features, &camera(), &profile, 0, &mut rng(4)).expect_err("nothing to send");
+    let none = options("dcl").with_max_keypoints(0);
+    let error = seal(features, &camera(), &profile, &none, &mut rng(4)).expect_err("nothing to send");
     assert!(matches!(error, SealError::NoKeypoints { .. }));
 }
 
@@ -220,8 +221,8 @@ proptest! {
         let descriptors = random_descriptors(keypoints.len(), &mut rng(seed));
         let bad = keypoints.iter().position(|k| !k.pixel.is_finite());
         let camera = Intrinsics::new("SIMPLE_RADIAL", 640, 480, &[focal, 320.0, 240.0, k]).expect("valid");
-        let profile = profile(SCHEMES[scheme]).with_angle_bits(AngleBits::new(bits).expect("allowed"));
-        let sealed = seal(Features { keypoints, descriptors }, &camera, &profile, &mut rng(seed));
+        let options = options(SCHEMES[scheme]).with_angle_bits(AngleBits::new(bits).expect("allowed"));
+        let sealed = seal(Features { keypoints, descriptors }, &camera, &profile(), &options, &mut rng(seed));
         match (&sealed, bad) {
             (Err(SealError::NotFinite { index }), bad) => prop_assert_eq!(Some(*index), bad),
             (_, Some(_)) => prop_assert!(false, "a position that is not finite was let through"),

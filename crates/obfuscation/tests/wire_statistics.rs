@@ -6,7 +6,7 @@
 
 mod common;
 
-use common::{angles, camera, correlation, features_at, profile, rng, uniform_pixels};
+use common::{angles, camera, correlation, features_at, options, profile, rng, uniform_pixels};
 use rand::Rng;
 use veiloc_geometry::{Anchor, DualAnchors, Pixel};
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
@@ -15,7 +15,8 @@ use veiloc_query::{Observations, SealedQuery};
 const ROWS: usize = 256;
 
 fn sealed(pixels: &[Pixel], scheme: &str, seed: u64) -> (SealedQuery, SealTruth) {
-    seal_with_truth(features_at(pixels, 7), &camera(), &profile(scheme), &mut rng(seed)).expect("sealed")
+    seal_with_truth(features_at(pixels, 7), &camera(), &profile(), &options(scheme), &mut rng(seed))
+        .expect("sealed")
 }
 
 /// What a row tells of its position, as numbers that can be compared exactly.
@@ -114,7 +115,10 @@ struct Message {
 impl Message {
     fn of(query: &SealedQuery, truth: &SealTruth) -> Self {
         let bytes = query.encode();
-        let (packed, descriptors) = (common::bytes_of_field(&bytes, 12), common::bytes_of_field(&bytes, 13));
+        let (packed, descriptors) = (
+            common::bytes_of_field(&bytes, common::POSITIONS),
+            common::bytes_of_field(&bytes, common::DESCRIPTORS),
+        );
         let bit = |i: usize| u16::from(packed[i / 8] >> (7 - i % 8) & 1);
         let row = |r: usize| (0..13).fold(0, |code, i| code << 1 | bit(13 * r + i));
         let anchors = DualAnchors::vertical(640, 480);
@@ -218,7 +222,8 @@ fn no_field_goes_with_the_hidden_radius() {
                 let (query, truth) = seal_with_truth(
                     features_at(&free_radii(seed), seed),
                     &camera(),
-                    &profile("dcl"),
+                    &profile(),
+                    &options("dcl"),
                     &mut rng(seed),
                 )
                 .expect("sealed");
@@ -277,9 +282,11 @@ fn no_field_goes_with_the_hidden_radius() {
 fn the_head_of_a_message_knows_nothing_of_keypoints() {
     let head = |seed: u64, pixels: &[Pixel]| {
         let features = features_at(pixels, seed);
-        let query = seal_with_truth(features, &camera(), &profile("dcl"), &mut rng(seed)).expect("sealed").0;
+        let query = seal_with_truth(features, &camera(), &profile(), &options("dcl"), &mut rng(seed))
+            .expect("sealed")
+            .0;
         let bytes = query.encode();
-        let positions = common::bytes_of_field(&bytes, 12);
+        let positions = common::bytes_of_field(&bytes, common::POSITIONS);
         let end = bytes.windows(positions.len()).position(|w| w == positions).expect("a part of it");
         bytes[..end].to_vec()
     };

@@ -1,6 +1,6 @@
 //! Writes the known-answer files of the wire format: `cargo run -p veiloc-query --example known_answers`.
 //!
-//! They were written once for version 1 and must be read for ever; this program is for the next version's files.
+//! They were written once for each version and must be read for ever; this program is for the next version's files.
 
 #[path = "../tests/common/mod.rs"]
 mod common;
@@ -8,16 +8,14 @@ mod common;
 use std::fs;
 use std::path::Path;
 
-use veiloc_query::Scheme;
-
 fn main() -> std::io::Result<()> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     fs::create_dir_all(&folder)?;
-    for (file, scheme, bits) in common::known_answers() {
-        fs::write(folder.join(format!("{file}.vquery")), common::query(scheme, bits, 256, 1).encode())?;
-        if scheme == Scheme::default() {
-            fs::write(folder.join("v1.profile"), common::profile(scheme, bits).encode())?;
-        }
+    for (file, query) in common::known_answers() {
+        fs::write(folder.join(format!("{file}.vquery")), query.encode())?;
+    }
+    for (file, profile) in common::known_profiles() {
+        fs::write(folder.join(format!("{file}.profile")), profile.encode())?;
     }
     fs::write(folder.join("v1.answer"), common::answer(1, 2).encode())?;
     Ok(())

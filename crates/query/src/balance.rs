@@ -31,7 +31,7 @@ impl SealedQuery {
             Observations::Anchored { lines, .. } => {
                 Some(Anchor::BOTH.map(|anchor| lines.iter().filter(|line| line.anchor == anchor).count()))
             }
-            _ => None,
+            Observations::Points(_) | Observations::Lines(_) | Observations::EitherLine(_) => None,
         }
     }
 

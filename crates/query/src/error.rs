@@ -27,13 +27,15 @@ pub enum QueryError {
         reason: String,
     },
     /// A version this program does not read.
-    #[error("{what} of version {found}, but this program reads version {supported}; update the older side")]
+    #[error(
+        "{what} of version {found}, but this program reads versions up to {supported}; update the older side"
+    )]
     Version {
         /// `sealed query` or `profile`.
         what: &'static str,
         /// The version told.
         found: u32,
-        /// The version read here.
+        /// The last version read here.
         supported: u32,
     },
     /// A field that must be there is not.
@@ -81,7 +83,7 @@ pub enum QueryError {
     /// Global descriptor or vocabulary bytes were refused.
     #[error("the {what} is damaged: {reason}")]
     Descriptor {
-        /// `global descriptor` or `vocabulary`.
+        /// Which part, by its name in the schema.
         what: &'static str,
         /// What the descriptor room said.
         reason: String,
@@ -140,4 +142,83 @@ pub enum QueryError {
         /// Height that would be needed, pixels.
         height: f64,
     },
+}
+
+impl QueryError {
+    /// The message without any value of the query or profile it is about: what a server may say to whoever sent it,
+    /// and may log (rules L8, L12). Names of fields, what they may be, and what to do.
+    pub fn without_values(&self) -> String {
+        let text = match self {
+            Self::TooLong { what, limit, .. } => {
+                return format!(
+                    "more bytes than a {what} can have ({limit}); send the bytes exactly as they were sealed"
+                );
+            }
+            Self::Malformed { what, .. } => {
+                return format!(
+                    "these bytes are not a {what}; they may be truncated or of another kind: seal it anew"
+                );
+            }
+            Self::Version { what, supported, .. } => {
+                return format!("a {what} of an unknown version; versions up to {supported} are read");
+            }
+            Self::Field { field, allowed, .. } => return format!("{field} must be {allowed}"),
+            Self::Length { field, .. } => {
+                return format!(
+                    "{field} has not the length that the other fields ask for: send it again as sealed"
+                );
+            }
+            Self::Descriptor { what, .. } => return format!("the {what} is damaged"),
+            Self::Mismatch { what, .. } => return format!("{what}: not what the map asks for"),
+            Self::Missing { .. } | Self::NotCanonical { .. } => return self.to_string(), // names only
+            Self::Row { .. } => {
+                "a row lies outside the image; the message was damaged or made by a faulty client"
+            }
+            Self::WrongProfile { .. } => {
+                "sealed with another profile than the map's; get the profile of this map and seal anew"
+            }
+            Self::SchemeSyntax { .. } => "no such scheme",
+            Self::Layout { .. } => "dividing line or anchor distance out of range",
+            Self::Focal { .. } => "a focal length that is not between 16 and 32768 pixels",
+            Self::ImageSize { .. } => "an image larger than 8192 x 8192 pixels once its distortion is undone",
+        };
+        text.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ProfileId;
+
+    #[test]
+    fn no_value_is_told() {
+        let number = 987_654;
+        let text = || "SECRET".to_owned();
+        let (query, map) = (ProfileId::from_bytes([0xAB; 16]), ProfileId::from_bytes([0xCD; 16]));
+        let all = [
+            QueryError::TooLong { what: "sealed query", bytes: number, limit: 5 },
+            QueryError::Malformed { what: "profile", reason: text() },
+            QueryError::Version { what: "profile", found: number as u32, supported: 2 },
+            QueryError::Missing { field: "rows" },
+            QueryError::Field { field: "rows", value: number as u32, allowed: "256" },
+            QueryError::Length { field: "global", expected: number, actual: number },
+            QueryError::Row { row: number },
+            QueryError::NotCanonical { what: "profile" },
+            QueryError::Descriptor { what: "vocabulary", reason: text() },
+            QueryError::Mismatch { what: "rows", expected: text(), actual: text() },
+            QueryError::WrongProfile { query, map },
+            QueryError::SchemeSyntax { text: text() },
+            QueryError::Layout { degrees: 987_654.0, s: 987_654.0 },
+            QueryError::Focal { focal: 987_654.0 },
+            QueryError::ImageSize { width: 987_654.0, height: 987_654.0 },
+        ];
+        for error in all {
+            let (told, full) = (error.without_values(), error.to_string());
+            for value in ["987", "SECRET", "abab", "cdcd"] {
+                assert!(!told.contains(value), "{told}");
+            }
+            assert!(told.len() > 10, "{full}: says nothing");
+        }
+    }
 }

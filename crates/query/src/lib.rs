@@ -10,7 +10,7 @@
 //! - [`Answer`]: what the server tells in return.
 //! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
 //!
-//! The bytes are described in `docs/wire-format.md` and `proto/veiloc/v1/`, the reasons in `docs/privacy.md`.
+//! The bytes are described in `docs/wire-format.md` and `proto/veiloc/`, the reasons in `docs/privacy.md`.
 #![forbid(unsafe_code)]
 
 mod angle;
@@ -22,10 +22,14 @@ mod error;
 mod layout;
 mod observations;
 mod profile;
+mod profile_id;
+mod profile_wire;
 mod rows;
 mod scheme;
 mod sealed;
+mod sealed_wire;
 mod size_class;
+mod version;
 mod wire;
 
 pub use angle::AngleBits;
@@ -35,8 +39,10 @@ pub use camera::CanonicalCamera;
 pub use error::QueryError;
 pub use layout::DclLayout;
 pub use observations::{AnchoredLine, Observations};
-pub use profile::{ExtractionLimits, Profile, ProfileId};
+pub use profile::{ExtractionLimits, Profile, Wish};
+pub use profile_id::ProfileId;
 pub use rows::{AnchoredRow, LineRow, PositionRow, Rows};
 pub use scheme::Scheme;
-pub use sealed::SealedQuery;
+pub use sealed::{QueryParts, SealedQuery};
 pub use size_class::SizeClass;
+pub use version::WireVersion;

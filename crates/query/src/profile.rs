@@ -2,15 +2,9 @@
 
 use std::fmt;
 
-use prost::Message;
-use sha2::{Digest, Sha256};
-use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+use veiloc_descriptor::{DescriptorKind, GlobalModel, Vocabulary};
 
-use crate::wire::{ProfileMessage, VERSION, parse, present};
-use crate::{AngleBits, QueryError, Scheme, SealedQuery};
-
-/// Most bytes a profile may have: the largest vocabulary and the fields around it.
-const MAX_BYTES: usize = Vocabulary::MAX_LEN * 128 + 4096;
+use crate::{AngleBits, ProfileId, QueryError, Scheme, SealedQuery, WireVersion};
 
 /// How much to extract from an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -28,42 +22,9 @@ impl Default for ExtractionLimits {
     }
 }
 
-/// What a device needs to seal for a map, and what a map was built with.
-///
-/// The scheme in a profile is the operator's wish. The device decides: [`Self::with_scheme`] changes it without
-/// making the query useless to the map, see [`Self::check`].
-#[derive(Clone, PartialEq)]
-pub struct Profile {
-    scheme: Scheme,
-    angle_bits: AngleBits,
-    limits: ExtractionLimits,
-    vocabulary: Vocabulary,
-}
-
-impl Profile {
-    /// With 12-bit angles and the default limits.
-    pub fn new(scheme: Scheme, vocabulary: Vocabulary) -> Self {
-        Self { scheme, angle_bits: AngleBits::default(), limits: ExtractionLimits::default(), vocabulary }
-    }
-
-    /// The same with another scheme.
-    #[must_use]
-    pub fn with_scheme(&self, scheme: Scheme) -> Self {
-        Self { scheme, ..self.clone() }
-    }
-
-    /// The same with another number of bits per angle.
-    #[must_use]
-    pub fn with_angle_bits(&self, angle_bits: AngleBits) -> Self {
-        Self { angle_bits, ..self.clone() }
-    }
-
-    /// The same with other limits.
-    ///
-    /// # Errors
-    /// [`QueryError::Field`] for limits out of range.
-    pub fn with_limits(&self, limits: ExtractionLimits) -> Result<Self, QueryError> {
-        let ExtractionLimits { max_keypoints, max_image_side } = limits;
+impl ExtractionLimits {
+    fn check(self) -> Result<(), QueryError> {
+        let Self { max_keypoints, max_image_side } = self;
         if !(256..=4096).contains(&max_keypoints) {
             return Err(QueryError::Field {
                 field: "max_keypoints",
@@ -78,17 +39,98 @@ impl Profile {
                 allowed: "a number from 64 to 8192",
             });
         }
+        Ok(())
+    }
+}
+
+/// What a device needs to seal for a map, and what a map was built with: which descriptors, which global descriptor,
+/// how many keypoints of how large an image.
+///
+/// It says nothing of what is to happen to positions: that is the device's to decide. Profiles of version 1 hold a
+/// scheme and a number of angle bits, as the operator's wish ([`Self::wish`]); they are kept so that the profile has the
+/// same bytes and the same name, and obeyed by nobody.
+#[derive(Clone, PartialEq)]
+pub struct Profile {
+    pub(crate) form: Form,
+    pub(crate) kind: DescriptorKind,
+    pub(crate) limits: ExtractionLimits,
+    pub(crate) global: GlobalModel,
+}
+
+/// The version, with what only that version has.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Form {
+    V1(Wish),
+    V2,
+}
+
+/// What the operator of a version 1 profile would like to happen to positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wish {
+    /// The scheme.
+    pub scheme: Scheme,
+    /// Bits of an angle.
+    pub angle_bits: AngleBits,
+}
+
+impl Profile {
+    /// A profile of version 2, with the default limits.
+    ///
+    /// # Errors
+    /// [`QueryError::Mismatch`] when the vocabulary is one of other descriptors.
+    pub fn new(kind: DescriptorKind, global: GlobalModel) -> Result<Self, QueryError> {
+        match global.vocabulary() {
+            Some(vocabulary) if vocabulary.kind() != kind => Err(QueryError::Mismatch {
+                what: "descriptor kind of the vocabulary",
+                expected: format!("{kind:?}"),
+                actual: format!("{:?}", vocabulary.kind()),
+            }),
+            _ => Ok(Self { form: Form::V2, kind, limits: ExtractionLimits::default(), global }),
+        }
+    }
+
+    /// A profile of version 2 for the descriptors of a vocabulary, with the default limits.
+    pub fn vlad(vocabulary: Vocabulary) -> Self {
+        let (form, kind, limits) = (Form::V2, vocabulary.kind(), ExtractionLimits::default());
+        Self { form, kind, limits, global: GlobalModel::Vlad(vocabulary) }
+    }
+
+    /// The same with other limits.
+    ///
+    /// # Errors
+    /// [`QueryError::Field`] for limits out of range.
+    pub fn with_limits(&self, limits: ExtractionLimits) -> Result<Self, QueryError> {
+        limits.check()?;
         Ok(Self { limits, ..self.clone() })
     }
 
-    /// What is to happen to positions.
-    pub const fn scheme(&self) -> Scheme {
-        self.scheme
+    /// The same in version 2, for a map that is written anew. Queries sealed with the version 1 profile stay good.
+    #[must_use]
+    pub fn to_v2(&self) -> Self {
+        Self { form: Form::V2, ..self.clone() }
     }
 
-    /// Bits of an angle on the wire.
-    pub const fn angle_bits(&self) -> AngleBits {
-        self.angle_bits
+    /// The same in version 1, for programs that read no other; `None` when version 1 cannot say it: it knows RootSIFT
+    /// and vocabularies only.
+    pub fn to_v1(&self, wish: Wish) -> Option<Self> {
+        let expressible = self.kind.v1_code().is_some() && self.global.vocabulary().is_some();
+        expressible.then(|| Self { form: Form::V1(wish), ..self.clone() })
+    }
+
+    /// The version it is written in.
+    pub const fn version(&self) -> WireVersion {
+        match self.form {
+            Form::V1(_) => WireVersion::V1,
+            Form::V2 => WireVersion::V2,
+        }
+    }
+
+    /// What the operator would like to happen to positions; version 1 only, and no device needs to care.
+    pub const fn wish(&self) -> Option<Wish> {
+        match self.form {
+            Form::V1(wish) => Some(wish),
+            Form::V2 => None,
+        }
     }
 
     /// How much to extract.
@@ -97,119 +139,63 @@ impl Profile {
     }
 
     /// Which descriptors to extract.
-    pub fn descriptor_kind(&self) -> DescriptorKind {
-        self.vocabulary.kind()
+    pub const fn descriptor_kind(&self) -> DescriptorKind {
+        self.kind
     }
 
-    /// What to make the global descriptor with.
-    pub const fn vocabulary(&self) -> &Vocabulary {
-        &self.vocabulary
+    /// How the global descriptor is made.
+    pub const fn global_model(&self) -> &GlobalModel {
+        &self.global
+    }
+
+    /// The vocabulary that makes the global descriptor, when one does.
+    pub const fn vocabulary(&self) -> Option<&Vocabulary> {
+        self.global.vocabulary()
     }
 
     /// The name of this profile: a hash of its bytes.
     pub fn id(&self) -> ProfileId {
-        let hash = Sha256::digest(self.encode());
-        let mut id = [0; 16];
-        id.copy_from_slice(&hash[..16]);
-        ProfileId(id)
+        ProfileId::of(&self.encode())
     }
 
-    /// Whether a query was sealed for a map with this profile: with the same vocabulary, descriptors and limits.
-    /// Scheme and angle bits may differ, because the device chooses them.
+    /// The name that a query of this version, scheme and number of angle bits bears when it was sealed for this map;
+    /// `None` when no query of that version can be.
+    pub(crate) fn id_for(&self, version: WireVersion, wish: Wish) -> Option<ProfileId> {
+        let form = match version {
+            WireVersion::V1 => Form::V1(wish),
+            WireVersion::V2 => Form::V2,
+        };
+        self.encode_as(form).map(|bytes| ProfileId::of(&bytes))
+    }
+
+    /// Whether a query was sealed for a map with this profile: with the same descriptors, global model and limits, in
+    /// whatever version. Scheme and angle bits are the device's.
     ///
     /// # Errors
-    /// [`QueryError::WrongProfile`] when it was not.
+    /// [`QueryError::WrongProfile`] when it was not; [`QueryError::Mismatch`] when it bears the right name, but its
+    /// descriptors are not those of the profile.
     pub fn check(&self, query: &SealedQuery) -> Result<(), QueryError> {
-        let asked = self.with_scheme(query.scheme()).with_angle_bits(query.angle_bits()).id();
-        if asked == query.profile_id() {
-            return Ok(());
+        let wish = Wish { scheme: query.scheme(), angle_bits: query.angle_bits() };
+        let asked = self.id_for(query.version(), wish);
+        if asked != Some(query.profile_id()) {
+            let map = asked.unwrap_or_else(|| self.to_v2().id());
+            return Err(QueryError::WrongProfile { query: query.profile_id(), map });
         }
-        Err(QueryError::WrongProfile { query: query.profile_id(), map: asked })
-    }
-
-    /// As bytes: one `veiloc.v1.Profile` message. Equal profiles have equal bytes.
-    pub fn encode(&self) -> Vec<u8> {
-        let (scheme, angle, distance) = self.scheme.codes();
-        let message = ProfileMessage {
-            version: Some(VERSION),
-            scheme: Some(scheme),
-            dividing_angle: Some(angle),
-            anchor_distance: Some(distance),
-            angle_bits: Some(self.angle_bits.get().into()),
-            descriptor_kind: Some(self.descriptor_kind().v1_code().unwrap_or_default()),
-            max_keypoints: Some(self.limits.max_keypoints),
-            max_image_side: Some(self.limits.max_image_side),
-            vocabulary: Some(self.vocabulary.words().as_bytes().to_vec()),
-        };
-        message.encode_to_vec()
-    }
-
-    /// From bytes; whatever is accepted encodes to the same bytes again.
-    ///
-    /// # Errors
-    /// [`QueryError`] saying which field is wrong.
-    pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
-        let message: ProfileMessage = parse("profile", bytes, MAX_BYTES, |m: &ProfileMessage| m.version)?;
-        let scheme = Scheme::from_codes(
-            present("scheme", message.scheme)?,
-            present("dividing_angle", message.dividing_angle)?,
-            present("anchor_distance", message.anchor_distance)?,
-        )?;
-        let angle_bits = AngleBits::from_wire(present("angle_bits", message.angle_bits)?)?;
-        let kind = descriptor_kind(present("descriptor_kind", message.descriptor_kind)?)?;
-        let limits = ExtractionLimits {
-            max_keypoints: present("max_keypoints", message.max_keypoints)?,
-            max_image_side: present("max_image_side", message.max_image_side)?,
-        };
-        let vocabulary = Descriptors::new(kind, present("vocabulary", message.vocabulary)?)
-            .and_then(Vocabulary::new)
-            .map_err(|e| QueryError::Descriptor { what: "vocabulary", reason: e.to_string() })?;
-        let profile = Self::new(scheme, vocabulary).with_angle_bits(angle_bits).with_limits(limits)?;
-        if profile.encode() != bytes {
-            return Err(QueryError::NotCanonical { what: "profile" });
+        let mismatch = |what, expected, actual| Err(QueryError::Mismatch { what, expected, actual });
+        let (expected, actual) = (self.kind, query.descriptors().kind());
+        if expected != actual {
+            return mismatch("descriptor kind", format!("{expected:?}"), format!("{actual:?}"));
         }
-        Ok(profile)
+        let (expected, actual) = (self.global.global_len(), query.global().len());
+        if expected != actual {
+            return mismatch("codes of the global descriptor", expected.to_string(), actual.to_string());
+        }
+        Ok(())
     }
 }
 
 impl fmt::Debug for Profile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Profile({}, {}, {:?})", self.id(), self.scheme, self.limits)
-    }
-}
-
-pub(crate) fn descriptor_kind(code: u32) -> Result<DescriptorKind, QueryError> {
-    DescriptorKind::from_v1_code(code).ok_or(QueryError::Field {
-        field: "descriptor_kind",
-        value: code,
-        allowed: "1 (RootSIFT)",
-    })
-}
-
-/// The name of a profile: the first 16 bytes of the SHA-256 of its encoding. Printed as 32 hexadecimal digits.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct ProfileId([u8; 16]);
-
-impl ProfileId {
-    /// From its bytes.
-    pub const fn from_bytes(bytes: [u8; 16]) -> Self {
-        Self(bytes)
-    }
-
-    /// Its bytes.
-    pub const fn as_bytes(&self) -> &[u8; 16] {
-        &self.0
-    }
-}
-
-impl fmt::Display for ProfileId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
-    }
-}
-
-impl fmt::Debug for ProfileId {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "ProfileId({self})")
+        write!(f, "Profile({}, {}, {}, {:?})", self.id(), self.kind, self.global.name(), self.limits)
     }
 }

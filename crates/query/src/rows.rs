@@ -78,7 +78,6 @@ impl AnchoredRow {
 
 /// The rows of a sealed query by scheme, `[N]`, without their descriptors.
 #[derive(Clone, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum Rows {
     /// Of `points`.
     Points(Vec<PositionRow>),
@@ -152,7 +151,9 @@ impl Rows {
                     .map(|row| AnchoredLine { anchor: row.anchor, angle: bits.angle_of(row.angle) })
                     .collect(),
             },
-            _ => return None,
+            (Self::Points(_) | Self::RandomLines(_) | Self::CoordinatePermutation(_) | Self::Dcl(_), _) => {
+                return None;
+            }
         })
     }
 

@@ -17,7 +17,6 @@ use crate::{DclLayout, QueryError};
 /// As text: the names above; `dcl` may be followed by a colon and, separated by commas, `vertical`, `horizontal` or
 /// `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in half image heights).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
 pub enum Scheme {
     /// Positions as they are.
     Points,

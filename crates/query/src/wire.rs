@@ -1,11 +1,20 @@
-//! Version 1 of the messages, field by field as in `proto/veiloc/v1/` (a test holds the two together).
+//! The messages, field by field as in `proto/veiloc/` (a test holds the two together).
 
 use prost::Message;
 
-use crate::QueryError;
+use veiloc_descriptor::{DescriptorError, DescriptorKind, Encoding};
 
-/// The version written and read.
+use crate::{QueryError, WireVersion};
+
+/// The version of answers.
 pub(crate) const VERSION: u32 = 1;
+
+/// What all messages begin with.
+#[derive(Clone, PartialEq, Message)]
+pub(crate) struct VersionMessage {
+    #[prost(fixed32, optional, tag = "1")]
+    pub version: Option<u32>,
+}
 
 #[derive(Clone, PartialEq, Message)]
 #[prost(skip_debug)]
@@ -63,7 +72,129 @@ pub(crate) struct ProfileMessage {
     pub vocabulary: Option<Vec<u8>>,
 }
 
+#[derive(Clone, PartialEq, Message)]
+#[prost(skip_debug)]
+pub(crate) struct SealedQueryMessageV2 {
+    #[prost(fixed32, optional, tag = "1")]
+    pub version: Option<u32>,
+    #[prost(bytes = "vec", optional, tag = "2")]
+    pub profile_id: Option<Vec<u8>>,
+    #[prost(fixed32, optional, tag = "3")]
+    pub scheme: Option<u32>,
+    #[prost(fixed32, optional, tag = "4")]
+    pub dividing_angle: Option<u32>,
+    #[prost(fixed32, optional, tag = "5")]
+    pub anchor_distance: Option<u32>,
+    #[prost(fixed32, optional, tag = "6")]
+    pub angle_bits: Option<u32>,
+    #[prost(fixed32, optional, tag = "7")]
+    pub camera_focal: Option<u32>,
+    #[prost(fixed32, optional, tag = "8")]
+    pub camera_width: Option<u32>,
+    #[prost(fixed32, optional, tag = "9")]
+    pub camera_height: Option<u32>,
+    #[prost(fixed32, optional, tag = "10")]
+    pub rows: Option<u32>,
+    #[prost(string, optional, tag = "11")]
+    pub descriptor_name: Option<String>,
+    #[prost(fixed32, optional, tag = "12")]
+    pub descriptor_dim: Option<u32>,
+    #[prost(fixed32, optional, tag = "13")]
+    pub descriptor_encoding: Option<u32>,
+    #[prost(fixed32, optional, tag = "14")]
+    pub descriptor_norm: Option<u32>,
+    #[prost(bytes = "vec", optional, tag = "15")]
+    pub positions: Option<Vec<u8>>,
+    #[prost(bytes = "vec", optional, tag = "16")]
+    pub descriptors: Option<Vec<u8>>,
+    #[prost(bytes = "vec", optional, tag = "17")]
+    pub global: Option<Vec<u8>>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+#[prost(skip_debug)]
+pub(crate) struct ProfileMessageV2 {
+    #[prost(fixed32, optional, tag = "1")]
+    pub version: Option<u32>,
+    #[prost(string, optional, tag = "2")]
+    pub descriptor_name: Option<String>,
+    #[prost(fixed32, optional, tag = "3")]
+    pub descriptor_dim: Option<u32>,
+    #[prost(fixed32, optional, tag = "4")]
+    pub descriptor_encoding: Option<u32>,
+    #[prost(fixed32, optional, tag = "5")]
+    pub descriptor_norm: Option<u32>,
+    #[prost(fixed32, optional, tag = "6")]
+    pub max_keypoints: Option<u32>,
+    #[prost(fixed32, optional, tag = "7")]
+    pub max_image_side: Option<u32>,
+    #[prost(string, optional, tag = "8")]
+    pub global_name: Option<String>,
+    #[prost(fixed32, optional, tag = "9")]
+    pub global_codes: Option<u32>,
+    #[prost(bytes = "vec", optional, tag = "10")]
+    pub vocabulary: Option<Vec<u8>>,
+}
+
+/// A descriptor kind as version 2 tells it.
+pub(crate) struct KindFields {
+    pub(crate) name: String,
+    pub(crate) dim: u32,
+    pub(crate) encoding: u32,
+    pub(crate) norm: u32,
+}
+
+impl KindFields {
+    pub(crate) fn of(kind: DescriptorKind) -> Self {
+        let encoding = match kind.encoding() {
+            Encoding::Unsigned => 1,
+            Encoding::Signed => 2,
+        };
+        Self { name: kind.name().to_owned(), dim: kind.dim() as u32, encoding, norm: kind.norm() }
+    }
+
+    pub(crate) fn kind(&self) -> Result<DescriptorKind, QueryError> {
+        let encoding = match self.encoding {
+            1 => Encoding::Unsigned,
+            2 => Encoding::Signed,
+            value => {
+                let (field, allowed) = ("descriptor_encoding", "1 (unsigned) or 2 (signed)");
+                return Err(QueryError::Field { field, value, allowed });
+            }
+        };
+        DescriptorKind::new(&self.name, self.dim as usize, encoding, self.norm).map_err(|e| match e {
+            DescriptorError::Kind { field: "dim", allowed, .. } => {
+                QueryError::Field { field: "descriptor_dim", value: self.dim, allowed }
+            }
+            DescriptorError::Kind { field: "norm", allowed, .. } => {
+                QueryError::Field { field: "descriptor_norm", value: self.norm, allowed }
+            }
+            other => refused("descriptor_name", &other),
+        })
+    }
+}
+
+/// What the descriptor room says of a part of a message.
+pub(crate) fn refused(what: &'static str, error: &DescriptorError) -> QueryError {
+    QueryError::Descriptor { what, reason: error.to_string() }
+}
+
 /// The first step of strict reading: bounded size, a protobuf message, a known version.
+pub(crate) fn version_of(what: &'static str, bytes: &[u8], limit: usize) -> Result<WireVersion, QueryError> {
+    if bytes.len() > limit {
+        return Err(QueryError::TooLong { what, bytes: bytes.len(), limit });
+    }
+    let found = present("version", message::<VersionMessage>(what, bytes)?.version)?;
+    let known = WireVersion::ALL.into_iter().find(|known| known.number() == found);
+    known.ok_or(QueryError::Version { what, found, supported: WireVersion::V2.number() })
+}
+
+/// Bytes as a protobuf message.
+pub(crate) fn message<M: Message + Default>(what: &'static str, bytes: &[u8]) -> Result<M, QueryError> {
+    M::decode(bytes).map_err(|e| QueryError::Malformed { what, reason: e.to_string() })
+}
+
+/// The same for answers, which have one version.
 pub(crate) fn parse<M: Message + Default>(
     what: &'static str,
     bytes: &[u8],
@@ -73,7 +204,7 @@ pub(crate) fn parse<M: Message + Default>(
     if bytes.len() > limit {
         return Err(QueryError::TooLong { what, bytes: bytes.len(), limit });
     }
-    let message = M::decode(bytes).map_err(|e| QueryError::Malformed { what, reason: e.to_string() })?;
+    let message = message(what, bytes)?;
     match present("version", version(&message))? {
         VERSION => Ok(message),
         found => Err(QueryError::Version { what, found, supported: VERSION }),

@@ -3,17 +3,18 @@
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
 use veiloc_query::{
-    AnchoredRow, AngleBits, CanonicalCamera, LEAST_A_SIDE, LineRow, Lopsided, Profile, Rows, Scheme,
+    AnchoredRow, AngleBits, CanonicalCamera, LEAST_A_SIDE, LineRow, Lopsided, Profile, QueryParts, Rows,
     SealedQuery,
 };
 
 fn query(scheme: &str, rows: Rows) -> SealedQuery {
     let kind = DescriptorKind::ROOT_SIFT;
     let words = Descriptors::new(kind, vec![7; 128]).and_then(Vocabulary::new).expect("one word");
-    let profile = Profile::new(scheme.parse::<Scheme>().expect("a scheme"), words);
     let camera = CanonicalCamera::from_codes(36, 20, 15).expect("allowed");
     let descriptors = Descriptors::new(kind, vec![3; 128 * rows.len()]).expect("whole rows");
-    SealedQuery::new(&profile, camera, rows, descriptors).expect("parts fit")
+    let (scheme, angle_bits) = (scheme.parse().expect("a scheme"), AngleBits::default());
+    let parts = QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global: None };
+    SealedQuery::new(&Profile::vlad(words), parts).expect("parts fit")
 }
 
 /// So many rows of the second anchor, the others of the first.

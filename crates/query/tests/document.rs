@@ -3,11 +3,11 @@
 mod common;
 
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
-use veiloc_query::{AngleBits, CanonicalCamera, Profile, Rows, Scheme, SealedQuery, SizeClass};
+use veiloc_query::{AngleBits, CanonicalCamera, Profile, QueryParts, Rows, Scheme, SealedQuery, SizeClass};
 
 /// Length of a sealed query for a vocabulary of 64 words, by making one.
 fn length(scheme: Scheme, class: SizeClass) -> usize {
-    let small = common::query(scheme, AngleBits::default(), class.rows(), 1);
+    let small = common::query_with(&common::profile_v2(), scheme, AngleBits::default(), class.rows(), 1);
     // The messages of the tests have a global descriptor of 4 words: 60 words are missing, and the prefix that tells
     // the length of the field has two bytes for 512 bytes as for 8192.
     small.encode().len() + 60 * 128
@@ -29,12 +29,19 @@ fn lengths_are_as_documented() {
 #[test]
 fn the_sum_of_the_lengths_is_right() {
     let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![9; 64 * 128]).expect("whole rows");
-    let profile = Profile::new(Scheme::Points, Vocabulary::new(words).expect("64 words"));
+    let profile = Profile::vlad(Vocabulary::new(words).expect("64 words"));
     let camera = CanonicalCamera::from_codes(36, 20, 15).expect("allowed");
     let row = veiloc_query::PositionRow::new(0.0, 0.0).expect("the centre");
     let descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![1; 256 * 128]).expect("whole rows");
-    let query =
-        SealedQuery::new(&profile, camera, Rows::Points(vec![row; 256]), descriptors).expect("parts fit");
+    let parts = QueryParts {
+        camera,
+        scheme: Scheme::Points,
+        angle_bits: AngleBits::default(),
+        rows: Rows::Points(vec![row; 256]),
+        descriptors,
+        image_global: None,
+    };
+    let query = SealedQuery::new(&profile, parts).expect("parts fit");
     assert_eq!(query.encode().len(), length(Scheme::Points, SizeClass::Rows256));
-    assert_eq!(profile.encode().len(), 8 * 5 + 3 + 64 * 128);
+    assert_eq!(profile.encode().len(), 7 * 5 + (2 + 4) + (2 + 4) + 3 + 64 * 128);
 }

@@ -3,45 +3,59 @@
 mod common;
 
 use proptest::prelude::*;
-use veiloc_query::{AngleBits, CanonicalCamera, Profile, QueryError, Rows, Scheme, SealedQuery, SizeClass};
+use veiloc_query::{
+    AngleBits, CanonicalCamera, Profile, QueryError, QueryParts, Rows, Scheme, SealedQuery, SizeClass,
+};
 
 fn sealed(scheme: Scheme) -> Vec<u8> {
     common::query(scheme, AngleBits::default(), 256, 3).encode()
+}
+
+/// The same in both versions, and in version 2 with descriptors of another kind.
+fn sealed_in_all(scheme: Scheme) -> [Vec<u8>; 3] {
+    let bits = AngleBits::default();
+    common::profiles(scheme, bits).map(|p| common::query_with(&p, scheme, bits, 256, 3).encode())
 }
 
 #[test]
 fn what_is_written_is_read() {
     for scheme in Scheme::ALL {
         for bits in (AngleBits::MIN..=AngleBits::MAX).map(|b| AngleBits::new(b).expect("allowed")) {
-            let query = common::query(scheme, bits, 256, u64::from(bits.get()));
-            let read = SealedQuery::decode(&query.encode()).expect("own bytes");
-            assert_eq!(read, query);
-            assert_eq!(read.observations(), query.observations());
-            assert_eq!(read.len(), 256);
+            for profile in common::profiles(scheme, bits) {
+                let query = common::query_with(&profile, scheme, bits, 256, u64::from(bits.get()));
+                let read = SealedQuery::decode(&query.encode()).expect("own bytes");
+                assert_eq!(read, query);
+                assert_eq!(read.observations(), query.observations());
+                assert_eq!((read.len(), read.version()), (256, profile.version()));
+                profile.check(&read).expect("sealed with it");
+            }
         }
-        let profile = common::profile(scheme, AngleBits::default());
-        let read = Profile::decode(&profile.encode()).expect("own bytes");
-        assert_eq!((read.id(), &read), (profile.id(), &profile));
+        for profile in common::profiles(scheme, AngleBits::default()) {
+            let read = Profile::decode(&profile.encode()).expect("own bytes");
+            assert_eq!((read.id(), &read), (profile.id(), &profile));
+        }
     }
 }
 
-/// L5: the number of bytes follows from scheme, angle bits, class and vocabulary.
+/// L5: the number of bytes follows from version, scheme, angle bits, class, descriptor kind and global model.
 #[test]
 fn all_messages_of_a_class_are_equally_long() {
+    let bits = AngleBits::default();
     for scheme in Scheme::ALL {
-        for class in SizeClass::ALL {
-            let bits = AngleBits::default();
-            let lengths =
-                [1, 2, 3].map(|seed| common::query(scheme, bits, class.rows(), seed).encode().len());
-            assert!(lengths.iter().all(|l| *l == lengths[0]), "{scheme} {class:?} {lengths:?}");
+        for profile in common::profiles(scheme, bits) {
+            for class in SizeClass::ALL {
+                let length =
+                    |seed| common::query_with(&profile, scheme, bits, class.rows(), seed).encode().len();
+                let lengths = [1, 2, 3].map(length);
+                assert!(lengths.iter().all(|l| *l == lengths[0]), "{scheme} {class:?} {lengths:?}");
+            }
         }
     }
 }
 
 #[test]
 fn every_truncation_and_every_extension_is_refused() {
-    for scheme in Scheme::ALL {
-        let bytes = sealed(scheme);
+    for (scheme, bytes) in Scheme::ALL.into_iter().flat_map(|s| sealed_in_all(s).map(|bytes| (s, bytes))) {
         let cuts = (0..200).chain((200..bytes.len()).step_by(97)).chain([bytes.len() - 1]);
         for cut in cuts {
             assert!(SealedQuery::decode(&bytes[..cut]).is_err(), "{scheme} cut at {cut}");
@@ -50,23 +64,82 @@ fn every_truncation_and_every_extension_is_refused() {
             assert!(SealedQuery::decode(&[&bytes, extra].concat()).is_err(), "{scheme} {extra:?}");
         }
     }
-    let profile = common::profile(Scheme::default(), AngleBits::default()).encode();
-    for cut in 0..profile.len() {
-        assert!(Profile::decode(&profile[..cut]).is_err(), "profile cut at {cut}");
+    for profile in common::profiles(Scheme::default(), AngleBits::default()) {
+        let bytes = profile.encode();
+        for cut in 0..bytes.len() {
+            assert!(Profile::decode(&bytes[..cut]).is_err(), "{profile:?} cut at {cut}");
+        }
+        assert!(Profile::decode(&[&bytes[..], &[0x7D, 1, 2, 3, 4]].concat()).is_err());
     }
-    assert!(Profile::decode(&[&profile[..], &[0x7D, 1, 2, 3, 4]].concat()).is_err());
 }
 
 /// Field numbers and types are right, but the same thing is said in another way.
 #[test]
 fn there_is_one_form_only() {
-    let bytes = sealed(Scheme::default());
-    let repeated = [&bytes[..5], &bytes[..]].concat();
-    assert!(matches!(SealedQuery::decode(&repeated), Err(QueryError::NotCanonical { .. })));
-    let reordered = [&bytes[5..], &bytes[..5]].concat();
-    assert!(matches!(SealedQuery::decode(&reordered), Err(QueryError::NotCanonical { .. })));
-    let unknown = [&bytes[..], &[0x7D, 1, 2, 3, 4]].concat();
-    assert!(matches!(SealedQuery::decode(&unknown), Err(QueryError::NotCanonical { .. })));
+    for bytes in sealed_in_all(Scheme::default()) {
+        let repeated = [&bytes[..5], &bytes[..]].concat();
+        assert!(matches!(SealedQuery::decode(&repeated), Err(QueryError::NotCanonical { .. })));
+        let reordered = [&bytes[5..], &bytes[..5]].concat();
+        assert!(matches!(SealedQuery::decode(&reordered), Err(QueryError::NotCanonical { .. })));
+        let unknown = [&bytes[..], &[0x95, 0x01, 1, 2, 3, 4]].concat();
+        assert!(matches!(SealedQuery::decode(&unknown), Err(QueryError::NotCanonical { .. })));
+    }
+    // A whole message of one version behind one of the other: the fields of both, and the form of neither.
+    let [v1, v2, _] = sealed_in_all(Scheme::default());
+    assert!(SealedQuery::decode(&[&v1[..], &v2[..]].concat()).is_err());
+    assert!(SealedQuery::decode(&[&v2[..], &v1[..]].concat()).is_err());
+}
+
+/// What version 2 says of kinds and global models may be said in one way, and must agree with the other fields.
+#[test]
+fn what_version_2_says_of_kinds_is_checked() {
+    let query = sealed_in_all(Scheme::default());
+    for (field, value, name) in [
+        (12, 0, "descriptor_dim"),
+        (12, 513, "descriptor_dim"),
+        (12, u32::MAX, "descriptor_dim"),
+        (13, 0, "descriptor_encoding"),
+        (13, 3, "descriptor_encoding"),
+        (14, 0, "descriptor_norm"),
+        (14, u32::MAX, "descriptor_norm"),
+    ] {
+        let error = SealedQuery::decode(&with_field(&query[2], field, value));
+        assert!(matches!(error, Err(QueryError::Field { field, .. }) if field == name), "{error:?}");
+    }
+    // Another length of a descriptor asks for another number of bytes; the name "sift" stands for one kind only.
+    let longer = SealedQuery::decode(&with_field(&query[2], 12, 49));
+    assert!(matches!(longer, Err(QueryError::Length { field: "descriptors", .. })), "{longer:?}");
+    let taken = SealedQuery::decode(&with_field(&query[1], 12, 64));
+    assert!(matches!(taken, Err(QueryError::Descriptor { what: "descriptor_name", .. })), "{taken:?}");
+
+    let profiles = common::profiles(Scheme::default(), AngleBits::default()).map(|p| p.encode());
+    for (profile, field, value) in
+        [(1, 3, 64), (2, 3, 0), (2, 4, 9), (2, 5, 0), (1, 6, 10), (1, 7, 9999), (2, 9, 0)]
+    {
+        assert!(Profile::decode(&with_field(&profiles[profile], field, value)).is_err(), "{field} = {value}");
+    }
+    let codes = Profile::decode(&with_field(&profiles[1], 9, 511));
+    assert!(matches!(codes, Err(QueryError::NotCanonical { .. })), "not those of the vocabulary: {codes:?}");
+    // Words behind a model that has none.
+    let mut words = profiles[2].clone();
+    assert_eq!(words.pop(), Some(0), "an empty vocabulary");
+    words.extend([1, 7]);
+    assert!(matches!(Profile::decode(&words), Err(QueryError::NotCanonical { .. })));
+}
+
+/// The right name of the profile, and descriptors of another kind or a global descriptor of another length.
+#[test]
+fn a_query_that_lies_about_its_profile_is_refused() {
+    let profile = common::own_profile();
+    let bytes = common::query_with(&profile, Scheme::default(), AngleBits::default(), 256, 1).encode();
+    let norm = SealedQuery::decode(&with_field(&bytes, 14, 301)).expect("a query");
+    assert!(matches!(profile.check(&norm), Err(QueryError::Mismatch { what: "descriptor kind", .. })));
+    let at = bytes.len() - 40 - 1;
+    assert_eq!(bytes[at], 40, "length of the global descriptor");
+    let mut shorter = bytes[..bytes.len() - 1].to_vec();
+    shorter[at] = 39;
+    let shorter = SealedQuery::decode(&shorter).expect("a query");
+    assert!(matches!(profile.check(&shorter), Err(QueryError::Mismatch { .. })));
 }
 
 /// The value of the `fixed32` field with this one-byte key, replaced. All such fields lie before the long ones.
@@ -105,11 +178,14 @@ fn wrong_numbers_are_named() {
             "{name} = {value}: {error:?}"
         );
     }
-    let next = with_field(&sealed(Scheme::default()), 1, 2);
-    assert_eq!(
-        SealedQuery::decode(&next),
-        Err(QueryError::Version { what: "sealed query", found: 2, supported: 1 })
-    );
+    for found in [0, 3, u32::MAX] {
+        let other = with_field(&sealed(Scheme::default()), 1, found);
+        let refused = QueryError::Version { what: "sealed query", found, supported: 2 };
+        assert_eq!(SealedQuery::decode(&other), Err(refused));
+    }
+    // One version's fields under the other's number.
+    let swapped = SealedQuery::decode(&with_field(&sealed(Scheme::default()), 1, 2));
+    assert!(matches!(swapped, Err(QueryError::Malformed { .. })), "{swapped:?}");
     // Another number of angle bits asks for another number of bytes.
     let longer = with_field(&sealed(Scheme::default()), 6, 13);
     assert!(matches!(SealedQuery::decode(&longer), Err(QueryError::Length { field: "positions", .. })));
@@ -132,8 +208,8 @@ fn wrong_numbers_are_named() {
 /// A length of nearly 2^64 bytes in front of a few: refused before anything is reserved.
 #[test]
 fn a_lying_length_costs_nothing() {
-    for field in [2_u8, 12, 13, 14] {
-        let mut bytes = vec![0x0D, 1, 0, 0, 0, field << 3 | 2];
+    for (version, field) in [(1, 2_u8), (1, 12), (1, 13), (1, 14), (2, 2), (2, 11), (2, 15)] {
+        let mut bytes = vec![0x0D, version, 0, 0, 0, field << 3 | 2];
         bytes.extend([0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x01]);
         bytes.extend([0; 100]);
         assert!(matches!(SealedQuery::decode(&bytes), Err(QueryError::Malformed { .. })), "{field}");
@@ -152,7 +228,7 @@ fn a_query_for_another_map_is_told_apart() {
     let six = AngleBits::new(6).expect("allowed");
     profile.check(&common::query(Scheme::RandomLines, six, 256, 1)).expect("same vocabulary");
 
-    let other = Profile::new(Scheme::default(), common::vocabulary(&mut common::Draw::new(8)));
+    let other = Profile::vlad(common::vocabulary(&mut common::Draw::new(8)));
     assert!(matches!(other.check(&query), Err(QueryError::WrongProfile { .. })));
     let limits = veiloc_query::ExtractionLimits { max_keypoints: 1000, ..profile.limits() };
     assert!(profile.with_limits(limits).expect("allowed").check(&query).is_err());
@@ -173,7 +249,9 @@ fn parts_that_do_not_fit_are_refused() {
         (Rows::Dcl(Vec::new()), descriptors(0), "rows"),
         (Rows::Points(Vec::new()), descriptors(0), "scheme"),
     ] {
-        let error = SealedQuery::new(&profile, camera, rows, descriptors);
+        let (scheme, angle_bits) = (Scheme::default(), bits);
+        let parts = QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global: None };
+        let error = SealedQuery::new(&profile, parts);
         assert!(matches!(error, Err(QueryError::Mismatch { what: w, .. }) if w == what), "{error:?}");
     }
 }
@@ -194,10 +272,11 @@ proptest! {
     #[test]
     fn damaged_messages_are_refused_or_read_unchanged(
         scheme in 0..4_usize,
+        form in 0..3_usize,
         flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
         head in any::<bool>(),
     ) {
-        let mut bytes = sealed(Scheme::ALL[scheme]);
+        let mut bytes = sealed_in_all(Scheme::ALL[scheme])[form].clone();
         for (index, value) in flips {
             let range = if head { 80 } else { bytes.len() };
             bytes[index.index(range)] = value;
@@ -209,8 +288,12 @@ proptest! {
     }
 
     #[test]
-    fn damaged_profiles_are_refused_or_read_unchanged(index in any::<prop::sample::Index>(), value in any::<u8>()) {
-        let mut bytes = common::profile(Scheme::default(), AngleBits::default()).encode();
+    fn damaged_profiles_are_refused_or_read_unchanged(
+        index in any::<prop::sample::Index>(),
+        value in any::<u8>(),
+        form in 0..3_usize,
+    ) {
+        let mut bytes = common::profiles(Scheme::default(), AngleBits::default())[form].encode();
         let at = index.index(bytes.len());
         bytes[at] = value;
         if let Ok(profile) = Profile::decode(&bytes) {

@@ -1,4 +1,4 @@
-//! Version 1 of the wire format, pinned: these files must be read, and written back byte for byte, for ever.
+//! Versions 1 and 2 of the wire format, pinned: these files must be read, and written back byte for byte, for ever.
 //!
 //! The files were made once by `cargo run -p veiloc-query --example known_answers`. The hashes and the meaning of
 //! the rows below come from `proto/read_sealed_query.py`, a reader written from `docs/wire-format.md` alone.
@@ -20,7 +20,7 @@ struct KnownAnswer {
 
 const ROWS: [usize; 3] = [0, 1, 255];
 
-const KNOWN_ANSWERS: [KnownAnswer; 5] = [
+const KNOWN_ANSWERS: [KnownAnswer; 11] = [
     KnownAnswer {
         file: "v1-points",
         sha256: "80d054d166368a4965f8218b2c5fec61da2621568a45982762aa99fe558843ab",
@@ -63,6 +63,64 @@ const KNOWN_ANSWERS: [KnownAnswer; 5] = [
             &[-95.692_193_817, 0.0, 0.333_517_645, 0.942_743_857],
         ],
     },
+    KnownAnswer {
+        file: "v2-points",
+        sha256: "ef25edd45d98c8a93b1a96df2a5a8c300a0b60095e8682d2d7ed934dc1387938",
+        profile_id: "79aa18e6486e5b6928205eda0541b6c1",
+        rows: [&[351.5, 193.25], &[630.25, 38.5], &[304.75, 108.0]],
+    },
+    KnownAnswer {
+        file: "v2-random-lines",
+        sha256: "569063c9d6f1ae5a913590851895570d9c0ee7d56cce2512829a0dd5953d48e5",
+        profile_id: "79aa18e6486e5b6928205eda0541b6c1",
+        rows: [
+            &[-0.987_962_766, -0.154_691_863, 327.524_132_391],
+            &[-0.250_041_711, 0.968_235_066, -243.363_068_106],
+            &[-0.798_384_132, 0.602_148_468, 61.717_290_063],
+        ],
+    },
+    KnownAnswer {
+        file: "v2-coordinate-permutation",
+        sha256: "4140344c6951d591a837a2c46796766c2798558ca7751b535504c49837d1e05f",
+        profile_id: "79aa18e6486e5b6928205eda0541b6c1",
+        rows: [&[351.5, 193.25], &[630.25, 38.5], &[304.75, 108.0]],
+    },
+    KnownAnswer {
+        file: "v2-dcl",
+        sha256: "b9e8a94feb09a1b8012e9f941e0b99c3a12ca49319ac85532a22bdbfb47c697d",
+        profile_id: "79aa18e6486e5b6928205eda0541b6c1",
+        rows: [
+            &[320.0, 480.0, 0.953_421_788, -0.301_640_339],
+            &[320.0, 480.0, 0.250_041_711, -0.968_235_066],
+            &[320.0, 0.0, -0.649_972_795, 0.759_957_476],
+        ],
+    },
+    KnownAnswer {
+        file: "v2-dcl-angle-30-s-2",
+        sha256: "9dc3c3015bf72e33bdfaee9a8e40729dd318dcc145168b372adbefc6201cd0cf",
+        profile_id: "79aa18e6486e5b6928205eda0541b6c1",
+        rows: [
+            &[735.692_193_817, 480.0, 0.216_606_013, -0.976_259_102],
+            &[735.692_193_817, 480.0, -0.713_226_556, -0.700_933_578],
+            &[-95.692_193_817, 0.0, 0.333_517_645, 0.942_743_857],
+        ],
+    },
+    KnownAnswer {
+        file: "v2-own-kind",
+        sha256: "05dd696a500a85a7f04d4ee2ecdcf38242ae649ef9286d00ae1cb36d142a36b1",
+        profile_id: "4bb760015d15a07d1a06cf685eada72e",
+        rows: [
+            &[320.0, 480.0, 0.953_421_788, -0.301_640_339],
+            &[320.0, 480.0, 0.250_041_711, -0.968_235_066],
+            &[320.0, 0.0, -0.649_972_795, 0.759_957_476],
+        ],
+    },
+];
+
+/// Profiles of version 2 and the SHA-256 of their bytes, which they are named after.
+const PROFILES_2: [(&str, &str); 2] = [
+    ("v2.profile", "79aa18e6486e5b6928205eda0541b6c1d293245fb417b9e361cc13390b28ce15"),
+    ("v2-own-kind.profile", "4bb760015d15a07d1a06cf685eada72eea627f94dec299196714a2d1ed7f8e1d"),
 ];
 
 fn read(name: &str) -> Vec<u8> {
@@ -75,7 +133,7 @@ fn hex(bytes: impl AsRef<[u8]>) -> String {
 }
 
 #[test]
-fn version_1_is_read_and_written_for_ever() {
+fn every_version_is_read_and_written_for_ever() {
     for known in KNOWN_ANSWERS {
         let bytes = read(&format!("{}.vquery", known.file));
         assert_eq!(hex(Sha256::digest(&bytes)), known.sha256, "{} was changed", known.file);
@@ -103,11 +161,37 @@ fn the_profile_of_version_1_is_read_and_named_for_ever() {
     let named = hex(&Sha256::digest(&bytes)[..16]);
     assert_eq!(profile.id().to_string(), named);
     assert_eq!(named, "0b39cbde14aedf66902133a3ad61e244");
-    for known in KNOWN_ANSWERS {
-        let query = SealedQuery::decode(&read(&format!("{}.vquery", known.file))).expect("version 1");
-        profile.check(&query).expect("sealed for the same map");
-    }
     assert_ne!(profile.id(), ProfileId::from_bytes([0; 16]));
+}
+
+#[test]
+fn profiles_of_version_2_are_read_and_named_for_ever() {
+    for (file, sha256) in PROFILES_2 {
+        let bytes = read(file);
+        let profile = Profile::decode(&bytes).unwrap_or_else(|e| panic!("{file}: {e}"));
+        assert!(profile.encode() == bytes, "{file} is written otherwise now");
+        assert_eq!(hex(Sha256::digest(&bytes)), sha256, "{file} was changed");
+        assert_eq!(profile.id().to_string(), sha256[..32]);
+        assert_eq!(profile.wish(), None);
+    }
+}
+
+/// A map whose profile became version 2 still takes what devices sealed with its version 1, and the other way round.
+#[test]
+fn queries_of_both_versions_belong_to_one_map() {
+    let v1 = Profile::decode(&read("v1.profile")).expect("version 1");
+    let v2 = Profile::decode(&read("v2.profile")).expect("version 2");
+    let own = Profile::decode(&read("v2-own-kind.profile")).expect("version 2");
+    assert_eq!(v1.to_v2(), v2);
+    assert_eq!(v2.to_v1(v1.wish().expect("version 1 has one")), Some(v1.clone()));
+    for known in KNOWN_ANSWERS {
+        let query = SealedQuery::decode(&read(&format!("{}.vquery", known.file))).expect("known");
+        let belongs = known.file != "v2-own-kind";
+        for profile in [&v1, &v2] {
+            assert_eq!(profile.check(&query).is_ok(), belongs, "{}", known.file);
+        }
+        assert_eq!(own.check(&query).is_ok(), !belongs, "{}", known.file);
+    }
 }
 
 fn meaning(observations: &Observations, row: usize) -> Vec<f64> {

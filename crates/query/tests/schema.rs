@@ -8,7 +8,12 @@ use veiloc_query::{AngleBits, Profile, Scheme, SealedQuery};
 
 fn pool() -> DescriptorPool {
     let proto = concat!(env!("CARGO_MANIFEST_DIR"), "/../../proto");
-    let files = ["veiloc/v1/sealed_query.proto", "veiloc/v1/profile.proto"];
+    let files = [
+        "veiloc/v1/sealed_query.proto",
+        "veiloc/v1/profile.proto",
+        "veiloc/v2/sealed_query.proto",
+        "veiloc/v2/profile.proto",
+    ];
     let set = protox::compile(files, [proto]).expect("the schema compiles");
     DescriptorPool::from_file_descriptor_set(set).expect("the schema is complete")
 }
@@ -77,8 +82,66 @@ fn profiles_are_what_the_schema_says() {
         assert_eq!(number(&message, field), value, "{field}");
     }
     let vocabulary = message.get_field_by_name("vocabulary").expect("in the schema");
-    assert_eq!(vocabulary.as_ref(), &Value::Bytes(profile.vocabulary().words().as_bytes().to_vec().into()));
+    assert_eq!(
+        vocabulary.as_ref(),
+        &Value::Bytes(profile.vocabulary().expect("VLAD").words().as_bytes().to_vec().into())
+    );
     assert_eq!(Profile::decode(&message.encode_to_vec()).expect("unchanged"), profile);
+}
+
+fn text(message: &DynamicMessage, field: &str) -> String {
+    let value = message.get_field_by_name(field).unwrap_or_else(|| panic!("{field}"));
+    value.as_str().expect("text").to_owned()
+}
+
+#[test]
+fn version_2_is_what_its_schema_says() {
+    for (profile, name, dim, encoding, norm, global, codes) in [
+        (common::profile_v2(), "sift", 128, 1, 512, "vlad", 512),
+        (common::own_profile(), "own-kind", 48, 2, 300, "own-global", 40),
+    ] {
+        let message = reread("veiloc.v2.Profile", &profile.encode());
+        assert_eq!(
+            (text(&message, "descriptor_name"), text(&message, "global_name")),
+            (name.into(), global.into())
+        );
+        for (field, value) in [
+            ("version", 2),
+            ("descriptor_dim", dim),
+            ("descriptor_encoding", encoding),
+            ("descriptor_norm", norm),
+            ("max_keypoints", 2048),
+            ("max_image_side", 1600),
+            ("global_codes", codes),
+        ] {
+            assert_eq!(number(&message, field), value, "{field} of {name}");
+        }
+        assert_eq!(Profile::decode(&message.encode_to_vec()).expect("unchanged"), profile);
+
+        let scheme: Scheme = "dcl:horizontal,s=2".parse().expect("a scheme");
+        let query = common::query_with(&profile, scheme, AngleBits::default(), 512, 5);
+        let message = reread("veiloc.v2.SealedQuery", &query.encode());
+        assert_eq!(text(&message, "descriptor_name"), name);
+        for (field, value) in [
+            ("version", 2),
+            ("scheme", 4),
+            ("dividing_angle", 0),
+            ("anchor_distance", 200),
+            ("angle_bits", 12),
+            ("camera_focal", 36),
+            ("camera_width", 20),
+            ("camera_height", 15),
+            ("rows", 512),
+            ("descriptor_dim", dim),
+            ("descriptor_encoding", encoding),
+            ("descriptor_norm", norm),
+        ] {
+            assert_eq!(number(&message, field), value, "{field} of {name}");
+        }
+        let global = message.get_field_by_name("global").expect("in the schema");
+        assert_eq!(global.as_bytes().expect("bytes").len(), codes as usize);
+        assert_eq!(SealedQuery::decode(&message.encode_to_vec()).expect("unchanged"), query);
+    }
 }
 
 /// L4 and L6, said of the schema: a field for any of these would be a leak, so their absence is pinned.
@@ -108,4 +171,42 @@ fn the_schema_has_these_fields_and_no_more() {
         ]
     );
     assert_eq!(names("veiloc.v1.Profile").len(), 9);
+    assert_eq!(
+        names("veiloc.v2.SealedQuery"),
+        [
+            "version",
+            "profile_id",
+            "scheme",
+            "dividing_angle",
+            "anchor_distance",
+            "angle_bits",
+            "camera_focal",
+            "camera_width",
+            "camera_height",
+            "rows",
+            "descriptor_name",
+            "descriptor_dim",
+            "descriptor_encoding",
+            "descriptor_norm",
+            "positions",
+            "descriptors",
+            "global",
+        ]
+    );
+    // No scheme and no angle bits: an operator has no field to wish for less protection in.
+    assert_eq!(
+        names("veiloc.v2.Profile"),
+        [
+            "version",
+            "descriptor_name",
+            "descriptor_dim",
+            "descriptor_encoding",
+            "descriptor_norm",
+            "max_keypoints",
+            "max_image_side",
+            "global_name",
+            "global_codes",
+            "vocabulary",
+        ]
+    );
 }

@@ -40,7 +40,7 @@ impl Hosted {
             geo: source.geo.clone(),
             longest_query: QUERY_ROWS * (4 + map.profile().descriptor_kind().dim())
                 + QUERY_FIELDS
-                + map.profile().vocabulary().global_len(),
+                + map.profile().global_model().global_len(),
             etag: format!("\"{digits}\""),
             profile,
             map,

@@ -13,7 +13,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use tracing_subscriber::fmt::MakeWriter;
 use veiloc_descriptor::{DescriptorKind, Descriptors};
-use veiloc_obfuscation::seal;
+use veiloc_obfuscation::{SealOptions, seal};
 
 /// Sixteen bytes nothing else would ever write.
 const MARK: &[u8; 16] = b"XqZvKwJyQxVzWkYj";
@@ -82,7 +82,9 @@ fn marked(files: &Files) -> Vec<u8> {
     features.descriptors =
         Descriptors::new(DescriptorKind::ROOT_SIFT, MARK.repeat(8 * count)).expect("whole rows");
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    seal(features, &files.place.camera, &files.place.profile, &mut rng).expect("sealed").encode()
+    seal(features, &files.place.camera, &files.place.profile, &SealOptions::default(), &mut rng)
+        .expect("sealed")
+        .encode()
 }
 
 #[test]

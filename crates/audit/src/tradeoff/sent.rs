@@ -70,7 +70,8 @@ impl Sent {
             let pool = Descriptors::new(kind, rows.clone())
                 .map_err(|e| AuditError::DataSet(format!("{}: {e}", image.name)))?;
             let (pixels, descriptors) =
-                audit::decoys(&truth, &pool, [size.0, size.1], count, &mut rng("decoys"));
+                audit::decoys(&truth, &pool, [size.0, size.1], count, &mut rng("decoys"))
+                    .map_err(|source| AuditError::Seal { name: image.name.clone(), source })?;
             truth.extend(&pixels);
             moved.extend(&pixels);
             rows.extend_from_slice(descriptors.as_bytes());

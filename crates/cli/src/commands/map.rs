@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use veiloc_map::{MapFile, MapModel};
 use veiloc_mapping::BuildOptions;
-use veiloc_query::Scheme;
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
@@ -41,9 +40,6 @@ pub(crate) struct ExtractionArgs {
     /// Keypoints devices are asked for at most, the strongest; it is published in the profile.
     #[arg(long, default_value_t = 2048, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=4096))]
     query_keypoints: u32,
-    /// Scheme that devices use unless told otherwise; it is published in the profile.
-    #[arg(long, default_value = "dcl", value_name = "SCHEME")]
-    scheme: Scheme,
 }
 
 impl ExtractionArgs {
@@ -52,7 +48,6 @@ impl ExtractionArgs {
         let mut options = BuildOptions::default();
         options.max_keypoints = self.max_keypoints as usize;
         options.device.max_keypoints = self.query_keypoints;
-        options.scheme = self.scheme;
         options
     }
 }
@@ -241,7 +236,7 @@ struct Info {
     mean_track_length: f64,
     mean_reprojection_error_px: f64,
     descriptors: String,
-    scheme: String,
+    global: String,
     profile: String,
 }
 
@@ -265,7 +260,7 @@ fn info(path: &Path, json: bool, ui: &Ui) -> Outcome {
         mean_track_length: per_point(observations as f64),
         mean_reprojection_error_px: per_point(error),
         descriptors: map.profile().descriptor_kind().name().to_owned(),
-        scheme: map.profile().scheme().to_string(),
+        global: map.profile().global_model().name().to_owned(),
         profile: map.profile().id().to_string(),
     };
     if json {
@@ -278,7 +273,7 @@ fn info(path: &Path, json: bool, ui: &Ui) -> Outcome {
 
 fn describe(info: &Info) -> String {
     format!(
-        "{}: map format {}, {:.1} MB\n  images      {} with {} cameras, {} keypoints\n  points      {}, seen by {:.1} images each, mean reprojection error {:.2} px\n  a point     {:.0} bytes of the file\n  devices     {} features, scheme {}, profile {}\n",
+        "{}: map format {}, {:.1} MB\n  images      {} with {} cameras, {} keypoints\n  points      {}, seen by {:.1} images each, mean reprojection error {:.2} px\n  a point     {:.0} bytes of the file\n  devices     {} features, global descriptors {}, profile {}\n",
         info.file,
         info.format_version,
         info.bytes as f64 / 1e6,
@@ -290,7 +285,7 @@ fn describe(info: &Info) -> String {
         info.mean_reprojection_error_px,
         info.bytes_per_point,
         info.descriptors,
-        info.scheme,
+        info.global,
         info.profile,
     )
 }

@@ -3,6 +3,7 @@
 pub(crate) mod attack;
 pub(crate) mod audit;
 pub(crate) mod demo;
+mod device_args;
 pub(crate) mod eval;
 mod json_args;
 mod localization_args;

@@ -4,11 +4,13 @@ mod batch;
 
 use std::path::{Path, PathBuf};
 
+use veiloc_features::FeatureError;
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{ExtractError, device_rng, extract, seal_at_most};
-use veiloc_query::{Profile, Scheme};
+use veiloc_obfuscation::{ExtractError, SealOptions, device_rng, extract, seal};
+use veiloc_query::Profile;
 
 use crate::camera::CameraArg;
+use crate::commands::device_args::DeviceArgs;
 use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::items::{Fault, FaultKind, SkipArgs};
@@ -38,12 +40,8 @@ pub(crate) struct Args {
     /// The map's profile, as `veiloc map profile` writes it.
     #[arg(long, value_name = "FILE")]
     profile: PathBuf,
-    /// How keypoints are hidden: dcl, dcl:horizontal, dcl:angle=DEGREES, random-lines, coordinate-permutation, or
-    /// points (no protection). Default: what the profile asks for.
-    #[arg(long)]
-    scheme: Option<Scheme>,
     #[command(flatten)]
-    amount: AmountArgs,
+    device: DeviceArgs,
     /// File to write; a folder when it is one, ends in `/`, or there are several images; `-` for stdout. Sub-folders
     /// of a folder given are made in it too.
     #[arg(long, short, value_name = "OUT")]
@@ -55,28 +53,10 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// How much a device sends, of its own will.
-#[derive(clap::Args)]
-pub(crate) struct AmountArgs {
-    /// Send at most N keypoints, the strongest, cut to a size class (256, 512, 1024, 2048); what is not sent is not
-    /// leaked, and the pose gets a little less exact (docs/audit.md). Default: as many as the profile asks for.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=4096))]
-    max_keypoints: Option<u32>,
-}
-
-impl AmountArgs {
-    /// Most keypoints to send.
-    pub(crate) fn most(&self) -> usize {
-        self.max_keypoints.map_or(usize::MAX, |n| n as usize)
-    }
-}
-
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let mut profile = read_profile(&args.profile)?;
-    if let Some(scheme) = args.scheme {
-        profile = profile.with_scheme(scheme);
-    }
-    batch::run(args, &profile, ui)
+    let profile = read_profile(&args.profile)?;
+    let options = args.device.options(&profile, ui)?;
+    batch::run(args, &profile, &options, ui)
 }
 
 /// One image sealed.
@@ -89,17 +69,22 @@ struct Sealed {
 }
 
 /// Seals one image, all a device does with it.
-fn seal_one(path: &Path, camera: &Intrinsics, profile: &Profile, most: usize) -> Result<Sealed, Fault> {
-    let (features, camera) = extract(path, camera, profile).map_err(|e| {
+fn seal_one(
+    path: &Path,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+) -> Result<Sealed, Fault> {
+    let (features, camera) = extract(path, camera, profile, options).map_err(|e| {
         let kind = match e {
-            ExtractError::ImageSize { .. } => FaultKind::Unfit,
+            ExtractError::Image(FeatureError::ImageSize { .. }) | ExtractError::Profile(_) => FaultKind::Unfit,
             _ => FaultKind::Damaged,
         };
         Fault::new(kind, e)
     })?;
     let found = features.keypoints.len();
     let mut rng = device_rng().map_err(|e| Fault::new(FaultKind::Unfit, e))?;
-    let query = seal_at_most(features, &camera, profile, most, &mut rng)
+    let query = seal(features, &camera, profile, options, &mut rng)
         .map_err(|e| Fault::new(FaultKind::Unfit, e))?;
     Ok(Sealed { bytes: query.encode(), found, sent: query.len() })
 }

@@ -15,6 +15,7 @@ use veiloc_localize::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_model;
 use veiloc_mapping::build;
+use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
 use veiloc_query::{Scheme, SealedQuery};
 use veiloc_robust::ScoreKind;
@@ -105,17 +106,17 @@ fn localize_all(
     progress: &dyn Progress,
 ) -> Result<Results, EvalError> {
     let profile = map.profile();
+    let extraction = options_for(Scheme::default());
     let mut by_recipe: Vec<Vec<QueryResult>> = Vec::new();
     progress.start("Localizing queries", queries.len());
     for query in queries {
         let started = Instant::now();
-        let (features, camera) = extract(&query.path, &query.camera, profile)?;
+        let (features, camera) = extract(&query.path, &query.camera, profile, &extraction)?;
         let extract_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut recipe = 0;
         for scheme in &evaluation.schemes {
             let started = Instant::now();
-            let sealed =
-                send(&features, &camera, &profile.with_scheme(*scheme), &query.name, evaluation.seed);
+            let sealed = send(&features, &camera, profile, *scheme, &query.name, evaluation.seed);
             let seal_ms = started.elapsed().as_secs_f64() * 1e3;
             for score in scores_or_default(&evaluation.scores) {
                 let mut result = match &sealed {

@@ -4,8 +4,9 @@ use veiloc_features::Progress;
 use veiloc_localize::localize;
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_model;
+use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
-use veiloc_query::SealedQuery;
+use veiloc_query::{Scheme, SealedQuery};
 
 use super::options::{Negatives, SceneEvaluation};
 use super::queries::{PosedQuery, posed_queries, send};
@@ -38,14 +39,14 @@ pub(crate) fn localize_negatives(
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<NegativeResult>>, EvalError> {
     let profile = map.profile();
+    let extraction = options_for(Scheme::default());
     let scores = scores_or_default(&evaluation.scores);
     let mut rows = vec![Vec::with_capacity(negatives.len()); evaluation.schemes.len() * scores.len()];
     progress.start("Localizing negatives", negatives.len());
     for negative in negatives {
-        let (features, camera) = extract(&negative.path, &negative.camera, profile)?;
+        let (features, camera) = extract(&negative.path, &negative.camera, profile, &extraction)?;
         for (s, scheme) in evaluation.schemes.iter().enumerate() {
-            let sent =
-                send(&features, &camera, &profile.with_scheme(*scheme), &negative.name, evaluation.seed);
+            let sent = send(&features, &camera, profile, *scheme, &negative.name, evaluation.seed);
             let received = sent.ok().and_then(|bytes| SealedQuery::decode(&bytes).ok());
             for (k, score) in scores.iter().enumerate() {
                 let mut result = NegativeResult {

@@ -8,8 +8,9 @@ use veiloc_datasets::seed_for;
 use veiloc_features::Features;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::ColmapModel;
+use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealError, seal};
-use veiloc_query::Profile;
+use veiloc_query::{Profile, Scheme};
 
 use crate::error::EvalError;
 
@@ -55,10 +56,11 @@ pub(crate) fn send(
     features: &Features,
     camera: &Intrinsics,
     profile: &Profile,
+    scheme: Scheme,
     name: &str,
     seed: u64,
 ) -> Result<Vec<u8>, SealError> {
-    let seed = seed_for(seed, &[name, &profile.scheme().to_string()]);
-    let sealed = seal(features.clone(), camera, profile, &mut ChaCha20Rng::seed_from_u64(seed))?;
+    let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[name, &scheme.to_string()]));
+    let sealed = seal(features.clone(), camera, profile, &options_for(scheme), &mut rng)?;
     Ok(sealed.encode())
 }

@@ -115,7 +115,7 @@ impl<'a> Parser<'a> {
         let names = std::str::from_utf8(&self.bytes[range(Section::Names)])
             .map_err(|_| self.wrong(Section::Names.name(), "not UTF-8"))?;
         let records: &[ImageRecord] = self.records(&range(Section::Images), Section::Images)?;
-        let global = profile.vocabulary().global_len();
+        let global = profile.global_model().global_len();
         let images = self.images(records, names, keypoints.len(), &cameras, global)?;
 
         let descriptor_bytes = keypoints.len().checked_mul(profile.descriptor_kind().dim());

@@ -9,7 +9,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
-use veiloc_query::{ExtractionLimits, Profile, Scheme};
+use veiloc_query::{ExtractionLimits, Profile};
 use xxhash_rust::xxh3::xxh3_64;
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -63,7 +63,7 @@ fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel
         images,
         points,
         extraction: ExtractionLimits { max_keypoints: 4096, max_image_side: 1600 },
-        profile: Profile::new(Scheme::default(), vocabulary),
+        profile: Profile::vlad(vocabulary),
     };
     model.link_keypoints();
     model

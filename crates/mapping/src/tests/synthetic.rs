@@ -7,7 +7,7 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::{ColmapImage, ColmapModel};
 use veiloc_map::{MapModel, MapPoint};
-use veiloc_query::{ExtractionLimits, Profile, Scheme};
+use veiloc_query::{ExtractionLimits, Profile};
 
 use crate::build::{append_images, match_images, sort_points};
 use crate::change::{join, remove};
@@ -87,7 +87,7 @@ fn copy(features: &Extracted) -> Extracted {
 
 fn empty_map() -> MapModel {
     let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![30; 128]).unwrap();
-    let profile = Profile::new(Scheme::default(), Vocabulary::new(words).unwrap());
+    let profile = Profile::vlad(Vocabulary::new(words).unwrap());
     MapModel::empty(profile, ExtractionLimits::default())
 }
 
@@ -95,7 +95,7 @@ fn empty_map() -> MapModel {
 fn map_of(place: &Place, options: &BuildOptions) -> MapModel {
     let mut model = empty_map();
     let images: Vec<&ColmapImage> = place.posed.images().iter().collect();
-    append_images(&mut model, &place.posed, &images, place.features.iter().map(copy).collect());
+    append_images(&mut model, &place.posed, &images, place.features.iter().map(copy).collect()).unwrap();
     let mut scene = Scene::of(&model, options);
     let focus: Vec<u32> = (0..images.len() as u32).collect();
     let edges = match_images(&scene, vec![Vec::new(); images.len()], &focus, options, &());
@@ -176,7 +176,7 @@ fn images_that_leave_and_come_back_give_nearly_the_same_points() {
 
     let without = model.clone();
     let chosen: Vec<&ColmapImage> = [14, 15].iter().map(|i| &place.posed.images()[*i]).collect();
-    join(&mut model, &place.posed, &chosen, [14, 15].map(|i| copy(&place.features[i])).into(), &());
+    join(&mut model, &place.posed, &chosen, [14, 15].map(|i| copy(&place.features[i])).into(), &()).unwrap();
     model.validate().unwrap();
     assert_eq!(model.profile, before.profile);
     for (new, old) in model.points.iter().zip(&without.points) {
@@ -202,7 +202,7 @@ fn removing_all_images_leaves_an_empty_map_that_can_grow_again() {
     model.validate().unwrap();
     assert_eq!((model.images.len(), model.points.len(), model.cameras.len()), (0, 0, 0));
     let images: Vec<&ColmapImage> = place.posed.images().iter().collect();
-    join(&mut model, &place.posed, &images, place.features.iter().map(copy).collect(), &());
+    join(&mut model, &place.posed, &images, place.features.iter().map(copy).collect(), &()).unwrap();
     assert!(model.points.len() > 100, "{}", model.points.len());
     model.validate().unwrap();
 }

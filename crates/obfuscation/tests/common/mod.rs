@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::{Intrinsics, Pixel};
+use veiloc_obfuscation::SealOptions;
 use veiloc_query::{Observations, Profile, Scheme};
 
 pub(crate) fn rng(seed: u64) -> ChaCha8Rng {
@@ -17,10 +18,16 @@ pub(crate) fn camera() -> Intrinsics {
     "SIMPLE_PINHOLE,640,480,512,320,240".parse().expect("valid")
 }
 
-pub(crate) fn profile(scheme: &str) -> Profile {
-    let mut rng = rng(99);
-    let vocabulary = Vocabulary::new(random_descriptors(8, &mut rng)).expect("eight words");
-    Profile::new(scheme.parse::<Scheme>().expect("a scheme"), vocabulary)
+pub(crate) fn profile() -> Profile {
+    Profile::vlad(Vocabulary::new(random_descriptors(8, &mut rng(99))).expect("eight words"))
+}
+
+/// How a device seals that was told this scheme.
+pub(crate) fn options(scheme: &str) -> SealOptions {
+    match scheme.parse::<Scheme>().expect("a scheme") {
+        Scheme::Points => SealOptions::unprotected_points(),
+        other => SealOptions::new(other).expect("it hides positions"),
+    }
 }
 
 /// RootSIFT-like: sparse, of length 512 in code units.
@@ -73,25 +80,32 @@ pub(crate) fn angles(observations: &Observations) -> Vec<(usize, f64)> {
     }
 }
 
-/// The content of a length-delimited field with a one-byte key.
-pub(crate) fn bytes_of_field(message: &[u8], field: u8) -> &[u8] {
+/// Field numbers of a sealed query, version 2.
+pub(crate) const POSITIONS: usize = 15;
+pub(crate) const DESCRIPTORS: usize = 16;
+
+/// The content of a length-delimited field.
+pub(crate) fn bytes_of_field(message: &[u8], field: usize) -> &[u8] {
     let mut at = 0;
+    let varint = |at: &mut usize| {
+        let (mut value, mut shift) = (0, 0);
+        loop {
+            value |= usize::from(message[*at] & 0x7F) << shift;
+            *at += 1;
+            shift += 7;
+            if message[*at - 1] < 0x80 {
+                return value;
+            }
+        }
+    };
     loop {
-        let (number, kind) = (message[at] >> 3, message[at] & 7);
-        at += 1;
+        let key = varint(&mut at);
+        let (number, kind) = (key >> 3, key & 7);
         if kind == 5 {
             at += 4;
             continue;
         }
-        let (mut length, mut shift) = (0, 0);
-        loop {
-            length |= usize::from(message[at] & 0x7F) << shift;
-            at += 1;
-            shift += 7;
-            if message[at - 1] < 0x80 {
-                break;
-            }
-        }
+        let length = varint(&mut at);
         if number == field {
             return &message[at..at + length];
         }

@@ -3,11 +3,13 @@
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
-use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+use veiloc_descriptor::{
+    DescriptorKind, Descriptors, Encoding, GlobalDescriptor, GlobalModel, NamedGlobal, Vocabulary,
+};
 use veiloc_geometry::Anchor;
 use veiloc_query::{
     AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerTimes, CanonicalCamera, DoubtKind, LineRow,
-    PositionRow, Profile, Rows, Scheme, SealedQuery,
+    PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery, WireVersion, Wish,
 };
 
 /// Numbers straight from the generator, so that the known answers do not depend on how a library draws ranges.
@@ -34,11 +36,40 @@ pub(crate) fn vocabulary(draw: &mut Draw) -> Vocabulary {
     Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).and_then(Vocabulary::new).expect("four whole words")
 }
 
-pub(crate) fn profile(scheme: Scheme, bits: AngleBits) -> Profile {
-    Profile::new(scheme, vocabulary(&mut Draw::new(7))).with_angle_bits(bits)
+/// RootSIFT and a vocabulary of four words, version 1.
+pub(crate) fn profile(scheme: Scheme, angle_bits: AngleBits) -> Profile {
+    profile_v2().to_v1(Wish { scheme, angle_bits }).expect("version 1 knows RootSIFT")
 }
 
+/// The same in version 2.
+pub(crate) fn profile_v2() -> Profile {
+    Profile::vlad(vocabulary(&mut Draw::new(7)))
+}
+
+/// Signed descriptors of 48 numbers, and a global descriptor of 40 numbers that comes from the image.
+pub(crate) fn own_profile() -> Profile {
+    let kind = DescriptorKind::new("own-kind", 48, Encoding::Signed, 300).expect("a kind");
+    let global = NamedGlobal::new("own-global", 40).expect("a model");
+    Profile::new(kind, GlobalModel::Named(global)).expect("no vocabulary to disagree with")
+}
+
+/// Sealed with a version 1 profile of this scheme.
 pub(crate) fn query(scheme: Scheme, bits: AngleBits, count: usize, seed: u64) -> SealedQuery {
+    query_with(&profile(scheme, bits), scheme, bits, count, seed)
+}
+
+/// Every profile that tests seal with: of both versions, and with descriptors version 1 does not know.
+pub(crate) fn profiles(scheme: Scheme, bits: AngleBits) -> [Profile; 3] {
+    [profile(scheme, bits), profile_v2(), own_profile()]
+}
+
+pub(crate) fn query_with(
+    profile: &Profile,
+    scheme: Scheme,
+    bits: AngleBits,
+    count: usize,
+    seed: u64,
+) -> SealedQuery {
     let mut draw = Draw::new(seed);
     let camera = CanonicalCamera::from_codes(36, 20, 15).expect("512 px, 640 × 480");
     let size = [camera.width(), camera.height()];
@@ -66,23 +97,41 @@ pub(crate) fn query(scheme: Scheme, bits: AngleBits, count: usize, seed: u64) ->
             };
             Rows::Dcl((0..count).map(|_| row(&mut draw)).collect())
         }
-        other => panic!("{other} is not known to the tests"),
     };
-    let bytes = (0..count * 128).map(|_| draw.below(120) as u8).collect();
-    let descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows");
-    SealedQuery::new(&profile(scheme, bits), camera, rows, descriptors).expect("parts fit")
+    let kind = profile.descriptor_kind();
+    let bytes = (0..count * kind.dim()).map(|_| draw.below(120) as u8).collect();
+    let descriptors = Descriptors::new(kind, bytes).expect("whole rows");
+    let image_global = profile.vocabulary().is_none().then(|| {
+        let codes = (0..profile.global_model().global_len()).map(|_| draw.below(100) as i8 - 50);
+        GlobalDescriptor::new(codes.collect())
+    });
+    let parts = QueryParts { camera, scheme, angle_bits: bits, rows, descriptors, image_global };
+    SealedQuery::new(profile, parts).expect("parts fit")
 }
 
-/// The schemes of the known-answer files, by file name.
-pub(crate) fn known_answers() -> Vec<(String, Scheme, AngleBits)> {
-    ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:angle=30,s=2"]
-        .into_iter()
-        .map(|name| {
-            let bits = if name == "dcl:angle=30,s=2" { 10 } else { 12 };
-            let file = format!("v1-{}", name.replace([':', '=', ','], "-"));
-            (file, name.parse().expect("a scheme"), AngleBits::new(bits).expect("allowed"))
-        })
-        .collect()
+/// The known-answer files without their endings, and what is in them.
+pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
+    let schemes = ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:angle=30,s=2"];
+    let of = |version: WireVersion, name: &str| {
+        let bits = AngleBits::new(if name == "dcl:angle=30,s=2" { 10 } else { 12 }).expect("allowed");
+        let scheme: Scheme = name.parse().expect("a scheme");
+        let profile = match version {
+            WireVersion::V1 => profile(scheme, bits),
+            WireVersion::V2 => profile_v2(),
+        };
+        let file = format!("v{}-{}", version.number(), name.replace([':', '=', ','], "-"));
+        (file, query_with(&profile, scheme, bits, 256, 1))
+    };
+    let mut all: Vec<_> = WireVersion::ALL.iter().flat_map(|v| schemes.map(|name| of(*v, name))).collect();
+    let own = query_with(&own_profile(), Scheme::default(), AngleBits::default(), 256, 1);
+    all.push(("v2-own-kind".to_owned(), own));
+    all
+}
+
+/// The profiles they were sealed with, `v1.profile` with the scheme `dcl`.
+pub(crate) fn known_profiles() -> [(&'static str, Profile); 3] {
+    let v1 = profile(Scheme::default(), AngleBits::default());
+    [("v1", v1), ("v2", profile_v2()), ("v2-own-kind", own_profile())]
 }
 
 /// An answer of numbers that are exact in binary, so that nothing depends on rounding.

@@ -17,7 +17,7 @@ use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
 use veiloc_map::{MapImage, MapModel, MapPoint, Observation};
-use veiloc_obfuscation::seal;
+use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_query::{ExtractionLimits, Profile};
 use veiloc_server::{MapSource, Server, ServerHandle, ServerOptions};
 
@@ -45,7 +45,7 @@ impl Place {
             (0..900).map(|_| std::array::from_fn(|_| rng.random_range(0..120))).collect();
         let rows = Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors.concat()).expect("whole rows");
         let vocabulary = Vocabulary::train(rows.view(), 8, &mut rng).expect("enough samples");
-        let profile = Profile::new("dcl".parse().expect("a scheme"), vocabulary);
+        let profile = Profile::vlad(vocabulary);
         let camera = "SIMPLE_RADIAL,640,480,520,322,238,-0.04".parse().expect("a camera");
         Self { camera, profile, points, descriptors }
     }
@@ -86,7 +86,7 @@ impl Place {
                 camera: 0,
                 cam_from_world: pose,
                 keypoints: seen.iter().map(|(_, p)| [p.u as f32, p.v as f32]).collect(),
-                global: self.profile.vocabulary().aggregate(descriptors.view()),
+                global: self.profile.global_model().of_rows(descriptors.view()).expect("VLAD"),
                 descriptors,
                 point_of_keypoint: vec![None; seen.len()],
             });
@@ -118,7 +118,9 @@ impl Place {
     /// The bytes a device sends for it.
     pub fn sealed(&self, pose: &CameraFromWorld) -> Vec<u8> {
         let mut rng = ChaCha20Rng::seed_from_u64(3);
-        seal(self.features(pose), &self.camera, &self.profile, &mut rng).expect("sealed").encode()
+        seal(self.features(pose), &self.camera, &self.profile, &SealOptions::default(), &mut rng)
+            .expect("sealed")
+            .encode()
     }
 }
 

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{device_rng, extract, seal_at_most};
-use veiloc_query::{Answer, Scheme};
+use veiloc_obfuscation::{device_rng, extract, seal};
+use veiloc_query::Answer;
 use veiloc_server::AnswerDocument;
 
 use super::client::{Client, Connection};
 use super::profile_cache::ProfileCache;
-use crate::commands::seal::AmountArgs;
+use crate::commands::device_args::DeviceArgs;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
@@ -31,12 +31,8 @@ pub(crate) struct Args {
     map: String,
     #[command(flatten)]
     connection: Connection,
-    /// How keypoints are hidden: dcl, dcl:horizontal, dcl:angle=DEGREES, random-lines, coordinate-permutation, or
-    /// points (no protection). The device decides, not the service.
-    #[arg(long, default_value = "dcl")]
-    scheme: Scheme,
     #[command(flatten)]
-    amount: AmountArgs,
+    device: DeviceArgs,
     /// Folder to keep profiles in. Default: the user's cache folder.
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
@@ -49,10 +45,11 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     check_map_name(&args.map)?;
     let client = Client::new(&args.connection, ui)?;
     let cache = ProfileCache::new(args.cache.as_deref());
-    let profile = cache.profile(&client, &args.connection.server, &args.map, ui)?.with_scheme(args.scheme);
-    let (features, camera) = extract(&args.image, &args.camera, &profile)?;
+    let profile = cache.profile(&client, &args.connection.server, &args.map, ui)?;
+    let options = args.device.options(&profile, ui)?;
+    let (features, camera) = extract(&args.image, &args.camera, &profile, &options)?;
     let found = features.keypoints.len();
-    let query = seal_at_most(features, &camera, &profile, args.amount.most(), &mut device_rng()?)
+    let query = seal(features, &camera, &profile, &options, &mut device_rng()?)
         .map_err(|e| Failure::refused(format!("{}: {e}", args.image.display())))?;
     query.check_sides().map_err(|e| Failure::refused(format!("{}: {e}", args.image.display())))?;
     let bytes = query.encode();
@@ -60,7 +57,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         "{}: {found} keypoints, {} sent as {}, {} bytes",
         args.image.display(),
         query.len(),
-        args.scheme,
+        args.device.scheme(),
         bytes.len()
     ));
     let answer = client.localize(&args.map, &bytes)?;

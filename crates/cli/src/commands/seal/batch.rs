@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::SealOptions;
 use veiloc_query::Profile;
 
 use super::{Args, Sealed, seal_one};
@@ -57,9 +58,9 @@ struct Job {
     out: PathBuf,
 }
 
-pub(super) fn run(args: &Args, profile: &Profile, ui: &Ui) -> Outcome {
+pub(super) fn run(args: &Args, profile: &Profile, options: &SealOptions, ui: &Ui) -> Outcome {
     let jobs = jobs(args)?;
-    let scheme = profile.scheme().to_string();
+    let scheme = options.scheme().to_string();
     let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
     let mut tally = Tally::begin("sealed", &items, ui);
     let stage = (jobs.len() > 1).then(|| ui.stage("Sealing", jobs.len() as u64));
@@ -68,7 +69,7 @@ pub(super) fn run(args: &Args, profile: &Profile, ui: &Ui) -> Outcome {
         let name = job.item.path.display().to_string();
         let sealed = match &job.item.fault {
             Some(fault) => Err(fault.clone()),
-            None => seal_one(&job.item.path, &job.camera, profile, args.amount.most()),
+            None => seal_one(&job.item.path, &job.camera, profile, options),
         };
         match &sealed {
             Ok(sealed) => {

@@ -1,0 +1,146 @@
+//! What the device decides: the scheme, how much it sends, and how far it follows a profile.
+
+use veiloc_query::{AngleBits, ExtractionLimits, Profile, Scheme};
+
+use crate::SealError;
+
+/// How an image is sealed. All of it is the device's choice; nothing here comes from a profile.
+///
+/// `points`, which protects nothing, has a constructor of its own, so that it can be reached on purpose only:
+///
+/// ```
+/// use veiloc_obfuscation::SealOptions;
+/// use veiloc_query::Scheme;
+///
+/// assert_eq!(SealOptions::default().scheme().to_string(), "dcl");
+/// let lines = SealOptions::new("random-lines".parse()?)?.with_max_keypoints(512);
+/// assert_eq!(lines.scheme(), Scheme::RandomLines);
+/// assert!(SealOptions::new(Scheme::Points).is_err());
+/// assert_eq!(SealOptions::unprotected_points().scheme(), Scheme::Points);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct SealOptions {
+    scheme: Scheme,
+    angle_bits: AngleBits,
+    max_keypoints: Option<usize>,
+    limits: DeviceLimits,
+}
+
+/// `dcl` with a vertical dividing line, 12-bit angles, as many keypoints as the profile asks for within
+/// [`DeviceLimits::default`].
+impl Default for SealOptions {
+    fn default() -> Self {
+        Self {
+            scheme: Scheme::default(),
+            angle_bits: AngleBits::default(),
+            max_keypoints: None,
+            limits: DeviceLimits::default(),
+        }
+    }
+}
+
+impl SealOptions {
+    /// With a scheme that hides positions, all else as [`Self::default`].
+    ///
+    /// # Errors
+    /// [`SealError::Unprotected`] for `points`.
+    pub fn new(scheme: Scheme) -> Result<Self, SealError> {
+        match scheme {
+            Scheme::Points => Err(SealError::Unprotected),
+            Scheme::RandomLines | Scheme::CoordinatePermutation | Scheme::Dcl(_) => {
+                Ok(Self { scheme, ..Self::default() })
+            }
+        }
+    }
+
+    /// **No protection**: positions are sent as they are. The baseline of evaluations, and for places where the server
+    /// may see everything anyway.
+    pub fn unprotected_points() -> Self {
+        Self { scheme: Scheme::Points, ..Self::default() }
+    }
+
+    /// The same with another number of bits per angle.
+    #[must_use]
+    pub const fn with_angle_bits(mut self, angle_bits: AngleBits) -> Self {
+        self.angle_bits = angle_bits;
+        self
+    }
+
+    /// The same with at most so many keypoints, the strongest usable ones: what is not sent is not leaked.
+    ///
+    /// A number between two size classes is cut to the smaller; below the smallest class decoys fill up (L5).
+    /// `docs/audit.md` has what fewer keypoints cost and what they buy. This is the device's own word and takes the
+    /// place of [`DeviceLimits::max_keypoints`]; what the profile asks for still holds.
+    #[must_use]
+    pub const fn with_max_keypoints(mut self, most: usize) -> Self {
+        self.max_keypoints = Some(most);
+        self
+    }
+
+    /// The same, following a profile to another extent.
+    #[must_use]
+    pub const fn with_limits(mut self, limits: DeviceLimits) -> Self {
+        self.limits = limits;
+        self
+    }
+
+    /// What happens to positions.
+    pub const fn scheme(&self) -> Scheme {
+        self.scheme
+    }
+
+    /// Bits of an angle on the wire.
+    pub const fn angle_bits(&self) -> AngleBits {
+        self.angle_bits
+    }
+
+    /// How much of an image is extracted: what the profile asks for, within what the device allows.
+    ///
+    /// # Errors
+    /// [`SealError::VocabularyTooLarge`] when the profile's vocabulary is beyond what the device allows, and
+    /// [`SealError::GlobalOfImage`] when it asks for a global descriptor that is not made of the rows: no device has an
+    /// extractor for one yet, and it would tell of more than the rows do.
+    pub fn bounded(&self, profile: &Profile) -> Result<ExtractionLimits, SealError> {
+        let asked = profile.limits();
+        let Some(vocabulary) = profile.vocabulary() else {
+            return Err(SealError::GlobalOfImage { name: profile.global_model().name().to_owned() });
+        };
+        let (words, allowed) = (vocabulary.len(), self.limits.max_vocabulary_words);
+        if words > allowed {
+            return Err(SealError::VocabularyTooLarge { words, allowed });
+        }
+        // Not cut to what is sent: some keypoints of the image have no place in the canonical camera.
+        let most = self.max_keypoints.unwrap_or(0).max(self.limits.max_keypoints);
+        Ok(ExtractionLimits {
+            max_keypoints: asked.max_keypoints.min(u32::try_from(most).unwrap_or(u32::MAX)),
+            max_image_side: asked.max_image_side.min(self.limits.max_image_side),
+        })
+    }
+
+    /// Most keypoints that are sent.
+    pub(crate) fn most(&self, profile: &Profile) -> usize {
+        let own = self.max_keypoints.unwrap_or(self.limits.max_keypoints);
+        own.min(profile.limits().max_keypoints as usize)
+    }
+}
+
+/// How far a device follows a profile, which somebody else wrote. `docs/privacy.md` has the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DeviceLimits {
+    /// Most keypoints that are extracted and sent, whatever the profile asks for. Default 2048, what maps ask for by
+    /// default; twice as many would be twice as many to find.
+    pub max_keypoints: usize,
+    /// Longest side of the image that is extracted from, pixels. Default 2048: a larger side tells positions more
+    /// finely, in pixels that the dither is half of, and takes memory with its square.
+    pub max_image_side: u32,
+    /// Most words of a vocabulary. Default 512, the most that maps are built with. Each word is as many bytes of every
+    /// query as a descriptor has.
+    pub max_vocabulary_words: usize,
+}
+
+impl Default for DeviceLimits {
+    fn default() -> Self {
+        Self { max_keypoints: 2048, max_image_side: 2048, max_vocabulary_words: 512 }
+    }
+}
