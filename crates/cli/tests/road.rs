@@ -5,6 +5,7 @@ mod common;
 use common::{CAMERA, MAP_VIEWS, Place, QUERIES, keys, place};
 use serde_json::{Value, json};
 use veiloc_geometry::CameraFromWorld;
+use veiloc_query::{AngleBits, Profile, Scheme, SealedQuery, WireVersion, Wish};
 
 /// Rotation (degrees) and translation (map units) between the pose of a document and the true one.
 fn pose_error(document: &Value, truth: &CameraFromWorld) -> (f64, f64) {
@@ -113,11 +114,29 @@ fn coordinate_permutation_is_sealed_and_read() {
 }
 
 #[test]
-fn the_profile_chooses_the_scheme_and_the_option_overrules_it() {
+fn the_device_chooses_the_scheme_whatever_the_profile_says() {
     let place = place();
     let said = |scheme: &str, out: &str| place.seal("query-0.png", scheme, out).stderr;
     assert!(said("", "chosen.vquery").contains("sent as dcl"));
     assert!(said("random-lines", "chosen.vquery").contains("sent as random-lines"));
+    let warned = said("points", "chosen.vquery");
+    assert!(warned.contains("WARNING") && warned.contains("position of every keypoint is sent"), "{warned}");
+
+    // A profile of version 1 that asks for positions: told in one line, and not obeyed.
+    let profile = Profile::decode(&place.read("place.vprofile")).expect("a profile");
+    let wish = Wish { scheme: Scheme::Points, angle_bits: AngleBits::default() };
+    place.write("greedy.vprofile", profile.to_v1(wish).expect("RootSIFT and VLAD").encode());
+    let seal = format!("seal images/query-0.png --camera {CAMERA} --profile greedy.vprofile");
+    let run = place.run(&format!("{seal} -o greedy.vquery")).succeeded();
+    assert!(run.stderr.contains("the profile asks for the scheme points; dcl is used"), "{run}");
+    assert!(!run.stderr.contains("WARNING"), "{run}");
+    let query = SealedQuery::decode(&place.read("greedy.vquery")).expect("a query");
+    assert_eq!((query.scheme(), query.version()), (Scheme::default(), WireVersion::V1));
+    // The map, whose profile is version 2, takes the query of version 1.
+    let document = place.run("localize --map place.vmap greedy.vquery --json").succeeded().json();
+    assert_eq!(document["localized"], 1);
+    let quiet = place.run(&format!("--quiet {seal} --scheme points -o greedy.vquery")).succeeded();
+    assert!(quiet.stderr.contains("WARNING"), "quiet is no reason not to warn: {quiet}");
 }
 
 #[test]
@@ -196,13 +215,13 @@ fn info_tells_what_is_in_the_map() {
             "descriptors",
             "file",
             "format_version",
+            "global",
             "images",
             "keypoints",
             "mean_reprojection_error_px",
             "mean_track_length",
             "points",
             "profile",
-            "scheme",
             "version",
         ]
     );
@@ -211,7 +230,7 @@ fn info_tells_what_is_in_the_map() {
     assert_eq!(info["format_version"], 1);
     assert_eq!(info["images"], MAP_VIEWS);
     assert_eq!(info["cameras"], 1);
-    assert_eq!(info["scheme"], "dcl");
+    assert_eq!((&info["descriptors"], &info["global"]), (&json!("sift"), &json!("vlad")));
     let bytes = place.read("place.vmap").len();
     assert_eq!(info["bytes"], bytes);
     let number = |key: &str| info[key].as_f64().unwrap_or_else(|| panic!("{key}: {run}"));

@@ -105,7 +105,8 @@ fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f
     order.sort_by(|a, b| strength(b).total_cmp(&strength(a)).then(truth.source[*a].cmp(&truth.source[*b])));
     let pixels = match sealed.observations() {
         Observations::Points(pixels) => pixels,
-        _ => Vec::new(),
+        // Not what `made` seals: there would be no positions to tell.
+        Observations::Lines(_) | Observations::EitherLine(_) | Observations::Anchored { .. } => Vec::new(),
     };
     let descriptors = sealed.descriptors().to_owned().select(order.iter().copied());
     let camera = sealed.camera();

@@ -5,12 +5,43 @@
 //! into a code, and for the line schemes no type in it has a field that could hold a keypoint.
 //!
 //! - [`Scheme`]: what happens to keypoint positions; [`DclLayout`]: where Dual Convergent Lines puts its anchors.
-//! - [`Profile`]: what a device needs to know before it can seal for a map. No map data.
+//! - [`Profile`]: what a device needs to know before it can seal for a map. No map data, and no scheme.
 //! - [`SealedQuery`]: what leaves the device; [`Observations`]: what it tells about positions.
 //! - [`Answer`]: what the server tells in return.
 //! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
 //!
 //! The bytes are described in `docs/wire-format.md` and `proto/veiloc/`, the reasons in `docs/privacy.md`.
+//!
+//! ```
+//! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+//! use veiloc_geometry::Anchor;
+//! use veiloc_query::{AnchoredRow, AngleBits, CanonicalCamera, Profile, QueryParts, Rows, Scheme, SealedQuery};
+//!
+//! // A server publishes its map's profile as bytes, a device reads it.
+//! let kind = DescriptorKind::ROOT_SIFT;
+//! let published = Profile::vlad(Vocabulary::new(Descriptors::new(kind, vec![20; 2 * 128])?)?).encode();
+//! let profile = Profile::decode(&published)?;
+//!
+//! // The device puts rows together: `veiloc_obfuscation::seal` makes them of keypoints, here are some made up.
+//! let bits = AngleBits::default();
+//! let row = |i: u32| AnchoredRow::new(bits, Anchor::BOTH[i as usize % 2], f64::from(i) / 100.0);
+//! let parts = QueryParts {
+//!     camera: CanonicalCamera::from_codes(36, 20, 15)?, // 512 px, 640 x 480
+//!     scheme: Scheme::default(),
+//!     angle_bits: bits,
+//!     rows: Rows::Dcl((0..256).map(row).collect()),
+//!     descriptors: Descriptors::new(kind, vec![30; 256 * 128])?,
+//!     image_global: None,
+//! };
+//! let bytes = SealedQuery::new(&profile, parts)?.encode();
+//!
+//! // The server reads it strictly, and sees whether it was sealed for its map.
+//! let received = SealedQuery::decode(&bytes)?;
+//! profile.check(&received)?;
+//! assert_eq!((received.len(), received.scheme().to_string()), (256, "dcl".to_owned()));
+//! assert!(SealedQuery::decode(&bytes[..bytes.len() - 1]).is_err());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 #![forbid(unsafe_code)]
 
 mod angle;

@@ -137,7 +137,7 @@ impl Place {
         Run::of(arguments, &output)
     }
 
-    /// Seals an image of the place with its profile; `scheme` empty for the profile's own.
+    /// Seals an image of the place with its profile; `scheme` empty for the default.
     pub fn seal(&self, image: &str, scheme: &str, out: &str) -> Run {
         let scheme = if scheme.is_empty() { String::new() } else { format!("--scheme {scheme}") };
         self.run(&format!("seal images/{image} --camera {CAMERA} --profile place.vprofile {scheme} -o {out}"))
