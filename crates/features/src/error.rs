@@ -39,7 +39,8 @@ pub enum FeatureError {
     },
     /// The image is not of the size its camera takes.
     #[error(
-        "{}: {}x{} pixels, but the camera takes {}x{}; {}give the camera of this image, or the image as the camera took it",
+        "{}: {}x{} pixels, but its camera takes {}x{}; {}give the camera of this image, or the image as the camera took it, \
+         neither scaled nor turned",
         path.display(), actual.0, actual.1, camera.0, camera.1, turn_note(*turn)
     )]
     ImageSize {

@@ -180,7 +180,7 @@ fn an_image_of_another_size_than_the_cameras_is_refused() {
         let error = extract_image(&path, Some(camera), &Sift::default(), LIMITS).expect_err("another camera");
         let text = error.to_string();
         assert!(text.contains("64x48") && text.contains(&format!("{}x{}", camera.0, camera.1)), "{text}");
-        assert!(!text.contains("turned"), "the file says nothing of turning: {text}");
+        assert!(!text.contains("to be turned"), "the file says nothing of turning: {text}");
     }
 }
 
@@ -209,10 +209,10 @@ fn a_turned_file_is_named_and_never_turned() {
         let text = extract((48, 64)).expect_err("turned").to_string();
         match degrees {
             Some(degrees) => assert!(text.contains(&format!("is to be turned by {degrees}")), "{text}"),
-            None => assert!(!text.contains("turned"), "{orientation}: {text}"),
+            None => assert!(!text.contains("to be turned"), "{orientation}: {text}"),
         }
         let other = extract((100, 64)).expect_err("not even turned").to_string();
-        assert!(!other.contains("turned"), "{other}");
+        assert!(!other.contains("to be turned"), "{other}");
     }
 }
 
