@@ -104,7 +104,9 @@ fn mixture<R: Rng + ?Sized>(real: &Descriptors, rng: &mut R) -> Vec<u8> {
         .map(|i| f64::from(parents[rng.random_range(0..PARENTS)][i]) + spread * normal(rng))
         .collect();
     if kind.encoding() == Encoding::Unsigned {
-        values.iter_mut().for_each(|v| *v = v.max(0.0));
+        for value in &mut values {
+            *value = value.max(0.0);
+        }
     }
     let scale = wanted / length(&mut values.iter().copied()).max(1e-9);
     values.into_iter().map(|v| kind.encoding().byte(v * scale)).collect()
