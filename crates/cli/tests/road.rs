@@ -198,7 +198,7 @@ fn a_query_sealed_twice_differs_and_keeps_its_length() {
 }
 
 fn rows_of(sealed: &[u8]) -> usize {
-    veiloc_query::SealedQuery::decode(sealed).expect("a sealed query").len()
+    SealedQuery::decode(sealed).expect("a sealed query").len()
 }
 
 #[test]

@@ -118,6 +118,14 @@ fn open(model: &MapModel) -> MapFile {
     MapFile::open(&path).expect("a map")
 }
 
+/// How a device seals that was told this scheme.
+fn options(scheme: &str) -> SealOptions {
+    match scheme.parse::<Scheme>().expect("a scheme") {
+        Scheme::Points => SealOptions::unprotected_points(),
+        other => SealOptions::new(other).expect("it hides positions"),
+    }
+}
+
 #[test]
 fn every_scheme_finds_the_camera() {
     let place = Place::new(1);
@@ -130,12 +138,8 @@ fn every_scheme_finds_the_camera() {
         ("dcl:horizontal", 0.03),
         ("coordinate-permutation", 0.05),
     ] {
-        let scheme: Scheme = scheme.parse().expect("a scheme");
         let mut rng = ChaCha20Rng::seed_from_u64(3);
-        let options = match scheme {
-            Scheme::Points => SealOptions::unprotected_points(),
-            other => SealOptions::new(other).expect("it hides positions"),
-        };
+        let options = options(scheme);
         let sealed =
             seal(place.query(&truth), &place.camera, &place.profile, &options, &mut rng).expect("sealed");
         let received = SealedQuery::decode(&sealed.encode()).expect("decodes");
@@ -166,9 +170,10 @@ fn rows_are_counted_whatever_number_of_points_they_are_matched_to() {
         .collect();
     halves.link_keypoints();
     for scheme in ["points", "coordinate-permutation", "dcl"] {
-        let profile = place.profile.with_scheme(scheme.parse().expect("a scheme"));
+        let options = options(scheme);
         let mut rng = ChaCha20Rng::seed_from_u64(3);
-        let sealed = seal(place.query(&pose(0.13, 0.2)), &place.camera, &profile, &mut rng).expect("sealed");
+        let sealed = seal(place.query(&pose(0.13, 0.2)), &place.camera, &place.profile, &options, &mut rng)
+            .expect("sealed");
         let [once, twice] = [&whole, &halves]
             .map(|map| localize(&sealed, &open(map), &LocalizeOptions::default()).expect("localized"));
         assert!(once.inliers <= once.matches && once.matches <= once.pairs, "{scheme}");

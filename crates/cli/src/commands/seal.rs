@@ -77,15 +77,17 @@ fn seal_one(
 ) -> Result<Sealed, Fault> {
     let (features, camera) = extract(path, camera, profile, options).map_err(|e| {
         let kind = match e {
-            ExtractError::Image(FeatureError::ImageSize { .. }) | ExtractError::Profile(_) => FaultKind::Unfit,
+            ExtractError::Image(FeatureError::ImageSize { .. }) | ExtractError::Profile(_) => {
+                FaultKind::Unfit
+            }
             _ => FaultKind::Damaged,
         };
         Fault::new(kind, e)
     })?;
     let found = features.keypoints.len();
     let mut rng = device_rng().map_err(|e| Fault::new(FaultKind::Unfit, e))?;
-    let query = seal(features, &camera, profile, options, &mut rng)
-        .map_err(|e| Fault::new(FaultKind::Unfit, e))?;
+    let query =
+        seal(features, &camera, profile, options, &mut rng).map_err(|e| Fault::new(FaultKind::Unfit, e))?;
     Ok(Sealed { bytes: query.encode(), found, sent: query.len() })
 }
 
