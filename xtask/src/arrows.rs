@@ -19,7 +19,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("mapping", &["geometry", "descriptor", "features", "map", "query"]),
     ("localize", &["geometry", "descriptor", "query", "map", "robust"]),
     ("server", &["geometry", "query", "map", "localize", "robust"]),
-    ("attacks", &["geometry", "query"]),
+    ("attacks", &["descriptor", "geometry", "query"]),
     ("synth", &["geometry"]),
     ("datasets", &["geometry", "descriptor", "features", "query", "robust"]),
     (
