@@ -16,7 +16,7 @@ mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap}
 cp ../crates/query/tests/data/*.vquery "$corpus/sealed_query/"
 cp ../crates/query/tests/data/*.profile "$corpus/profile/"
 cp ../crates/query/tests/data/*.answer "$corpus/answer/"
-cp ../crates/map/tests/data/map-v1.bin "$corpus/map_file/"
+cp ../crates/map/tests/data/map-v*.bin "$corpus/map_file/"
 for kind in txt:T bin:O; do # the last bit of the first byte says which
     for folder in $(find ../crates/map/tests/data/colmap -name "cameras.${kind%:*}" -exec dirname {} \;); do
         {

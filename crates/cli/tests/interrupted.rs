@@ -27,7 +27,7 @@ fn old_map_is_untouched(place: &Place, old: &[u8], when: &str) {
     assert_eq!(info["images"], 3, "{when}");
     for name in names(place) {
         let is_map = name == "place.vmap";
-        let is_rest = name.starts_with('.') && name.ends_with(".partial");
+        let is_rest = [".partial", ".lock"].iter().any(|end| name.starts_with('.') && name.ends_with(end));
         assert!(is_map || is_rest, "{when}: {name} would be taken for a map");
     }
 }

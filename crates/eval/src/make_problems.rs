@@ -13,9 +13,9 @@ use veiloc_features::Progress;
 use veiloc_localize::matching::match_points;
 use veiloc_localize::retrieval::retrieve;
 use veiloc_localize::{LocalizeOptions, observe_matches};
-use veiloc_map::MapFile;
 use veiloc_map::colmap::read_model;
-use veiloc_mapping::{BuildOptions, build};
+use veiloc_map::{MapFile, PosedImages};
+use veiloc_mapping::{BuildOptions, Input, build};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealTruth, extract, seal_with_truth};
 use veiloc_query::{Observations, Scheme, SealedQuery};
@@ -65,7 +65,9 @@ pub fn make_problems(
 ) -> Result<Vec<MadeProblem>, EvalError> {
     let posed = read_model(source.posed)?;
     let queries = posed_queries(&posed, source.images, source.query_list)?;
-    let model = build(&posed, source.images, source.map_list, source.build, progress)?;
+    let images = PosedImages::from(&posed);
+    let input = Input::new(&images, source.images).with_names(source.map_list);
+    let (model, _) = build(&input, source.build, progress)?;
     let temporary =
         tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
     let path = temporary.path().join("place.vmap");

@@ -8,9 +8,9 @@ use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
 use veiloc_localize::{LocalizeError, LocalizeOptions, localize};
-use veiloc_map::{MapFile, MapImage, MapModel, MapPoint, Observation};
+use veiloc_map::{BuildSettings, MapFile, MapImage, MapModel, MapPoint, Observation};
 use veiloc_obfuscation::{SealOptions, seal};
-use veiloc_query::{ExtractionLimits, Profile, Scheme, SealedQuery};
+use veiloc_query::{Profile, Scheme, SealedQuery};
 
 struct Place {
     camera: Intrinsics,
@@ -59,7 +59,7 @@ impl Place {
 
     fn map(&self) -> MapModel {
         let mut rng = ChaCha8Rng::seed_from_u64(99);
-        let mut model = MapModel::empty(self.profile.clone(), ExtractionLimits::default());
+        let mut model = MapModel::empty(self.profile.clone(), BuildSettings::default());
         model.cameras.push(self.camera);
         let mut tracks = vec![Vec::new(); self.points.len()];
         for i in 0..8 {
@@ -218,7 +218,7 @@ fn a_place_never_mapped_is_not_found() {
 #[test]
 fn an_empty_map_says_so() {
     let place = Place::new(1);
-    let map = open(&MapModel::empty(place.profile.clone(), ExtractionLimits::default()));
+    let map = open(&MapModel::empty(place.profile.clone(), BuildSettings::default()));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let sealed =
         seal(place.query(&pose(0.0, 0.0)), &place.camera, &place.profile, &SealOptions::default(), &mut rng)

@@ -17,13 +17,15 @@ pub enum MapError {
     },
     /// The folder does not hold a COLMAP model.
     #[error(
-        "{}: no COLMAP model here: neither cameras.txt, images.txt, points3D.txt nor cameras.bin, images.bin, \
-         points3D.bin are all present; give the folder that holds one of these sets",
+        "{}: no COLMAP model here: {wanted} are not all present, neither as .txt nor as .bin; give the folder that \
+         holds them",
         dir.display()
     )]
     NoColmapModel {
         /// The folder.
         dir: PathBuf,
+        /// Which files it must hold.
+        wanted: &'static str,
     },
     /// A record of a COLMAP file is not what it should be.
     #[error("{}, {place}: {reason}", path.display())]
@@ -45,6 +47,24 @@ pub enum MapError {
         /// What is wrong, and the remedy.
         reason: String,
     },
+    /// Posed images do not fit together.
+    #[error("the posed images do not fit together: {record} {reason}")]
+    PosedImages {
+        /// Which image or point.
+        record: Record,
+        /// What is wrong, and the remedy.
+        reason: String,
+    },
+    /// A setting is out of its range.
+    #[error("setting {setting} is {value}; allowed is {allowed}")]
+    Setting {
+        /// Its name.
+        setting: &'static str,
+        /// Its value.
+        value: String,
+        /// What is allowed.
+        allowed: &'static str,
+    },
     /// The file is not a map.
     #[error("{}: not a veiloc map; maps are made by `veiloc map build` or `veiloc map import`", path.display())]
     NotAMap {
@@ -53,7 +73,7 @@ pub enum MapError {
     },
     /// The file is a map of another version of the format.
     #[error(
-        "{}: map format version {found}, this program reads version {supported}; {}",
+        "{}: map format version {found}, this program reads versions 1 to {supported}; {}",
         path.display(),
         if found > supported { "use a newer veiloc" } else { "build the map again with this veiloc" }
     )]
@@ -62,8 +82,16 @@ pub enum MapError {
         path: PathBuf,
         /// Its version.
         found: u32,
-        /// The version this program reads.
+        /// The newest version this program reads.
         supported: u32,
+    },
+    /// The file has a part that this program does not know.
+    #[error("{}: section {code} of the map is unknown: it was written by a newer version; use a newer veiloc", path.display())]
+    UnknownSection {
+        /// Which file.
+        path: PathBuf,
+        /// The section's number.
+        code: u32,
     },
     /// The file ends before it should, or goes on after it should end.
     #[error(

@@ -1,20 +1,52 @@
-//! The map model, its file, and COLMAP models as the way in and out.
+//! The map model, its file, and posed images and COLMAP models as ways in and out.
 //!
+//! For whoever keeps maps (an operator's tools) and whoever reads them (a service that localizes).
+//!
+//! - [`PosedImages`]: images with cameras and poses, what a map is built of; [`colmap::read_posed`] reads COLMAP's.
 //! - [`MapModel`]: a map as an owned value, what mapping builds and changes.
-//! - [`MapFile`]: the same in a file that is mapped into memory and served from; [`write()`] makes one.
+//! - [`MapFile`]: the same in a file that is mapped into memory and served from; [`write()`] makes one, and
+//!   [`MapLock`] is for whoever reads a map to change it.
 //! - [`colmap`]: COLMAP's models, text and binary, read strictly; text written.
 //!
 //! # Who checks what
 //! A [`MapModel`] may be put together freely; [`MapModel::validate`] says whether it is a map, and [`write()`] asks it.
 //! A [`MapFile`] was checked whole when it was opened (checksums, indices, names, poses), so its accessors neither
 //! fail nor panic on what the file holds. The bytes of the format are specified in `docs/map-format.md`.
+//!
+//! # Changing a map
+//! ```
+//! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+//! use veiloc_map::{BuildSettings, MapFile, MapLock, MapModel};
+//! use veiloc_query::Profile;
+//!
+//! # let folder = tempfile::tempdir()?;
+//! # let path = folder.path().join("hall.vmap");
+//! // A map without images; `veiloc_mapping::build` makes better ones.
+//! let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![30; 128])?;
+//! let profile = Profile::vlad(Vocabulary::new(words)?);
+//! veiloc_map::write(&MapModel::empty(profile, BuildSettings::default()), &path)?;
+//!
+//! let lock = MapLock::acquire(&path)?; // nobody else changes it now
+//! let mut model = MapFile::open(&path)?.to_model();
+//! model.settings.pairs_per_image = 40;
+//! lock.write(&model)?;
+//! drop(lock);
+//!
+//! let map = MapFile::open(&path)?;
+//! assert_eq!((map.image_count(), map.settings().pairs_per_image), (0, 40));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 #![forbid(unsafe_code)]
 
 pub mod colmap;
 mod error;
 mod file;
 mod model;
+mod posed;
+mod settings;
 
 pub use error::{MapError, Place, Record};
-pub use file::{FORMAT_VERSION, ImageView, MapFile, write};
+pub use file::{FORMAT_VERSION, ImageView, MapFile, MapLock, write};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
+pub use posed::{PosedImage, PosedImages};
+pub use settings::BuildSettings;

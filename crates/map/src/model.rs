@@ -6,9 +6,10 @@ use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Matrix3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
-use veiloc_query::{ExtractionLimits, Profile};
+use veiloc_query::Profile;
 
 use crate::error::{MapError, Record};
+use crate::settings::BuildSettings;
 
 /// A point of one map: its index there. Ids of different maps, or of a map before and after a change, mean nothing to
 /// each other.
@@ -72,17 +73,16 @@ pub struct MapModel {
     pub images: Vec<MapImage>,
     /// Points, by [`PointId`].
     pub points: Vec<MapPoint>,
-    /// How much was extracted from the map's own images; images that join later are treated alike. What devices
-    /// extract is in the profile.
-    pub extraction: ExtractionLimits,
+    /// How it was built; images that join later are treated alike.
+    pub settings: BuildSettings,
     /// What a device needs to seal a query for this map.
     pub profile: Profile,
 }
 
 impl MapModel {
     /// A map without images.
-    pub const fn empty(profile: Profile, extraction: ExtractionLimits) -> Self {
-        Self { cameras: Vec::new(), images: Vec::new(), points: Vec::new(), extraction, profile }
+    pub const fn empty(profile: Profile, settings: BuildSettings) -> Self {
+        Self { cameras: Vec::new(), images: Vec::new(), points: Vec::new(), settings, profile }
     }
 
     /// Index of the image with this name.
@@ -132,6 +132,9 @@ impl MapModel {
     /// [`MapError::Model`] naming the part that does not fit.
     pub fn validate(&self) -> Result<(), MapError> {
         let refuse = |record: Record, reason: String| Err(MapError::Model { record, reason });
+        if let Err(error) = self.settings.check() {
+            return refuse(Record::Map, format!("was built with impossible settings: {error}"));
+        }
         let many = [self.cameras.len(), self.images.len(), self.points.len()];
         if many.iter().any(|n| *n >= u32::MAX as usize) {
             return refuse(Record::Map, "has more parts than 32-bit numbers can count".to_owned());
@@ -164,7 +167,7 @@ impl MapModel {
     fn check_image(&self, image: &MapImage) -> Result<(), String> {
         let count = image.keypoints.len();
         let global = self.profile.global_model();
-        if image.name.is_empty() || image.name.contains(['\0', '\n', '\r']) {
+        if !is_name(&image.name) {
             return Err("has no usable file name".to_owned());
         }
         if image.camera >= self.cameras.len() {
@@ -217,6 +220,11 @@ impl MapModel {
         }
         Ok(())
     }
+}
+
+/// Not empty, and without what would break a list of names.
+pub(crate) fn is_name(name: &str) -> bool {
+    !name.is_empty() && !name.contains(['\0', '\n', '\r'])
 }
 
 /// Finite, and a rotation up to rounding.

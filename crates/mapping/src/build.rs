@@ -1,62 +1,61 @@
 //! From posed images to a map.
 
 use std::collections::BTreeSet;
-use std::path::Path;
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use veiloc_descriptor::{DescriptorView, Descriptors, Vocabulary};
-use veiloc_geometry::nalgebra::Vector3;
-use veiloc_map::colmap::{ColmapImage, ColmapModel};
-use veiloc_map::{MapImage, MapModel};
+use veiloc_descriptor::DescriptorView;
+use veiloc_map::{BuildSettings, MapImage, MapModel, PosedImage, PosedImages};
 use veiloc_query::Profile;
 
 use crate::complete::grow;
 use crate::error::MappingError;
-use crate::extract::{Extracted, extract_all, select};
+use crate::extract::{Extracted, Found, extract_all};
+use crate::input::Input;
 use crate::matching::{Edge, Edges, match_pairs};
-use crate::options::BuildOptions;
+use crate::options::{BuildOptions, for_images};
 use crate::pairs::{MIN_SEEDS, Seeds, pairs_by_pose, pairs_by_seeds};
 use crate::progress::Progress;
+use crate::report::BuildReport;
 use crate::scene::Scene;
 use crate::triangulation::{nearest_to_both_rays, widest_angle_deg};
+use crate::vocabulary::learn;
 
-/// Builds a map of the named images, whose poses and cameras the model `posed` holds.
+/// Builds a map of posed images.
 ///
-/// Keypoints and points of `posed` are not taken over; its points only help to find pairs of images, where it has any.
+/// Points of the posed images are not taken over; they only help to find pairs of images. Where there are none, pairs
+/// are found from the poses.
 ///
 /// # Errors
-/// [`MappingError`]: an empty list, a name that is there twice or has no pose, an image that cannot be read or is not
-/// of its camera's size, no keypoints at all, or nothing that could be triangulated.
+/// [`MappingError`]: features of an unknown kind, no images, images that cannot be used (all of them named: twice in the list, without pose, without
+/// file, before any work begins; unreadable or not of their cameras' sizes, as they are read), no keypoints at all, or
+/// nothing that could be triangulated.
 pub fn build(
-    posed: &ColmapModel,
-    image_dir: &Path,
-    names: &[String],
+    input: &Input<'_>,
     options: &BuildOptions,
     progress: &dyn Progress,
-) -> Result<MapModel, MappingError> {
-    options.check()?;
-    let chosen = select(posed, names)?;
-    let mut options = options.clone();
-    options.min_track_length = options.min_track_length.min(chosen.len()).max(2);
-    let options = &options;
-    let features = extract_all(&chosen, posed, image_dir, options.extraction(), progress)?;
+) -> Result<(MapModel, BuildReport), MappingError> {
+    options.settings.check()?;
+    let extractors = input.extractors();
+    let extractor = extractors.named(&options.features)?;
+    let checked = input.check(|_| false)?;
+    let Found { images, features, skipped } =
+        extract_all(checked, extractor, options.settings.extraction, progress)?;
     let profile = profile(&features, options, progress)?;
-    let mut model = MapModel::empty(profile, options.extraction());
-    append_images(&mut model, posed, &chosen, features)?;
+    let mut model = MapModel::empty(profile, options.settings);
+    append_images(&mut model, &images, features)?;
 
-    let mut scene = Scene::of(&model, options);
-    let focus: Vec<u32> = (0..chosen.len() as u32).collect();
-    let edges = match_images(&scene, seeds_of_colmap(posed, &chosen), &focus, options, progress);
+    let settings = &for_images(&options.settings, images.len());
+    let mut scene = Scene::of(&model, settings);
+    let focus: Vec<u32> = (0..images.len() as u32).collect();
+    let edges = match_images(&scene, seeds_of(input.posed(), &images), &focus, settings, progress);
     progress.start("Triangulating points", 1);
-    grow(&mut scene, &edges.verified, options);
+    grow(&mut scene, &edges.verified, settings);
     let points = scene.finish();
     progress.advance(1);
     progress.finish();
     if points.is_empty() {
         return Err(MappingError::NoPoints {
-            images: chosen.len(),
+            images: images.len(),
             matches: edges.matches,
             verified: edges.verified.len(),
         });
@@ -64,7 +63,8 @@ pub fn build(
     model.points = points;
     sort_points(&mut model);
     model.link_keypoints();
-    Ok(model)
+    let report = BuildReport::of(&model, images.len(), skipped, edges.matches, edges.verified.len());
+    Ok((model, report))
 }
 
 /// In the order of their first observations, so that the points of one image lie together in the file.
@@ -78,34 +78,15 @@ pub(crate) fn profile(
     options: &BuildOptions,
     progress: &dyn Progress,
 ) -> Result<Profile, MappingError> {
-    progress.start("Training the vocabulary", 1);
-    let kind = features.first().map(|f| f.descriptors.kind()).ok_or(MappingError::EmptyList)?;
-    let total: usize = features.iter().map(|f| f.descriptors.len()).sum();
-    let words = options.vocabulary_words.min(total.max(1));
-    let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
-    let chosen = rand::seq::index::sample(&mut rng, total, total.min(words * SAMPLES_PER_WORD));
-    let mut chosen = chosen.into_vec();
-    chosen.sort_unstable();
-    let mut sample = Descriptors::empty(kind);
-    let (mut image, mut before) = (0, 0);
-    for index in chosen {
-        while index - before >= features[image].descriptors.len() {
-            before += features[image].descriptors.len();
-            image += 1;
-        }
-        sample.push(features[image].descriptors.row(index - before)).expect("a row of the same kind");
-    }
-    let vocabulary = Vocabulary::train(sample.view(), words, &mut rng)
-        .map_err(|source| MappingError::NoKeypoints { images: features.len(), source })?;
-    progress.advance(1);
+    let views: Vec<DescriptorView<'_>> = features.iter().map(|f| f.descriptors.view()).collect();
+    let vocabulary = learn(&views, &options.settings, progress)?;
     Ok(Profile::vlad(vocabulary).with_limits(options.device)?)
 }
 
 /// Adds images without points to a model; a camera that is already there is shared.
 pub(crate) fn append_images(
     model: &mut MapModel,
-    posed: &ColmapModel,
-    images: &[&ColmapImage],
+    images: &[&PosedImage],
     features: Vec<Extracted>,
 ) -> Result<(), MappingError> {
     let global = model.profile.global_model();
@@ -113,10 +94,9 @@ pub(crate) fn append_images(
     let globals = features.par_iter().map(|f| global.of_rows(f.descriptors.view()).ok_or_else(of_image));
     let globals: Vec<_> = globals.collect::<Result<_, _>>()?;
     for ((image, features), global) in images.iter().zip(features).zip(globals) {
-        let camera = posed.camera_of(image);
-        let known = model.cameras.iter().position(|c| c == camera);
+        let known = model.cameras.iter().position(|c| *c == image.camera);
         let camera = known.unwrap_or_else(|| {
-            model.cameras.push(*camera);
+            model.cameras.push(image.camera);
             model.cameras.len() - 1
         });
         model.images.push(MapImage {
@@ -137,32 +117,29 @@ pub(crate) fn match_images(
     scene: &Scene<'_>,
     mut seeds: Seeds,
     focus: &[u32],
-    options: &BuildOptions,
+    settings: &BuildSettings,
     progress: &dyn Progress,
 ) -> Edges {
     let descriptors: &[DescriptorView<'_>] = &scene.descriptors;
     let unknown: Vec<u32> = focus.iter().copied().filter(|i| seeds[*i as usize].len() < MIN_SEEDS).collect();
     let first = pairs_by_pose(&scene.views, &unknown);
     progress.start("Matching first pairs", first.len());
-    let mut edges = match_pairs(&first, &scene.views, descriptors, options.max_ratio, progress);
+    let mut edges = match_pairs(&first, &scene.views, descriptors, settings.max_ratio, progress);
     add_seeds(scene, &edges.verified, &mut seeds);
 
     let known: BTreeSet<(u32, u32)> = first.into_iter().collect();
-    let mut pairs = pairs_by_seeds(&scene.views, &seeds, focus, options.pairs_per_image);
+    let mut pairs = pairs_by_seeds(&scene.views, &seeds, focus, settings.pairs_per_image as usize);
     pairs.retain(|p| !known.contains(p));
     progress.start("Matching pairs", pairs.len());
-    edges.extend(match_pairs(&pairs, &scene.views, descriptors, options.max_ratio, progress));
+    edges.extend(match_pairs(&pairs, &scene.views, descriptors, settings.max_ratio, progress));
     edges.sort();
     edges
 }
 
-/// The points of a model that each image sees.
-fn seeds_of_colmap(posed: &ColmapModel, images: &[&ColmapImage]) -> Seeds {
-    let mut points: Vec<(u64, Vector3<f64>)> =
-        posed.points().iter().map(|p| (p.id, p.position.coords)).collect();
-    points.sort_by_key(|(id, _)| *id);
-    let position = |id: u64| points.binary_search_by_key(&id, |(id, _)| *id).ok().map(|i| points[i].1);
-    images.iter().map(|i| i.points2d.iter().filter_map(|p| position(p.point?)).collect()).collect()
+/// The points that each image is known to see.
+fn seeds_of(posed: &PosedImages, images: &[&PosedImage]) -> Seeds {
+    let position = |id: &u32| posed.points()[*id as usize].coords;
+    images.iter().map(|i| i.seen.iter().map(position).collect()).collect()
 }
 
 /// Adds the points that matches place well enough to tell who else sees them.
@@ -177,7 +154,5 @@ fn add_seeds(scene: &Scene<'_>, edges: &[Edge], seeds: &mut Seeds) {
     }
 }
 
-/// Descriptors a word is learned from.
-const SAMPLES_PER_WORD: usize = 1000;
 /// Seeds need a depth that is right within about a fifth, no more.
 const MIN_SEED_ANGLE_DEG: f64 = 0.5;

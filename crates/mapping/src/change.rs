@@ -1,21 +1,26 @@
 //! Images join a map and leave it, without the map being built again.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
-use veiloc_map::colmap::{ColmapImage, ColmapModel};
-use veiloc_map::{MapModel, Observation};
+use rayon::prelude::*;
+use veiloc_descriptor::DescriptorView;
+use veiloc_map::{MapImage, MapModel, Observation, PosedImage};
+use veiloc_query::Profile;
 
 use crate::build::{append_images, match_images};
 use crate::complete::grow;
 use crate::error::MappingError;
-use crate::extract::{Extracted, extract_all, select};
-use crate::options::BuildOptions;
+use crate::extract::{Extracted, Found, extract_all};
+use crate::input::Input;
+use crate::matching::Edges;
+use crate::options::for_images;
 use crate::pairs::Seeds;
 use crate::progress::Progress;
+use crate::report::BuildReport;
 use crate::scene::{Fallback, Scene};
+use crate::vocabulary::learn;
 
-/// Adds the named images, whose poses and cameras the model `posed` holds, in the frame of the map.
+/// Adds posed images to a map, whose world is that of the poses.
 ///
 /// Features are extracted as they were for the map, and matched with images that see the same. Points that gain
 /// observations are refined, new points are added behind the old ones; all others, the vocabulary and the profile stay
@@ -25,76 +30,103 @@ use crate::scene::{Fallback, Scene};
 /// [`MappingError`] as for [`build`](crate::build), and when an image is already in the map.
 pub fn add(
     model: &mut MapModel,
-    posed: &ColmapModel,
-    image_dir: &Path,
-    names: &[String],
+    input: &Input<'_>,
     progress: &dyn Progress,
-) -> Result<(), MappingError> {
+) -> Result<BuildReport, MappingError> {
     model.validate()?;
-    let chosen = select(posed, names)?;
-    if let Some(there) = chosen.iter().find(|i| model.image_index(&i.name).is_some()) {
-        return Err(MappingError::AlreadyInMap { name: there.name.clone() });
-    }
-    let features = extract_all(&chosen, posed, image_dir, model.extraction, progress)?;
-
-    join(model, posed, &chosen, features, progress)
+    let extractors = input.extractors();
+    let extractor = extractors.of_kind(model.profile.descriptor_kind())?;
+    let there: BTreeSet<&str> = model.images.iter().map(|i| i.name.as_str()).collect();
+    let checked = input.check(|name| there.contains(name))?;
+    let Found { images, features, skipped } =
+        extract_all(checked, extractor, model.settings.extraction, progress)?;
+    let edges = join(model, &images, features, progress)?;
+    Ok(BuildReport::of(model, images.len(), skipped, edges.matches, edges.verified.len()))
 }
 
-/// What follows extraction.
+/// What follows extraction. An error leaves the map as it was.
 pub(crate) fn join(
     model: &mut MapModel,
-    posed: &ColmapModel,
-    images: &[&ColmapImage],
+    images: &[&PosedImage],
     features: Vec<Extracted>,
     progress: &dyn Progress,
-) -> Result<(), MappingError> {
+) -> Result<Edges, MappingError> {
     let before = model.images.len() as u32;
-    append_images(model, posed, images, features)?;
-    let options = BuildOptions::default();
-    let mut scene = Scene::of(model, &options);
+    append_images(model, images, features)?;
+    let settings = for_images(&model.settings, model.images.len());
+    let mut scene = Scene::of(model, &settings);
     let focus: Vec<u32> = (before..model.images.len() as u32).collect();
-    let edges = match_images(&scene, seeds_of_map(model), &focus, &options, progress);
+    let edges = match_images(&scene, seeds_of_map(model), &focus, &settings, progress);
     progress.start("Triangulating points", 1);
-    grow(&mut scene, &edges.verified, &options);
+    grow(&mut scene, &edges.verified, &settings);
     let points = scene.finish();
     progress.advance(1);
     progress.finish();
     model.points = points;
     model.link_keypoints();
-    Ok(())
+    Ok(edges)
 }
 
-/// Takes the named images out of a map, with everything that came from them: points they saw are triangulated
-/// again from the other images, or go when too few are left. All other points stay as they are, bit for bit.
+/// What becomes of the vocabulary when images leave a map.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Words {
+    /// It stays, and with it the profile: queries sealed for the map still fit. Its words are averages of descriptors
+    /// of many images; those of images that leave go on being part of them.
+    #[default]
+    Keep,
+    /// It is learned again from the images that stay. The profile becomes another one: devices must fetch it, and
+    /// queries sealed for the old one are refused.
+    Retrain,
+}
+
+/// Takes the named images out of a map: their keypoints, descriptors and poses go. Points they saw are triangulated
+/// again from the other images, or go when too few are left; all other points stay as they are, bit for bit.
+///
+/// What is left of the images then: under [`Words::Keep`] their share in the words of the vocabulary, under
+/// [`Words::Retrain`] no share in any descriptor. Either way the other images' points are sought again from where they
+/// stood, their keypoints stay joined as matches with the images that left may have joined them, and the old file may
+/// live on in copies and backups.
 ///
 /// # Errors
-/// [`MappingError`]: an empty list, a name twice, or one that is not in the map. The map is then as it was.
-pub fn remove(model: &mut MapModel, names: &[String]) -> Result<(), MappingError> {
+/// [`MappingError`]: an empty list, a name twice, names that are not in the map, or no image left to learn words from.
+/// The map is then as it was.
+pub fn remove(
+    model: &mut MapModel,
+    names: &[String],
+    words: Words,
+    progress: &dyn Progress,
+) -> Result<(), MappingError> {
     model.validate()?;
-    if names.is_empty() {
-        return Err(MappingError::EmptyList);
-    }
-    let mut leaving = BTreeSet::new();
-    for name in names {
-        let index = model.image_index(name).ok_or_else(|| MappingError::NotInMap { name: name.clone() })?;
-        if !leaving.insert(index as u32) {
-            return Err(MappingError::DuplicateName { name: name.clone() });
+    let leaving = leaving(model, names)?;
+    let staying: Vec<usize> = (0..model.images.len()).filter(|i| !leaving.contains(&(*i as u32))).collect();
+    let settings = model.settings;
+    let profile = match words {
+        Words::Keep => None,
+        // Made of each image by itself: nothing was learned from those that leave.
+        Words::Retrain if model.profile.vocabulary().is_none() => None,
+        Words::Retrain if staying.is_empty() => return Err(MappingError::NothingLeft),
+        Words::Retrain => {
+            let views: Vec<DescriptorView<'_>> =
+                staying.iter().map(|i| model.images[*i].descriptors.view()).collect();
+            let vocabulary = learn(&views, &settings, progress)?;
+            let old = &model.profile;
+            let new = Profile::vlad(vocabulary).with_limits(old.limits())?;
+            // Devices that know version 1 only go on being served.
+            Some(old.wish().and_then(|wish| new.to_v1(wish)).unwrap_or(new))
         }
-    }
+    };
 
-    let options = BuildOptions::default();
-    let mut scene = Scene::of(model, &options);
+    let mut scene = Scene::of(model, &settings);
     for point in &mut scene.points {
         let count = point.track.len();
         point.track.retain(|(image, _)| !leaving.contains(image));
         point.touched = point.track.len() < count;
     }
-    scene.polish(&options, Fallback::Vanish);
+    scene.polish(&settings, Fallback::Vanish);
     let points = scene.finish();
     model.points = points;
 
-    let staying = (0..model.images.len() as u32).filter(|i| !leaving.contains(i));
-    let new_index: BTreeMap<u32, u32> = staying.zip(0..).collect();
+    let new_index: BTreeMap<u32, u32> = staying.iter().map(|i| *i as u32).zip(0..).collect();
     let mut index = 0;
     model.images.retain(|_| {
         index += 1;
@@ -107,7 +139,33 @@ pub fn remove(model: &mut MapModel, names: &[String]) -> Result<(), MappingError
     }
     drop_unused_cameras(model);
     model.link_keypoints();
+    if let Some(profile) = profile {
+        model.images.par_iter_mut().for_each(|image| {
+            if let Some(global) = profile.global_model().of_rows(image.descriptors.view()) {
+                image.global = global;
+            }
+        });
+        model.profile = profile;
+    }
+    progress.finish();
     Ok(())
+}
+
+/// Indices of the images with these names.
+fn leaving(model: &MapModel, names: &[String]) -> Result<BTreeSet<u32>, MappingError> {
+    if names.is_empty() {
+        return Err(MappingError::EmptyList);
+    }
+    let index: BTreeMap<&str, u32> = model.images.iter().map(|i| i.name.as_str()).zip(0..).collect();
+    let absent: Vec<String> = names.iter().filter(|n| !index.contains_key(n.as_str())).cloned().collect();
+    if !absent.is_empty() {
+        return Err(MappingError::NotInMap { names: absent });
+    }
+    let mut leaving = BTreeSet::new();
+    match names.iter().find(|name| !leaving.insert(index[name.as_str()])) {
+        Some(name) => Err(MappingError::DuplicateName { name: name.clone() }),
+        None => Ok(leaving),
+    }
 }
 
 fn drop_unused_cameras(model: &mut MapModel) {
@@ -122,7 +180,6 @@ fn drop_unused_cameras(model: &mut MapModel) {
 /// The points that each image of a map sees.
 fn seeds_of_map(model: &MapModel) -> Seeds {
     let position = |id: veiloc_map::PointId| model.points[id.index()].position.coords;
-    let of_image =
-        |i: &veiloc_map::MapImage| i.point_of_keypoint.iter().flatten().map(|id| position(*id)).collect();
+    let of_image = |i: &MapImage| i.point_of_keypoint.iter().flatten().map(|id| position(*id)).collect();
     model.images.iter().map(of_image).collect()
 }

@@ -4,23 +4,23 @@ use std::collections::BTreeSet;
 
 use rayon::prelude::*;
 use veiloc_geometry::Pixel;
+use veiloc_map::BuildSettings;
 
 use crate::matching::Edge;
-use crate::options::BuildOptions;
 use crate::scene::{Fallback, Scene};
 use crate::tracks::Node;
 use crate::triangulation::settle;
 
 /// Grows a scene by what its new edges tell, until the points no longer gain.
-pub(crate) fn grow(scene: &mut Scene<'_>, edges: &[Edge], options: &BuildOptions) {
+pub(crate) fn grow(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
     let neighbours = neighbours(scene.views.len(), edges);
     attach(scene, edges);
-    scene.new_points(edges, options);
+    scene.new_points(edges, settings);
     for _ in 0..ROUNDS {
-        merge(scene, edges, options);
+        merge(scene, edges, settings);
         attach(scene, edges);
         find_by_projection(scene, &neighbours);
-        scene.polish(options, Fallback::Restore);
+        scene.polish(settings, Fallback::Restore);
     }
 }
 
@@ -50,7 +50,7 @@ fn attach(scene: &mut Scene<'_>, edges: &[Edge]) {
 }
 
 /// Joins two points when a match says that they are one and all their keypoints agree on where it is.
-fn merge(scene: &mut Scene<'_>, edges: &[Edge], options: &BuildOptions) {
+fn merge(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
     let mut tried = BTreeSet::new();
     for edge in edges {
         let (Some(a), Some(b)) = (scene.point_at(edge.a), scene.point_at(edge.b)) else { continue };
@@ -71,8 +71,12 @@ fn merge(scene: &mut Scene<'_>, edges: &[Edge], options: &BuildOptions) {
         let mut union: Vec<Node> = p.track.iter().chain(&joining).copied().collect();
         union.sort_unstable();
         let (nodes, sights) = scene.sights(&union);
-        let found =
-            settle(&sights, p.position, options.min_track_length, options.min_triangulation_angle_deg);
+        let found = settle(
+            &sights,
+            p.position,
+            settings.min_track_length as usize,
+            settings.min_triangulation_angle_deg,
+        );
         let Some(found) = found.filter(|f| nodes.len() == union.len() && f.agree.iter().all(|a| *a)) else {
             continue;
         };

@@ -5,6 +5,8 @@ use veiloc_features::FeatureError;
 use veiloc_map::MapError;
 use veiloc_query::QueryError;
 
+use crate::bad_image::BadImages;
+
 /// Why a map could not be built or changed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -12,35 +14,30 @@ pub enum MappingError {
     /// No image was named.
     #[error("the list of images is empty; name at least one")]
     EmptyList,
-    /// An image was named twice.
+    /// Images cannot be used.
+    #[error("{0}")]
+    BadImages(BadImages),
+    /// Images that are to leave are not there.
+    #[error(
+        "{} not in the map, so nothing was removed; `veiloc map info --images` lists the names",
+        are(names)
+    )]
+    NotInMap {
+        /// Their names.
+        names: Vec<String>,
+    },
+    /// An image that is to leave was named twice.
     #[error("{name} is in the list twice; name every image once")]
     DuplicateName {
         /// Its name.
         name: String,
     },
-    /// An image that was named has no pose.
-    #[error(
-        "{name} is in the list, but the posed model has no pose for it; take it from the list or add its pose"
-    )]
-    NoPose {
-        /// Its name.
-        name: String,
-    },
-    /// An image that is to join is already there.
-    #[error("{name} is already in the map; remove it first to replace it")]
-    AlreadyInMap {
-        /// Its name.
-        name: String,
-    },
-    /// An image that is to leave is not there.
-    #[error("{name} is not in the map, so it cannot be removed; names are those of the posed model")]
-    NotInMap {
-        /// Its name.
-        name: String,
-    },
-    /// An image could not be read.
+    /// No image would be left to learn a vocabulary from.
+    #[error("no image would be left to learn a vocabulary from; delete the map instead")]
+    NothingLeft,
+    /// There is nothing that makes the features wanted.
     #[error(transparent)]
-    Image(#[from] FeatureError),
+    Features(#[from] FeatureError),
     /// The map's global descriptors are made of images, by an extractor that is not here.
     #[error(
         "the map's global descriptors are made of the images by {name}, which this program does not have"
@@ -79,20 +76,20 @@ pub enum MappingError {
         /// Points of the model.
         points: usize,
     },
-    /// An option is out of its range.
-    #[error("option {option} is {value}; allowed is {allowed}")]
-    Option {
-        /// Its name.
-        option: &'static str,
-        /// Its value.
-        value: String,
-        /// What is allowed.
-        allowed: &'static str,
-    },
     /// The limits for devices are out of range.
     #[error(transparent)]
     Profile(#[from] QueryError),
-    /// The map does not hold together.
+    /// The map does not hold together, or a setting is out of its range.
     #[error(transparent)]
     Map(#[from] MapError),
+}
+
+/// `a, b and 3 more are`
+fn are(names: &[String]) -> String {
+    let told = names.iter().take(10).map(String::as_str).collect::<Vec<_>>().join(", ");
+    match names.len() {
+        0..=1 => format!("{told} is"),
+        2..=10 => format!("{told} are"),
+        more => format!("{told} and {} more are", more - 10),
+    }
 }

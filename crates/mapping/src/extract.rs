@@ -1,16 +1,17 @@
 //! Features of the map's images.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 
 use rayon::prelude::*;
 use veiloc_descriptor::Descriptors;
-use veiloc_features::{Limits, Sift, extract_image};
+use veiloc_features::{Extractor, FeatureError, Limits, extract_image};
 use veiloc_geometry::Intrinsics;
-use veiloc_map::colmap::{ColmapImage, ColmapModel};
+use veiloc_map::PosedImage;
 use veiloc_query::ExtractionLimits;
 
+use crate::bad_image::{BadImage, BadReason};
 use crate::error::MappingError;
+use crate::input::{Checked, sift};
 use crate::progress::Progress;
 
 /// What was found in one image.
@@ -21,62 +22,61 @@ pub(crate) struct Extracted {
     pub(crate) descriptors: Descriptors,
 }
 
-/// The images with these names, in their order.
-pub(crate) fn select<'a>(
-    posed: &'a ColmapModel,
-    names: &[String],
-) -> Result<Vec<&'a ColmapImage>, MappingError> {
-    if names.is_empty() {
-        return Err(MappingError::EmptyList);
-    }
-    let mut seen = BTreeSet::new();
-    names
-        .iter()
-        .map(|name| {
-            if !seen.insert(name) {
-                return Err(MappingError::DuplicateName { name: name.clone() });
-            }
-            posed.image_by_name(name).ok_or_else(|| MappingError::NoPose { name: name.clone() })
-        })
-        .collect()
+/// Images that could be read, and what was made of them.
+pub(crate) struct Found<'a, T> {
+    /// `[N]`
+    pub(crate) images: Vec<&'a PosedImage>,
+    /// `[N]`
+    pub(crate) features: Vec<T>,
+    /// What was left out, by the check before and now.
+    pub(crate) skipped: Vec<BadImage>,
 }
 
-/// Extracts the features of images, in their order; the first error in that order, if there is one.
-pub(crate) fn extract_all(
-    images: &[&ColmapImage],
-    posed: &ColmapModel,
-    image_dir: &Path,
+/// Extracts the features of images, in their order.
+pub(crate) fn extract_all<'a>(
+    input: Checked<'a>,
+    extractor: &dyn Extractor,
     limits: ExtractionLimits,
     progress: &dyn Progress,
-) -> Result<Vec<Extracted>, MappingError> {
-    extract_each(images, posed, image_dir, limits, progress, |_, extracted| extracted)
+) -> Result<Found<'a, Extracted>, MappingError> {
+    extract_each(input, extractor, limits, progress, |_, extracted| extracted)
 }
 
 /// The same, and does something with the features of each image while those of others are still extracted.
-pub(crate) fn extract_each<T: Send>(
-    images: &[&ColmapImage],
-    posed: &ColmapModel,
-    image_dir: &Path,
+pub(crate) fn extract_each<'a, T: Send>(
+    input: Checked<'a>,
+    extractor: &dyn Extractor,
     limits: ExtractionLimits,
     progress: &dyn Progress,
-    then: impl Fn(&ColmapImage, Extracted) -> T + Sync,
-) -> Result<Vec<T>, MappingError> {
+    then: impl Fn(&PosedImage, Extracted) -> T + Sync,
+) -> Result<Found<'a, T>, MappingError> {
+    let Checked { images, mut skipped, folder, on_bad } = input;
     progress.start("Extracting features", images.len());
-    let all: Vec<Result<T, MappingError>> = images
-        .par_iter()
+    let all: Vec<Result<(&PosedImage, T), BadImage>> = images
+        .into_par_iter()
         .map(|image| {
-            let extracted = extract(&image_dir.join(&image.name), posed.camera_of(image), limits);
+            let extracted = extract(&folder.join(&image.name), &image.camera, extractor, limits);
             progress.advance(1);
-            Ok(then(image, extracted?))
+            let extracted =
+                extracted.map_err(|e| BadImage { name: image.name.clone(), reason: BadReason::Image(e) })?;
+            Ok((image, then(image, extracted)))
         })
         .collect();
-    all.into_iter().collect()
+    let (good, bad) = sift(all, on_bad)?;
+    skipped.extend(bad);
+    let (images, features) = good.into_iter().unzip();
+    Ok(Found { images, features, skipped })
 }
 
-fn extract(path: &Path, camera: &Intrinsics, limits: ExtractionLimits) -> Result<Extracted, MappingError> {
+fn extract(
+    path: &Path,
+    camera: &Intrinsics,
+    extractor: &dyn Extractor,
+    limits: ExtractionLimits,
+) -> Result<Extracted, FeatureError> {
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
     let size = Some((camera.width, camera.height));
-    let features = extract_image(path, size, &Sift::default(), limits)?.features_in_file();
+    let features = extract_image(path, size, extractor, limits)?.features_in_file();
     let keypoints: Vec<[f32; 2]> =
         features.keypoints.iter().map(|k| [k.pixel.u as f32, k.pixel.v as f32]).collect();
     Ok(Extracted { keypoints, descriptors: features.descriptors })

@@ -2,27 +2,31 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::Path;
 
 use rayon::prelude::*;
 use veiloc_geometry::{Pixel, PlanePoint};
-use veiloc_map::colmap::{ColmapImage, ColmapModel, ColmapPoint};
+use veiloc_map::colmap::{ColmapModel, ColmapPoint, ColmapPoint2d};
 use veiloc_map::{MapModel, MapPoint, Observation};
 use veiloc_query::ExtractionLimits;
 
+use crate::bad_image::BadImage;
 use crate::build::{append_images, profile};
 use crate::complete::Grid;
 use crate::error::MappingError;
-use crate::extract::{Extracted, extract_each};
+use crate::extract::{Extracted, Found, extract_each};
+use crate::input::Input;
 use crate::options::BuildOptions;
 use crate::progress::Progress;
+use crate::report::{Doubt, doubts_about};
 
 /// What became of a COLMAP model.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug)]
 #[non_exhaustive]
 pub struct ImportReport {
-    /// Images, all of which are in the map.
+    /// Images that are in the map.
     pub images: usize,
+    /// Images of the model that were left out because they cannot be used.
+    pub skipped: Vec<BadImage>,
     /// Points of the model.
     pub points: usize,
     /// Points that are in the map: those with at least one observation near which a keypoint was found.
@@ -41,6 +45,8 @@ pub struct ImportReport {
     pub errors_equal: f64,
     /// Mean reprojection error of the map: our keypoints against COLMAP's points, pixels.
     pub map_error_px: f64,
+    /// Why the map may be good for nothing; empty for a map that looks sound.
+    pub doubts: Vec<Doubt>,
 }
 
 impl fmt::Display for ImportReport {
@@ -62,36 +68,37 @@ impl fmt::Display for ImportReport {
     }
 }
 
-/// Makes a map of a complete COLMAP model.
+/// Makes a map of a complete COLMAP model; `input` is made of the same model, and says where its images are.
 ///
 /// A COLMAP model has no descriptors. Keypoints are extracted from the images, and each observation is given to the
 /// keypoint nearest to it, if one is within 2 pixels (and to those at the very same place, found with another
 /// orientation). Positions of points are COLMAP's. Points without any such keypoint are left out. All keypoints that see
-/// a point are kept, and the strongest of the others as far as [`BuildOptions::max_keypoints`] goes.
+/// a point are kept, and the strongest of the others as far as [`BuildSettings::extraction`](veiloc_map::BuildSettings::extraction) goes.
 ///
 /// # Errors
-/// [`MappingError`]: a model without images, images that cannot be read or are not of their cameras' sizes, no
-/// keypoints, or no point with a keypoint near one of its observations.
+/// [`MappingError`]: a model without images, images that cannot be used, no keypoints, or no point with a keypoint near one of its observations.
 pub fn import(
     colmap: &ColmapModel,
-    image_dir: &Path,
+    input: &Input<'_>,
     options: &BuildOptions,
     progress: &dyn Progress,
 ) -> Result<(MapModel, ImportReport), MappingError> {
-    options.check()?;
-    let images: Vec<&ColmapImage> = colmap.images().iter().collect();
-    if images.is_empty() {
-        return Err(MappingError::EmptyList);
-    }
-    let generous = ExtractionLimits { max_keypoints: GENEROUS, max_image_side: options.max_image_side };
-    let joined = extract_each(&images, colmap, image_dir, generous, progress, |image, found| {
-        let joined = join(image, &found.keypoints);
-        keep_strongest(found, joined, options.max_keypoints)
-    })?;
-    let (features, joined): (Vec<Extracted>, Vec<Joined>) = joined.into_iter().unzip();
+    options.settings.check()?;
+    let extractors = input.extractors();
+    let extractor = extractors.named(&options.features)?;
+    let checked = input.check(|_| false)?;
+    let wanted = options.settings.extraction;
+    let generous = ExtractionLimits { max_keypoints: GENEROUS, ..wanted };
+    let Found { images, features, skipped } =
+        extract_each(checked, extractor, generous, progress, |image, found| {
+            let observed = colmap.image_by_name(&image.name).map_or(&[][..], |i| &i.points2d);
+            let joined = join(observed, &found.keypoints);
+            keep_strongest(found, joined, wanted.max_keypoints as usize)
+        })?;
+    let (features, joined): (Vec<Extracted>, Vec<Joined>) = features.into_iter().unzip();
     let profile = profile(&features, options, progress)?;
-    let mut model = MapModel::empty(profile, options.extraction());
-    append_images(&mut model, colmap, &images, features)?;
+    let mut model = MapModel::empty(profile, options.settings);
+    append_images(&mut model, &images, features)?;
 
     let mut tracks: BTreeMap<u64, Vec<Observation>> = BTreeMap::new();
     for (image, joined) in (0..).zip(&joined) {
@@ -110,7 +117,7 @@ pub fn import(
     if model.points.is_empty() {
         return Err(MappingError::NothingImported { points: colmap.points().len() });
     }
-    let report = report(colmap, &model, joined.iter().map(|j| j.observations).sum());
+    let report = report(colmap, &model, joined.iter().map(|j| j.observations).sum(), skipped);
     Ok((model, report))
 }
 
@@ -122,14 +129,14 @@ struct Joined {
     observations: usize,
 }
 
-fn join(image: &ColmapImage, keypoints: &[[f32; 2]]) -> Joined {
+fn join(points2d: &[ColmapPoint2d], keypoints: &[[f32; 2]]) -> Joined {
     let grid = Grid::new((0..).zip(keypoints.iter().copied()), MAX_DISTANCE_PX);
     let at = |k: u32| {
         let [u, v] = keypoints[k as usize];
         Pixel::new(f64::from(u), f64::from(v))
     };
     let mut pairs: Vec<(f64, u32, usize)> = Vec::new();
-    for (index, observed) in image.points2d.iter().enumerate().filter(|(_, p)| p.point.is_some()) {
+    for (index, observed) in points2d.iter().enumerate().filter(|(_, p)| p.point.is_some()) {
         for keypoint in grid.near(observed.pixel) {
             let distance = at(keypoint).distance(&observed.pixel);
             if distance <= MAX_DISTANCE_PX {
@@ -142,7 +149,7 @@ fn join(image: &ColmapImage, keypoints: &[[f32; 2]]) -> Joined {
     let mut point_of: BTreeMap<u32, u64> = BTreeMap::new();
     let mut place_of: BTreeMap<usize, Pixel> = BTreeMap::new();
     for (_, keypoint, index) in pairs {
-        let Some(point) = image.points2d[index].point else { continue };
+        let Some(point) = points2d[index].point else { continue };
         if point_of.contains_key(&keypoint) {
             continue;
         }
@@ -206,14 +213,20 @@ pub(crate) fn recomputed_error(colmap: &ColmapModel, point: &ColmapPoint) -> Opt
     (!point.track.is_empty()).then(|| sum / point.track.len() as f64)
 }
 
-fn report(colmap: &ColmapModel, model: &MapModel, observations_kept: usize) -> ImportReport {
+fn report(
+    colmap: &ColmapModel,
+    model: &MapModel,
+    observations_kept: usize,
+    skipped: Vec<BadImage>,
+) -> ImportReport {
     let points = colmap.points();
     let errors: Vec<(f64, f64)> =
         points.iter().filter_map(|p| Some((p.error, recomputed_error(colmap, p)?))).collect();
     let count = errors.len().max(1) as f64;
     let equal = errors.iter().filter(|(told, own)| (told - own).abs() <= 0.01).count();
     ImportReport {
-        images: colmap.images().len(),
+        images: model.images.len(),
+        skipped,
         points: points.len(),
         points_kept: model.points.len(),
         observations: points.iter().map(|p| p.track.len()).sum(),
@@ -222,6 +235,7 @@ fn report(colmap: &ColmapModel, model: &MapModel, observations_kept: usize) -> I
         recomputed_error_px: errors.iter().map(|e| e.1).sum::<f64>() / count,
         errors_equal: equal as f64 / count,
         map_error_px: model.mean_reprojection_error(),
+        doubts: doubts_about(model),
     }
 }
 

@@ -4,10 +4,10 @@ use rayon::prelude::*;
 use veiloc_descriptor::DescriptorView;
 use veiloc_geometry::Point3;
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_map::{MapModel, MapPoint, Observation};
+use veiloc_map::{BuildSettings, MapModel, MapPoint, Observation};
 
 use crate::matching::Edge;
-use crate::options::BuildOptions;
+use crate::options::pixels_at;
 use crate::tracks::{Node, build_tracks};
 use crate::triangulation::{Sight, settle, triangulate};
 use crate::view::View;
@@ -59,12 +59,12 @@ pub(crate) enum Fallback {
 
 impl<'a> Scene<'a> {
     /// The images of a model, and its points, none of them touched.
-    pub(crate) fn of(model: &'a MapModel, options: &BuildOptions) -> Self {
+    pub(crate) fn of(model: &'a MapModel, settings: &BuildSettings) -> Self {
         let views = model.images.par_iter().map(|image| {
             let camera = model.cameras[image.camera];
-            let pixels = |threshold| BuildOptions::pixels_at(threshold, camera.width, camera.height);
+            let pixels = |threshold| pixels_at(threshold, camera.width, camera.height);
             let (error, epipolar) =
-                (pixels(options.max_reprojection_error_px), pixels(options.max_epipolar_error_px));
+                (pixels(settings.max_reprojection_error_px), pixels(settings.max_epipolar_error_px));
             View::new(camera, image.cam_from_world, &image.keypoints, error, epipolar)
         });
         let points = model.points.iter().map(|p| WorkPoint {
@@ -107,30 +107,32 @@ impl<'a> Scene<'a> {
     }
 
     /// Makes tracks of the edges between keypoints that see no point yet, and points of the tracks.
-    pub(crate) fn new_points(&mut self, edges: &[Edge], options: &BuildOptions) {
+    pub(crate) fn new_points(&mut self, edges: &[Edge], settings: &BuildSettings) {
         let free = edges.iter().filter(|e| self.point_at(e.a).is_none() && self.point_at(e.b).is_none());
         let tracks = build_tracks(free.map(|e| (e.a, e.b)));
         let points: Vec<Vec<WorkPoint>> =
-            tracks.par_iter().map(|t| self.points_of_track(t, options)).collect();
+            tracks.par_iter().map(|t| self.points_of_track(t, settings)).collect();
         for point in points.into_iter().flatten() {
             self.push(point);
         }
     }
 
     /// A wrong match joins the tracks of two points: what does not agree with the first may make a second one.
-    fn points_of_track(&self, track: &[Node], options: &BuildOptions) -> Vec<WorkPoint> {
+    fn points_of_track(&self, track: &[Node], settings: &BuildSettings) -> Vec<WorkPoint> {
         let (mut nodes, mut sights) = self.sights(track);
         let mut points = Vec::new();
-        let mut least = options.min_track_length;
+        let mut least = settings.min_track_length as usize;
         while nodes.len() >= least {
-            let Some(found) = triangulate(&sights, least, options.min_triangulation_angle_deg) else { break };
+            let Some(found) = triangulate(&sights, least, settings.min_triangulation_angle_deg) else {
+                break;
+            };
             let mut agree = found.agree.iter();
             let (inside, outside): (Vec<Node>, Vec<Node>) =
                 nodes.iter().partition(|_| *agree.next().expect("one flag an observation"));
             points.push(WorkPoint { position: found.position, track: inside, touched: true });
             (nodes, sights) = self.sights(&outside);
             // Two left over agree on some point too easily.
-            least = options.min_track_length.max(3);
+            least = (settings.min_track_length as usize).max(3);
         }
         points
     }
@@ -145,7 +147,7 @@ impl<'a> Scene<'a> {
 
     /// Refines every touched point on its track; observations that no longer agree leave it, new points without enough
     /// observations or angle go, old ones as `fallback` says.
-    pub(crate) fn polish(&mut self, options: &BuildOptions, fallback: Fallback) {
+    pub(crate) fn polish(&mut self, settings: &BuildSettings, fallback: Fallback) {
         let settled: Vec<Option<(Vector3<f64>, Vec<Node>)>> = self
             .points
             .par_iter()
@@ -156,8 +158,8 @@ impl<'a> Scene<'a> {
                 }
                 let (nodes, sights) = self.sights(&point.track);
                 // What is there already needs less to stay than new points need to come.
-                let least = if index < self.before.len() { 2 } else { options.min_track_length };
-                let found = settle(&sights, point.position, least, options.min_triangulation_angle_deg);
+                let least = if index < self.before.len() { 2 } else { settings.min_track_length as usize };
+                let found = settle(&sights, point.position, least, settings.min_triangulation_angle_deg);
                 Some(found.map_or_else(
                     || (point.position, Vec::new()),
                     |f| {

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use veiloc_map::{MapFile, MapModel};
-use veiloc_mapping::BuildOptions;
+use veiloc_map::colmap::{read_model, read_posed};
+use veiloc_map::{MapFile, MapLock, MapModel, PosedImages};
+use veiloc_mapping::{BadImage, BuildOptions, Doubt, Input, MappingError, OnBadImage, SkippedImages, Words};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
@@ -22,7 +23,7 @@ pub(crate) enum Command {
     Info(InfoArgs),
     /// Add images with known poses to a map, without building it again.
     Add(AddArgs),
-    /// Take images out of a map, with the points that only they saw.
+    /// Take images out of a map, with their keypoints and the points that only they saw.
     Remove(RemoveArgs),
     /// Write what a device needs to seal queries for a map; it holds no map data.
     Profile(ProfileArgs),
@@ -32,7 +33,7 @@ pub(crate) enum Command {
 #[derive(clap::Args)]
 pub(crate) struct ExtractionArgs {
     /// Kind of features.
-    #[arg(long, default_value = "sift", value_parser = ["sift"])]
+    #[arg(long, default_value = "sift", value_name = "KIND")]
     features: String,
     /// Keypoints of an image at most, the strongest.
     #[arg(long, default_value_t = 4096, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
@@ -46,8 +47,9 @@ impl ExtractionArgs {
     /// The library's options.
     pub(crate) fn options(&self) -> BuildOptions {
         let mut options = BuildOptions::default();
-        options.max_keypoints = self.max_keypoints as usize;
+        options.settings.extraction.max_keypoints = self.max_keypoints;
         options.device.max_keypoints = self.query_keypoints;
+        options.features.clone_from(&self.features);
         options
     }
 }
@@ -66,7 +68,8 @@ struct WrittenArgs {
 /// Images with poses.
 #[derive(clap::Args)]
 struct PosedArgs {
-    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
+    /// Folder of a COLMAP model with cameras and poses, text or binary. Points are not needed; where there are some,
+    /// they help to find images that show the same.
     #[arg(long, value_name = "DIR")]
     posed: PathBuf,
     /// Folder of the images.
@@ -75,6 +78,22 @@ struct PosedArgs {
     /// Names of the images to use, one a line. Default: every image of the model.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
+    #[command(flatten)]
+    bad: BadArgs,
+}
+
+/// What to do about images that cannot be used.
+#[derive(clap::Args)]
+struct BadArgs {
+    /// Leave out images that are missing, unreadable or not of their camera's size, and say which. Default: refuse.
+    #[arg(long)]
+    skip_bad: bool,
+}
+
+impl BadArgs {
+    const fn on_bad_image(&self) -> OnBadImage {
+        if self.skip_bad { OnBadImage::Skip } else { OnBadImage::Refuse }
+    }
 }
 
 /// Build a map from images whose poses are known.
@@ -103,6 +122,8 @@ pub(crate) struct ImportArgs {
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
     #[command(flatten)]
+    bad: BadArgs,
+    #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
     written: WrittenArgs,
@@ -113,6 +134,9 @@ pub(crate) struct ImportArgs {
 pub(crate) struct InfoArgs {
     /// The map.
     map: PathBuf,
+    /// List the images too: name, keypoints, how many of them see a point, camera.
+    #[arg(long)]
+    images: bool,
     /// Print one JSON document to stdout.
     #[arg(long)]
     json: bool,
@@ -133,7 +157,11 @@ pub(crate) struct AddArgs {
     json: bool,
 }
 
-/// Take images out of a map, with the points that only they saw.
+/// Take images out of a map, with their keypoints and the points that only they saw.
+///
+/// The vocabulary stays, so that queries sealed for the map still fit. Its words are averages of descriptors of many
+/// images, also of those that leave. With --retrain it is learned again from the images that stay: then no descriptor of
+/// the others has a share in it, but the profile is another one, and devices must fetch it again.
 #[derive(clap::Args)]
 pub(crate) struct RemoveArgs {
     /// The map.
@@ -141,6 +169,9 @@ pub(crate) struct RemoveArgs {
     /// Names of the images.
     #[arg(required = true, value_name = "NAME")]
     names: Vec<String>,
+    /// Learn the vocabulary again from the images that stay; devices must then fetch the profile again.
+    #[arg(long)]
+    retrain: bool,
     /// The map file to write. Default: the map itself.
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -163,7 +194,9 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Build(args) => build(args, ui),
         Command::Import(args) => import(args, ui),
-        Command::Info(args) => info(&args.map, args.json, ui),
+        Command::Info(args) => {
+            Told { list: args.images, json: args.json, ..Told::default() }.info(&args.map, ui)
+        }
         Command::Add(args) => add(args, ui),
         Command::Remove(args) => remove(args, ui),
         Command::Profile(args) => profile(args, ui),
@@ -171,33 +204,104 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 }
 
 fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
-    let posed = veiloc_map::colmap::read_model(&args.posed.posed)?;
-    let names = args.posed.names(&posed)?;
+    let given = args.posed.read()?;
     let options = args.extraction.options();
-    let model = veiloc_mapping::build(&posed, &args.posed.images, &names, &options, &Stages::new(ui))?;
-    save(&model, &args.written.out, args.written.json, ui)
+    let (model, report) =
+        veiloc_mapping::build(&given.input(), &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+    veiloc_map::write(&model, &args.written.out)?;
+    let told =
+        Told { json: args.written.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
+    told.info(&args.written.out, ui)
 }
 
 fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
-    let colmap = veiloc_map::colmap::read_model(&args.model)?;
+    let colmap = read_model(&args.model)?;
     let options = args.extraction.options();
-    let (model, report) = veiloc_mapping::import(&colmap, &args.images, &options, &Stages::new(ui))?;
-    ui.say(report);
-    save(&model, &args.written.out, args.written.json, ui)
+    let posed = PosedImages::from(&colmap);
+    let input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
+    let (model, report) =
+        veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+    ui.say(&report);
+    veiloc_map::write(&model, &args.written.out)?;
+    let told =
+        Told { json: args.written.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
+    told.info(&args.written.out, ui)
 }
 
 fn add(args: &AddArgs, ui: &Ui) -> Outcome {
-    let mut model = MapFile::open(&args.map)?.to_model();
-    let posed = veiloc_map::colmap::read_model(&args.posed.posed)?;
-    let names = args.posed.names(&posed)?;
-    veiloc_mapping::add(&mut model, &posed, &args.posed.images, &names, &Stages::new(ui))?;
-    save(&model, args.out.as_ref().unwrap_or(&args.map), args.json, ui)
+    let given = args.posed.read()?;
+    let change = Change::begin(&args.map, args.out.as_deref(), ui)?;
+    let mut model = change.read()?;
+    let report = veiloc_mapping::add(&mut model, &given.input(), &Stages::new(ui)).map_err(with_skip_bad)?;
+    change.write(&model)?;
+    let told = Told { json: args.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
+    told.info(change.out, ui)
 }
 
 fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
-    let mut model = MapFile::open(&args.map)?.to_model();
-    veiloc_mapping::remove(&mut model, &args.names)?;
-    save(&model, args.out.as_ref().unwrap_or(&args.map), args.json, ui)
+    let change = Change::begin(&args.map, args.out.as_deref(), ui)?;
+    let mut model = change.read()?;
+    let words = if args.retrain { Words::Retrain } else { Words::Keep };
+    let profile = model.profile.id();
+    veiloc_mapping::remove(&mut model, &args.names, words, &Stages::new(ui))?;
+    change.write(&model)?;
+    ui.say(match words {
+        Words::Keep => {
+            "What is left of the images: their share in the words of the vocabulary, which are averages of descriptors \
+             of many images and are published in the profile. --retrain learns them again without these images. Copies \
+             and backups of the old map hold the images' keypoints still."
+        }
+        Words::Retrain if model.profile.id() == profile => {
+            "The profile is as it was: nothing in it was learned from the images. Copies and backups of the old map hold \
+             the images' keypoints still."
+        }
+        Words::Retrain => {
+            "The vocabulary was learned again without the images, so the map has a new profile: publish it, and have \
+             devices fetch it; queries sealed with the old one are refused. Copies and backups of the old map hold the \
+             images' keypoints still."
+        }
+    });
+    Told { json: args.json, ..Told::default() }.info(change.out, ui)
+}
+
+/// A map that is being changed: nobody else changes it from the moment it is read until it is written.
+struct Change<'a> {
+    map: &'a Path,
+    out: &'a Path,
+    lock: MapLock,
+}
+
+impl<'a> Change<'a> {
+    /// Waits for whoever changes the map, and says so.
+    fn begin(map: &'a Path, out: Option<&'a Path>, ui: &Ui) -> Result<Self, Failure> {
+        let out = out.unwrap_or(map);
+        let lock = if let Some(lock) = MapLock::try_acquire(out)? {
+            lock
+        } else {
+            ui.say(format!("{}: waiting for another program that changes it", out.display()));
+            MapLock::acquire(out)?
+        };
+        Ok(Self { map, out, lock })
+    }
+
+    fn read(&self) -> Result<MapModel, Failure> {
+        Ok(MapFile::open(self.map)?.to_model())
+    }
+
+    fn write(&self, model: &MapModel) -> Result<(), Failure> {
+        Ok(self.lock.write(model)?)
+    }
+}
+
+/// The library names what is bad; how to leave it out, the program says.
+fn with_skip_bad(error: MappingError) -> Failure {
+    match error {
+        MappingError::BadImages(_) => Failure::with_help(
+            error,
+            "mend these, take them from the list, or leave them out with --skip-bad",
+        ),
+        error => error.into(),
+    }
 }
 
 fn profile(args: &ProfileArgs, ui: &Ui) -> Outcome {
@@ -208,18 +312,29 @@ fn profile(args: &ProfileArgs, ui: &Ui) -> Outcome {
     Ok(Exit::Success)
 }
 
+/// What [`PosedArgs`] name, read.
+struct Posed<'a> {
+    images: PosedImages,
+    names: Option<Vec<String>>,
+    args: &'a PosedArgs,
+}
+
 impl PosedArgs {
-    fn names(&self, posed: &veiloc_map::colmap::ColmapModel) -> Result<Vec<String>, Failure> {
-        match &self.list {
-            Some(list) => files::read_list(list),
-            None => Ok(posed.image_names()),
-        }
+    fn read(&self) -> Result<Posed<'_>, Failure> {
+        let images = read_posed(&self.posed)?;
+        let names = self.list.as_deref().map(files::read_list).transpose()?;
+        Ok(Posed { images, names, args: self })
     }
 }
 
-fn save(model: &MapModel, path: &Path, json: bool, ui: &Ui) -> Outcome {
-    veiloc_map::write(model, path)?;
-    info(path, json, ui)
+impl Posed<'_> {
+    fn input(&self) -> Input<'_> {
+        let input = Input::new(&self.images, &self.args.images).on_bad_image(self.args.bad.on_bad_image());
+        match &self.names {
+            Some(names) => input.with_names(names),
+            None => input,
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -238,20 +353,98 @@ struct Info {
     descriptors: String,
     global: String,
     profile: String,
+    warnings: Vec<Warning>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    skipped: Vec<Skipped>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    image_list: Option<Vec<ImageInfo>>,
 }
 
-fn info(path: &Path, json: bool, ui: &Ui) -> Outcome {
-    let map = MapFile::open(path)?;
-    let bytes = std::fs::metadata(path).map_or(0, |m| m.len());
+/// Why the map may be good for nothing.
+#[derive(Serialize)]
+struct Warning {
+    name: &'static str,
+    message: String,
+}
+
+/// An image that was left out.
+#[derive(Serialize)]
+struct Skipped {
+    name: String,
+    reason: String,
+}
+
+/// An image of the map.
+#[derive(Serialize)]
+struct ImageInfo {
+    name: String,
+    keypoints: usize,
+    points_seen: usize,
+    camera: String,
+}
+
+/// How facts about a map are told, and what the command that made it knows beyond them.
+#[derive(Default)]
+struct Told {
+    json: bool,
+    list: bool,
+    skipped: Vec<BadImage>,
+    doubts: Vec<Doubt>,
+}
+
+impl Told {
+    fn info(self, path: &Path, ui: &Ui) -> Outcome {
+        let map = MapFile::open(path)?;
+        let images: Vec<ImageInfo> = map
+            .images()
+            .map(|image| ImageInfo {
+                name: image.name().to_owned(),
+                keypoints: image.keypoints().len(),
+                points_seen: (0..image.keypoints().len()).filter(|k| image.point_of(*k).is_some()).count(),
+                camera: image.camera().to_string(),
+            })
+            .collect();
+        let mut doubts = self.doubts;
+        let seen: Vec<usize> = images.iter().map(|i| i.points_seen).collect();
+        for doubt in Doubt::of_counts(map.point_count(), &seen) {
+            if !doubts.contains(&doubt) {
+                doubts.push(doubt);
+            }
+        }
+        let warning = |d: &Doubt| Warning { name: d.name(), message: d.to_string() };
+        let skipped = |bad: &BadImage| Skipped { name: bad.name.clone(), reason: bad.reason.to_string() };
+        let info = Info {
+            warnings: doubts.iter().map(warning).collect(),
+            skipped: self.skipped.iter().map(skipped).collect(),
+            image_list: self.list.then_some(images),
+            ..facts(&map, path)
+        };
+        if !self.skipped.is_empty() {
+            ui.say(SkippedImages(self.skipped));
+        }
+        for warning in &info.warnings {
+            ui.say(format!("warning: {}", warning.message));
+        }
+        if self.json {
+            ui.json(&info)?;
+        } else {
+            ui.print(describe(&info));
+        }
+        Ok(Exit::Success)
+    }
+}
+
+fn facts(map: &MapFile, path: &Path) -> Info {
+    let bytes = map.byte_count() as u64;
     let points = map.point_count();
     let per_point = |total: f64| if points == 0 { 0.0 } else { total / points as f64 };
     let observations: usize = (0..points).map(|i| map.track_length(veiloc_map::PointId(i as u32))).sum();
     let error: f64 = (0..points).map(|i| map.reprojection_error(veiloc_map::PointId(i as u32))).sum();
-    let info = Info {
+    Info {
         version: 1,
         file: path.display().to_string(),
         bytes,
-        format_version: veiloc_map::FORMAT_VERSION,
+        format_version: map.format_version(),
         images: map.image_count(),
         cameras: map.camera_count(),
         keypoints: (0..map.image_count()).map(|i| map.image(i).keypoints().len()).sum(),
@@ -262,17 +455,14 @@ fn info(path: &Path, json: bool, ui: &Ui) -> Outcome {
         descriptors: map.profile().descriptor_kind().name().to_owned(),
         global: map.profile().global_model().name().to_owned(),
         profile: map.profile().id().to_string(),
-    };
-    if json {
-        ui.json(&info)?;
-    } else {
-        ui.print(describe(&info));
+        warnings: Vec::new(),
+        skipped: Vec::new(),
+        image_list: None,
     }
-    Ok(Exit::Success)
 }
 
 fn describe(info: &Info) -> String {
-    format!(
+    let mut text = format!(
         "{}: map format {}, {:.1} MB\n  images      {} with {} cameras, {} keypoints\n  points      {}, seen by {:.1} images each, mean reprojection error {:.2} px\n  a point     {:.0} bytes of the file\n  devices     {} features, global descriptors {}, profile {}\n",
         info.file,
         info.format_version,
@@ -287,5 +477,17 @@ fn describe(info: &Info) -> String {
         info.descriptors,
         info.global,
         info.profile,
-    )
+    );
+    for image in info.image_list.iter().flatten() {
+        let ImageInfo { name, keypoints, points_seen, camera } = image;
+        let name = printable(name);
+        text.extend([format!("{points_seen:>7} of {keypoints:>6} keypoints see points  {camera}  {name}\n")]);
+    }
+    text
+}
+
+/// A name as it is, but for characters that would steer a terminal.
+fn printable(name: &str) -> String {
+    let shown = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    name.chars().map(shown).collect()
 }

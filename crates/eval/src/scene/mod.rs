@@ -12,9 +12,9 @@ use std::time::Instant;
 
 use veiloc_features::Progress;
 use veiloc_localize::{LocalizeOptions, localize};
-use veiloc_map::MapFile;
 use veiloc_map::colmap::read_model;
-use veiloc_mapping::build;
+use veiloc_map::{MapFile, PosedImages};
+use veiloc_mapping::{Input, build};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
 use veiloc_query::{Scheme, SealedQuery};
@@ -53,7 +53,9 @@ pub fn evaluate_scene(
     };
 
     let started = Instant::now();
-    let model = build(&posed, &evaluation.images, &evaluation.map_list, &evaluation.build, progress)?;
+    let images = PosedImages::from(&posed);
+    let input = Input::new(&images, &evaluation.images).with_names(&evaluation.map_list);
+    let (model, _) = build(&input, &evaluation.build, progress)?;
     let build_seconds = started.elapsed().as_secs_f64();
     let temporary =
         tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;

@@ -5,18 +5,22 @@ use std::path::{Path, PathBuf};
 
 use veiloc_geometry::{CameraFromWorld, CameraModel, Intrinsics, Pixel, Point3};
 
-use super::Parts;
-use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d};
+use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
 use crate::error::{MapError, Place};
 
 /// COLMAP's `kInvalidPoint3DId`: the keypoint observes no point.
 const NO_POINT: u64 = u64::MAX;
 
-pub(super) fn read(dir: &Path) -> Result<Parts, MapError> {
+/// The parts of the model in a folder, its points only when they are asked for.
+pub(super) fn read(dir: &Path, with_points: bool) -> Result<Parts, MapError> {
     Ok(Parts {
         cameras: Bytes::open(dir.join("cameras.bin"))?.records(24, camera)?,
         images: Bytes::open(dir.join("images.bin"))?.records(73, image)?,
-        points: Bytes::open(dir.join("points3D.bin"))?.records(51, point)?,
+        points: if with_points {
+            Bytes::open(dir.join("points3D.bin"))?.records(51, point)?
+        } else {
+            Vec::new()
+        },
     })
 }
 

@@ -10,6 +10,7 @@
 mod binary;
 mod export;
 mod model;
+mod posed;
 mod text;
 mod write;
 
@@ -20,14 +21,7 @@ pub use model::{ColmapImage, ColmapModel, ColmapPoint, ColmapPoint2d};
 pub use write::write_text;
 
 use crate::error::MapError;
-
-/// The parts of a model as a file format delivers them, before they were held against each other.
-#[derive(Default)]
-pub(crate) struct Parts {
-    pub(crate) cameras: Vec<(u32, veiloc_geometry::Intrinsics)>,
-    pub(crate) images: Vec<ColmapImage>,
-    pub(crate) points: Vec<ColmapPoint>,
-}
+use crate::posed::PosedImages;
 
 /// Reads the model in a folder, text or binary.
 ///
@@ -35,17 +29,50 @@ pub(crate) struct Parts {
 /// [`MapError`] naming the file, the place in it and the remedy: no model, a record that does not parse, an unsupported
 /// camera model, numbers that are not finite, duplicate ids or names, references to what is not there.
 pub fn read_model(dir: &Path) -> Result<ColmapModel, MapError> {
-    let has = |extension: &str| {
-        ["cameras", "images", "points3D"].iter().all(|f| dir.join(format!("{f}.{extension}")).is_file())
-    };
-    let parts = if has("bin") {
-        binary::read(dir)?
-    } else if has("txt") {
-        text::read(dir)?
-    } else {
-        return Err(MapError::NoColmapModel { dir: dir.to_owned() });
-    };
-    ColmapModel::checked(parts, Some(dir))
+    match Found::in_folder(dir) {
+        Some(found) if found.points => found.read(dir),
+        _ => Err(MapError::NoColmapModel { dir: dir.to_owned(), wanted: "cameras, images and points3D" }),
+    }
+}
+
+/// Reads cameras and poses of the model in a folder, text or binary, and the points where they are there.
+///
+/// # Errors
+/// As for [`read_model`]; but a folder without `points3D` is a model whose images see nothing yet.
+pub fn read_posed(dir: &Path) -> Result<PosedImages, MapError> {
+    let found = Found::in_folder(dir)
+        .ok_or_else(|| MapError::NoColmapModel { dir: dir.to_owned(), wanted: "cameras and images" })?;
+    Ok(PosedImages::from(&found.read(dir)?))
+}
+
+/// Which files of a model a folder holds.
+#[derive(Clone, Copy)]
+struct Found {
+    binary: bool,
+    points: bool,
+}
+
+impl Found {
+    /// A model with points before one without, binary before text.
+    fn in_folder(dir: &Path) -> Option<Self> {
+        let has = |found: &Self| {
+            let extension = if found.binary { "bin" } else { "txt" };
+            let files: &[&str] =
+                if found.points { &["cameras", "images", "points3D"] } else { &["cameras", "images"] };
+            files.iter().all(|f| dir.join(format!("{f}.{extension}")).is_file())
+        };
+        let order = [(true, true), (false, true), (true, false), (false, false)];
+        order.into_iter().map(|(binary, points)| Self { binary, points }).find(has)
+    }
+
+    fn read(self, dir: &Path) -> Result<ColmapModel, MapError> {
+        let read = if self.binary { binary::read } else { text::read };
+        let mut parts = read(dir, self.points)?;
+        if !self.points {
+            parts.forget_points();
+        }
+        ColmapModel::checked(parts, Some(dir))
+    }
 }
 
 #[cfg(test)]

@@ -6,8 +6,24 @@ use std::path::Path;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
 
-use super::Parts;
 use crate::error::{MapError, Record};
+use crate::model::{is_name, is_rigid};
+
+/// The parts of a model as a file format delivers them, before they were held against each other.
+#[derive(Default)]
+pub(crate) struct Parts {
+    pub(crate) cameras: Vec<(u32, Intrinsics)>,
+    pub(crate) images: Vec<ColmapImage>,
+    pub(crate) points: Vec<ColmapPoint>,
+}
+
+impl Parts {
+    /// Makes 2D points forget which points they see: for a model whose points are not there.
+    pub(crate) fn forget_points(&mut self) {
+        self.points.clear();
+        self.images.iter_mut().flat_map(|i| &mut i.points2d).for_each(|p| p.point = None);
+    }
+}
 
 /// A keypoint of a COLMAP image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,7 +105,7 @@ impl ColmapModel {
         let (mut by_name, mut by_id) = (BTreeMap::new(), BTreeMap::new());
         for (index, image) in parts.images.iter().enumerate() {
             let this = || Record::Image(image.name.clone());
-            if image.name.is_empty() || image.name.contains(['\0', '\n', '\r']) {
+            if !is_name(&image.name) {
                 return Err(refuse(
                     Record::ImageId(image.id),
                     "has no usable file name; give it one".to_owned(),
@@ -100,10 +116,11 @@ impl ColmapModel {
                     format!("has camera {}, which the model does not define; add it", image.camera_id);
                 return Err(refuse(this(), reason));
             }
-            if !image.cam_from_world.is_finite() {
+            if !is_rigid(&image.cam_from_world) {
                 return Err(refuse(
                     this(),
-                    "has a pose that is not finite; remove the image or give it a pose".into(),
+                    "has a pose that is not finite or turns by no rotation; remove the image or give it a pose"
+                        .into(),
                 ));
             }
             if let Some(i) = image.points2d.iter().position(|p| !p.pixel.is_finite()) {

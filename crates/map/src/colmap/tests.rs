@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use veiloc_testdata::real_data_test;
 
-use super::{ColmapModel, read_model, write_text};
-use crate::MapError;
+use super::{ColmapModel, read_model, read_posed, write_text};
+use crate::{MapError, PosedImages};
 
 /// Written by pycolmap, see `scripts/oracle_colmap.py`: the same model as text and as binary.
 fn fixture(format: &str) -> PathBuf {
@@ -244,4 +244,43 @@ fn lund_door_is_read_whole(data: &Path) {
         assert_eq!(model.images().len(), if posed == "redkitchen" { 112 } else { 25 });
         assert!(model.points().is_empty() && model.images().iter().all(|i| i.points2d.is_empty()));
     }
+}
+
+#[test]
+fn posed_images_need_no_points_file() {
+    for format in ["text", "binary"] {
+        let whole = read_model(&fixture(format)).unwrap();
+        let posed = PosedImages::from(&whole);
+        assert_eq!(read_posed(&fixture(format)).unwrap(), posed);
+        assert_eq!((posed.images().len(), posed.points().len()), (4, 12));
+        let dir = tempfile::tempdir().unwrap();
+        let extension = if format == "text" { "txt" } else { "bin" };
+        for file in ["cameras", "images"] {
+            let name = format!("{file}.{extension}");
+            fs::copy(fixture(format).join(&name), dir.path().join(&name)).unwrap();
+        }
+        let without = read_posed(dir.path()).unwrap();
+        assert!(without.points().is_empty() && without.images().iter().all(|i| i.seen.is_empty()));
+        for (image, of_whole) in without.images().iter().zip(posed.images()) {
+            assert_eq!((&image.name, image.camera), (&of_whole.name, of_whole.camera));
+            assert_eq!(image.cam_from_world, of_whole.cam_from_world);
+        }
+        let error = read_model(dir.path()).unwrap_err().to_string();
+        assert!(error.contains("points3D"), "{error}");
+        fs::remove_file(dir.path().join(format!("images.{extension}"))).unwrap();
+        let error = read_posed(dir.path()).unwrap_err();
+        assert!(matches!(error, MapError::NoColmapModel { .. }), "{error}");
+    }
+}
+
+#[test]
+fn posed_images_see_what_the_models_2d_points_see() {
+    let model = read_model(&fixture("text")).unwrap();
+    let posed = PosedImages::from(&model);
+    for (image, colmap) in posed.images().iter().zip(model.images()) {
+        let ids: Vec<u64> = colmap.points2d.iter().filter_map(|p| p.point).collect();
+        let seen: Vec<u64> = image.seen.iter().map(|i| model.points()[*i as usize].id).collect();
+        assert_eq!(seen, ids);
+    }
+    assert!(posed.images().iter().any(|i| i.seen.len() > 5));
 }

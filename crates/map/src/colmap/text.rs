@@ -6,15 +6,15 @@ use std::str::{FromStr, SplitAsciiWhitespace};
 
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
 
-use super::Parts;
-use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d};
+use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
 use crate::error::{MapError, Place};
 
-pub(super) fn read(dir: &Path) -> Result<Parts, MapError> {
+/// The parts of the model in a folder, its points only when they are asked for.
+pub(super) fn read(dir: &Path, with_points: bool) -> Result<Parts, MapError> {
     Ok(Parts {
         cameras: cameras(&Text::open(dir.join("cameras.txt"))?)?,
         images: images(&Text::open(dir.join("images.txt"))?)?,
-        points: points(&Text::open(dir.join("points3D.txt"))?)?,
+        points: if with_points { points(&Text::open(dir.join("points3D.txt"))?)? } else { Vec::new() },
     })
 }
 

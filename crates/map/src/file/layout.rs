@@ -14,8 +14,8 @@ compile_error!(
     "map files are little-endian and are used as they lie on disk; big-endian machines are not supported"
 );
 
-/// The version of the format that this program writes and reads.
-pub const FORMAT_VERSION: u32 = 1;
+/// The version of the format that this program writes. It reads all from 1 on.
+pub const FORMAT_VERSION: u32 = 2;
 
 /// The first bytes of every map.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VEILMAP";
@@ -41,10 +41,13 @@ pub(super) enum Section {
     Globals = 9,
     Points = 10,
     Observations = 11,
+    /// From version 2 on.
+    Building = 12,
 }
 
 impl Section {
-    pub(super) const ALL: [Self; 11] = [
+    /// In the order of their codes, which are 1, 2, 3, ...
+    pub(super) const ALL: [Self; 12] = [
         Self::Profile,
         Self::Settings,
         Self::Cameras,
@@ -56,7 +59,20 @@ impl Section {
         Self::Globals,
         Self::Points,
         Self::Observations,
+        Self::Building,
     ];
+
+    /// The sections a file of this version has, all of which it must have.
+    pub(super) const fn of_version(version: u32) -> &'static [Self] {
+        match version {
+            1 => Self::ALL.split_at(11).0,
+            _ => &Self::ALL,
+        }
+    }
+
+    pub(super) fn from_code(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|s| *s as u32 == code)
+    }
 
     pub(super) const fn name(self) -> &'static str {
         match self {
@@ -71,6 +87,7 @@ impl Section {
             Self::Globals => "globals",
             Self::Points => "points",
             Self::Observations => "observations",
+            Self::Building => "building",
         }
     }
 }
@@ -109,6 +126,20 @@ pub(super) struct Entry {
 pub(super) struct SettingsRecord {
     pub(super) max_keypoints: u32,
     pub(super) max_image_side: u32,
+}
+
+/// How the map was built, beyond its [`SettingsRecord`].
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct BuildingRecord {
+    pub(super) vocabulary_words: u32,
+    pub(super) pairs_per_image: u32,
+    pub(super) min_track_length: u32,
+    pub(super) max_ratio: f32,
+    pub(super) max_epipolar_error_px: f64,
+    pub(super) max_reprojection_error_px: f64,
+    pub(super) min_triangulation_angle_deg: f64,
+    pub(super) seed: u64,
 }
 
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]

@@ -1,6 +1,7 @@
 //! The map file: how a map lies on disk, how it is replaced safely, and how it is opened.
 
 mod layout;
+mod lock;
 mod open;
 mod replace;
 mod view;
@@ -8,7 +9,7 @@ mod write;
 
 pub use layout::FORMAT_VERSION;
 pub use view::{ImageView, MapFile};
-pub use write::write;
+pub use write::{MapLock, write};
 
 #[cfg(test)]
 mod tests;

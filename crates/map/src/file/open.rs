@@ -12,12 +12,13 @@ use xxhash_rust::xxh3::xxh3_64;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{
-    ALIGN, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT, ObservationRecord,
-    PointRecord, Section, SettingsRecord, header_checksum,
+    ALIGN, BuildingRecord, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
+    ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
 };
 use super::view::{ImageEntry, LargeSections, MapFile};
 use crate::error::MapError;
-use crate::model::is_rigid;
+use crate::model::{is_name, is_rigid};
+use crate::settings::BuildSettings;
 
 impl MapFile {
     /// Opens a map, reading it once to check all of it.
@@ -28,16 +29,19 @@ impl MapFile {
     pub fn open(path: &Path) -> Result<Self, MapError> {
         let bytes = MappedFile::open(path).map_err(MapError::io(path))?;
         let parser = Parser { path, bytes: &bytes };
-        let sections = parser.sections()?;
+        let (version, sections) = parser.sections()?;
         let parts = parser.parts(&sections)?;
-        let Parts { profile, extraction, cameras, images, large } = parts;
-        Ok(Self { path: path.to_owned(), bytes, profile, extraction, cameras, images, large })
+        let Parts { profile, settings, cameras, images, large } = parts;
+        Ok(Self { path: path.to_owned(), bytes, version, profile, settings, cameras, images, large })
     }
 }
 
+/// The bytes of each section that the file has, by the section's code less one.
+type Sections = [Option<Range<usize>>; Section::ALL.len()];
+
 struct Parts {
     profile: Profile,
-    extraction: ExtractionLimits,
+    settings: BuildSettings,
     cameras: Vec<Intrinsics>,
     images: Vec<ImageEntry>,
     large: LargeSections,
@@ -49,40 +53,50 @@ struct Parser<'a> {
 }
 
 impl<'a> Parser<'a> {
-    /// The bytes of each section, in the order of [`Section::ALL`], checksums verified.
-    fn sections(&self) -> Result<[Range<usize>; Section::ALL.len()], MapError> {
+    /// The version of the file and the bytes of its sections, checksums verified.
+    fn sections(&self) -> Result<(u32, Sections), MapError> {
         let path = || self.path.to_owned();
         let actual = self.bytes.len() as u64;
         let damaged = |section: &'static str| MapError::Checksum { path: path(), section };
         if self.bytes.len() < MAGIC.len() || !self.bytes.starts_with(&MAGIC) {
             return Err(MapError::NotAMap { path: path() });
         }
-        let smallest = size_of::<Header>() + Section::ALL.len() * size_of::<Entry>();
-        let too_short = || MapError::Length { path: path(), actual, expected: smallest as u64 };
-        let (header, rest) = Header::read_from_prefix(self.bytes).map_err(|_| too_short())?;
-        if header.version != FORMAT_VERSION {
+        let smallest = size_of::<Header>() + Section::of_version(1).len() * size_of::<Entry>();
+        let too_short =
+            |expected: usize| MapError::Length { path: path(), actual, expected: expected as u64 };
+        let (header, rest) = Header::read_from_prefix(self.bytes).map_err(|_| too_short(smallest))?;
+        if !(1..=FORMAT_VERSION).contains(&header.version) {
             return Err(MapError::Version { path: path(), found: header.version, supported: FORMAT_VERSION });
         }
-        let table_bytes = rest.get(..Section::ALL.len() * size_of::<Entry>()).ok_or_else(too_short)?;
+        // At most so many sections: a number beyond memory is a number beyond the file.
+        let table_length = (header.sections as usize).saturating_mul(size_of::<Entry>());
+        let head = table_length.saturating_add(size_of::<Header>());
+        let table_bytes = rest.get(..table_length).ok_or_else(|| too_short(head.max(smallest)))?;
         if header.checksum != header_checksum(&header, table_bytes) {
             return Err(damaged("header"));
         }
         if header.length != actual {
             return Err(MapError::Length { path: path(), actual, expected: header.length });
         }
-        let wrong = |reason: &str| self.wrong("header", reason);
-        if header.sections as usize != Section::ALL.len() || header.reserved != [0; 4] {
-            return Err(wrong("another number of sections than version 1 has, or reserved bytes in use"));
+        let wrong = |reason: String| self.wrong("header", &reason);
+        let table = <[Entry]>::ref_from_bytes(table_bytes).map_err(|_| too_short(head))?;
+        let wanted = Section::of_version(header.version);
+        if let Some(unknown) = table.iter().find(|e| Section::from_code(e.code).is_none()) {
+            return Err(MapError::UnknownSection { path: path(), code: unknown.code });
         }
-        let mut ranges = [const { 0..0 }; Section::ALL.len()];
-        let mut end = smallest;
-        for (i, section) in Section::ALL.into_iter().enumerate() {
-            let at = &table_bytes[i * size_of::<Entry>()..][..size_of::<Entry>()];
-            let entry = Entry::read_from_bytes(at).map_err(|_| too_short())?;
+        if !table.iter().map(|e| e.code).eq(wanted.iter().map(|s| *s as u32)) || header.reserved != [0; 4] {
+            return Err(wrong(format!(
+                "not the sections of version {}, or reserved bytes in use",
+                header.version
+            )));
+        }
+        let mut ranges = Sections::default();
+        let mut end = head;
+        for (section, entry) in wanted.iter().zip(table) {
             let start = end.next_multiple_of(ALIGN);
             let fits = (start as u64).checked_add(entry.length).is_some_and(|end| end <= actual);
-            if entry.code != section as u32 || entry.reserved != 0 || entry.offset != start as u64 || !fits {
-                return Err(wrong("a section that is not where version 1 has it"));
+            if entry.reserved != 0 || entry.offset != start as u64 || !fits {
+                return Err(wrong(format!("section {:?} is not where it belongs", section.name())));
             }
             if self.bytes[end..start].iter().any(|b| *b != 0) {
                 return Err(damaged(section.name()));
@@ -91,24 +105,19 @@ impl<'a> Parser<'a> {
             if xxh3_64(&self.bytes[start..end]) != entry.checksum {
                 return Err(damaged(section.name()));
             }
-            ranges[i] = start..end;
+            ranges[*section as usize - 1] = Some(start..end);
         }
         if end as u64 != actual {
-            return Err(wrong("bytes behind the last section"));
+            return Err(wrong("bytes behind the last section".to_owned()));
         }
-        Ok(ranges)
+        Ok((header.version, ranges))
     }
 
-    fn parts(&self, sections: &[Range<usize>; Section::ALL.len()]) -> Result<Parts, MapError> {
-        let range = |section: Section| sections[section as usize - 1].clone();
+    fn parts(&self, sections: &Sections) -> Result<Parts, MapError> {
+        let range = |section: Section| sections[section as usize - 1].clone().unwrap_or_default();
         let profile = Profile::decode(&self.bytes[range(Section::Profile)])
             .map_err(|e| self.wrong(Section::Profile.name(), &e.to_string()))?;
-        let extraction = match self.records::<SettingsRecord>(&range(Section::Settings), Section::Settings)? {
-            [one] => {
-                ExtractionLimits { max_keypoints: one.max_keypoints, max_image_side: one.max_image_side }
-            }
-            _ => return Err(self.wrong(Section::Settings.name(), "not one record")),
-        };
+        let settings = self.settings(sections, &profile)?;
         let cameras = self.cameras(self.records(&range(Section::Cameras), Section::Cameras)?)?;
         let keypoints: &[[f32; 2]] = self.records(&range(Section::Keypoints), Section::Keypoints)?;
         let links: &[u32] = self.records(&range(Section::KeypointPoints), Section::KeypointPoints)?;
@@ -143,7 +152,44 @@ impl<'a> Parser<'a> {
             points: range(Section::Points),
             observations: range(Section::Observations),
         };
-        Ok(Parts { profile, extraction, cameras, images, large })
+        Ok(Parts { profile, settings, cameras, images, large })
+    }
+
+    /// Of version 1, the words are those of the profile and the rest defaults.
+    fn settings(&self, sections: &Sections, profile: &Profile) -> Result<BuildSettings, MapError> {
+        let range = |section: Section| sections[section as usize - 1].clone();
+        let extraction: &SettingsRecord =
+            self.record(&range(Section::Settings).unwrap_or_default(), Section::Settings)?;
+        let extraction = ExtractionLimits {
+            max_keypoints: extraction.max_keypoints,
+            max_image_side: extraction.max_image_side,
+        };
+        let default = BuildSettings::default();
+        let settings = match range(Section::Building) {
+            None => BuildSettings {
+                extraction,
+                vocabulary_words: profile
+                    .vocabulary()
+                    .map_or(default.vocabulary_words, |v| v.len().min(512) as u32),
+                ..default
+            },
+            Some(range) => {
+                let record: &BuildingRecord = self.record(&range, Section::Building)?;
+                BuildSettings {
+                    extraction,
+                    vocabulary_words: record.vocabulary_words,
+                    pairs_per_image: record.pairs_per_image,
+                    min_track_length: record.min_track_length,
+                    max_ratio: record.max_ratio,
+                    max_epipolar_error_px: record.max_epipolar_error_px,
+                    max_reprojection_error_px: record.max_reprojection_error_px,
+                    min_triangulation_angle_deg: record.min_triangulation_angle_deg,
+                    seed: record.seed,
+                }
+            }
+        };
+        settings.check().map_err(|e| self.wrong(Section::Settings.name(), &e.to_string()))?;
+        Ok(settings)
     }
 
     fn cameras(&self, records: &[CameraRecord]) -> Result<Vec<Intrinsics>, MapError> {
@@ -153,7 +199,7 @@ impl<'a> Parser<'a> {
                 .ok_or_else(|| wrong(&format!("unknown camera model {}", record.model)))?;
             let (params, unused) = record.params.split_at(count);
             if record.reserved != 0 || unused.iter().any(|p| p.to_bits() != 0) {
-                return Err(wrong("bytes in use that version 1 reserves"));
+                return Err(wrong("bytes in use that are reserved"));
             }
             Intrinsics::new(name, record.width, record.height, params).map_err(|e| wrong(&e.to_string()))
         };
@@ -174,7 +220,7 @@ impl<'a> Parser<'a> {
         let mut images = Vec::with_capacity(records.len());
         for (i, record) in records.iter().enumerate() {
             let name = slice_end(name_start, record.name_end, names.len()).and_then(|r| names.get(r));
-            let name = name.filter(|n| !n.is_empty() && !n.contains(['\0', '\n', '\r']));
+            let name = name.filter(|n| is_name(n));
             let name = name.ok_or_else(|| wrong(format!("image {i} has no usable name")))?;
             if !seen.insert(name) {
                 return Err(wrong(format!("the name {name:?} appears twice")));
@@ -254,6 +300,17 @@ impl<'a> Parser<'a> {
     ) -> Result<&'a [T], MapError> {
         <[T]>::ref_from_bytes(&self.bytes[range.clone()])
             .map_err(|_| self.wrong(section.name(), "not whole records"))
+    }
+
+    fn record<T: FromBytes + Immutable + KnownLayout>(
+        &self,
+        range: &Range<usize>,
+        section: Section,
+    ) -> Result<&'a T, MapError> {
+        match self.records(range, section)? {
+            [one] => Ok(one),
+            _ => Err(self.wrong(section.name(), "not one record")),
+        }
     }
 
     fn wrong(&self, section: &'static str, reason: &str) -> MapError {

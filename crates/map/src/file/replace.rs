@@ -6,15 +6,18 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Writes a new file beside `path`, flushes it to the disk, renames it over `path`, and flushes the folder.
+use super::lock::TargetLock;
+
+/// Writes a new file beside the one that is locked, `path`, flushes it to the disk, renames it over `path`, and flushes the folder.
 ///
 /// When `content` fails, the new file is removed and `path` is as it was. When the process dies, a file named
-/// `.NAME.<process>-<count>.partial` stays behind, which nothing reads; the next call for the same path removes it. A
-/// writer holds a lock on its file, by which the files of the living are told from those of the dead.
+/// `.NAME.<process>-<count>.partial` stays behind, which nothing reads; the next call for the same path removes it. As
+/// only the holder of the lock writes such files, all that it finds are of the dead.
 pub(super) fn replace_file(
-    path: &Path,
+    lock: &TargetLock,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
+    let path = lock.target();
     let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no file name"))?;
     let dir = match path.parent() {
         Some(dir) if !dir.as_os_str().is_empty() => dir,
@@ -44,7 +47,6 @@ fn write_and_rename(
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
     let file = OpenOptions::new().write(true).create_new(true).open(partial)?;
-    file.lock()?;
     // A file keeps its permissions when its content is replaced.
     if let Ok(old) = fs::metadata(path) {
         file.set_permissions(old.permissions())?;
@@ -65,8 +67,8 @@ fn remove_stale(dir: &Path, prefix: &OsString) -> io::Result<()> {
         let middle = name.strip_prefix(prefix).and_then(|rest| rest.strip_suffix(SUFFIX.as_bytes()));
         let ours =
             middle.is_some_and(|m| !m.is_empty() && m.iter().all(|b| b.is_ascii_digit() || *b == b'-'));
-        // Someone else may be faster, or the file may not be ours to remove: it is only rubbish, so no failure.
-        if ours && File::open(&path).is_ok_and(|f| f.try_lock().is_ok()) {
+        if ours {
+            // It may not be ours to remove: it is only rubbish, so no failure.
             let _ = fs::remove_file(&path);
         }
     }
@@ -97,12 +99,38 @@ mod tests {
         all
     }
 
+    fn replace(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+        replace_file(&TargetLock::acquire(path)?, content)
+    }
+
+    /// Each thread adds one to a number in a file, many times: a lock that two can hold loses some.
+    #[test]
+    fn of_many_who_read_and_replace_nobody_loses_an_update() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("count");
+        fs::write(&path, "0").unwrap();
+        let (threads, rounds) = (8, 40);
+        std::thread::scope(|scope| {
+            for _ in 0..threads {
+                scope.spawn(|| {
+                    for _ in 0..rounds {
+                        let lock = TargetLock::acquire(&path).unwrap();
+                        let count: usize = fs::read_to_string(&path).unwrap().parse().unwrap();
+                        replace_file(&lock, |out| write!(out, "{}", count + 1)).unwrap();
+                    }
+                });
+            }
+        });
+        assert_eq!(fs::read_to_string(&path).unwrap(), (threads * rounds).to_string());
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "nothing is left lying about");
+    }
+
     #[test]
     fn a_writer_that_fails_midway_leaves_the_old_file() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
-        replace_file(&path, |out| out.write_all(b"old")).unwrap();
-        let error = replace_file(&path, |out| {
+        replace(&path, |out| out.write_all(b"old")).unwrap();
+        let error = replace(&path, |out| {
             out.write_all(&vec![0; 3 << 20])?;
             Err(io::Error::other("the disk is full"))
         });
@@ -111,22 +139,37 @@ mod tests {
         assert_eq!(names(dir.path()), ["place.vmap"]);
     }
 
+    /// Many writers of one file at once: each of them ends well, though each clears away what looks left behind.
     #[test]
-    fn remains_of_the_dead_are_removed_and_those_of_the_living_are_not() {
+    fn writers_at_once_do_not_remove_each_others_files() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
-        let dead = dir.path().join(".place.vmap.4711-0.partial");
-        let alive = dir.path().join(".place.vmap.4712-0.partial");
-        let other = dir.path().join(".place.vmap.mine.partial");
-        for file in [&dead, &alive, &other] {
-            fs::write(file, b"half a map").unwrap();
+        std::thread::scope(|scope| {
+            for thread in 0..8_u8 {
+                let path = &path;
+                scope.spawn(move || {
+                    for _ in 0..40 {
+                        replace(path, |out| out.write_all(&[thread; 1000])).unwrap();
+                    }
+                });
+            }
+        });
+        let last = fs::read(&path).unwrap();
+        assert!(last.len() == 1000 && last.iter().all(|b| *b == last[0]), "one writer's file, whole");
+        assert_eq!(names(dir.path()), ["place.vmap"]);
+    }
+
+    #[test]
+    fn remains_of_the_dead_are_removed_and_files_of_others_are_not() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("place.vmap");
+        for name in [".place.vmap.4711-0.partial", ".place.vmap.mine.partial", ".other.vmap.4711-0.partial"] {
+            fs::write(dir.path().join(name), b"half a map").unwrap();
         }
-        let held = File::open(&alive).unwrap();
-        held.lock().unwrap();
-        replace_file(&path, |out| out.write_all(b"new")).unwrap();
+        replace(&path, |out| out.write_all(b"new")).unwrap();
         assert_eq!(
             names(dir.path()),
-            [".place.vmap.4712-0.partial", ".place.vmap.mine.partial", "place.vmap"]
+            [".other.vmap.4711-0.partial", ".place.vmap.mine.partial", "place.vmap"]
         );
         assert_eq!(fs::read(&path).unwrap(), b"new");
     }
@@ -135,9 +178,9 @@ mod tests {
     fn a_panicking_writer_leaves_the_old_file_and_the_next_one_cleans_up() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("place.vmap");
-        replace_file(&path, |out| out.write_all(b"old")).unwrap();
+        replace(&path, |out| out.write_all(b"old")).unwrap();
         let died = std::panic::catch_unwind(|| {
-            replace_file(&path, |out| {
+            replace(&path, |out| {
                 out.write_all(&vec![0; 3 << 20])?;
                 panic!("killed");
             })
@@ -145,15 +188,15 @@ mod tests {
         assert!(died.is_err());
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(names(dir.path()).len(), 2, "a killed writer leaves its file behind");
-        replace_file(&path, |out| out.write_all(b"new")).unwrap();
+        replace(&path, |out| out.write_all(b"new")).unwrap();
         assert_eq!(names(dir.path()), ["place.vmap"]);
     }
 
     #[test]
     fn impossible_places_are_errors() {
         let dir = tempfile::tempdir().unwrap();
-        assert!(replace_file(&dir.path().join("none/place.vmap"), |_| Ok(())).is_err());
-        assert!(replace_file(Path::new("/"), |_| Ok(())).is_err());
-        assert!(replace_file(dir.path(), |_| Ok(())).is_err(), "a folder is not replaced by a file");
+        assert!(replace(&dir.path().join("none/place.vmap"), |_| Ok(())).is_err());
+        assert!(replace(Path::new("/"), |_| Ok(())).is_err());
+        assert!(replace(dir.path(), |_| Ok(())).is_err(), "a folder is not replaced by a file");
     }
 }

@@ -9,13 +9,13 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
-use veiloc_query::{ExtractionLimits, Profile};
+use veiloc_query::{AngleBits, ExtractionLimits, Profile, Scheme, Wish};
 use xxhash_rust::xxh3::xxh3_64;
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::layout::{Entry, Header, NO_POINT, Section, header_checksum};
 use super::write::to_bytes;
-use crate::{MapError, MapFile, MapImage, MapModel, MapPoint, Observation, PointId, write};
+use crate::{BuildSettings, MapError, MapFile, MapImage, MapModel, MapPoint, Observation, PointId, write};
 
 /// A map with these many images, keypoints of each, and points seen by some of them.
 fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel {
@@ -62,11 +62,35 @@ fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel
         .to_vec(),
         images,
         points,
-        extraction: ExtractionLimits { max_keypoints: 4096, max_image_side: 1600 },
+        settings: settings(),
         profile: Profile::vlad(vocabulary),
     };
     model.link_keypoints();
     model
+}
+
+/// None of them the default.
+fn settings() -> BuildSettings {
+    BuildSettings {
+        extraction: ExtractionLimits { max_keypoints: 3000, max_image_side: 1200 },
+        vocabulary_words: 65,
+        pairs_per_image: 21,
+        min_track_length: 4,
+        max_ratio: 0.75,
+        max_epipolar_error_px: 3.5,
+        max_reprojection_error_px: 4.5,
+        min_triangulation_angle_deg: 1.25,
+        seed: 0x0123_4567_89ab_cdef,
+    }
+}
+
+/// The file of version 1 that every later program must read.
+fn version_1() -> Vec<u8> {
+    std::fs::read(known_answer(1)).unwrap()
+}
+
+fn known_answer(version: u32) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/map-v{version}.bin"))
 }
 
 fn open_bytes(bytes: &[u8]) -> Result<MapFile, MapError> {
@@ -83,8 +107,8 @@ fn section(bytes: &[u8], section: Section) -> (usize, Entry) {
 }
 
 /// Changes a section as a faulty but careful program would: with checksums that fit.
-fn forged(model: &MapModel, which: Section, change: impl FnOnce(&mut [u8])) -> Result<MapFile, MapError> {
-    let mut bytes = to_bytes(model);
+fn forged(bytes: &[u8], which: Section, change: impl FnOnce(&mut [u8])) -> Result<MapFile, MapError> {
+    let mut bytes = bytes.to_vec();
     let (at, mut entry) = section(&bytes, which);
     let range = entry.offset as usize..(entry.offset + entry.length) as usize;
     change(&mut bytes[range.clone()]);
@@ -95,8 +119,8 @@ fn forged(model: &MapModel, which: Section, change: impl FnOnce(&mut [u8])) -> R
 }
 
 fn seal_header(bytes: &mut [u8]) {
-    let table_end = size_of::<Header>() + Section::ALL.len() * size_of::<Entry>();
     let mut header = Header::read_from_bytes(&bytes[..size_of::<Header>()]).unwrap();
+    let table_end = size_of::<Header>() + header.sections as usize * size_of::<Entry>();
     header.checksum = header_checksum(&header, &bytes[size_of::<Header>()..table_end]);
     bytes[..size_of::<Header>()].copy_from_slice(header.as_bytes());
 }
@@ -141,22 +165,46 @@ fn accessors_tell_what_the_model_holds() {
     }
 }
 
-/// Version 1 must load for ever, and be written the same for ever.
+/// Version 1 must load for ever. What it does not say is as this program does it when nobody says otherwise.
+#[test]
+fn known_answer_of_version_1() {
+    let map = MapFile::open(&known_answer(1)).unwrap();
+    assert_eq!(map.format_version(), 1);
+    let extraction = ExtractionLimits { max_keypoints: 4096, max_image_side: 1600 };
+    let settings = BuildSettings { extraction, vocabulary_words: 2, ..BuildSettings::default() };
+    let sample = sample(7, 3, 4, 3);
+    let wish = Wish { scheme: Scheme::default(), angle_bits: AngleBits::default() };
+    let profile = sample.profile.to_v1(wish).unwrap();
+    let model = MapModel { settings, profile, ..sample };
+    assert_eq!(map.to_model(), model);
+    holds_the_known_content(&map);
+    assert_eq!(map.profile().id().to_string(), PROFILE_ID);
+    // Written back it is of the newest version, and queries sealed for it still fit.
+    let newer = open_bytes(&to_bytes(&map.to_model())).unwrap();
+    assert_eq!(newer.format_version(), 2);
+    assert_eq!(newer.to_model(), model);
+    assert_eq!(newer.profile().encode(), map.profile().encode());
+}
+
+/// Version 2 must load for ever, and be written the same for ever.
 ///
 /// The file was written by this very model once; `VEILOC_BLESS=1` writes it again after a deliberate change of version.
 #[test]
-fn known_answer_of_version_1() {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/map-v1.bin");
-    let model = sample(7, 3, 4, 3);
+fn known_answer_of_version_2() {
+    let path = known_answer(2);
     if std::env::var_os("VEILOC_BLESS").is_some() {
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(&path, to_bytes(&model)).unwrap();
+        std::fs::write(&path, to_bytes(&sample(7, 3, 4, 3))).unwrap();
     }
     let map = MapFile::open(&path).unwrap();
+    assert_eq!(map.format_version(), 2);
+    assert_eq!(map.settings(), &settings());
+    holds_the_known_content(&map);
     assert_eq!(to_bytes(&map.to_model()), std::fs::read(&path).unwrap());
+}
+
+fn holds_the_known_content(map: &MapFile) {
     assert_eq!(map.image(1).name(), "Türen/photo 1.jpg");
     assert_eq!(map.image(1).camera().model.name(), "OPENCV");
-    assert_eq!(map.profile().id().to_string(), PROFILE_ID);
     assert_eq!(map.image(2).point_of(0), Some(PointId(0)));
     assert_eq!(map.image(0).point_of(3), None);
     assert_eq!(map.track_length(PointId(1)), 2);
@@ -175,12 +223,12 @@ fn other_files_and_versions_say_what_they_are() {
         assert!(matches!(error, MapError::NotAMap { .. }), "{error}");
         assert!(error.to_string().contains("place.vmap"), "{error}");
     }
-    for (version, remedy) in [(0_u32, "build the map again"), (2, "use a newer veiloc")] {
+    for (version, remedy) in [(0_u32, "build the map again"), (3, "use a newer veiloc")] {
         let mut newer = bytes.clone();
         newer[8..12].copy_from_slice(&version.to_le_bytes());
         let error = open_bytes(&newer).unwrap_err();
         assert!(
-            matches!(error, MapError::Version { found, supported: 1, .. } if found == version),
+            matches!(error, MapError::Version { found, supported: 2, .. } if found == version),
             "{error}"
         );
         assert!(error.to_string().contains(remedy), "{error}");
@@ -194,30 +242,35 @@ fn other_files_and_versions_say_what_they_are() {
 
 #[test]
 fn every_cut_is_found() {
-    let bytes = to_bytes(&sample(4, 2, 5, 3));
-    for length in 0..bytes.len() {
-        let error = open_bytes(&bytes[..length]).expect_err("cut short");
-        assert!(length < 12 || matches!(error, MapError::Length { .. }), "{length}: {error}");
+    for bytes in [to_bytes(&sample(4, 2, 5, 3)), version_1()] {
+        for length in 0..bytes.len() {
+            let error = open_bytes(&bytes[..length]).expect_err("cut short");
+            assert!(length < 12 || matches!(error, MapError::Length { .. }), "{length}: {error}");
+        }
+        let mut longer = bytes;
+        longer.push(0);
+        assert!(matches!(open_bytes(&longer), Err(MapError::Length { .. })));
     }
-    let mut longer = bytes;
-    longer.push(0);
-    assert!(matches!(open_bytes(&longer), Err(MapError::Length { .. })));
 }
 
 #[test]
 fn every_changed_byte_is_found() {
-    let bytes = to_bytes(&sample(5, 2, 5, 3));
-    for i in 0..bytes.len() {
-        let mut damaged = bytes.clone();
-        damaged[i] ^= 0x10;
-        assert!(open_bytes(&damaged).is_err(), "byte {i} of {}", bytes.len());
-    }
-    for which in Section::ALL {
-        let (_, entry) = section(&bytes, which);
-        let mut damaged = bytes.clone();
-        damaged[entry.offset as usize] ^= 1;
-        let error = open_bytes(&damaged).unwrap_err();
-        assert!(matches!(error, MapError::Checksum { section, .. } if section == which.name()), "{error}");
+    for (version, bytes) in [(2, to_bytes(&sample(5, 2, 5, 3))), (1, version_1())] {
+        for i in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[i] ^= 0x10;
+            assert!(open_bytes(&damaged).is_err(), "byte {i} of {}", bytes.len());
+        }
+        for which in Section::of_version(version) {
+            let (_, entry) = section(&bytes, *which);
+            let mut damaged = bytes.clone();
+            damaged[entry.offset as usize] ^= 1;
+            let error = open_bytes(&damaged).unwrap_err();
+            assert!(
+                matches!(error, MapError::Checksum { section, .. } if section == which.name()),
+                "{error}"
+            );
+        }
     }
 }
 
@@ -225,7 +278,7 @@ type Damage = Box<dyn FnOnce(&mut [u8])>;
 
 #[test]
 fn content_that_does_not_hold_together_is_refused_though_its_checksums_fit() {
-    let model = sample(6, 3, 6, 4);
+    let bytes = to_bytes(&sample(6, 3, 6, 4));
     let put_u32 = |at: usize, value: u32| {
         move |bytes: &mut [u8]| bytes[at..at + 4].copy_from_slice(&value.to_le_bytes())
     };
@@ -260,16 +313,61 @@ fn content_that_does_not_hold_together_is_refused_though_its_checksums_fit() {
         (Section::Observations, Box::new(put_u32(0, 3))),
         (Section::Observations, Box::new(put_u32(4, 6))),
         (Section::Observations, Box::new(put_u32(4, u32::MAX))),
+        (Section::Settings, Box::new(put_u32(0, 0))),
+        (Section::Settings, Box::new(put_u32(4, u32::MAX))),
+        (Section::Building, Box::new(put_u32(0, 0))),
+        (Section::Building, Box::new(put_u32(4, u32::MAX))),
+        (Section::Building, Box::new(put_u32(8, 1))),
+        (Section::Building, Box::new(put_u32(12, f32::NAN.to_bits()))),
+        (Section::Building, Box::new(put_u64(16, nan))),
+        (Section::Building, Box::new(put_u64(24, f64::INFINITY.to_bits()))),
+        (Section::Building, Box::new(put_u64(32, (-1.0_f64).to_bits()))),
     ];
     for (i, (which, change)) in cases.into_iter().enumerate() {
-        let error = forged(&model, which, change).expect_err(which.name());
+        let error = forged(&bytes, which, change).expect_err(which.name());
         assert!(matches!(error, MapError::Structure { .. }), "case {i}, {}: {error}", which.name());
         assert!(error.to_string().contains("place.vmap"), "{error}");
     }
 }
 
+/// A table that says it is of another size, with checksums that fit wherever the file is long enough for it.
 #[test]
-fn sections_elsewhere_than_version_1_has_them_are_refused() {
+fn hostile_numbers_of_sections_are_refused() {
+    let bytes = to_bytes(&sample(8, 2, 5, 3));
+    for count in [0, 1, 11, 13, 100, u32::MAX / 32, u32::MAX] {
+        let mut forged = bytes.clone();
+        forged[12..16].copy_from_slice(&count.to_le_bytes());
+        if size_of::<Header>() + count as usize * size_of::<Entry>() <= bytes.len() {
+            seal_header(&mut forged);
+        }
+        let error = open_bytes(&forged).expect_err("another number of sections");
+        assert!(!matches!(error, MapError::Checksum { .. }), "{count}: {error}");
+    }
+}
+
+#[test]
+fn a_section_of_a_newer_program_is_called_newer() {
+    let bytes = to_bytes(&sample(8, 2, 5, 3));
+    let (at, _) = section(&bytes, Section::Building);
+    let mut newer = bytes.clone();
+    newer[at..at + 4].copy_from_slice(&13_u32.to_le_bytes());
+    seal_header(&mut newer);
+    let error = open_bytes(&newer).unwrap_err();
+    assert!(matches!(error, MapError::UnknownSection { code: 13, .. }), "{error}");
+    assert!(error.to_string().contains("use a newer veiloc"), "{error}");
+    // A section twice, or one of version 2 in a file of version 1.
+    let mut twice = bytes.clone();
+    twice[at..at + 4].copy_from_slice(&11_u32.to_le_bytes());
+    seal_header(&mut twice);
+    assert!(matches!(open_bytes(&twice), Err(MapError::Structure { section: "header", .. })));
+    let mut older = bytes;
+    older[8..12].copy_from_slice(&1_u32.to_le_bytes());
+    seal_header(&mut older);
+    assert!(matches!(open_bytes(&older), Err(MapError::Structure { section: "header", .. })));
+}
+
+#[test]
+fn sections_elsewhere_than_they_belong_are_refused() {
     let bytes = to_bytes(&sample(8, 2, 5, 3));
     for which in Section::ALL {
         for field in [0, 4, 8, 16] {
@@ -295,7 +393,8 @@ fn a_model_that_does_not_hold_together_is_not_written() {
     let path = dir.path().join("place.vmap");
     let good = sample(9, 3, 6, 4);
     write(&good, &path).unwrap();
-    let broken: [Breakage; 12] = [
+    let broken: [Breakage; 13] = [
+        ("settings", |m| m.settings.max_ratio = f32::NAN),
         ("duplicate name", |m| m.images[1].name = m.images[0].name.clone()),
         ("empty name", |m| m.images[1].name.clear()),
         ("camera", |m| m.images[0].camera = 2),
@@ -331,10 +430,11 @@ proptest! {
 
     /// Random bytes in a random section, checksums fitted: refused or opened, but never a panic, and what opens can be used.
     #[test]
-    fn forged_sections_never_panic(seed: u64, which in 0_usize..11, count in 1_usize..4) {
+    fn forged_sections_never_panic(seed: u64, old: bool, which in 0_usize..12, count in 1_usize..4) {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let model = sample(seed % 8, 3, 6, 4);
-        let opened = forged(&model, Section::ALL[which], |bytes| {
+        let bytes = if old { version_1() } else { to_bytes(&sample(seed % 8, 3, 6, 4)) };
+        let which = if old { which % 11 } else { which };
+        let opened = forged(&bytes, Section::ALL[which], |bytes| {
             for _ in 0..count {
                 let at = rng.random_range(0..bytes.len());
                 bytes[at] = rng.random();

@@ -7,11 +7,12 @@ use veiloc_descriptor::{DescriptorView, GlobalDescriptor};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_kernels::MappedFile;
-use veiloc_query::{ExtractionLimits, Profile};
+use veiloc_query::Profile;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{NO_POINT, ObservationRecord, PointRecord};
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
+use crate::settings::BuildSettings;
 
 /// A map in a file that is mapped into memory: opening it reads and checks everything once, using it copies nothing.
 ///
@@ -21,7 +22,8 @@ pub struct MapFile {
     pub(super) path: PathBuf,
     pub(super) bytes: MappedFile,
     pub(super) profile: Profile,
-    pub(super) extraction: ExtractionLimits,
+    pub(super) version: u32,
+    pub(super) settings: BuildSettings,
     pub(super) cameras: Vec<Intrinsics>,
     pub(super) images: Vec<ImageEntry>,
     pub(super) large: LargeSections,
@@ -66,9 +68,14 @@ impl MapFile {
         &self.profile
     }
 
-    /// How much was extracted from the map's own images.
-    pub const fn extraction(&self) -> ExtractionLimits {
-        self.extraction
+    /// Version of the format of the file.
+    pub const fn format_version(&self) -> u32 {
+        self.version
+    }
+
+    /// How the map was built. A file of version 1 says only what was extracted; the rest are defaults.
+    pub const fn settings(&self) -> &BuildSettings {
+        &self.settings
     }
 
     /// Number of cameras.
@@ -143,7 +150,7 @@ impl MapFile {
             cameras: self.cameras.clone(),
             images: images.collect(),
             points: points.collect(),
-            extraction: self.extraction,
+            settings: self.settings,
             profile: self.profile.clone(),
         }
     }

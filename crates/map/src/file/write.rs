@@ -1,4 +1,4 @@
-//! Writing a map file.
+//! Writing a map file: its bytes, and the right to replace it.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -7,24 +7,64 @@ use xxhash_rust::xxh3::Xxh3;
 use zerocopy::IntoBytes;
 
 use super::layout::{
-    ALIGN, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT, ObservationRecord,
-    PointRecord, Section, SettingsRecord, header_checksum,
+    ALIGN, BuildingRecord, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
+    ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
 };
+use super::lock::TargetLock;
 use super::replace::replace_file;
 use crate::error::MapError;
 use crate::model::MapModel;
+use crate::settings::BuildSettings;
+
+/// The right to change a map file, held by one program at a time.
+///
+/// Who reads a map to change it holds this from before reading until after writing; another one would otherwise write
+/// over it what was made of the older map. Who only reads needs none. The lock is on a file `.NAME.lock` beside the map,
+/// is advisory (between programs that ask for it), and ends with its holder, however that ends.
+#[derive(Debug)]
+pub struct MapLock {
+    target: TargetLock,
+}
+
+impl MapLock {
+    /// Waits until nobody else holds it.
+    ///
+    /// # Errors
+    /// [`MapError::Io`] naming the file: its folder is not there or may not be written.
+    pub fn acquire(path: &Path) -> Result<Self, MapError> {
+        Ok(Self { target: TargetLock::acquire(path).map_err(MapError::io(path))? })
+    }
+
+    /// The same without waiting; `None` when somebody else holds it.
+    ///
+    /// # Errors
+    /// As for [`Self::acquire`].
+    pub fn try_acquire(path: &Path) -> Result<Option<Self>, MapError> {
+        let target = TargetLock::try_acquire(path).map_err(MapError::io(path))?;
+        Ok(target.map(|target| Self { target }))
+    }
+
+    /// Writes the map file, as [`write`] does.
+    ///
+    /// # Errors
+    /// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] naming the file.
+    pub fn write(&self, model: &MapModel) -> Result<(), MapError> {
+        model.validate()?;
+        let sections = Sections::of(model);
+        replace_file(&self.target, |out| sections.write(out)).map_err(MapError::io(self.target.target()))
+    }
+}
 
 /// Writes a map file. Equal maps give equal bytes.
 ///
 /// The file is written beside the one at `path`, flushed to the disk, and renamed over it. Whatever interrupts this, the
-/// file at `path` is afterwards the old map or the new one, whole; who has the old one open keeps it.
+/// file at `path` is afterwards the old map or the new one, whole; who has the old one open keeps it. Waits for whoever
+/// holds the [`MapLock`].
 ///
 /// # Errors
 /// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] naming the file.
 pub fn write(model: &MapModel, path: &Path) -> Result<(), MapError> {
-    model.validate()?;
-    let sections = Sections::of(model);
-    replace_file(path, |out| sections.write(out)).map_err(MapError::io(path))
+    MapLock::acquire(path)?.write(model)
 }
 
 /// A section as pieces that follow one another: large arrays stay where the model has them.
@@ -52,10 +92,7 @@ impl<'a> Sections<'a> {
             let images = || model.images.iter();
             let pieces = match section {
                 Section::Profile => vec![Piece::Owned(model.profile.encode())],
-                Section::Settings => vec![owned(&[SettingsRecord {
-                    max_keypoints: model.extraction.max_keypoints,
-                    max_image_side: model.extraction.max_image_side,
-                }])],
+                Section::Settings => vec![owned(&[settings_record(&model.settings)])],
                 Section::Cameras => vec![owned(&model.cameras.iter().map(camera_record).collect::<Vec<_>>())],
                 Section::Images => vec![owned(&image_records(model))],
                 Section::Names => images().map(|i| Piece::Borrowed(i.name.as_bytes())).collect(),
@@ -76,6 +113,7 @@ impl<'a> Sections<'a> {
                     let records = track.map(|o| ObservationRecord { image: o.image, keypoint: o.keypoint });
                     vec![owned(&records.collect::<Vec<_>>())]
                 }
+                Section::Building => vec![owned(&[building_record(&model.settings)])],
             };
             (section, pieces)
         };
@@ -125,6 +163,26 @@ impl<'a> Sections<'a> {
 
 fn owned<T: IntoBytes + zerocopy::Immutable>(records: &[T]) -> Piece<'static> {
     Piece::Owned(records.as_bytes().to_vec())
+}
+
+fn settings_record(settings: &BuildSettings) -> SettingsRecord {
+    SettingsRecord {
+        max_keypoints: settings.extraction.max_keypoints,
+        max_image_side: settings.extraction.max_image_side,
+    }
+}
+
+fn building_record(settings: &BuildSettings) -> BuildingRecord {
+    BuildingRecord {
+        vocabulary_words: settings.vocabulary_words,
+        pairs_per_image: settings.pairs_per_image,
+        min_track_length: settings.min_track_length,
+        max_ratio: settings.max_ratio,
+        max_epipolar_error_px: settings.max_epipolar_error_px,
+        max_reprojection_error_px: settings.max_reprojection_error_px,
+        min_triangulation_angle_deg: settings.min_triangulation_angle_deg,
+        seed: settings.seed,
+    }
 }
 
 fn camera_record(camera: &veiloc_geometry::Intrinsics) -> CameraRecord {

@@ -3,11 +3,14 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use veiloc_map::colmap::{ColmapModel, read_model};
+use veiloc_geometry::CameraFromWorld;
+use veiloc_map::colmap::{ColmapModel, read_model, read_posed};
+use veiloc_map::{PosedImage, PosedImages};
+use veiloc_query::ExtractionLimits;
 use veiloc_testdata::real_data_test;
 
 use crate::import::recomputed_error;
-use crate::{BuildOptions, MappingError, add, build, import, remove};
+use crate::{BadReason, BuildOptions, Doubt, Input, MappingError, Words, add, build, import, remove};
 
 /// COLMAP's convention of pixels, poses and distortion is ours: we find the errors that it wrote down, as far as the six
 /// digits of its text go. (COLMAP itself, reading this file, finds them within 0.0043 px: `update_point_3d_errors`.)
@@ -45,8 +48,10 @@ fn cut(model: &ColmapModel, names: &[&str]) -> ColmapModel {
 fn a_colmap_model_is_imported_with_its_points(data: &Path) {
     let whole = read_model(&data.join("lund-door/sparse")).unwrap();
     let colmap = cut(&whole, &["DSC_0004.JPG", "DSC_0005.JPG", "DSC_0006.JPG"]);
-    let options = BuildOptions { max_keypoints: 1000, max_image_side: 2000, ..BuildOptions::default() };
-    let (model, report) = import(&colmap, &data.join("lund-door/images"), &options, &()).unwrap();
+    let mut options = BuildOptions::default();
+    options.settings.extraction = ExtractionLimits { max_keypoints: 1000, max_image_side: 2000 };
+    let (posed, folder) = (PosedImages::from(&colmap), data.join("lund-door/images"));
+    let (model, report) = import(&colmap, &Input::new(&posed, &folder), &options, &()).unwrap();
     model.validate().unwrap();
     assert_eq!((report.images, report.points), (3, colmap.points().len()));
     assert!(report.points_kept * 10 > 8 * report.points, "{report}");
@@ -55,16 +60,23 @@ fn a_colmap_model_is_imported_with_its_points(data: &Path) {
     let known: Vec<_> = colmap.points().iter().map(|p| p.position).collect();
     assert!(model.points.iter().all(|p| known.contains(&p.position)), "positions are COLMAP's");
     let elsewhere = cut(&whole, &[]);
-    assert!(matches!(import(&elsewhere, data, &options, &()), Err(MappingError::EmptyList)));
+    assert!(matches!(
+        import(&elsewhere, &Input::new(&PosedImages::from(&elsewhere), data), &options, &()),
+        Err(MappingError::EmptyList)
+    ));
 }
 
 #[real_data_test]
 fn a_map_of_redkitchen_loses_and_regains_an_image(data: &Path) {
-    let posed = read_model(&data.join("redkitchen/posed")).unwrap();
+    let posed = read_posed(&data.join("redkitchen/posed")).unwrap();
     let images = data.join("redkitchen/images");
-    let names: Vec<String> = posed.image_names().into_iter().step_by(2).take(8).collect();
-    let options = BuildOptions { max_keypoints: 1000, vocabulary_words: 16, ..BuildOptions::default() };
-    let before = build(&posed, &images, &names, &options, &()).unwrap();
+    let names: Vec<String> = posed.names().into_iter().step_by(2).take(8).collect();
+    let mut options = BuildOptions::default();
+    options.settings.extraction.max_keypoints = 1000;
+    options.settings.vocabulary_words = 16;
+    let input = Input::new(&posed, &images);
+    let (before, report) = build(&input.with_names(&names), &options, &()).unwrap();
+    assert!(report.doubts.is_empty(), "{report:?}");
     before.validate().unwrap();
     assert!(before.points.len() > 500, "{} points", before.points.len());
     assert!(before.mean_track_length() > 3.5, "{}", before.mean_track_length());
@@ -73,17 +85,17 @@ fn a_map_of_redkitchen_loses_and_regains_an_image(data: &Path) {
     let mut model = before.clone();
     let one = [names[3].clone()];
     assert!(matches!(
-        add(&mut model, &posed, &images, &one, &()),
-        Err(MappingError::AlreadyInMap { name }) if name == names[3]
+        add(&mut model, &input.with_names(&one), &()),
+        Err(MappingError::BadImages(bad)) if matches!(bad.images[0].reason, BadReason::AlreadyInMap)
     ));
-    remove(&mut model, &one).unwrap();
+    remove(&mut model, &one, Words::Keep, &()).unwrap();
     model.validate().unwrap();
     assert!(model.points.len() < before.points.len());
     let untouched = before.points.iter().filter(|p| p.track.iter().all(|o| o.image < 3)).count();
     let still =
         before.points.iter().filter(|p| p.track.iter().all(|o| o.image < 3) && model.points.contains(p));
     assert_eq!(still.count(), untouched);
-    add(&mut model, &posed, &images, &one, &()).unwrap();
+    add(&mut model, &input.with_names(&one), &()).unwrap();
     model.validate().unwrap();
     let (now, then) = (model.points.len() as f64, before.points.len() as f64);
     assert!((now / then - 1.0).abs() < 0.06, "{now} points, {then} before");
@@ -92,7 +104,45 @@ fn a_map_of_redkitchen_loses_and_regains_an_image(data: &Path) {
     // Images that share nothing: no map.
     let far: Vec<String> = vec![names[0].clone()];
     assert!(matches!(
-        build(&posed, &images, &far, &options, &()),
+        build(&input.with_names(&far), &options, &()),
         Err(MappingError::NoPoints { images: 1, .. })
     ));
+}
+
+/// What an operator gets who hands over poses the wrong way round, or a focal length that is twice the right one.
+#[real_data_test]
+fn a_map_of_wrong_poses_or_cameras_is_doubted(data: &Path) {
+    let right = read_posed(&data.join("redkitchen/posed")).unwrap();
+    let names: Vec<String> = right.names().into_iter().step_by(2).take(12).collect();
+    let mut options = BuildOptions::default();
+    options.settings.extraction.max_keypoints = 1000;
+    options.settings.vocabulary_words = 16;
+    let doubts = |change: fn(&mut PosedImage)| -> Result<Vec<Doubt>, MappingError> {
+        let mut images = right.images().to_vec();
+        images.iter_mut().for_each(change);
+        let posed = PosedImages::new(images, Vec::new()).unwrap();
+        let folder = data.join("redkitchen/images");
+        let (model, report) = build(&Input::new(&posed, &folder).with_names(&names), &options, &())?;
+        eprintln!("{} points, {report:?}", model.points.len());
+        Ok(report.doubts)
+    };
+    let inverted = |image: &mut PosedImage| {
+        let world_from_cam = image.cam_from_world.inverse();
+        image.cam_from_world =
+            CameraFromWorld::new(*world_from_cam.rotation(), *world_from_cam.translation());
+    };
+    let doubled = |image: &mut PosedImage| {
+        let p = image.camera.pinhole();
+        let [fx, fy] = p.focal.map(|f| 2.0 * f);
+        let camera =
+            format!("PINHOLE,{},{},{fx},{fy},{},{}", p.width, p.height, p.principal[0], p.principal[1]);
+        image.camera = camera.parse().unwrap();
+    };
+    assert_eq!(doubts(|_| {}).unwrap(), []);
+    for change in [inverted as fn(&mut PosedImage), doubled] {
+        match doubts(change) {
+            Ok(doubts) => assert!(!doubts.is_empty()),
+            Err(error) => assert!(matches!(error, MappingError::NoPoints { .. }), "{error}"),
+        }
+    }
 }

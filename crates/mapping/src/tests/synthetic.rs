@@ -5,21 +5,21 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
-use veiloc_map::colmap::{ColmapImage, ColmapModel};
-use veiloc_map::{MapModel, MapPoint};
-use veiloc_query::{ExtractionLimits, Profile};
+use veiloc_map::{BuildSettings, MapModel, MapPoint, PosedImage};
+use veiloc_query::Profile;
 
 use crate::build::{append_images, match_images, sort_points};
-use crate::change::{join, remove};
+use crate::change::{Words, join, remove};
 use crate::complete::grow;
+use crate::error::MappingError;
 use crate::extract::Extracted;
-use crate::options::BuildOptions;
 use crate::scene::Scene;
 use crate::view::View;
+use crate::vocabulary::learn;
 
 /// Cameras on an arc, points in a box before them.
 struct Place {
-    posed: ColmapModel,
+    posed: Vec<PosedImage>,
     points: Vec<Vector3<f64>>,
     features: Vec<Extracted>,
     /// `[images][N]`, which point each keypoint truly shows; none for clutter.
@@ -42,17 +42,16 @@ fn place(images: u32, points: usize) -> Place {
         .collect();
     let looks: Vec<[u8; 128]> =
         points.iter().map(|_| std::array::from_fn(|_| rng.random_range(0..90))).collect();
-    let posed: Vec<ColmapImage> = (0..images)
+    let posed: Vec<PosedImage> = (0..images)
         .map(|i| {
             let a = (f64::from(i) - f64::from(images) / 2.0) * 0.06;
             let center = Vector3::new(5.0 * a.sin(), 0.2 * f64::from(i % 3), -5.0 * a.cos());
             let look = Rotation3::look_at_lh(&-center, &Vector3::y());
-            ColmapImage {
-                id: i + 1,
+            PosedImage {
                 name: format!("{i}.jpg"),
-                camera_id: 1,
+                camera,
                 cam_from_world: CameraFromWorld::new(look, -(look * center)),
-                points2d: Vec::new(),
+                seen: Vec::new(),
             }
         })
         .collect();
@@ -77,7 +76,6 @@ fn place(images: u32, points: usize) -> Place {
         features.push(Extracted { keypoints, descriptors });
         truth.push(shown);
     }
-    let posed = ColmapModel::new(vec![(1, camera)], posed, Vec::new()).unwrap();
     Place { posed, points, features, truth }
 }
 
@@ -88,18 +86,19 @@ fn copy(features: &Extracted) -> Extracted {
 fn empty_map() -> MapModel {
     let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![30; 128]).unwrap();
     let profile = Profile::vlad(Vocabulary::new(words).unwrap());
-    MapModel::empty(profile, ExtractionLimits::default())
+    MapModel::empty(profile, BuildSettings::default())
 }
 
 /// What `build` does behind extraction.
-fn map_of(place: &Place, options: &BuildOptions) -> MapModel {
+fn map_of(place: &Place, settings: &BuildSettings) -> MapModel {
     let mut model = empty_map();
-    let images: Vec<&ColmapImage> = place.posed.images().iter().collect();
-    append_images(&mut model, &place.posed, &images, place.features.iter().map(copy).collect()).unwrap();
-    let mut scene = Scene::of(&model, options);
+    model.settings = *settings;
+    let images: Vec<&PosedImage> = place.posed.iter().collect();
+    append_images(&mut model, &images, place.features.iter().map(copy).collect()).unwrap();
+    let mut scene = Scene::of(&model, settings);
     let focus: Vec<u32> = (0..images.len() as u32).collect();
-    let edges = match_images(&scene, vec![Vec::new(); images.len()], &focus, options, &());
-    grow(&mut scene, &edges.verified, options);
+    let edges = match_images(&scene, vec![Vec::new(); images.len()], &focus, settings, &());
+    grow(&mut scene, &edges.verified, settings);
     model.points = scene.finish();
     sort_points(&mut model);
     model.link_keypoints();
@@ -122,7 +121,7 @@ fn shown_by(place: &Place, point: &MapPoint, names: &[usize]) -> (usize, f64) {
 #[test]
 fn the_points_of_a_known_place_are_found() {
     let place = place(16, 400);
-    let model = map_of(&place, &BuildOptions::default());
+    let model = map_of(&place, &BuildSettings::default());
     let all: Vec<usize> = (0..16).collect();
     let mut found = vec![0; place.points.len()];
     for point in &model.points {
@@ -152,7 +151,7 @@ fn the_number_of_threads_changes_nothing() {
     let place = place(8, 150);
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| map_of(&place, &BuildOptions::default()))
+        pool.install(|| map_of(&place, &BuildSettings::default()))
     };
     let one = with(1);
     assert_eq!(one, with(2));
@@ -162,10 +161,10 @@ fn the_number_of_threads_changes_nothing() {
 #[test]
 fn images_that_leave_and_come_back_give_nearly_the_same_points() {
     let place = place(16, 400);
-    let before = map_of(&place, &BuildOptions::default());
+    let before = map_of(&place, &BuildSettings::default());
     let mut model = before.clone();
     let names = ["15.jpg".to_owned(), "14.jpg".to_owned()];
-    remove(&mut model, &names).unwrap();
+    remove(&mut model, &names, Words::Keep, &()).unwrap();
     model.validate().unwrap();
     assert_eq!(model.images.len(), 14);
     let unseen = |p: &&MapPoint| p.track.iter().all(|o| o.image < 14);
@@ -175,8 +174,8 @@ fn images_that_leave_and_come_back_give_nearly_the_same_points() {
     assert!(model.points.iter().flat_map(|p| &p.track).all(|o| o.image < 14));
 
     let without = model.clone();
-    let chosen: Vec<&ColmapImage> = [14, 15].iter().map(|i| &place.posed.images()[*i]).collect();
-    join(&mut model, &place.posed, &chosen, [14, 15].map(|i| copy(&place.features[i])).into(), &()).unwrap();
+    let chosen: Vec<&PosedImage> = [14, 15].iter().map(|i| &place.posed[*i]).collect();
+    join(&mut model, &chosen, [14, 15].map(|i| copy(&place.features[i])).into(), &()).unwrap();
     model.validate().unwrap();
     assert_eq!(model.profile, before.profile);
     for (new, old) in model.points.iter().zip(&without.points) {
@@ -196,13 +195,13 @@ fn images_that_leave_and_come_back_give_nearly_the_same_points() {
 #[test]
 fn removing_all_images_leaves_an_empty_map_that_can_grow_again() {
     let place = place(8, 150);
-    let mut model = map_of(&place, &BuildOptions::default());
+    let mut model = map_of(&place, &BuildSettings::default());
     let names: Vec<String> = model.images.iter().map(|i| i.name.clone()).collect();
-    remove(&mut model, &names).unwrap();
+    remove(&mut model, &names, Words::Keep, &()).unwrap();
     model.validate().unwrap();
     assert_eq!((model.images.len(), model.points.len(), model.cameras.len()), (0, 0, 0));
-    let images: Vec<&ColmapImage> = place.posed.images().iter().collect();
-    join(&mut model, &place.posed, &images, place.features.iter().map(copy).collect(), &()).unwrap();
+    let images: Vec<&PosedImage> = place.posed.iter().collect();
+    join(&mut model, &images, place.features.iter().map(copy).collect(), &()).unwrap();
     assert!(model.points.len() > 100, "{}", model.points.len());
     model.validate().unwrap();
 }
@@ -210,18 +209,92 @@ fn removing_all_images_leaves_an_empty_map_that_can_grow_again() {
 #[test]
 fn names_that_cannot_leave_are_refused_and_the_map_stays() {
     let place = place(4, 60);
-    let before = map_of(&place, &BuildOptions::default());
+    let before = map_of(&place, &BuildSettings::default());
     let mut model = before.clone();
     for (names, told) in [
         (vec![], "empty"),
         (vec!["0.jpg", "0.jpg"], "0.jpg is in the list twice"),
         (vec!["1.jpg", "nobody.jpg"], "nobody.jpg is not in the map"),
+        (vec!["nobody.jpg", "none.jpg"], "nobody.jpg, none.jpg are not in the map"),
     ] {
         let names: Vec<String> = names.into_iter().map(str::to_owned).collect();
-        let error = remove(&mut model, &names).unwrap_err().to_string();
+        let error = remove(&mut model, &names, Words::Keep, &()).unwrap_err().to_string();
         assert!(error.contains(told), "{error}");
         assert_eq!(model, before);
     }
+}
+
+/// What a map was built with, it is changed with.
+#[test]
+fn images_join_and_leave_by_the_settings_of_the_build() {
+    let place = place(10, 200);
+    let strict = BuildSettings { min_track_length: 8, pairs_per_image: 3, ..BuildSettings::default() };
+    let grown = |settings: &BuildSettings| {
+        let all = map_of(&place, &BuildSettings::default());
+        let mut model = MapModel { settings: *settings, ..all.clone() };
+        let names: Vec<String> = all.images.iter().map(|i| i.name.clone()).collect();
+        remove(&mut model, &names, Words::Keep, &()).unwrap();
+        assert_eq!(model.settings, *settings);
+        let images: Vec<&PosedImage> = place.posed.iter().collect();
+        join(&mut model, &images, place.features.iter().map(copy).collect(), &()).unwrap();
+        model.validate().unwrap();
+        model
+    };
+    let (usual, strict) = (grown(&BuildSettings::default()), grown(&strict));
+    assert!(usual.points.iter().any(|p| p.track.len() < 8));
+    assert!(!strict.points.is_empty() && strict.points.iter().all(|p| p.track.len() >= 8));
+}
+
+/// The map as it would be had the images never been there, as far as the vocabulary goes.
+#[test]
+fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
+    let place = place(10, 200);
+    let settings = BuildSettings::default();
+    let whole = {
+        let mut model = map_of(&place, &settings);
+        let all: Vec<_> = model.images.iter().map(|i| i.descriptors.view()).collect();
+        let words = learn(&all, &settings, &()).unwrap();
+        model.profile = Profile::vlad(words.clone());
+        for image in &mut model.images {
+            image.global = words.aggregate(image.descriptors.view());
+        }
+        model.validate().unwrap();
+        model
+    };
+    let left: Vec<_> = place.features[..7].iter().map(|f| f.descriptors.view()).collect();
+    let of_left = learn(&left, &settings, &()).unwrap();
+    let leaving = [7, 8, 9].map(|i| format!("{i}.jpg"));
+
+    let mut kept = whole.clone();
+    remove(&mut kept, &leaving, Words::Keep, &()).unwrap();
+    assert_eq!(kept.profile, whole.profile, "queries sealed for the map still fit");
+
+    let mut retrained = whole.clone();
+    remove(&mut retrained, &leaving, Words::Retrain, &()).unwrap();
+    retrained.validate().unwrap();
+    assert_eq!(retrained.profile.vocabulary(), Some(&of_left));
+    assert_ne!(retrained.profile.id(), whole.profile.id());
+    for (image, features) in retrained.images.iter().zip(&place.features) {
+        assert_eq!(image.global, of_left.aggregate(features.descriptors.view()));
+    }
+    // All else is as without learning again.
+    assert_eq!((&retrained.points, &retrained.cameras), (&kept.points, &kept.cameras));
+    assert_eq!(retrained.profile.limits(), whole.profile.limits());
+
+    // Whatever the images that left looked like, the map is the same: nothing of them is in it.
+    let mut other = whole.clone();
+    for image in &mut other.images[7..] {
+        let reversed: Vec<u8> = image.descriptors.as_bytes().iter().rev().copied().collect();
+        image.descriptors = Descriptors::new(image.descriptors.kind(), reversed).unwrap();
+    }
+    remove(&mut other, &leaving, Words::Retrain, &()).unwrap();
+    assert_eq!(other, retrained);
+
+    let all: Vec<String> = whole.images.iter().map(|i| i.name.clone()).collect();
+    let mut none = whole.clone();
+    let error = remove(&mut none, &all, Words::Retrain, &()).unwrap_err();
+    assert!(matches!(error, MappingError::NothingLeft), "{error}");
+    assert_eq!(none, whole);
 }
 
 /// Five camera models, written by pycolmap with all digits: its reprojection errors are ours.

@@ -16,9 +16,9 @@ use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
-use veiloc_map::{MapImage, MapModel, MapPoint, Observation};
+use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_obfuscation::{SealOptions, seal};
-use veiloc_query::{ExtractionLimits, Profile};
+use veiloc_query::Profile;
 use veiloc_server::{MapSource, Server, ServerHandle, ServerOptions};
 
 use http::{Request, Response};
@@ -71,7 +71,7 @@ impl Place {
     /// A map with this many images, at most ten.
     pub fn map(&self, images: u32) -> MapModel {
         let mut rng = ChaCha8Rng::seed_from_u64(99);
-        let mut model = MapModel::empty(self.profile.clone(), ExtractionLimits::default());
+        let mut model = MapModel::empty(self.profile.clone(), BuildSettings::default());
         model.cameras.push(self.camera);
         let mut tracks = vec![Vec::new(); self.points.len()];
         for i in 0..images {

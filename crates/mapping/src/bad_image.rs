@@ -1,0 +1,105 @@
+//! Images that cannot be used, and how they are told.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use veiloc_features::FeatureError;
+
+/// An image that cannot be used.
+#[derive(Debug)]
+pub struct BadImage {
+    /// Its name, as it was given.
+    pub name: String,
+    /// Why it cannot be used.
+    pub reason: BadReason,
+}
+
+impl fmt::Display for BadImage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.name, self.reason)
+    }
+}
+
+/// Why an image cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum BadReason {
+    /// It was named twice.
+    #[error("is in the list twice; name every image once")]
+    Twice,
+    /// Nobody says where it was taken.
+    #[error("there is no pose for it; take it from the list or add its pose")]
+    NoPose,
+    /// It is to join a map that has it.
+    #[error("is already in the map; remove it first to replace it")]
+    AlreadyInMap,
+    /// Its file is not there.
+    #[error("there is no file {}; check the path", path.display())]
+    NoFile {
+        /// Where it should be.
+        path: PathBuf,
+    },
+    /// Its file cannot be read, or is not what its camera takes.
+    #[error(transparent)]
+    Image(#[from] FeatureError),
+}
+
+/// All images that cannot be used. Printed, it names the first ten and counts the rest.
+#[derive(Debug)]
+pub struct BadImages {
+    /// Which, in the order of the list.
+    pub images: Vec<BadImage>,
+    /// How many images were given in all.
+    pub of: usize,
+}
+
+impl fmt::Display for BadImages {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {} images cannot be used", self.images.len(), self.of)?;
+        write_list(f, &self.images)
+    }
+}
+
+/// Images that were left out, for a person: how many, the first ten of them, and the number of the others.
+#[derive(Debug)]
+pub struct SkippedImages(pub Vec<BadImage>);
+
+impl fmt::Display for SkippedImages {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let images = if self.0.len() == 1 { "image was" } else { "images were" };
+        write!(f, "{} {images} left out", self.0.len())?;
+        write_list(f, &self.0)
+    }
+}
+
+/// What follows "3 of 20 images": one a line, the first ten and the number of the others.
+fn write_list(f: &mut fmt::Formatter<'_>, images: &[BadImage]) -> fmt::Result {
+    images.iter().take(NAMED).try_for_each(|image| write!(f, "\n  {image}"))?;
+    match images.len().saturating_sub(NAMED) {
+        0 => Ok(()),
+        more => write!(f, "\n  and {more} more"),
+    }
+}
+
+/// Images that a message names.
+const NAMED: usize = 10;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_names_ten_and_counts_the_rest() {
+        let bad = |n: usize| BadImages {
+            images: (0..n)
+                .map(|i| BadImage { name: format!("{i}.jpg"), reason: BadReason::NoPose })
+                .collect(),
+            of: 20,
+        };
+        let text = bad(10).to_string();
+        assert!(text.starts_with("10 of 20 images cannot be used\n  0.jpg: there is no pose"), "{text}");
+        assert_eq!(text.lines().count(), 11);
+        assert!(!text.contains("more"));
+        let text = bad(13).to_string();
+        assert!(text.contains("9.jpg") && !text.contains("10.jpg") && text.ends_with("and 3 more"), "{text}");
+    }
+}
