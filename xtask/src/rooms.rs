@@ -23,7 +23,11 @@ const LONG_FILES: &[(&str, &str)] = &[];
 /// Circles of files that stay, each with its reason: room, files relative to `src/`, reason.
 /// A circle within these files is allowed; a row without any circle is a fault.
 const CIRCLES: &[(&str, &[&str], &str)] = &[
-    ("descriptor", &["error.rs", "name.rs"], "an error names the name that is taken, and making a name can fail"),
+    (
+        "descriptor",
+        &["error.rs", "name.rs"],
+        "an error names the name that is taken, and making a name can fail",
+    ),
     (
         "query",
         &[

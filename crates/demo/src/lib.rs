@@ -17,6 +17,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
+use veiloc_map::colmap::read_posed;
 use veiloc_mapping::BuildOptions;
 
 use veiloc_audit::AttackDocument;
@@ -53,7 +54,7 @@ pub struct Demo {
 pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, DemoError> {
     let place = place::render(options, progress)?;
     let evaluation = SceneEvaluation {
-        posed: place.posed.clone(),
+        posed: read_posed(&place.posed)?,
         images: place.images.clone(),
         map_list: place.map_list.clone(),
         query_list: place.query_list.clone(),

@@ -13,7 +13,6 @@ use veiloc_features::Progress;
 use veiloc_localize::matching::match_points;
 use veiloc_localize::retrieval::retrieve;
 use veiloc_localize::{LocalizeOptions, observe_matches};
-use veiloc_map::colmap::read_model;
 use veiloc_map::{MapFile, PosedImages};
 use veiloc_mapping::{BuildOptions, Input, build};
 use veiloc_obfuscation::audit::options_for;
@@ -27,8 +26,8 @@ use crate::scene::{PosedQuery, posed_queries};
 /// Where the problems come from.
 #[derive(Debug, Clone)]
 pub struct ProblemSource<'a> {
-    /// Folder of the COLMAP model with cameras and poses.
-    pub posed: &'a Path,
+    /// Cameras and poses of the place's images.
+    pub posed: &'a PosedImages,
     /// Folder of the images.
     pub images: &'a Path,
     /// Names of the images the map is built from.
@@ -63,10 +62,8 @@ pub fn make_problems(
     source: &ProblemSource<'_>,
     progress: &dyn Progress,
 ) -> Result<Vec<MadeProblem>, EvalError> {
-    let posed = read_model(source.posed)?;
-    let queries = posed_queries(&posed, source.images, source.query_list)?;
-    let images = PosedImages::from(&posed);
-    let input = Input::new(&images, source.images).with_names(source.map_list);
+    let queries = posed_queries(source.posed, source.images, source.query_list)?;
+    let input = Input::new(source.posed, source.images).with_names(source.map_list);
     let (model, _) = build(&input, source.build, progress)?;
     let temporary =
         tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;

@@ -7,6 +7,7 @@ use veiloc_eval::{
     Hypotheses, Negatives, PoseEvaluation, Recipe, SceneEvaluation, evaluate_poses, evaluate_scene,
 };
 use veiloc_localize::LocalizeOptions;
+use veiloc_map::colmap::read_posed;
 use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
 use veiloc_robust::ScoreKind;
@@ -21,7 +22,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
     // Every n-th image keeps the test short; the full figures are those of docs/results.md.
     let thin = |list: &str| names(&folder.join(list)).into_iter().step_by(every).collect();
     SceneEvaluation {
-        posed: folder.join("posed"),
+        posed: read_posed(&folder.join("posed")).expect("poses of the data"),
         images: folder.join("images"),
         map_list: thin("map.txt"),
         query_list: names(&folder.join("query.txt")).into_iter().step_by(3).collect(),
@@ -62,7 +63,7 @@ fn queries_of_another_place_are_not_trusted(data: &Path) {
     let kitchen = data.join("redkitchen");
     let mut evaluation = scene(&data.join("herzjesu"), 1, &["points", "random-lines", "dcl"]);
     evaluation.negatives = Some(Negatives {
-        posed: kitchen.join("posed"),
+        posed: read_posed(&kitchen.join("posed")).expect("poses of the data"),
         images: kitchen.join("images"),
         list: names(&kitchen.join("query.txt")).into_iter().step_by(4).collect(),
     });

@@ -12,8 +12,7 @@ use std::time::Instant;
 
 use veiloc_features::Progress;
 use veiloc_localize::{LocalizeOptions, localize};
-use veiloc_map::colmap::read_model;
-use veiloc_map::{MapFile, PosedImages};
+use veiloc_map::MapFile;
 use veiloc_mapping::{Input, build};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
@@ -37,8 +36,7 @@ pub fn evaluate_scene(
     evaluation: &SceneEvaluation,
     progress: &dyn Progress,
 ) -> Result<Evaluation, EvalError> {
-    let posed = read_model(&evaluation.posed)?;
-    let mut queries = posed_queries(&posed, &evaluation.images, &evaluation.query_list)?;
+    let mut queries = posed_queries(&evaluation.posed, &evaluation.images, &evaluation.query_list)?;
     for query in &mut queries {
         query.camera = evaluation.query_cameras.get(&query.name).copied().unwrap_or(query.camera);
     }
@@ -53,8 +51,7 @@ pub fn evaluate_scene(
     };
 
     let started = Instant::now();
-    let images = PosedImages::from(&posed);
-    let input = Input::new(&images, &evaluation.images).with_names(&evaluation.map_list);
+    let input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
     let (model, _) = build(&input, &evaluation.build, progress)?;
     let build_seconds = started.elapsed().as_secs_f64();
     let temporary =

@@ -3,7 +3,6 @@
 use veiloc_features::Progress;
 use veiloc_localize::localize;
 use veiloc_map::MapFile;
-use veiloc_map::colmap::read_model;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
 use veiloc_query::{Scheme, SealedQuery};
@@ -27,7 +26,7 @@ impl Negatives {
                 self.images.display()
             )));
         }
-        posed_queries(&read_model(&self.posed)?, &self.images, &self.list)
+        posed_queries(&self.posed, &self.images, &self.list)
     }
 }
 

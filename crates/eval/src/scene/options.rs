@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use veiloc_geometry::Intrinsics;
 use veiloc_localize::LocalizeOptions;
+use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
 use veiloc_robust::ScoreKind;
@@ -14,8 +15,8 @@ use crate::metrics::Threshold;
 /// What to evaluate.
 #[derive(Debug, Clone)]
 pub struct SceneEvaluation {
-    /// Folder of the COLMAP model with cameras and poses.
-    pub posed: PathBuf,
+    /// Cameras and poses of the place's images, whatever layout they were read from.
+    pub posed: PosedImages,
     /// Folder of the images.
     pub images: PathBuf,
     /// Names of the images the map is built from.
@@ -45,8 +46,8 @@ pub struct SceneEvaluation {
 /// Where queries of another place are.
 #[derive(Debug, Clone)]
 pub struct Negatives {
-    /// Folder of a COLMAP model of the other place; only its cameras are used.
-    pub posed: PathBuf,
+    /// Images of the other place; only their cameras are used.
+    pub posed: PosedImages,
     /// Folder of its images.
     pub images: PathBuf,
     /// Names of the images that ask for their place.

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::seed_for;
 use veiloc_features::Features;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
-use veiloc_map::colmap::ColmapModel;
+use veiloc_map::PosedImages;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealError, seal};
 use veiloc_query::{Profile, Scheme};
@@ -28,21 +28,22 @@ pub(crate) struct PosedQuery {
 }
 
 pub(crate) fn posed_queries(
-    posed: &ColmapModel,
+    posed: &PosedImages,
     images: &Path,
     names: &[String],
 ) -> Result<Vec<PosedQuery>, EvalError> {
     names
         .iter()
         .map(|name| {
-            let image = posed.image_by_name(name).ok_or_else(|| {
-                EvalError::DataSet(format!("{name}: in the query list, but the model has no pose for it; take it from the list or add its pose"))
+            let image = posed.get(name).ok_or_else(|| {
+                EvalError::DataSet(format!(
+                    "{name}: in the query list, but it has no pose; take it from the list or add its pose"
+                ))
             })?;
-            let camera = posed.camera_of(image);
             Ok(PosedQuery {
                 name: name.clone(),
                 path: images.join(name),
-                camera: *camera,
+                camera: image.camera,
                 cam_from_world: image.cam_from_world,
             })
         })

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use veiloc_datasets::json_lines;
 use veiloc_datasets::{KeypointImage, encode_keypoints};
 use veiloc_eval::{ProblemSource, make_problems};
+use veiloc_map::colmap::read_posed;
 
 use crate::commands::eval::place::PlaceArgs;
 use crate::commands::localization_args::MatchArgs;
@@ -40,7 +41,7 @@ pub(crate) struct Args {
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let source = ProblemSource {
-        posed: &args.place.posed,
+        posed: &read_posed(&args.place.posed)?,
         images: &args.place.images,
         map_list: &files::read_list(&args.place.map_list)?,
         query_list: &files::read_list(&args.place.query_list)?,

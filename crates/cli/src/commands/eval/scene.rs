@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
+use veiloc_map::colmap::read_posed;
 
 use crate::commands::eval::place::PlaceArgs;
 use crate::commands::eval::report::ReportArgs;
@@ -61,7 +62,7 @@ impl NegativeArgs {
     fn negatives(&self) -> Result<Option<Negatives>, Failure> {
         match (&self.posed, &self.images, &self.list) {
             (Some(posed), Some(images), Some(list)) => Ok(Some(Negatives {
-                posed: posed.clone(),
+                posed: read_posed(posed)?,
                 images: images.clone(),
                 list: files::read_list(list)?,
             })),
@@ -74,7 +75,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     // What a device knows of its lens may be better than the model, so the list's cameras are used where there are any.
     let queries = lists::read_with_cameras(&args.place.query_list)?;
     let evaluation = SceneEvaluation {
-        posed: args.place.posed.clone(),
+        posed: read_posed(&args.place.posed)?,
         images: args.place.images.clone(),
         map_list: files::read_list(&args.place.map_list)?,
         query_list: queries.iter().map(|q| q.name.clone()).collect(),
