@@ -1,8 +1,10 @@
 //! Exit codes, and whose fault a failure is.
 
 use std::io::ErrorKind;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
 use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, ThreadId};
 
 /// How the program ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,8 +55,8 @@ pub(crate) enum Failure {
     },
     /// Our own error.
     Bug {
-        /// What the program said as it broke.
-        message: String,
+        /// Where the program broke: file and line. What it said as it broke may hold something of an image or a query.
+        place: String,
     },
 }
 
@@ -149,20 +151,34 @@ pub(crate) const fn remedy_of_io(kind: ErrorKind) -> &'static str {
 /// What a command returns.
 pub(crate) type Outcome = Result<Exit, Failure>;
 
-/// Runs a command; a panic, which is a bug of ours, becomes a failure with its own exit code.
+/// Runs a command; a panic, which is a bug of ours, becomes a failure that tells where it happened, never what it said.
 pub(crate) fn catching_panics(command: impl FnOnce() -> Outcome) -> Outcome {
     let previous = std::panic::take_hook();
-    std::panic::set_hook(Box::new(|_| {}));
+    let places = Arc::new(Places::default());
+    let kept = places.clone();
+    std::panic::set_hook(Box::new(move |info| kept.keep(info)));
     let result = catch_unwind(AssertUnwindSafe(command));
     std::panic::set_hook(previous);
-    result.unwrap_or_else(|panic| {
-        let message = panic
-            .downcast_ref::<String>()
-            .cloned()
-            .or_else(|| panic.downcast_ref::<&str>().map(|s| (*s).to_owned()))
-            .unwrap_or_else(|| "no message".to_owned());
-        Err(Failure::Bug { message })
-    })
+    result.unwrap_or_else(|_| Err(Failure::Bug { place: places.last() }))
+}
+
+/// Where threads panicked, in order.
+#[derive(Default)]
+struct Places(Mutex<Vec<(ThreadId, String)>>);
+
+impl Places {
+    fn keep(&self, info: &PanicHookInfo<'_>) {
+        let place = info.location().map_or_else(|| "an unknown place".to_owned(), ToString::to_string);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push((thread::current().id(), place));
+    }
+
+    /// The last place of this thread. A panic of a thread that worked for this one is handed on without passing the
+    /// hook again: then the last place of any.
+    fn last(&self) -> String {
+        let places = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let own = places.iter().rev().find(|(id, _)| *id == thread::current().id());
+        own.or(places.last()).map_or_else(|| "an unknown place".to_owned(), |(_, place)| place.clone())
+    }
 }
 
 #[cfg(test)]
@@ -185,14 +201,21 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_is_our_own_error() {
-        let outcome = catching_panics(|| {
-            let empty: [u8; 0] = [];
-            assert!(!empty.is_empty(), "broke");
-            Ok(Exit::Success)
-        });
-        let failure = outcome.expect_err("it panicked");
-        assert_eq!(failure.exit(), Exit::Bug);
-        assert!(matches!(failure, Failure::Bug { message } if message.contains("broke")));
+    fn a_panic_is_our_own_error_and_tells_where_not_what() {
+        for in_another_thread in [false, true] {
+            let (line, breaks) = (line!(), || -> Outcome { std::panic::panic_any("secret".to_owned()) });
+            let outcome = catching_panics(|| match in_another_thread {
+                false => breaks(),
+                true => match thread::spawn(breaks).join() {
+                    Ok(outcome) => outcome,
+                    // As thread pools do.
+                    Err(payload) => std::panic::resume_unwind(payload),
+                },
+            });
+            let failure = outcome.expect_err("it panicked");
+            assert_eq!(failure.exit(), Exit::Bug);
+            let Failure::Bug { place } = failure else { panic!("another failure") };
+            assert!(place.contains(&format!("exit.rs:{line}:")), "{place}");
+        }
     }
 }

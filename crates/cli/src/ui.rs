@@ -81,8 +81,8 @@ impl Ui {
     pub(crate) fn failure(&self, failure: &Failure) {
         match failure {
             Failure::Refused { report } | Failure::Output { report } => tell(format_args!("{report:?}")),
-            Failure::Bug { message } => tell(format_args!(
-                "veiloc broke: {message}\nThis is a bug in veiloc; please report it with the command you ran."
+            Failure::Bug { place } => tell(format_args!(
+                "veiloc broke at {place}\nThis is a bug in veiloc; please report it with the command you ran."
             )),
         }
     }

@@ -22,6 +22,7 @@ mod geo;
 mod maps;
 mod metrics;
 mod options;
+mod panics;
 mod pool;
 mod problem;
 mod routes;

@@ -14,8 +14,10 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 
-/// One piece of work: gets the time it waited, sends its result itself.
-type Work = Box<dyn FnOnce(Duration) + Send>;
+use crate::panics;
+
+/// One piece of work: gets the time it waited, sends its result itself, and tells whether it was begun at all.
+type Work = Box<dyn FnOnce(Duration) -> bool + Send>;
 
 struct Job {
     work: Work,
@@ -27,8 +29,18 @@ struct Job {
 struct Counts {
     queued: AtomicUsize,
     busy: AtomicUsize,
-    /// Microseconds of a job, a running mean.
+    /// Microseconds of a job that was begun, a running mean; 0 before the first.
     mean_us: AtomicU64,
+}
+
+impl Counts {
+    fn job_took(&self, time: Duration) {
+        let took = u64::try_from(time.as_micros()).unwrap_or(u64::MAX).max(1);
+        let next =
+            |mean: u64| if mean == 0 { took } else { (mean.saturating_mul(7).saturating_add(took)) / 8 };
+        // Never refuses: the closure always has a next value.
+        let _ = self.mean_us.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |mean| Some(next(mean)));
+    }
 }
 
 /// A fixed number of threads and a bounded queue.
@@ -56,6 +68,7 @@ impl Pool {
         let receiver = Arc::new(Mutex::new(receiver));
         let counts = Arc::new(Counts::default());
         let mut threads = Vec::new();
+        panics::watch();
         for i in 0..workers.get() {
             let (receiver, counts) = (receiver.clone(), counts.clone());
             let run = move || work_until_closed(&receiver, &counts);
@@ -64,7 +77,8 @@ impl Pool {
         Ok(Self { sender: Mutex::new(Some(sender)), threads: Mutex::new(threads), counts, workers })
     }
 
-    /// Queues work. The receiver gets its result; an error there means that the work panicked.
+    /// Queues work. The receiver gets its result; an error there means that the work panicked, at the place that
+    /// [`panics`] logged.
     ///
     /// Work whose receiver is gone by the time a thread is free (the client left, or time ran out) is not begun.
     pub(crate) fn submit<T: Send + 'static>(
@@ -73,10 +87,12 @@ impl Pool {
     ) -> Result<oneshot::Receiver<T>, Refused> {
         let (reply, result) = oneshot::channel();
         let work: Work = Box::new(move |waited| {
-            if !reply.is_closed() {
+            let begun = !reply.is_closed();
+            if begun {
                 // Nobody waits any longer when this fails.
                 let _ = reply.send(work(waited));
             }
+            begun
         });
         let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(sender) = sender.as_ref() else { return Err(Refused::Closed) };
@@ -117,25 +133,27 @@ impl Pool {
     /// The time the queue takes at the pace of late, from one second to a minute.
     fn retry_after(&self) -> NonZeroU64 {
         let mean = self.counts.mean_us.load(Ordering::Relaxed);
-        let all = mean * self.queued() as u64 / self.workers.get() as u64;
+        let all = mean.saturating_mul(self.queued() as u64) / self.workers.get() as u64;
         NonZeroU64::new(all.div_ceil(1_000_000).clamp(1, 60)).unwrap_or(NonZeroU64::MIN)
     }
 }
 
 fn work_until_closed(receiver: &Mutex<Receiver<Job>>, counts: &Counts) {
+    panics::mark();
     loop {
         let job = receiver.lock().unwrap_or_else(PoisonError::into_inner).recv();
         let Ok(Job { work, accepted }) = job else { return };
         counts.queued.fetch_sub(1, Ordering::Relaxed);
         counts.busy.fetch_add(1, Ordering::Relaxed);
         let started = Instant::now();
-        // Its reply is dropped with it, which is how the one who waits learns of it.
-        let _ = catch_unwind(AssertUnwindSafe(|| work(started.duration_since(accepted))));
+        // Its reply is dropped with it, which is how the one who waits learns of it. The hook has logged the place; what
+        // the panic said is thrown away here, because it may hold something of a query.
+        let begun = catch_unwind(AssertUnwindSafe(|| work(started.duration_since(accepted))));
         counts.busy.fetch_sub(1, Ordering::Relaxed);
-        let took = started.elapsed().as_micros() as u64;
-        let mean = counts.mean_us.load(Ordering::Relaxed);
-        // Two threads may overwrite each other here: the mean then misses one job.
-        counts.mean_us.store(if mean == 0 { took } else { (7 * mean + took) / 8 }, Ordering::Relaxed);
+        // Work that nobody waited for took no time, and says nothing about how long work takes.
+        if begun.unwrap_or(true) {
+            counts.job_took(started.elapsed());
+        }
     }
 }
 
@@ -195,6 +213,31 @@ mod tests {
         go.wait();
         pool.finish();
         assert_eq!(begun.load(Ordering::Relaxed), 1);
+    }
+
+    /// A burst of clients that leave, as happens under overload, must not make the service promise a free queue.
+    #[test]
+    fn work_nobody_waits_for_does_not_count_as_quick() {
+        let pool = pool(1, 30);
+        let slow = |_| std::thread::sleep(Duration::from_millis(400));
+        pool.submit(slow).expect("room").blocking_recv().expect("finished");
+        let (go, _first) = occupy(&pool);
+        for _ in 0..25 {
+            drop(pool.submit(|_| ()).expect("room"));
+        }
+        let last = pool.submit(|_| ()).expect("room");
+        go.wait();
+        last.blocking_recv().expect("finished");
+        let mean = pool.counts.mean_us.load(Ordering::Relaxed);
+        // 400 ms, then two jobs of next to nothing: (7/8)² of it, where 25 more would have left (7/8)²⁷, 11 ms.
+        assert!(mean >= 300_000, "{mean} µs");
+        let (go, _first) = occupy(&pool);
+        let waiting: Vec<_> = (0..30).map(|_| pool.submit(|_| ()).expect("room")).collect();
+        let Err(Refused::Full { retry_after }) = pool.submit(|_| ()) else { panic!("31 do not fit") };
+        assert!(retry_after.get() >= 9, "30 times at least 300 ms, not {retry_after} s");
+        drop(waiting);
+        go.wait();
+        pool.finish();
     }
 
     #[test]

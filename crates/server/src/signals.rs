@@ -4,6 +4,7 @@ use std::net::SocketAddr;
 
 use crate::error::ServerError;
 use crate::options::ServerOptions;
+use crate::panics;
 use crate::serve::{Server, ServerHandle};
 
 /// Runs the service until SIGINT or SIGTERM (elsewhere: Ctrl-C), finishes what was accepted, and returns how many
@@ -19,7 +20,8 @@ pub fn run_until_signal(
 ) -> Result<usize, ServerError> {
     let system = |what| move |source| ServerError::System { what, source };
     let runtime =
-        tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(system("a runtime"))?;
+        tokio::runtime::Builder::new_multi_thread().enable_all().on_thread_start(panics::mark).build();
+    let runtime = runtime.map_err(system("a runtime"))?;
     runtime.block_on(async {
         let server = Server::bind(options).await?;
         let stops = Signals::new().map_err(system("signal handlers"))?;

@@ -1,0 +1,77 @@
+//! Where a panic happened, for the log; never what it said, because that may hold something of a query (rule L8).
+//!
+//! What a panic says, its payload, goes to the process's panic hook, and the default one prints it. [`watch`] puts a
+//! hook before the one there is: it logs file and line, and for threads that work for the service ([`mark`]) that is all
+//! there is. For other threads the earlier hook is called as if nothing had been.
+
+use std::cell::Cell;
+use std::panic::PanicHookInfo;
+use std::sync::Once;
+
+thread_local! {
+    static OURS: Cell<bool> = const { Cell::new(false) };
+}
+
+/// This thread works for the service: of its panics only the place is told.
+pub(crate) fn mark() {
+    OURS.set(true);
+}
+
+/// Logs the place of every panic of the process from now on.
+pub(crate) fn watch() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        let earlier = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            tell_place(info);
+            if !OURS.get() {
+                earlier(info);
+            }
+        }));
+    });
+}
+
+fn tell_place(info: &PanicHookInfo<'_>) {
+    // `location` is always there today.
+    let (file, line) = info.location().map_or(("unknown", 0), |place| (place.file(), place.line()));
+    tracing::error!(file, line, "a thread panicked");
+}
+
+#[cfg(test)]
+mod tests {
+    use std::num::NonZeroUsize;
+    use std::process::Command;
+
+    use crate::pool::Pool;
+
+    /// Says in a panic what nobody may read, on a thread of the pool.
+    fn break_a_job() {
+        tracing_subscriber::fmt().with_writer(std::io::stderr).init();
+        let pool = Pool::start(NonZeroUsize::MIN, NonZeroUsize::MIN).expect("threads");
+        let secret = String::from("SECRET") + "WORDS";
+        let broken = pool.submit(move |_| -> u32 { std::panic::panic_any(secret) }).expect("room");
+        assert!(broken.blocking_recv().is_err());
+        assert_eq!(pool.submit(|_| 1).expect("room").blocking_recv(), Ok(1), "the thread goes on");
+        pool.finish();
+    }
+
+    /// In a process of its own, so that all it ever wrote can be read.
+    #[test]
+    fn a_panicking_job_logs_its_place_and_not_its_message() {
+        const CHILD: &str = "VEILOC_SERVER_TEST_PANICS";
+        if std::env::var_os(CHILD).is_some() {
+            return break_a_job();
+        }
+        let output = Command::new(std::env::current_exe().expect("this program"))
+            .args(["--exact", "panics::tests::a_panicking_job_logs_its_place_and_not_its_message"])
+            .arg("--nocapture")
+            .env(CHILD, "1")
+            .output()
+            .expect("it runs");
+        let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+        assert!(output.status.success() && said.contains("1 passed"), "{said}");
+        let line = said.lines().find(|line| line.contains("a thread panicked"));
+        assert!(line.is_some_and(|line| line.contains("panics.rs") && line.contains("line=")), "{said}");
+        assert!(!said.contains("SECRETWORDS"), "{said}");
+    }
+}
