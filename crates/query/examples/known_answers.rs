@@ -8,6 +8,8 @@ mod common;
 use std::fs;
 use std::path::Path;
 
+use veiloc_query::AnswerVersion;
+
 fn main() -> std::io::Result<()> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     fs::create_dir_all(&folder)?;
@@ -17,6 +19,9 @@ fn main() -> std::io::Result<()> {
     for (file, profile) in common::known_profiles() {
         fs::write(folder.join(format!("{file}.profile")), profile.encode())?;
     }
-    fs::write(folder.join("v1.answer"), common::answer(1, 2).encode())?;
+    for version in AnswerVersion::ALL {
+        let file = format!("v{}.answer", version.number());
+        fs::write(folder.join(file), common::answer(1, 2).encode(version))?;
+    }
     Ok(())
 }

@@ -1,15 +1,44 @@
 //! What a server answers: the pose, how well it is known, whether to trust it.
 //!
-//! The message is `veiloc.v1.Answer` (`proto/veiloc/v1/answer.proto`). Like the others it has one form only: what
-//! [`Answer::decode`] accepts, [`Answer::encode`] writes back byte for byte.
+//! The message is `veiloc.v1.Answer` (`proto/veiloc/v1/answer.proto`), in one of two versions: the second is filled up
+//! to a length that does not tell a trusted pose from a doubtful one. Each version has one form only: what
+//! [`Answer::decode`] accepts, [`Answer::encode`] writes back byte for byte in the version it had.
 
 use prost::Message;
 
 use crate::QueryError;
-use crate::wire::{VERSION, parse, present};
+use crate::wire::{self, present};
 
-/// Most bytes an answer may have: 57 numbers, some counts, and room for a few doubts in words.
+/// Most bytes an answer may have: 57 numbers, some counts, room for a few doubts in words, and padding.
 const MAX_BYTES: usize = 16 * 1024;
+
+/// Bytes around the padding of version 2: its key and a length of two bytes.
+const PADDING_HEAD: usize = 3;
+/// Least bytes of padding, so that its length always takes two bytes.
+const LEAST_PADDING: usize = 128;
+
+/// How an answer is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum AnswerVersion {
+    /// Version 1: as long as what it says. A doubtful pose has the longer answer.
+    Plain,
+    /// Version 2: a whole number of [`Answer::PADDED_BYTES`], one for every answer our server gives.
+    #[default]
+    Padded,
+}
+
+impl AnswerVersion {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Plain, Self::Padded];
+
+    /// As it is written: 1 or 2.
+    pub const fn number(self) -> u32 {
+        match self {
+            Self::Plain => 1,
+            Self::Padded => 2,
+        }
+    }
+}
 
 /// How far from 1 the length of a quaternion may be.
 const UNIT_TOLERANCE: f64 = 1e-6;
@@ -70,7 +99,6 @@ pub struct AnswerDoubt {
 
 /// What a doubt is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
 pub enum DoubtKind {
     /// None of the others.
     Other,
@@ -141,6 +169,8 @@ struct AnswerMessage {
     hypotheses: Option<u32>,
     #[prost(double, repeated, tag = "14")]
     milliseconds: Vec<f64>,
+    #[prost(bytes = "vec", optional, tag = "15")]
+    padding: Option<Vec<u8>>,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -152,12 +182,26 @@ struct DoubtMessage {
 }
 
 impl Answer {
+    /// An answer of version 2 has a whole number of times so many bytes. A trusted one, and one with every doubt there
+    /// is, have this length.
+    pub const PADDED_BYTES: usize = 4096;
+
     /// As bytes: one `veiloc.v1.Answer` message.
-    pub fn encode(&self) -> Vec<u8> {
+    pub fn encode(&self, version: AnswerVersion) -> Vec<u8> {
+        let mut message = self.message(version);
+        if version == AnswerVersion::Padded {
+            let without = message.encoded_len() + PADDING_HEAD;
+            let whole = (without + LEAST_PADDING).next_multiple_of(Self::PADDED_BYTES);
+            message.padding = Some(vec![0; whole - without]);
+        }
+        message.encode_to_vec()
+    }
+
+    fn message(&self, version: AnswerVersion) -> AnswerMessage {
         let AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms } = self.times;
         let doubt = |d: &AnswerDoubt| DoubtMessage { kind: Some(d.kind.code()), text: Some(d.text.clone()) };
         AnswerMessage {
-            version: Some(VERSION),
+            version: Some(version.number()),
             rotation: self.rotation.to_vec(),
             translation: self.translation.to_vec(),
             center: self.center.to_vec(),
@@ -171,16 +215,16 @@ impl Answer {
             matches: Some(self.matches),
             hypotheses: Some(self.hypotheses),
             milliseconds: vec![queue_ms, retrieve_ms, match_ms, pose_ms],
+            padding: None,
         }
-        .encode_to_vec()
     }
 
-    /// From bytes; whatever is accepted encodes to the same bytes again.
+    /// From bytes of either version; whatever is accepted encodes, in its version, to the same bytes again.
     ///
     /// # Errors
     /// [`QueryError`] saying which field is wrong.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
-        let message: AnswerMessage = parse("answer", bytes, MAX_BYTES, |m: &AnswerMessage| m.version)?;
+        let (message, version) = parse(bytes)?;
         let rotation: [f64; 4] = numbers("rotation", &message.rotation, f64::is_finite)?;
         let length = rotation.iter().map(|c| c * c).sum::<f64>().sqrt();
         let is_unit = (length - 1.0).abs() <= UNIT_TOLERANCE;
@@ -220,10 +264,24 @@ impl Answer {
             hypotheses: present("hypotheses", message.hypotheses)?,
             times: AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms },
         };
-        if answer.encode() != bytes {
+        if answer.encode(version) != bytes {
             return Err(QueryError::NotCanonical { what: "answer" });
         }
         Ok(answer)
+    }
+}
+
+/// Bounded size, a protobuf message, a version that is read here.
+fn parse(bytes: &[u8]) -> Result<(AnswerMessage, AnswerVersion), QueryError> {
+    let what = "answer";
+    if bytes.len() > MAX_BYTES {
+        return Err(QueryError::TooLong { what, bytes: bytes.len(), limit: MAX_BYTES });
+    }
+    let message: AnswerMessage = wire::message(what, bytes)?;
+    let found = present("version", message.version)?;
+    match AnswerVersion::ALL.into_iter().find(|version| version.number() == found) {
+        Some(version) => Ok((message, version)),
+        None => Err(QueryError::Version { what, found, supported: AnswerVersion::default().number() }),
     }
 }
 

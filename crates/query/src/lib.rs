@@ -7,7 +7,7 @@
 //! - [`Scheme`]: what happens to keypoint positions; [`DclLayout`]: where Dual Convergent Lines puts its anchors.
 //! - [`Profile`]: what a device needs to know before it can seal for a map. No map data, and no scheme.
 //! - [`SealedQuery`]: what leaves the device; [`Observations`]: what it tells about positions.
-//! - [`Answer`]: what the server tells in return.
+//! - [`Answer`]: what the server tells in return; [`AnswerDocument`]: the same as JSON.
 //! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
 //!
 //! The bytes are described in `docs/wire-format.md` and `proto/veiloc/`, the reasons in `docs/privacy.md`.
@@ -46,6 +46,7 @@
 
 mod angle;
 mod answer;
+mod answer_document;
 mod balance;
 mod bits;
 mod camera;
@@ -64,7 +65,8 @@ mod version;
 mod wire;
 
 pub use angle::AngleBits;
-pub use answer::{Answer, AnswerDoubt, AnswerTimes, DoubtKind};
+pub use answer::{Answer, AnswerDoubt, AnswerTimes, AnswerVersion, DoubtKind};
+pub use answer_document::{AnswerDocument, ConfidenceDocument, DoubtDocument, PoseDocument, StageDocument};
 pub use balance::{LEAST_A_SIDE, Lopsided};
 pub use camera::CanonicalCamera;
 pub use error::QueryError;

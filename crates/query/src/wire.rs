@@ -6,9 +6,6 @@ use veiloc_descriptor::{DescriptorError, DescriptorKind, Encoding};
 
 use crate::{QueryError, WireVersion};
 
-/// The version of answers.
-pub(crate) const VERSION: u32 = 1;
-
 /// What all messages begin with.
 #[derive(Clone, PartialEq, Message)]
 pub(crate) struct VersionMessage {
@@ -192,23 +189,6 @@ pub(crate) fn version_of(what: &'static str, bytes: &[u8], limit: usize) -> Resu
 /// Bytes as a protobuf message.
 pub(crate) fn message<M: Message + Default>(what: &'static str, bytes: &[u8]) -> Result<M, QueryError> {
     M::decode(bytes).map_err(|e| QueryError::Malformed { what, reason: e.to_string() })
-}
-
-/// The same for answers, which have one version.
-pub(crate) fn parse<M: Message + Default>(
-    what: &'static str,
-    bytes: &[u8],
-    limit: usize,
-    version: impl Fn(&M) -> Option<u32>,
-) -> Result<M, QueryError> {
-    if bytes.len() > limit {
-        return Err(QueryError::TooLong { what, bytes: bytes.len(), limit });
-    }
-    let message = message(what, bytes)?;
-    match present("version", version(&message))? {
-        VERSION => Ok(message),
-        found => Err(QueryError::Version { what, found, supported: VERSION }),
-    }
 }
 
 /// A field every message has.

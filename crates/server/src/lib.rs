@@ -4,6 +4,36 @@
 //! - [`Server`]: bound to its address with all maps open; [`Server::run`] answers until it is told to stop.
 //! - [`run_until_signal`]: the same for a program that is nothing but the service.
 //!
+//! This crate is for whoever builds a service into a program of their own; `veiloc serve` is the program for all others,
+//! and `docs/service.md` describes addresses, answers and refusals. A device's side is `veiloc-client`.
+//!
+//! ```
+//! use std::io::{Read, Write};
+//! use veiloc_server::{MapSource, Server, ServerOptions};
+//!
+//! # let folder = tempfile::tempdir()?;
+//! # let path = folder.path().join("lobby.vmap");
+//! # let words = veiloc_descriptor::Descriptors::new(veiloc_descriptor::DescriptorKind::ROOT_SIFT, vec![9; 512])?;
+//! # let profile = veiloc_query::Profile::vlad(veiloc_descriptor::Vocabulary::new(words)?);
+//! # veiloc_map::write(&veiloc_map::MapModel::empty(profile, Default::default()), &path)?;
+//! let mut options = ServerOptions::new(vec![MapSource { name: "lobby".to_owned(), path, geo: None }]);
+//! options.listen = "127.0.0.1:0".parse()?;
+//! let runtime = tokio::runtime::Runtime::new()?;
+//! let server = runtime.block_on(Server::bind(options))?;
+//! let (address, handle) = (server.address(), server.handle());
+//! let running = runtime.spawn(server.run());
+//!
+//! let mut stream = std::net::TcpStream::connect(address)?;
+//! stream.write_all(b"GET /readyz HTTP/1.1\r\nhost: here\r\nconnection: close\r\n\r\n")?;
+//! let mut reply = String::new();
+//! stream.read_to_string(&mut reply)?;
+//! assert!(reply.starts_with("HTTP/1.1 200 OK") && reply.ends_with("ready\n"));
+//!
+//! handle.stop();
+//! assert_eq!(runtime.block_on(running)?, 0, "connections that had to be given up");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! # How a request goes
 //! Who asks is checked first, then how often, then what is sent, and only then is anything computed: a request that is
 //! refused costs nearly nothing. Localization is work for the processor, so it is done by a fixed number of threads
@@ -12,7 +42,9 @@
 //! # What is never told
 //! **Invariant, tested in `tests/privacy.rs`:** no log line, metric, or error holds anything of a query's content
 //! (rule L8 of `docs/privacy.md`). Log lines are made in `routes/record.rs` alone, from names the operator chose, status
-//! and times. And this crate depends neither on `veiloc-features` nor on `veiloc-obfuscation` (`cargo xtask tidy`).
+//! and times; of a panic the place is logged (`panics.rs`), what it said goes nowhere for threads of the service. In a
+//! program that is more than the service, a panic in a thread of rayon's pool, which localization uses for a part of its
+//! work, also reaches that program's own panic hook. And this crate depends neither on `veiloc-features` nor on `veiloc-obfuscation` (`cargo xtask tidy`).
 #![forbid(unsafe_code)]
 
 mod answer;
@@ -22,6 +54,7 @@ mod geo;
 mod maps;
 mod metrics;
 mod options;
+mod padding;
 mod panics;
 mod pool;
 mod problem;
@@ -33,7 +66,6 @@ mod tls;
 mod tokens;
 mod watch;
 
-pub use answer::{AnswerDocument, ConfidenceDocument, DoubtDocument, PoseDocument, StageDocument};
 pub use error::ServerError;
 pub use geo::{BadGeoFrame, GeoAccuracy, GeoFrame, GeoPoseDocument, GeoPosition, GeoQuaternion};
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts, TlsFiles};

@@ -1,4 +1,7 @@
 //! Refusals: what is told to the client, as `application/problem+json` (RFC 9457), and to the operator, as a name.
+//!
+//! A refusal names the field that is wrong and what it may be, never what it was: whatever was sent stays where it was
+//! sent from (rule L8), and all refusals have one length (`padding.rs`).
 
 use std::num::NonZeroU64;
 
@@ -9,6 +12,9 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use veiloc_localize::LocalizeError;
 use veiloc_query::QueryError;
+use veiloc_robust::PoseError;
+
+use crate::padding::{self, Hidden};
 
 /// Why a request was not answered. The texts are for whoever wrote the client; logs have its name only.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -27,7 +33,7 @@ pub(crate) enum Problem {
     UnknownMap,
     #[error("send a sealed query as application/x-protobuf or application/octet-stream")]
     MediaType,
-    #[error("nobody told the service where this map is on Earth; ask for application/json")]
+    #[error("nobody told the service where this map is on Earth; accept application/json too")]
     NotAcceptable,
     #[error("a sealed query for this map has at most {limit} bytes")]
     TooLarge { limit: usize },
@@ -43,8 +49,8 @@ pub(crate) enum Problem {
         "the query was sealed for another map or with an old profile; fetch the profile and seal a new image"
     )]
     WrongProfile,
-    #[error("{0}")]
-    NotLocalized(String),
+    #[error("no pose is supported by the query{0}; ask from elsewhere in the place")]
+    NotLocalized(&'static str),
     #[error("the map is empty; its operator must add images")]
     EmptyMap,
     #[error("all workers are busy and the queue is full; send the same bytes again in {retry_after} s")]
@@ -56,12 +62,13 @@ pub(crate) enum Problem {
 }
 
 impl Problem {
-    /// What is wrong with a body that is no sealed query. Of its content nothing is told but names of fields.
+    /// What is wrong with a body that is no sealed query: the field, and what it may be.
     pub(crate) fn of_query(error: &QueryError) -> Self {
         match error {
-            QueryError::Version { .. } => Self::Version(error.to_string()),
             QueryError::TooLong { limit, .. } => Self::TooLarge { limit: *limit },
-            _ => Self::Malformed(error.to_string()),
+            QueryError::Version { .. } => Self::Version(error.without_values()),
+            QueryError::WrongProfile { .. } => Self::WrongProfile,
+            _ => Self::Malformed(error.without_values()),
         }
     }
 
@@ -69,7 +76,13 @@ impl Problem {
         match error {
             LocalizeError::WrongProfile { .. } => Self::WrongProfile,
             LocalizeError::EmptyMap => Self::EmptyMap,
-            LocalizeError::NoPose { .. } => Self::NotLocalized(error.to_string()),
+            LocalizeError::NoPose { source: PoseError::OneSided { .. }, .. } => {
+                Self::NotLocalized(": all lines that match run through one anchor")
+            }
+            LocalizeError::NoPose { source: PoseError::TooFew { .. }, .. } => {
+                Self::NotLocalized(": too few of its rows match the map")
+            }
+            LocalizeError::NoPose { .. } => Self::NotLocalized(""),
         }
     }
 
@@ -136,7 +149,7 @@ impl IntoResponse for Problem {
             retry_after: self.retry_after().map(NonZeroU64::get),
         };
         // Strings and numbers always serialize.
-        let body = serde_json::to_vec(&document).unwrap_or_default();
+        let body = padding::json(serde_json::to_vec(&document).unwrap_or_default());
         let mut response = (status, [(CONTENT_TYPE, "application/problem+json")], body).into_response();
         let headers = response.headers_mut();
         if let Some(seconds) = self.retry_after() {
@@ -146,6 +159,7 @@ impl IntoResponse for Problem {
             headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
         }
         response.extensions_mut().insert(ProblemKind(kind));
+        response.extensions_mut().insert(Hidden::Body);
         response
     }
 }

@@ -7,8 +7,7 @@ use common::{Files, OPERATOR, PHONE, Running, truth};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localize::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
-use veiloc_query::{Answer, Profile, SealedQuery};
-use veiloc_server::AnswerDocument;
+use veiloc_query::{Answer, AnswerDocument, Profile, SealedQuery};
 
 #[test]
 fn a_sealed_query_gets_the_pose_the_library_finds() {

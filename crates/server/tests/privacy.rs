@@ -8,12 +8,11 @@ use std::io::Write;
 use std::sync::{Arc, Mutex};
 
 use common::http::Request;
-use common::{Files, OPERATOR, PHONE, Running, truth};
+use common::{Files, OPERATOR, PHONE, Running, seal_features, truth};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use tracing_subscriber::fmt::MakeWriter;
 use veiloc_descriptor::{DescriptorKind, Descriptors};
-use veiloc_obfuscation::{SealOptions, seal};
 
 /// Sixteen bytes nothing else would ever write.
 const MARK: &[u8; 16] = b"XqZvKwJyQxVzWkYj";
@@ -82,9 +81,7 @@ fn marked(files: &Files) -> Vec<u8> {
     features.descriptors =
         Descriptors::new(DescriptorKind::ROOT_SIFT, MARK.repeat(8 * count)).expect("whole rows");
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    seal(features, &files.place.camera, &files.place.profile, &SealOptions::default(), &mut rng)
-        .expect("sealed")
-        .encode()
+    seal_features(features, &files.place.camera, &files.place.profile, &mut rng).encode()
 }
 
 #[test]

@@ -1,47 +1,145 @@
-//! Which form of answer a client wants.
+//! Which form of answer a client gets: `Accept` (RFC 9110, 12.5.1) against what a map can be answered in.
 
 use axum::http::HeaderMap;
 use axum::http::header::ACCEPT;
+use veiloc_query::AnswerVersion;
 
 /// A form of answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     Json,
-    Protobuf,
+    Protobuf(AnswerVersion),
     GeoPose,
 }
 
-impl Form {
-    const ALL: [Self; 3] = [Self::Json, Self::Protobuf, Self::GeoPose];
+/// Why no form was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Unmet {
+    /// The client takes GeoPoses only, of a map that cannot give any.
+    OnlyGeoPose,
+}
 
-    pub(super) const fn media_type(self) -> &'static str {
+impl Form {
+    /// All forms, the one that is given when the client has no wish first.
+    const ALL: [Self; 4] = [
+        Self::Json,
+        Self::Protobuf(AnswerVersion::Padded),
+        Self::Protobuf(AnswerVersion::Plain),
+        Self::GeoPose,
+    ];
+
+    /// What a map can be answered in, given whether it is tied to Earth.
+    pub(super) fn offered(on_earth: bool) -> impl Iterator<Item = Self> + Clone {
+        Self::ALL.into_iter().filter(move |form| on_earth || *form != Self::GeoPose)
+    }
+
+    pub(super) const fn content_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",
-            Self::Protobuf => "application/x-protobuf",
+            Self::Protobuf(AnswerVersion::Plain) => "application/x-protobuf",
+            Self::Protobuf(AnswerVersion::Padded) => "application/x-protobuf;version=2",
             Self::GeoPose => "application/geopose+json",
         }
     }
 
-    fn from_media_type(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|form| form.media_type().eq_ignore_ascii_case(name))
+    /// Type without parameters, and version where there are several.
+    const fn media(self) -> (&'static str, Option<&'static str>) {
+        match self {
+            Self::Json => ("application/json", None),
+            Self::Protobuf(AnswerVersion::Plain) => ("application/x-protobuf", Some("1")),
+            Self::Protobuf(AnswerVersion::Padded) => ("application/x-protobuf", Some("2")),
+            Self::GeoPose => ("application/geopose+json", None),
+        }
     }
 
-    /// The form with the greatest weight, the first of equals. JSON when none of ours is asked for: a client that
-    /// sends `*/*`, or nothing, can read that.
-    pub(super) fn asked_for(headers: &HeaderMap) -> Self {
-        let mut best = (0, Self::Json);
-        for value in headers.get_all(ACCEPT) {
-            for range in value.to_str().unwrap_or_default().split(',') {
-                let mut parts = range.split(';').map(str::trim);
-                let Some(form) = parts.next().and_then(Self::from_media_type) else { continue };
-                let weight = parts.find_map(|p| p.strip_prefix("q=")).map_or(1000, thousandths);
-                if weight > best.0 {
-                    best = (weight, form);
-                }
+    /// The offered form the client likes best: of the greatest weight, then as exactly named as possible, then the first
+    /// it names, then the first offered.
+    ///
+    /// A client that takes none of our forms gets JSON, which the standard allows; one that takes GeoPoses and nothing
+    /// else that is offered is refused, because it would take the numbers of another frame for its own.
+    pub(super) fn negotiate(
+        headers: &HeaderMap,
+        offered: impl Iterator<Item = Self> + Clone,
+    ) -> Result<Self, Unmet> {
+        let ranges = ranges(headers);
+        let mut best: Option<(Wish, Self)> = None;
+        for form in offered {
+            let Some(wish) = wish(&ranges, form).filter(|wish| wish.thousandths > 0) else { continue };
+            if best.is_none_or(|(other, _)| wish.is_stronger_than(other)) {
+                best = Some((wish, form));
             }
         }
-        best.1
+        match best {
+            Some((_, form)) => Ok(form),
+            None if wish(&ranges, Self::GeoPose).is_some_and(|wish| wish.thousandths > 0) => {
+                Err(Unmet::OnlyGeoPose)
+            }
+            None => Ok(Self::Json),
+        }
     }
+}
+
+/// A media range and its weight.
+struct Range {
+    name: String,
+    version: Option<String>,
+    thousandths: u32,
+}
+
+/// How much a form is wanted.
+#[derive(Debug, Clone, Copy)]
+struct Wish {
+    thousandths: u32,
+    exactness: u8,
+    index: usize,
+}
+
+impl Wish {
+    fn is_stronger_than(self, other: Self) -> bool {
+        let key = |wish: Self| (wish.thousandths, wish.exactness, std::cmp::Reverse(wish.index));
+        key(self) > key(other)
+    }
+}
+
+fn ranges(headers: &HeaderMap) -> Vec<Range> {
+    let values = headers.get_all(ACCEPT).into_iter();
+    values.flat_map(|value| value.to_str().unwrap_or_default().split(',')).map(range).collect()
+}
+
+fn range(text: &str) -> Range {
+    let mut parts = text.split(';').map(str::trim);
+    let name = parts.next().unwrap_or_default().to_ascii_lowercase();
+    let mut range = Range { name, version: None, thousandths: 1000 };
+    for (key, value) in parts.filter_map(|part| part.split_once('=')) {
+        match key.trim().to_ascii_lowercase().as_str() {
+            "q" => range.thousandths = thousandths(value.trim()),
+            "version" => range.version = Some(value.trim().trim_matches('"').to_owned()),
+            _ => {}
+        }
+    }
+    range
+}
+
+/// The most exact range that a form falls into decides, the first of equals; `None` when it falls into none.
+fn wish(ranges: &[Range], form: Form) -> Option<Wish> {
+    let (name, version) = form.media();
+    let exactness = |range: &Range| match range.name.as_str() {
+        "*/*" => Some(0),
+        "application/*" => Some(1),
+        // Clients that know of no versions read version 1 only.
+        other if other == name && version.is_none_or(|v| v == range.version.as_deref().unwrap_or("1")) => {
+            Some(2)
+        }
+        _ => None,
+    };
+    let mut best: Option<Wish> = None;
+    for (index, range) in ranges.iter().enumerate() {
+        let Some(exactness) = exactness(range) else { continue };
+        if best.is_none_or(|wish| exactness > wish.exactness) {
+            best = Some(Wish { thousandths: range.thousandths, exactness, index });
+        }
+    }
+    best
 }
 
 /// A weight between 0 and 1 as HTTP writes it, in thousandths; nonsense counts as no wish.
@@ -53,25 +151,59 @@ fn thousandths(text: &str) -> u32 {
 mod tests {
     use super::*;
 
+    const PLAIN: Form = Form::Protobuf(AnswerVersion::Plain);
+    const PADDED: Form = Form::Protobuf(AnswerVersion::Padded);
+
     #[test]
-    fn the_greatest_weight_wins() {
-        for (accept, form) in [
-            ("", Form::Json),
-            ("*/*", Form::Json),
-            ("text/html", Form::Json),
-            ("application/x-protobuf", Form::Protobuf),
-            ("Application/X-Protobuf", Form::Protobuf),
-            ("application/json, application/x-protobuf", Form::Json),
-            ("application/json;q=0.5, application/x-protobuf;q=0.9", Form::Protobuf),
-            ("text/html, application/x-protobuf;q=0.1", Form::Protobuf),
-            ("application/geopose+json, application/json;q=0.5", Form::GeoPose),
-            ("application/x-protobuf;q=0", Form::Json),
-            ("application/x-protobuf;q=NaN", Form::Json),
-            ("application/x-protobuf;q=-3", Form::Json),
+    fn the_best_form_that_can_be_given_is_given() {
+        let refused = Err(Unmet::OnlyGeoPose);
+        // Asked for, answered for a map without a place on Earth, answered for one with.
+        for (accept, map, earth) in [
+            ("", Ok(Form::Json), Form::Json),
+            ("*/*", Ok(Form::Json), Form::Json),
+            ("application/*", Ok(Form::Json), Form::Json),
+            ("text/html", Ok(Form::Json), Form::Json),
+            ("text/html, */*;q=0.1", Ok(Form::Json), Form::Json),
+            ("application/x-protobuf", Ok(PLAIN), PLAIN),
+            ("Application/X-Protobuf", Ok(PLAIN), PLAIN),
+            ("application/x-protobuf;version=1", Ok(PLAIN), PLAIN),
+            ("application/x-protobuf;version=2", Ok(PADDED), PADDED),
+            ("application/x-protobuf; Version=\"2\"", Ok(PADDED), PADDED),
+            ("application/x-protobuf;version=2, application/x-protobuf;q=0.5", Ok(PADDED), PADDED),
+            ("application/x-protobuf;version=3, application/x-protobuf;q=0.5", Ok(PLAIN), PLAIN),
+            ("application/x-protobuf;version=2, application/x-protobuf", Ok(PADDED), PADDED),
+            ("application/json, application/x-protobuf", Ok(Form::Json), Form::Json),
+            ("application/x-protobuf, application/json", Ok(PLAIN), PLAIN),
+            ("application/json;q=0.5, application/x-protobuf;q=0.9", Ok(PLAIN), PLAIN),
+            ("text/html, application/x-protobuf;q=0.1", Ok(PLAIN), PLAIN),
+            ("*/*, application/x-protobuf", Ok(PLAIN), PLAIN),
+            ("*/*, application/x-protobuf;q=0.9", Ok(Form::Json), Form::Json),
+            ("*/*, application/json;q=0.1", Ok(PADDED), PADDED),
+            ("application/geopose+json", refused, Form::GeoPose),
+            ("application/geopose+json, application/json;q=0.5", Ok(Form::Json), Form::GeoPose),
+            ("application/geopose+json;q=0.5, application/json", Ok(Form::Json), Form::Json),
+            ("application/geopose+json, application/x-protobuf;q=0.1", Ok(PLAIN), Form::GeoPose),
+            ("application/geopose+json, */*;q=0.1", Ok(Form::Json), Form::GeoPose),
+            ("application/geopose+json, text/html", refused, Form::GeoPose),
+            ("application/geopose+json, application/json;q=0", refused, Form::GeoPose),
+            ("application/geopose+json;q=0", Ok(Form::Json), Form::Json),
+            ("application/x-protobuf;q=0", Ok(Form::Json), Form::Json),
+            ("application/x-protobuf;q=NaN", Ok(Form::Json), Form::Json),
+            ("application/x-protobuf;q=-3", Ok(Form::Json), Form::Json),
+            (";;=,q=,;version", Ok(Form::Json), Form::Json),
         ] {
-            let headers = [(ACCEPT, accept.parse().expect("a header"))].into_iter().collect();
-            assert_eq!(Form::asked_for(&headers), form, "{accept:?}");
+            let headers: HeaderMap = [(ACCEPT, accept.parse().expect("a header"))].into_iter().collect();
+            assert_eq!(Form::negotiate(&headers, Form::offered(false)), map, "{accept:?}");
+            assert_eq!(Form::negotiate(&headers, Form::offered(true)), Ok(earth), "{accept:?} on Earth");
         }
-        assert_eq!(Form::asked_for(&HeaderMap::new()), Form::Json);
+        assert_eq!(Form::negotiate(&HeaderMap::new(), Form::offered(true)), Ok(Form::Json));
+        // Several headers count as one.
+        let both =
+            ["text/html", "application/x-protobuf;q=0.3"].map(|v| (ACCEPT, v.parse().expect("a header")));
+        let mut headers = HeaderMap::new();
+        for (name, value) in both {
+            headers.append(name, value);
+        }
+        assert_eq!(Form::negotiate(&headers, Form::offered(false)), Ok(PLAIN));
     }
 }

@@ -9,15 +9,18 @@ use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
+use serde::Serialize;
 use veiloc_localize::{Localization, LocalizeError, localize as localize_query};
-use veiloc_query::SealedQuery;
+use veiloc_query::{AnswerDocument, AnswerVersion, SealedQuery};
 
-use super::accept::Form;
+use super::accept::{Form, Unmet};
+use super::admit::admit;
+use super::body;
 use super::record::ServedMap;
-use super::{admit, body};
-use crate::answer::{AnswerDocument, answer_of};
+use crate::answer::answer_of;
 use crate::maps::Hosted;
 use crate::metrics::Outcome;
+use crate::padding::{self, Hidden};
 use crate::pool::Refused;
 use crate::problem::{Problem, ProblemDocument};
 use crate::state::App;
@@ -30,11 +33,11 @@ use crate::state::App;
     params(("name" = String, Path, description = "Name of the map")),
     request_body(content = Vec<u8>, content_type = "application/x-protobuf"),
     responses(
-        (status = 200, description = "The pose; with `Accept: application/x-protobuf` a `veiloc.v1.Answer`, with `application/geopose+json` a GeoPose", body = AnswerDocument),
+        (status = 200, description = "The pose; with `Accept: application/x-protobuf;version=2` a `veiloc.v1.Answer` of version 2, without `version` one of version 1, with `application/geopose+json` a GeoPose", body = AnswerDocument),
         (status = 400, description = "Not a sealed query of a known version", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 404, description = "Unknown map", body = ProblemDocument, content_type = "application/problem+json"),
-(status = 406, description = "A GeoPose of a map nobody tied to Earth", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 406, description = "Nothing but a GeoPose is accepted, of a map nobody tied to Earth", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 408, description = "The body was too slow", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 409, description = "Sealed for another map, or the map is empty", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 413, description = "Longer than any query for this map", body = ProblemDocument, content_type = "application/problem+json"),
@@ -88,12 +91,11 @@ fn welcome(
     if !known.iter().any(|known| media.eq_ignore_ascii_case(known)) {
         return Err(Problem::MediaType);
     }
-    let form = Form::asked_for(headers);
     // Said before anything is spent on an answer that could not be given.
-    if form == Form::GeoPose && hosted.geo.is_none() {
-        return Err(Problem::NotAcceptable);
+    match Form::negotiate(headers, Form::offered(hosted.geo.is_some())) {
+        Ok(form) => Ok((hosted, form)),
+        Err(Unmet::OnlyGeoPose) => Err(Problem::NotAcceptable),
     }
-    Ok((hosted, form))
 }
 
 async fn answer(
@@ -121,17 +123,22 @@ async fn answer(
     app.metrics.localization(&hosted.name, outcome, Some(&found.times));
 
     let answer = answer_of(&found, waited.as_secs_f64() * 1e3);
-    let body = match form {
-        Form::Protobuf => answer.encode(),
+    let (body, hidden) = match form {
+        Form::Protobuf(version @ AnswerVersion::Plain) => (answer.encode(version), Hidden::Head),
+        Form::Protobuf(version @ AnswerVersion::Padded) => (answer.encode(version), Hidden::Body),
         Form::GeoPose => {
             let frame = hosted.geo.as_ref().ok_or(Problem::NotAcceptable)?;
-            serde_json::to_vec(&frame.geo_pose(&answer)).map_err(|_| Problem::Broken)?
+            (json(&frame.geo_pose(&answer))?, Hidden::Body)
         }
-        Form::Json => {
-            serde_json::to_vec(&AnswerDocument::new(&hosted.name, &answer)).map_err(|_| Problem::Broken)?
-        }
+        Form::Json => (json(&AnswerDocument::new(&hosted.name, &answer))?, Hidden::Body),
     };
-    Ok(([(CONTENT_TYPE, form.media_type())], body).into_response())
+    let mut response = ([(CONTENT_TYPE, form.content_type())], body).into_response();
+    response.extensions_mut().insert(hidden);
+    Ok(response)
+}
+
+fn json(document: &impl Serialize) -> Result<Vec<u8>, Problem> {
+    serde_json::to_vec(document).map(padding::json).map_err(|_| Problem::Broken)
 }
 
 struct Done {
@@ -142,6 +149,7 @@ struct Done {
 /// Localizes on a thread of the pool.
 async fn compute(app: &Arc<App>, hosted: Arc<Hosted>, query: SealedQuery) -> Result<Done, Problem> {
     let options = app.options.localize.clone();
+    let hosted_name = hosted.name.clone();
     let work = move |waited| Done { result: localize_query(&query, &hosted.map, &options), waited };
     let result = app.pool.submit(work).map_err(|refused| match refused {
         Refused::Full { retry_after } => Problem::QueueFull { retry_after },
@@ -152,7 +160,10 @@ async fn compute(app: &Arc<App>, hosted: Arc<Hosted>, query: SealedQuery) -> Res
         Err(_) => Err(Problem::TimedOut { seconds: limit.as_secs().max(1) }),
         Ok(Ok(done)) => Ok(done),
         Ok(Err(_)) => {
-            tracing::error!("localization broke; this is a bug in veiloc");
+            tracing::error!(
+                map = hosted_name,
+                "localization broke; this is a bug in veiloc, the line before says where"
+            );
             Err(Problem::Broken)
         }
     }

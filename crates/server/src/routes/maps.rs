@@ -10,7 +10,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::admit;
+use super::admit::admit;
 use super::record::ServedMap;
 use crate::problem::{Problem, ProblemDocument};
 use crate::state::App;

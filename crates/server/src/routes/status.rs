@@ -1,13 +1,12 @@
-//! Is it alive, is it ready, how is it doing, what can it do.
+//! Is it alive, is it ready, how is it doing.
 
-use std::sync::{Arc, LazyLock};
+use std::sync::Arc;
 
 use axum::extract::State;
 use axum::http::header::CONTENT_TYPE;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 
-use super::openapi_json;
 use crate::problem::{Problem, ProblemDocument};
 use crate::state::App;
 use crate::tokens::Role;
@@ -29,13 +28,6 @@ pub(super) async fn ready(State(app): State<Arc<App>>) -> (StatusCode, &'static 
     } else {
         (StatusCode::OK, "ready\n")
     }
-}
-
-/// This document.
-#[utoipa::path(get, path = "/v1/openapi.json", responses((status = 200, description = "OpenAPI 3.1", body = Object)))]
-pub(super) async fn openapi() -> Response {
-    static DOCUMENT: LazyLock<String> = LazyLock::new(openapi_json);
-    ([(CONTENT_TYPE, "application/json")], DOCUMENT.as_str()).into_response()
 }
 
 /// Counts and times for Prometheus. For tokens marked `operator`.

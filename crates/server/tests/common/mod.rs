@@ -18,7 +18,7 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
 use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_obfuscation::{SealOptions, seal};
-use veiloc_query::Profile;
+use veiloc_query::{Profile, SealedQuery};
 use veiloc_server::{MapSource, Server, ServerHandle, ServerOptions};
 
 use http::{Request, Response};
@@ -118,10 +118,18 @@ impl Place {
     /// The bytes a device sends for it.
     pub fn sealed(&self, pose: &CameraFromWorld) -> Vec<u8> {
         let mut rng = ChaCha20Rng::seed_from_u64(3);
-        seal(self.features(pose), &self.camera, &self.profile, &SealOptions::default(), &mut rng)
-            .expect("sealed")
-            .encode()
+        seal_features(self.features(pose), &self.camera, &self.profile, &mut rng).encode()
     }
+}
+
+/// The one place of these tests that seals.
+pub fn seal_features(
+    features: Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    rng: &mut ChaCha20Rng,
+) -> SealedQuery {
+    seal(features, camera, profile, &SealOptions::default(), rng).expect("sealed")
 }
 
 /// A camera within the mapped part of the place.
