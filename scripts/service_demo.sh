@@ -51,7 +51,7 @@ show "curl -s --cacert cert.pem $url/healthz"
 show "curl -s --cacert cert.pem $url/readyz"
 show "curl -s --cacert cert.pem -H \"authorization: Bearer \$(cat phone.token)\" $url/v1/maps"
 echo
-show "curl -s --cacert cert.pem $url/v1/maps"
+show "curl -s --cacert cert.pem $url/v1/maps | tr -s ' '"
 echo
 show "curl -s --cacert cert.pem $url/v1/openapi.json | grep -E '^    \"/'"
 show "curl -s --cacert cert.pem -H \"authorization: Bearer \$(cat operator.token)\" $url/metrics | grep -E 'requests_total|localizations|seconds_count|queue'"

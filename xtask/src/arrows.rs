@@ -15,6 +15,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("query", &["geometry", "descriptor"]),
     ("features", &["geometry", "descriptor"]),
     ("obfuscation", &["geometry", "descriptor", "features", "query"]),
+    ("client", &["geometry", "obfuscation", "query"]),
     ("map", &["geometry", "descriptor", "kernels", "query"]),
     ("mapping", &["geometry", "descriptor", "features", "map", "query"]),
     ("localize", &["geometry", "descriptor", "query", "map", "robust"]),
@@ -74,6 +75,7 @@ const ARROWS: &[(&str, &[&str])] = &[
         "cli",
         &[
             "audit",
+            "client",
             "datasets",
             "demo",
             "eval",
@@ -93,7 +95,10 @@ const ARROWS: &[(&str, &[&str])] = &[
 
 /// The server's side must not even be able to name a keypoint of a query: not directly, not through others.
 const SERVER_SIDE: &[&str] = &["localize", "map", "server"];
-const DEVICE_SIDE: &[&str] = &["features", "obfuscation"];
+const DEVICE_SIDE: &[&str] = &["features", "obfuscation", "client"];
+
+/// Whoever builds an app gets the device's road and nothing of a server's.
+const DEVICE_ROAD: &str = "client";
 
 /// Rooms that no other room may lean on: they sit at the end of the arrows.
 const ENDS: &[&str] = &["cli"];
@@ -138,6 +143,12 @@ fn compare(direct: &Arrows, table: &Arrows, faults: &mut Vec<String>) {
                 "{room} reaches {forbidden}: the server side could name a keypoint of a query"
             ));
         }
+    }
+    let reached = reach(DEVICE_ROAD, direct);
+    for forbidden in SERVER_SIDE.iter().filter(|d| reached.contains(**d)) {
+        faults.push(format!(
+            "{DEVICE_ROAD} reaches {forbidden}: a device would be built with a server's parts"
+        ));
     }
 }
 
@@ -208,6 +219,12 @@ mod tests {
         let found = faults(rooms, rooms);
         assert!(found.iter().any(|f| f.starts_with("localize reaches features")), "{found:?}");
         assert_eq!(found.len(), 2, "map does so too: {found:?}");
+    }
+
+    #[test]
+    fn the_table_itself_keeps_the_device_free_of_the_server() {
+        let reached = reach(DEVICE_ROAD, &table(ARROWS));
+        assert!(reached.contains("query") && SERVER_SIDE.iter().all(|room| !reached.contains(*room)));
     }
 
     #[test]

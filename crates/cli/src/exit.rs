@@ -204,13 +204,12 @@ mod tests {
     fn a_panic_is_our_own_error_and_tells_where_not_what() {
         for in_another_thread in [false, true] {
             let (line, breaks) = (line!(), || -> Outcome { std::panic::panic_any("secret".to_owned()) });
-            let outcome = catching_panics(|| match in_another_thread {
-                false => breaks(),
-                true => match thread::spawn(breaks).join() {
-                    Ok(outcome) => outcome,
+            let outcome = catching_panics(|| {
+                if in_another_thread {
                     // As thread pools do.
-                    Err(payload) => std::panic::resume_unwind(payload),
-                },
+                    return thread::spawn(breaks).join().unwrap_or_else(|p| std::panic::resume_unwind(p));
+                }
+                breaks()
             });
             let failure = outcome.expect_err("it panicked");
             assert_eq!(failure.exit(), Exit::Bug);

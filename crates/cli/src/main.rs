@@ -15,6 +15,7 @@ mod stages;
 mod ui;
 
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use clap::{Parser, Subcommand};
 
@@ -65,7 +66,7 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return answered(&error),
     };
-    let ui = Ui::new(cli.quiet);
+    let ui = Arc::new(Ui::new(cli.quiet));
     let result = exit::catching_panics(|| match &cli.command {
         Command::Demo(args) => commands::demo::run(args, &ui),
         Command::Map(command) => commands::map::run(command, &ui),

@@ -242,7 +242,8 @@ fn a_retry_sends_the_same_bytes() {
             // One of them breaks off without an answer.
             if !status.is_empty() {
                 let head = format!(
-                    "HTTP/1.1 {status}\r\nretry-after: 0\r\nconnection: close\r\ncontent-length: {}\r\n\r\n",
+                    "HTTP/1.1 {status}\r\ncontent-type: application/x-protobuf\r\nretry-after: 0\r\nconnection: close\r\n\
+                     content-length: {}\r\n\r\n",
                     answer.len()
                 );
                 stream.write_all(&[head.as_bytes(), answer].concat()).expect("written");

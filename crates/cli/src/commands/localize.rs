@@ -201,7 +201,7 @@ fn answer(item: &Item, map: &MapFile, options: &LocalizeOptions) -> Query {
             localize(&query, map, options).map_err(|error| match error {
                 LocalizeError::WrongProfile { .. } => not_localized(NoPoseKind::WrongProfile, &error),
                 LocalizeError::EmptyMap => not_localized(NoPoseKind::EmptyMap, &error),
-                _ => not_localized(NoPoseKind::NoPose, &error),
+                LocalizeError::NoPose { .. } => not_localized(NoPoseKind::NoPose, &error),
             })
         }),
     };

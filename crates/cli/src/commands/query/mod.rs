@@ -1,8 +1,9 @@
 //! `veiloc query`: the device's side of the service.
 
-mod client;
-mod profile_cache;
+mod connection;
 mod send;
+
+use std::sync::Arc;
 
 use crate::exit::Outcome;
 use crate::ui::Ui;
@@ -14,7 +15,7 @@ pub(crate) enum Command {
     Send(send::Args),
 }
 
-pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
+pub(crate) fn run(command: &Command, ui: &Arc<Ui>) -> Outcome {
     match command {
         Command::Send(args) => send::run(args, ui),
     }

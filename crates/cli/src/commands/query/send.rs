@@ -1,14 +1,11 @@
 //! `veiloc query send`: image in, pose out, and only sealed bytes on the way.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{device_rng, extract, seal};
-use veiloc_query::Answer;
-use veiloc_server::AnswerDocument;
+use veiloc_client::{Answer, AnswerDocument, ClientError, Intrinsics, seal_image};
 
-use super::client::{Client, Connection};
-use super::profile_cache::ProfileCache;
+use super::connection::{Connection, failure};
 use crate::commands::device_args::DeviceArgs;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
@@ -33,52 +30,35 @@ pub(crate) struct Args {
     connection: Connection,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Folder to keep profiles in. Default: the user's cache folder.
-    #[arg(long, value_name = "DIR")]
-    cache: Option<PathBuf>,
     /// Print the answer as one JSON document to stdout.
     #[arg(long)]
     json: bool,
 }
 
-pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
-    check_map_name(&args.map)?;
-    let client = Client::new(&args.connection, ui)?;
-    let cache = ProfileCache::new(args.cache.as_deref());
-    let profile = cache.profile(&client, &args.connection.server, &args.map, ui)?;
+pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
+    let client = args.connection.client(ui)?;
+    let profile = client.profile(&args.map).map_err(failure)?;
     let options = args.device.options(&profile, ui)?;
-    let (features, camera) = extract(&args.image, &args.camera, &profile, &options)?;
-    let found = features.keypoints.len();
-    let query = seal(features, &camera, &profile, &options, &mut device_rng()?)
-        .map_err(|e| Failure::refused(format!("{}: {e}", args.image.display())))?;
-    query.check_sides().map_err(|e| Failure::refused(format!("{}: {e}", args.image.display())))?;
-    let bytes = query.encode();
+    let sealed = seal_image(&args.image, &args.camera, &profile, &options)?;
     ui.say(format!(
-        "{}: {found} keypoints, {} sent as {}, {} bytes",
+        "{}: {} keypoints, {} sent as {}, {} bytes",
         args.image.display(),
-        query.len(),
+        sealed.keypoints,
+        sealed.query.len(),
         args.device.scheme(),
-        bytes.len()
+        sealed.query.encode().len()
     ));
-    let answer = client.localize(&args.map, &bytes)?;
+    let answer = client.localize(&args.map, &sealed.query).map_err(|error| match error {
+        // Not sent: which image it is matters more than which service.
+        ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", args.image.display())),
+        error => failure(error),
+    })?;
     if args.json {
         ui.json(&AnswerDocument::new(&args.map, &answer))?;
     } else {
         ui.print(line(&answer));
     }
     Ok(Exit::Success)
-}
-
-/// The name becomes part of an address.
-fn check_map_name(name: &str) -> Result<(), Failure> {
-    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-    if !name.is_empty() && name.chars().all(allowed) {
-        return Ok(());
-    }
-    Err(Failure::with_help(
-        format!("{name:?} names no map"),
-        "names of maps are letters, digits, `-`, `_` and `.`",
-    ))
 }
 
 fn line(answer: &Answer) -> String {

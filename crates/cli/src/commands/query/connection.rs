@@ -1,0 +1,110 @@
+//! How to reach a service, as the command line says it, and what to do when the service cannot be used.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use veiloc_client::{Client, ClientError, ClientOptions, Notice};
+
+use crate::exit::Failure;
+use crate::files;
+use crate::ui::Ui;
+
+/// How to reach a service.
+#[derive(clap::Args)]
+pub(super) struct Connection {
+    /// The service, for example `https://places.example:8443`.
+    #[arg(long, value_name = "URL")]
+    server: String,
+    /// Token to identify with. Better in a file or in the environment, where other users cannot see it.
+    #[arg(long, conflicts_with = "token_file", value_name = "TOKEN")]
+    token: Option<String>,
+    /// File that holds the token. Default: the environment variable VEILOC_TOKEN, or none.
+    #[arg(long, value_name = "FILE")]
+    token_file: Option<PathBuf>,
+    /// Certificates to trust instead of the public ones, PEM: for a service with a certificate of its own.
+    #[arg(long, value_name = "FILE")]
+    ca: Option<PathBuf>,
+    /// Speak plain HTTP beyond loopback, where everybody on the way can read token and query.
+    #[arg(long)]
+    insecure_http: bool,
+    /// How often to send the same bytes again when the service is busy or the network fails.
+    #[arg(long, default_value_t = 4, value_name = "N")]
+    retries: u32,
+    /// Folder to keep profiles in. Default: the user's cache folder.
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+}
+
+impl Connection {
+    /// A client that tells its user what it waits for.
+    pub(super) fn client(&self, ui: &Arc<Ui>) -> Result<Client, Failure> {
+        let mut options = ClientOptions::default();
+        options.certificates = self.ca.as_deref().map(files::read).transpose()?;
+        options.insecure_http = self.insecure_http;
+        options.retry.retries = self.retries;
+        options.cache = self.cache.clone().or_else(user_cache);
+        let ui = ui.clone();
+        options.notice = Some(Arc::new(move |notice: &Notice| tell(&ui, notice)));
+        let token = self.token()?;
+        Client::new(&self.server, token.as_deref(), options).map_err(|error| match (&error, &self.ca) {
+            // The library got bytes; a person wants the file's name.
+            (ClientError::Certificates, Some(path)) => Failure::with_help(
+                format!("{}: holds no certificate", path.display()),
+                "give a PEM file, which begins with -----BEGIN CERTIFICATE-----",
+            ),
+            _ => failure(error),
+        })
+    }
+
+    fn token(&self) -> Result<Option<String>, Failure> {
+        Ok(match (&self.token, &self.token_file) {
+            (Some(token), _) => Some(token.clone()),
+            (None, Some(path)) => Some(String::from_utf8_lossy(&files::read(path)?).into_owned()),
+            (None, None) => std::env::var("VEILOC_TOKEN").ok(),
+        })
+    }
+}
+
+fn tell(ui: &Ui, notice: &Notice) {
+    match notice {
+        Notice::Again { reason, pause } => {
+            ui.say(format!("{reason}; sending the same bytes again in {:.1} s", pause.as_secs_f64()));
+        }
+        Notice::NotKept { file, reason } => {
+            ui.say(format!("{}: the profile could not be kept there: {reason}", file.display()));
+        }
+    }
+}
+
+/// `$XDG_CACHE_HOME/veiloc`, or `~/.cache/veiloc`.
+fn user_cache() -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let user = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
+    Some(user.join(Path::new("veiloc")))
+}
+
+/// What went wrong, with a remedy where there is one.
+pub(super) fn failure(error: ClientError) -> Failure {
+    let help = match &error {
+        ClientError::PlainHttp { .. } => "use https://, or say with --insecure-http that the way is safe",
+        ClientError::Address { .. } => "begin it with https://, and give host, port and path only",
+        ClientError::Token => "give one line of letters and digits, as the operator made it",
+        ClientError::Certificates => "give a PEM file with --ca",
+        ClientError::Network { .. } => {
+            "check the address and that the service runs; for a certificate of its own give --ca"
+        }
+        ClientError::Busy { .. } => "try again later",
+        ClientError::NotLocalized(_) => "take an image from elsewhere in the place",
+        ClientError::WrongProfile(_) => {
+            "the map was exchanged meanwhile; take a new image, this one must not be sealed twice"
+        }
+        ClientError::Refused(refusal) if refusal.name == "unauthenticated" => {
+            "give a token with --token-file or in VEILOC_TOKEN"
+        }
+        ClientError::BadAnswer { .. } => "check the address; a service of another kind may be there",
+        ClientError::MapName { .. } | ClientError::Lopsided(_) | ClientError::Refused(_) => {
+            return Failure::refused(error);
+        }
+    };
+    Failure::with_help(error, help)
+}

@@ -1,0 +1,113 @@
+//! A service, and who asks it.
+
+use std::fmt;
+
+use veiloc_query::{Answer, Profile, SealedQuery};
+
+use crate::address::{Address, token};
+use crate::profile_cache::{ProfileCache, hash, keep};
+use crate::refusal::{Refusal, printable};
+use crate::transport::{Reply, Transport};
+use crate::{ClientError, ClientOptions};
+
+/// Most bytes of a profile that are read.
+const MAX_PROFILE: u64 = 2 << 20;
+/// Most bytes of an answer or a refusal.
+const MAX_ANSWER: u64 = 64 << 10;
+/// Answers of one length, whatever they say; from an older service those it has.
+const ACCEPT: &str = "application/x-protobuf;version=2, application/x-protobuf;q=0.5";
+
+/// A service, and who asks it. Calls block; one client may be used by several threads.
+pub struct Client {
+    transport: Transport,
+    cache: ProfileCache,
+}
+
+impl Client {
+    /// A client of the service at `server`, for example `https://places.example:8443`, which identifies with `token`.
+    /// Nothing is sent yet.
+    ///
+    /// # Errors
+    /// [`ClientError::Address`], [`ClientError::PlainHttp`], [`ClientError::Token`], [`ClientError::Certificates`] when
+    /// what was given cannot be used.
+    pub fn new(server: &str, token: Option<&str>, options: ClientOptions) -> Result<Self, ClientError> {
+        let address = Address::new(server, options.insecure_http)?;
+        let cache = ProfileCache::new(options.cache.as_deref());
+        let transport = Transport::new(address, self::token(token)?, options)?;
+        Ok(Self { transport, cache })
+    }
+
+    /// The current profile of a map: the kept one when the service says that it still is.
+    ///
+    /// What a profile of version 1 wishes to happen to positions is obeyed by nobody; whoever seals chooses.
+    ///
+    /// # Errors
+    /// [`ClientError`]: the map's name, a refusal, the network, or bytes that are no profile.
+    pub fn profile(&self, map: &str) -> Result<Profile, ClientError> {
+        let url = self.transport.address().of_map(map, "profile")?;
+        let file = self.cache.file(&self.transport.address().base, map);
+        // A kept file that cannot be read, or is damaged, is as good as none.
+        let kept = file.as_ref().and_then(|file| std::fs::read(file).ok());
+        let kept = kept.and_then(|bytes| Some((hash(&bytes), Profile::decode(&bytes).ok()?)));
+        let tag = kept.as_ref().map(|(hash, _)| format!("\"{hash}\""));
+        let reply = self.transport.get(&url, tag.as_deref(), MAX_PROFILE)?;
+        match (reply.status, kept) {
+            (200, _) => {
+                let bad = |reason| ClientError::BadAnswer { what: "the profile", reason };
+                check_type(&reply).map_err(bad)?;
+                let profile = Profile::decode(&reply.body).map_err(|e| bad(printable(&e.to_string())))?;
+                if let Some(file) = file {
+                    keep(&file, &reply.body, self.transport.options());
+                }
+                Ok(profile)
+            }
+            (304, Some((_, profile))) => Ok(profile),
+            _ => Err(refused(&reply)),
+        }
+    }
+
+    /// The pose of a sealed query. Whenever it is sent again, by this call or by the next one with the same query, the
+    /// same bytes are sent (rule L7).
+    ///
+    /// # Errors
+    /// [`ClientError`]; [`ClientError::may_send_again`] says whether the same query may be tried again later.
+    pub fn localize(&self, map: &str, query: &SealedQuery) -> Result<Answer, ClientError> {
+        let url = self.transport.address().of_map(map, "localize")?;
+        query.check_sides()?;
+        let reply = self.transport.post(&url, ACCEPT, &query.encode(), MAX_ANSWER)?;
+        if reply.status != 200 {
+            return Err(refused(&reply));
+        }
+        let bad = |reason| ClientError::BadAnswer { what: "the answer", reason };
+        check_type(&reply).map_err(bad)?;
+        let mut answer = Answer::decode(&reply.body).map_err(|e| bad(printable(&e.to_string())))?;
+        for doubt in &mut answer.doubts {
+            doubt.text = printable(&doubt.text);
+        }
+        Ok(answer)
+    }
+}
+
+impl fmt::Debug for Client {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Client").field("server", &self.transport.address().base).finish_non_exhaustive()
+    }
+}
+
+/// Whether a reply says of itself that it is protobuf: a page of a hotel's network does not.
+fn check_type(reply: &Reply) -> Result<(), String> {
+    let name = reply.content_type.split(';').next().unwrap_or_default().trim();
+    if name.eq_ignore_ascii_case("application/x-protobuf") {
+        return Ok(());
+    }
+    Err(format!("it is {:?}, not protobuf; perhaps another service answered", printable(name)))
+}
+
+fn refused(reply: &Reply) -> ClientError {
+    let refusal = Refusal::new(reply.status, &reply.body);
+    match (reply.status, refusal.name.as_str()) {
+        (422, _) => ClientError::NotLocalized(refusal),
+        (409, "wrong-profile") => ClientError::WrongProfile(refusal),
+        _ => ClientError::Refused(refusal),
+    }
+}

@@ -1,0 +1,84 @@
+//! Why there is no pose, by what an app does about it.
+
+use std::time::Duration;
+
+use veiloc_query::Lopsided;
+
+use crate::Refusal;
+
+/// Why there is no profile or no pose.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// The address of the service cannot be used.
+    #[error("{address}: {reason}")]
+    Address {
+        /// What was given.
+        address: String,
+        /// What is wrong with it, and the remedy.
+        reason: &'static str,
+    },
+    /// Plain HTTP beyond this machine.
+    #[error("{address}: plain HTTP could be read and changed on the way")]
+    PlainHttp {
+        /// What was given.
+        address: String,
+    },
+    /// The token holds characters that no token has. It is not repeated.
+    #[error("the token holds characters that no token has")]
+    Token,
+    /// Nothing in the certificates can be used.
+    #[error(
+        "there is no certificate in what was given; PEM is needed, which begins with -----BEGIN CERTIFICATE-----"
+    )]
+    Certificates,
+    /// A name that no map has.
+    #[error("{name:?} names no map; names of maps are letters, digits, `-`, `_` and `.`, at most 64")]
+    MapName {
+        /// What was given.
+        name: String,
+    },
+    /// Too few rows on one side of the dividing line: not sent, so another image may be taken.
+    #[error(transparent)]
+    Lopsided(#[from] Lopsided),
+    /// The service was not reached, or broke off, as often as it was tried. The same query may be sent again.
+    #[error("{server}: {reason}")]
+    Network {
+        /// Its address.
+        server: String,
+        /// What the system or the transport said.
+        reason: String,
+    },
+    /// The service is busy, or the token's allowance is used (408, 429, 503, 504). The same query may be sent again.
+    #[error("{refusal}")]
+    Busy {
+        /// What it said.
+        refusal: Refusal,
+        /// How long it asks to wait.
+        retry_after: Option<Duration>,
+    },
+    /// The query is good, but no pose is supported by it (422).
+    #[error("{0}")]
+    NotLocalized(Refusal),
+    /// The query was sealed with the profile of another map, or of an older state of this one (409 `wrong-profile`).
+    /// Fetch the profile; this image must not be sealed a second time.
+    #[error("{0}")]
+    WrongProfile(Refusal),
+    /// Any other refusal: of the token, the map, the query.
+    #[error("{0}")]
+    Refused(Refusal),
+    /// What the service answered is not what was asked for. Nothing of it was used.
+    #[error("{what} of the service cannot be used: {reason}")]
+    BadAnswer {
+        /// `the answer` or `the profile`.
+        what: &'static str,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+impl ClientError {
+    /// Whether the same query may be sent again later, as it is: nothing was wrong with it.
+    pub const fn may_send_again(&self) -> bool {
+        matches!(self, Self::Network { .. } | Self::Busy { .. })
+    }
+}

@@ -1,0 +1,82 @@
+//! The device's road to a positioning service: seal an image, send the sealed query, get the pose.
+//!
+//! This is the library for whoever writes an app. Nothing in it talks to a terminal; calls block, so run them on a thread
+//! of their own. It never sends an image or a keypoint: a [`Client`] takes [`SealedQuery`] and nothing else.
+//!
+//! - [`Client`]: a service, and who asks it. [`Client::profile`] fetches what is needed to seal for a map (and keeps it on
+//!   disk, when [`ClientOptions::cache`] says where), [`Client::localize`] asks.
+//! - [`seal_image`]: from a file and its camera to the sealed query.
+//! - [`ClientError`]: tells apart what an app does different things about: busy, not localized, a map that was exchanged,
+//!   a refusal, the network.
+//! - [`ClientOptions`] and [`RetryPolicy`]: limits, and [`Notice`] for what happens meanwhile.
+//!
+//! # What is never done
+//! An image is sealed once (rule L7 of `docs/privacy.md`): when the service is busy or the network fails, the same bytes
+//! are sent again, never a new query. Plain HTTP is spoken with this machine only, unless
+//! [`ClientOptions::insecure_http`] says that the way is safe. Nothing a service answers is believed: lengths, types and
+//! forms are checked, and its words are made fit for a screen ([`printable`]).
+//!
+//! # The whole road
+//! ```no_run
+//! use veiloc_client::{Client, ClientError, ClientOptions, SealOptions, seal_image};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let client = Client::new("https://places.example:8443", Some("token"), ClientOptions::default())?;
+//! let profile = client.profile("lobby")?;
+//! let camera = "SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034".parse()?;
+//! // How positions are hidden is the device's choice, whatever a profile says; `dcl` unless it says otherwise.
+//! let sealed = seal_image("photo.jpg".as_ref(), &camera, &profile, &SealOptions::default())?;
+//! match client.localize("lobby", &sealed.query) {
+//!     Ok(answer) if answer.trusted => println!("at {:?}", answer.center),
+//!     Ok(_) | Err(ClientError::NotLocalized(_)) => println!("not sure where this is"),
+//!     Err(ClientError::Busy { retry_after, .. }) => println!("busy; the same query again in {retry_after:?}"),
+//!     Err(error) => return Err(error.into()),
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Errors have types
+//! A service that does not know the map; here a thread plays it:
+//! ```
+//! use std::io::{Read, Write};
+//! use veiloc_client::{Client, ClientError, ClientOptions};
+//!
+//! let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
+//! let address = listener.local_addr()?;
+//! std::thread::spawn(move || {
+//!     let (mut stream, _) = listener.accept().unwrap();
+//!     let _ = stream.read(&mut [0; 4096]);
+//!     let body = r#"{"type":"urn:veiloc:problem:unknown-map","title":"Unknown map","status":404,"detail":"none"}"#;
+//!     let head = "HTTP/1.1 404 Not Found\r\ncontent-type: application/problem+json\r\nconnection: close\r\n";
+//!     write!(stream, "{head}content-length: {}\r\n\r\n{body}", body.len()).unwrap();
+//! });
+//!
+//! let client = Client::new(&format!("http://{address}"), None, ClientOptions::default())?;
+//! let Err(ClientError::Refused(refusal)) = client.profile("atlantis") else { panic!("there is no such map") };
+//! assert_eq!((refusal.status, refusal.name.as_str()), (404, "unknown-map"));
+//!
+//! // Tokens and queries do not travel in the open.
+//! let plain = Client::new("http://places.example", None, ClientOptions::default());
+//! assert!(matches!(plain, Err(ClientError::PlainHttp { .. })));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod address;
+mod client;
+mod error;
+mod options;
+mod profile_cache;
+mod refusal;
+mod seal;
+mod transport;
+
+pub use client::Client;
+pub use error::ClientError;
+pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy};
+pub use refusal::{Refusal, printable};
+pub use seal::{SealImageError, SealedImage, seal_image};
+pub use veiloc_geometry::Intrinsics;
+pub use veiloc_obfuscation::SealOptions;
+pub use veiloc_query::{Answer, AnswerDocument, Profile, Scheme, SealedQuery};

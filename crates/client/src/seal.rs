@@ -1,0 +1,57 @@
+//! From an image's file to the sealed query: the one place of this crate that seals.
+
+use std::path::{Path, PathBuf};
+
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{ExtractError, SealError, SealOptions, device_rng, extract, seal};
+use veiloc_query::{Profile, SealedQuery};
+
+/// An image, sealed.
+#[derive(Debug)]
+pub struct SealedImage {
+    /// What may be sent.
+    pub query: SealedQuery,
+    /// Keypoints found in the image; the query may hold fewer.
+    pub keypoints: usize,
+}
+
+/// Why an image was not sealed.
+#[derive(Debug, thiserror::Error)]
+pub enum SealImageError {
+    /// Nothing could be extracted from it.
+    #[error(transparent)]
+    Extract(#[from] ExtractError),
+    /// What was extracted could not be sealed.
+    #[error("{}: {source}", path.display())]
+    Seal {
+        /// The image.
+        path: PathBuf,
+        /// What is wrong.
+        source: SealError,
+    },
+}
+
+/// Seals an image, JPEG or PNG, for the map of a profile, with random numbers of the operating system.
+///
+/// - `camera`: of the image as it is in the file.
+/// - `options`: how keypoints are hidden and how many are sent, the device's choice whatever the profile says;
+///   `SealOptions::default()` is `dcl`.
+///
+/// Seal an image once and keep the query until it is answered; two queries of one image give its keypoints away (rule L7).
+///
+/// # Errors
+/// [`SealImageError`]: a file that is no image, a camera that is not this image's, too little texture, a profile that asks for
+/// more than the device gives.
+pub fn seal_image(
+    image: &Path,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+) -> Result<SealedImage, SealImageError> {
+    let refused = |source| SealImageError::Seal { path: image.to_owned(), source };
+    let (features, camera) = extract(image, camera, profile, options)?;
+    let keypoints = features.keypoints.len();
+    let mut rng = device_rng().map_err(refused)?;
+    let query = seal(features, &camera, profile, options, &mut rng).map_err(refused)?;
+    Ok(SealedImage { query, keypoints })
+}

@@ -1,0 +1,102 @@
+//! A service that says what a test wants it to, and remembers what it was asked.
+#![allow(dead_code, unreachable_pub)] // each test program uses its own part
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpListener;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use veiloc_client::{Client, ClientOptions, SealedQuery};
+
+/// A request as it came.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Asked {
+    /// First line and headers, lower case.
+    pub head: String,
+    pub body: Vec<u8>,
+}
+
+/// Answers one connection after another with the next of its lines; an empty one breaks the connection off.
+pub struct Service {
+    pub url: String,
+    asked: Arc<Mutex<Vec<Asked>>>,
+}
+
+impl Service {
+    pub fn saying(replies: Vec<Vec<u8>>) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let url = format!("http://{}", listener.local_addr().expect("an address"));
+        let asked = Arc::new(Mutex::new(Vec::new()));
+        let kept = asked.clone();
+        std::thread::spawn(move || {
+            for reply in replies {
+                let (mut stream, _) = listener.accept().expect("a client");
+                let mut reader = BufReader::new(stream.try_clone().expect("a clone"));
+                let (mut head, mut length, mut line) = (String::new(), 0, String::new());
+                while reader.read_line(&mut line).expect("a line") > 2 {
+                    let lower = line.to_ascii_lowercase();
+                    if let Some(n) = lower.strip_prefix("content-length:") {
+                        length = n.trim().parse().expect("a number");
+                    }
+                    head += &lower;
+                    line.clear();
+                }
+                let mut body = vec![0; length];
+                reader.read_exact(&mut body).expect("a body");
+                kept.lock().expect("not poisoned").push(Asked { head, body });
+                // A client that has read enough closes: what counts is what it makes of it.
+                let _ = stream.write_all(&reply);
+            }
+        });
+        Self { url, asked }
+    }
+
+    /// All requests so far.
+    pub fn asked(&self) -> Vec<Asked> {
+        self.asked.lock().expect("not poisoned").clone()
+    }
+
+    pub fn client(&self) -> Client {
+        Client::new(&self.url, Some("the-token"), quick()).expect("a client")
+    }
+}
+
+/// Retries without pauses worth waiting for.
+pub fn quick() -> ClientOptions {
+    let mut options = ClientOptions::default();
+    options.retry.pause = Duration::from_millis(1);
+    options.timeout = Duration::from_secs(20);
+    options
+}
+
+/// A response with these headers and this body, closed after it.
+pub fn reply(status: &str, headers: &[(&str, &str)], body: &[u8]) -> Vec<u8> {
+    let mut head = format!("HTTP/1.1 {status}\r\nconnection: close\r\ncontent-length: {}\r\n", body.len());
+    for (name, value) in headers {
+        head = head + name + ": " + value + "\r\n";
+    }
+    [head.as_bytes(), b"\r\n", body].concat()
+}
+
+pub fn protobuf(body: &[u8]) -> Vec<u8> {
+    reply("200 OK", &[("content-type", "application/x-protobuf")], body)
+}
+
+/// A refusal as the service makes it.
+pub fn problem(status: &str, name: &str, headers: &[(&str, &str)]) -> Vec<u8> {
+    let number = status.split(' ').next().unwrap_or_default();
+    let body = format!(
+        r#"{{"type":"urn:veiloc:problem:{name}","title":"Title of {name}","status":{number},"detail":"why"}}"#
+    );
+    reply(status, headers, (body + &" ".repeat(500)).as_bytes())
+}
+
+/// A file of known answers of the wire format, which every version reads.
+pub fn known(name: &str) -> Vec<u8> {
+    let path = format!("{}/../query/tests/data/{name}", env!("CARGO_MANIFEST_DIR"));
+    std::fs::read(path).expect("the known answer")
+}
+
+pub fn query() -> SealedQuery {
+    SealedQuery::decode(&known("v1-dcl.vquery")).expect("version 1")
+}
