@@ -16,7 +16,9 @@ pub struct BadImage {
 
 impl fmt::Display for BadImage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {}", self.name, self.reason)
+        let reason = self.reason.to_string();
+        // Faults of files name the path.
+        if reason.contains(&self.name) { f.write_str(&reason) } else { write!(f, "{}: {reason}", self.name) }
     }
 }
 

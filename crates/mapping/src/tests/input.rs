@@ -46,7 +46,7 @@ fn lists_and_images_that_cannot_be_used_are_named() {
         (&["a.png", "a.png"], "a.png: is in the list twice"),
         (&["a.png", "d.png"], "d.png: there is no pose for it"),
         (&["b.png"], "b.png"),
-        (&["a.png"], "1x1 pixels, but the camera takes 640x480"),
+        (&["a.png"], "a.png: 1x1 pixels, but its camera takes 640x480"),
     ];
     for (names, told) in cases {
         let error = refused(&model, dir.path(), names, &options).to_string();
