@@ -22,29 +22,7 @@ const LONG_FILES: &[(&str, &str)] = &[];
 
 /// Circles of files that stay, each with its reason: room, files relative to `src/`, reason.
 /// A circle within these files is allowed; a row without any circle is a fault.
-const CIRCLES: &[(&str, &[&str], &str)] = &[
-    (
-        "descriptor",
-        &["error.rs", "name.rs"],
-        "an error names the name that is taken, and making a name can fail",
-    ),
-    (
-        "query",
-        &[
-            "angle.rs",
-            "camera.rs",
-            "error.rs",
-            "layout.rs",
-            "profile.rs",
-            "rows.rs",
-            "scheme.rs",
-            "sealed.rs",
-            "size_class.rs",
-            "wire.rs",
-        ],
-        "one error type for all: it names the identity of a profile, which itself can fail",
-    ),
-];
+const CIRCLES: &[(&str, &[&str], &str)] = &[];
 
 /// One room as read from its files.
 pub(crate) struct Room {

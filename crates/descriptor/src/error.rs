@@ -1,7 +1,5 @@
 //! What can be wrong with descriptors and vocabularies.
 
-use crate::Name;
-
 /// Why descriptors, or a vocabulary, were refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -23,7 +21,7 @@ pub enum DescriptorError {
     #[error("the name {name} belongs to something built in, with other numbers; choose another name")]
     NameTaken {
         /// The name.
-        name: Name,
+        name: String,
     },
     /// The bytes are no global model: neither a vocabulary nor a named one.
     #[error("not a global model: the first bytes are no mark of one")]

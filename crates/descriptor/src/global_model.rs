@@ -36,7 +36,7 @@ impl NamedGlobal {
             return Err(DescriptorError::Kind { field: "global dim", value: dim, allowed: "1 to 16384" });
         }
         if name.as_str() == GlobalModel::VLAD {
-            return Err(DescriptorError::NameTaken { name });
+            return Err(DescriptorError::NameTaken { name: name.as_str().to_owned() });
         }
         Ok(Self { name, dim: dim as u32 })
     }

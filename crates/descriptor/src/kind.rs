@@ -71,7 +71,9 @@ impl DescriptorKind {
         }
         let kind = Self { name, dim: dim as u16, encoding, norm: norm as u16 };
         match Self::built_in().find(|known| known.name == name) {
-            Some(known) if known != kind => Err(DescriptorError::NameTaken { name }),
+            Some(known) if known != kind => {
+                Err(DescriptorError::NameTaken { name: name.as_str().to_owned() })
+            }
             _ => Ok(kind),
         }
     }
@@ -183,9 +185,9 @@ impl std::fmt::Debug for DescriptorKind {
 }
 
 const fn literal(text: &str) -> Name {
-    match Name::new(text) {
-        Ok(name) => name,
-        Err(_) => panic!("a name written in this file"),
+    match Name::checked(text) {
+        Some(name) => name,
+        None => panic!("a name written in this file"),
     }
 }
 

@@ -17,21 +17,26 @@ impl Name {
     ///
     /// # Errors
     /// [`DescriptorError::Name`] when it is empty, too long, begins with no letter or holds another character.
-    pub const fn new(text: &str) -> Result<Self, DescriptorError> {
+    pub fn new(text: &str) -> Result<Self, DescriptorError> {
+        Self::checked(text).ok_or(DescriptorError::Name)
+    }
+
+    /// The same for names that are written in the code.
+    pub(crate) const fn checked(text: &str) -> Option<Self> {
         let text = text.as_bytes();
         if text.is_empty() || text.len() > Self::MAX_LEN || !text[0].is_ascii_lowercase() {
-            return Err(DescriptorError::Name);
+            return None;
         }
         let mut bytes = [0; Self::BYTES];
         let mut at = 0;
         while at < text.len() {
             if !matches!(text[at], b'a'..=b'z' | b'0'..=b'9' | b'-') {
-                return Err(DescriptorError::Name);
+                return None;
             }
             bytes[at] = text[at];
             at += 1;
         }
-        Ok(Self(bytes))
+        Some(Self(bytes))
     }
 
     /// Reads what [`Self::to_bytes`] gave.

@@ -54,6 +54,7 @@ mod error;
 mod layout;
 mod observations;
 mod profile;
+mod profile_check;
 mod profile_id;
 mod profile_wire;
 mod rows;
