@@ -53,6 +53,21 @@ const ARROWS: &[(&str, &[&str])] = &[
             "synth",
         ],
     ),
+    (
+        "veiloc",
+        &[
+            "audit",
+            "client",
+            "datasets",
+            "features",
+            "geometry",
+            "localize",
+            "map",
+            "mapping",
+            "obfuscation",
+            "query",
+        ],
+    ),
     ("report", &["attacks", "audit", "eval", "geometry", "query"]),
     (
         "demo",

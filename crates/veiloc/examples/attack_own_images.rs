@@ -1,0 +1,62 @@
+//! What attackers get out of one's own images, under every scheme that hides positions.
+//!
+//! `cargo run --release -p veiloc --features audit --example attack_own_images -- IMAGE…` (without images: of a rendered
+//! place)
+#![expect(clippy::print_stdout, reason = "an example talks to its terminal")]
+
+mod rendered;
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use veiloc::audit::{
+    Attack, AttackDocument, AttackEvaluation, AttackObserver, ImageGroup, NeighbourSource, attack_groups,
+    attacks_table, keypoints_of_images,
+};
+use veiloc::query::{AngleBits, ExtractionLimits, Scheme};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let images = std::env::args_os().skip(1).map(PathBuf::from).collect();
+    println!("{}", attacks_table(&run(images)?));
+    Ok(())
+}
+
+/// Attacks these images, or without any one of a rendered place.
+pub(crate) fn run(mut images: Vec<PathBuf>) -> Result<AttackDocument, Box<dyn Error>> {
+    let folder = tempfile::tempdir()?;
+    if images.is_empty() {
+        println!("no images given: one of a rendered place is attacked");
+        images = rendered_images(folder.path())?;
+    }
+    attack(&images)
+}
+
+fn rendered_images(folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
+    Ok(rendered::render(folder, 11)?.queries.into_iter().take(1).map(|(path, _)| path).collect())
+}
+
+/// The paper's attack and the layout of the neighbour graph, both told the true neighbours, beside the guess.
+fn attack(images: &[PathBuf]) -> Result<AttackDocument, Box<dyn Error>> {
+    let limits = ExtractionLimits { max_keypoints: 1024, ..ExtractionLimits::default() };
+    let images = keypoints_of_images(images, limits, &())?;
+    let evaluation = AttackEvaluation {
+        files: Vec::new(),
+        synthetic: 0,
+        images: None,
+        schemes: Scheme::ALL.to_vec(),
+        attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH],
+        neighbours: NeighbourSource::Oracle,
+        k: 20,
+        corrupt: vec![0.0],
+        server: None,
+        frames: Vec::new(),
+        angle_bits: AngleBits::default(),
+        seed: 0,
+    };
+    Ok(attack_groups(&evaluation, vec![ImageGroup { name: "own images".to_owned(), images }], &mut Quiet)?)
+}
+
+/// Nobody watches.
+struct Quiet;
+
+impl AttackObserver for Quiet {}

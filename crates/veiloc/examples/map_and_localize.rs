@@ -1,0 +1,54 @@
+//! Maps a place, seals images as a device does, and localizes them: both roads in one program.
+//!
+//! `cargo run --release -p veiloc --example map_and_localize`
+#![expect(clippy::print_stdout, reason = "an example talks to its terminal")]
+
+mod rendered;
+
+use std::error::Error;
+use std::path::Path;
+
+use veiloc::device::{SealOptions, SealedQuery, seal_image};
+use veiloc::geometry::{CameraFromWorld, Intrinsics};
+use veiloc::server::{
+    BuildOptions, Input, LocalizeOptions, MapFile, PosedImages, build, localize, write_map,
+};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    run().map(|_| ())
+}
+
+/// Everything; returns how far off each answer was, metres.
+pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
+    let folder = tempfile::tempdir()?;
+    println!("rendering a place");
+    let place = rendered::render(folder.path(), 11)?;
+    let map = folder.path().join("place.vmap");
+    map_place(&place.posed, &place.folder, &map)?;
+    let mut errors = Vec::new();
+    for (image, truth) in &place.queries {
+        let found = where_was(image, &place.camera, &map)?;
+        errors.push(found.translation_error(truth));
+        println!("{}: {:.1} mm off", image.display(), 1e3 * found.translation_error(truth));
+    }
+    Ok(errors)
+}
+
+/// The operator: posed images to a map file.
+fn map_place(posed: &PosedImages, images: &Path, map: &Path) -> Result<(), Box<dyn Error>> {
+    let (model, report) = build(&Input::new(posed, images), &BuildOptions::default(), &())?;
+    for doubt in &report.doubts {
+        println!("warning: {doubt}");
+    }
+    println!("{} images, {} points", model.images.len(), model.points.len());
+    Ok(write_map(&model, map)?)
+}
+
+/// Device and server in one; in the field the bytes cross a network (`veiloc::device::Client`).
+fn where_was(image: &Path, camera: &Intrinsics, map: &Path) -> Result<CameraFromWorld, Box<dyn Error>> {
+    let map = MapFile::open(map)?;
+    let sealed = seal_image(image, camera, map.profile(), &SealOptions::default())?;
+    let bytes = sealed.query.encode();
+    let found = localize(&SealedQuery::decode(&bytes)?, &map, &LocalizeOptions::default())?;
+    Ok(found.cam_from_world)
+}

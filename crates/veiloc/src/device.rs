@@ -1,0 +1,17 @@
+//! The device's road: extract, seal, ask.
+//!
+//! [`seal_image`] does the first two, [`Client`] the third. Who has features of their own begins at [`seal`]; who speaks
+//! HTTP by other means sends [`SealedQuery::encode`] and reads [`Answer::decode`]. What an app must not do, and what leaks
+//! all the same, is in `docs/privacy.md`.
+
+pub use veiloc_client::{
+    Client, ClientError, ClientOptions, Notice, Refusal, RetryPolicy, SealImageError, SealedImage, printable,
+    seal_image,
+};
+pub use veiloc_features::{
+    Extractor, Extractors, FeatureError, Features, GrayImage, Image, Keypoint, Sift, SiftOptions, load_gray,
+};
+pub use veiloc_obfuscation::{
+    DeviceLimits, ExtractError, SealError, SealOptions, device_rng, extract, extract_with, seal,
+};
+pub use veiloc_query::{Answer, AnswerDocument, Profile, QueryError, Scheme, SealedQuery};

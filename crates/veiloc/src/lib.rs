@@ -1,0 +1,67 @@
+//! Find where an image was taken, without anyone seeing the image, or where its keypoints are.
+//!
+//! One crate for both roads; each is a cargo feature, so that an app for devices holds nothing of the server and the other
+//! way round.
+//!
+//! | road | feature | what it does |
+//! |---|---|---|
+//! | [`device`] | `device` | image → features → [`SealedQuery`](device::SealedQuery) → the service's answer |
+//! | [`server`] | `server` | posed images → map; sealed query and map → pose |
+//! | [`audit`] | `audit` (off) | attacks one's own images, and says what leaks |
+//!
+//! `examples/map_and_localize.rs` and `examples/attack_own_images.rs` run without any data:
+//! `cargo run --release -p veiloc --example map_and_localize`.
+//!
+//! # Both roads in one program
+//! On a place that is rendered here; everything after the renderer is what real images go through.
+//! ```
+//! use veiloc::device::{DeviceLimits, SealOptions, SealedQuery, seal_image};
+//! use veiloc::geometry::{CameraFromWorld, Intrinsics};
+//! use veiloc::server::{BuildOptions, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build, localize, write_map};
+//! # use veiloc_synth::{PathOptions, Place, RenderOptions};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let camera: Intrinsics = "SIMPLE_RADIAL,400,300,330,200,150,-0.02".parse()?;
+//! # let place = Place::generate(11);
+//! # let path = place.camera_path(&PathOptions::with_counts(30, 9));
+//! let mapped: Vec<(String, CameraFromWorld)> = /* names and poses of the map's images */
+//! #     path.mapping[..10].iter().enumerate().map(|(i, pose)| (format!("map-{i}.png"), *pose)).collect();
+//! let (query, truth) = ("query.png", path.queries[0]);
+//! # for (seed, (name, pose)) in (1..).zip(mapped.iter().map(|(n, p)| (n.as_str(), p)).chain([(query, &truth)])) {
+//! #     place.render(pose, &camera, &RenderOptions::with_seed(seed)).rgb().save(folder.path().join(name))?;
+//! # }
+//!
+//! // The operator: posed images to a map file.
+//! let posed = |(name, cam_from_world)| PosedImage { name, camera, cam_from_world, seen: Vec::new() };
+//! let posed = PosedImages::new(mapped.into_iter().map(posed).collect(), Vec::new())?;
+//! let (model, report) = build(&Input::new(&posed, folder.path()), &BuildOptions::default(), &())?;
+//! assert!(report.doubts.is_empty());
+//! write_map(&model, &folder.path().join("place.vmap"))?;
+//!
+//! // The device: it needs the map's profile, which holds no map data.
+//! let sealed = seal_image(&folder.path().join(query), &camera, &model.profile, &SealOptions::default())?;
+//! let bytes = sealed.query.encode(); // all that leaves the device
+//!
+//! // The server.
+//! let map = MapFile::open(&folder.path().join("place.vmap"))?;
+//! let found = localize(&SealedQuery::decode(&bytes)?, &map, &LocalizeOptions::default())?;
+//! assert!(found.confidence.is_trusted());
+//! assert!(found.cam_from_world.translation_error(&truth) < 0.05);
+//! # let _: DeviceLimits;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! How to bring a feature, an attack, a data set and more of one's own: `docs/extending.md`.
+#![forbid(unsafe_code)]
+
+#[cfg(feature = "audit")]
+pub mod audit;
+#[cfg(feature = "device")]
+pub mod device;
+#[cfg(feature = "server")]
+pub mod server;
+
+/// Frames, cameras, poses, lines: what both roads speak in.
+pub use veiloc_geometry as geometry;
+/// The sealed query, the profile and the answer: what crosses the network.
+pub use veiloc_query as query;

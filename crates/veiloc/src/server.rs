@@ -1,0 +1,14 @@
+//! The server's road: posed images to a map, and a sealed query with a map to a pose.
+//!
+//! [`build`], [`add`], [`remove`] make and change a map, [`write_map`] and [`MapFile`] keep it, [`localize`] asks it. The
+//! HTTP service itself is the crate `veiloc-server`. Building a map extracts features, of map images; localizing depends on
+//! nothing that could name a keypoint of a query.
+
+pub use veiloc_features::{Extractor, Extractors, Progress};
+pub use veiloc_localize::{Localization, LocalizeError, LocalizeOptions, localize};
+pub use veiloc_map::colmap::{read_model, read_posed};
+pub use veiloc_map::{MapError, MapFile, MapModel, PosedImage, PosedImages, write as write_map};
+pub use veiloc_mapping::{
+    BuildOptions, BuildReport, Input, MappingError, OnBadImage, Words, add, build, import, remove,
+};
+pub use veiloc_query::{Profile, SealedQuery};

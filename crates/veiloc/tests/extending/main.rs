@@ -1,0 +1,11 @@
+//! The walks of `docs/extending.md`: one small thing of each sort, added from outside the crates.
+
+#[path = "../../examples/rendered/mod.rs"]
+mod rendered;
+
+mod attack;
+mod data_set;
+mod feature;
+mod global_descriptor;
+mod scheme;
+mod solver;

@@ -1,0 +1,59 @@
+//! A scheme of one's own, judged before it is put on the wire: what it tells, how well it locates, what it leaks.
+//!
+//! Keypoints of the left half become vertical lines, those of the right half horizontal ones.
+
+use std::f64::consts::FRAC_PI_2;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use veiloc::geometry::{Pixel, PixelLine};
+use veiloc::query::Observations;
+use veiloc_attacks::{
+    ClosedFormOptions, ErrorSummary, NeighbourLists, Observation, closed_form, errors_px, prior_only,
+};
+use veiloc_eval::pose_problem;
+use veiloc_robust::{PoseOptions, estimate_pose};
+use veiloc_synth::problems::{PointProblem, PointProblemOptions};
+
+/// The scheme: keypoints in, what is told of them out. Nothing of a position along its line is used.
+fn vertical_and_horizontal(keypoints: &[Pixel], width: u32) -> Observations {
+    let angle = |p: &Pixel| if p.u < f64::from(width) / 2.0 { FRAC_PI_2 } else { 0.0 };
+    Observations::Lines(keypoints.iter().map(|p| PixelLine::through(*p, angle(p))).collect())
+}
+
+#[test]
+fn a_scheme_of_ones_own_is_judged_by_poses_and_by_attacks() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let options = PointProblemOptions::exact(300).noise(0.7).outliers(0.4);
+    let made = PointProblem::generate(&options, &mut rng);
+    let (width, height) = (made.camera.width, made.camera.height);
+    let observations = vertical_and_horizontal(&made.pixels, width);
+
+    // How well it locates.
+    let problem = veiloc_datasets::Problem {
+        name: "made".to_owned(),
+        camera: made.camera,
+        keypoints: made.pixels.clone(),
+        keypoint_of_match: (0..made.pixels.len()).collect(),
+        points: made.points.clone(),
+        cam_from_world: made.cam_from_world,
+        ratio: None,
+        votes: None,
+        track_length: None,
+        gravity: None,
+    };
+    let (input, _) = pose_problem(&problem, &observations, false);
+    let found = estimate_pose(&input, &PoseOptions::default(), &mut rng).expect("a pose");
+    assert!(found.confidence.is_trusted());
+    assert!(found.cam_from_world.rotation_error_degrees(&made.cam_from_world) < 0.5);
+
+    // What it leaks: the paper's attack with true neighbours, beside the guess.
+    let sent = Observation::of_sent(&observations);
+    let near = NeighbourLists::nearest(&made.pixels, 20);
+    let answers = closed_form(&sent, &near, width, height, &ClosedFormOptions::default()).expect("it runs");
+    let median = |answers: Vec<Pixel>| ErrorSummary::of(&errors_px(answers, &made.pixels)).median_px;
+    let attacked = median(answers.iter().map(|a| a.pixel).collect());
+    let guessed = median(prior_only(&sent, width, height));
+    // Lines of one half are parallel and never cross: the attack gains nothing over the guess.
+    assert!(attacked > 0.8 * guessed && guessed > 30.0, "{attacked} {guessed}");
+}

@@ -1,0 +1,29 @@
+//! The examples do what they say: a place is mapped and its queries are found, and one's own images are attacked.
+
+#[path = "../examples/attack_own_images.rs"]
+#[expect(dead_code, reason = "its own main is not called")]
+mod attack_own_images;
+#[path = "../examples/map_and_localize.rs"]
+#[expect(dead_code, reason = "its own main is not called")]
+mod map_and_localize;
+
+use veiloc::audit::Attack;
+
+#[test]
+fn a_place_is_mapped_and_its_queries_are_found() {
+    let errors = map_and_localize::run().expect("it runs");
+    assert_eq!(errors.len(), 3);
+    assert!(errors.iter().all(|metres| *metres < 0.02), "{errors:?}");
+}
+
+#[test]
+fn own_images_are_attacked_beside_the_guess() {
+    let document = attack_own_images::run(Vec::new()).expect("it runs");
+    let median = |attack: Attack| {
+        let row = document.attacks.iter().find(|r| r.scheme == "dcl" && r.attack == attack);
+        row.expect("it ran").median_px
+    };
+    // The paper's attack is worse than guessing on dcl; the layout of the graph, told the true neighbours, is not.
+    assert!(median(Attack::CLOSED_FORM) > median(Attack::PRIOR), "{document:?}");
+    assert!(median(Attack::GRAPH) < 0.2 * median(Attack::PRIOR), "{document:?}");
+}
