@@ -43,6 +43,26 @@ impl Scheme {
         }
     }
 
+    /// What it is called in sentences and headings, without layout.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Points => "Points",
+            Self::RandomLines => "Random lines",
+            Self::CoordinatePermutation => "Coordinate permutation",
+            Self::Dcl(_) => "Dual convergent lines",
+        }
+    }
+
+    /// What it does, in one sentence for people who know nothing of it.
+    pub const fn explanation(self) -> &'static str {
+        match self {
+            Self::Points => "Keypoint positions sent openly: no protection.",
+            Self::RandomLines => "Each keypoint replaced by a line through it in a random direction.",
+            Self::CoordinatePermutation => "Keypoints swap one coordinate with a random partner.",
+            Self::Dcl(_) => "Each keypoint replaced by the half-line that joins it to one of two anchors.",
+        }
+    }
+
     /// Whether anything at all is hidden: false for `points`.
     pub const fn hides_positions(self) -> bool {
         !matches!(self, Self::Points)

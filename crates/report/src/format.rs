@@ -1,5 +1,7 @@
 //! Words and numbers as they stand on the page.
 
+use veiloc_query::Scheme;
+
 /// Text made safe for HTML, in element content and in quoted attributes.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
@@ -64,26 +66,10 @@ pub(super) fn milliseconds(value: Option<f64>) -> String {
     }
 }
 
-/// A scheme's name for people, and what it does in one sentence. Unknown names stand for themselves.
+/// A scheme's name for people, escaped, and what it does in one sentence; nothing of what reads as no scheme.
 pub(super) fn scheme_words(scheme: &str) -> (String, &'static str) {
-    let (name, setting) = scheme.split_once(':').map_or((scheme, ""), |(n, s)| (n, s));
-    let (words, what) = match name {
-        "points" => ("Points", "Keypoint positions sent openly: no protection."),
-        "random-lines" => {
-            ("Random lines", "Each keypoint replaced by a line through it in a random direction.")
-        }
-        "coordinate-permutation" => {
-            ("Coordinate permutation", "Keypoints swap one coordinate with a random partner.")
-        }
-        "dcl" => (
-            "Dual convergent lines",
-            "Each keypoint replaced by the half-line that joins it to one of two anchors.",
-        ),
-        _ => (name, ""),
-    };
-    let words =
-        if setting.is_empty() { escape(words) } else { format!("{} ({})", escape(words), escape(setting)) };
-    (words, what)
+    let what = scheme.parse::<Scheme>().map_or("", Scheme::explanation);
+    (escape(&veiloc_audit::scheme_words(scheme)), what)
 }
 
 #[cfg(test)]

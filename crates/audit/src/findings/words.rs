@@ -1,5 +1,7 @@
 //! What attacks and neighbours are called in sentences.
 
+use veiloc_query::Scheme;
+
 use super::verdict::base_share;
 use crate::{Attack, AttackDocument, Neighbours};
 
@@ -25,16 +27,14 @@ pub fn needs(attack: Attack, document: &AttackDocument) -> String {
     }
 }
 
-/// A scheme's name for people.
+/// A scheme's name for people, with its layout. What reads as no scheme stands for itself.
 pub fn scheme_words(scheme: &str) -> String {
-    let (name, setting) = scheme.split_once(':').map_or((scheme, None), |(n, s)| (n, Some(s)));
-    let words = match name {
-        "random-lines" => "Random lines",
-        "coordinate-permutation" => "Coordinate permutation",
-        "dcl" => "Dual convergent lines",
-        other => other,
-    };
-    setting.map_or_else(|| words.to_owned(), |s| format!("{words} ({s})"))
+    let setting = scheme.split_once(':').map(|(_, setting)| setting);
+    match (scheme.parse::<Scheme>(), setting) {
+        (Ok(known), None) => known.words().to_owned(),
+        (Ok(known), Some(setting)) => format!("{} ({setting})", known.words()),
+        (Err(_), _) => scheme.to_owned(),
+    }
 }
 
 /// Pixels with one decimal, the same in table, sentence and caption.

@@ -1,20 +1,10 @@
-//! The examples do what they say: a place is mapped and its queries are found, and one's own images are attacked.
+//! The example does what it says: one's own images are attacked, beside the guess.
 
 #[path = "../examples/attack_own_images.rs"]
 #[expect(dead_code, reason = "its own main is not called")]
 mod attack_own_images;
-#[path = "../examples/map_and_localize.rs"]
-#[expect(dead_code, reason = "its own main is not called")]
-mod map_and_localize;
 
 use veiloc::audit::Attack;
-
-#[test]
-fn a_place_is_mapped_and_its_queries_are_found() {
-    let errors = map_and_localize::run().expect("it runs");
-    assert_eq!(errors.len(), 3);
-    assert!(errors.iter().all(|metres| *metres < 0.02), "{errors:?}");
-}
 
 #[test]
 fn own_images_are_attacked_beside_the_guess() {
