@@ -7,7 +7,7 @@
 //! |---|---|---|
 //! | [`device`] | `device` | image → features → [`SealedQuery`](device::SealedQuery) → the service's answer |
 //! | [`server`] | `server` | posed images → map; sealed query and map → pose |
-//! | [`audit`] | `audit` (off) | attacks one's own images, and says what leaks |
+//! | `audit` | `audit` (off) | attacks one's own images, and says what leaks |
 //!
 //! `examples/map_and_localize.rs` and `examples/attack_own_images.rs` run without any data:
 //! `cargo run --release -p veiloc --example map_and_localize`.
