@@ -44,7 +44,7 @@ impl MapLock {
         Ok(target.map(|target| Self { target }))
     }
 
-    /// Writes the map file, as [`write`] does.
+    /// Writes the map file, as [`write()`] does.
     ///
     /// # Errors
     /// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] naming the file.
