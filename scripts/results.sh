@@ -10,7 +10,8 @@ cargo build --release --quiet
 veiloc() {
     echo
     echo "\$ veiloc $*" | sed "s|$VEILOC_DATA|\$VEILOC_DATA|g"
-    target/release/veiloc "$@" 2>&1
+    # Lines of progress are for whoever waits.
+    target/release/veiloc "$@" 2>&1 | grep -vE '^[A-Z][A-Za-z ]+ [0-9]+/[0-9]+$'
 }
 scene() {
     local place="$VEILOC_DATA/$1"
