@@ -127,7 +127,7 @@ fn maps() {
     place.write("bad/empty.vmap", []);
     place.write("bad/text.vmap", "no map at all, but long enough to hold a header: ".repeat(40));
     let mut newer = map.clone();
-    newer[8..12].copy_from_slice(&2_u32.to_le_bytes());
+    newer[8..12].copy_from_slice(&3_u32.to_le_bytes());
     place.write("bad/newer.vmap", &newer);
     newer[8..12].copy_from_slice(&0_u32.to_le_bytes());
     place.write("bad/older.vmap", &newer);
@@ -140,7 +140,7 @@ fn maps() {
         refused("map info bad/empty.vmap", &["bad/empty.vmap", "map build"]),
         refused("map info bad/text.vmap", &["bad/text.vmap", "map build"]),
         refused("map info good.vquery", &["good.vquery", "map build"]),
-        refused("map info bad/newer.vmap", &["bad/newer.vmap", "version 2", "use a newer veiloc"]),
+        refused("map info bad/newer.vmap", &["bad/newer.vmap", "version 3", "use a newer veiloc"]),
         refused("map info bad/older.vmap", &["bad/older.vmap", "version 0", "build the map again"]),
         refused("map info bad/longer.vmap", &["bad/longer.vmap", "copy it again"]),
         refused("localize --map bad/missing.vmap good.vquery", &["bad/missing.vmap", "check the path"]),
@@ -192,7 +192,7 @@ fn sealed_queries() {
     };
     let random: Vec<u8> = (0_u32..5000).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
     place.write("bad/empty.vquery", []);
-    place.write("bad/version.vquery", with_version(2));
+    place.write("bad/version.vquery", with_version(3));
     place.write("bad/trailing.vquery", [&sealed[..], &[0]].concat());
     place.write("bad/doubled.vquery", [&sealed[..], &sealed[..]].concat());
     place.write("bad/random.vquery", random);
@@ -201,7 +201,7 @@ fn sealed_queries() {
     for (name, reason) in [
         ("missing", "check the path"),
         ("empty", "seal the image again"),
-        ("version", "version 2"),
+        ("version", "version 3"),
         ("trailing", "seal the image again"),
         ("doubled", "seal the image again"),
         ("random", "seal the image again"),
@@ -514,7 +514,7 @@ fn usage() {
             misused(localize("--score best"), &["best"]),
             misused(localize("--seed -1"), &["-1"]),
             misused(localize("--retrieve many"), &["many"]),
-            misused("map build --posed posed --images images -o bad/x.vmap --features orb", &["orb", "sift"]),
+            refused("map build --posed posed --images images -o bad/x.vmap --features orb", &["orb", "sift"]),
             misused("map build --posed posed --images images -o bad/x.vmap --max-keypoints 3", &["3"]),
         ],
     );
