@@ -223,11 +223,12 @@ fn info_tells_what_is_in_the_map() {
             "points",
             "profile",
             "version",
+            "warnings",
         ]
     );
     assert_eq!(info["version"], 1);
     assert_eq!(info["file"], "place.vmap");
-    assert_eq!(info["format_version"], 1);
+    assert_eq!(info["format_version"], 2);
     assert_eq!(info["images"], MAP_VIEWS);
     assert_eq!(info["cameras"], 1);
     assert_eq!((&info["descriptors"], &info["global"]), (&json!("sift"), &json!("vlad")));
