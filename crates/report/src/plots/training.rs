@@ -23,7 +23,7 @@ pub fn plot(document: &TrainingDocument) -> Result<String, PlotError> {
     let mut text = String::new();
     {
         let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
-        draw(document, &root).map_err(|e| PlotError::Failed(e.to_string()))?;
+        draw(document, &root).map_err(PlotError::Failed)?;
     }
     Ok(text)
 }
