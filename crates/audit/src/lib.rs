@@ -35,6 +35,6 @@ pub use findings::{
     Spread, base_share, capital, conclusion, count, findings, needs, percent, px, run_audit, scheme_words,
 };
 pub use neighbours::{NeighbourSource, Neighbours};
-pub use observer::{AttackObserver, AttackTrial, ImageGroup};
+pub use observer::{AttackObserver, AttackTrial, ImageGroup, Stage};
 pub use options::{AttackEvaluation, Measured, ServerKnowledge};
 pub use run::{attack_groups, evaluate_attacks};

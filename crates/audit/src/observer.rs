@@ -51,6 +51,32 @@ pub trait AttackObserver {
     fn saw(&mut self, _trial: &AttackTrial<'_>) {}
 }
 
+/// Nobody looks on.
+impl AttackObserver for () {}
+
+/// One stage of a long job, as an observer is told of it: it begins with the first attack that is over.
+pub struct Stage<'a> {
+    progress: &'a dyn veiloc_features::Progress,
+    name: &'a str,
+    begun: bool,
+}
+
+impl<'a> Stage<'a> {
+    /// A stage of this name; nothing is told of it yet.
+    pub fn new(progress: &'a dyn veiloc_features::Progress, name: &'a str) -> Self {
+        Self { progress, name, begun: false }
+    }
+
+    /// One attack more is over, of so many: what [`AttackObserver::advance`] is told.
+    pub fn advance(&mut self, total: usize) {
+        if !self.begun {
+            self.progress.start(self.name, total);
+            self.begun = true;
+        }
+        self.progress.advance(1);
+    }
+}
+
 /// Sees only how far the work is.
 pub(super) struct Progress<F>(pub(super) F);
 
@@ -63,9 +89,8 @@ impl<F: FnMut(usize, usize)> AttackObserver for Progress<F> {
 #[cfg(test)]
 mod tests {
     use veiloc_attacks::{ErrorSummary, bits_over_prior};
-    use veiloc_query::AngleBits;
 
-    use super::super::{AttackEvaluation, NeighbourSource, attack_groups, evaluate_attacks};
+    use super::super::{AttackEvaluation, attack_groups, evaluate_attacks};
     use super::*;
     use veiloc_datasets::synthetic_image;
 
@@ -114,18 +139,12 @@ mod tests {
     #[test]
     fn what_is_seen_sums_up_to_the_document() {
         let evaluation = AttackEvaluation {
-            files: Vec::new(),
             synthetic: 200,
-            images: None,
             schemes: vec![Scheme::RandomLines, Scheme::default()],
             attacks: vec![Attack::CLOSED_FORM],
-            neighbours: NeighbourSource::Oracle,
-            k: 20,
             corrupt: vec![0.0, 50.0],
-            server: None,
-            frames: Vec::new(),
-            angle_bits: AngleBits::new(12).expect("allowed"),
             seed: 3,
+            ..AttackEvaluation::default()
         };
         let mut own = synthetic_image(200, 9);
         own.name = "own".to_owned();

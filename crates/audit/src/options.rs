@@ -30,10 +30,31 @@ pub struct AttackEvaluation {
     pub server: Option<ServerKnowledge>,
     /// How many frames of a file an attack that needs several puts together, the attacked one included; once each.
     pub frames: Vec<usize>,
-    /// Bits of a line's angle, as a profile sets them.
+    /// Bits of a line's angle, as a device sends them.
     pub angle_bits: AngleBits,
     /// Seed of obfuscation, corruption and starts.
     pub seed: u64,
+}
+
+/// The paper's attack as the paper runs it: every scheme, twenty true neighbours a keypoint. What is attacked is still to
+/// be said.
+impl Default for AttackEvaluation {
+    fn default() -> Self {
+        Self {
+            files: Vec::new(),
+            synthetic: 0,
+            images: None,
+            schemes: Scheme::ALL.to_vec(),
+            attacks: vec![Attack::CLOSED_FORM],
+            neighbours: NeighbourSource::Oracle,
+            k: 20,
+            corrupt: vec![0.0],
+            server: None,
+            frames: Vec::new(),
+            angle_bits: AngleBits::default(),
+            seed: 0,
+        }
+    }
 }
 
 /// On which keypoints errors are measured.

@@ -4,8 +4,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_audit::{
-    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, ImageGroup, NeighbourSource,
-    attack_groups,
+    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, ImageGroup, Stage, attack_groups,
 };
 use veiloc_datasets::{KeypointImage, seed_for};
 use veiloc_features::Progress;
@@ -13,15 +12,12 @@ use veiloc_geometry::Pixel;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{extract, seal_with_truth};
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_query::Scheme;
 use veiloc_report::{QueryPanel, SchemePanel};
 
 use crate::error::DemoError;
 use crate::options::DemoOptions;
 use crate::place::{RenderedPlace, image};
-
-/// Neighbours of a keypoint, as in the paper.
-const NEIGHBOURS: usize = 20;
 
 /// Queries whose images the report shows, and that the graph attack works on: it takes seconds an image.
 const SHOWN: usize = 2;
@@ -51,25 +47,17 @@ pub(crate) fn attack_all(
         progress.advance(1);
     }
     let mut evaluation = AttackEvaluation {
-        files: Vec::new(),
-        synthetic: 0,
-        images: None,
         schemes: options.schemes.clone(),
         attacks: vec![Attack::CLOSED_FORM],
-        neighbours: NeighbourSource::Oracle,
-        k: NEIGHBOURS,
-        corrupt: vec![0.0],
-        server: None,
-        frames: Vec::new(),
-        angle_bits: AngleBits::default(),
         seed: options.seed,
+        ..AttackEvaluation::default()
     };
     let group = || ImageGroup { name: "hidden views".to_owned(), images: images.clone() };
-    let mut watched = Watched { panels: &mut panels, progress, stage: "Attacking queries", begun: false };
+    let mut watched = Watched { panels: &mut panels, stage: Stage::new(progress, "Attacking queries") };
     let mut document = attack_groups(&evaluation, vec![group()], &mut watched)?;
     evaluation.attacks = vec![Attack::GRAPH];
     evaluation.images = Some(SHOWN);
-    (watched.stage, watched.begun) = ("Laying out the graph of neighbours", false);
+    watched.stage = Stage::new(progress, "Laying out the graph of neighbours");
     let graph = attack_groups(&evaluation, vec![group()], &mut watched)?;
     progress.finish();
     for row in graph.attacks.into_iter().filter(|row| row.attack == Attack::GRAPH) {
@@ -110,18 +98,12 @@ fn sent_of(
 /// Fills the panels while attacks run.
 struct Watched<'a> {
     panels: &'a mut [QueryPanel],
-    progress: &'a dyn Progress,
-    stage: &'static str,
-    begun: bool,
+    stage: Stage<'a>,
 }
 
 impl AttackObserver for Watched<'_> {
     fn advance(&mut self, _done: usize, total: usize) {
-        if !self.begun {
-            self.progress.start(self.stage, total);
-            self.begun = true;
-        }
-        self.progress.advance(1);
+        self.stage.advance(total);
     }
 
     fn saw(&mut self, trial: &AttackTrial<'_>) {
@@ -162,21 +144,13 @@ mod tests {
             schemes: Vec::new(),
         }];
         let evaluation = AttackEvaluation {
-            files: Vec::new(),
-            synthetic: 0,
-            images: None,
             schemes: vec![Scheme::default()],
             attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH],
-            neighbours: NeighbourSource::Oracle,
-            k: NEIGHBOURS,
-            corrupt: vec![0.0],
-            server: None,
-            frames: Vec::new(),
-            angle_bits: AngleBits::default(),
             seed: 1,
+            ..AttackEvaluation::default()
         };
         let group = ImageGroup { name: "one".to_owned(), images: vec![image] };
-        let mut watched = Watched { panels: &mut panels, progress: &(), stage: "", begun: false };
+        let mut watched = Watched { panels: &mut panels, stage: Stage::new(&(), "") };
         attack_groups(&evaluation, vec![group], &mut watched).expect("it runs");
         let shown = &panels[0].schemes[0];
         let near = |answers: &[Pixel]| {

@@ -10,10 +10,9 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use veiloc::audit::{
-    Attack, AttackDocument, AttackEvaluation, AttackObserver, ImageGroup, NeighbourSource, attack_groups,
-    attacks_table, keypoints_of_images,
+    Attack, AttackDocument, AttackEvaluation, ImageGroup, attack_groups, attacks_table, keypoints_of_images,
 };
-use veiloc::query::{AngleBits, ExtractionLimits, Scheme};
+use veiloc::query::ExtractionLimits;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let images = std::env::args_os().skip(1).map(PathBuf::from).collect();
@@ -39,24 +38,7 @@ fn rendered_images(folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
 fn attack(images: &[PathBuf]) -> Result<AttackDocument, Box<dyn Error>> {
     let limits = ExtractionLimits { max_keypoints: 1024, ..ExtractionLimits::default() };
     let images = keypoints_of_images(images, limits, &())?;
-    let evaluation = AttackEvaluation {
-        files: Vec::new(),
-        synthetic: 0,
-        images: None,
-        schemes: Scheme::ALL.to_vec(),
-        attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH],
-        neighbours: NeighbourSource::Oracle,
-        k: 20,
-        corrupt: vec![0.0],
-        server: None,
-        frames: Vec::new(),
-        angle_bits: AngleBits::default(),
-        seed: 0,
-    };
-    Ok(attack_groups(&evaluation, vec![ImageGroup { name: "own images".to_owned(), images }], &mut Quiet)?)
+    let evaluation =
+        AttackEvaluation { attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH], ..AttackEvaluation::default() };
+    Ok(attack_groups(&evaluation, vec![ImageGroup { name: "own images".to_owned(), images }], &mut ())?)
 }
-
-/// Nobody watches.
-struct Quiet;
-
-impl AttackObserver for Quiet {}

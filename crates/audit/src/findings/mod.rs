@@ -19,7 +19,9 @@ use image::imageops::{FilterType, resize};
 use veiloc_features::Progress;
 
 use crate::error::AuditError;
-use crate::{AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, NeighbourSource, attack_groups};
+use crate::{
+    AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, NeighbourSource, Stage, attack_groups,
+};
 use veiloc_eval::metrics::median;
 
 pub use conclusion::{conclusion, findings};
@@ -57,7 +59,8 @@ pub fn run_audit(
         let on_inputs = AttackEvaluation { synthetic: 0, ..evaluation.clone() };
         let mut watched = Watched::new(options.shown, progress, "Attacking the inputs");
         let document = attack_groups(&on_inputs, options.groups.clone(), &mut watched)?;
-        let gallery = watched.finish();
+        progress.finish();
+        let gallery = watched.gallery;
         let document = part(document, &gallery);
         let of = |s: &Shown| photograph(s.at.0, s.at.1).map(|path| load(&path, s.size)).transpose();
         let photographs = gallery.shown.iter().map(of).collect::<Result<_, _>>()?;
@@ -74,7 +77,8 @@ pub fn run_audit(
         };
         let mut watched = Watched::new(1, progress, "Attacking the synthetic scene");
         let document = attack_groups(&on_scene, Vec::new(), &mut watched)?;
-        let gallery = watched.finish();
+        progress.finish();
+        let gallery = watched.gallery;
         synthetic = Some(Part { document: part(document, &gallery), gallery, photographs: vec![None] });
     }
     let first = inputs.as_ref().or(synthetic.as_ref());
@@ -121,29 +125,18 @@ fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, AuditError
 /// Collects for the page, and tells how far the work is.
 struct Watched<'a> {
     gallery: Gallery,
-    progress: &'a dyn Progress,
-    stage: &'static str,
-    begun: bool,
+    stage: Stage<'a>,
 }
 
 impl<'a> Watched<'a> {
-    fn new(shown: usize, progress: &'a dyn Progress, stage: &'static str) -> Self {
-        Self { gallery: Gallery::keeping(shown), progress, stage, begun: false }
-    }
-
-    fn finish(self) -> Gallery {
-        self.progress.finish();
-        self.gallery
+    fn new(shown: usize, progress: &'a dyn Progress, stage: &'a str) -> Self {
+        Self { gallery: Gallery::keeping(shown), stage: Stage::new(progress, stage) }
     }
 }
 
 impl AttackObserver for Watched<'_> {
     fn advance(&mut self, _done: usize, total: usize) {
-        if !self.begun {
-            self.progress.start(self.stage, total);
-            self.begun = true;
-        }
-        self.progress.advance(1);
+        self.stage.advance(total);
     }
 
     fn saw(&mut self, trial: &AttackTrial<'_>) {

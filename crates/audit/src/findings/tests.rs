@@ -1,7 +1,7 @@
 //! The sentences follow the figures, and nothing is done twice.
 
 use veiloc_datasets::synthetic_image;
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_query::Scheme;
 
 use super::*;
 use crate::{Attack, AttackSummary, ImageGroup, Neighbours};
@@ -9,18 +9,12 @@ use crate::{Attack, AttackSummary, ImageGroup, Neighbours};
 fn options(groups: Vec<ImageGroup>, synthetic: usize) -> AuditOptions {
     AuditOptions {
         evaluation: AttackEvaluation {
-            files: Vec::new(),
             synthetic,
-            images: None,
             schemes: vec![Scheme::RandomLines, Scheme::CoordinatePermutation, Scheme::default()],
             attacks: vec![Attack::CLOSED_FORM, "closed-form-in-image".parse().expect("an attack")],
-            neighbours: NeighbourSource::Oracle,
-            k: 20,
             corrupt: vec![0.0, 30.0],
-            server: None,
-            frames: Vec::new(),
-            angle_bits: AngleBits::default(),
             seed: 5,
+            ..AttackEvaluation::default()
         },
         groups,
         shown: 1,

@@ -1,11 +1,9 @@
 //! The page says what the document says, and nothing is loaded or injected.
 
-use veiloc_audit::{
-    Attack, AttackEvaluation, AttackSummary, AuditOptions, ImageGroup, NeighbourSource, run_audit,
-};
+use veiloc_audit::{Attack, AttackEvaluation, AttackSummary, AuditOptions, ImageGroup, run_audit};
 use veiloc_datasets::synthetic_image;
 use veiloc_geometry::Pixel;
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_query::Scheme;
 
 use super::audit_page;
 
@@ -20,18 +18,12 @@ fn page_of(
 fn options(groups: Vec<ImageGroup>, synthetic: usize) -> AuditOptions {
     AuditOptions {
         evaluation: AttackEvaluation {
-            files: Vec::new(),
             synthetic,
-            images: None,
             schemes: vec![Scheme::RandomLines, Scheme::CoordinatePermutation, Scheme::default()],
             attacks: vec![Attack::CLOSED_FORM, "closed-form-in-image".parse().expect("an attack")],
-            neighbours: NeighbourSource::Oracle,
-            k: 20,
             corrupt: vec![0.0, 30.0],
-            server: None,
-            frames: Vec::new(),
-            angle_bits: AngleBits::default(),
             seed: 5,
+            ..AttackEvaluation::default()
         },
         groups,
         shown: 1,

@@ -1,11 +1,8 @@
 //! An attack of one's own: a value beside those of the table.
 
-use veiloc::audit::{
-    Answers, Attack, AttackEvaluation, AttackObserver, ImageGroup, Needs, NeighbourSource, attack_groups,
-    attacks_table,
-};
+use veiloc::audit::{Answers, Attack, AttackEvaluation, ImageGroup, Needs, attack_groups, attacks_table};
 use veiloc::geometry::Pixel;
-use veiloc::query::{AngleBits, Scheme};
+use veiloc::query::Scheme;
 
 /// Puts every keypoint on its own line, nearest to the middle of what the guess says of its neighbours: it needs to be told
 /// who they are.
@@ -33,28 +30,17 @@ const MIDDLE: Attack = Attack {
     },
 };
 
-struct Quiet;
-
-impl AttackObserver for Quiet {}
-
 #[test]
 fn an_attack_of_ones_own_stands_in_the_table_beside_the_guess() {
     let evaluation = AttackEvaluation {
-        files: Vec::new(),
         synthetic: 400,
-        images: None,
         schemes: vec![Scheme::RandomLines, Scheme::default()],
         attacks: vec![MIDDLE, Attack::CLOSED_FORM],
-        neighbours: NeighbourSource::Oracle,
-        k: 20,
-        corrupt: vec![0.0],
-        server: None,
-        frames: Vec::new(),
-        angle_bits: AngleBits::default(),
         seed: 1,
+        ..AttackEvaluation::default()
     };
     let groups: Vec<ImageGroup> = Vec::new();
-    let document = attack_groups(&evaluation, groups, &mut Quiet).expect("it runs");
+    let document = attack_groups(&evaluation, groups, &mut ()).expect("it runs");
     let row = |scheme: &str, attack: Attack| {
         document.attacks.iter().find(|r| r.scheme == scheme && r.attack == attack).expect("it ran").clone()
     };
