@@ -1,5 +1,5 @@
-//! Whole maps: synthetic scenes with known points, bad input, and (with `VEILOC_DATA`) real photographs.
+//! Whole maps: synthetic scenes with known points, bad input, and (with `VEILOC_DATA`) real images.
 
 mod input;
-mod photographs;
+mod real_images;
 mod synthetic;

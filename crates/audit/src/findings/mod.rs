@@ -32,18 +32,18 @@ pub use words::{Sentence, capital, count, needs, percent, px, scheme_words};
 
 /// Attacks inputs and synthetic scene.
 ///
-/// `photograph(group, index)` names the file behind the keypoints of a group's image, or `None` when there is none or
+/// `file_of(group, index)` names the file behind the keypoints of a group's image, or `None` when there is none or
 /// it shall not be shown; it is asked for the drawn images only.
 ///
 /// On the synthetic scene, which has no descriptors and no other images, neighbours are the oracle's and attacks that
 /// need more are left out.
 ///
 /// # Errors
-/// [`AuditError`] as [`attack_groups`], or when a photograph cannot be read; [`AuditError::Options`] when there is
+/// [`AuditError`] as [`attack_groups`], or when an image cannot be read; [`AuditError::Options`] when there is
 /// nothing to attack.
 pub fn run_audit(
     options: &AuditOptions,
-    photograph: &dyn Fn(usize, usize) -> Option<PathBuf>,
+    file_of: &dyn Fn(usize, usize) -> Option<PathBuf>,
     progress: &dyn Progress,
 ) -> Result<Audit, AuditError> {
     let started = Instant::now();
@@ -62,7 +62,7 @@ pub fn run_audit(
         progress.finish();
         let gallery = watched.gallery;
         let document = part(document, &gallery);
-        let of = |s: &Shown| photograph(s.at.0, s.at.1).map(|path| load(&path, s.size)).transpose();
+        let of = |s: &Shown| file_of(s.at.0, s.at.1).map(|path| load(&path, s.size)).transpose();
         let photographs = gallery.shown.iter().map(of).collect::<Result<_, _>>()?;
         inputs = Some(Part { document, gallery, photographs });
     }
@@ -114,7 +114,7 @@ fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
     AuditPart { bending: bending.collect(), keypoints: gallery.keypoints, attacks }
 }
 
-/// A photograph in colour, of the size that its keypoints are in. Its metadata is not read, nor its orientation.
+/// An image in colour, of the size that its keypoints are in. Its metadata is not read, nor its orientation.
 fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, AuditError> {
     let fault = |e| AuditError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
     let image = image::open(path).map_err(fault)?.into_rgb8();

@@ -20,10 +20,10 @@ use inputs::Inputs;
 
 /// Attack what would be sent of your images, and write a report on it.
 ///
-/// Reads photographs (their keypoints are extracted here) or files of keypoints, obfuscates the keypoints as a device
+/// Reads images (their keypoints are extracted here) or files of keypoints, obfuscates the keypoints as a device
 /// would, attacks them by every attack under every scheme, and writes one HTML page: a conclusion in sentences, all
-/// figures, true and recovered keypoints drawn over the photographs. Nothing is sent anywhere. The page holds the
-/// photographs and the positions of their keypoints, so it is for whoever owns them.
+/// figures, true and recovered keypoints drawn over the images. Nothing is sent anywhere. The page holds the
+/// images and the positions of their keypoints, so it is for whoever owns them.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Photographs (JPEG or PNG), folders of them, and files of keypoints (.jsonl, .jsonl.gz).
@@ -39,7 +39,7 @@ pub(crate) struct Args {
     /// Draw the first N images; all count in the figures.
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=100))]
     shown: u32,
-    /// Leave the photographs out of the report. Positions of keypoints are still in it.
+    /// Leave the images out of the report. Positions of keypoints are still in it.
     #[arg(long)]
     no_images: bool,
     /// Leave the paper's synthetic scene (Fig. 4) out.
@@ -55,10 +55,10 @@ pub(crate) struct Args {
     attacks: Option<Vec<Attack>>,
     #[command(flatten)]
     adversary: AdversaryArgs,
-    /// Keypoints of a photograph at most, the strongest.
+    /// Keypoints of an image at most, the strongest.
     #[arg(long, default_value_t = 2048, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
     max_keypoints: u32,
-    /// Longest side, pixels; larger photographs are made smaller first.
+    /// Longest side, pixels; larger images are made smaller first.
     #[arg(long, default_value_t = 1600, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=8192))]
     max_size: u32,
     #[command(flatten)]
@@ -83,8 +83,8 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         shown: args.shown as usize,
         command: command_line(),
     };
-    let photograph = |group, index| (!args.no_images).then(|| inputs.photograph(group, index)).flatten();
-    let audit = run_audit(&options, &photograph, &bars)?;
+    let file_of = |group, index| (!args.no_images).then(|| inputs.file_of(group, index)).flatten();
+    let audit = run_audit(&options, &file_of, &bars)?;
     let page = audit_page(&audit, &options);
     files::write(&report, page.as_bytes())?;
     tell(args, &audit, ui)?;

@@ -1,4 +1,4 @@
-//! What an audit is given: photographs, folders of them, and files of keypoints.
+//! What an audit is given: images, folders of them, and files of keypoints.
 
 use std::path::{Path, PathBuf};
 
@@ -11,19 +11,19 @@ use crate::exit::Failure;
 use crate::items::{self, IMAGES, Item};
 use crate::ui::Ui;
 
-/// Images with their keypoints, in groups, and where the photographs lie.
+/// Images with their keypoints, in groups, and where their files lie.
 pub(super) struct Inputs {
     groups: Vec<Group>,
 }
 
 struct Group {
     name: String,
-    /// The image, and its file where it is a photograph.
+    /// The image, and its file where it came from one.
     images: Vec<(KeypointImage, Option<PathBuf>)>,
 }
 
 impl Inputs {
-    /// Reads everything; of a folder and its sub-folders the first `most` photographs. Photographs that are given one by one are one group.
+    /// Reads everything; of a folder and its sub-folders the first `most` images. Images that are given one by one are one group.
     pub(super) fn read(
         paths: &[PathBuf],
         most: usize,
@@ -39,7 +39,7 @@ impl Inputs {
         for (path, mut inside) in paths.iter().zip(given) {
             if path.is_dir() {
                 if inside.len() > most {
-                    ui.say(format!("{}: the first {most} of {} photographs", path.display(), inside.len()));
+                    ui.say(format!("{}: the first {most} of {} images", path.display(), inside.len()));
                     inside.truncate(most);
                 }
                 groups.push(group(display_name(path), &inside, limits, progress)?);
@@ -57,14 +57,14 @@ impl Inputs {
         if !loose.is_empty() {
             if loose.len() > most {
                 return Err(Failure::with_help(
-                    format!("{} photographs are given, and {most} images would be attacked", loose.len()),
+                    format!("{} images are given, and {most} would be attacked", loose.len()),
                     format!("say --images {} to attack all of them", loose.len()),
                 ));
             }
             let name = if loose.len() == 1 {
                 display_name(&loose[0].path)
             } else {
-                format!("{} photographs", loose.len())
+                format!("{} images", loose.len())
             };
             groups.push(group(name, &loose, limits, progress)?);
         }
@@ -113,8 +113,8 @@ impl Inputs {
         attacks
     }
 
-    /// The photograph behind an image; `None` where there is none.
-    pub(super) fn photograph(&self, group: usize, index: usize) -> Option<PathBuf> {
+    /// The file behind an image; `None` where there is none.
+    pub(super) fn file_of(&self, group: usize, index: usize) -> Option<PathBuf> {
         self.groups.get(group)?.images.get(index)?.1.clone()
     }
 }

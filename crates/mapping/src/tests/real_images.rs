@@ -1,4 +1,4 @@
-//! Real photographs, found by `VEILOC_DATA`.
+//! Real images, found by `VEILOC_DATA`.
 
 use std::collections::BTreeSet;
 use std::path::Path;
