@@ -59,8 +59,10 @@ fn problem(scheme: &str, upright: bool) -> PoseProblem {
         },
     };
     let down = truth.rotation() * Vector3::y();
-    let gravity = upright.then(|| Gravity { in_camera: down, in_world: Vector3::y() });
-    PoseProblem { camera: CAMERA, observations, keypoints: (0..2400).collect(), points, prior: None, gravity }
+    let gravity = upright.then(|| Gravity::felt(down, Vector3::y()));
+    let mut problem = PoseProblem::new(CAMERA, observations, (0..2400).collect(), points);
+    problem.gravity = gravity;
+    problem
 }
 
 #[divan::bench(sample_count = 20, args = [

@@ -184,10 +184,10 @@ fn gravity(in_camera: Option<[f64; 3]>, in_world: Option<[f64; 3]>) -> Result<Op
         is_direction.then_some(v).ok_or_else(|| format!("{what} is no direction"))
     };
     match (in_camera, in_world) {
-        (Some(camera), world) => Ok(Some(Gravity {
-            in_camera: direction("gravity_in_camera", camera)?,
-            in_world: direction("gravity_in_world", world.unwrap_or(DOWN))?,
-        })),
+        (Some(camera), world) => Ok(Some(Gravity::felt(
+            direction("gravity_in_camera", camera)?,
+            direction("gravity_in_world", world.unwrap_or(DOWN))?,
+        ))),
         (None, Some(_)) => Err("gravity_in_world is there without gravity_in_camera".to_owned()),
         (None, None) => Ok(None),
     }

@@ -10,7 +10,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_map::MapFile;
 use veiloc_query::SealedQuery;
 use veiloc_robust::prior::{Evidence, MatchPrior, match_probability};
-use veiloc_robust::{Confidence, PoseOptions, PoseProblem, estimate_pose};
+use veiloc_robust::{Confidence, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose};
 
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
@@ -30,6 +30,8 @@ pub struct LocalizeOptions {
     pub use_prior: bool,
     /// Robust estimation.
     pub pose: PoseOptions,
+    /// Where the camera is, roughly, if somebody knows.
+    pub position: Option<PositionPrior>,
     /// Seed of the sampler: equal queries and seeds give equal poses.
     pub seed: u64,
 }
@@ -41,6 +43,7 @@ impl Default for LocalizeOptions {
             matching: MatchOptions::default(),
             use_prior: true,
             pose: PoseOptions::default(),
+            position: None,
             seed: 0,
         }
     }
@@ -67,6 +70,12 @@ pub struct Localization {
     pub covariance: [[f64; 6]; 6],
     /// Whether to trust the pose, and why not.
     pub confidence: Confidence,
+    /// Whether the pose is trusted or doubted; never [`State::NotFound`], which is [`LocalizeError::NoPose`].
+    pub state: State,
+    /// Standard deviation that the agreeing rows show, pixels: across the line, for points along each axis.
+    pub noise_px: f64,
+    /// Estimated focal length over the one that the query names; 1 when it was not estimated.
+    pub focal_scale: f64,
     /// Rows of the query that agree with the pose: those with a pair that does.
     pub inliers: usize,
     /// Rows of the query that were matched, to one map point or several.
@@ -107,19 +116,20 @@ pub fn localize(
     let observed = observe_matches(&query.observations(), &rows);
     let of_match = |m: &usize| &matches[*m];
     let prior = query.descriptors().kind().match_prior();
-    let problem = PoseProblem {
-        camera: query.camera(),
-        observations: observed.correspondences,
-        keypoints: observed.keypoints,
-        points: observed.match_of.iter().map(|m| map.point(of_match(m).point)).collect(),
-        prior: options
-            .use_prior
-            .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map, &prior)).collect()),
-        gravity: None,
-    };
+    let points = observed.match_of.iter().map(|m| map.point(of_match(m).point)).collect();
+    let mut problem = PoseProblem::new(query.camera(), observed.correspondences, observed.keypoints, points);
+    problem.prior = options
+        .use_prior
+        .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map, &prior)).collect());
+    problem.position = options.position;
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)
         .map_err(|source| LocalizeError::NoPose { source, correspondences: problem.points.len() })?;
+    let state = estimate.confidence.state();
+    if state == State::NotFound {
+        let source = PoseError::Chance { log_evidence: estimate.confidence.log_evidence };
+        return Err(LocalizeError::NoPose { source, correspondences: problem.points.len() });
+    }
     let agreeing =
         observed.match_of.iter().zip(&estimate.inliers).filter_map(|(m, agrees)| agrees.then_some(*m));
 
@@ -128,6 +138,9 @@ pub fn localize(
         cam_from_world: estimate.cam_from_world,
         covariance: estimate.covariance,
         confidence: estimate.confidence,
+        state,
+        noise_px: estimate.noise_px,
+        focal_scale: estimate.focal_scale,
         inliers: estimate.inlier_keypoints,
         matches: distinct(rows.iter().copied()),
         inlier_pairs: distinct(agreeing),

@@ -109,20 +109,16 @@ fn evaluate(
     for (index, query) in queries.iter().enumerate() {
         for seed in 0..seeds {
             let mut rng = ChaCha8Rng::seed_from_u64(1000 * seed + index as u64);
-            let problem = PoseProblem {
-                camera: query.camera,
-                observations: obfuscate(query, &recipe.scheme, &mut rng),
-                keypoints: query.keypoints.clone(),
-                points: query.points.clone(),
-                prior: recipe.prior.then(|| {
-                    query
-                        .evidence
-                        .iter()
-                        .map(|e| prior.map_or_else(|| match_probability(&fitted, e), |p| probability(p, e)))
-                        .collect()
-                }),
-                gravity: None,
-            };
+            let observations = obfuscate(query, &recipe.scheme, &mut rng);
+            let mut problem =
+                PoseProblem::new(query.camera, observations, query.keypoints.clone(), query.points.clone());
+            problem.prior = recipe.prior.then(|| {
+                query
+                    .evidence
+                    .iter()
+                    .map(|e| prior.map_or_else(|| match_probability(&fitted, e), |p| probability(p, e)))
+                    .collect()
+            });
             let started = Instant::now();
             let estimate = if recipe.floor {
                 refine_pose(&problem, &query.truth, &right(query), &options)

@@ -30,6 +30,9 @@ use crate::problem::Correspondences;
 /// place began at 599, at 456 with 256 keypoints (`docs/pose-engine.md`).
 const LEAST_LOG_EVIDENCE: f64 = 60.0;
 
+/// Log evidence below which a pose is no better than chance, and nothing was found.
+const CHANCE_LOG_EVIDENCE: f64 = 0.0;
+
 /// Least log likelihood by which a trusted pose beats the best other one.
 const LEAST_MARGIN: f64 = 8.0;
 
@@ -55,6 +58,32 @@ pub struct Confidence {
     pub rotation_sd_deg: f64,
     /// Keypoints that agree on each anchor's side; `None` without anchors.
     pub sides: Option<[usize; 2]>,
+}
+
+/// What an estimate is worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum State {
+    /// Nothing speaks against the pose.
+    Trusted,
+    /// There is a pose, and a [`Doubt`].
+    Doubtful,
+    /// There is no pose, or none that explains the matches better than chance does.
+    NotFound,
+}
+
+impl State {
+    /// All of them, best first.
+    pub const ALL: [Self; 3] = [Self::Trusted, Self::Doubtful, Self::NotFound];
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Trusted => "trusted",
+            Self::Doubtful => "doubtful",
+            Self::NotFound => "not-found",
+        })
+    }
 }
 
 /// A reason not to trust a pose.
@@ -107,6 +136,17 @@ impl Confidence {
     /// Whether nothing speaks against the pose.
     pub fn is_trusted(&self) -> bool {
         self.doubts().is_empty()
+    }
+
+    /// What the pose is worth.
+    pub fn state(&self) -> State {
+        if !(self.log_evidence >= CHANCE_LOG_EVIDENCE) {
+            State::NotFound
+        } else if self.is_trusted() {
+            State::Trusted
+        } else {
+            State::Doubtful
+        }
     }
 
     /// Everything that speaks against the pose.

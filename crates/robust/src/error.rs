@@ -54,6 +54,14 @@ pub enum PoseError {
         /// Its value.
         value: f64,
     },
+    /// The best pose agrees with the correspondences no better than a pose that is wrong would.
+    #[error(
+        "the best pose explains the correspondences no better than chance does (log evidence {log_evidence:.0})"
+    )]
+    Chance {
+        /// [`crate::Confidence::log_evidence`].
+        log_evidence: f64,
+    },
     /// No hypothesis was supported by enough keypoints.
     #[error(
         "no pose is supported by the correspondences: the best of {hypotheses} hypotheses has {inliers} inliers, \

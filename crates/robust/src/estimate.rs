@@ -32,6 +32,8 @@ pub struct PoseEstimate {
     pub score: f64,
     /// Standard deviation that the inliers show, pixels: across the line, for points along each axis.
     pub noise_px: f64,
+    /// Estimated focal length over the given one; 1 when it was not estimated.
+    pub focal_scale: f64,
     /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): the variance of the
     /// inliers' residuals times the inverse of `JᵀJ`. Infinite on the diagonal when the inliers leave a direction free.
     pub covariance: [[f64; 6]; 6],
@@ -155,6 +157,7 @@ fn conclude(
         hypotheses,
         score: search.cost(&polished.pose, f64::INFINITY),
         noise_px,
+        focal_scale: 1.0,
         covariance,
         confidence: assess(matches, &polished.pose, &inliers, &likelihoods, &covariance, margin),
         inliers: mask,

@@ -52,6 +52,7 @@ pub fn refine_pose(
         hypotheses: 0,
         score: refined.loss,
         noise_px,
+        focal_scale: 1.0,
         covariance,
         confidence: assess(&matches, &refined.pose, &chosen, &likelihoods, &covariance, f64::INFINITY),
         refined: true,

@@ -275,7 +275,7 @@ mod tests {
             .collect();
         let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
         let prior = Some((0..n).map(|_| rng.random_range(0.0..1.0)).collect());
-        PoseProblem { camera, observations, keypoints: (0..n).collect(), points, prior, gravity: None }
+        PoseProblem { prior, ..PoseProblem::new(camera, observations, (0..n).collect(), points) }
     }
 
     fn near_identity(rng: &mut ChaCha8Rng) -> CameraFromWorld {

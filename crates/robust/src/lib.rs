@@ -29,16 +29,12 @@
 //! let pixel = |i: u32| Pixel::new(f64::from(i * 97 % 640) + 0.5, f64::from(i * 53 % 480) + 0.5);
 //! let depth = |i: u32| 2.0 + 0.7 * f64::from(i % 5);
 //! let line = |p: Pixel| (anchors.anchor_of(p), anchors.angle_of(anchors.anchor_of(p), p));
-//! let problem = PoseProblem {
-//!     camera,
-//!     observations: Correspondences::Anchored { anchors, lines: (0..60).map(|i| line(pixel(i))).collect() },
-//!     keypoints: (0..60).collect(), // each has one correspondence
-//!     points: (0..60)
-//!         .map(|i| Point3::from_vector(camera.unproject(pixel(i)).homogeneous() * depth(i)))
-//!         .collect(),
-//!     prior: None,
-//!     gravity: None,
-//! };
+//! let observations = Correspondences::Anchored { anchors, lines: (0..60).map(|i| line(pixel(i))).collect() };
+//! let keypoints = (0..60).collect(); // each has one correspondence
+//! let points = (0..60)
+//!     .map(|i| Point3::from_vector(camera.unproject(pixel(i)).homogeneous() * depth(i)))
+//!     .collect();
+//! let problem = PoseProblem::new(camera, observations, keypoints, points);
 //! let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
 //! let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng)?;
 //! assert!(found.cam_from_world.translation_error(&CameraFromWorld::identity()) < 1e-3);
@@ -70,10 +66,10 @@ mod search;
 #[cfg(test)]
 mod test_data;
 
-pub use confidence::{Confidence, Doubt};
+pub use confidence::{Confidence, Doubt, State};
 pub use error::PoseError;
 pub use estimate::{PoseEstimate, estimate_pose, optimize_pose};
 pub use given::refine_pose;
 pub use information::fisher_information;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
-pub use problem::{Correspondences, Gravity, PoseProblem};
+pub use problem::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior};

@@ -316,7 +316,7 @@ mod tests {
         let mut angles = (0..).map(f64::from);
         let observations = observe(kind, pixels, anchors, || angles.next().unwrap_or(0.0));
         let keypoints = (0..30).collect();
-        PoseProblem { camera, observations, keypoints, points, prior: None, gravity: None }
+        PoseProblem::new(camera, observations, keypoints, points)
     }
 
     fn near_identity() -> CameraFromWorld {

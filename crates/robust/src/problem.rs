@@ -62,6 +62,7 @@ impl Correspondences {
 
 /// A query's correspondences and the camera that saw them.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct PoseProblem {
     /// The camera of the observations, without distortion.
     pub camera: Pinhole,
@@ -82,6 +83,12 @@ pub struct PoseProblem {
     pub prior: Option<Vec<f64>>,
     /// Which way is down, if the device has felt it: then smaller samples are enough.
     pub gravity: Option<Gravity>,
+    /// Where the camera is, roughly, if somebody knows.
+    pub position: Option<PositionPrior>,
+    /// How well the focal length of [`Self::camera`] is known.
+    pub focal: FocalKnowledge,
+    /// Covariance of each map point in the world frame, `[N]`, map units squared; `None` takes the map for exact.
+    pub point_covariances: Option<Vec<[[f64; 3]; 3]>>,
 }
 
 /// One direction of the world as the camera feels it: down, by an accelerometer.
@@ -91,9 +98,62 @@ pub struct Gravity {
     pub in_camera: Vector3<f64>,
     /// The same direction in the world frame; any length but zero.
     pub in_world: Vector3<f64>,
+    /// Standard deviation about each of the two axes across it, degrees; above 0.
+    pub sd_deg: f64,
+}
+
+impl Gravity {
+    /// What a phone's accelerometer errs by when nobody says better, degrees.
+    pub const PHONE_SD_DEG: f64 = 2.0;
+
+    /// As a phone at rest feels it ([`Self::PHONE_SD_DEG`]).
+    pub const fn felt(in_camera: Vector3<f64>, in_world: Vector3<f64>) -> Self {
+        Self { in_camera, in_world, sd_deg: Self::PHONE_SD_DEG }
+    }
+}
+
+/// Where the camera is before anything is seen, for example by GPS: a normal distribution about a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PositionPrior {
+    /// Middle, world frame, map units.
+    pub center: Point3<World>,
+    /// Standard deviation along each axis, map units; above 0.
+    pub sd: f64,
+}
+
+/// How well a camera's focal length is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum FocalKnowledge {
+    /// Measured for this camera.
+    #[default]
+    Calibrated,
+    /// Told by the image's metadata: mostly right to some per cent, and wrong when the image was cropped.
+    Exif,
+    /// A guess.
+    Unknown,
 }
 
 impl PoseProblem {
+    /// Of one correspondence an entry, `[N]` in all three lists; nothing else is known, the camera is calibrated.
+    pub const fn new(
+        camera: Pinhole,
+        observations: Correspondences,
+        keypoints: Vec<usize>,
+        points: Vec<Point3<World>>,
+    ) -> Self {
+        Self {
+            camera,
+            observations,
+            keypoints,
+            points,
+            prior: None,
+            gravity: None,
+            position: None,
+            focal: FocalKnowledge::Calibrated,
+            point_covariances: None,
+        }
+    }
+
     /// Refuses what no pose can be estimated from.
     pub(crate) fn check(&self) -> Result<(), PoseError> {
         let n = self.observations.len();
@@ -104,11 +164,8 @@ impl PoseProblem {
             }
         }
         let c = &self.camera;
-        for (what, value) in [("focal length fx", c.focal[0]), ("focal length fy", c.focal[1])] {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(PoseError::BadValue { what, value });
-            }
-        }
+        positive("focal length fx", c.focal[0])?;
+        positive("focal length fy", c.focal[1])?;
         for (what, value) in [("principal point cx", c.principal[0]), ("principal point cy", c.principal[1])]
         {
             if !value.is_finite() {
@@ -148,6 +205,25 @@ impl PoseProblem {
                     return Err(PoseError::BadValue { what, value: v.norm() });
                 }
             }
+            positive("standard deviation of gravity", gravity.sd_deg)?;
+        }
+        if let Some(position) = &self.position {
+            if !position.center.is_finite() {
+                return Err(PoseError::NotFinite { what: "position prior", index: 0 });
+            }
+            positive("standard deviation of the position prior", position.sd)?;
+        }
+        if let Some(covariances) = &self.point_covariances {
+            if covariances.len() != n {
+                let actual = covariances.len();
+                return Err(PoseError::LengthMismatch { what: "point covariances", expected: n, actual });
+            }
+            let possible = |c: &[[f64; 3]; 3]| {
+                c.iter().flatten().all(|v| v.is_finite()) && (0..3).all(|k| c[k][k] >= 0.0)
+            };
+            if let Some(index) = covariances.iter().position(|c| !possible(c)) {
+                return Err(PoseError::NotFinite { what: "point covariance", index });
+            }
         }
         if n < required {
             return Err(PoseError::TooFew { required, actual: n });
@@ -159,4 +235,9 @@ impl PoseProblem {
         }
         Ok(())
     }
+}
+
+/// Refuses a number that is not finite or not above 0.
+fn positive(what: &'static str, value: f64) -> Result<(), PoseError> {
+    if value.is_finite() && value > 0.0 { Ok(()) } else { Err(PoseError::BadValue { what, value }) }
 }

@@ -269,7 +269,7 @@ mod tests {
             .collect();
         let observations = Correspondences::Anchored { anchors, lines };
         let keypoints = (0..80).collect();
-        PoseProblem { camera: CAMERA, observations, keypoints, points, prior: None, gravity: None }
+        PoseProblem::new(CAMERA, observations, keypoints, points)
     }
 
     #[test]

@@ -199,7 +199,7 @@ mod tests {
             .collect();
         let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
         let keypoints = (0..60).collect();
-        PoseProblem { camera, observations, keypoints, points, prior: None, gravity: None }
+        PoseProblem::new(camera, observations, keypoints, points)
     }
 
     fn start(rng: &mut ChaCha8Rng, size: f64) -> CameraFromWorld {

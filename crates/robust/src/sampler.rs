@@ -190,16 +190,9 @@ mod tests {
     fn proposed_twice(lines: [f64; 3], keypoints: [usize; 6]) -> PoseProblem {
         let camera = Pinhole { width: 640, height: 480, focal: [500.0; 2], principal: [320.0, 240.0] };
         let pixel = |i: usize| Pixel::new(100.0, 100.0 + 40.0 * i as f64);
-        PoseProblem {
-            camera,
-            observations: Correspondences::Lines {
-                lines: (0..6).map(|i| PixelLine::through(pixel(0), lines[i / 2])).collect(),
-            },
-            keypoints: keypoints.into(),
-            points: (0..6).map(|i| Point3::new(0.1 * i as f64, 0.3, 2.0)).collect(),
-            prior: None,
-            gravity: None,
-        }
+        let lines = (0..6).map(|i| PixelLine::through(pixel(0), lines[i / 2])).collect();
+        let points = (0..6).map(|i| Point3::new(0.1 * i as f64, 0.3, 2.0)).collect();
+        PoseProblem::new(camera, Correspondences::Lines { lines }, keypoints.into(), points)
     }
 
     #[test]

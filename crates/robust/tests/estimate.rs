@@ -217,7 +217,7 @@ fn a_known_vertical_finds_poses_with_fewer_samples() {
             };
             without += usize::from(found(&problem));
             let in_world = Vector3::new(0.2, -0.4, 0.9);
-            problem.gravity = Some(Gravity { in_camera: truth.rotation() * in_world * 9.81, in_world });
+            problem.gravity = Some(Gravity::felt(truth.rotation() * in_world * 9.81, in_world));
             with += usize::from(found(&problem));
         }
         assert!(with > without + 5, "{scheme:?}: {with} with, {without} without");
@@ -233,7 +233,7 @@ fn a_vertical_that_is_wrong_by_a_degree_spoils_nothing() {
                 problem(&Setup { scheme, right: 150, wrong: 100, noise: 0.5 }, &mut rng);
             let tilt = Rotation3::from_scaled_axis(Vector3::new(0.0, 0.0, 1.0_f64.to_radians()));
             let in_world = Vector3::y();
-            problem.gravity = Some(Gravity { in_camera: tilt * (truth.rotation() * in_world), in_world });
+            problem.gravity = Some(Gravity::felt(tilt * (truth.rotation() * in_world), in_world));
             let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
             assert!(found.cam_from_world.rotation_error_degrees(&truth) < 0.3, "{scheme:?} {seed}");
         }
@@ -242,7 +242,7 @@ fn a_vertical_that_is_wrong_by_a_degree_spoils_nothing() {
         &Setup { scheme: Scheme::Dcl, right: 30, wrong: 0, noise: 0.0 },
         &mut ChaCha8Rng::seed_from_u64(1),
     );
-    problem.gravity = Some(Gravity { in_camera: Vector3::zeros(), in_world: Vector3::y() });
+    problem.gravity = Some(Gravity::felt(Vector3::zeros(), Vector3::y()));
     let refused = estimate_pose(&problem, &PoseOptions::default(), &mut ChaCha8Rng::seed_from_u64(1));
     assert!(matches!(refused, Err(PoseError::BadValue { what: "length of gravity in the camera", .. })));
 }

@@ -22,14 +22,10 @@ fn recall(queries: &[Query], scheme: &str, score: ScoreKind, prior: bool, thresh
     options.fixed_hypotheses = Some(1000);
     let hit = |(index, query): &(usize, &Query)| {
         let mut rng = ChaCha8Rng::seed_from_u64(*index as u64);
-        let problem = PoseProblem {
-            camera: query.camera,
-            observations: obfuscate(query, scheme, &mut rng),
-            keypoints: query.keypoints.clone(),
-            points: query.points.clone(),
-            prior: prior.then(|| query.evidence.iter().map(|e| match_probability(&fitted, e)).collect()),
-            gravity: None,
-        };
+        let observations = obfuscate(query, scheme, &mut rng);
+        let mut problem =
+            PoseProblem::new(query.camera, observations, query.keypoints.clone(), query.points.clone());
+        problem.prior = prior.then(|| query.evidence.iter().map(|e| match_probability(&fitted, e)).collect());
         estimate_pose(&problem, &options, &mut rng).is_ok_and(|e| {
             e.cam_from_world.translation_error(&query.truth) <= threshold.0
                 && e.cam_from_world.rotation_error_degrees(&query.truth) <= threshold.1

@@ -58,6 +58,9 @@ pub(crate) fn mean_down<'a>(poses: impl Iterator<Item = &'a CameraFromWorld>) ->
     sum.try_normalize(1e-9).unwrap_or(-Vector3::z())
 }
 
+/// What even an exact accelerometer is said to err by, degrees.
+const LEAST_SD_DEG: f64 = 0.5;
+
 /// Down as the camera at this true pose would feel it with an accelerometer that is wrong by `degrees`.
 pub(crate) fn felt<R: Rng>(
     truth: &CameraFromWorld,
@@ -75,7 +78,7 @@ pub(crate) fn felt<R: Rng>(
         Unit::new_normalize(exact.cross(&helper))
     });
     let turn = Rotation3::from_axis_angle(&axis, degrees.to_radians());
-    Gravity { in_camera: turn * exact, in_world: down_in_world }
+    Gravity { in_camera: turn * exact, in_world: down_in_world, sd_deg: degrees.max(LEAST_SD_DEG) }
 }
 
 #[cfg(test)]

@@ -288,13 +288,8 @@ pub fn pose_problem(
     let MatchedObservations { correspondences, keypoints, match_of } =
         observe_matches(observations, &problem.keypoint_of_match);
     let prior = use_prior.then(|| problem.prior()).flatten();
-    let pose_problem = PoseProblem {
-        camera: problem.camera,
-        observations: correspondences,
-        keypoints,
-        points: match_of.iter().map(|&m| problem.points[m]).collect(),
-        prior: prior.map(|p| match_of.iter().map(|&m| p[m]).collect()),
-        gravity: None,
-    };
+    let points = match_of.iter().map(|&m| problem.points[m]).collect();
+    let mut pose_problem = PoseProblem::new(problem.camera, correspondences, keypoints, points);
+    pose_problem.prior = prior.map(|p| match_of.iter().map(|&m| p[m]).collect());
     (pose_problem, match_of)
 }

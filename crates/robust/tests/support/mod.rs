@@ -63,5 +63,5 @@ pub(crate) fn problem(setup: &Setup, rng: &mut ChaCha8Rng) -> (PoseProblem, Came
         }
     };
     let keypoints = (0..points.len()).collect();
-    (PoseProblem { camera: CAMERA, observations, keypoints, points, prior: None, gravity: None }, truth)
+    (PoseProblem::new(CAMERA, observations, keypoints, points), truth)
 }

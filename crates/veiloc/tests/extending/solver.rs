@@ -50,14 +50,9 @@ fn hypotheses_of_ones_own_are_polished_and_judged_by_the_engine() {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let made = PointProblem::generate(&PointProblemOptions::exact(200).noise(0.5).outliers(0.3), &mut rng);
     let lines = lines_of(&made, &mut rng);
-    let problem = PoseProblem {
-        camera: made.camera,
-        observations: Correspondences::Lines { lines: lines.clone() },
-        keypoints: (0..lines.len()).collect(),
-        points: made.points.clone(),
-        prior: None,
-        gravity: None,
-    };
+    let observations = Correspondences::Lines { lines: lines.clone() };
+    let problem =
+        PoseProblem::new(made.camera, observations, (0..lines.len()).collect(), made.points.clone());
     let best = (0..60)
         .filter_map(|_| {
             let sample = [0; 3].map(|_| rng.random_range(0..lines.len()));
