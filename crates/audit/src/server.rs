@@ -177,6 +177,7 @@ fn only(problem: &Problem, kept: &[usize], rows: &[Vec<usize>]) -> Problem {
         ratio: problem.ratio.as_ref().map(|r| pick(r, kept)),
         votes: problem.votes.as_ref().map(|v| pick(v, kept)),
         track_length: problem.track_length.as_ref().map(|t| pick(t, kept)),
+        seen_from: problem.seen_from.as_ref().map(|s| pick(s, kept)),
         gravity: problem.gravity,
     }
 }

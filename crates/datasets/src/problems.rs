@@ -7,8 +7,8 @@ use veiloc_descriptor::DescriptorKind;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pinhole, Pixel, Point3};
-use veiloc_robust::Gravity;
 use veiloc_robust::prior::{Evidence, match_probability};
+use veiloc_robust::{Gravity, SeenFrom};
 
 use crate::error::DatasetError;
 use crate::json_lines;
@@ -34,6 +34,8 @@ pub struct Problem {
     pub votes: Option<Vec<u32>>,
     /// Map images that see the point, `[matches]`.
     pub track_length: Option<Vec<u32>>,
+    /// From where the map image that proposes each match saw the point, `[matches]`.
+    pub seen_from: Option<Vec<SeenFrom>>,
     /// Which way is down, if the file says so: `gravity_in_camera` as the device felt it, and `gravity_in_world`, the same
     /// direction in the map, −z when it is not given. Both point down, the way things fall; any length but zero.
     pub gravity: Option<Gravity>,
@@ -61,6 +63,9 @@ pub struct ProblemLine {
     /// Map images that see the point.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub track_length: Option<Vec<u32>>,
+    /// Camera centre (map units) and focal length (pixels) of the map image that proposes the match: `[x, y, z, focal]`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seen_from: Option<Vec<[f64; 4]>>,
     /// Down as the device felt it, any length.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity_in_camera: Option<[f64; 3]>,
@@ -126,6 +131,7 @@ fn problem(line: ProblemLine) -> Result<Problem, String> {
     lengths.extend(line.ratio.as_ref().map(|v| ("ratio", v.len())));
     lengths.extend(line.votes.as_ref().map(|v| ("votes", v.len())));
     lengths.extend(line.track_length.as_ref().map(|v| ("track_length", v.len())));
+    lengths.extend(line.seen_from.as_ref().map(|v| ("seen_from", v.len())));
     if let Some((what, m)) = lengths.into_iter().find(|(_, m)| *m != n) {
         return Err(format!("{what} has {m} entries, points2d has {n}"));
     }
@@ -159,6 +165,12 @@ fn problem(line: ProblemLine) -> Result<Problem, String> {
     if let Some(i) = line.ratio.iter().flatten().position(|r| !(r.is_finite() && *r >= 0.0)) {
         return Err(format!("ratio[{i}] is not a ratio"));
     }
+    if let Some(i) =
+        line.seen_from.iter().flatten().position(|s| !(s.iter().all(|v| v.is_finite()) && s[3] > 0.0))
+    {
+        return Err(format!("seen_from[{i}] is no camera: x, y, z and a focal length above 0"));
+    }
+    let seen_from = |[x, y, z, focal_px]: [f64; 4]| SeenFrom { center: Point3::new(x, y, z), focal_px };
     let gravity = gravity(line.gravity_in_camera, line.gravity_in_world)?;
     Ok(Problem {
         name: line.name,
@@ -170,6 +182,7 @@ fn problem(line: ProblemLine) -> Result<Problem, String> {
         ratio: line.ratio,
         votes: line.votes,
         track_length: line.track_length,
+        seen_from: line.seen_from.map(|all| all.into_iter().map(seen_from).collect()),
         gravity,
     })
 }

@@ -149,6 +149,15 @@ fn line(
         ratio: Some(matches.iter().map(|m| f64::from(m.ratio)).collect()),
         votes: Some(matches.iter().map(|m| m.votes).collect()),
         track_length: Some(matches.iter().map(|m| map.track_length(m.point) as u32).collect()),
+        seen_from: Some(
+            matches
+                .iter()
+                .map(|m| {
+                    let seen = m.seen_from(map);
+                    [seen.center.coords.x, seen.center.coords.y, seen.center.coords.z, seen.focal_px]
+                })
+                .collect(),
+        ),
         gravity_in_camera: None,
         gravity_in_world: None,
     })

@@ -121,6 +121,7 @@ pub fn localize(
     problem.prior = options
         .use_prior
         .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map, &prior)).collect());
+    problem.seen_from = Some(observed.match_of.iter().map(|m| of_match(m).seen_from(map)).collect());
     problem.position = options.position;
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
 use veiloc_map::{MapFile, PointId};
+use veiloc_robust::SeenFrom;
 
 use crate::retrieval::Retrieved;
 
@@ -18,6 +19,16 @@ pub struct PointMatch {
     pub ratio: f32,
     /// How many retrieved images propose the pair.
     pub votes: u32,
+    /// The image that has this ratio, index in the map.
+    pub image: usize,
+}
+
+impl PointMatch {
+    /// From where the image that proposes the pair most clearly saw the point.
+    pub fn seen_from(&self, map: &MapFile) -> SeenFrom {
+        let image = map.image(self.image);
+        SeenFrom { center: image.cam_from_world().center(), focal_px: image.camera().pinhole().focal[0] }
+    }
 }
 
 /// Matches the query with every retrieved image on its own, as hloc does, and joins the pairs that agree.
@@ -31,8 +42,8 @@ pub fn match_points(
     options: &MatchOptions,
 ) -> Vec<PointMatch> {
     let mut joined: BTreeMap<(usize, PointId), PointMatch> = BTreeMap::new();
-    for Retrieved { image, .. } in retrieved {
-        let image = map.image(*image);
+    for Retrieved { image: index, .. } in retrieved {
+        let image = map.image(*index);
         for m in match_descriptors(query, image.descriptors(), options) {
             let Some(point) = image.point_of(m.database as usize) else { continue };
             let query = m.query as usize;
@@ -40,9 +51,11 @@ pub fn match_points(
                 .entry((query, point))
                 .and_modify(|known| {
                     known.votes += 1;
-                    known.ratio = known.ratio.min(m.ratio);
+                    if m.ratio < known.ratio {
+                        (known.ratio, known.image) = (m.ratio, *index);
+                    }
                 })
-                .or_insert(PointMatch { query, point, ratio: m.ratio, votes: 1 });
+                .or_insert(PointMatch { query, point, ratio: m.ratio, votes: 1, image: *index });
         }
     }
     joined.into_values().collect()

@@ -76,7 +76,7 @@ pub fn estimate_pose<R: Rng + ?Sized>(
         },
     };
     let found = lo_ransac(&mut search, &budget, rng);
-    conclude(&search, &matches, found.model, found.samples, options)
+    conclude(search, &matches, found.model, found.samples, options)
 }
 
 /// Estimates where the camera was from a guess of it, such as the pose of the frame before.
@@ -104,7 +104,7 @@ pub fn optimize_pose(
     } else {
         *guess
     };
-    conclude(&search, &matches, Some(start), 0, options)
+    conclude(search, &matches, Some(start), 0, options)
 }
 
 fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOptions) -> Search<'a> {
@@ -128,7 +128,7 @@ fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOpt
 
 /// Final refinement of the best pose, and what is said of it.
 fn conclude(
-    search: &Search<'_>,
+    search: Search<'_>,
     matches: &Matches<'_>,
     best: Option<CameraFromWorld>,
     hypotheses: usize,
@@ -137,6 +137,8 @@ fn conclude(
     let no_consensus =
         |inliers| PoseError::NoConsensus { inliers, required: options.min_inliers, hypotheses };
     let Some(best) = best else { return Err(no_consensus(0)) };
+    let matches = &matches.as_seen_from(&best);
+    let search = search.settled(matches);
     let polished = search.polish(&best, options.estimate_noise);
     let likelihoods = search.likelihoods(&polished);
     let inliers = search.agreeing(&polished.pose, &likelihoods);

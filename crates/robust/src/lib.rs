@@ -46,6 +46,7 @@
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
+mod clutter;
 mod confidence;
 mod error;
 mod estimate;
@@ -65,6 +66,7 @@ mod sampler;
 mod search;
 #[cfg(test)]
 mod test_data;
+mod visibility;
 
 pub use confidence::{Confidence, Doubt, State};
 pub use error::PoseError;
@@ -72,4 +74,4 @@ pub use estimate::{PoseEstimate, estimate_pose, optimize_pose};
 pub use given::refine_pose;
 pub use information::fisher_information;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
-pub use problem::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior};
+pub use problem::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};

@@ -22,7 +22,9 @@ use std::collections::HashMap;
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
 
-use crate::problem::{Correspondences, PoseProblem};
+use crate::clutter;
+use crate::problem::{Correspondences, PoseProblem, SeenFrom};
+use crate::visibility::visibility;
 
 /// Degrees of freedom of the noise of points. With the two dimensions of the plane they make the exponent 3.
 const POINT_FREEDOM: f64 = 4.0;
@@ -32,6 +34,9 @@ const LINE_FREEDOM: f64 = 5.0;
 
 /// Priors are kept this far from certainty: no single match may decide.
 const PRIOR_LIMIT: f64 = 1e-3;
+
+/// Worth of what cannot be seen: far below what any residual adds.
+const UNSEEN: f64 = 1e-30;
 
 /// How far outside the image, or over the dividing line, a projection may lie, as a share of the image's width.
 const MARGIN: f64 = 0.01;
@@ -46,6 +51,8 @@ pub(crate) struct Matches<'a> {
     pub(crate) keypoint: Vec<usize>,
     /// How many keypoints there are.
     pub(crate) keypoints: usize,
+    /// From where each was seen when the map was made, `[N]`, if known.
+    seen_from: Option<&'a [SeenFrom]>,
     /// `X`, world frame.
     pub(crate) points: Vec<Vector3<f64>>,
     /// Lines: `(a, b, c)` of unit normal in pixels. Points: `(u, v, 1)`.
@@ -88,17 +95,21 @@ impl<'a> Matches<'a> {
         let mut anchor = vec![Anchor::First; n];
         let (observed, spread): (Vec<Vector3<f64>>, Vec<f64>) = match &problem.observations {
             Correspondences::Points { pixels } => {
-                (pixels.iter().map(|p| p.homogeneous()).collect(), vec![area / std::f64::consts::TAU; n])
+                let at: Vec<[f64; 2]> = pixels.iter().map(|p| [p.u, p.v]).collect();
+                let size = [f64::from(camera.width), f64::from(camera.height)];
+                let spread =
+                    clutter::of_pixels(&at, size).into_iter().map(|d| area / std::f64::consts::TAU / d);
+                (pixels.iter().map(|p| p.homogeneous()).collect(), spread.collect())
             }
             Correspondences::Lines { lines } => (
                 lines.iter().map(|l| *l.coefficients()).collect(),
-                lines.iter().map(|l| area * peak / chord_length(l, &camera)).collect(),
+                lines_spread(lines, &camera).into_iter().map(|s| s * peak).collect(),
             ),
             Correspondences::Anchored { anchors, lines } => {
                 anchor = lines.iter().map(|(a, _)| *a).collect();
                 (
                     lines.iter().map(|(a, angle)| *anchors.line(*a, *angle).coefficients()).collect(),
-                    vec![std::f64::consts::PI * peak; n],
+                    anchored_spread(lines).into_iter().map(|s| s * peak).collect(),
                 )
             }
         };
@@ -112,12 +123,31 @@ impl<'a> Matches<'a> {
             observations: &problem.observations,
             keypoint,
             keypoints,
+            seen_from: problem.seen_from.as_deref(),
             points: problem.points.iter().map(|p| p.coords).collect(),
             observed,
             anchor,
             worth: (0..n).map(|i| (prior(i) / (1.0 - prior(i))).ln() + spread[i].ln()).collect(),
             weight: (0..n).map(prior).collect(),
         }
+    }
+
+    /// The same correspondences as this pose could have seen them: those it could not are worth nothing.
+    pub(crate) fn as_seen_from(&self, pose: &CameraFromWorld) -> Self {
+        let mut seen = self.clone();
+        if self.seen_from.is_some() {
+            for (i, worth) in seen.worth.iter_mut().enumerate() {
+                *worth += self.visibility(i, pose).max(UNSEEN).ln();
+            }
+        }
+        seen
+    }
+
+    /// How much of a correspondence's worth is left from where this pose sees it, 0 to 1.
+    pub(crate) fn visibility(&self, i: usize, pose: &CameraFromWorld) -> f64 {
+        let Some(seen_from) = self.seen_from else { return 1.0 };
+        let center = pose.rotation().inverse() * -pose.translation();
+        visibility(&self.points[i], &seen_from[i], &center, self.camera.focal[0])
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -263,6 +293,28 @@ impl<'a> Matches<'a> {
     }
 }
 
+/// One over the density of wrong matches at each line's offset, pixels: the image's area over the length of the chord
+/// where they are spread evenly.
+fn lines_spread(lines: &[PixelLine], camera: &Pinhole) -> Vec<f64> {
+    let size = [f64::from(camera.width), f64::from(camera.height)];
+    let coefficients: Vec<Vector3<f64>> = lines.iter().map(|l| *l.coefficients()).collect();
+    let density = clutter::of_lines(&coefficients, size);
+    lines.iter().zip(density).map(|(l, d)| size[0] * size[1] / (chord_length(l, camera) * d)).collect()
+}
+
+/// One over the density of wrong matches at each line's angle, radians: `π` where they are spread evenly.
+fn anchored_spread(lines: &[(Anchor, f64)]) -> Vec<f64> {
+    let mut spread = vec![std::f64::consts::PI; lines.len()];
+    for anchor in Anchor::BOTH {
+        let of_anchor = || lines.iter().enumerate().filter(|(_, line)| line.0 == anchor);
+        let angles: Vec<f64> = of_anchor().map(|(_, line)| line.1).collect();
+        for ((i, _), density) in of_anchor().zip(clutter::of_angles(&angles)) {
+            spread[i] /= density;
+        }
+    }
+    spread
+}
+
 /// The same keypoints numbered from 0 in order of first appearance, and how many there are: their own numbers change
 /// nothing, not even the order of sums.
 fn numbered(keypoints: &[usize]) -> (Vec<usize>, usize) {
@@ -357,13 +409,20 @@ mod tests {
         let problem = problem(2);
         let matches = Matches::new(&problem, 0.25);
         let anchors = DualAnchors::vertical(640, 480);
+        let Correspondences::Anchored { lines, .. } = &problem.observations else { unreachable!() };
+        // How crowded its anchor's lines are about each angle.
+        let crowd = |i: usize| {
+            let of_anchor = || (0..lines.len()).filter(|j| lines[*j].0 == lines[i].0);
+            let angles: Vec<f64> = of_anchor().map(|j| lines[j].1).collect();
+            clutter::of_angles(&angles)[of_anchor().position(|j| j == i).expect("one of them")]
+        };
         for i in 0..matches.len() {
             let pixel = problem.camera.project(
                 veiloc_geometry::PlanePoint::from_camera_point(&Point3::from_vector(matches.points[i]))
                     .expect("front"),
             );
             let r = pixel.distance(&anchors.position(anchors.anchor_of(pixel)));
-            let expected = (0.25_f64 / 0.75).ln() + (8.0 * r / (3.0 * 5.0_f64.sqrt() * 1.5)).ln();
+            let expected = (0.25_f64 / 0.75).ln() + (8.0 * r / (3.0 * 5.0_f64.sqrt() * 1.5) / crowd(i)).ln();
             let found = matches.log_likelihood_ratio(i, &CameraFromWorld::identity(), 1.5).expect("visible");
             assert!((found - expected).abs() < 1e-9, "{found} {expected}");
         }

@@ -81,6 +81,9 @@ pub struct PoseProblem {
     ///
     /// Weighs the drawing of samples under both scores, and the likelihood. See [`crate::prior`].
     pub prior: Option<Vec<f64>>,
+    /// From where each correspondence's descriptor was seen when the map was made, `[N]`: a pose from where it cannot look
+    /// the same does not explain the match. `None` lets every pose see every point.
+    pub seen_from: Option<Vec<SeenFrom>>,
     /// Which way is down, if the device has felt it: then smaller samples are enough.
     pub gravity: Option<Gravity>,
     /// Where the camera is, roughly, if somebody knows.
@@ -89,6 +92,15 @@ pub struct PoseProblem {
     pub focal: FocalKnowledge,
     /// Covariance of each map point in the world frame, `[N]`, map units squared; `None` takes the map for exact.
     pub point_covariances: Option<Vec<[[f64; 3]; 3]>>,
+}
+
+/// Where the map image stood that proposed a match.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenFrom {
+    /// Its camera centre, world frame, map units.
+    pub center: Point3<World>,
+    /// Its focal length, pixels.
+    pub focal_px: f64,
 }
 
 /// One direction of the world as the camera feels it: down, by an accelerometer.
@@ -147,6 +159,7 @@ impl PoseProblem {
             keypoints,
             points,
             prior: None,
+            seen_from: None,
             gravity: None,
             position: None,
             focal: FocalKnowledge::Calibrated,
@@ -194,6 +207,16 @@ impl PoseProblem {
             }
             if let Some(index) = prior.iter().position(|p| !(0.0..=1.0).contains(p)) {
                 return Err(PoseError::BadPrior { index, value: prior[index] });
+            }
+        }
+        if let Some(seen_from) = &self.seen_from {
+            if seen_from.len() != n {
+                let actual = seen_from.len();
+                return Err(PoseError::LengthMismatch { what: "seen_from", expected: n, actual });
+            }
+            let possible = |s: &SeenFrom| s.center.is_finite() && s.focal_px.is_finite() && s.focal_px > 0.0;
+            if let Some(index) = seen_from.iter().position(|s| !possible(s)) {
+                return Err(PoseError::NotFinite { what: "seen_from", index });
             }
         }
         if let Some(gravity) = &self.gravity {

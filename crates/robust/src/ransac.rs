@@ -23,13 +23,14 @@ pub trait Estimator {
     /// Probability that one sample consists of correspondences that agree with the model.
     fn hit_probability(&self, model: &Self::Model) -> f64;
 
-    /// Tries to find a better model near this one; `None` when it did not.
+    /// The best model near this one, and the cost by which such models are compared with each other: it may look at more
+    /// than [`Self::cost`] does, and is then no lower.
     fn optimize<R: Rng + ?Sized>(
         &mut self,
         model: &Self::Model,
         cost: f64,
         rng: &mut R,
-    ) -> Option<(Self::Model, f64)>;
+    ) -> (Self::Model, f64);
 }
 
 /// When to stop.
@@ -100,13 +101,8 @@ pub fn lo_ransac<E: Estimator, R: Rng + ?Sized>(
                 continue;
             }
             best_sampled = cost;
-            let mut candidate = (model.clone(), cost);
             found.optimizations += 1;
-            if let Some(better) = estimator.optimize(model, cost, rng)
-                && better.1 < cost
-            {
-                candidate = better;
-            }
+            let candidate = estimator.optimize(model, cost, rng);
             if candidate.1 < found.cost {
                 needed = budget.needed(estimator.hit_probability(&candidate.0));
                 found.cost = candidate.1;
@@ -168,10 +164,10 @@ mod tests {
             self.agreeing(*model).count() as f64 / self.data.len() as f64
         }
 
-        fn optimize<R: Rng + ?Sized>(&mut self, model: &f64, _: f64, _: &mut R) -> Option<(f64, f64)> {
+        fn optimize<R: Rng + ?Sized>(&mut self, model: &f64, _: f64, _: &mut R) -> (f64, f64) {
             self.optimized += 1;
             let mean = self.agreeing(*model).sum::<f64>() / self.agreeing(*model).count() as f64;
-            Some((mean, self.cost(&mean, f64::INFINITY)))
+            (mean, self.cost(&mean, f64::INFINITY))
         }
     }
 
@@ -246,8 +242,8 @@ mod tests {
             fn hit_probability(&self, (): &()) -> f64 {
                 1.0
             }
-            fn optimize<R: Rng + ?Sized>(&mut self, (): &(), _: f64, _: &mut R) -> Option<((), f64)> {
-                None
+            fn optimize<R: Rng + ?Sized>(&mut self, (): &(), cost: f64, _: &mut R) -> ((), f64) {
+                ((), cost)
             }
         }
         let budget = Budget { min: 1, max: 30, confidence: 0.99 };

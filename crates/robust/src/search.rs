@@ -73,6 +73,21 @@ impl<'a> Search<'a> {
         Self { matches, kernel: Kernel::new(matches, scale), scale, minimal, optima: Vec::new() }
     }
 
+    /// The cost of a pose from which not every correspondence can be seen; `cost` is that of seeing all.
+    fn cost_as_seen(&self, pose: &CameraFromWorld, cost: f64) -> f64 {
+        let Scale::Likelihood { noise } = self.scale else { return cost };
+        let unseen = |(i, llr): (usize, f64)| {
+            if llr > 0.0 { llr - (llr + self.matches.visibility(i, pose).ln()).max(0.0) } else { 0.0 }
+        };
+        cost + self.kernel.likelihoods(pose, noise).into_iter().enumerate().map(unseen).sum::<f64>()
+    }
+
+    /// The same search over correspondences that are worth what one pose can see of them.
+    pub(crate) fn settled<'b>(self, matches: &'b Matches<'b>) -> Search<'b> {
+        let kernel = Kernel::new(matches, self.scale);
+        Search { matches, kernel, scale: self.scale, minimal: self.minimal, optima: self.optima }
+    }
+
     /// Log likelihood ratio of each correspondence, `[N]`, at the noise that the inliers show.
     pub(crate) fn likelihoods(&self, polished: &Polished) -> Vec<f64> {
         match self.scale {
@@ -238,7 +253,7 @@ impl Estimator for Search<'_> {
         model: &CameraFromWorld,
         cost: f64,
         rng: &mut R,
-    ) -> Option<(CameraFromWorld, f64)> {
+    ) -> (CameraFromWorld, f64) {
         let mut best = (*model, cost);
         let keep = |pose: CameraFromWorld, best: &mut (CameraFromWorld, f64)| {
             let cost = self.kernel.cost(&pose, best.1);
@@ -259,7 +274,8 @@ impl Estimator for Search<'_> {
             }
             keep(self.descend(&best.0), &mut best);
         }
+        best.1 = self.cost_as_seen(&best.0, best.1);
         self.optima.push(best);
-        (best.1 < cost).then_some(best)
+        best
     }
 }

@@ -53,6 +53,7 @@ fn matches_sent(query: &Query, kept: &[usize]) -> Problem {
         ratio: all.ratio.as_ref().map(|v| there.iter().map(|m| v[*m]).collect()),
         votes: counts(&all.votes),
         track_length: counts(&all.track_length),
+        seen_from: all.seen_from.as_ref().map(|v| there.iter().map(|m| v[*m]).collect()),
         gravity: None,
         ..all.clone()
     }

@@ -133,6 +133,7 @@ pub(super) fn as_problem(name: &str, synthetic: &PointProblem) -> Problem {
         ratio: None,
         votes: None,
         track_length: None,
+        seen_from: None,
         gravity: None,
     }
 }

@@ -290,6 +290,7 @@ pub fn pose_problem(
     let prior = use_prior.then(|| problem.prior()).flatten();
     let points = match_of.iter().map(|&m| problem.points[m]).collect();
     let mut pose_problem = PoseProblem::new(problem.camera, correspondences, keypoints, points);
+    pose_problem.seen_from = problem.seen_from.as_ref().map(|s| match_of.iter().map(|&m| s[m]).collect());
     pose_problem.prior = prior.map(|p| match_of.iter().map(|&m| p[m]).collect());
     (pose_problem, match_of)
 }

@@ -40,6 +40,7 @@ fn a_scheme_of_ones_own_is_judged_by_poses_and_by_attacks() {
         ratio: None,
         votes: None,
         track_length: None,
+        seen_from: None,
         gravity: None,
     };
     let (input, _) = pose_problem(&problem, &observations, false);
