@@ -24,7 +24,7 @@ fn texture(scheme: Scheme, rng: &mut ChaCha8Rng) -> PoseProblem {
     let observations = match scheme {
         Scheme::Points => Correspondences::Points { pixels },
         Scheme::Lines => Correspondences::Lines {
-            lines: pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..3.14))).collect(),
+            lines: pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..3.0))).collect(),
         },
         Scheme::Dcl => {
             let anchors = DualAnchors::vertical(CAMERA.width, CAMERA.height);
