@@ -19,7 +19,7 @@
 
 use std::fmt;
 
-use veiloc_geometry::nalgebra::Matrix6;
+use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
 use crate::information::Symmetric6;
@@ -38,6 +38,10 @@ const LEAST_MARGIN: f64 = 8.0;
 
 /// Largest standard deviation of a trusted camera centre, as a share of the distance to what it sees.
 const LOOSEST: f64 = 0.1;
+
+/// Least log evidence that the poorer side of the dividing line must give for where the camera is along the ray of the
+/// richer one's anchor.
+const LEAST_SIDE_EVIDENCE: f64 = 2.5;
 
 /// Fewest keypoints that must agree on each side of the dividing line.
 const FEWEST_A_SIDE: usize = 4;
@@ -126,7 +130,11 @@ impl fmt::Display for Doubt {
                 100.0 * center_sd_relative
             ),
             Self::OneSided { sides: [a, b] } => {
-                write!(f, "agreeing keypoints lie on one side of the dividing line ({a} and {b})")
+                write!(
+                    f,
+                    "agreeing keypoints lie on one side of the dividing line ({a} and {b}), and nothing says how far \
+                     along its anchor's ray the camera is"
+                )
             }
         }
     }
@@ -158,12 +166,13 @@ impl Confidence {
         if !(self.margin >= LEAST_MARGIN) {
             doubts.push(Doubt::Ambiguous { margin: self.margin });
         }
-        if !(self.center_sd_relative <= LOOSEST) {
+        // A direction that is left free is said by the sides.
+        let one_sided =
+            self.sides.filter(|s| s[0].min(s[1]) < FEWEST_A_SIDE || self.center_sd == f64::INFINITY);
+        if one_sided.is_none() && !(self.center_sd_relative <= LOOSEST) {
             doubts.push(Doubt::LooselyHeld { center_sd_relative: self.center_sd_relative });
         }
-        if let Some(sides) = self.sides
-            && sides[0].min(sides[1]) < FEWEST_A_SIDE
-        {
+        if let Some(sides) = one_sided {
             doubts.push(Doubt::OneSided { sides });
         }
         doubts
@@ -190,9 +199,7 @@ pub(crate) fn assess(
         }
     };
     let (rotation_sd, center_sd) = (block(0), block(3));
-    let mut distances: Vec<f64> =
-        inliers.iter().map(|&i| (pose.rotation() * matches.points[i] + pose.translation()).norm()).collect();
-    let distance = median(&mut distances);
+    let distance = typical_distance(matches, pose, inliers);
     Confidence {
         log_evidence: log_evidence(matches, likelihoods, &covariance),
         margin,
@@ -202,6 +209,54 @@ pub(crate) fn assess(
         sides: matches!(matches.observations, Correspondences::Anchored { .. })
             .then(|| sides(matches, inliers)),
     }
+}
+
+impl Confidence {
+    /// The same for a pose that nothing holds in one direction.
+    pub(crate) const fn held_only_across(self) -> Self {
+        Self { center_sd: f64::INFINITY, center_sd_relative: f64::INFINITY, ..self }
+    }
+}
+
+/// The direction of translation that is left free, a unit vector of the camera frame, with the distance of what is seen:
+/// the ray of one anchor, when the other's lines give no evidence that they hold it. Lines of an anchor say nothing along
+/// its ray.
+pub(crate) fn free_direction(
+    matches: &Matches<'_>,
+    pose: &CameraFromWorld,
+    inliers: &[usize],
+    likelihoods: &[f64],
+    covariance: &Symmetric6,
+) -> Option<(Vector3<f64>, f64)> {
+    let Correspondences::Anchored { anchors, .. } = matches.observations else { return None };
+    let agreeing = sides(matches, inliers);
+    let (rich, poor) = if agreeing[0] >= agreeing[1] {
+        (Anchor::First, Anchor::Second)
+    } else {
+        (Anchor::Second, Anchor::First)
+    };
+    let ray = matches.camera.unproject(anchors.position(rich)).homogeneous().normalize();
+    let distance = typical_distance(matches, pose, inliers);
+    let shift = Matrix3::from_fn(|i, j| covariance[3 + i][3 + j]);
+    let sd = ray.dot(&(shift * ray)).max(0.0).sqrt();
+    // What the poorer side says for this place along the ray, against all others within the distance of the scene.
+    let mut gains = gains(matches, likelihoods);
+    for (i, keypoint) in matches.keypoint.iter().enumerate() {
+        if matches.anchor[i] != poor {
+            gains[*keypoint] = 0.0;
+        }
+    }
+    let places = (2.0 * distance / ((std::f64::consts::TAU).sqrt() * sd)).max(1.0);
+    let evidence = gains.iter().sum::<f64>() - places.ln();
+    let is_held = agreeing[poor.index()] >= FEWEST_A_SIDE && evidence >= LEAST_SIDE_EVIDENCE;
+    (!is_held).then_some((ray, distance))
+}
+
+/// Median distance of the agreeing points from the camera, map units.
+fn typical_distance(matches: &Matches<'_>, pose: &CameraFromWorld, inliers: &[usize]) -> f64 {
+    let mut distances: Vec<f64> =
+        inliers.iter().map(|&i| (pose.rotation() * matches.points[i] + pose.translation()).norm()).collect();
+    median(&mut distances)
 }
 
 /// Distinct keypoints among the inliers of each anchor.
@@ -214,6 +269,12 @@ fn sides(matches: &Matches<'_>, inliers: &[usize]) -> [usize; 2] {
 fn log_evidence(matches: &Matches<'_>, likelihoods: &[f64], covariance: &Matrix6<f64>) -> f64 {
     let log_volume = log_det(&(covariance * std::f64::consts::TAU));
     let Some(log_volume) = log_volume else { return f64::NEG_INFINITY };
+    let gained: f64 = gains(matches, likelihoods).iter().sum();
+    gained + 0.5 * log_volume - (8.0 * std::f64::consts::PI.powi(2)).ln() - log_region(matches)
+}
+
+/// By how much each keypoint is likelier at the pose than if all its matches were wrong, natural logarithm.
+fn gains(matches: &Matches<'_>, likelihoods: &[f64]) -> Vec<f64> {
     // Σ γ and Σ γ ρ of each keypoint.
     let mut keypoints = vec![(0.0, 0.0); matches.keypoints];
     for (i, &llr) in likelihoods.iter().enumerate() {
@@ -222,15 +283,14 @@ fn log_evidence(matches: &Matches<'_>, likelihoods: &[f64], covariance: &Matrix6
         *right += prior;
         *explained += (1.0 - prior) * llr.exp();
     }
-    let gained: f64 = keypoints
+    keypoints
         .iter()
         .map(|(right, explained)| {
             // More than one match cannot be right: their priors then share what certainty there is.
             let share = (0.99 / right).min(1.0);
             (1.0 - share * right + share * explained).ln()
         })
-        .sum();
-    gained + 0.5 * log_volume - (8.0 * std::f64::consts::PI.powi(2)).ln() - log_region(matches)
+        .collect()
 }
 
 /// Logarithm of the determinant of a covariance; `None` when it is not positive definite.

@@ -3,15 +3,37 @@
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
-use crate::confidence::{Confidence, assess};
+use crate::beliefs::Beliefs;
+use crate::confidence::{Confidence, assess, free_direction};
+use crate::covariance::free_along;
 use crate::error::PoseError;
+use crate::focal::{ZoomObjective, Zoomed};
 use crate::kernel::Scale;
 use crate::matches::Matches;
 use crate::minimal::Minimal;
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
-use crate::problem::{Correspondences, PoseProblem};
+use crate::problem::{Correspondences, FocalKnowledge, PoseProblem};
 use crate::ransac::{Budget, Estimator, lo_ransac};
-use crate::search::Search;
+use crate::search::{Polished, Search};
+
+/// Log evidence from which on a trusted pose is not asked whether another focal length would explain more.
+const CLEAR: f64 = 150.0;
+
+/// Log evidence that another focal length must have over a calibrated one.
+const SURPLUS: f64 = 6.0;
+
+/// Focal lengths over a calibrated one that are tried from where the search ended: a wrong focal length may have led it to a
+/// pose at which no small change of it helps.
+const PROBES: [f64; 2] = [0.94, 1.06];
+
+/// Such jumps at most.
+const MOST_JUMPS: usize = 4;
+
+/// Log likelihood by which one of them must be better.
+const PROBE_GAIN: f64 = 6.0;
+
+/// Rounds of estimating the focal length at the noise that the inliers show, and the noise again.
+const FOCAL_ROUNDS: usize = 3;
 
 /// Where the camera was, and how well that is known.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,6 +59,9 @@ pub struct PoseEstimate {
     /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): the variance of the
     /// inliers' residuals times the inverse of `JᵀJ`. Infinite on the diagonal when the inliers leave a direction free.
     pub covariance: [[f64; 6]; 6],
+    /// A direction along which nothing says where the camera is, a unit vector of the world frame: lines of one anchor say
+    /// nothing along its ray. The position is then one of many, and the variance along it infinite.
+    pub free_direction: Option<[f64; 3]>,
     /// Whether to trust the pose.
     pub confidence: Confidence,
     /// Whether the final refinement was kept. It is dropped when it made the score worse.
@@ -66,7 +91,33 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     options.check()?;
     problem.check()?;
     let matches = Matches::new(problem, options.expected_inlier_ratio);
-    let mut search = search(&matches, problem, options);
+    let mut best = search_at(&matches, problem, options, 1.0, rng);
+    let surplus = match problem.focal {
+        FocalKnowledge::Calibrated => SURPLUS,
+        FocalKnowledge::Exif | FocalKnowledge::Unknown => 0.0,
+    };
+    for &factor in other_focal_lengths(problem.focal, options.score.unwrap_or_default(), &best) {
+        let other = search_at(&matches, problem, options, factor, rng);
+        if worth(&other) > worth(&best) + surplus {
+            best = other;
+        }
+        if is_clear(&best) {
+            break;
+        }
+    }
+    best
+}
+
+/// Searches with a focal length so many times as long as the given one.
+fn search_at<R: Rng + ?Sized>(
+    matches: &Matches<'_>,
+    problem: &PoseProblem,
+    options: &PoseOptions,
+    factor: f64,
+    rng: &mut R,
+) -> Result<PoseEstimate, PoseError> {
+    let zoomed = matches.with_focal(factor);
+    let mut search = search(&zoomed, problem, options);
     let budget = match options.fixed_hypotheses {
         Some(samples) => Budget::fixed(samples),
         None => Budget {
@@ -76,7 +127,44 @@ pub fn estimate_pose<R: Rng + ?Sized>(
         },
     };
     let found = lo_ransac(&mut search, &budget, rng);
-    conclude(search, &matches, found.model, found.samples, options)
+    let start = found.model.map(|pose| Zoomed { pose, factor });
+    conclude(search, matches, start, found.samples, problem.focal, options).map_err(|error| {
+        if has_one_side(problem) { PoseError::OneSided { lines: matches.len() } } else { error }
+    })
+}
+
+/// Whether all lines run through one anchor.
+fn has_one_side(problem: &PoseProblem) -> bool {
+    match &problem.observations {
+        Correspondences::Anchored { lines, .. } => lines.iter().all(|(anchor, _)| *anchor == lines[0].0),
+        Correspondences::Points { .. } | Correspondences::Lines { .. } => false,
+    }
+}
+
+/// Other focal lengths to search with, over the given one, when that leaves a doubt or does not show much evidence: all that a phone's guess may be wrong
+/// by when it is a guess, and for a measured one only when something was found that the focal length may have spoilt.
+fn other_focal_lengths(
+    focal: FocalKnowledge,
+    score: ScoreKind,
+    found: &Result<PoseEstimate, PoseError>,
+) -> &'static [f64] {
+    if score == ScoreKind::Msac || is_clear(found) {
+        return &[];
+    }
+    match focal {
+        FocalKnowledge::Calibrated if worth(found) < 0.0 => &[],
+        FocalKnowledge::Calibrated | FocalKnowledge::Exif => &[0.87, 1.15, 0.75, 1.33],
+        FocalKnowledge::Unknown => &[0.8, 1.25, 0.65, 1.55],
+    }
+}
+
+fn is_clear(found: &Result<PoseEstimate, PoseError>) -> bool {
+    found.as_ref().is_ok_and(|e| e.confidence.is_trusted() && e.confidence.log_evidence > CLEAR)
+}
+
+/// Log evidence, least when nothing was found.
+fn worth(found: &Result<PoseEstimate, PoseError>) -> f64 {
+    found.as_ref().map_or(f64::NEG_INFINITY, |estimate| estimate.confidence.log_evidence)
 }
 
 /// Estimates where the camera was from a guess of it, such as the pose of the frame before.
@@ -104,7 +192,8 @@ pub fn optimize_pose(
     } else {
         *guess
     };
-    conclude(search, &matches, Some(start), 0, options)
+    let start = Some(Zoomed { pose: start, factor: 1.0 });
+    conclude(search, &matches, start, 0, problem.focal, options)
 }
 
 fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOptions) -> Search<'a> {
@@ -123,23 +212,71 @@ fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOpt
     };
     let solver = options.anchored_solver.unwrap_or(AnchoredSolver::default_for(kind));
     let minimal = Minimal::new(matches, solver, problem.gravity.as_ref(), options.noise_px);
-    Search::new(matches, scale, minimal)
+    let beliefs = match kind {
+        ScoreKind::Msac => Beliefs::default(),
+        ScoreKind::Likelihood => Beliefs::of(problem),
+    };
+    Search::new(matches, scale, minimal, beliefs)
 }
 
 /// Final refinement of the best pose, and what is said of it.
-fn conclude(
-    search: Search<'_>,
-    matches: &Matches<'_>,
-    best: Option<CameraFromWorld>,
+///
+/// `matches` are those of the focal length as given; the start names the one that it was found with.
+fn conclude<'a>(
+    search: Search<'a>,
+    matches: &Matches<'a>,
+    start: Option<Zoomed>,
     hypotheses: usize,
+    focal: FocalKnowledge,
     options: &PoseOptions,
 ) -> Result<PoseEstimate, PoseError> {
     let no_consensus =
         |inliers| PoseError::NoConsensus { inliers, required: options.min_inliers, hypotheses };
-    let Some(best) = best else { return Err(no_consensus(0)) };
-    let matches = &matches.as_seen_from(&best);
-    let search = search.settled(matches);
-    let polished = search.polish(&best, options.estimate_noise);
+    let Some(mut at) = start else { return Err(no_consensus(0)) };
+    let seen = matches.as_seen_from(&at.pose);
+    let mut search = search.settled(seen.with_focal(at.factor));
+    let mut polished = search.polish(&at.pose, options.estimate_noise);
+    let zoom = |search: &Search<'_>, polished: &Polished| ZoomObjective {
+        matches: &seen,
+        beliefs: search.beliefs().clone(),
+        active: search.possible(&polished.pose, polished.noise),
+        noise: polished.noise,
+        sd: focal.sd(),
+    };
+    // A jump to another focal length, when one explains more.
+    let jump = |search: &Search<'a>, polished: &Polished, at: &Zoomed| {
+        let own = search.cost(&polished.pose, f64::INFINITY);
+        PROBES
+            .iter()
+            .map(|step| step * at.factor)
+            .map(|factor| search.probe(seen.with_focal(factor), &polished.pose, factor))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .filter(|(_, cost)| *cost < own - PROBE_GAIN)
+            .map(|(zoomed, _)| zoomed)
+    };
+    let mut is_open = match focal {
+        FocalKnowledge::Exif | FocalKnowledge::Unknown => true,
+        FocalKnowledge::Calibrated => {
+            at.factor != 1.0 || zoom(&search, &polished).contradicts(&polished.pose)
+        }
+    };
+    if search.is_likelihood() {
+        for _ in 0..MOST_JUMPS {
+            if is_open {
+                for _ in 0..FOCAL_ROUNDS {
+                    at = zoom(&search, &polished).refine(&Zoomed { pose: polished.pose, factor: at.factor });
+                    search = search.settled(seen.with_focal(at.factor));
+                    polished = search.polish(&at.pose, options.estimate_noise);
+                }
+            }
+            let Some(zoomed) = jump(&search, &polished, &at) else { break };
+            (at, is_open) = (zoomed, true);
+            search = search.settled(seen.with_focal(at.factor));
+            polished = search.polish(&at.pose, options.estimate_noise);
+        }
+    }
+    let focal_sd = (is_open && search.is_likelihood()).then(|| focal.sd());
+    let matches = search.matches();
     let likelihoods = search.likelihoods(&polished);
     let inliers = search.agreeing(&polished.pose, &likelihoods);
     let inlier_keypoints = matches.keypoints_among(inliers.iter().copied());
@@ -150,8 +287,19 @@ fn conclude(
     for &i in &inliers {
         mask[i] = true;
     }
-    let (noise_px, covariance) = search.uncertainty(&polished, &likelihoods, &inliers);
+    let (noise_px, mut covariance) = search.uncertainty(&polished, &likelihoods, &inliers, focal_sd, None);
+    let free = free_direction(matches, &polished.pose, &inliers, &likelihoods, &covariance);
+    if free.is_some() {
+        covariance = search.uncertainty(&polished, &likelihoods, &inliers, focal_sd, free).1;
+    }
     let margin = search.margin(&polished.pose, &covariance);
+    let known = search.beliefs().loss(&polished.pose);
+    let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &covariance, margin);
+    confidence.log_evidence -= known;
+    if let Some((direction, _)) = free {
+        covariance = free_along(&covariance, &direction);
+        confidence = confidence.held_only_across();
+    }
     Ok(PoseEstimate {
         cam_from_world: polished.pose,
         inlier_count: inliers.len(),
@@ -159,9 +307,10 @@ fn conclude(
         hypotheses,
         score: search.cost(&polished.pose, f64::INFINITY),
         noise_px,
-        focal_scale: 1.0,
+        focal_scale: at.factor,
         covariance,
-        confidence: assess(matches, &polished.pose, &inliers, &likelihoods, &covariance, margin),
+        confidence,
+        free_direction: free.map(|(d, _)| (polished.pose.rotation().inverse() * d).into()),
         inliers: mask,
         refined: polished.kept,
     })

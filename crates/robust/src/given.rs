@@ -53,6 +53,7 @@ pub fn refine_pose(
         score: refined.loss,
         noise_px,
         focal_scale: 1.0,
+        free_direction: None,
         covariance,
         confidence: assess(&matches, &refined.pose, &chosen, &likelihoods, &covariance, f64::INFINITY),
         refined: true,

@@ -1,7 +1,7 @@
-//! How well correspondences determine a pose: Fisher information, and the covariance of an estimate.
+//! How well correspondences determine a pose: Fisher information.
 
 use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{Matrix6, SMatrix, Vector6};
+use veiloc_geometry::nalgebra::{Matrix6, SMatrix};
 
 use crate::error::PoseError;
 use crate::matches::Matches;
@@ -66,54 +66,4 @@ pub(crate) fn inverse_or_infinite(information: &Matrix6<f64>) -> Symmetric6 {
         Some(c) => symmetric(&c),
         None => std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 })),
     }
-}
-
-/// Covariance of a pose that minimises the soft likelihood at this noise, from the log likelihood ratios there.
-///
-/// That of an M-estimator (Huber and Ronchetti, *Robust Statistics*, 2009, eq. 7.43): with `r` the probability that a
-/// match is right, `Ψ = r · 6 e / (ν σ² + e²)` its pull on the pose and `Ψ′` the derivative, in which a match that is
-/// pushed out loses its say,
-///
-/// ```text
-/// C = K² · n/(n − p) · (Σ Ψ² / n) / (Σ Ψ′ / n)² · (Σ r JᵀJ)⁻¹
-/// K = 1 + p/n · Var Ψ′ / (E Ψ′)²              n = Σ r,  p = 6 over the residuals of a match
-/// ```
-///
-/// It asks what the residuals are, not what the model says they should be: it stays right when they are not Student's.
-pub(crate) fn covariance(
-    matches: &Matches<'_>,
-    pose: &CameraFromWorld,
-    likelihoods: &[f64],
-    noise: f64,
-) -> Symmetric6 {
-    let scale = matches.freedom() * noise * noise;
-    let rows = matches.residuals() as f64;
-    let (mut agreeing, mut pulls, mut slopes, mut squared_slopes) = (0.0, 0.0, 0.0, 0.0);
-    let mut information = Matrix6::zeros();
-    for (i, &llr) in likelihoods.iter().enumerate().filter(|(_, llr)| **llr > NEGLIGIBLE) {
-        let Some(residual) = matches.residual(i, pose, true) else { continue };
-        let right = 1.0 / (1.0 + (-llr).exp());
-        let squared = residual.squared();
-        let denominator = (scale + squared).powi(2);
-        // Mean over the residuals of a match of the squared pull and of the slope.
-        let pull = 36.0 * squared / (denominator * rows);
-        let slope = 6.0 * (scale + (1.0 - 2.0 / rows) * squared) / denominator;
-        agreeing += right;
-        pulls += right * right * pull;
-        let slope = right * slope - right * (1.0 - right) * pull;
-        slopes += slope;
-        squared_slopes += slope * slope;
-        for row in 0..matches.residuals() {
-            let j = Vector6::from(residual.jacobian[row]);
-            information += right * j * j.transpose();
-        }
-    }
-    let freedom = agreeing - 6.0 / rows;
-    if !(freedom > 0.0 && slopes > 0.0) {
-        return inverse_or_infinite(&Matrix6::zeros());
-    }
-    let spread = (squared_slopes * agreeing / (slopes * slopes) - 1.0).max(0.0);
-    let correction = 1.0 + 6.0 / rows / agreeing * spread;
-    let variance = correction.powi(2) * pulls * agreeing / (slopes * slopes) * (agreeing / freedom);
-    inverse_or_infinite(&(information / variance))
 }

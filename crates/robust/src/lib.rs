@@ -46,10 +46,13 @@
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
+mod beliefs;
 mod clutter;
 mod confidence;
+mod covariance;
 mod error;
 mod estimate;
+mod focal;
 mod given;
 mod half_lines;
 mod information;

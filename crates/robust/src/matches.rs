@@ -18,6 +18,7 @@
 //! of the camera, inside the image and, for anchored lines, on the anchor's side (each with a small margin).
 
 use std::collections::HashMap;
+use std::hash::Hash;
 
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
@@ -53,6 +54,10 @@ pub(crate) struct Matches<'a> {
     pub(crate) keypoints: usize,
     /// From where each was seen when the map was made, `[N]`, if known.
     seen_from: Option<&'a [SeenFrom]>,
+    /// Map point of each, numbered from 0: those at one place are one.
+    place: Vec<usize>,
+    /// Covariance of each map point, `[N]`, world frame, if known.
+    point_covariances: Option<&'a [[[f64; 3]; 3]]>,
     /// `X`, world frame.
     pub(crate) points: Vec<Vector3<f64>>,
     /// Lines: `(a, b, c)` of unit normal in pixels. Points: `(u, v, 1)`.
@@ -76,6 +81,10 @@ pub(crate) struct Residual {
     pub(crate) log_radius: f64,
     /// Its derivative.
     pub(crate) radius_jacobian: [f64; 6],
+    /// Derivative of each error by the logarithm of the focal length.
+    pub(crate) by_log_focal: [f64; 2],
+    /// The same of `log r`.
+    pub(crate) radius_by_log_focal: f64,
 }
 
 impl Residual {
@@ -118,12 +127,16 @@ impl<'a> Matches<'a> {
             p.clamp(PRIOR_LIMIT, 1.0 - PRIOR_LIMIT)
         };
         let (keypoint, keypoints) = numbered(&problem.keypoints);
+        let (place, _) =
+            numbered(&problem.points.iter().map(|p| p.coords.map(f64::to_bits)).collect::<Vec<_>>());
         Self {
             camera,
             observations: &problem.observations,
             keypoint,
             keypoints,
             seen_from: problem.seen_from.as_deref(),
+            place,
+            point_covariances: problem.point_covariances.as_deref(),
             points: problem.points.iter().map(|p| p.coords).collect(),
             observed,
             anchor,
@@ -141,6 +154,31 @@ impl<'a> Matches<'a> {
             }
         }
         seen
+    }
+
+    /// Share of each correspondence, `[N]`, when they are right with these probabilities: the correspondences of one keypoint
+    /// or of one map point have one error between them, and count as one.
+    pub(crate) fn shares(&self, right: &[f64]) -> Vec<f64> {
+        let sums = |of: &[usize]| {
+            let mut sums = vec![0.0_f64; of.iter().max().map_or(0, |most| most + 1)];
+            of.iter().zip(right).for_each(|(k, r)| sums[*k] += r);
+            sums
+        };
+        let (by_keypoint, by_place) = (sums(&self.keypoint), sums(&self.place));
+        let crowd = |i: usize| by_keypoint[self.keypoint[i]].max(by_place[self.place[i]]);
+        (0..self.len()).map(|i| crowd(i).max(1.0).recip()).collect()
+    }
+
+    /// Covariance of the map point of a correspondence, if known.
+    pub(crate) fn point_covariance(&self, i: usize) -> Option<&[[f64; 3]; 3]> {
+        self.point_covariances.map(|all| &all[i])
+    }
+
+    /// The same correspondences seen by a camera with a focal length so many times as long.
+    pub(crate) fn with_focal(&self, factor: f64) -> Self {
+        let mut zoomed = self.clone();
+        zoomed.camera.focal = self.camera.focal.map(|f| f * factor);
+        zoomed
     }
 
     /// How much of a correspondence's worth is left from where this pose sees it, 0 to 1.
@@ -227,16 +265,26 @@ impl<'a> Matches<'a> {
             [turn.x, turn.y, turn.z, g.x, g.y, g.z]
         };
         let o = &self.observed[i];
-        let mut residual =
-            Residual { error: [0.0; 2], jacobian: [[0.0; 6]; 2], log_radius: 0.0, radius_jacobian: [0.0; 6] };
+        let mut residual = Residual {
+            error: [0.0; 2],
+            jacobian: [[0.0; 6]; 2],
+            log_radius: 0.0,
+            radius_jacobian: [0.0; 6],
+            by_log_focal: [0.0; 2],
+            radius_by_log_focal: 0.0,
+        };
+        // How the projection moves with the logarithm of the focal length.
+        let zoom = Vector2::new(pixel.x - c.principal[0], pixel.y - c.principal[1]);
         match self.observations {
             Correspondences::Points { .. } => {
                 residual.error = [pixel.x - o.x, pixel.y - o.y];
                 residual.jacobian = [chart(du), chart(dv)];
+                residual.by_log_focal = [zoom.x, zoom.y];
             }
             Correspondences::Lines { .. } | Correspondences::Anchored { .. } => {
                 residual.error[0] = o.x * pixel.x + o.y * pixel.y + o.z;
                 residual.jacobian[0] = chart(du * o.x + dv * o.y);
+                residual.by_log_focal[0] = o.x * zoom.x + o.y * zoom.y;
             }
         }
         if let Correspondences::Anchored { anchors, .. } = self.observations {
@@ -244,6 +292,7 @@ impl<'a> Matches<'a> {
             let squared = from_anchor.norm_squared().max(1e-12);
             residual.log_radius = 0.5 * squared.ln();
             residual.radius_jacobian = chart((du * from_anchor.x + dv * from_anchor.y) / squared);
+            residual.radius_by_log_focal = zoom.dot(&from_anchor) / squared;
         }
         Some(residual)
     }
@@ -317,8 +366,8 @@ fn anchored_spread(lines: &[(Anchor, f64)]) -> Vec<f64> {
 
 /// The same keypoints numbered from 0 in order of first appearance, and how many there are: their own numbers change
 /// nothing, not even the order of sums.
-fn numbered(keypoints: &[usize]) -> (Vec<usize>, usize) {
-    let mut known: HashMap<usize, usize> = HashMap::with_capacity(keypoints.len());
+fn numbered<T: Copy + Eq + Hash>(keypoints: &[T]) -> (Vec<usize>, usize) {
+    let mut known: HashMap<T, usize> = HashMap::with_capacity(keypoints.len());
     let numbered = keypoints
         .iter()
         .map(|keypoint| {

@@ -61,11 +61,11 @@ impl Minimal {
             (Correspondences::Lines { .. }, Some(gravity)) => {
                 Self::U4lp { sampler: LineSampler::Any(all()), lines: planes(matches), gravity }
             }
-            (Correspondences::Anchored { .. }, Some(gravity)) => {
+            (Correspondences::Anchored { .. }, Some(gravity)) if has_both_sides(matches) => {
                 let sampler = LineSampler::Split(SplitSampler::new(both_sides(matches), 4));
                 Self::U4lp { sampler, lines: planes(matches), gravity }
             }
-            (Correspondences::Anchored { anchors, .. }, None) => match anchored {
+            (Correspondences::Anchored { anchors, .. }, _) => match anchored {
                 AnchoredSolver::RadialVote => match RadialVote::new(matches, noise) {
                     Some(vote) => Self::Radial(Box::new(vote)),
                     None => Self::six_anchored(matches),
@@ -183,6 +183,11 @@ impl LineSampler {
 
 fn points<const K: usize>(matches: &Matches<'_>, sample: &[usize; K]) -> [Point3<World>; K] {
     sample.map(|i| Point3::from_vector(matches.points[i]))
+}
+
+/// Whether each anchor has a line to draw.
+fn has_both_sides(matches: &Matches<'_>) -> bool {
+    Anchor::BOTH.iter().all(|anchor| matches.anchor.contains(anchor))
 }
 
 fn both_sides(matches: &Matches<'_>) -> [WeightedSampler; 2] {

@@ -251,11 +251,6 @@ impl PoseProblem {
         if n < required {
             return Err(PoseError::TooFew { required, actual: n });
         }
-        if let Correspondences::Anchored { lines, .. } = &self.observations
-            && lines.iter().all(|(anchor, _)| *anchor == lines[0].0)
-        {
-            return Err(PoseError::OneSided { lines: n });
-        }
         Ok(())
     }
 }

@@ -33,6 +33,12 @@ const VOTE_WIDTH: f64 = 1.5;
 /// Lines that vote, the most promising of their side: enough to find the depth, which all lines then judge.
 const VOTERS: usize = 128;
 
+/// With fewer lines on the poorer side poses are also made without its vote.
+const FEWEST_VOTERS: usize = 24;
+
+/// Where the middle point of a scene may be seen from its anchor, as a share of the image's height.
+const SPREADS: [f64; 3] = [0.3, 0.5, 0.8];
+
 /// The fewest lines a side needs to be drawn from: five make a pose, more are needed to tell good from bad.
 const FEWEST: usize = 8;
 
@@ -43,6 +49,8 @@ pub(crate) struct RadialVote {
     /// Chance that a sample comes from the first side.
     first: f64,
     center: Vector3<f64>,
+    /// Whether one side is so poor that its vote may be noise.
+    one_sided: bool,
     noise: f64,
     backend: Backend,
 }
@@ -106,15 +114,17 @@ impl RadialVote {
         };
         let sides = Anchor::BOTH.map(side);
         let [a, b] = [sides[0].members.len(), sides[1].members.len()];
-        if a.max(b) < FEWEST || a.min(b) == 0 {
+        if a.max(b) < FEWEST {
             return None;
         }
+        let poor = a.min(b);
         let chance = |side: &Side| {
             if side.members.len() >= FEWEST { side.sampler.expected_share().powi(5) } else { 0.0 }
         };
         let [a, b] = [chance(&sides[0]), chance(&sides[1])];
         let first = if a + b > 0.0 { a / (a + b) } else { 0.5 };
-        Some(Self { sides, first, center, noise, backend: Backend::best() })
+        let one_sided = poor < FEWEST_VOTERS;
+        Some(Self { sides, first, center, one_sided, noise, backend: Backend::best() })
     }
 
     /// Probability that five lines of a side drawn at random agree, when lines of this total weight do on each.
@@ -148,7 +158,47 @@ impl RadialVote {
             }
             side.completed += 1;
             side.best = side.best.max(score);
-            models.extend(self.complete(matches, chosen, &pose));
+            let completed = self.complete(matches, chosen, &pose);
+            if completed.is_none() || self.one_sided {
+                self.place_along(matches, chosen, &pose, models);
+            }
+            models.extend(completed);
+        }
+    }
+
+    /// Poses of a side whose other is silent: nothing says how far along the ray the camera is, so it is put where the scene
+    /// fills the image in the ways a scene does.
+    fn place_along(
+        &self,
+        matches: &Matches<'_>,
+        chosen: usize,
+        radial: &RadialPose,
+        models: &mut Vec<CameraFromWorld>,
+    ) {
+        let side = &self.sides[chosen];
+        let back = side.turn.inverse();
+        let rotation = back * radial.rotation;
+        let across = back * Vector3::new(radial.offset.x, radial.offset.y, 0.0);
+        let along = back * Vector3::z();
+        // Of the most promising points: distance from the ray, and how far along it.
+        let first = &side.members[..side.members.len().min(VOTERS)];
+        let mut tangents: Vec<(f64, f64)> = first
+            .iter()
+            .map(|&i| {
+                let p = radial.rotation * matches.points[i];
+                ((p.xy() + radial.offset).norm(), p.z)
+            })
+            .collect();
+        if tangents.is_empty() {
+            return;
+        }
+        let middle = tangents.len() / 2;
+        let (distance, ahead) = *tangents.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0)).1;
+        let height = f64::from(matches.camera.height);
+        for share in SPREADS {
+            // The angle off the ray at which the middle point is seen.
+            let depth = distance * matches.camera.focal[1] / (share * height) - ahead;
+            models.push(CameraFromWorld::new(rotation, across + along * depth));
         }
     }
 
@@ -316,11 +366,31 @@ mod tests {
     }
 
     #[test]
-    fn a_side_without_lines_has_no_vote() {
+    fn a_side_without_lines_leaves_the_depth_open_and_all_else_right() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let problem = exact(&mut rng, 1.1, 1.0);
-        let mut matches = Matches::new(&problem, 0.2);
-        matches.anchor.fill(Anchor::First);
-        assert!(RadialVote::new(&matches, 1.0).is_none());
+        let mut problem = exact(&mut rng, 1.1, 1.0);
+        let Correspondences::Anchored { anchors, lines } = &mut problem.observations else { unreachable!() };
+        let keep: Vec<usize> = (0..80).filter(|i| lines[*i].0 == Anchor::First).collect();
+        *lines = keep.iter().map(|&i| lines[i]).collect();
+        let ray = CAMERA.unproject(anchors.position(Anchor::First)).homogeneous().normalize();
+        problem.points = keep.iter().map(|&i| problem.points[i]).collect();
+        problem.keypoints = (0..keep.len()).collect();
+        let matches = Matches::new(&problem, 0.2);
+        let mut vote = RadialVote::new(&matches, 1.0).expect("one side is enough");
+        let mut models = Vec::new();
+        for _ in 0..20 {
+            vote.hypothesize(&matches, &mut rng, &mut models);
+        }
+        let right = |m: &&CameraFromWorld| {
+            let off = m.translation() - ray * ray.dot(m.translation());
+            m.rotation_error_degrees(&CameraFromWorld::identity()) < 0.1 && off.norm() < 0.02
+        };
+        assert!(models.iter().filter(right).count() >= 10, "of {}", models.len());
+        // Too few lines to tell good from bad.
+        problem.points.truncate(6);
+        problem.keypoints.truncate(6);
+        let Correspondences::Anchored { lines, .. } = &mut problem.observations else { unreachable!() };
+        lines.truncate(6);
+        assert!(RadialVote::new(&Matches::new(&problem, 0.2), 1.0).is_none());
     }
 }

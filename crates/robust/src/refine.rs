@@ -102,7 +102,7 @@ pub(crate) fn linearize(
     loss: Loss,
     pose: &CameraFromWorld,
 ) -> System {
-    let mut system = System { loss: 0.0, gradient: Vector6::zeros(), hessian: Matrix6::zeros() };
+    let mut system = System::empty();
     let gated = matches!(loss, Loss::Likelihood { .. });
     let noise_term = match loss {
         Loss::Likelihood { noise } => matches.noise_term(noise),
@@ -151,6 +151,11 @@ fn loss_out_of_sight(loss: Loss) -> f64 {
 }
 
 impl System {
+    /// Of no correspondence.
+    pub(crate) fn empty() -> Self {
+        Self { loss: 0.0, gradient: Vector6::zeros(), hessian: Matrix6::zeros() }
+    }
+
     fn add(&mut self, residual: &Residual, weight: f64, radial: f64, rows: usize) {
         if weight <= 0.0 {
             return;

@@ -3,16 +3,21 @@
 //! Under the likelihood everything minimises one objective, `−Σ log(1 + exp llr)`: local optimisation at shrinking
 //! scales, the final refinement at the scale that the inliers show. Under MSAC it is the truncated square.
 
+use std::borrow::Cow;
+
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector6};
+use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
 
-use crate::information::{NEGLIGIBLE, Symmetric6, covariance, inverse_or_infinite};
+use crate::beliefs::Beliefs;
+use crate::covariance::Estimated;
+use crate::focal::Zoomed;
+use crate::information::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
 use crate::kernel::{Kernel, Scale};
 use crate::matches::Matches;
 use crate::minimal::Minimal;
 use crate::ransac::Estimator;
-use crate::refine::{Loss, descend, linearize, refine};
+use crate::refine::{Loss, System, descend, linearize, refine};
 
 /// MSAC's threshold in multiples of the noise it stands for: the likelihood that its evidence is told by.
 const MSAC_THRESHOLD_IN_NOISE: f64 = 2.5;
@@ -45,15 +50,21 @@ const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
 /// Steps of the last refinement, in double precision.
 const FINAL_STEPS: usize = 25;
 
+/// A step of it that gains less than this share ends it.
+const FINAL_GAIN: f64 = 1e-9;
+
 /// Squared Mahalanobis distance from which on another pose is another answer, not the same one found again.
 const ELSEWHERE: f64 = 400.0;
 
 /// One problem under one score.
 pub(crate) struct Search<'a> {
-    matches: &'a Matches<'a>,
+    matches: Cow<'a, Matches<'a>>,
     kernel: Kernel,
     scale: Scale,
-    minimal: Minimal,
+    /// How hypotheses are made; none any more once a pose was found.
+    minimal: Option<Minimal>,
+    /// What is known beside the matches; nothing under MSAC, which is the paper's recipe.
+    beliefs: Beliefs,
     /// Optimised poses met on the way, with their costs.
     optima: Vec<(CameraFromWorld, f64)>,
 }
@@ -69,8 +80,10 @@ pub(crate) struct Polished {
 }
 
 impl<'a> Search<'a> {
-    pub(crate) fn new(matches: &'a Matches<'a>, scale: Scale, minimal: Minimal) -> Self {
-        Self { matches, kernel: Kernel::new(matches, scale), scale, minimal, optima: Vec::new() }
+    pub(crate) fn new(matches: &'a Matches<'a>, scale: Scale, minimal: Minimal, beliefs: Beliefs) -> Self {
+        let kernel = Kernel::new(matches, scale);
+        let minimal = Some(minimal);
+        Self { matches: Cow::Borrowed(matches), kernel, scale, minimal, beliefs, optima: Vec::new() }
     }
 
     /// The cost of a pose from which not every correspondence can be seen; `cost` is that of seeing all.
@@ -82,10 +95,36 @@ impl<'a> Search<'a> {
         cost + self.kernel.likelihoods(pose, noise).into_iter().enumerate().map(unseen).sum::<f64>()
     }
 
-    /// The same search over correspondences that are worth what one pose can see of them.
-    pub(crate) fn settled<'b>(self, matches: &'b Matches<'b>) -> Search<'b> {
-        let kernel = Kernel::new(matches, self.scale);
-        Search { matches, kernel, scale: self.scale, minimal: self.minimal, optima: self.optima }
+    /// What is left to do when a pose was found, over the correspondences as that pose sees them: nothing is sampled any
+    /// more.
+    pub(crate) fn settled(self, matches: Matches<'a>) -> Self {
+        let kernel = Kernel::new(&matches, self.scale);
+        Self { matches: Cow::Owned(matches), kernel, minimal: None, ..self }
+    }
+
+    /// Where the pose goes with another focal length, and the cost there.
+    pub(crate) fn probe(&self, matches: Matches<'a>, pose: &CameraFromWorld, factor: f64) -> (Zoomed, f64) {
+        let kernel = Kernel::new(&matches, self.scale);
+        let probe = Search {
+            matches: Cow::Owned(matches),
+            kernel,
+            scale: self.scale,
+            minimal: None,
+            beliefs: self.beliefs.clone(),
+            optima: Vec::new(),
+        };
+        let pose = probe.descend(pose);
+        (Zoomed { pose, factor }, probe.cost(&pose, f64::INFINITY))
+    }
+
+    /// The correspondences it is about.
+    pub(crate) fn matches(&self) -> &Matches<'a> {
+        &self.matches
+    }
+
+    /// Whether the score is the likelihood.
+    pub(crate) const fn is_likelihood(&self) -> bool {
+        matches!(self.scale, Scale::Likelihood { .. })
     }
 
     /// Log likelihood ratio of each correspondence, `[N]`, at the noise that the inliers show.
@@ -120,8 +159,9 @@ impl<'a> Search<'a> {
         for factor in LADDER {
             pose = match self.scale {
                 Scale::Likelihood { noise } => {
-                    let objective =
-                        |pose: &CameraFromWorld| self.kernel.linearize_coarsely(pose, noise * factor);
+                    let objective = |pose: &CameraFromWorld| {
+                        self.believed(pose, self.kernel.linearize_coarsely(pose, noise * factor))
+                    };
                     descend(objective, &pose, LADDER_STEPS, COARSE_GAIN).pose
                 }
                 Scale::Msac { threshold } => {
@@ -132,7 +172,7 @@ impl<'a> Search<'a> {
                     let stride = active.len().div_ceil(DESCENT_LIMIT);
                     active = active.into_iter().step_by(stride).collect();
                     let loss = Loss::Truncated { threshold: threshold * factor };
-                    refine(self.matches, &active, loss, &pose, LADDER_STEPS).pose
+                    refine(&self.matches, &active, loss, &pose, LADDER_STEPS).pose
                 }
             };
         }
@@ -149,14 +189,15 @@ impl<'a> Search<'a> {
             Scale::Msac { threshold } => {
                 let active = self.within(start, 1.5);
                 let pose =
-                    refine(self.matches, &active, Loss::Truncated { threshold }, start, FINAL_STEPS).pose;
+                    refine(&self.matches, &active, Loss::Truncated { threshold }, start, FINAL_STEPS).pose;
                 let kept = self.cost(&pose, f64::INFINITY) <= self.cost(start, f64::INFINITY);
                 Polished { pose: if kept { pose } else { *start }, noise: threshold, kept }
             }
             Scale::Likelihood { noise: assumed } => {
                 let (mut pose, mut noise) = (*start, assumed);
                 for _ in 0..POLISH_ROUNDS {
-                    let objective = |pose: &CameraFromWorld| self.kernel.linearize(pose, noise).0;
+                    let objective =
+                        |pose: &CameraFromWorld| self.believed(pose, self.kernel.linearize(pose, noise).0);
                     pose = descend(objective, &pose, ROUND_STEPS, 1e-7).pose;
                     if !estimate_noise {
                         break;
@@ -169,13 +210,33 @@ impl<'a> Search<'a> {
                         break;
                     }
                 }
-                let all = self.kernel.likelihoods(&pose, noise);
-                let active: Vec<usize> = (0..all.len()).filter(|&i| all[i] > NEGLIGIBLE).collect();
-                pose = refine(self.matches, &active, Loss::Likelihood { noise }, &pose, FINAL_STEPS).pose;
-                let kept = self.kernel.cost_at(&pose, noise) <= self.kernel.cost_at(start, noise);
+                let active = self.possible(&pose, noise);
+                let objective = |pose: &CameraFromWorld| {
+                    self.believed(pose, linearize(&self.matches, &active, Loss::Likelihood { noise }, pose))
+                };
+                pose = descend(objective, &pose, FINAL_STEPS, FINAL_GAIN).pose;
+                let cost = |pose| self.kernel.cost_at(pose, noise) + self.beliefs.loss(pose);
+                let kept = cost(&pose) <= cost(start);
                 Polished { pose: if kept { pose } else { *start }, noise, kept }
             }
         }
+    }
+
+    /// Correspondences that may be right at a pose.
+    pub(crate) fn possible(&self, pose: &CameraFromWorld, noise: f64) -> Vec<usize> {
+        let all = self.kernel.likelihoods(pose, noise);
+        (0..all.len()).filter(|&i| all[i] > NEGLIGIBLE).collect()
+    }
+
+    /// The objective with what is known beside the matches.
+    fn believed(&self, pose: &CameraFromWorld, mut system: System) -> System {
+        self.beliefs.add_to(pose, &mut system);
+        system
+    }
+
+    /// What is known beside the matches.
+    pub(crate) fn beliefs(&self) -> &Beliefs {
+        &self.beliefs
     }
 
     /// Standard deviation of the agreeing residuals, pixels, and the covariance of the pose.
@@ -184,11 +245,13 @@ impl<'a> Search<'a> {
         polished: &Polished,
         likelihoods: &[f64],
         inliers: &[usize],
+        focal_sd: Option<f64>,
+        free: Option<(Vector3<f64>, f64)>,
     ) -> (f64, Symmetric6) {
         let Polished { pose, noise, .. } = polished;
         match self.scale {
             Scale::Msac { .. } => {
-                let system = linearize(self.matches, inliers, Loss::Squared, pose);
+                let system = linearize(&self.matches, inliers, Loss::Squared, pose);
                 let freedom = (self.matches.residuals() * inliers.len()) as f64 - 6.0;
                 let variance = 2.0 * system.loss / freedom.max(1.0);
                 let information = if freedom > 0.0 { system.hessian / variance } else { Matrix6::zeros() };
@@ -202,7 +265,16 @@ impl<'a> Search<'a> {
                     count += right * self.matches.residuals() as f64;
                 }
                 let shown = if count > 0.0 { (sum / count).sqrt() } else { *noise };
-                (shown, covariance(self.matches, pose, likelihoods, *noise))
+                let estimated = Estimated {
+                    matches: &self.matches,
+                    beliefs: &self.beliefs,
+                    pose,
+                    likelihoods,
+                    noise: *noise,
+                    focal_sd,
+                    free,
+                };
+                (shown, estimated.covariance())
             }
         }
     }
@@ -233,11 +305,14 @@ impl Estimator for Search<'_> {
     type Model = CameraFromWorld;
 
     fn hypothesize<R: Rng + ?Sized>(&mut self, rng: &mut R, models: &mut Vec<CameraFromWorld>) {
-        self.minimal.hypothesize(self.matches, rng, models);
+        if let Some(minimal) = &mut self.minimal {
+            minimal.hypothesize(&self.matches, rng, models);
+        }
     }
 
     fn cost(&self, model: &CameraFromWorld, best: f64) -> f64 {
-        self.kernel.cost(model, best)
+        let known = self.beliefs.loss(model);
+        self.kernel.cost(model, best - known) + known
     }
 
     fn hit_probability(&self, model: &CameraFromWorld) -> f64 {
@@ -245,7 +320,8 @@ impl Estimator for Search<'_> {
             Scale::Likelihood { noise } => self.kernel.likelihoods(model, noise),
             Scale::Msac { .. } => Vec::new(),
         };
-        self.minimal.hit_probability(self.matches, &self.agreeing(model, &likelihoods))
+        let agreeing = self.agreeing(model, &likelihoods);
+        self.minimal.as_ref().map_or(0.0, |minimal| minimal.hit_probability(&self.matches, &agreeing))
     }
 
     fn optimize<R: Rng + ?Sized>(
@@ -256,7 +332,7 @@ impl Estimator for Search<'_> {
     ) -> (CameraFromWorld, f64) {
         let mut best = (*model, cost);
         let keep = |pose: CameraFromWorld, best: &mut (CameraFromWorld, f64)| {
-            let cost = self.kernel.cost(&pose, best.1);
+            let cost = self.cost(&pose, best.1);
             if cost < best.1 {
                 *best = (pose, cost);
             }
@@ -270,7 +346,7 @@ impl Estimator for Search<'_> {
                 }
                 let subset: Vec<usize> =
                     (0..SUBSET_SIZE).map(|_| inliers[rng.random_range(0..inliers.len())]).collect();
-                keep(refine(self.matches, &subset, Loss::Squared, &best.0, 5).pose, &mut best);
+                keep(refine(&self.matches, &subset, Loss::Squared, &best.0, 5).pose, &mut best);
             }
             keep(self.descend(&best.0), &mut best);
         }
