@@ -1,5 +1,6 @@
 //! Queries whose lines all run through one anchor: everything but one number is told, and that one is not made up.
 
+#[allow(dead_code, reason = "other tests use more of it")]
 mod support;
 
 use rand::SeedableRng;
