@@ -1,4 +1,4 @@
-//! The one door from an image file to features: read, check the size, make smaller, extract.
+//! The one door from an image, in a file or in memory, to features: read, check the size, make smaller, extract.
 
 use std::path::Path;
 
@@ -46,7 +46,21 @@ pub fn extract_image(
     extractor: &dyn Extractor,
     limits: Limits,
 ) -> Result<ExtractedImage, FeatureError> {
-    let image = Image::from(load_gray(path)?);
+    extract_loaded(Image::from(load_gray(path)?), path, camera_size, extractor, limits)
+}
+
+/// As [`extract_image`], of an image that is in memory already: `path` is the file it came from, or what messages are to
+/// call it.
+///
+/// # Errors
+/// [`FeatureError`]: not of the camera's size, or what the extractor says.
+pub fn extract_loaded(
+    image: Image,
+    path: &Path,
+    camera_size: Option<(u32, u32)>,
+    extractor: &dyn Extractor,
+    limits: Limits,
+) -> Result<ExtractedImage, FeatureError> {
     let size_in_file = (image.width(), image.height());
     if let Some(camera) = camera_size.filter(|camera| *camera != size_in_file) {
         let swapped = (camera.1, camera.0) == size_in_file;

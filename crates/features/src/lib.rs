@@ -1,6 +1,7 @@
 //! From an image to keypoints and descriptors. Runs on the device, and when a map is built.
 //!
 //! - [`extract_image`]: the one door from a file to features, whatever the [`Extractor`].
+//! - [`extract_loaded`]: the same of an image in memory.
 //! - [`Extractors`]: the extractors a program has, by name. SIFT is built in; bring your own with [`Extractors::with`].
 //! - [`extract_sift`]: SIFT on an image in memory.
 //!
@@ -33,7 +34,7 @@ mod orientation;
 mod progress;
 mod sift;
 
-pub use door::{ExtractedImage, Limits, extract_image};
+pub use door::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use error::FeatureError;
 pub use extractor::{Extractor, Extractors, Sift};
 pub use gray::GrayImage;

@@ -6,7 +6,7 @@ use image::{ImageFormat, Rgb, RgbImage};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding};
 use veiloc_features::{
     Extractor, Extractors, FeatureError, Features, GrayImage, Image, Limits, Sift, SiftOptions,
-    extract_image, extract_sift, load_gray,
+    extract_image, extract_loaded, extract_sift, load_gray,
 };
 
 fn count(image: &GrayImage) -> usize {
@@ -182,6 +182,22 @@ fn an_image_of_another_size_than_the_cameras_is_refused() {
         assert!(text.contains("64x48") && text.contains(&format!("{}x{}", camera.0, camera.1)), "{text}");
         assert!(!text.contains("to be turned"), "the file says nothing of turning: {text}");
     }
+}
+
+#[test]
+fn an_image_in_memory_is_what_its_file_is() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let path = saved(folder.path(), "a.png", ImageFormat::Png);
+    let loaded = |camera| {
+        let image = Image::from(load_gray(&path).expect("an image"));
+        extract_loaded(image, Path::new("frame 7"), Some(camera), &Sift::default(), LIMITS)
+    };
+    let of_file = extract_image(&path, Some((64, 48)), &Sift::default(), LIMITS).expect("it fits");
+    let in_memory = loaded((64, 48)).expect("it fits");
+    assert_eq!(in_memory.features.keypoints, of_file.features.keypoints);
+    assert_eq!((in_memory.size, in_memory.size_in_file), (of_file.size, of_file.size_in_file));
+    let text = loaded((48, 64)).expect_err("another camera").to_string();
+    assert!(text.starts_with("frame 7: 64x48 pixels") && !text.contains("to be turned"), "{text}");
 }
 
 /// A JPEG as phones write it: the samples as the sensor lies, and a note by how much to turn them.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use veiloc_features::{Extractors, FeatureError, Features, Limits, extract_image};
+use veiloc_features::{Extractor, Extractors, FeatureError, Features, Image, Limits, extract_image};
 use veiloc_geometry::Intrinsics;
 use veiloc_query::Profile;
 
@@ -46,9 +46,38 @@ pub fn extract_with(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), ExtractError> {
+    let (extractor, limits) = asked(extractors, profile, options)?;
+    let image = extract_image(path, Some((camera.width, camera.height)), extractor, limits)?;
+    Ok((image.features, camera.resized(image.size.0, image.size.1)))
+}
+
+/// As [`extract`], of an image that is in memory already: `path` is the file it came from, or what messages are to call
+/// it.
+///
+/// # Errors
+/// As [`extract`], but for reading the file.
+pub fn extract_loaded(
+    image: Image,
+    path: &Path,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+) -> Result<(Features, Intrinsics), ExtractError> {
+    let extractors = Extractors::default();
+    let (extractor, limits) = asked(&extractors, profile, options)?;
+    let size = Some((camera.width, camera.height));
+    let image = veiloc_features::extract_loaded(image, path, size, extractor, limits)?;
+    Ok((image.features, camera.resized(image.size.0, image.size.1)))
+}
+
+/// What the profile asks for, within what the device allows.
+fn asked<'a>(
+    extractors: &'a Extractors,
+    profile: &Profile,
+    options: &SealOptions,
+) -> Result<(&'a dyn Extractor, Limits), ExtractError> {
     let bounded = options.bounded(profile)?;
     let extractor = extractors.of_kind(profile.descriptor_kind())?;
     let limits = Limits { max_keypoints: bounded.max_keypoints as usize, max_side: bounded.max_image_side };
-    let image = extract_image(path, Some((camera.width, camera.height)), extractor, limits)?;
-    Ok((image.features, camera.resized(image.size.0, image.size.1)))
+    Ok((extractor, limits))
 }

@@ -48,7 +48,7 @@ mod seal;
 #[doc(inline)]
 pub use audit::{SealTruth, obfuscate_points, seal_with_truth};
 pub use error::SealError;
-pub use extract::{ExtractError, extract, extract_with};
+pub use extract::{ExtractError, extract, extract_loaded, extract_with};
 pub use options::{DeviceLimits, SealOptions};
 pub use rng::device_rng;
 pub use seal::seal;

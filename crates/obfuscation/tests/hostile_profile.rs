@@ -4,7 +4,8 @@ mod common;
 
 use common::{camera, features_at, options, profile, random_descriptors, rng, uniform_pixels};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding, GlobalModel, NamedGlobal, Vocabulary};
-use veiloc_obfuscation::{DeviceLimits, ExtractError, SealError, SealOptions, extract, seal};
+use veiloc_features::{Image, load_gray};
+use veiloc_obfuscation::{DeviceLimits, ExtractError, SealError, SealOptions, extract, extract_loaded, seal};
 use veiloc_query::{AngleBits, ExtractionLimits, Observations, Profile, Scheme, SealedQuery, Wish};
 
 fn sealed(profile: &Profile, options: &SealOptions, count: usize) -> Result<SealedQuery, SealError> {
@@ -78,6 +79,10 @@ fn the_side_of_the_image_is_bounded_by_the_device() {
     let huge = profile().with_limits(limits(256, 8192)).expect("allowed");
     let wide = "SIMPLE_PINHOLE,3000,40,2000,1500,20".parse().expect("valid");
     let (_, camera) = extract(&path, &wide, &huge, &SealOptions::default()).expect("extracted");
+    assert_eq!((camera.width, camera.height), (2048, 27));
+    // The door for images in memory is no wider.
+    let image = Image::from(load_gray(&path).expect("an image"));
+    let (_, camera) = extract_loaded(image, &path, &wide, &huge, &SealOptions::default()).expect("extracted");
     assert_eq!((camera.width, camera.height), (2048, 27));
 }
 
