@@ -9,7 +9,8 @@
 //!
 //! [`localize`] is the door: an opened map (`veiloc_map::MapFile`), a decoded query and [`LocalizeOptions`] in, a
 //! [`Localization`] out, which counts rows of the query and says whether to trust it. `tests/synthetic.rs` walks the
-//! whole road, map included. Who has matches of their own begins at [`observe_matches`] and goes on to `veiloc-robust`.
+//! whole road, map included. [`match_query`] is its first half, up to what the estimator is
+//! given. Who has matches of their own begins at [`observe_matches`] and goes on to `veiloc-robust`.
 //!
 //! # Example
 //! Rows keep their identity on the way to the estimator, also where one is sent as two lines or has two map points:
@@ -38,4 +39,4 @@ pub mod retrieval;
 
 pub use correspondences::{MatchedObservations, observe_matches};
 pub use error::LocalizeError;
-pub use localizer::{Localization, LocalizeOptions, StageTimes, localize};
+pub use localizer::{Localization, LocalizeOptions, MatchedQuery, StageTimes, localize, match_query};

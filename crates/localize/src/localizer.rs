@@ -92,15 +92,33 @@ pub struct Localization {
     pub times: StageTimes,
 }
 
-/// Estimates where a sealed query was taken.
+/// A query matched with a map: what its pose is estimated from.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct MatchedQuery {
+    /// What the robust estimator is given, `[N]` correspondences; a keypoint of it is a row of the query.
+    pub problem: PoseProblem,
+    /// The match each correspondence came from, `[N]`, rising.
+    pub match_of: Vec<usize>,
+    /// Row of the query of each match, a pair of a row and a map point.
+    pub rows: Vec<usize>,
+    /// The images that were matched, best first.
+    pub retrieved: Vec<Retrieved>,
+    /// Milliseconds of the retrieval.
+    pub retrieve_ms: f64,
+    /// Milliseconds of the matching.
+    pub match_ms: f64,
+}
+
+/// Retrieves and matches, as [`localize`] does before it estimates the pose.
 ///
 /// # Errors
-/// [`LocalizeError`]: the query was sealed for another map, the map is empty, or no pose is supported by the matches.
-pub fn localize(
+/// [`LocalizeError`]: the query was sealed for another map, or the map is empty.
+pub fn match_query(
     query: &SealedQuery,
     map: &MapFile,
     options: &LocalizeOptions,
-) -> Result<Localization, LocalizeError> {
+) -> Result<MatchedQuery, LocalizeError> {
     map.profile().check(query).map_err(|source| LocalizeError::WrongProfile { source })?;
     if map.image_count() == 0 || map.point_count() == 0 {
         return Err(LocalizeError::EmptyMap);
@@ -123,6 +141,28 @@ pub fn localize(
         .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map, &prior)).collect());
     problem.seen_from = Some(observed.match_of.iter().map(|m| of_match(m).seen_from(map)).collect());
     problem.position = options.position;
+    Ok(MatchedQuery {
+        problem,
+        match_of: observed.match_of,
+        rows,
+        retrieved,
+        retrieve_ms: ms(started, retrieved_at),
+        match_ms: ms(retrieved_at, matched_at),
+    })
+}
+
+/// Estimates where a sealed query was taken.
+///
+/// # Errors
+/// [`LocalizeError`]: the query was sealed for another map, the map is empty, or no pose is supported by the matches.
+pub fn localize(
+    query: &SealedQuery,
+    map: &MapFile,
+    options: &LocalizeOptions,
+) -> Result<Localization, LocalizeError> {
+    let MatchedQuery { problem, match_of, rows, retrieved, retrieve_ms, match_ms } =
+        match_query(query, map, options)?;
+    let matched_at = Instant::now();
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)
         .map_err(|source| LocalizeError::NoPose { source, correspondences: problem.points.len() })?;
@@ -131,10 +171,7 @@ pub fn localize(
         let source = PoseError::Chance { log_evidence: estimate.confidence.log_evidence };
         return Err(LocalizeError::NoPose { source, correspondences: problem.points.len() });
     }
-    let agreeing =
-        observed.match_of.iter().zip(&estimate.inliers).filter_map(|(m, agrees)| agrees.then_some(*m));
-
-    let ms = |from: Instant, to: Instant| to.duration_since(from).as_secs_f64() * 1e3;
+    let agreeing = match_of.iter().zip(&estimate.inliers).filter_map(|(m, agrees)| agrees.then_some(*m));
     Ok(Localization {
         cam_from_world: estimate.cam_from_world,
         covariance: estimate.covariance,
@@ -143,17 +180,17 @@ pub fn localize(
         noise_px: estimate.noise_px,
         focal_scale: estimate.focal_scale,
         inliers: estimate.inlier_keypoints,
-        matches: distinct(rows.iter().copied()),
+        pairs: rows.len(),
+        matches: distinct(rows.into_iter()),
         inlier_pairs: distinct(agreeing),
-        pairs: matches.len(),
         hypotheses: estimate.hypotheses,
         retrieved,
-        times: StageTimes {
-            retrieve_ms: ms(started, retrieved_at),
-            match_ms: ms(retrieved_at, matched_at),
-            pose_ms: ms(matched_at, Instant::now()),
-        },
+        times: StageTimes { retrieve_ms, match_ms, pose_ms: ms(matched_at, Instant::now()) },
     })
+}
+
+fn ms(from: Instant, to: Instant) -> f64 {
+    to.duration_since(from).as_secs_f64() * 1e3
 }
 
 /// How many different numbers there are.
