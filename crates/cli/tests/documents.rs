@@ -23,6 +23,15 @@ const COMMANDS: &[(&str, &str)] = &[
     ),
     ("eval scene", "eval pose p.jsonl --schemes points,dcl --recipes default,floor --seeds 2 --json"),
     (
+        "eval stress",
+        "eval stress --posed posed --images images --map-list map.txt --query-list queries.txt {few} --optimum \
+         --schemes dcl --stress half-hidden,sparse-map --json",
+    ),
+    (
+        "eval negatives",
+        "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",
+    ),
+    (
         "eval crb",
         "eval crb --scenes narrow --schemes dcl --keypoint-noise 1 --outliers 25 --problems 4 --matches 100 --json",
     ),
@@ -45,6 +54,10 @@ fn ready() -> &'static Place {
     READY.call_once(|| {
         place.seal("query-0.png", "dcl", "good.vquery");
         place.write("five.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\nmap-04.png\n");
+        place.write(
+            "foreign.txt",
+            format!("query-0.png {}\nmap-00.png\nno-such.png\n", CAMERA.replace(',', " ")),
+        );
         let few = "--max-keypoints 512 --query-keypoints 512";
         place
             .run(&format!("map build --posed posed --images images --list five.txt {few} -o five.vmap"))

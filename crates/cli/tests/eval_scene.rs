@@ -2,40 +2,17 @@
 
 mod common;
 
-use common::{CAMERA, place};
-use veiloc_geometry::Intrinsics;
-use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
-use veiloc_synth::{PathOptions, Place, RenderOptions};
+use common::{place, render_elsewhere};
 
 const NEGATIVES: usize = 2;
 
 const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
                      --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl";
 
-/// Views of another room, beside the place of the tests.
-fn render_negatives() {
-    let folder = &place().folder;
-    let camera: Intrinsics = CAMERA.parse().expect("a camera");
-    let other = Place::generate(12);
-    let path = other.camera_path(&PathOptions::with_counts(4, NEGATIVES));
-    std::fs::create_dir_all(folder.join("other/images")).expect("folder");
-    let mut images = Vec::new();
-    for (id, pose) in (1_u32..).zip(&path.queries) {
-        let name = format!("negative-{id}.png");
-        let view = other.render(pose, &camera, &RenderOptions::with_seed(u64::from(id)));
-        view.rgb().save(folder.join("other/images").join(&name)).expect("written");
-        images.push(ColmapImage { id, name, camera_id: 1, cam_from_world: *pose, points2d: Vec::new() });
-    }
-    let names: Vec<String> = images.iter().map(|image| image.name.clone()).collect();
-    place().write("other/list.txt", names.join("\n"));
-    let model = ColmapModel::new(vec![(1, camera)], images, Vec::new()).expect("a model");
-    write_text(&model, &folder.join("other/posed")).expect("written");
-}
-
 #[test]
 fn negatives_are_counted_and_not_trusted() {
     let place = place();
-    render_negatives();
+    render_elsewhere(NEGATIVES);
     let negatives =
         "--negatives-posed other/posed --negatives-images other/images --negatives-list other/list.txt";
     let run = place.run(&format!("{SCENE} {negatives} --json scene.json")).succeeded();
@@ -69,6 +46,35 @@ fn negatives_are_counted_and_not_trusted() {
         let run = place.run(&format!("{SCENE} {arguments}"));
         assert_eq!(run.code, Some(*code), "{run}");
         assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
+    }
+}
+
+/// Rendered poses are exact, so that covariances can be held against them.
+#[test]
+fn covariances_are_held_against_the_truth() {
+    let place = place();
+    let run = place.run(&format!("{SCENE} --json covered.json")).succeeded();
+    assert!(run.stdout.contains("centre in 90 %") && run.stdout.contains("error / ±"), "{run}");
+    let document: serde_json::Value =
+        serde_json::from_slice(&place.read("covered.json")).expect("a document");
+    for row in document["schemes"].as_array().expect("an array") {
+        let count = |state: &str| row[state].as_u64().expect("a count");
+        assert_eq!(count("trusted") + count("doubtful") + count("not_found"), count("queries"), "{row}");
+        for regions in [&row["coverage"], &row["coverage_pose"]] {
+            let share = |percent: &str| regions[percent].as_f64().expect("a share");
+            assert!(share("50") <= share("90") && share("90") <= share("99") && share("99") <= 1.0, "{row}");
+        }
+        // Three queries, so no more than that the errors and what is said of them are of one size.
+        let ratio = row["center_error_over_sd"].as_f64().expect("a ratio");
+        assert!((0.05..10.0).contains(&ratio), "{row}");
+    }
+    for query in document["queries"].as_array().expect("an array") {
+        let (state, trusted) = (query["state"].as_str().expect("a state"), query["trusted"].as_bool());
+        assert_eq!(state == "trusted", trusted == Some(true), "{query}");
+        let sd = query["position_sd"].as_f64().expect("a deviation");
+        let ratio = query["center_error_over_sd"].as_f64().expect("a ratio");
+        let error = query["translation_error"].as_f64().expect("an error");
+        assert!(sd > 0.0 && (ratio * sd - error).abs() < 1e-9 * (1.0 + error), "{query}");
     }
 }
 

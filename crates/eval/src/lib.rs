@@ -2,21 +2,27 @@
 //!
 //! - [`evaluate_scene`]: the whole road, from images to poses, on a place with known poses ([`Negatives`]: and on queries
 //!   of another place).
+//! - [`stress`]: the same place with queries in the dark, moved, half hidden, small, few keypoints, or a sparse map.
+//! - [`negatives`]: images of elsewhere, which must not be found in a map.
 //! - [`evaluate_poses`]: the pose engine alone, on problems made by [`make_problems`] or by others.
 //! - [`crb`]: errors over the Cramér–Rao bound, on synthetic scenes.
 //! - [`metrics`], [`results`], [`text_table`]: what is counted, the JSON documents, the tables for people.
 #![forbid(unsafe_code)]
 
 mod chi_squared;
+mod coverage;
 pub mod crb;
 mod error;
 mod hypotheses;
 mod make_problems;
 pub mod metrics;
+pub mod negatives;
 mod poses;
 pub mod results;
+mod road;
 mod scene;
 mod scores;
+pub mod stress;
 pub mod text_table;
 
 pub use error::EvalError;

@@ -14,14 +14,14 @@ use veiloc_localize::matching::match_points;
 use veiloc_localize::retrieval::retrieve;
 use veiloc_localize::{LocalizeOptions, observe_matches};
 use veiloc_map::{MapFile, PosedImages};
-use veiloc_mapping::{BuildOptions, Input, build};
+use veiloc_mapping::{BuildOptions, Input};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealTruth, extract, seal_with_truth};
 use veiloc_query::{Observations, Scheme, SealedQuery};
 use veiloc_robust::Correspondences;
 
 use crate::error::EvalError;
-use crate::scene::{PosedQuery, posed_queries};
+use crate::road::{PlaceMap, PosedQuery, posed_queries};
 
 /// Where the problems come from.
 #[derive(Debug, Clone)]
@@ -64,17 +64,12 @@ pub fn make_problems(
 ) -> Result<Vec<MadeProblem>, EvalError> {
     let queries = posed_queries(source.posed, source.images, source.query_list)?;
     let input = Input::new(source.posed, source.images).with_names(source.map_list);
-    let (model, _) = build(&input, source.build, progress)?;
-    let temporary =
-        tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
-    let path = temporary.path().join("place.vmap");
-    veiloc_map::write(&model, &path)?;
-    let map = MapFile::open(&path)?;
+    let map = PlaceMap::build(&input, source.build, None, progress)?;
     progress.start("Matching queries", queries.len());
     let lines = queries
         .iter()
         .map(|query| {
-            let made = made(&map, query, source)?;
+            let made = made(&map.file, query, source)?;
             progress.advance(1);
             Ok(made)
         })

@@ -88,9 +88,27 @@ impl TextTable {
     }
 }
 
+/// Tables that were filled row by row together, side by side where that fits [`WIDTH`] and below each other where not;
+/// those without numbers are left out.
+pub fn side_by_side(tables: impl IntoIterator<Item = TextTable>) -> String {
+    let mut tables = tables.into_iter().filter(TextTable::has_numbers);
+    let Some(mut open) = tables.next() else { return String::new() };
+    let mut text = String::new();
+    for table in tables {
+        let joined = open.beside(&table);
+        if joined.width() <= WIDTH {
+            open = joined;
+        } else {
+            text += &(open.render() + "\n");
+            open = table;
+        }
+    }
+    text + &open.render()
+}
+
 #[cfg(test)]
 mod tests {
-    use super::TextTable;
+    use super::{TextTable, WIDTH, side_by_side};
 
     #[test]
     fn columns_line_up_and_empty_ones_are_left_out() {
@@ -111,5 +129,22 @@ mod tests {
         assert_eq!(a.beside(&b).render(), "name  x  y\n──────────\np     1  2\nq     3  4\n");
         assert!(b.has_numbers());
         assert!(!TextTable::new(["name", "x"], 1).has_numbers());
+    }
+
+    #[test]
+    fn tables_stand_beside_each_other_where_they_fit() {
+        let table = |column: &str, cell: &str| {
+            let mut table = TextTable::new(["name", column], 1);
+            table.push(vec!["p".into(), cell.into()]);
+            table
+        };
+        let wide = "w".repeat(WIDTH - 10);
+        let text =
+            side_by_side([table("short", "1"), table("empty", ""), table(&wide, "2"), table("y", "3")]);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 7, "{text}");
+        assert_eq!((lines[0], lines[2], lines[3]), ("name  short", "p         1", ""));
+        assert!(lines[4].ends_with("w  y") && lines[6].ends_with("2  3"), "{text}");
+        assert_eq!(side_by_side([table("empty", "")]), "");
     }
 }

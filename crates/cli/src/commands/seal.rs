@@ -75,20 +75,21 @@ fn seal_one(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<Sealed, Fault> {
-    let (features, camera) = extract(path, camera, profile, options).map_err(|e| {
-        let kind = match e {
-            ExtractError::Image(FeatureError::ImageSize { .. }) | ExtractError::Profile(_) => {
-                FaultKind::Unfit
-            }
-            _ => FaultKind::Damaged,
-        };
-        Fault::new(kind, e)
-    })?;
+    let (features, camera) = extract(path, camera, profile, options).map_err(|e| fault_of(&e))?;
     let found = features.keypoints.len();
     let mut rng = device_rng().map_err(|e| Fault::new(FaultKind::Unfit, e))?;
     let query =
         seal(features, &camera, profile, options, &mut rng).map_err(|e| Fault::new(FaultKind::Unfit, e))?;
     Ok(Sealed { bytes: query.encode(), found, sent: query.len() })
+}
+
+/// What is wrong with an image that nothing could be extracted from.
+pub(crate) fn fault_of(error: &ExtractError) -> Fault {
+    let kind = match error {
+        ExtractError::Image(FeatureError::ImageSize { .. }) | ExtractError::Profile(_) => FaultKind::Unfit,
+        _ => FaultKind::Damaged,
+    };
+    Fault::new(kind, error)
 }
 
 /// Reads a profile file.

@@ -53,6 +53,26 @@ pub fn place() -> &'static Place {
     })
 }
 
+/// Views of another room, beside the place of the tests: `other/images`, `other/posed`, `other/list.txt`.
+pub fn render_elsewhere(count: usize) {
+    let folder = &place().folder;
+    let camera: Intrinsics = CAMERA.parse().expect("a camera");
+    let other = veiloc_synth::Place::generate(12);
+    let path = other.camera_path(&PathOptions::with_counts(4, count));
+    fs::create_dir_all(folder.join("other/images")).expect("folder");
+    let mut images = Vec::new();
+    for (id, pose) in (1_u32..).zip(&path.queries) {
+        let name = format!("negative-{id}.png");
+        let view = other.render(pose, &camera, &RenderOptions::with_seed(u64::from(id)));
+        view.rgb().save(folder.join("other/images").join(&name)).expect("written");
+        images.push(ColmapImage { id, name, camera_id: 1, cam_from_world: *pose, points2d: Vec::new() });
+    }
+    let names: Vec<String> = images.iter().map(|image| image.name.clone()).collect();
+    place().write("other/list.txt", names.join("\n"));
+    let model = ColmapModel::new(vec![(1, camera)], images, Vec::new()).expect("a model");
+    write_text(&model, &folder.join("other/posed")).expect("written");
+}
+
 /// A folder with nothing in it, for commands that need no place.
 pub fn folder() -> Place {
     Place { folder: fresh_folder(), poses: Vec::new() }

@@ -22,7 +22,7 @@ use veiloc_features::Progress;
 use veiloc_query::{AngleBits, Scheme};
 use veiloc_robust::PoseOptions;
 
-use crate::chi_squared;
+use crate::coverage::{NormalizedError, shares};
 use crate::error::EvalError;
 use crate::metrics::{PoseError, mean, median};
 use crate::results::finite;
@@ -157,9 +157,6 @@ pub struct Coverage {
     pub center: BTreeMap<String, f64>,
 }
 
-/// Regions of [`Coverage`], percent.
-const REGIONS: [u32; 3] = [50, 90, 99];
-
 /// Runs every problem of every cell; results do not depend on the number of threads.
 ///
 /// # Errors
@@ -289,23 +286,15 @@ impl Medians {
 
 fn coverage(scene: &str, scheme: Scheme, noise_px: Option<f64>, trials: &[Trial]) -> Coverage {
     let found: Vec<&Trial> = trials.iter().filter(|t| t.found()).collect();
-    let shares = |which: usize, degrees: u32| {
-        REGIONS
-            .iter()
-            .map(|region| {
-                let limit = f64::from(*region) / 100.0;
-                let inside =
-                    found.iter().filter(|t| chi_squared::cumulative(degrees, t.normalized[which]) <= limit);
-                (region.to_string(), inside.count() as f64 / found.len().max(1) as f64)
-            })
-            .collect()
+    let of = |region: fn(&NormalizedError) -> f64| {
+        shares(&found.iter().map(|t| region(&t.normalized)).collect::<Vec<_>>())
     };
     Coverage {
         scene: scene.to_owned(),
         scheme: scheme.to_string(),
         noise_px,
         poses: found.len(),
-        pose: shares(0, 6),
-        center: shares(1, 3),
+        pose: of(NormalizedError::pose_region),
+        center: of(NormalizedError::center_region),
     }
 }

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use super::{BoundCell, BoundEvaluation, REGIONS};
+use super::{BoundCell, BoundEvaluation};
+use crate::coverage::REGIONS;
 use crate::metrics::mean;
 use crate::results::finite;
 use crate::text_table::TextTable;

@@ -8,6 +8,7 @@ use veiloc_robust::{PoseEstimate, PoseProblem, estimate_pose, fisher_information
 use veiloc_synth::problems::PointProblem;
 
 use super::{Condition, SyntheticEvaluation, bound, noise};
+use crate::coverage::NormalizedError;
 use crate::metrics::PoseError;
 use crate::poses::{pose_problem, runs_through};
 use veiloc_datasets::Problem;
@@ -30,8 +31,8 @@ pub(super) struct Trial {
     pub(super) localized: bool,
     /// Share of the truly right correspondences that the estimate calls inliers.
     pub(super) inliers_found: f64,
-    /// Normalized squared errors of pose (six degrees of freedom) and camera centre (three); infinite without estimate.
-    pub(super) normalized: [f64; 2],
+    /// Errors in units of the estimated covariance.
+    pub(super) normalized: NormalizedError,
 }
 
 impl Trial {
@@ -65,7 +66,7 @@ pub(super) fn run(
         predicted: Vec::new(),
         localized: false,
         inliers_found: 0.0,
-        normalized: [f64::INFINITY; 2],
+        normalized: NormalizedError::NOT_LOCALIZED,
     };
     let hidden = obfuscate_points(
         &problem.keypoints,
@@ -114,10 +115,7 @@ fn judge(estimate: &PoseEstimate, truth: &PointProblem, right: &[bool]) -> Trial
         predicted: Vec::new(),
         localized: true,
         inliers_found: agreed as f64 / all.max(1) as f64,
-        normalized: [
-            bound::normalized_error(pose, &estimate.covariance, &truth.cam_from_world),
-            bound::normalized_center_error(pose, &estimate.center_covariance(), &truth.cam_from_world),
-        ],
+        normalized: NormalizedError::of(pose, &estimate.covariance, &truth.cam_from_world),
     }
 }
 

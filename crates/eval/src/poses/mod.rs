@@ -19,18 +19,18 @@ use veiloc_geometry::nalgebra::Vector3;
 use veiloc_localize::{MatchedObservations, observe_matches};
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_query::{AngleBits, Observations, Scheme};
-use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, estimate_pose, optimize_pose, refine_pose};
+use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
 
 use crate::error::EvalError;
 use crate::hypotheses::Hypotheses;
 use crate::metrics::Threshold;
-use crate::results::{Evaluation, QueryResult, Variant, summarize};
+use crate::results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
 use crate::scores::{DEFAULT_SCORE, scores_or_default};
 use veiloc_datasets::json_lines;
 use veiloc_datasets::problems::{Problem, read_problems};
 use veiloc_datasets::seed_for;
 
-pub(crate) use floor::runs_through;
+pub(crate) use floor::{ORACLE_RADIUS_PX, runs_through, truly_right};
 pub use gravity::{GravityError, GravitySource};
 use recipe::FromTruth;
 pub use recipe::{Recipe, RecipeError};
@@ -81,7 +81,7 @@ impl PoseEvaluation {
             scores: Vec::new(),
             hypotheses: vec![Hypotheses::Adaptive],
             gravity: vec![GravitySource::File],
-            oracle_radius_px: 4.0,
+            oracle_radius_px: ORACLE_RADIUS_PX,
             thresholds: Vec::new(),
             pose: PoseOptions::default(),
             angle_bits: AngleBits::default(),
@@ -242,7 +242,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         // A keypoint so far outside the image that no line code reaches it: the query cannot be sent.
         Err(error) => return blank().because(&error),
     };
-    let (mut pose_problem, match_of) = pose_problem(problem, &observations, row.variant.prior);
+    let (mut pose_problem, _) = pose_problem(problem, &observations, row.variant.prior);
     pose_problem.gravity = match row.gravity {
         GravitySource::File => problem.gravity,
         GravitySource::Ignored => None,
@@ -253,7 +253,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
     };
     let truth = &problem.cam_from_world;
     let right = (row.from_truth == Some(FromTruth::Floor))
-        .then(|| floor::truly_right(problem, &pose_problem, &match_of, evaluation.oracle_radius_px));
+        .then(|| truly_right(&pose_problem, truth, &problem.keypoints, evaluation.oracle_radius_px));
 
     let started = Instant::now();
     let estimate = match (row.from_truth, &right) {
@@ -268,13 +268,19 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
     result.ms.insert("pose".to_owned(), pose_ms);
     match estimate {
         Ok(estimate) => {
-            result = result.found(&estimate.cam_from_world, &problem.cam_from_world);
+            result = result.found(&estimate.cam_from_world, truth);
             result.inliers = estimate.inlier_count;
             result.hypotheses = estimate.hypotheses;
             // Who knows the truth need not be asked for trust.
             result.trusted = row.from_truth.is_none().then(|| estimate.confidence.is_trusted());
+            result.state = row.from_truth.is_none().then(|| estimate.confidence.state());
+            let covariance = &estimate.covariance;
+            result.uncertainty = Some(QueryUncertainty::of(&estimate.cam_from_world, covariance, truth));
         }
-        Err(error) => result = result.because(&error),
+        Err(error) => {
+            result = result.because(&error);
+            result.state = row.from_truth.is_none().then_some(State::NotFound);
+        }
     }
     result
 }

@@ -1,19 +1,23 @@
 //! What `veiloc eval pose` and `veiloc eval scene` found: the stable JSON document.
 
+mod state;
 mod summary;
 mod table;
+mod uncertainty;
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_query::Scheme;
-use veiloc_robust::ScoreKind;
+use veiloc_robust::{ScoreKind, State};
 
 use crate::metrics::PoseError;
 
+pub(crate) use state::{as_text, as_text_if_any};
 pub use summary::summarize;
 pub use table::{STAGES, table};
+pub use uncertainty::{QueryUncertainty, TrustedUncertainty};
 
 /// The document that `eval pose --json` and `eval scene --json` print.
 #[derive(Debug, Clone, Serialize)]
@@ -78,12 +82,21 @@ pub struct SchemeSummary {
     /// How many of the trusted are outside every threshold.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted_wrong: Option<usize>,
+    /// How many got a pose that the estimator doubts; absent where it was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub doubtful: Option<usize>,
+    /// How many got no pose, or one no better than chance; absent where the estimator was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub not_found: Option<usize>,
     /// Median over all queries, degrees; null when more than half were not localized.
     pub median_rotation_deg: Option<f64>,
     /// Median over all queries, map units; null when more than half were not localized.
     pub median_translation: Option<f64>,
     /// Threshold (`translation/degrees`) to share of queries within it, 0 to 1.
     pub recall: BTreeMap<String, f64>,
+    /// How often the covariances of trusted poses hold the truth; absent when none is trusted.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<TrustedUncertainty>,
     /// Mean share of correspondences that agree with the estimated pose.
     pub mean_inlier_ratio: Option<f64>,
     /// Median number of hypotheses drawn.
@@ -156,10 +169,16 @@ pub struct QueryResult {
     /// Whether the estimator trusts it; absent when not localized, or where it was not asked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted: Option<bool>,
+    /// What the estimator says the pose is worth; absent where it was not asked.
+    #[serde(serialize_with = "as_text_if_any", skip_serializing_if = "Option::is_none")]
+    pub state: Option<State>,
     /// Degrees; null when not localized.
     pub rotation_error_deg: Option<f64>,
     /// Map units; null when not localized.
     pub translation_error: Option<f64>,
+    /// The error against the covariance; absent when not localized, or where there is none.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<QueryUncertainty>,
     /// Correspondences that agree with the pose.
     pub inliers: usize,
     /// Correspondences there were.
@@ -241,8 +260,10 @@ impl QueryResult {
             seed: 0,
             cam_from_world: None,
             trusted: None,
+            state: None,
             rotation_error_deg: None,
             translation_error: None,
+            uncertainty: None,
             inliers: 0,
             correspondences: 0,
             hypotheses: 0,

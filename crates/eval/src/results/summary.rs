@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{QueryResult, SchemeSummary, SeedSummary, finite};
+use veiloc_robust::State;
+
+use super::{QueryResult, SchemeSummary, SeedSummary, TrustedUncertainty, finite};
 use crate::metrics::{PoseError, Threshold, mean, median, recall};
 
 /// Sums up the queries of one row: one scheme, estimated in one way, under any number of seeds.
@@ -26,6 +28,8 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
     bytes.sort_unstable();
     let wrong = |q: &QueryResult| !thresholds.iter().any(|t| q.pose_error().within(t));
     let trusted_wrong = queries.iter().filter(|q| q.trusted == Some(true) && wrong(q)).count();
+    let asked = queries.iter().any(|q| q.state.is_some());
+    let count = |state| asked.then(|| queries.iter().filter(|q| q.state == Some(state)).count());
     let first = queries.first();
     SchemeSummary {
         scheme: first.map(|q| q.scheme.clone()).unwrap_or_default(),
@@ -35,9 +39,12 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
         localized: all.localized,
         trusted: all.trusted,
         trusted_wrong: all.trusted.map(|_| trusted_wrong),
+        doubtful: count(State::Doubtful),
+        not_found: count(State::NotFound),
         median_rotation_deg: all.median_rotation_deg,
         median_translation: all.median_translation,
         recall: all.recall,
+        uncertainty: TrustedUncertainty::of(queries),
         mean_inlier_ratio: finite(mean(&ratios)),
         median_hypotheses: finite(median(&drawn)),
         sealed_bytes: bytes.get(bytes.len() / 2).copied(),
@@ -75,11 +82,11 @@ fn median_ms(queries: &[&QueryResult]) -> BTreeMap<String, f64> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::results::Variant;
 
-    pub(in crate::results) fn query(seed: u64, error: Option<(f64, f64)>) -> QueryResult {
+    pub(crate) fn query(seed: u64, error: Option<(f64, f64)>) -> QueryResult {
         QueryResult {
             name: "a.jpg".into(),
             scheme: "dcl".into(),
@@ -88,8 +95,14 @@ pub(super) mod tests {
             seed,
             cam_from_world: None,
             trusted: error.map(|e| e.0 < 0.5),
+            state: Some(match error {
+                Some((rotation, _)) if rotation < 0.5 => State::Trusted,
+                Some(_) => State::Doubtful,
+                None => State::NotFound,
+            }),
             rotation_error_deg: error.map(|e| e.0),
             translation_error: error.map(|e| e.1),
+            uncertainty: None,
             inliers: 30,
             correspondences: 60,
             hypotheses: 100,
@@ -108,6 +121,7 @@ pub(super) mod tests {
         let queries = [query(0, Some((0.1, 0.01))), query(0, None), query(0, None)];
         let s = summarize(&queries.iter().collect::<Vec<_>>(), &threshold());
         assert_eq!((s.queries, s.localized, s.trusted, s.trusted_wrong), (3, 1, Some(1), Some(0)));
+        assert_eq!((s.doubtful, s.not_found), (Some(0), Some(2)));
         assert_eq!(s.median_rotation_deg, None);
         assert!((s.recall["0.05/5"] - 1.0 / 3.0).abs() < 1e-12);
         assert_eq!(s.mean_inlier_ratio, Some(0.5));

@@ -4,8 +4,9 @@
 use std::fmt::Write as _;
 
 use super::{SchemeSummary, SeedSummary};
+use crate::coverage::REGIONS;
 use crate::hypotheses::Hypotheses;
-use crate::text_table::{TextTable, WIDTH};
+use crate::text_table::{TextTable, side_by_side};
 
 /// Stages in the order a query passes them; the table's columns.
 pub const STAGES: [&str; 6] = ["extract", "seal", "decode", "retrieve", "match", "pose"];
@@ -13,7 +14,7 @@ pub const STAGES: [&str; 6] = ["extract", "seal", "decode", "retrieve", "match",
 /// Columns that tell rows apart: scheme, recipe, score, gravity.
 const NAMES: usize = 4;
 
-/// The summaries as a table, broken into several where one would be wider than [`WIDTH`] columns.
+/// The summaries as a table, broken into several where one would be too wide.
 pub fn table(rows: &[SchemeSummary]) -> String {
     let thresholds: Vec<&String> = rows.first().map(|r| r.recall.keys().collect()).unwrap_or_default();
     let block = |columns: Vec<String>| {
@@ -39,18 +40,8 @@ pub fn table(rows: &[SchemeSummary]) -> String {
             cost.push(with(cost_spread_of(row)));
         }
     }
-    let mut text = String::new();
-    let mut open = found;
-    for block in [negatives, cost].into_iter().filter(TextTable::has_numbers) {
-        let joined = open.beside(&block);
-        if joined.width() <= WIDTH {
-            open = joined;
-        } else {
-            text += &(open.render() + "\n");
-            open = block;
-        }
-    }
-    text += &open.render();
+    let mut text = side_by_side([found, negatives, cost]);
+    text += &coverage(rows);
     if text.contains('~') {
         text.push_str("~ the median number of hypotheses when the search stops by itself\n");
     }
@@ -61,6 +52,35 @@ pub fn table(rows: &[SchemeSummary]) -> String {
         );
     }
     text
+}
+
+/// How often the covariances of trusted poses hold the truth; empty where nothing is known of it.
+fn coverage(rows: &[SchemeSummary]) -> String {
+    let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
+    let shares = |what: &'static str| REGIONS.iter().map(move |region| format!("{what} {region} %"));
+    let columns = ["trusted".to_owned()].into_iter().chain(shares("centre in")).chain(shares("pose in"));
+    let mut table = TextTable::new(names.into_iter().chain(columns).chain(["error / ±".to_owned()]), NAMES);
+    let mut known = false;
+    for row in rows {
+        let Some(uncertainty) = &row.uncertainty else { continue };
+        known = true;
+        let mut cells = names_of(row, rows);
+        cells.push(row.trusted.unwrap_or(0).to_string());
+        for shares in [&uncertainty.coverage, &uncertainty.coverage_pose] {
+            let share = |region: &u32| number(shares.get(&region.to_string()).map(|s| 100.0 * s), 1);
+            cells.extend(REGIONS.iter().map(share));
+        }
+        cells.push(number(uncertainty.center_error_over_sd, 2));
+        table.push(cells);
+    }
+    if !known {
+        return String::new();
+    }
+    format!(
+        "\nOf the trusted poses, the share whose true camera centre and pose lie in the region of the covariance that\n\
+         should hold 50, 90 and 99 % (in percent), and the median error of the centre over its ±.\n\n{}",
+        table.render()
+    )
 }
 
 fn names_of(row: &SchemeSummary, rows: &[SchemeSummary]) -> Vec<String> {
@@ -185,6 +205,7 @@ mod tests {
     use super::*;
     use crate::results::NegativeSummary;
     use crate::results::summary::{summarize, tests::query};
+    use crate::text_table::WIDTH;
 
     fn row(errors: &[(u64, Option<(f64, f64)>)]) -> SchemeSummary {
         let queries: Vec<_> = errors.iter().map(|(seed, error)| query(*seed, *error)).collect();

@@ -1,16 +1,10 @@
-//! Queries whose poses are known, and what crosses the network for them.
+//! Queries whose poses are known.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha20Rng;
-use veiloc_datasets::seed_for;
-use veiloc_features::Features;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::PosedImages;
-use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{SealError, seal};
-use veiloc_query::{Profile, Scheme};
 
 use crate::error::EvalError;
 
@@ -50,18 +44,23 @@ pub(crate) fn posed_queries(
         .collect()
 }
 
-/// What crosses the network for a query.
-///
-/// A device draws from the operating system; here the draw must be repeatable.
-pub(crate) fn send(
-    features: &Features,
-    camera: &Intrinsics,
-    profile: &Profile,
-    scheme: Scheme,
-    name: &str,
-    seed: u64,
-) -> Result<Vec<u8>, SealError> {
-    let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[name, &scheme.to_string()]));
-    let sealed = seal(features.clone(), camera, profile, &options_for(scheme), &mut rng)?;
-    Ok(sealed.encode())
+/// The queries of a place, none of which may be in its map; cameras that are known better than the model's take the place
+/// of those.
+pub(crate) fn queries_of_place(
+    posed: &PosedImages,
+    images: &Path,
+    map_list: &[String],
+    query_list: &[String],
+    cameras: &BTreeMap<String, Intrinsics>,
+) -> Result<Vec<PosedQuery>, EvalError> {
+    let mut queries = posed_queries(posed, images, query_list)?;
+    for query in &mut queries {
+        query.camera = cameras.get(&query.name).copied().unwrap_or(query.camera);
+    }
+    if let Some(name) = query_list.iter().find(|q| map_list.contains(q)) {
+        return Err(EvalError::DataSet(format!(
+            "{name} is in the map list and in the query list; a query that is in the map proves nothing; take it from one of the lists"
+        )));
+    }
+    Ok(queries)
 }

@@ -5,28 +5,26 @@
 
 mod negatives;
 mod options;
-mod queries;
 
 use std::path::Path;
 use std::time::Instant;
 
 use veiloc_features::Progress;
-use veiloc_localize::{LocalizeOptions, localize};
+use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
-use veiloc_mapping::{Input, build};
+use veiloc_mapping::Input;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
-use veiloc_query::{Scheme, SealedQuery};
-use veiloc_robust::ScoreKind;
+use veiloc_query::Scheme;
+use veiloc_robust::{ScoreKind, State};
 
 pub use options::{Negatives, SceneEvaluation};
-pub(crate) use queries::{PosedQuery, posed_queries};
 
 use crate::error::EvalError;
-use crate::results::{Evaluation, MapSummary, NegativeSummary, QueryResult, Variant, summarize};
+use crate::results::{Evaluation, NegativeSummary, QueryResult, QueryUncertainty, Variant, summarize};
+use crate::road::{PlaceMap, PosedQuery, ask, queries_of_place, send};
 use crate::scores::scores_or_default;
 use negatives::localize_negatives;
-use queries::send;
 
 /// Builds the map and localizes every query under every scheme and score.
 ///
@@ -36,37 +34,25 @@ pub fn evaluate_scene(
     evaluation: &SceneEvaluation,
     progress: &dyn Progress,
 ) -> Result<Evaluation, EvalError> {
-    let mut queries = posed_queries(&evaluation.posed, &evaluation.images, &evaluation.query_list)?;
-    for query in &mut queries {
-        query.camera = evaluation.query_cameras.get(&query.name).copied().unwrap_or(query.camera);
-    }
-    if let Some(name) = evaluation.query_list.iter().find(|q| evaluation.map_list.contains(q)) {
-        return Err(EvalError::DataSet(format!(
-            "{name} is in the map list and in the query list; a query that is in the map proves nothing; take it from one of the lists"
-        )));
-    }
+    let queries = queries_of_place(
+        &evaluation.posed,
+        &evaluation.images,
+        &evaluation.map_list,
+        &evaluation.query_list,
+        &evaluation.query_cameras,
+    )?;
     let strange_queries = match &evaluation.negatives {
         Some(negatives) => Some(negatives.queries(evaluation)?),
         None => None,
     };
 
-    let started = Instant::now();
     let input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
-    let (model, _) = build(&input, &evaluation.build, progress)?;
-    let build_seconds = started.elapsed().as_secs_f64();
-    let temporary =
-        tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
-    let path = evaluation.keep_map.clone().unwrap_or_else(|| temporary.path().join("scene.vmap"));
-    veiloc_map::write(&model, &path)?;
-    drop(model);
-    let map = MapFile::open(&path)?;
-    let bytes =
-        std::fs::metadata(&path).map_err(|source| EvalError::Io { path: path.clone(), source })?.len();
-
-    let (mut schemes, queries) = localize_all(&map, &queries, evaluation, progress)?;
+    let PlaceMap { file: map, summary, .. } =
+        &PlaceMap::build(&input, &evaluation.build, evaluation.keep_map.as_deref(), progress)?;
+    let (mut schemes, queries) = localize_all(map, &queries, evaluation, progress)?;
     let mut negatives = Vec::new();
     if let Some(posed) = &strange_queries {
-        let by_row = localize_negatives(&map, posed, evaluation, progress)?;
+        let by_row = localize_negatives(map, posed, evaluation, progress)?;
         for (summary, of_row) in schemes.iter_mut().zip(&by_row) {
             summary.negatives = Some(NegativeSummary::of(of_row));
         }
@@ -82,12 +68,12 @@ pub fn evaluate_scene(
         schemes,
         queries,
         negatives,
-        map: Some(MapSummary { images: map.image_count(), points: map.point_count(), bytes, build_seconds }),
+        map: Some(summary.clone()),
     })
 }
 
 /// The name of the place: of the folder, or of the one above when that is only called `images`.
-fn folder_name(images: &Path) -> String {
+pub(crate) fn folder_name(images: &Path) -> String {
     let name = |p: &Path| p.file_name().map(|n| n.to_string_lossy().into_owned());
     match name(images) {
         Some(own) if own != "images" => own,
@@ -115,12 +101,17 @@ fn localize_all(
         let mut recipe = 0;
         for scheme in &evaluation.schemes {
             let started = Instant::now();
-            let sealed = send(&features, &camera, profile, *scheme, &query.name, evaluation.seed);
+            let sealed =
+                send(&features, &camera, profile, &options_for(*scheme), &query.name, evaluation.seed);
             let seal_ms = started.elapsed().as_secs_f64() * 1e3;
             for score in scores_or_default(&evaluation.scores) {
                 let mut result = match &sealed {
-                    Ok(bytes) => localize_one(map, bytes, query, *scheme, score, &evaluation.localize),
-                    Err(error) => QueryResult::unsolved(&query.name, *scheme, score).because(error),
+                    Ok(sent) => localize_one(map, &sent.bytes, query, *scheme, score, &evaluation.localize),
+                    Err(error) => {
+                        let mut unsealed = QueryResult::unsolved(&query.name, *scheme, score).because(error);
+                        unsealed.state = Some(State::NotFound);
+                        unsealed
+                    }
                 };
                 result.variant = Variant {
                     prior: evaluation.localize.use_prior,
@@ -130,7 +121,7 @@ fn localize_all(
                 result.seed = evaluation.seed;
                 result.ms.insert("extract".to_owned(), extract_ms);
                 result.ms.insert("seal".to_owned(), seal_ms);
-                result.sealed_bytes = Some(sealed.as_ref().map_or(0, Vec::len));
+                result.sealed_bytes = Some(sealed.as_ref().map_or(0, |sent| sent.bytes.len()));
                 if by_recipe.len() == recipe {
                     by_recipe.push(Vec::new());
                 }
@@ -156,28 +147,26 @@ fn localize_one(
     score: ScoreKind,
     options: &LocalizeOptions,
 ) -> QueryResult {
-    let started = Instant::now();
-    let decoded = match SealedQuery::decode(bytes) {
-        Ok(decoded) => decoded,
-        Err(error) => return QueryResult::unsolved(&query.name, scheme, score).because(&error),
-    };
-    let decode_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut options = options.clone();
     options.pose.score = Some(score);
+    let answer = ask(map, bytes, &options);
     let mut result = QueryResult::unsolved(&query.name, scheme, score);
-    result.ms.insert("decode".to_owned(), decode_ms);
-    match localize(&decoded, map, &options) {
+    result.state = Some(answer.state());
+    result.ms.insert("decode".to_owned(), answer.decode_ms);
+    match &answer.found {
         Ok(found) => {
-            result = result.found(&found.cam_from_world, &query.cam_from_world);
+            let truth = &query.cam_from_world;
+            result = result.found(&found.cam_from_world, truth);
+            result.uncertainty = Some(QueryUncertainty::of(&found.cam_from_world, &found.covariance, truth));
             result.inliers = found.inlier_pairs;
             result.correspondences = found.pairs;
             result.hypotheses = found.hypotheses;
-            result.trusted = Some(found.confidence.is_trusted());
+            result.trusted = Some(found.state == State::Trusted);
             result.ms.insert("retrieve".to_owned(), found.times.retrieve_ms);
             result.ms.insert("match".to_owned(), found.times.match_ms);
             result.ms.insert("pose".to_owned(), found.times.pose_ms);
         }
-        Err(error) => result = result.because(&error),
+        Err(error) => result = result.because(error),
     }
     result
 }

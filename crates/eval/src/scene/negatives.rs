@@ -1,16 +1,16 @@
 //! Queries of another place: every pose they get is wrong, and one that is trusted is a false positive.
 
 use veiloc_features::Progress;
-use veiloc_localize::localize;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
-use veiloc_query::{Scheme, SealedQuery};
+use veiloc_query::Scheme;
+use veiloc_robust::State;
 
 use super::options::{Negatives, SceneEvaluation};
-use super::queries::{PosedQuery, posed_queries, send};
 use crate::error::EvalError;
 use crate::results::NegativeResult;
+use crate::road::{PosedQuery, ask, posed_queries, send};
 use crate::scores::scores_or_default;
 
 impl Negatives {
@@ -45,8 +45,8 @@ pub(crate) fn localize_negatives(
     for negative in negatives {
         let (features, camera) = extract(&negative.path, &negative.camera, profile, &extraction)?;
         for (s, scheme) in evaluation.schemes.iter().enumerate() {
-            let sent = send(&features, &camera, profile, *scheme, &negative.name, evaluation.seed);
-            let received = sent.ok().and_then(|bytes| SealedQuery::decode(&bytes).ok());
+            let options = options_for(*scheme);
+            let sent = send(&features, &camera, profile, &options, &negative.name, evaluation.seed);
             for (k, score) in scores.iter().enumerate() {
                 let mut result = NegativeResult {
                     name: negative.name.clone(),
@@ -59,9 +59,10 @@ pub(crate) fn localize_negatives(
                 };
                 let mut options = evaluation.localize.clone();
                 options.pose.score = Some(*score);
-                if let Some(found) = received.as_ref().and_then(|query| localize(query, map, &options).ok()) {
+                let answer = sent.as_ref().ok().map(|sent| ask(map, &sent.bytes, &options));
+                if let Some(Ok(found)) = answer.map(|answer| answer.found) {
                     result.localized = true;
-                    result.trusted = found.confidence.is_trusted();
+                    result.trusted = found.state == State::Trusted;
                     result.inliers = found.inlier_pairs;
                     result.correspondences = found.pairs;
                 }

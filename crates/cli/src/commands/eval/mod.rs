@@ -1,12 +1,15 @@
 //! `veiloc eval`: localization measured on data with known poses, and against what theory allows.
 
 mod crb;
+mod half;
 mod keypoints;
+mod negatives;
 mod place;
 mod pose;
 mod problems;
 mod report;
 mod scene;
+mod stress;
 mod tradeoff;
 
 use crate::exit::Outcome;
@@ -17,6 +20,10 @@ use crate::ui::Ui;
 pub(crate) enum Command {
     /// The whole road on a place with known poses: build the map, seal the queries, localize them.
     Scene(Box<scene::Args>),
+    /// One place, and queries of it in the dark, moved, half hidden, small, in a sparse map, with few keypoints.
+    Stress(Box<stress::Args>),
+    /// Images of elsewhere, asked for their place in a map: how many get a pose that is trusted.
+    Negatives(Box<negatives::Args>),
     /// The pose stage alone, on matches that are already there.
     Pose(pose::Args),
     /// Errors on random synthetic problems over what the Cramér–Rao bound allows.
@@ -32,6 +39,8 @@ pub(crate) enum Command {
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Scene(args) => scene::run(args, ui),
+        Command::Stress(args) => stress::run(args, ui),
+        Command::Negatives(args) => negatives::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),
         Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),

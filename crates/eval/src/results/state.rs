@@ -1,0 +1,19 @@
+//! States in documents: `trusted`, `doubtful`, `not-found`.
+
+use serde::Serializer;
+use veiloc_robust::State;
+
+/// As the state prints itself.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes fields by reference")]
+pub(crate) fn as_text<S: Serializer>(state: &State, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(state)
+}
+
+/// The same of a state that may be missing, which is null.
+#[expect(clippy::ref_option, clippy::trivially_copy_pass_by_ref, reason = "serde passes fields by reference")]
+pub(crate) fn as_text_if_any<S: Serializer>(state: &Option<State>, serializer: S) -> Result<S::Ok, S::Error> {
+    match state {
+        Some(state) => as_text(state, serializer),
+        None => serializer.serialize_none(),
+    }
+}

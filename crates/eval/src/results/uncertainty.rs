@@ -1,0 +1,116 @@
+//! What a query's covariance says of its error, and how often a row's covariances hold the truth.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use veiloc_geometry::CameraFromWorld;
+
+use super::{QueryResult, finite};
+use crate::coverage::{NormalizedError, shares};
+use crate::metrics::median;
+
+/// The error of a pose against the covariance it came with.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct QueryUncertainty {
+    /// Standard deviation of the camera's position, all directions together (the root of the trace of its covariance),
+    /// map units; null when a direction is free.
+    pub position_sd: Option<f64>,
+    /// Distance of the estimated camera centre from the true one, over [`Self::position_sd`]; null when a direction is
+    /// free. The median of right covariances lies between 0.67, all of it in one direction, and 0.89, equal in all.
+    pub center_error_over_sd: Option<f64>,
+    /// The smallest region of the centre's covariance that holds the true centre: its probability, 0 to 1.
+    pub center_region: f64,
+    /// The same of the whole pose, six dimensions.
+    pub pose_region: f64,
+}
+
+impl QueryUncertainty {
+    /// Of an estimate with its covariance in the chart of [`CameraFromWorld::perturbed`].
+    pub fn of(estimate: &CameraFromWorld, covariance: &[[f64; 6]; 6], truth: &CameraFromWorld) -> Self {
+        let center = estimate.center_covariance(covariance);
+        let sd = (0..3).map(|k| center[k][k]).sum::<f64>().sqrt();
+        let normalized = NormalizedError::of(estimate, covariance, truth);
+        let held = sd.is_finite() && sd > 0.0;
+        Self {
+            position_sd: finite(sd),
+            center_error_over_sd: held.then(|| estimate.center().distance(&truth.center()) / sd),
+            center_region: normalized.center_region(),
+            pose_region: normalized.pose_region(),
+        }
+    }
+}
+
+/// How often the covariances of a row's trusted poses hold the truth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrustedUncertainty {
+    /// Share of true camera centres within the region of the estimated centre's covariance that should hold so many
+    /// percent of them: percent to share, 0 to 1.
+    pub coverage: BTreeMap<String, f64>,
+    /// The same of whole poses, six dimensions.
+    pub coverage_pose: BTreeMap<String, f64>,
+    /// Median of [`QueryUncertainty::center_error_over_sd`]; null when for more than half a direction is free.
+    pub center_error_over_sd: Option<f64>,
+}
+
+impl TrustedUncertainty {
+    /// Of those queries of a row whose pose is trusted; `None` when there are none, or their errors are not known.
+    pub(super) fn of(queries: &[&QueryResult]) -> Option<Self> {
+        let trusted = queries.iter().filter(|q| q.trusted == Some(true));
+        let each: Vec<QueryUncertainty> = trusted.filter_map(|q| q.uncertainty).collect();
+        if each.is_empty() {
+            return None;
+        }
+        let of = |region: fn(&QueryUncertainty) -> f64| shares(&each.iter().map(region).collect::<Vec<_>>());
+        let ratios: Vec<f64> = each.iter().map(|u| u.center_error_over_sd.unwrap_or(f64::INFINITY)).collect();
+        Some(Self {
+            coverage: of(|u| u.center_region),
+            coverage_pose: of(|u| u.pose_region),
+            center_error_over_sd: finite(median(&ratios)),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::summary::tests::query;
+
+    fn diagonal(value: f64) -> [[f64; 6]; 6] {
+        std::array::from_fn(|i| std::array::from_fn(|j| if i == j { value } else { 0.0 }))
+    }
+
+    #[test]
+    fn an_error_is_measured_in_its_own_deviations() {
+        let truth = CameraFromWorld::identity();
+        let estimate = truth.perturbed(&[0.0, 0.0, 0.0, 0.03, 0.0, 0.0]);
+        let u = QueryUncertainty::of(&estimate, &diagonal(1e-4), &truth);
+        let sd = u.position_sd.expect("finite");
+        assert!((sd - 0.01 * 3.0_f64.sqrt()).abs() < 1e-9, "{sd}");
+        assert!((u.center_error_over_sd.expect("finite") - 3.0_f64.sqrt()).abs() < 1e-9);
+        // Three deviations along one axis: chi-squared 9, of three and of six degrees of freedom.
+        assert!((u.center_region - 0.9707).abs() < 1e-3 && (u.pose_region - 0.8264).abs() < 1e-3, "{u:?}");
+        let free = QueryUncertainty::of(&estimate, &diagonal(f64::INFINITY), &truth);
+        assert_eq!((free.position_sd, free.center_error_over_sd, free.center_region), (None, None, 1.0));
+    }
+
+    #[test]
+    fn only_trusted_poses_are_covered() {
+        let with = |rotation: f64, region: f64| {
+            let mut q = query(0, Some((rotation, 0.01)));
+            q.uncertainty = Some(QueryUncertainty {
+                position_sd: Some(0.01),
+                center_error_over_sd: Some(2.0 * region),
+                center_region: region,
+                pose_region: 0.95,
+            });
+            q
+        };
+        // Of the first three, the last one is not trusted; the fourth has no pose.
+        let queries = [with(0.1, 0.3), with(0.1, 0.7), with(0.9, 0.2), query(0, None)];
+        let row = TrustedUncertainty::of(&queries.iter().collect::<Vec<_>>()).expect("two are trusted");
+        assert_eq!((row.coverage["50"], row.coverage["90"], row.coverage["99"]), (0.5, 1.0, 1.0));
+        assert_eq!((row.coverage_pose["90"], row.coverage_pose["99"]), (0.0, 1.0));
+        assert_eq!(row.center_error_over_sd, Some(1.0));
+        assert_eq!(TrustedUncertainty::of(&[&queries[2], &queries[3]]), None);
+    }
+}

@@ -1,0 +1,65 @@
+//! What a server answers.
+
+use std::time::Instant;
+
+use veiloc_localize::{Localization, LocalizeError, LocalizeOptions, localize};
+use veiloc_map::MapFile;
+use veiloc_query::{QueryError, SealedQuery};
+use veiloc_robust::{PoseError, State};
+
+/// Why there is no pose.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Unanswered {
+    /// The bytes are no query.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// The query was not localized.
+    #[error(transparent)]
+    Localize(#[from] LocalizeError),
+}
+
+/// The answer to one query.
+pub(crate) struct Answer {
+    /// The pose, or why there is none.
+    pub(crate) found: Result<Localization, Unanswered>,
+    /// Milliseconds to decode the query.
+    pub(crate) decode_ms: f64,
+}
+
+impl Answer {
+    /// What the pose is worth.
+    pub(crate) fn state(&self) -> State {
+        self.found.as_ref().map_or(State::NotFound, |found| found.state)
+    }
+
+    /// What speaks against the pose, for people; nothing without a pose.
+    pub(crate) fn doubts(&self) -> Vec<String> {
+        let doubts = self.found.as_ref().map(|found| found.confidence.doubts()).unwrap_or_default();
+        doubts.iter().map(ToString::to_string).collect()
+    }
+
+    /// Natural logarithm of the evidence against chance, also of a pose that was no better and is not told; `None` where
+    /// no pose was found.
+    pub(crate) fn log_evidence(&self) -> Option<f64> {
+        match &self.found {
+            Ok(found) => Some(found.confidence.log_evidence),
+            Err(Unanswered::Localize(LocalizeError::NoPose {
+                source: PoseError::Chance { log_evidence },
+                ..
+            })) => Some(*log_evidence),
+            Err(_) => None,
+        }
+    }
+}
+
+/// Decodes what crossed the network, and localizes it.
+pub(crate) fn ask(map: &MapFile, bytes: &[u8], options: &LocalizeOptions) -> Answer {
+    let started = Instant::now();
+    let decoded = SealedQuery::decode(bytes);
+    let decode_ms = started.elapsed().as_secs_f64() * 1e3;
+    let found = match decoded {
+        Ok(query) => localize(&query, map, options).map_err(Unanswered::from),
+        Err(error) => Err(error.into()),
+    };
+    Answer { found, decode_ms }
+}

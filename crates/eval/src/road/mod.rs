@@ -1,0 +1,12 @@
+//! The road of a query as evaluations walk it: a map built, written and opened as a server would; a query sealed, encoded
+//! and decoded as if it had crossed a network. No stage is short-cut because truth is at hand.
+
+mod ask;
+mod place_map;
+mod posed_query;
+mod send;
+
+pub(crate) use ask::{Answer, ask};
+pub(crate) use place_map::PlaceMap;
+pub(crate) use posed_query::{PosedQuery, posed_queries, queries_of_place};
+pub(crate) use send::{Sent, send};

@@ -1,0 +1,50 @@
+//! The map of a place, built for an evaluation.
+
+use std::path::Path;
+use std::time::Instant;
+
+use tempfile::TempDir;
+use veiloc_features::Progress;
+use veiloc_map::MapFile;
+use veiloc_mapping::{BuildOptions, Input, build};
+
+use crate::error::EvalError;
+use crate::results::MapSummary;
+
+/// A map that was built, written and opened again, as a server has it.
+pub(crate) struct PlaceMap {
+    /// The map.
+    pub(crate) file: MapFile,
+    /// Facts about it.
+    pub(crate) summary: MapSummary,
+    /// Holds the file, where nobody wants to keep it.
+    _folder: TempDir,
+}
+
+impl PlaceMap {
+    /// Builds it; the file is kept where `keep` says.
+    ///
+    /// # Errors
+    /// [`EvalError`] when data is missing or the map cannot be built, written or opened.
+    pub(crate) fn build(
+        input: &Input<'_>,
+        options: &BuildOptions,
+        keep: Option<&Path>,
+        progress: &dyn Progress,
+    ) -> Result<Self, EvalError> {
+        let started = Instant::now();
+        let (model, _) = build(input, options, progress)?;
+        let build_seconds = started.elapsed().as_secs_f64();
+        let folder =
+            tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
+        let path = keep.map_or_else(|| folder.path().join("place.vmap"), Path::to_owned);
+        veiloc_map::write(&model, &path)?;
+        drop(model);
+        let file = MapFile::open(&path)?;
+        let bytes =
+            std::fs::metadata(&path).map_err(|source| EvalError::Io { path: path.clone(), source })?.len();
+        let summary =
+            MapSummary { images: file.image_count(), points: file.point_count(), bytes, build_seconds };
+        Ok(Self { file, summary, _folder: folder })
+    }
+}

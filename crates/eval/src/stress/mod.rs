@@ -1,0 +1,239 @@
+//! `veiloc eval stress`: one place, and queries of it under each [`Stress`].
+//!
+//! What is degraded is degraded in memory with seeds of its own, so that equal seeds give equal tables, whatever the
+//! number of threads. All but `sparse-map` share one map.
+
+mod degrade;
+mod document;
+mod from_truth;
+mod kind;
+mod sparse;
+mod table;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use rayon::prelude::*;
+use veiloc_features::{Features, GrayImage, Image, Progress, load_gray};
+use veiloc_geometry::Intrinsics;
+use veiloc_localize::LocalizeOptions;
+use veiloc_map::{MapFile, PosedImages};
+use veiloc_mapping::{BuildOptions, Input};
+use veiloc_obfuscation::audit::options_for;
+use veiloc_obfuscation::{SealOptions, extract_loaded};
+use veiloc_query::{Scheme, SizeClass};
+
+use crate::error::EvalError;
+use crate::metrics::Threshold;
+use crate::poses::ORACLE_RADIUS_PX;
+use crate::road::{PlaceMap, PosedQuery, ask, queries_of_place, send};
+use crate::scene::folder_name;
+use degrade::degraded;
+
+pub use document::{SparseMap, StressDocument, StressQuery, StressRow, TruthSummary};
+pub use from_truth::{ErrorDocument, FromTruth};
+pub use kind::{Stress, StressError};
+pub use table::table;
+
+/// What to evaluate: every stress with every scheme.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct StressEvaluation {
+    /// Cameras and poses of the place's images.
+    pub posed: PosedImages,
+    /// Folder of the images.
+    pub images: PathBuf,
+    /// Names of the images the map is built from.
+    pub map_list: Vec<String>,
+    /// Names of the images to localize.
+    pub query_list: Vec<String>,
+    /// Cameras of queries that are known better than the model's, by name.
+    pub query_cameras: BTreeMap<String, Intrinsics>,
+    /// How the maps are built.
+    pub build: BuildOptions,
+    /// Schemes, in the order of the table.
+    pub schemes: Vec<Scheme>,
+    /// What the queries are put under, in the order of the table; [`Stress::None`] comes first in any case.
+    pub stresses: Vec<Stress>,
+    /// Thresholds of the recall columns.
+    pub thresholds: Vec<Threshold>,
+    /// A pose beyond either bound is wrong, and must not be trusted.
+    pub wrong_beyond: Threshold,
+    /// Localization.
+    pub localize: LocalizeOptions,
+    /// Whether to look from the true pose as well, at what the search missed ([`FromTruth`]).
+    pub from_truth: bool,
+    /// For [`Self::from_truth`]: a match is truly right when its map point projects this near to the keypoint under the
+    /// true pose, pixels.
+    pub oracle_radius_px: f64,
+    /// Seed of degradation, sealing and sampling.
+    pub seed: u64,
+}
+
+impl StressEvaluation {
+    /// All stresses with the paper's schemes; 5 cm and 5°, 25 cm and 2°.
+    pub fn new(posed: PosedImages, images: PathBuf, map_list: Vec<String>, query_list: Vec<String>) -> Self {
+        let coarse = Threshold { translation: 0.25, rotation_deg: 2.0 };
+        Self {
+            posed,
+            images,
+            map_list,
+            query_list,
+            query_cameras: BTreeMap::new(),
+            build: BuildOptions::default(),
+            schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
+            stresses: Stress::ALL.to_vec(),
+            thresholds: vec![Threshold { translation: 0.05, rotation_deg: 5.0 }, coarse],
+            wrong_beyond: coarse,
+            localize: LocalizeOptions::default(),
+            from_truth: false,
+            oracle_radius_px: ORACLE_RADIUS_PX,
+            seed: 0,
+        }
+    }
+
+    /// Each stress once, those without first.
+    fn ordered(&self) -> Vec<Stress> {
+        let mut ordered = vec![Stress::None];
+        for stress in &self.stresses {
+            if !ordered.contains(stress) {
+                ordered.push(*stress);
+            }
+        }
+        ordered
+    }
+}
+
+/// Maps of the place, one or two.
+struct Maps {
+    all: PlaceMap,
+    sparse: Option<PlaceMap>,
+}
+
+impl Maps {
+    fn under(&self, stress: Stress) -> &MapFile {
+        match (&self.sparse, stress) {
+            (Some(sparse), Stress::SparseMap) => &sparse.file,
+            _ => &self.all.file,
+        }
+    }
+}
+
+/// Builds the maps, and localizes every query under every stress and scheme.
+///
+/// # Errors
+/// [`EvalError`] when data is missing, a map cannot be built, or nothing is asked. A query that is not localized is a
+/// result.
+pub fn evaluate_stress(
+    evaluation: &StressEvaluation,
+    progress: &dyn Progress,
+) -> Result<StressDocument, EvalError> {
+    if evaluation.schemes.is_empty() || evaluation.query_list.is_empty() {
+        return Err(EvalError::Options("no scheme or query to evaluate".to_owned()));
+    }
+    let queries = queries_of_place(
+        &evaluation.posed,
+        &evaluation.images,
+        &evaluation.map_list,
+        &evaluation.query_list,
+        &evaluation.query_cameras,
+    )?;
+    let stresses = evaluation.ordered();
+    let build = |names: &[String]| {
+        let input = Input::new(&evaluation.posed, &evaluation.images).with_names(names);
+        PlaceMap::build(&input, &evaluation.build, None, progress)
+    };
+    let sparse_names = stresses.contains(&Stress::SparseMap).then(|| sparse::thinned(&evaluation.map_list));
+    let maps = Maps {
+        all: build(&evaluation.map_list)?,
+        sparse: sparse_names.map(|names| build(&names)).transpose()?,
+    };
+
+    progress.start("Localizing queries", queries.len());
+    let one = |query: &PosedQuery| {
+        let results = under_each(&maps, query, &stresses, evaluation);
+        progress.advance(1);
+        results
+    };
+    let each: Result<Vec<Vec<StressQuery>>, EvalError> = queries.par_iter().map(one).collect();
+    progress.finish();
+    let each = each?;
+    let mut document = StressDocument::new(evaluation, folder_name(&evaluation.images));
+    document.map = maps.all.summary;
+    document.sparse_map = maps
+        .sparse
+        .map(|map| SparseMap { every: sparse::every_of(evaluation.map_list.len()), map: map.summary });
+    let mut of_queries: Vec<_> = each.into_iter().map(Vec::into_iter).collect();
+    for _ in 0..stresses.len() * evaluation.schemes.len() {
+        let of_row: Vec<StressQuery> = of_queries.iter_mut().filter_map(Iterator::next).collect();
+        document.rows.extend(StressRow::of(&of_row, evaluation));
+        document.queries.extend(of_row);
+    }
+    Ok(document)
+}
+
+/// One query under every stress and, within each, every scheme.
+fn under_each(
+    maps: &Maps,
+    query: &PosedQuery,
+    stresses: &[Stress],
+    evaluation: &StressEvaluation,
+) -> Result<Vec<StressQuery>, EvalError> {
+    let image = load_gray(&query.path).map_err(veiloc_obfuscation::ExtractError::from)?;
+    // What does not touch the image shares its features: all maps ask for the same.
+    let plain = extracted(&image, query, &maps.all.file)?;
+    let mut results = Vec::with_capacity(stresses.len() * evaluation.schemes.len());
+    for stress in stresses {
+        let worse = match degraded(&image, *stress, &query.name, evaluation.seed) {
+            Some(worse) => Some(extracted(&worse, query, &maps.all.file)?),
+            None => None,
+        };
+        let (features, camera) = worse.as_ref().unwrap_or(&plain);
+        for scheme in &evaluation.schemes {
+            let map = maps.under(*stress);
+            let options = sealed_under(*stress, *scheme);
+            let sent = send(features, camera, map.profile(), &options, &query.name, evaluation.seed);
+            let from_truth = |sent| {
+                let (truth, radius) = (&query.cam_from_world, evaluation.oracle_radius_px);
+                evaluation.from_truth.then(|| FromTruth::of(sent, truth, map, &evaluation.localize, radius))
+            };
+            results.push(match &sent {
+                Ok(sent) => {
+                    let answer = ask(map, &sent.bytes, &evaluation.localize);
+                    StressQuery::answered(query, *stress, *scheme, &answer, from_truth(sent))
+                }
+                Err(error) => StressQuery::unsealed(
+                    query,
+                    *stress,
+                    *scheme,
+                    error,
+                    evaluation.from_truth.then_some(FromTruth::UNSEALED),
+                ),
+            });
+        }
+    }
+    Ok(results)
+}
+
+fn extracted(
+    image: &GrayImage,
+    query: &PosedQuery,
+    map: &MapFile,
+) -> Result<(Features, Intrinsics), EvalError> {
+    let image = Image::from(image.clone());
+    let options = options_for(Scheme::default());
+    Ok(extract_loaded(image, &query.path, &query.camera, map.profile(), &options)?)
+}
+
+fn sealed_under(stress: Stress, scheme: Scheme) -> SealOptions {
+    let options = options_for(scheme);
+    match stress {
+        Stress::FewKeypoints => options.with_max_keypoints(SizeClass::SMALLEST.rows()),
+        Stress::None
+        | Stress::Dark
+        | Stress::Motion
+        | Stress::HalfHidden
+        | Stress::LowResolution
+        | Stress::SparseMap => options,
+    }
+}

@@ -1,0 +1,49 @@
+//! A map of few images: every tenth of the list, or as many as it takes for [`FEWEST`] to stay.
+
+/// Distance of the images that stay, along the list.
+const EVERY: usize = 10;
+
+/// Images that stay at least, where there are as many.
+const FEWEST: usize = 4;
+
+/// Every which image of so many stays: the first, and so on.
+pub(super) const fn every_of(images: usize) -> usize {
+    let most = images.saturating_sub(1) / (FEWEST - 1);
+    if most < 1 {
+        1
+    } else if most < EVERY {
+        most
+    } else {
+        EVERY
+    }
+}
+
+/// The names that stay.
+pub(super) fn thinned(names: &[String]) -> Vec<String> {
+    names.iter().step_by(every_of(names.len())).cloned().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_tenth_stays_and_four_at_least() {
+        for (images, every, left) in [
+            (87, 10, 9),
+            (83, 10, 9),
+            (31, 10, 4),
+            (30, 9, 4),
+            (19, 6, 4),
+            (10, 3, 4),
+            (4, 1, 4),
+            (2, 1, 2),
+            (1, 1, 1),
+        ] {
+            let names: Vec<String> = (0..images).map(|i| format!("{i}.jpg")).collect();
+            let thin = thinned(&names);
+            assert_eq!((every_of(images), thin.len(), thin[0].as_str()), (every, left, "0.jpg"), "{images}");
+        }
+        assert!(thinned(&[]).is_empty());
+    }
+}
