@@ -10,8 +10,11 @@ use crate::text_table::TextTable;
 /// Trusted negatives that are named; all are in the document.
 const NAMED: usize = 20;
 
-/// The rows as a table, then the worst by name.
+/// The rows as a table, then the worst by name; empty where nothing could be asked.
 pub fn table(negatives: &Negatives) -> String {
+    if negatives.rows.is_empty() {
+        return String::new();
+    }
     let head = ["scheme", "negatives", "trusted", "doubtful", "not found", "unusable"].map(str::to_owned);
     let quantiles = NegativeRow::QUANTILES.map(|p| match p {
         100 => "max".to_owned(),
@@ -79,5 +82,6 @@ mod tests {
         let many = table(&negatives(vec![negative("dcl", Some(99.0)); 23]));
         assert!(many.ends_with("  and 3 more\n"), "{many}");
         assert!(!table(&negatives(vec![negative("dcl", Some(9.0))])).contains("wrong"));
+        assert_eq!(table(&Negatives::default()), "");
     }
 }

@@ -130,6 +130,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
 
 /// The images, each with its camera where one is given.
 fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
+    if !args.images.is_dir() {
+        return Err(Failure::with_help(
+            format!("{} is no folder", args.images.display()),
+            "give the folder of the images of elsewhere",
+        ));
+    }
     let common = args.camera.as_ref().map(CameraArg::camera).transpose()?;
     let given: Vec<(Item, Option<Intrinsics>)> = match &args.list {
         None => items::gather(std::slice::from_ref(&args.images), &IMAGES)
@@ -137,7 +143,6 @@ fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
             .map(|item| (item, common))
             .collect(),
         Some(list) => {
-            let folder = lists::one_folder(std::slice::from_ref(&args.images))?;
             let listed = lists::read_with_cameras(list)?;
             if let Some(own) = listed.iter().find(|l| common.is_some() && l.camera.is_some()) {
                 return Err(Failure::with_help(
@@ -150,7 +155,7 @@ fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
                     "leave out --camera, or give a list of names only",
                 ));
             }
-            let items = items::listed(folder, listed.iter().map(|l| l.name.as_str()));
+            let items = items::listed(&args.images, listed.iter().map(|l| l.name.as_str()));
             items.into_iter().zip(listed).map(|(item, l)| (item, l.camera.or(common))).collect()
         }
     };

@@ -38,7 +38,7 @@ pub(crate) struct Args {
     /// Bounds of the recall columns, `translation/degrees` with the translation in map units.
     #[arg(long, value_delimiter = ',', default_value = "0.05/5,0.25/2", value_name = "T/DEG,…")]
     thresholds: Vec<Threshold>,
-    /// A pose beyond either bound is wrong, and must not be trusted.
+    /// A pose beyond either bound, `translation/degrees`, is wrong, and must not be trusted.
     #[arg(long, default_value = "0.25/2", value_name = "T/DEG")]
     wrong_beyond: Threshold,
     /// Look from the true pose as well: the engine's own optimum, which a search that misses nothing finds, and the
