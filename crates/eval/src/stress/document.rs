@@ -7,9 +7,9 @@ use veiloc_obfuscation::SealError;
 use veiloc_query::Scheme;
 use veiloc_robust::State;
 
-use super::StressEvaluation;
 use super::from_truth::{ErrorDocument, FromTruth};
 use super::kind::Stress;
+use super::options::StressEvaluation;
 use crate::metrics::{PoseError, Threshold, median, recall};
 use crate::results::{MapSummary, QueryUncertainty, as_text, finite};
 use crate::road::{Answer, PosedQuery};
