@@ -13,6 +13,8 @@ pub(crate) enum Exit {
     Success,
     /// The input was refused, or nothing was localized.
     Refused,
+    /// There is a pose, and something speaks against it.
+    Doubtful,
     /// Results could not be written.
     Unwritten,
     /// Our own error.
@@ -26,6 +28,7 @@ Exit codes:
   1  input was refused (of several files: at least one, see --skip-bad), or nothing was localized
   2  wrong usage of the command line
   3  results could not be written (disk full, device gone), or there is a bug in veiloc
+  4  localized, but something speaks against a pose (of several queries: against at least one)
 
 A reader that closes the pipe (`veiloc … | head`) has read enough: that is no error.";
 
@@ -36,6 +39,7 @@ impl From<Exit> for ExitCode {
             Exit::Success => 0,
             Exit::Refused => 1,
             Exit::Unwritten | Exit::Bug => 3,
+            Exit::Doubtful => 4,
         })
     }
 }

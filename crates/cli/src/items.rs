@@ -225,6 +225,13 @@ pub(crate) struct SkipArgs {
     skip_bad: bool,
 }
 
+impl SkipArgs {
+    /// Whether bad files are not counted.
+    pub(crate) const fn counts_none(self) -> bool {
+        self.skip_bad
+    }
+}
+
 /// What became of the items of a command.
 pub(crate) struct Tally {
     /// What is done to an item, as in `8 of 10 sealed`.

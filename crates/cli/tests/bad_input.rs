@@ -306,9 +306,11 @@ fn a_query_for_another_map() {
     assert!(error.contains("veiloc map profile") && error.contains("profile"), "{run}");
     assert!(document["queries"][0].get("cam_from_world").is_none(), "{run}");
 
-    // Beside one that is localized the command succeeds, and tells of both.
+    // Beside one that is localized both are told of; the exit code speaks of the one unless told to skip it.
     place.seal("query-0.png", "points", "mine.vquery");
-    let run = place.run("localize --map place.vmap --json five.vquery mine.vquery").succeeded();
+    let run = place.run("localize --map place.vmap --json five.vquery mine.vquery");
+    assert_eq!(run.code, Some(1), "{run}");
+    place.run("localize --map place.vmap --skip-bad five.vquery mine.vquery").succeeded();
     let document = run.json();
     assert_eq!(document["localized"], 1);
     assert!(document["queries"][0]["error"].is_object() && document["queries"][1].get("error").is_none());

@@ -103,7 +103,7 @@ fn a_image_gets_its_pose() {
         assert!(run.stderr.contains("sent as dcl"), "{run}");
     }
     let text = place.run(&send_keeping("query-0.png", &service.url, "own")).succeeded();
-    assert!(text.stdout.starts_with("at (") && text.stdout.contains("matches agree"), "{text}");
+    assert!(text.stdout.starts_with("trusted  at (") && text.stdout.contains("matches agree"), "{text}");
     // The profile was sent once, and then confirmed.
     let log = service.log();
     let fetched = |status: &str| {

@@ -8,14 +8,15 @@ use crate::address::{Address, token};
 use crate::profile_cache::{ProfileCache, hash, keep};
 use crate::refusal::{Refusal, printable};
 use crate::transport::{Reply, Transport};
-use crate::{ClientError, ClientOptions};
+use crate::{ClientError, ClientOptions, LocalizeRequest};
 
 /// Most bytes of a profile that are read.
 const MAX_PROFILE: u64 = 2 << 20;
 /// Most bytes of an answer or a refusal.
 const MAX_ANSWER: u64 = 64 << 10;
 /// Answers of one length, whatever they say; from an older service those it has.
-const ACCEPT: &str = "application/x-protobuf;version=2, application/x-protobuf;q=0.5";
+const ACCEPT: &str =
+    "application/x-protobuf;version=3, application/x-protobuf;version=2;q=0.8, application/x-protobuf;q=0.5";
 
 /// A service, and who asks it. Calls block; one client may be used by several threads.
 pub struct Client {
@@ -72,9 +73,23 @@ impl Client {
     /// # Errors
     /// [`ClientError`]; [`ClientError::may_send_again`] says whether the same query may be tried again later.
     pub fn localize(&self, map: &str, query: &SealedQuery) -> Result<Answer, ClientError> {
+        self.localize_with(map, query, &LocalizeRequest::default())
+    }
+
+    /// As [`Self::localize`], with what the caller has to say beside the query.
+    ///
+    /// # Errors
+    /// As [`Self::localize`].
+    pub fn localize_with(
+        &self,
+        map: &str,
+        query: &SealedQuery,
+        request: &LocalizeRequest,
+    ) -> Result<Answer, ClientError> {
         let url = self.transport.address().of_map(map, "localize")?;
         query.check_sides()?;
-        let reply = self.transport.post(&url, ACCEPT, &query.encode(), MAX_ANSWER)?;
+        let headers = request.headers();
+        let reply = self.transport.post(&url, ACCEPT, &headers, &query.encode(), MAX_ANSWER)?;
         if reply.status != 200 {
             return Err(refused(&reply));
         }
@@ -84,7 +99,8 @@ impl Client {
         for doubt in &mut answer.doubts {
             doubt.text = printable(&doubt.text);
         }
-        Ok(answer)
+        // A service that knows nothing of the wish tells the pose: then it is withheld here.
+        Ok(if request.trusted_only { answer.trusted_only() } else { answer })
     }
 }
 

@@ -18,7 +18,7 @@
 //!
 //! # The whole road
 //! ```no_run
-//! use veiloc_client::{Client, ClientError, ClientOptions, SealOptions, seal_image};
+//! use veiloc_client::{Answer, Client, ClientError, ClientOptions, SealOptions, seal_image};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let client = Client::new("https://places.example:8443", Some("token"), ClientOptions::default())?;
@@ -27,7 +27,9 @@
 //! // How positions are hidden is the device's choice, whatever a profile says; `dcl` unless it says otherwise.
 //! let sealed = seal_image("photo.jpg".as_ref(), &camera, &profile, &SealOptions::default())?;
 //! match client.localize("lobby", &sealed.query) {
-//!     Ok(answer) if answer.trusted => println!("at {:?}", answer.center),
+//!     Ok(Answer { trusted: true, pose: Some(pose), .. }) => {
+//!         println!("at {:?} ± {}", pose.center, pose.position_sd());
+//!     }
 //!     Ok(_) | Err(ClientError::NotLocalized(_)) => println!("not sure where this is"),
 //!     Err(ClientError::Busy { retry_after, .. }) => println!("busy; the same query again in {retry_after:?}"),
 //!     Err(error) => return Err(error.into()),
@@ -69,6 +71,7 @@ mod error;
 mod options;
 mod profile_cache;
 mod refusal;
+mod request;
 mod seal;
 mod transport;
 
@@ -76,7 +79,10 @@ pub use client::Client;
 pub use error::ClientError;
 pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy};
 pub use refusal::{Refusal, printable};
+pub use request::LocalizeRequest;
 pub use seal::{SealImageError, SealedImage, seal_image};
 pub use veiloc_geometry::Intrinsics;
 pub use veiloc_obfuscation::SealOptions;
-pub use veiloc_query::{Answer, AnswerDocument, Profile, Scheme, SealedQuery};
+pub use veiloc_query::{
+    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, PositionHint, Profile, Scheme, SealedQuery,
+};

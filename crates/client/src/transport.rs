@@ -89,6 +89,7 @@ impl Transport {
         &self,
         url: &str,
         accept: &str,
+        headers: &[(&str, String)],
         body: &[u8],
         limit: u64,
     ) -> Result<Reply, ClientError> {
@@ -96,6 +97,9 @@ impl Transport {
             let mut request = self.agent.post(url).header("content-type", "application/x-protobuf");
             if let Some(authorization) = &self.authorization {
                 request = request.header("authorization", authorization);
+            }
+            for (name, value) in headers {
+                request = request.header(*name, value);
             }
             request.header("accept", accept).send(body)
         })

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Service, known, problem, protobuf, query, quick, reply};
-use veiloc_client::{Answer, Client, ClientError, Profile};
+use veiloc_client::{Answer, AnswerState, Client, ClientError, LocalizeRequest, Profile};
 use veiloc_query::AnswerVersion;
 
 fn bad_answer(replies: Vec<Vec<u8>>) -> String {
@@ -70,7 +70,8 @@ fn words_of_the_service_are_fit_for_a_screen() {
 
     let mut answer = Answer::decode(&known("v2.answer")).expect("version 2");
     answer.doubts[0].text = "\u{1b}[31mno\u{9b}2J\u{2066}doubt\n".to_owned();
-    let service = Service::saying(vec![protobuf(&answer.encode(AnswerVersion::Padded))]);
+    let service =
+        Service::saying(vec![protobuf(&answer.encode(AnswerVersion::Padded).expect("it has a pose"))]);
     let told = service.client().localize("place", &query()).expect("an answer");
     assert_eq!(told.doubts[0].text, "[31mno2Jdoubt");
 }
@@ -121,4 +122,33 @@ fn profiles_are_kept_and_confirmed_and_never_believed() {
     for name in ["..", "../x", "a/b", "a?b", ""] {
         assert!(matches!(client.profile(name), Err(ClientError::MapName { .. })), "{name}");
     }
+}
+
+/// What the caller says goes along, again with every retry; what a service tells beyond what was wanted is not passed on.
+#[test]
+fn wishes_go_along_and_are_kept_here_too() {
+    let busy = problem("503 Busy", "queue-full", &[("retry-after", "0")]);
+    // Version 2 of the answer, as an older service gives it, whatever was wished.
+    let service =
+        Service::saying(vec![busy, protobuf(&known("v2.answer")), protobuf(&known("v3-withheld.answer"))]);
+    let client = service.client();
+    let mut request = LocalizeRequest::default();
+    request.trusted_only = true;
+    request.near = Some("1,2,-3,0.5".parse().expect("a place"));
+    for _ in 0..2 {
+        let told = client.localize_with("place", &query(), &request).expect("an answer");
+        assert_eq!((told.pose, told.state(), told.doubts.len()), (None, AnswerState::Doubtful, 2));
+    }
+    let asked = service.asked();
+    for asked in &asked {
+        let of = |name: &str| asked.head.lines().find_map(|line| line.strip_prefix(name)).map(str::trim);
+        assert_eq!(of("veiloc-trusted-only:"), Some("true"));
+        assert_eq!(of("veiloc-near:").and_then(|text| text.parse().ok()), request.near);
+    }
+    assert_eq!((asked.len(), asked[0].body == asked[2].body), (3, true));
+
+    let service = Service::saying(vec![protobuf(&known("v3.answer"))]);
+    let told = service.client().localize("place", &query()).expect("an answer");
+    assert!(told.pose.is_some() && told.fit.is_some());
+    assert!(!service.asked()[0].head.contains("veiloc-"), "nothing is said that nobody said");
 }

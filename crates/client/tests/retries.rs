@@ -37,7 +37,7 @@ fn a_retry_sends_the_same_bytes() {
         "post /v1/maps/place/localize http/1.1\r\n",
         "content-type: application/x-protobuf\r\n",
         "authorization: bearer the-token\r\n",
-        "accept: application/x-protobuf;version=2, application/x-protobuf;q=0.5\r\n",
+        "accept: application/x-protobuf;version=3, application/x-protobuf;version=2;q=0.8, application/x-protobuf;q=0.5\r\n",
     ] {
         assert!(asked[0].head.contains(part), "{part} is not in {}", asked[0].head);
     }

@@ -8,8 +8,6 @@ mod common;
 use std::fs;
 use std::path::Path;
 
-use veiloc_query::AnswerVersion;
-
 fn main() -> std::io::Result<()> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     fs::create_dir_all(&folder)?;
@@ -19,9 +17,9 @@ fn main() -> std::io::Result<()> {
     for (file, profile) in common::known_profiles() {
         fs::write(folder.join(format!("{file}.profile")), profile.encode())?;
     }
-    for version in AnswerVersion::ALL {
-        let file = format!("v{}.answer", version.number());
-        fs::write(folder.join(file), common::answer(1, 2).encode(version))?;
+    for (file, version, answer) in common::known_replies() {
+        let bytes = answer.encode(version).map_err(std::io::Error::other)?;
+        fs::write(folder.join(format!("{file}.answer")), bytes)?;
     }
     Ok(())
 }

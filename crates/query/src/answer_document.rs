@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::{Answer, AnswerDoubt, AnswerTimes};
+use crate::{Answer, AnswerDoubt, AnswerPose, AnswerTimes};
 
 /// Where an image was taken.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -12,17 +12,33 @@ pub struct AnswerDocument {
     pub version: u32,
     /// The map that answered.
     pub map: String,
-    /// Map to camera.
-    pub cam_from_world: PoseDocument,
+    /// `trusted` or `doubtful`. A query for which nothing was found gets no such document.
+    pub state: &'static str,
+    /// Map to camera. This and what follows up to `position_sd` is absent when a doubtful pose was asked to be withheld.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cam_from_world: Option<PoseDocument>,
     /// Where the camera is in the map, map units.
-    pub center: [f64; 3],
-    /// Rows and columns: rotation vector about the camera's axes (radians), then translation (map units). `null` on
-    /// the diagonal where the matches leave a direction free.
-    #[cfg_attr(feature = "openapi", schema(value_type = Vec<Vec<Option<f64>>>))]
-    pub covariance: [[f64; 6]; 6],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub center: Option<[f64; 3]>,
+    /// Rows and columns: a rotation vector `w` about the camera's axes (radians), then a vector `v` along them (map
+    /// units), of `R' = exp(w) R`, `t' = exp(w) t + v`. `null` on the diagonal where the matches leave a direction free.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<Vec<Option<f64>>>>))]
+    pub covariance: Option<[[f64; 6]; 6]>,
     /// Covariance of `center` in the map's axes, map units squared.
-    #[cfg_attr(feature = "openapi", schema(value_type = Vec<Vec<Option<f64>>>))]
-    pub center_covariance: [[f64; 3]; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<Vec<Option<f64>>>>))]
+    pub center_covariance: Option<[[f64; 3]; 3]>,
+    /// Standard deviation of `center` in its least certain direction, map units; `null` when a direction is free.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_sd: Option<f64>,
+    /// Standard deviation that the agreeing rows show, pixels of the query's camera; absent from a service that does not
+    /// tell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_px: Option<f64>,
+    /// Estimated focal length over the one the query names, 1 when it was not estimated; absent as above.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focal_scale: Option<f64>,
     /// Whether nothing speaks against the pose. A pose that is not trusted should not be shown to a user.
     pub trusted: bool,
     /// What does.
@@ -91,13 +107,18 @@ impl AnswerDocument {
     pub fn new(map: &str, answer: &Answer) -> Self {
         let AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms } = answer.times;
         let doubt = |d: &AnswerDoubt| DoubtDocument { kind: d.kind.name(), text: d.text.clone() };
+        let pose = answer.pose.as_ref();
         Self {
             version: 1,
             map: map.to_owned(),
-            cam_from_world: PoseDocument { q: answer.rotation, t: answer.translation },
-            center: answer.center,
-            covariance: answer.covariance,
-            center_covariance: answer.center_covariance,
+            state: answer.state().name(),
+            cam_from_world: pose.map(|pose| PoseDocument { q: pose.rotation, t: pose.translation }),
+            center: pose.map(|pose| pose.center),
+            covariance: pose.map(|pose| pose.covariance),
+            center_covariance: pose.map(|pose| pose.center_covariance),
+            position_sd: pose.map(AnswerPose::position_sd),
+            noise_px: answer.fit.map(|fit| fit.noise_px),
+            focal_scale: answer.fit.map(|fit| fit.focal_scale),
             trusted: answer.trusted,
             doubts: answer.doubts.iter().map(doubt).collect(),
             confidence: ConfidenceDocument { log_evidence: answer.log_evidence, margin: answer.margin },

@@ -80,6 +80,14 @@ pub enum QueryError {
         /// `sealed query` or `profile`.
         what: &'static str,
     },
+    /// Something an older version of a message has no place for.
+    #[error("version {version} cannot say {what}; leave that out, or update the other side")]
+    Unsayable {
+        /// What there is to say.
+        what: &'static str,
+        /// The version that cannot.
+        version: u32,
+    },
     /// Global descriptor or vocabulary bytes were refused.
     #[error("the {what} is damaged: {reason}")]
     Descriptor {
@@ -125,6 +133,9 @@ pub enum QueryError {
         /// `s` given.
         s: f64,
     },
+    /// Where a camera is said to be, in numbers that are no place.
+    #[error("a place is X,Y,Z,SD: four finite numbers in map units, the standard deviation SD above 0")]
+    PositionHint,
     /// A focal length beyond the ladder.
     #[error("a focal length of {focal} px is not between 16 and 32768; check the camera parameters")]
     Focal {
@@ -170,7 +181,10 @@ impl QueryError {
             }
             Self::Descriptor { what, .. } => return format!("the {what} is damaged"),
             Self::Mismatch { what, .. } => return format!("{what}: not what the map asks for"),
-            Self::Missing { .. } | Self::NotCanonical { .. } => return self.to_string(), // names only
+            // Names only.
+            Self::Missing { .. } | Self::NotCanonical { .. } | Self::Unsayable { .. } => {
+                return self.to_string();
+            }
             Self::Row { .. } => {
                 "a row lies outside the image; the message was damaged or made by a faulty client"
             }
@@ -178,6 +192,7 @@ impl QueryError {
                 "sealed with another profile than the map's; get the profile of this map and seal anew"
             }
             Self::SchemeSyntax { .. } => "no such scheme",
+            Self::PositionHint => return self.to_string(),
             Self::Layout { .. } => "dividing line or anchor distance out of range",
             Self::Focal { .. } => "a focal length that is not between 16 and 32768 pixels",
             Self::ImageSize { .. } => "an image larger than 8192 x 8192 pixels once its distortion is undone",
@@ -205,11 +220,13 @@ mod tests {
             QueryError::Length { field: "global", expected: number, actual: number },
             QueryError::Row { row: number },
             QueryError::NotCanonical { what: "profile" },
+            QueryError::Unsayable { what: "gravity", version: 1 },
             QueryError::Descriptor { what: "vocabulary", reason: text() },
             QueryError::Mismatch { what: "rows", expected: text(), actual: text() },
             QueryError::WrongProfile { query, map },
             QueryError::SchemeSyntax { text: text() },
             QueryError::Layout { degrees: 987_654.0, s: 987_654.0 },
+            QueryError::PositionHint,
             QueryError::Focal { focal: 987_654.0 },
             QueryError::ImageSize { width: 987_654.0, height: 987_654.0 },
         ];

@@ -47,12 +47,14 @@
 mod angle;
 mod answer;
 mod answer_document;
+mod answer_wire;
 mod balance;
 mod bits;
 mod camera;
 mod error;
 mod layout;
 mod observations;
+mod position_hint;
 mod profile;
 mod profile_check;
 mod profile_id;
@@ -66,13 +68,16 @@ mod version;
 mod wire;
 
 pub use angle::AngleBits;
-pub use answer::{Answer, AnswerDoubt, AnswerTimes, AnswerVersion, DoubtKind};
+pub use answer::{
+    Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerState, AnswerTimes, AnswerVersion, DoubtKind,
+};
 pub use answer_document::{AnswerDocument, ConfidenceDocument, DoubtDocument, PoseDocument, StageDocument};
 pub use balance::{LEAST_A_SIDE, Lopsided};
 pub use camera::CanonicalCamera;
 pub use error::QueryError;
 pub use layout::DclLayout;
 pub use observations::{AnchoredLine, Observations};
+pub use position_hint::PositionHint;
 pub use profile::{ExtractionLimits, Profile, Wish};
 pub use profile_id::ProfileId;
 pub use rows::{AnchoredRow, LineRow, PositionRow, Rows};

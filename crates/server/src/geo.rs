@@ -12,7 +12,7 @@ use std::str::FromStr;
 use serde::Serialize;
 use utoipa::ToSchema;
 use veiloc_geometry::nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
-use veiloc_query::Answer;
+use veiloc_query::{Answer, AnswerPose};
 
 /// Semi-major axis of WGS 84, metres.
 const A: f64 = 6_378_137.0;
@@ -76,11 +76,21 @@ impl FromStr for GeoFrame {
 }
 
 impl GeoFrame {
-    /// The pose of an answer as a GeoPose.
+    /// An answer as a GeoPose; without the pose when that is withheld.
     pub fn geo_pose(&self, answer: &Answer) -> GeoPoseDocument {
-        let [w, x, y, z] = answer.rotation;
+        let told = answer.pose.as_ref().map(|pose| self.on_earth(pose));
+        let (position, quaternion, accuracy) = match told {
+            Some((position, quaternion, accuracy)) => (Some(position), Some(quaternion), Some(accuracy)),
+            None => (None, None, None),
+        };
+        let state = answer.state().name();
+        GeoPoseDocument { position, quaternion, accuracy, state, trusted: answer.trusted }
+    }
+
+    fn on_earth(&self, pose: &AnswerPose) -> (GeoPosition, GeoQuaternion, GeoAccuracy) {
+        let [w, x, y, z] = pose.rotation;
         let map_from_camera = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).inverse();
-        let enu = self.enu_from_map * (Vector3::from(answer.center) * self.metres);
+        let enu = self.enu_from_map * (Vector3::from(pose.center) * self.metres);
         let earth_from_origin = earth_from_enu(self.latitude, self.longitude);
         let earth = earth_from_geodetic(self.latitude, self.longitude, self.height) + earth_from_origin * enu;
         let (latitude, longitude, h) = geodetic_from_earth(&earth);
@@ -92,35 +102,40 @@ impl GeoFrame {
         let enu_from_camera = enu_from_map * map_from_camera.to_rotation_matrix().matrix();
         let q = UnitQuaternion::from_matrix(&enu_from_camera);
 
-        let covariance = Matrix3::from_fn(|i, j| answer.center_covariance[i][j]);
+        let covariance = Matrix3::from_fn(|i, j| pose.center_covariance[i][j]);
         let covariance = if covariance.iter().all(|c| c.is_finite()) {
             enu_from_map * covariance * enu_from_map.transpose() * self.metres.powi(2)
         } else {
             covariance
         };
-        let rotation: f64 = (0..3).map(|i| answer.covariance[i][i]).sum();
-        GeoPoseDocument {
-            position: GeoPosition { lat: latitude.to_degrees(), lon: longitude.to_degrees(), h },
-            quaternion: GeoQuaternion { x: q.i, y: q.j, z: q.k, w: q.w },
-            accuracy: GeoAccuracy {
-                horizontal: (covariance[(0, 0)] + covariance[(1, 1)]).sqrt(),
-                vertical: covariance[(2, 2)].sqrt(),
-                orientation: rotation.sqrt().to_degrees(),
-            },
-            trusted: answer.trusted,
-        }
+        let rotation: f64 = (0..3).map(|i| pose.covariance[i][i]).sum();
+        let accuracy = GeoAccuracy {
+            horizontal: (covariance[(0, 0)] + covariance[(1, 1)]).sqrt(),
+            vertical: covariance[(2, 2)].sqrt(),
+            orientation: rotation.sqrt().to_degrees(),
+        };
+        (
+            GeoPosition { lat: latitude.to_degrees(), lon: longitude.to_degrees(), h },
+            GeoQuaternion { x: q.i, y: q.j, z: q.k, w: q.w },
+            accuracy,
+        )
     }
 }
 
 /// OGC GeoPose, Basic-Quaternion (the permissive form: with members of our own).
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct GeoPoseDocument {
-    /// Where the camera is.
-    pub position: GeoPosition,
+    /// Where the camera is; this, `quaternion` and `accuracy` are absent when a doubtful pose was asked to be withheld.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position: Option<GeoPosition>,
     /// Turns the camera's axes (`x` right, `y` down, `z` forward) into east, north, up at its place.
-    pub quaternion: GeoQuaternion,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<GeoQuaternion>,
     /// Standard deviations.
-    pub accuracy: GeoAccuracy,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accuracy: Option<GeoAccuracy>,
+    /// `trusted` or `doubtful`.
+    pub state: &'static str,
     /// Whether nothing speaks against the pose.
     pub trusted: bool,
 }
@@ -208,15 +223,18 @@ mod tests {
         let variance =
             |i: usize, j: usize| if i == j { [4e-6, 9e-6, 3e-6, 0.01, 0.02, 0.03][i] } else { 0.0 };
         Answer {
-            rotation: [q.w, q.i, q.j, q.k],
-            translation: t.into(),
-            center,
-            covariance: std::array::from_fn(|i| std::array::from_fn(|j| variance(i, j))),
-            center_covariance: [[0.0009, 0.0, 0.0], [0.0, 0.0016, 0.0], [0.0, 0.0, 0.0004]],
+            pose: Some(AnswerPose {
+                rotation: [q.w, q.i, q.j, q.k],
+                translation: t.into(),
+                center,
+                covariance: std::array::from_fn(|i| std::array::from_fn(|j| variance(i, j))),
+                center_covariance: [[0.0009, 0.0, 0.0], [0.0, 0.0016, 0.0], [0.0, 0.0, 0.0004]],
+            }),
             trusted: true,
             doubts: Vec::new(),
             log_evidence: 100.0,
             margin: 50.0,
+            fit: None,
             inliers: 1,
             matches: 1,
             hypotheses: 1,
@@ -282,11 +300,11 @@ mod tests {
         for (frame, center, rotation, position, axes) in ORACLE {
             let frame: GeoFrame = frame.parse().expect("a frame");
             let told = frame.geo_pose(&answer(center, rotation));
-            let GeoPosition { lat, lon, h } = told.position;
+            let GeoPosition { lat, lon, h } = told.position.expect("told");
             // A hundred-millionth of a degree is a millimetre.
             assert!((lat - position[0]).abs() < 1e-8 && (lon - position[1]).abs() < 1e-8, "{lat} {lon}");
             assert!((h - position[2]).abs() < 1e-3, "{h}");
-            let GeoQuaternion { x, y, z, w } = told.quaternion;
+            let GeoQuaternion { x, y, z, w } = told.quaternion.expect("told");
             let matrix = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix();
             for (i, row) in axes.iter().enumerate() {
                 for (j, expected) in row.iter().enumerate() {
@@ -299,7 +317,7 @@ mod tests {
     #[test]
     fn accuracy_is_in_metres_and_degrees() {
         let frame: GeoFrame = "10,20,0,1,0,0,0,10".parse().expect("a frame");
-        let told = frame.geo_pose(&answer([0.0; 3], [1.0, 0.0, 0.0, 0.0])).accuracy;
+        let told = frame.geo_pose(&answer([0.0; 3], [1.0, 0.0, 0.0, 0.0])).accuracy.expect("told");
         assert!(
             (told.horizontal - 0.5).abs() < 1e-9,
             "10 metres times √(0.03² + 0.04²): {}",
@@ -309,11 +327,12 @@ mod tests {
         assert!((told.orientation - 4e-3_f64.to_degrees()).abs() < 1e-9, "√16e-6: {}", told.orientation);
         // A map on its side: its third axis points east.
         let frame: GeoFrame = "10,20,0,0.5,0.5,0.5,0.5".parse().expect("a frame");
-        let told = frame.geo_pose(&answer([0.0; 3], [1.0, 0.0, 0.0, 0.0])).accuracy;
+        let told = frame.geo_pose(&answer([0.0; 3], [1.0, 0.0, 0.0, 0.0])).accuracy.expect("told");
         assert!((told.vertical - 0.04).abs() < 1e-9, "{}", told.vertical);
         let mut free = answer([0.0; 3], [1.0, 0.0, 0.0, 0.0]);
-        free.center_covariance =
-            [[f64::INFINITY, 0.0, 0.0], [0.0, f64::INFINITY, 0.0], [0.0, 0.0, f64::INFINITY]];
+        let inf = f64::INFINITY;
+        let pose = free.pose.as_mut().expect("a pose");
+        pose.center_covariance = [[inf, 0.0, 0.0], [0.0, inf, 0.0], [0.0, 0.0, inf]];
         let told = serde_json::to_value(frame.geo_pose(&free)).expect("JSON");
         assert!(told["accuracy"]["horizontal"].is_null() && told["accuracy"]["vertical"].is_null(), "{told}");
     }

@@ -49,6 +49,8 @@ pub(crate) enum Problem {
         "the query was sealed for another map or with an old profile; fetch the profile and seal a new image"
     )]
     WrongProfile,
+    #[error("{0}")]
+    BadWish(&'static str),
     #[error("no pose is supported by the query{0}; ask from elsewhere in the place")]
     NotLocalized(&'static str),
     #[error("the map is empty; its operator must add images")]
@@ -103,6 +105,7 @@ impl Problem {
             Self::Interrupted => (S::BAD_REQUEST, "interrupted", "Body incomplete"),
             Self::Malformed(_) => (S::BAD_REQUEST, "malformed-query", "Not a sealed query"),
             Self::Version(_) => (S::BAD_REQUEST, "unsupported-version", "Unsupported version"),
+            Self::BadWish(_) => (S::BAD_REQUEST, "bad-option", "Not an option"),
             Self::WrongProfile => (S::CONFLICT, "wrong-profile", "Sealed for another map"),
             Self::NotLocalized(_) => (S::UNPROCESSABLE_ENTITY, "not-localized", "Not localized"),
             Self::EmptyMap => (S::CONFLICT, "empty-map", "Empty map"),
@@ -133,6 +136,9 @@ pub struct ProblemDocument {
     pub status: u16,
     /// What is wrong this time, and what to do.
     pub detail: String,
+    /// `not-found` when the query was good and no pose was found; beside the states of an answer, the third.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state: Option<&'static str>,
     /// Seconds after which to send the same bytes again.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub retry_after: Option<u64>,
@@ -146,6 +152,7 @@ impl IntoResponse for Problem {
             title,
             status: status.as_u16(),
             detail: self.to_string(),
+            state: matches!(self, Self::NotLocalized(_)).then_some("not-found"),
             retry_after: self.retry_after().map(NonZeroU64::get),
         };
         // Strings and numbers always serialize.

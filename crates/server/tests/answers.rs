@@ -24,14 +24,15 @@ fn a_sealed_query_gets_the_pose_the_library_finds() {
         .send(server.address);
     assert_eq!((response.status, response.header("content-type")), (200, Some("application/x-protobuf")));
     let answer = Answer::decode(&response.body).expect("an answer");
-    let pose = CameraFromWorld::from_quaternion(answer.rotation, answer.translation).expect("a pose");
+    let told = answer.pose.expect("a pose");
+    let pose = CameraFromWorld::from_quaternion(told.rotation, told.translation).expect("a pose");
     assert!(pose.translation_error(&truth()) < 0.03 && pose.rotation_error_degrees(&truth()) < 0.5);
-    assert_eq!(answer.rotation, expected.cam_from_world.quaternion());
-    assert_eq!(answer.covariance, expected.covariance);
+    assert_eq!(told.rotation, expected.cam_from_world.quaternion());
+    assert_eq!(told.covariance, expected.covariance);
     assert_eq!((answer.inliers as usize, answer.matches as usize), (expected.inliers, expected.matches));
     assert_eq!((answer.trusted, answer.doubts.len()), (true, 0));
     let center = pose.center().coords;
-    assert!((0..3).all(|i| (center[i] - answer.center[i]).abs() < 1e-9));
+    assert!((0..3).all(|i| (center[i] - told.center[i]).abs() < 1e-9));
 
     // The centre's covariance, by pushing the pose's through finite differences of the centre.
     let jacobian: Vec<[f64; 3]> = (0..6)
@@ -45,18 +46,33 @@ fn a_sealed_query_gets_the_pose_the_library_finds() {
     for a in 0..3 {
         for b in 0..3 {
             let expected: f64 = (0..36)
-                .map(|ij| jacobian[ij / 6][a] * answer.covariance[ij / 6][ij % 6] * jacobian[ij % 6][b])
+                .map(|ij| jacobian[ij / 6][a] * told.covariance[ij / 6][ij % 6] * jacobian[ij % 6][b])
                 .sum();
-            let got = answer.center_covariance[a][b];
-            let scale = answer.center_covariance[a][a].max(answer.center_covariance[b][b]);
+            let got = told.center_covariance[a][b];
+            let scale = told.center_covariance[a][a].max(told.center_covariance[b][b]);
             assert!((got - expected).abs() < 1e-3 * scale, "[{a}][{b}] {got} {expected}");
         }
     }
 
-    // JSON tells the same, but for the times.
+    // The ± is one number, however it is asked for.
+    assert!((told.position_sd() / expected.confidence.center_sd - 1.0).abs() < 1e-9);
+
+    // Version 3 says how well the query fits, and JSON tells the same, but for the times.
+    let response = Request::localize(&query)
+        .token(PHONE)
+        .header("accept", "application/x-protobuf;version=3")
+        .send(server.address);
+    assert_eq!(response.header("content-type"), Some("application/x-protobuf;version=3"));
+    let full = Answer::decode(&response.body).expect("an answer");
+    let fit = full.fit.expect("version 3 tells");
+    assert_eq!((fit.noise_px, fit.focal_scale), (expected.noise_px, expected.focal_scale));
+    let times = answer.times;
+    assert_eq!(Answer { fit: None, times, ..full.clone() }, answer);
+    let answer = full;
     let response = server.localize(&query, PHONE);
     assert_eq!((response.status, response.header("content-type")), (200, Some("application/json")));
     let mut told = response.json();
+    assert_eq!(told["state"], "trusted");
     // Read back as the other was: the reader of the tests does not keep the last digit of every number.
     let same = serde_json::to_string(&AnswerDocument::new("place", &answer)).expect("JSON");
     let mut same: serde_json::Value = serde_json::from_str(&same).expect("JSON");
@@ -66,6 +82,84 @@ fn a_sealed_query_gets_the_pose_the_library_finds() {
         assert_eq!(names, ["match", "pose", "queue", "retrieve"]);
     }
     assert_eq!(told, same);
+}
+
+/// A doubtful pose is told with its doubts, and withheld from who asked for trusted ones only, in every form that can.
+#[test]
+fn doubtful_poses_are_withheld_when_asked() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.maps[0].geo = Some("47.5,8.5,400,0.70710678,-0.70710678,0,0".parse().expect("a frame"));
+    let server = Running::start(options);
+    let (trusted, doubtful) = (files.place.sealed(&truth()), files.place.sealed_doubtfully());
+    let ask = |query: &[u8], accept: &str, only: &str| {
+        let request = Request::localize(query).token(PHONE).header("accept", accept);
+        request.header("veiloc-trusted-only", only).send(server.address)
+    };
+    for (only, has_pose) in [("false", true), ("true", false)] {
+        let told = ask(&doubtful, "application/json", only);
+        assert_eq!(told.status, 200);
+        let told = told.json();
+        assert_eq!((&told["state"], &told["trusted"]), (&"doubtful".into(), &false.into()));
+        assert!(told["doubts"].as_array().is_some_and(|doubts| !doubts.is_empty()), "{told}");
+        for field in ["cam_from_world", "center", "covariance", "center_covariance", "position_sd"] {
+            assert_eq!(told.get(field).is_some(), has_pose, "{field}: {told}");
+        }
+        let told = ask(&doubtful, "application/x-protobuf;version=3", only);
+        let told = Answer::decode(&told.body).expect("an answer");
+        assert_eq!((told.pose.is_some(), told.trusted, told.doubts.is_empty()), (has_pose, false, false));
+        let told = ask(&doubtful, "application/geopose+json", only).json();
+        assert_eq!(told["state"], "doubtful");
+        for field in ["position", "quaternion", "accuracy"] {
+            assert_eq!(told.get(field).is_some(), has_pose, "{field}: {told}");
+        }
+        // Versions that cannot leave a pose out are not used for it.
+        let told = ask(&doubtful, "application/x-protobuf;version=2", only);
+        let form = if has_pose { "application/x-protobuf;version=2" } else { "application/json" };
+        assert_eq!(told.header("content-type"), Some(form));
+        // Trusted ones are told in any case.
+        assert!(ask(&trusted, "application/json", only).json()["center"].is_array());
+    }
+    let told = server.get("/metrics", OPERATOR).text();
+    assert!(told.contains("outcome=\"doubtful\"} 8"), "withheld or not: {told}");
+    assert_eq!(ask(&trusted, "application/json", "please").problem(), "bad-option");
+}
+
+/// A query for which there is no pose is refused, and the refusal has the third state.
+#[test]
+fn what_is_not_found_says_so() {
+    let files = Files::new();
+    let server = Running::start(files.open_options());
+    let response = server.localize(&files.place.sealed_without_features(), "");
+    assert_eq!((response.status, response.problem()), (422, "not-localized".to_owned()));
+    assert_eq!(response.json()["state"], "not-found");
+    assert!(server.localize(b"", "").json().get("state").is_none(), "nothing was looked for");
+}
+
+/// A place that the caller names reaches the estimator as it is.
+#[test]
+fn a_place_nearby_goes_along_with_one_request() {
+    let files = Files::new();
+    let server = Running::start(files.open_options());
+    let query = files.place.sealed(&truth());
+    let map = MapFile::open(&files.path("place.vmap")).expect("a map");
+    let sealed = SealedQuery::decode(&query).expect("own bytes");
+    let center = truth().center();
+    let mut options = LocalizeOptions::default();
+    options.position = Some(veiloc_robust::PositionPrior { center, sd: 0.5 });
+    let expected = localize(&sealed, &map, &options).expect("localized");
+    let near = format!("{},{},{},0.5", center.coords.x, center.coords.y, center.coords.z);
+    let told = Request::localize(&query)
+        .header("accept", "application/x-protobuf;version=3")
+        .header("veiloc-near", &near)
+        .send(server.address);
+    let told = Answer::decode(&told.body).expect("an answer").pose.expect("a pose");
+    assert_eq!(told.rotation, expected.cam_from_world.quaternion());
+    assert_eq!(told.covariance, expected.covariance);
+    for bad in ["1,2,3", "1,2,3,0", "NaN,2,3,1", "here"] {
+        let refused = Request::localize(&query).header("veiloc-near", bad).send(server.address);
+        assert_eq!((refused.status, refused.problem()), (400, "bad-option".to_owned()), "{bad}");
+    }
 }
 
 #[test]
@@ -201,4 +295,8 @@ fn the_openapi_document_is_true() {
     let described = schemas["AnswerDocument"]["properties"].as_object().expect("fields");
     let told = answer.as_object().expect("fields");
     assert!(described.keys().eq(told.keys()), "{described:?} {told:?}");
+    let headers = &document["paths"]["/v1/maps/{name}/localize"]["post"]["parameters"];
+    let names: Vec<&str> =
+        headers.as_array().expect("a list").iter().filter_map(|p| p["name"].as_str()).collect();
+    assert_eq!(names, ["name", "veiloc-trusted-only", "veiloc-near"]);
 }

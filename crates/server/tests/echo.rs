@@ -63,6 +63,8 @@ fn nothing_that_was_sent_comes_back() {
         ("a media type", post("/v1/maps/place/localize").header("content-type", &format!("{WORD}/{NUMBER}"))),
         ("a wish", localize(&whole).header("accept", &format!("application/geopose+json;x={WORD}"))),
         ("a wish alone", localize(&query).header("accept", &format!("application/geopose+json, {WORD}/*"))),
+        ("a place", localize(&whole).header("veiloc-near", &format!("{NUMBER},{NUMBER},{WORD},1"))),
+        ("an option", localize(&whole).header("veiloc-trusted-only", WORD)),
         ("other headers", localize(&whole).header(WORD, WORD).header("cookie", WORD).header("origin", WORD)),
         (
             "a length",

@@ -11,19 +11,17 @@ use std::time::Duration;
 
 use common::http::{Request, connect};
 use common::{Files, PHONE, Place, Running, data, truth};
-use rand::SeedableRng;
-use rand_chacha::ChaCha20Rng;
 use rustls::pki_types::pem::PemObject as _;
 use rustls::pki_types::{CertificateDer, ServerName};
 use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
-use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_query::Answer;
 use veiloc_server::{ServerOptions, TlsFiles};
 
 /// Everything a reply may be asked for in.
-const FORMS: [&str; 4] = [
+const FORMS: [&str; 5] = [
     "application/json",
     "application/geopose+json",
+    "application/x-protobuf;version=3",
     "application/x-protobuf;version=2",
     "application/x-protobuf",
 ];
@@ -46,8 +44,10 @@ impl Cases {
         let elsewhere = Request::post("/v1/maps/x/localize", &query).token(PHONE);
         let requests = vec![
             ("trusted", localize(&query)),
-            ("doubtful", localize(&doubtful(&files.place))),
-            ("not-localized", localize(&featureless(&files.place))),
+            ("withheld", localize(&files.place.sealed_doubtfully()).header("veiloc-trusted-only", "true")),
+            ("doubtful", localize(&files.place.sealed_doubtfully())),
+            ("not-localized", localize(&files.place.sealed_without_features())),
+            ("bad-option", localize(&query).header("veiloc-near", "x")),
             ("malformed-query", localize(&query[..query.len() / 2])),
             ("unsupported-version", localize(&version)),
             ("wrong-profile", localize(&Place::new(2).sealed(&truth()))),
@@ -66,26 +66,6 @@ impl Cases {
     }
 }
 
-/// A query for the map whose rows show another place: matches there are, but none that agree.
-fn doubtful(place: &Place) -> Vec<u8> {
-    let other = Place::new(77).features(&truth()).descriptors;
-    with_descriptors(place, |i| other.as_bytes()[128 * i..128 * (i + 1)].to_vec(), other.len())
-}
-
-/// A query for the map all of whose rows look the same: no row matches better than another.
-fn featureless(place: &Place) -> Vec<u8> {
-    with_descriptors(place, |_| vec![200; 128], usize::MAX)
-}
-
-fn with_descriptors(place: &Place, row: impl Fn(usize) -> Vec<u8>, most: usize) -> Vec<u8> {
-    let mut features = place.features(&truth());
-    features.keypoints.truncate(most);
-    let rows = (0..features.keypoints.len()).flat_map(row).collect();
-    features.descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows");
-    common::seal_features(features, &place.camera, &place.profile, &mut ChaCha20Rng::seed_from_u64(4))
-        .encode()
-}
-
 /// All bytes of a reply, head and body, on a connection that is closed after it.
 fn bytes_of(address: SocketAddr, request: Request) -> Vec<u8> {
     let mut stream = connect(address);
@@ -102,12 +82,21 @@ fn kind_of(bytes: &[u8]) -> String {
         let document: serde_json::Value = serde_json::from_slice(body).expect("a refusal is JSON");
         return document["type"].as_str().expect("a type").replace("urn:veiloc:problem:", "");
     }
-    let trusted = if head.contains("protobuf") {
-        Answer::decode(body).expect("an answer").trusted
+    let (trusted, has_pose) = if head.contains("protobuf") {
+        let answer = Answer::decode(body).expect("an answer");
+        (answer.trusted, answer.pose.is_some())
     } else {
-        serde_json::from_slice::<serde_json::Value>(body).expect("JSON")["trusted"] == true
+        let document = serde_json::from_slice::<serde_json::Value>(body).expect("JSON");
+        let pose = ["center", "position"].iter().any(|field| document.get(field).is_some());
+        (document["trusted"] == true, pose)
     };
-    if trusted { "trusted".to_owned() } else { "doubtful".to_owned() }
+    match (trusted, has_pose) {
+        (true, true) => "trusted",
+        (false, true) => "doubtful",
+        (false, false) => "withheld",
+        (true, false) => panic!("a trusted pose was withheld"),
+    }
+    .to_owned()
 }
 
 fn split(bytes: &[u8]) -> (&str, &[u8]) {
@@ -127,11 +116,11 @@ fn all_replies_to_queries_have_one_length() {
             let (head, body) = split(&bytes);
             assert!(head.contains("no-transform"), "{head}");
             // Answers of version 1 cannot be as long as refusals: their bodies have no room.
-            let plain = form == FORMS[3] && head.starts_with("HTTP/1.1 200");
+            let plain = head.contains("content-type: application/x-protobuf\r\n");
             assert!(plain || body.len() == Answer::PADDED_BYTES, "{form}, {what}: {} bytes", body.len());
             lengths.entry((bytes.len(), plain)).or_default().push(what.to_owned());
         }
-        let kinds = if form == FORMS[3] { 2 } else { 1 };
+        let kinds = if form == FORMS[4] { 2 } else { 1 };
         assert_eq!(lengths.len(), kinds, "{form}: {lengths:?}");
     }
 }
@@ -244,7 +233,7 @@ fn tls_records_of_all_replies_are_the_same() {
         let (lengths, kind) = records(server.address, request);
         let expected = match what {
             "trusted" => "true",
-            "doubtful" => "false",
+            "doubtful" | "withheld" => "false",
             problem => problem,
         };
         assert_eq!(kind, expected);

@@ -1,28 +1,31 @@
-//! `veiloc localize`: sealed queries to poses.
+//! `veiloc localize`: sealed queries to poses, each trusted, doubtful or not found.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use veiloc_eval::results::PoseDocument;
+use veiloc_geometry::Point3;
 use veiloc_localize::{Localization, LocalizeError, LocalizeOptions, localize};
 use veiloc_map::MapFile;
-use veiloc_query::SealedQuery;
-use veiloc_robust::Confidence;
+use veiloc_query::{PositionHint, SealedQuery};
+use veiloc_robust::{Confidence, PositionPrior, State};
 
 use crate::commands::localization_args::{MatchArgs, PoseArgs};
-use crate::exit::{Failure, Outcome};
+use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::items::{self, Fault, FaultKind, Item, SEALED, SkipArgs, Tally};
 use crate::ui::Ui;
 
 /// Find where sealed queries were taken.
 ///
-/// Prints a line a query: position of the camera in the map, how many matches agree, how far to trust it. With
-/// `--json` one document with every pose as quaternion and translation (world to camera), covariance and times.
+/// Prints a line a query: `trusted`, `doubtful` or `not-found`, position of the camera in the map and its standard
+/// deviation, how many matches agree, and what speaks against a doubtful pose. With `--json` one document with every pose
+/// as quaternion and translation (world to camera), covariance and times.
 ///
 /// Every query is answered for itself: a file that is no sealed query does not stop the others. Ends with
-/// 1 when there was such a file, or when no query was localized.
+/// 1 when there was such a file or a query for another map, or when no query was localized; else with 4 when a pose is
+/// doubtful, else with 0.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The map.
@@ -36,6 +39,13 @@ pub(crate) struct Args {
     pose: PoseArgs,
     #[command(flatten)]
     matching: MatchArgs,
+    /// Where the cameras roughly are, in map units, for example from GPS: a middle and a standard deviation along each
+    /// axis. Default: nothing is known.
+    #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
+    near: Option<PositionHint>,
+    /// Tell trusted poses only: a doubtful one is withheld, though not what speaks against it, and counts as none.
+    #[arg(long)]
+    trusted_only: bool,
     #[command(flatten)]
     skip: SkipArgs,
     /// Print one JSON document to stdout, with what became of every query.
@@ -75,6 +85,8 @@ enum NoPoseKind {
     WrongProfile,
     /// The map holds nothing to localize in.
     EmptyMap,
+    /// There is a doubtful pose, and trusted ones only are wanted.
+    Withheld,
 }
 
 /// Why a query has no pose.
@@ -98,14 +110,26 @@ impl ErrorDocument {
 struct Query {
     file: String,
     status: Status,
+    /// What the answer is worth.
+    state: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     cam_from_world: Option<PoseDocument>,
     /// Projection centre in the map, map units.
     #[serde(skip_serializing_if = "Option::is_none")]
     center: Option<[f64; 3]>,
-    /// Rows and columns: rotation about the camera's axes (radians), then translation along them (map units).
+    /// Standard deviation of the centre in its least certain direction, map units: the ± of the text.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    position_sd: Option<f64>,
+    /// Rows and columns: a rotation vector `w` about the camera's axes (radians), then a vector `v` along them (map
+    /// units), of `R' = exp(w) R`, `t' = exp(w) t + v`.
     #[serde(skip_serializing_if = "Option::is_none")]
     covariance: Option<[[f64; 6]; 6]>,
+    /// Standard deviation that the agreeing rows show, pixels of the query's camera.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    noise_px: Option<f64>,
+    /// Estimated focal length over the one the query names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    focal_scale: Option<f64>,
     /// Whether nothing speaks against the pose, and what does.
     trusted: bool,
     doubts: Vec<String>,
@@ -153,13 +177,17 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         return Err(Failure::with_help("-: stdin is given twice", "it holds one sealed query; give it once"));
     }
     let map = MapFile::open(&args.map)?;
-    let options = args.matching.options(&args.pose);
+    let mut options = args.matching.options(&args.pose);
+    options.position = args.near.map(|near| {
+        let [x, y, z] = near.center();
+        PositionPrior { center: Point3::new(x, y, z), sd: near.sd() }
+    });
     let items = items::gather(&args.queries, &SEALED);
     let mut tally = Tally::begin("localized", &items, ui);
     let stage = (items.len() > 1).then(|| ui.stage("Localizing", items.len() as u64));
     let mut queries = Vec::new();
     for item in &items {
-        let query = answer(item, &map, &options);
+        let query = answer(item, &map, &options, args.trusted_only);
         if let Some(ErrorDocument::Failed(fault)) = &query.error {
             tally.failed(&query.file, fault);
         }
@@ -185,15 +213,32 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     } else {
         ui.print(table(&document));
     }
-    let remark = match document.not_localized {
-        0 => String::new(),
-        n => format!(", {n} not localized"),
-    };
-    tally.end(document.localized, &remark, args.skip, ui)
+    let with = |test: fn(&Query) -> bool| document.queries.iter().filter(|q| test(q)).count();
+    let doubtful = with(Query::is_doubtful);
+    let remark = |n: usize, what: &str| if n == 0 { String::new() } else { format!(", {n} {what}") };
+    let remark = remark(doubtful, "doubtful") + &remark(document.not_localized, "not localized");
+    let ended = tally.end(document.localized, &remark, args.skip, ui)?;
+    Ok(match ended {
+        Exit::Success if with(Query::is_refused) > 0 && !args.skip.counts_none() => Exit::Refused,
+        Exit::Success if doubtful > 0 => Exit::Doubtful,
+        other => other,
+    })
+}
+
+impl Query {
+    /// Whether it has a pose that something speaks against.
+    fn is_doubtful(&self) -> bool {
+        self.status == Status::Localized && !self.trusted
+    }
+
+    /// Whether it was read, and cannot be used here: it is for another map.
+    fn is_refused(&self) -> bool {
+        matches!(self.error, Some(ErrorDocument::NotLocalized { kind: NoPoseKind::WrongProfile, .. }))
+    }
 }
 
 /// What there is to say of one file.
-fn answer(item: &Item, map: &MapFile, options: &LocalizeOptions) -> Query {
+fn answer(item: &Item, map: &MapFile, options: &LocalizeOptions, trusted_only: bool) -> Query {
     let file = item.path.display().to_string();
     let found = match &item.fault {
         Some(fault) => Err(ErrorDocument::Failed(fault.clone())),
@@ -206,6 +251,7 @@ fn answer(item: &Item, map: &MapFile, options: &LocalizeOptions) -> Query {
         }),
     };
     match found {
+        Ok(found) if trusted_only && found.state != State::Trusted => withheld(found_query(file, &found)),
         Ok(found) => found_query(file, &found),
         Err(error) => lost_query(file, error),
     }
@@ -229,9 +275,13 @@ fn found_query(file: String, found: &Localization) -> Query {
     Query {
         file,
         status: Status::Localized,
+        state: name_of(found.state),
         cam_from_world: Some(PoseDocument::of(pose)),
         center: Some([c.x, c.y, c.z]),
+        position_sd: Some(found.confidence.center_sd),
         covariance: Some(found.covariance),
+        noise_px: Some(found.noise_px),
+        focal_scale: Some(found.focal_scale),
         trusted: found.confidence.is_trusted(),
         doubts: found.confidence.doubts().iter().map(ToString::to_string).collect(),
         confidence: Some(ConfidenceDocument::of(&found.confidence)),
@@ -248,6 +298,31 @@ fn found_query(file: String, found: &Localization) -> Query {
     }
 }
 
+/// The same without its pose, and everything that is said of the pose but what speaks against it.
+fn withheld(query: Query) -> Query {
+    let message = format!(
+        "its pose is withheld: {}; take an image from elsewhere in the place",
+        query.doubts.join("; ")
+    );
+    Query {
+        status: Status::NotLocalized,
+        cam_from_world: None,
+        center: None,
+        position_sd: None,
+        covariance: None,
+        error: Some(ErrorDocument::NotLocalized { kind: NoPoseKind::Withheld, message }),
+        ..query
+    }
+}
+
+const fn name_of(state: State) -> &'static str {
+    match state {
+        State::Trusted => "trusted",
+        State::Doubtful => "doubtful",
+        State::NotFound => "not-found",
+    }
+}
+
 fn lost_query(file: String, error: ErrorDocument) -> Query {
     let status = match error {
         ErrorDocument::NotLocalized { .. } => Status::NotLocalized,
@@ -256,9 +331,13 @@ fn lost_query(file: String, error: ErrorDocument) -> Query {
     Query {
         file,
         status,
+        state: name_of(State::NotFound),
         cam_from_world: None,
         center: None,
+        position_sd: None,
         covariance: None,
+        noise_px: None,
+        focal_scale: None,
         trusted: false,
         doubts: Vec::new(),
         confidence: None,
@@ -277,26 +356,23 @@ fn table(document: &Document) -> String {
     let width = answered().map(|q| q.file.chars().count()).max().unwrap_or(0);
     let mut text = String::new();
     for q in answered() {
+        let state = q.state;
         let _ = match (&q.center, &q.error) {
             (Some([x, y, z]), _) => {
-                let sigma = q.covariance.map_or(f64::NAN, |c| (c[3][3] + c[4][4] + c[5][5]).sqrt());
+                let sd = q.position_sd.unwrap_or(f64::INFINITY);
                 let total: f64 = q.ms.values().sum();
                 writeln!(
                     text,
-                    "{:<width$}  at ({x:.3}, {y:.3}, {z:.3}) ± {sigma:.4}  {} of {} matches agree  {total:.0} ms{}",
+                    "{:<width$}  {state:<9}  at ({x:.3}, {y:.3}, {z:.3}) ± {sd:.4}  {} of {} matches agree  {total:.0} ms{}",
                     q.file,
                     q.inliers,
                     q.matches,
-                    if q.trusted { String::new() } else { format!("  DOUBTFUL: {}", q.doubts.join("; ")) },
+                    if q.trusted { String::new() } else { format!("  {}", q.doubts.join("; ")) },
                 )
             }
             (None, error) => {
-                writeln!(
-                    text,
-                    "{:<width$}  {}",
-                    q.file,
-                    error.as_ref().map_or("not localized", ErrorDocument::message)
-                )
+                let why = error.as_ref().map_or("not localized", ErrorDocument::message);
+                writeln!(text, "{:<width$}  {state:<9}  {why}", q.file)
             }
         };
     }

@@ -8,8 +8,9 @@ use veiloc_descriptor::{
 };
 use veiloc_geometry::Anchor;
 use veiloc_query::{
-    AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerTimes, CanonicalCamera, DoubtKind, LineRow,
-    PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery, WireVersion, Wish,
+    AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, AnswerVersion,
+    CanonicalCamera, DoubtKind, LineRow, PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery,
+    WireVersion, Wish,
 };
 
 /// Numbers straight from the generator, so that the known answers do not depend on how a library draws ranges.
@@ -139,13 +140,15 @@ pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
     let mut draw = Draw::new(seed);
     let mut eighth = || f64::from(draw.below(1 << 12)) / 8.0 - 256.0;
     Answer {
-        rotation: [0.5, -0.5, 0.5, 0.5],
-        translation: std::array::from_fn(|_| eighth()),
-        center: std::array::from_fn(|_| eighth()),
-        covariance: std::array::from_fn(|i| {
-            std::array::from_fn(|j| if i == 5 && j == 5 { f64::INFINITY } else { eighth() })
+        pose: Some(AnswerPose {
+            rotation: [0.5, -0.5, 0.5, 0.5],
+            translation: std::array::from_fn(|_| eighth()),
+            center: std::array::from_fn(|_| eighth()),
+            covariance: std::array::from_fn(|i| {
+                std::array::from_fn(|j| if i == 5 && j == 5 { f64::INFINITY } else { eighth() })
+            }),
+            center_covariance: std::array::from_fn(|_| std::array::from_fn(|_| eighth())),
         }),
-        center_covariance: std::array::from_fn(|_| std::array::from_fn(|_| eighth())),
         trusted: doubts == 0,
         doubts: DoubtKind::ALL
             .into_iter()
@@ -155,9 +158,26 @@ pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
             .collect(),
         log_evidence: 812.5,
         margin: f64::INFINITY,
+        fit: None,
         inliers: 311,
         matches: 912,
         hypotheses: 64,
         times: AnswerTimes { queue_ms: 0.25, retrieve_ms: 0.5, match_ms: 12.0, pose_ms: 3.75 },
     }
+}
+
+/// The same as this version can say it: from version 3 on with how well the query fits.
+pub(crate) fn answer_in(version: AnswerVersion, seed: u64, doubts: usize) -> Answer {
+    let fit = AnswerFit { noise_px: 0.75, focal_scale: 1.03125 };
+    let fit = (version == AnswerVersion::Full).then_some(fit);
+    Answer { fit, ..answer(seed, doubts) }
+}
+
+/// The known answers without their endings: one of each version, and one whose pose is withheld.
+pub(crate) fn known_replies() -> Vec<(String, AnswerVersion, Answer)> {
+    let of = |v: AnswerVersion| (format!("v{}", v.number()), v, answer_in(v, 1, 2));
+    let mut all: Vec<_> = AnswerVersion::ALL.into_iter().map(of).collect();
+    let last = AnswerVersion::Full;
+    all.push(("v3-withheld".to_owned(), last, answer_in(last, 1, 2).trusted_only()));
+    all
 }

@@ -21,16 +21,29 @@ pub(super) enum Unmet {
 
 impl Form {
     /// All forms, the one that is given when the client has no wish first.
-    const ALL: [Self; 4] = [
+    const ALL: [Self; 5] = [
         Self::Json,
+        Self::Protobuf(AnswerVersion::Full),
         Self::Protobuf(AnswerVersion::Padded),
         Self::Protobuf(AnswerVersion::Plain),
         Self::GeoPose,
     ];
 
-    /// What a map can be answered in, given whether it is tied to Earth.
-    pub(super) fn offered(on_earth: bool) -> impl Iterator<Item = Self> + Clone {
-        Self::ALL.into_iter().filter(move |form| on_earth || *form != Self::GeoPose)
+    /// What a map can be answered in, given whether it is tied to Earth, and whether the form must be able to withhold a
+    /// pose.
+    pub(super) fn offered(on_earth: bool, withholding: bool) -> impl Iterator<Item = Self> + Clone {
+        Self::ALL
+            .into_iter()
+            .filter(move |form| on_earth || *form != Self::GeoPose)
+            .filter(move |form| !withholding || form.can_withhold())
+    }
+
+    /// Whether it has a way to say that a pose was found and is not told.
+    const fn can_withhold(self) -> bool {
+        match self {
+            Self::Json | Self::GeoPose | Self::Protobuf(AnswerVersion::Full) => true,
+            Self::Protobuf(AnswerVersion::Plain | AnswerVersion::Padded) => false,
+        }
     }
 
     pub(super) const fn content_type(self) -> &'static str {
@@ -38,6 +51,7 @@ impl Form {
             Self::Json => "application/json",
             Self::Protobuf(AnswerVersion::Plain) => "application/x-protobuf",
             Self::Protobuf(AnswerVersion::Padded) => "application/x-protobuf;version=2",
+            Self::Protobuf(AnswerVersion::Full) => "application/x-protobuf;version=3",
             Self::GeoPose => "application/geopose+json",
         }
     }
@@ -48,6 +62,7 @@ impl Form {
             Self::Json => ("application/json", None),
             Self::Protobuf(AnswerVersion::Plain) => ("application/x-protobuf", Some("1")),
             Self::Protobuf(AnswerVersion::Padded) => ("application/x-protobuf", Some("2")),
+            Self::Protobuf(AnswerVersion::Full) => ("application/x-protobuf", Some("3")),
             Self::GeoPose => ("application/geopose+json", None),
         }
     }
@@ -153,6 +168,7 @@ mod tests {
 
     const PLAIN: Form = Form::Protobuf(AnswerVersion::Plain);
     const PADDED: Form = Form::Protobuf(AnswerVersion::Padded);
+    const FULL: Form = Form::Protobuf(AnswerVersion::Full);
 
     #[test]
     fn the_best_form_that_can_be_given_is_given() {
@@ -170,7 +186,9 @@ mod tests {
             ("application/x-protobuf;version=2", Ok(PADDED), PADDED),
             ("application/x-protobuf; Version=\"2\"", Ok(PADDED), PADDED),
             ("application/x-protobuf;version=2, application/x-protobuf;q=0.5", Ok(PADDED), PADDED),
-            ("application/x-protobuf;version=3, application/x-protobuf;q=0.5", Ok(PLAIN), PLAIN),
+            ("application/x-protobuf;version=3", Ok(FULL), FULL),
+            ("application/x-protobuf;version=3, application/x-protobuf;version=2;q=0.5", Ok(FULL), FULL),
+            ("application/x-protobuf;version=4, application/x-protobuf;q=0.5", Ok(PLAIN), PLAIN),
             ("application/x-protobuf;version=2, application/x-protobuf", Ok(PADDED), PADDED),
             ("application/json, application/x-protobuf", Ok(Form::Json), Form::Json),
             ("application/x-protobuf, application/json", Ok(PLAIN), PLAIN),
@@ -178,7 +196,7 @@ mod tests {
             ("text/html, application/x-protobuf;q=0.1", Ok(PLAIN), PLAIN),
             ("*/*, application/x-protobuf", Ok(PLAIN), PLAIN),
             ("*/*, application/x-protobuf;q=0.9", Ok(Form::Json), Form::Json),
-            ("*/*, application/json;q=0.1", Ok(PADDED), PADDED),
+            ("*/*, application/json;q=0.1", Ok(FULL), FULL),
             ("application/geopose+json", refused, Form::GeoPose),
             ("application/geopose+json, application/json;q=0.5", Ok(Form::Json), Form::GeoPose),
             ("application/geopose+json;q=0.5, application/json", Ok(Form::Json), Form::Json),
@@ -193,10 +211,14 @@ mod tests {
             (";;=,q=,;version", Ok(Form::Json), Form::Json),
         ] {
             let headers: HeaderMap = [(ACCEPT, accept.parse().expect("a header"))].into_iter().collect();
-            assert_eq!(Form::negotiate(&headers, Form::offered(false)), map, "{accept:?}");
-            assert_eq!(Form::negotiate(&headers, Form::offered(true)), Ok(earth), "{accept:?} on Earth");
+            assert_eq!(Form::negotiate(&headers, Form::offered(false, false)), map, "{accept:?}");
+            assert_eq!(
+                Form::negotiate(&headers, Form::offered(true, false)),
+                Ok(earth),
+                "{accept:?} on Earth"
+            );
         }
-        assert_eq!(Form::negotiate(&HeaderMap::new(), Form::offered(true)), Ok(Form::Json));
+        assert_eq!(Form::negotiate(&HeaderMap::new(), Form::offered(true, false)), Ok(Form::Json));
         // Several headers count as one.
         let both =
             ["text/html", "application/x-protobuf;q=0.3"].map(|v| (ACCEPT, v.parse().expect("a header")));
@@ -204,6 +226,20 @@ mod tests {
         for (name, value) in both {
             headers.append(name, value);
         }
-        assert_eq!(Form::negotiate(&headers, Form::offered(false)), Ok(PLAIN));
+        assert_eq!(Form::negotiate(&headers, Form::offered(false, false)), Ok(PLAIN));
+    }
+
+    /// Who asked for trusted poses only gets no form that could not leave one out.
+    #[test]
+    fn a_form_that_cannot_withhold_is_not_given_where_that_was_asked() {
+        for (accept, given) in [
+            ("application/x-protobuf", Form::Json),
+            ("application/x-protobuf;version=2", Form::Json),
+            ("application/x-protobuf;version=3;q=0.1, application/x-protobuf;version=2", FULL),
+            ("application/geopose+json", Form::GeoPose),
+        ] {
+            let headers: HeaderMap = [(ACCEPT, accept.parse().expect("a header"))].into_iter().collect();
+            assert_eq!(Form::negotiate(&headers, Form::offered(true, true)), Ok(given), "{accept}");
+        }
     }
 }

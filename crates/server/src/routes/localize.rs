@@ -10,13 +10,16 @@ use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use veiloc_geometry::Point3;
 use veiloc_localize::{Localization, LocalizeError, localize as localize_query};
-use veiloc_query::{AnswerDocument, AnswerVersion, SealedQuery};
+use veiloc_query::{AnswerDocument, AnswerState, AnswerVersion, SealedQuery};
+use veiloc_robust::PositionPrior;
 
 use super::accept::{Form, Unmet};
 use super::admit::admit;
 use super::body;
 use super::record::ServedMap;
+use super::wishes::Wishes;
 use crate::answer::answer_of;
 use crate::maps::Hosted;
 use crate::metrics::Outcome;
@@ -30,11 +33,15 @@ use crate::state::App;
 /// The body is one `veiloc.v1.SealedQuery` message. After 408, 429, 503 or 504 the same bytes may be sent again; the
 /// image must not be sealed a second time.
 #[utoipa::path(post, path = "/v1/maps/{name}/localize", security(("token" = [])),
-    params(("name" = String, Path, description = "Name of the map")),
+    params(
+        ("name" = String, Path, description = "Name of the map"),
+        ("veiloc-trusted-only" = Option<bool>, Header, description = "Withhold a doubtful pose: the answer has its doubts and no pose"),
+        ("veiloc-near" = Option<String>, Header, description = "Where the camera roughly is: X,Y,Z,SD in map units"),
+    ),
     request_body(content = Vec<u8>, content_type = "application/x-protobuf"),
     responses(
-        (status = 200, description = "The pose; with `Accept: application/x-protobuf;version=2` a `veiloc.v1.Answer` of version 2, without `version` one of version 1, with `application/geopose+json` a GeoPose", body = AnswerDocument),
-        (status = 400, description = "Not a sealed query of a known version", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 200, description = "The pose; with `Accept: application/x-protobuf;version=3` (or `2`) a `veiloc.v1.Answer` of that version, without `version` one of version 1, with `application/geopose+json` a GeoPose", body = AnswerDocument),
+        (status = 400, description = "Not a sealed query of a known version, or an option that is none", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 404, description = "Unknown map", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 406, description = "Nothing but a GeoPose is accepted, of a map nobody tied to Earth", body = ProblemDocument, content_type = "application/problem+json"),
@@ -55,9 +62,9 @@ pub(super) async fn localize(
 ) -> Response {
     let mut served = None;
     let result = match welcome(&app, name, &headers) {
-        Ok((hosted, form)) => {
+        Ok((hosted, form, wishes)) => {
             served = Some(ServedMap(hosted.name.as_str().into()));
-            answer(&app, hosted, form, &mut body).await
+            answer(&app, hosted, form, wishes, &mut body).await
         }
         Err(problem) => Err(problem),
     };
@@ -82,7 +89,7 @@ fn welcome(
     app: &App,
     name: Result<Path<String>, PathRejection>,
     headers: &HeaderMap,
-) -> Result<(Arc<Hosted>, Form), Problem> {
+) -> Result<(Arc<Hosted>, Form, Wishes), Problem> {
     admit(app, headers)?;
     let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
     let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
@@ -91,9 +98,10 @@ fn welcome(
     if !known.iter().any(|known| media.eq_ignore_ascii_case(known)) {
         return Err(Problem::MediaType);
     }
+    let wishes = Wishes::read(headers)?;
     // Said before anything is spent on an answer that could not be given.
-    match Form::negotiate(headers, Form::offered(hosted.geo.is_some())) {
-        Ok(form) => Ok((hosted, form)),
+    match Form::negotiate(headers, Form::offered(hosted.geo.is_some(), wishes.trusted_only)) {
+        Ok(form) => Ok((hosted, form, wishes)),
         Err(Unmet::OnlyGeoPose) => Err(Problem::NotAcceptable),
     }
 }
@@ -102,6 +110,7 @@ async fn answer(
     app: &Arc<App>,
     hosted: Arc<Hosted>,
     form: Form,
+    wishes: Wishes,
     body: &mut Body,
 ) -> Result<Response, Problem> {
     let started = Instant::now();
@@ -111,7 +120,7 @@ async fn answer(
     tracing::debug!(map = hosted.name, rows = query.len(), "sealed query read");
     drop(bytes);
 
-    let Done { result, waited } = compute(app, hosted.clone(), query).await?;
+    let Done { result, waited } = compute(app, hosted.clone(), query, wishes).await?;
     app.metrics.stage("queue", waited);
     let found = result.map_err(|error| {
         if matches!(error, LocalizeError::NoPose { .. }) {
@@ -119,13 +128,22 @@ async fn answer(
         }
         Problem::of_localization(&error)
     })?;
-    let outcome = if found.confidence.is_trusted() { Outcome::Trusted } else { Outcome::Doubtful };
+    let answer = answer_of(&found, waited.as_secs_f64() * 1e3);
+    let outcome = match answer.state() {
+        AnswerState::Trusted => Outcome::Trusted,
+        AnswerState::Doubtful => Outcome::Doubtful,
+    };
     app.metrics.localization(&hosted.name, outcome, Some(&found.times));
 
-    let answer = answer_of(&found, waited.as_secs_f64() * 1e3);
+    let answer = if wishes.trusted_only { answer.trusted_only() } else { answer };
     let (body, hidden) = match form {
-        Form::Protobuf(version @ AnswerVersion::Plain) => (answer.encode(version), Hidden::Head),
-        Form::Protobuf(version @ AnswerVersion::Padded) => (answer.encode(version), Hidden::Body),
+        Form::Protobuf(version) => {
+            let hidden = match version {
+                AnswerVersion::Plain => Hidden::Head,
+                AnswerVersion::Padded | AnswerVersion::Full => Hidden::Body,
+            };
+            (answer.encode(version).map_err(|_| Problem::Broken)?, hidden)
+        }
         Form::GeoPose => {
             let frame = hosted.geo.as_ref().ok_or(Problem::NotAcceptable)?;
             (json(&frame.geo_pose(&answer))?, Hidden::Body)
@@ -147,8 +165,17 @@ struct Done {
 }
 
 /// Localizes on a thread of the pool.
-async fn compute(app: &Arc<App>, hosted: Arc<Hosted>, query: SealedQuery) -> Result<Done, Problem> {
-    let options = app.options.localize.clone();
+async fn compute(
+    app: &Arc<App>,
+    hosted: Arc<Hosted>,
+    query: SealedQuery,
+    wishes: Wishes,
+) -> Result<Done, Problem> {
+    let mut options = app.options.localize.clone();
+    if let Some(near) = wishes.near {
+        let [x, y, z] = near.center();
+        options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
+    }
     let hosted_name = hosted.name.clone();
     let work = move |waited| Done { result: localize_query(&query, &hosted.map, &options), waited };
     let result = app.pool.submit(work).map_err(|refused| match refused {

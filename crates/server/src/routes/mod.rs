@@ -8,6 +8,7 @@ mod maps;
 mod openapi;
 mod record;
 mod status;
+mod wishes;
 
 use std::sync::Arc;
 

@@ -120,6 +120,25 @@ impl Place {
         let mut rng = ChaCha20Rng::seed_from_u64(3);
         seal_features(self.features(pose), &self.camera, &self.profile, &mut rng).encode()
     }
+
+    /// A query for the map whose rows show another place: matches there are, but none that agree.
+    pub fn sealed_doubtfully(&self) -> Vec<u8> {
+        let other = Place::new(77).features(&truth()).descriptors;
+        self.with_descriptors(|i| other.as_bytes()[128 * i..128 * (i + 1)].to_vec(), other.len())
+    }
+
+    /// A query for the map all of whose rows look the same: no row matches better than another.
+    pub fn sealed_without_features(&self) -> Vec<u8> {
+        self.with_descriptors(|_| vec![200; 128], usize::MAX)
+    }
+
+    fn with_descriptors(&self, row: impl Fn(usize) -> Vec<u8>, most: usize) -> Vec<u8> {
+        let mut features = self.features(&truth());
+        features.keypoints.truncate(most);
+        let rows = (0..features.keypoints.len()).flat_map(row).collect();
+        features.descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows");
+        seal_features(features, &self.camera, &self.profile, &mut ChaCha20Rng::seed_from_u64(4)).encode()
+    }
 }
 
 /// The one place of these tests that seals.

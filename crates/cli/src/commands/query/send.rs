@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use veiloc_client::{Answer, AnswerDocument, ClientError, Intrinsics, seal_image};
+use veiloc_client::{
+    Answer, AnswerDocument, AnswerState, ClientError, Intrinsics, LocalizeRequest, PositionHint, seal_image,
+};
 
 use super::connection::{Connection, failure};
 use crate::commands::device_args::DeviceArgs;
@@ -15,6 +17,8 @@ use crate::ui::Ui;
 /// What is sent holds descriptors and lines, never pixels or keypoints. The image is sealed once; when the service
 /// is busy or the network fails, the very same bytes are sent again. Send an image once, and do not seal it in
 /// another way afterwards (see docs/privacy.md, rule L7).
+///
+/// Ends with 0 for a trusted pose, with 4 for a doubtful one, with 1 for none.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// An image, JPEG or PNG.
@@ -30,6 +34,13 @@ pub(crate) struct Args {
     connection: Connection,
     #[command(flatten)]
     device: DeviceArgs,
+    /// Tell the service where the camera roughly is, in map units, for example from GPS: a middle and a standard deviation
+    /// along each axis. Default: it is not told.
+    #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
+    near: Option<PositionHint>,
+    /// Ask for a trusted pose only: a doubtful one is withheld by the service, though not what speaks against it.
+    #[arg(long)]
+    trusted_only: bool,
     /// Print the answer as one JSON document to stdout.
     #[arg(long)]
     json: bool,
@@ -48,7 +59,10 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
         args.device.scheme(),
         sealed.query.encode().len()
     ));
-    let answer = client.localize(&args.map, &sealed.query).map_err(|error| match error {
+    let mut request = LocalizeRequest::default();
+    request.trusted_only = args.trusted_only;
+    request.near = args.near;
+    let answer = client.localize_with(&args.map, &sealed.query, &request).map_err(|error| match error {
         // Not sent: which image it is matters more than which service.
         ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", args.image.display())),
         error => failure(error),
@@ -58,18 +72,29 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
     } else {
         ui.print(line(&answer));
     }
-    Ok(Exit::Success)
+    Ok(match (answer.state(), &answer.pose) {
+        (AnswerState::Trusted, _) => Exit::Success,
+        (AnswerState::Doubtful, Some(_)) => Exit::Doubtful,
+        (AnswerState::Doubtful, None) => Exit::Refused,
+    })
 }
 
 fn line(answer: &Answer) -> String {
-    let [x, y, z] = answer.center;
-    let sigma = (0..3).map(|i| answer.center_covariance[i][i]).sum::<f64>().sqrt();
     let times = &answer.times;
     let total = times.queue_ms + times.retrieve_ms + times.match_ms + times.pose_ms;
+    let place = answer.pose.as_ref().map_or_else(
+        || "its pose is withheld".to_owned(),
+        |pose| {
+            let [x, y, z] = pose.center;
+            format!("at ({x:.3}, {y:.3}, {z:.3}) ± {:.4}", pose.position_sd())
+        },
+    );
     let doubts: Vec<&str> = answer.doubts.iter().map(|doubt| doubt.text.as_str()).collect();
-    let doubts = if answer.trusted { String::new() } else { format!("  DOUBTFUL: {}", doubts.join("; ")) };
+    let doubts = if answer.trusted { String::new() } else { format!("  {}", doubts.join("; ")) };
     format!(
-        "at ({x:.3}, {y:.3}, {z:.3}) ± {sigma:.4}  {} of {} matches agree  {total:.0} ms{doubts}\n",
-        answer.inliers, answer.matches
+        "{}  {place}  {} of {} matches agree  {total:.0} ms{doubts}\n",
+        answer.state(),
+        answer.inliers,
+        answer.matches
     )
 }

@@ -1,0 +1,241 @@
+//! Answers as bytes: the message `veiloc.v1.Answer` (`proto/veiloc/v1/answer.proto`), in three versions.
+//!
+//! The second is filled up to a length that does not tell a trusted pose from a doubtful one; the third says more. Each
+//! version has one form only: what [`Answer::decode`] accepts, [`Answer::encode`] writes back byte for byte in the version
+//! it had.
+
+use prost::Message;
+
+use crate::answer::{AnswerFit, AnswerPose};
+use crate::wire::{self, present};
+use crate::{Answer, AnswerDoubt, AnswerTimes, AnswerVersion, DoubtKind, QueryError};
+
+/// Most bytes an answer may have: 59 numbers, some counts, room for a few doubts in words, and padding.
+const MAX_BYTES: usize = 16 * 1024;
+
+/// Bytes around the padding: its key and a length of two bytes.
+const PADDING_HEAD: usize = 3;
+/// Least bytes of padding, so that its length always takes two bytes.
+const LEAST_PADDING: usize = 128;
+
+/// How far from 1 the length of a quaternion may be.
+const UNIT_TOLERANCE: f64 = 1e-6;
+
+#[derive(Clone, PartialEq, Message)]
+struct AnswerMessage {
+    #[prost(fixed32, optional, tag = "1")]
+    version: Option<u32>,
+    #[prost(double, repeated, tag = "2")]
+    rotation: Vec<f64>,
+    #[prost(double, repeated, tag = "3")]
+    translation: Vec<f64>,
+    #[prost(double, repeated, tag = "4")]
+    center: Vec<f64>,
+    #[prost(double, repeated, tag = "5")]
+    covariance: Vec<f64>,
+    #[prost(double, repeated, tag = "6")]
+    center_covariance: Vec<f64>,
+    #[prost(fixed32, optional, tag = "7")]
+    trusted: Option<u32>,
+    #[prost(message, repeated, tag = "8")]
+    doubts: Vec<DoubtMessage>,
+    #[prost(double, optional, tag = "9")]
+    log_evidence: Option<f64>,
+    #[prost(double, optional, tag = "10")]
+    margin: Option<f64>,
+    #[prost(fixed32, optional, tag = "11")]
+    inliers: Option<u32>,
+    #[prost(fixed32, optional, tag = "12")]
+    matches: Option<u32>,
+    #[prost(fixed32, optional, tag = "13")]
+    hypotheses: Option<u32>,
+    #[prost(double, repeated, tag = "14")]
+    milliseconds: Vec<f64>,
+    #[prost(bytes = "vec", optional, tag = "15")]
+    padding: Option<Vec<u8>>,
+    #[prost(double, optional, tag = "16")]
+    noise_px: Option<f64>,
+    #[prost(double, optional, tag = "17")]
+    focal_scale: Option<f64>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct DoubtMessage {
+    #[prost(fixed32, optional, tag = "1")]
+    kind: Option<u32>,
+    #[prost(string, optional, tag = "2")]
+    text: Option<String>,
+}
+
+impl Answer {
+    /// As bytes: one `veiloc.v1.Answer` message. Versions 1 and 2 leave out [`Self::fit`], which they have no place for.
+    ///
+    /// # Errors
+    /// [`QueryError::Unsayable`] for an answer without a pose in version 1 or 2.
+    pub fn encode(&self, version: AnswerVersion) -> Result<Vec<u8>, QueryError> {
+        if self.pose.is_none() && version != AnswerVersion::Full {
+            let what = "an answer without its pose";
+            return Err(QueryError::Unsayable { what, version: version.number() });
+        }
+        let mut message = self.message(version);
+        if version != AnswerVersion::Plain {
+            let without = message.encoded_len() + PADDING_HEAD;
+            let whole = (without + LEAST_PADDING).next_multiple_of(Self::PADDED_BYTES);
+            message.padding = Some(vec![0; whole - without]);
+        }
+        Ok(message.encode_to_vec())
+    }
+
+    fn message(&self, version: AnswerVersion) -> AnswerMessage {
+        let AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms } = self.times;
+        let doubt = |d: &AnswerDoubt| DoubtMessage { kind: Some(d.kind.code()), text: Some(d.text.clone()) };
+        let of_pose =
+            |numbers: fn(&AnswerPose) -> Vec<f64>| self.pose.as_ref().map_or_else(Vec::new, numbers);
+        let fit = self.fit.filter(|_| version == AnswerVersion::Full);
+        AnswerMessage {
+            version: Some(version.number()),
+            rotation: of_pose(|pose| pose.rotation.to_vec()),
+            translation: of_pose(|pose| pose.translation.to_vec()),
+            center: of_pose(|pose| pose.center.to_vec()),
+            covariance: of_pose(|pose| pose.covariance.concat()),
+            center_covariance: of_pose(|pose| pose.center_covariance.concat()),
+            trusted: Some(self.trusted.into()),
+            doubts: self.doubts.iter().map(doubt).collect(),
+            log_evidence: Some(self.log_evidence),
+            margin: Some(self.margin),
+            inliers: Some(self.inliers),
+            matches: Some(self.matches),
+            hypotheses: Some(self.hypotheses),
+            milliseconds: vec![queue_ms, retrieve_ms, match_ms, pose_ms],
+            padding: None,
+            noise_px: fit.map(|fit| fit.noise_px),
+            focal_scale: fit.map(|fit| fit.focal_scale),
+        }
+    }
+
+    /// From bytes of any version; whatever is accepted encodes, in its version, to the same bytes again.
+    ///
+    /// # Errors
+    /// [`QueryError`] saying which field is wrong.
+    pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
+        let (message, version) = parse(bytes)?;
+        let trusted = match present("trusted", message.trusted)? {
+            0 => false,
+            1 => true,
+            value => return Err(QueryError::Field { field: "trusted", value, allowed: "0 or 1" }),
+        };
+        // Withheld are doubtful poses, and only where there is a way to say so.
+        let withheld = version == AnswerVersion::Full && !trusted && message.rotation.is_empty();
+        let pose = if withheld { None } else { Some(pose(&message)?) };
+        let [queue_ms, retrieve_ms, match_ms, pose_ms] =
+            numbers("milliseconds", &message.milliseconds, |c| c.is_finite() && c >= 0.0)?;
+        let [log_evidence, margin] = [
+            ("log_evidence", present("log_evidence", message.log_evidence)?),
+            ("margin", present("margin", message.margin)?),
+        ]
+        .map(
+            |(field, value)| {
+                if value.is_nan() { Err(invalid(field, "a number", "NaN")) } else { Ok(value) }
+            },
+        );
+        let answer = Self {
+            pose,
+            trusted,
+            doubts: message.doubts.into_iter().map(doubt).collect::<Result<_, _>>()?,
+            log_evidence: log_evidence?,
+            margin: margin?,
+            fit: fit(message.noise_px, message.focal_scale)?,
+            inliers: present("inliers", message.inliers)?,
+            matches: present("matches", message.matches)?,
+            hypotheses: present("hypotheses", message.hypotheses)?,
+            times: AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms },
+        };
+        if answer.encode(version)? != bytes {
+            return Err(QueryError::NotCanonical { what: "answer" });
+        }
+        Ok(answer)
+    }
+}
+
+fn pose(message: &AnswerMessage) -> Result<AnswerPose, QueryError> {
+    let rotation: [f64; 4] = numbers("rotation", &message.rotation, f64::is_finite)?;
+    let length = rotation.iter().map(|c| c * c).sum::<f64>().sqrt();
+    let is_unit = (length - 1.0).abs() <= UNIT_TOLERANCE;
+    if !is_unit {
+        return Err(invalid("rotation", "a quaternion of length 1", &format!("length {length}")));
+    }
+    let covariance: [f64; 36] = numbers("covariance", &message.covariance, |c| !c.is_nan())?;
+    let center_covariance: [f64; 9] =
+        numbers("center_covariance", &message.center_covariance, |c| !c.is_nan())?;
+    Ok(AnswerPose {
+        rotation,
+        translation: numbers("translation", &message.translation, f64::is_finite)?,
+        center: numbers("center", &message.center, f64::is_finite)?,
+        covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[6 * i + j])),
+        center_covariance: std::array::from_fn(|i| std::array::from_fn(|j| center_covariance[3 * i + j])),
+    })
+}
+
+/// Both numbers or none.
+fn fit(noise_px: Option<f64>, focal_scale: Option<f64>) -> Result<Option<AnswerFit>, QueryError> {
+    if noise_px.is_none() && focal_scale.is_none() {
+        return Ok(None);
+    }
+    let above_zero = |field: &'static str, value: Option<f64>| {
+        let value = present(field, value)?;
+        if value.is_finite() && value > 0.0 {
+            Ok(value)
+        } else {
+            Err(invalid(field, "a number above 0", &value.to_string()))
+        }
+    };
+    Ok(Some(AnswerFit {
+        noise_px: above_zero("noise_px", noise_px)?,
+        focal_scale: above_zero("focal_scale", focal_scale)?,
+    }))
+}
+
+/// Bounded size, a protobuf message, a version that is read here.
+fn parse(bytes: &[u8]) -> Result<(AnswerMessage, AnswerVersion), QueryError> {
+    let what = "answer";
+    if bytes.len() > MAX_BYTES {
+        return Err(QueryError::TooLong { what, bytes: bytes.len(), limit: MAX_BYTES });
+    }
+    let message: AnswerMessage = wire::message(what, bytes)?;
+    let found = present("version", message.version)?;
+    match AnswerVersion::ALL.into_iter().find(|version| version.number() == found) {
+        Some(version) => Ok((message, version)),
+        None => Err(QueryError::Version { what, found, supported: AnswerVersion::default().number() }),
+    }
+}
+
+fn doubt(message: DoubtMessage) -> Result<AnswerDoubt, QueryError> {
+    let code = present("doubts.kind", message.kind)?;
+    let kind = DoubtKind::ALL.get(code as usize).copied().ok_or(QueryError::Field {
+        field: "doubts.kind",
+        value: code,
+        allowed: "a number from 0 to 4",
+    })?;
+    Ok(AnswerDoubt { kind, text: present("doubts.text", message.text)? })
+}
+
+/// Exactly `N` numbers, each as asked.
+fn numbers<const N: usize>(
+    field: &'static str,
+    values: &[f64],
+    allowed: impl Fn(f64) -> bool,
+) -> Result<[f64; N], QueryError> {
+    let array: [f64; N] = values.try_into().map_err(|_| QueryError::Length {
+        field,
+        expected: N * size_of::<f64>(),
+        actual: size_of_val(values),
+    })?;
+    match array.iter().find(|value| !allowed(**value)) {
+        Some(value) => Err(invalid(field, "numbers in range", &value.to_string())),
+        None => Ok(array),
+    }
+}
+
+fn invalid(field: &'static str, expected: &str, actual: &str) -> QueryError {
+    QueryError::Mismatch { what: field, expected: expected.to_owned(), actual: actual.to_owned() }
+}
