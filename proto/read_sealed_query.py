@@ -1,4 +1,4 @@
-"""Reads a sealed query of version 1 or 2 with nothing but docs/wire-format.md and Python's standard library, and prints what it tells.
+"""Reads a sealed query of version 1, 2 or 3 with nothing but docs/wire-format.md and Python's standard library, and prints what it tells.
 
 python3 proto/read_sealed_query.py FILE.vquery [ROWS]
 
@@ -20,6 +20,8 @@ NAMES = {
     2: HEAD + ["descriptor_name", "descriptor_dim", "descriptor_encoding", "descriptor_norm"]
     + ["positions", "descriptors", "global"],
 }
+NAMES[3] = NAMES[2] + ["focal_known", "gravity"]
+KNOWN = {1: "calibrated", 2: "from EXIF", 3: "unknown"}
 
 
 def varint(data, at):
@@ -85,6 +87,18 @@ def rows(message):
             yield *anchor, *ray
 
 
+def down(code):
+    """Down in the camera's axes and its deviation in degrees, of a code above 0."""
+    code, b = divmod(code - 1, 256)
+    k, a = divmod(code, 256)
+    x, y = (a + 0.5) / 128 - 1, (b + 0.5) / 128 - 1
+    z = 1 - abs(x) - abs(y)
+    if z < 0:
+        x, y = math.copysign(1 - abs(y), x), math.copysign(1 - abs(x), y)
+    norm = math.sqrt(x * x + y * y + z * z)
+    return x / norm, y / norm, z / norm, 0.5 * 2**k
+
+
 def main():
     data = open(sys.argv[1], "rb").read()
     message = fields(data)
@@ -92,7 +106,9 @@ def main():
     for name, value in message.items():
         text = value.decode() if name == "descriptor_name" else None
         print(name, text or (value if isinstance(value, int) else f"{len(value)} bytes {value[:16].hex()}"))
-    print("focal", 2 ** (message["camera_focal"] / 4))
+    print("focal", 2 ** (message["camera_focal"] / 4), KNOWN[message.get("focal_known", 1)])
+    if message.get("gravity"):
+        print("down", *(f"{value:.9f}" for value in down(message["gravity"])))
     for index, row in enumerate(rows(message)):
         if index < (int(sys.argv[2]) if len(sys.argv) > 2 else 3) or index == message["rows"] - 1:
             print(index, *(f"{value:.9f}" for value in row))

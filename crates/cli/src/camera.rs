@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use veiloc_features::FeatureError;
 use veiloc_geometry::{Intrinsics, IntrinsicsError};
+use veiloc_obfuscation::KnownCamera;
+use veiloc_query::FocalKnowledge;
 
 use crate::exit::Failure;
 use crate::files;
@@ -15,12 +18,17 @@ pub(crate) enum CameraArg {
     Written(Intrinsics),
     /// In a file, or in a folder of a COLMAP model.
     In(PathBuf),
+    /// Nobody knows it.
+    Unknown,
 }
 
 impl FromStr for CameraArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
+        if text == "unknown" {
+            return Ok(Self::Unknown);
+        }
         let path = Path::new(text);
         let named_as_one = path.extension().is_some_and(|e| e == "txt" || e == "bin");
         if named_as_one || path.exists() {
@@ -31,15 +39,42 @@ impl FromStr for CameraArg {
 }
 
 impl CameraArg {
-    /// The camera.
+    /// Where the camera of each image comes from, with its focal length known as said.
     ///
     /// # Errors
     /// When the file cannot be read, or does not hold exactly one camera.
-    pub(crate) fn camera(&self) -> Result<Intrinsics, Failure> {
+    pub(crate) fn source(&self, focal: FocalKnowledge) -> Result<CameraSource, Failure> {
+        let intrinsics = match self {
+            Self::Written(camera) => *camera,
+            Self::In(path) if path.is_dir() => only_camera(&path.join("cameras.txt"))?,
+            Self::In(path) => only_camera(path)?,
+            Self::Unknown => return Ok(CameraSource::Guess),
+        };
+        Ok(CameraSource::Given(KnownCamera { intrinsics, focal }))
+    }
+}
+
+/// Where the camera of an image comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum CameraSource {
+    /// It was given.
+    Given(KnownCamera),
+    /// The image's EXIF tells its focal length.
+    Exif,
+    /// Nobody knows it, and it is guessed.
+    Guess,
+}
+
+impl CameraSource {
+    /// The camera of this image.
+    ///
+    /// # Errors
+    /// When EXIF does not tell it, or the file is no image.
+    pub(crate) fn of(self, image: &Path) -> Result<KnownCamera, FeatureError> {
         match self {
-            Self::Written(camera) => Ok(*camera),
-            Self::In(path) if path.is_dir() => only_camera(&path.join("cameras.txt")),
-            Self::In(path) => only_camera(path),
+            Self::Given(camera) => Ok(camera),
+            Self::Exif => KnownCamera::from_exif(image),
+            Self::Guess => KnownCamera::guessed(image),
         }
     }
 }
@@ -94,12 +129,18 @@ mod tests {
 
     const CAMERA: &str = "SIMPLE_RADIAL,1600,1200,1469.2,800,600,-0.0353019";
 
+    fn camera(text: &str) -> Result<Intrinsics, Failure> {
+        match CameraArg::from_str(text).expect("a camera").source(FocalKnowledge::Exif)? {
+            CameraSource::Given(KnownCamera { intrinsics, focal: FocalKnowledge::Exif }) => Ok(intrinsics),
+            other => panic!("{other:?}"),
+        }
+    }
+
     fn in_file(text: &str) -> Result<Intrinsics, Failure> {
         let folder = tempfile::tempdir().expect("temporary folder");
         std::fs::write(folder.path().join("cameras.txt"), text).expect("written");
-        let of_folder = CameraArg::from_str(&folder.path().to_string_lossy()).expect("a folder").camera();
-        let path = folder.path().join("cameras.txt");
-        let of_file = CameraArg::from_str(&path.to_string_lossy()).expect("a file").camera();
+        let of_folder = camera(&folder.path().to_string_lossy());
+        let of_file = camera(&folder.path().join("cameras.txt").to_string_lossy());
         assert_eq!(of_folder.ok(), of_file.as_ref().ok().copied());
         of_file
     }
@@ -127,7 +168,8 @@ mod tests {
         says("# nothing\n", &["no camera"]);
         says("1 PINHOLE 4 3 1 1 2\n", &["line 1"]);
         assert!("nonsense".parse::<CameraArg>().is_err());
-        let missing = "no/such/cameras.txt".parse::<CameraArg>().expect("a path").camera();
-        assert!(matches!(missing, Err(Failure::Refused { .. })));
+        assert!(matches!(camera("no/such/cameras.txt"), Err(Failure::Refused { .. })));
+        let unknown = "unknown".parse::<CameraArg>().expect("a word").source(FocalKnowledge::Calibrated);
+        assert!(matches!(unknown, Ok(CameraSource::Guess)), "a guess is never calibrated");
     }
 }

@@ -187,7 +187,7 @@ fn lists_bring_their_cameras() {
     refused(seal(&format!("--camera {CAMERA}"), "listed"), &["seal.txt: line 1", "leave out --camera"]);
 
     list(&["query-0.png".to_owned(), "no-such.png".to_owned()]);
-    refused(seal("", "named"), &["seal.txt: line 1", "has no camera"]);
+    refused(seal("", "named"), &["query-0.png", "has no EXIF", "--camera unknown"]);
     let run = seal(&format!("--camera {CAMERA} --skip-bad"), "named").succeeded();
     assert!(run.stderr.contains("images/no-such.png") && run.stderr.contains("1 of 2 sealed"), "{run}");
     // The camera as hloc writes it, or as COLMAP does.

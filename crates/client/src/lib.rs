@@ -82,7 +82,8 @@ pub use refusal::{Refusal, printable};
 pub use request::LocalizeRequest;
 pub use seal::{SealImageError, SealedImage, seal_image};
 pub use veiloc_geometry::Intrinsics;
-pub use veiloc_obfuscation::SealOptions;
+pub use veiloc_obfuscation::{KnownCamera, SealOptions};
 pub use veiloc_query::{
-    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, PositionHint, Profile, Scheme, SealedQuery,
+    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, PositionHint,
+    Profile, Scheme, SealedQuery,
 };

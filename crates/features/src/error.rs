@@ -53,6 +53,18 @@ pub enum FeatureError {
         /// By how many degrees clockwise the file says it is to be turned, when it fits the camera turned.
         turn: Option<u16>,
     },
+    /// The camera was to be found in the file's EXIF, and is not.
+    #[error(
+        "{}: {reason}; give its camera (MODEL,WIDTH,HEIGHT,PARAMS…), or let the focal length be guessed and say that it is \
+         unknown",
+        path.display()
+    )]
+    NoFocal {
+        /// The file.
+        path: PathBuf,
+        /// Why EXIF does not tell.
+        reason: &'static str,
+    },
     /// No extractor makes such features.
     #[error("no features of kind {asked} here; there are: {known}")]
     UnknownKind {

@@ -3,6 +3,7 @@
 //! - [`extract_image`]: the one door from a file to features, whatever the [`Extractor`].
 //! - [`extract_loaded`]: the same of an image in memory.
 //! - [`Extractors`]: the extractors a program has, by name. SIFT is built in; bring your own with [`Extractors::with`].
+//! - [`exif_camera`]: the camera that a file's EXIF tells, for images nobody calibrated.
 //! - [`extract_sift`]: SIFT on an image in memory.
 //!
 //! Keypoints exist in this room as plain positions; the server's rooms do not depend on it.
@@ -25,6 +26,7 @@
 
 mod door;
 mod error;
+mod exif;
 mod extractor;
 mod gray;
 mod input;
@@ -36,6 +38,7 @@ mod sift;
 
 pub use door::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use error::FeatureError;
+pub use exif::{exif_camera, guessed_camera};
 pub use extractor::{Extractor, Extractors, Sift};
 pub use gray::GrayImage;
 pub use input::Image;

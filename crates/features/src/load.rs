@@ -1,4 +1,5 @@
-//! Images from files. Metadata (EXIF) is not read: it could only leak, and COLMAP ignores orientation too.
+//! Images from files. Of metadata (EXIF) only the focal length is read, in `exif.rs`, and only when somebody asks for it:
+//! all else could only leak, and COLMAP ignores orientation too.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -21,12 +22,42 @@ pub const MAX_PIXELS: u64 = 100_000_000;
 pub fn load_gray(path: &Path) -> Result<GrayImage, FeatureError> {
     let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
     let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
-    let format = known_format(&bytes).map_err(refused)?;
-    if format == ImageFormat::Jpeg && !is_complete_jpeg(&bytes) {
+    let decoder = decoder(path, &bytes)?;
+    let (width, height) = decoder.dimensions();
+    match DynamicImage::from_decoder(decoder).map_err(|e| refused(e.to_string()))? {
+        DynamicImage::ImageLuma8(gray) => GrayImage::from_luma8(width, height, gray.as_raw()),
+        DynamicImage::ImageLuma16(gray) => {
+            GrayImage::new(width, height, gray.as_raw().iter().map(|&v| f32::from(v) / 65535.0).collect())
+        }
+        other => GrayImage::from_rgb8(width, height, other.into_rgb8().as_raw()),
+    }
+}
+
+/// What stands in front of the pixels.
+pub(crate) struct Header {
+    /// Width and height, pixels.
+    pub(crate) size: (u32, u32),
+    /// EXIF data, if there is any.
+    pub(crate) metadata: Option<Vec<u8>>,
+}
+
+/// The header of an image file; pixels are not decoded.
+pub(crate) fn header(path: &Path) -> Result<Header, FeatureError> {
+    let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
+    let mut decoder = decoder(path, &bytes)?;
+    // Metadata that cannot be read is as good as none; whether that matters, the caller knows.
+    let metadata = decoder.exif_metadata().ok().flatten();
+    Ok(Header { size: decoder.dimensions(), metadata })
+}
+
+/// A complete JPEG or PNG of a size that is read here.
+fn decoder<'a>(path: &Path, bytes: &'a [u8]) -> Result<impl ImageDecoder + 'a, FeatureError> {
+    let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
+    let format = known_format(bytes).map_err(refused)?;
+    if format == ImageFormat::Jpeg && !is_complete_jpeg(bytes) {
         return Err(refused("the end of the image is missing".into()));
     }
-
-    let mut reader = ImageReader::with_format(Cursor::new(&bytes), format);
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     reader.no_limits(); // ours, below, speaks of pixels
     let decoder = reader.into_decoder().map_err(|e| refused(e.to_string()))?;
     let (width, height) = decoder.dimensions();
@@ -36,13 +67,7 @@ pub fn load_gray(path: &Path) -> Result<GrayImage, FeatureError> {
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(FeatureError::TooLarge { path: path.into(), width, height, max_pixels: MAX_PIXELS });
     }
-    match DynamicImage::from_decoder(decoder).map_err(|e| refused(e.to_string()))? {
-        DynamicImage::ImageLuma8(gray) => GrayImage::from_luma8(width, height, gray.as_raw()),
-        DynamicImage::ImageLuma16(gray) => {
-            GrayImage::new(width, height, gray.as_raw().iter().map(|&v| f32::from(v) / 65535.0).collect())
-        }
-        other => GrayImage::from_rgb8(width, height, other.into_rgb8().as_raw()),
-    }
+    Ok(decoder)
 }
 
 /// JPEG or PNG; anything else by its name and with the remedy, as telephones write formats that are not read here.

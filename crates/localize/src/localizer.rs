@@ -10,7 +10,9 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_map::MapFile;
 use veiloc_query::SealedQuery;
 use veiloc_robust::prior::{Evidence, MatchPrior, match_probability};
-use veiloc_robust::{Confidence, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose};
+use veiloc_robust::{
+    Confidence, FocalKnowledge, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
+};
 
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
@@ -141,6 +143,11 @@ pub fn match_query(
         .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map, &prior)).collect());
     problem.seen_from = Some(observed.match_of.iter().map(|m| of_match(m).seen_from(map)).collect());
     problem.position = options.position;
+    problem.focal = match query.focal_known() {
+        veiloc_query::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
+        veiloc_query::FocalKnowledge::Exif => FocalKnowledge::Exif,
+        veiloc_query::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
+    };
     Ok(MatchedQuery {
         problem,
         match_of: observed.match_of,

@@ -36,6 +36,7 @@
 
 #[cfg(feature = "ground-truth")]
 pub mod audit;
+mod camera;
 mod decoy;
 mod error;
 mod extract;
@@ -47,6 +48,7 @@ mod seal;
 #[cfg(feature = "ground-truth")]
 #[doc(inline)]
 pub use audit::{SealTruth, obfuscate_points, seal_with_truth};
+pub use camera::KnownCamera;
 pub use error::SealError;
 pub use extract::{ExtractError, extract, extract_loaded, extract_with};
 pub use options::{DeviceLimits, SealOptions};

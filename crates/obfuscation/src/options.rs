@@ -1,6 +1,6 @@
 //! What the device decides: the scheme, how much it sends, and how far it follows a profile.
 
-use veiloc_query::{AngleBits, ExtractionLimits, Profile, Scheme};
+use veiloc_query::{AngleBits, CoarseGravity, ExtractionLimits, FocalKnowledge, Hints, Profile, Scheme};
 
 use crate::SealError;
 
@@ -25,10 +25,11 @@ pub struct SealOptions {
     angle_bits: AngleBits,
     max_keypoints: Option<usize>,
     limits: DeviceLimits,
+    hints: Hints,
 }
 
 /// `dcl` with a vertical dividing line, 12-bit angles, as many keypoints as the profile asks for within
-/// [`DeviceLimits::default`].
+/// [`DeviceLimits::default`]; the camera is calibrated, and gravity is not told.
 impl Default for SealOptions {
     fn default() -> Self {
         Self {
@@ -36,6 +37,7 @@ impl Default for SealOptions {
             angle_bits: AngleBits::default(),
             max_keypoints: None,
             limits: DeviceLimits::default(),
+            hints: Hints::default(),
         }
     }
 }
@@ -83,6 +85,27 @@ impl SealOptions {
     pub const fn with_limits(mut self, limits: DeviceLimits) -> Self {
         self.limits = limits;
         self
+    }
+
+    /// The same for an image whose focal length is known so well ([`KnownCamera`](crate::KnownCamera) tells it). The server
+    /// estimates the focal length too where it is not calibrated.
+    #[must_use]
+    pub const fn with_focal(mut self, focal: FocalKnowledge) -> Self {
+        self.hints.focal = focal;
+        self
+    }
+
+    /// The same for an image during which the device felt gravity so. It helps where few keypoints match; it tells how
+    /// the device was tilted, rounded to about a degree (`docs/privacy.md`).
+    #[must_use]
+    pub const fn with_gravity(mut self, gravity: Option<CoarseGravity>) -> Self {
+        self.hints.gravity = gravity;
+        self
+    }
+
+    /// What is said of the camera beside the rows.
+    pub const fn hints(&self) -> Hints {
+        self.hints
     }
 
     /// What happens to positions.

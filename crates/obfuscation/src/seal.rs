@@ -131,6 +131,7 @@ pub(crate) fn seal_frame<T>(
         rows: select(&lifted, order.iter().map(|&row| places.of[row])),
         descriptors: descriptors.select(order.iter().copied()),
         image_global: None,
+        hints: options.hints(),
     };
     let query = SealedQuery::new(profile, parts)?;
     let seen = look(&Hidden { kept: &usable, places: &places, order: &order });

@@ -1,4 +1,4 @@
-//! One test for each rule L1–L9 of the design, named after it. Every test also builds the leak and shows that its
+//! Tests for each rule L1–L9 of the design, named after it. Every test also builds the leak and shows that its
 //! own measure finds it: a test that could not fail would prove nothing.
 
 mod common;
@@ -11,8 +11,8 @@ use rand::Rng;
 use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
 use veiloc_geometry::{Anchor, DualAnchors, Intrinsics, Pixel, PixelLine};
-use veiloc_obfuscation::{SealError, obfuscate_points, seal, seal_with_truth};
-use veiloc_query::{AngleBits, CanonicalCamera, Observations, Scheme};
+use veiloc_obfuscation::{SealError, SealOptions, obfuscate_points, seal, seal_with_truth};
+use veiloc_query::{AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Observations, Scheme};
 
 const LINE_SCHEMES: [&str; 3] = ["random-lines", "coordinate-permutation", "dcl"];
 
@@ -254,6 +254,35 @@ fn l6_the_camera_names_no_device() {
     }
     assert_eq!(leak.len(), 300, "the measure does not see the leak");
     assert!(told.len() <= 9, "{} cameras for 300 devices of one model", told.len());
+}
+
+/// L6: accelerometers err, each in its own way by some tenths of a degree; rounding hides which. And nothing is told that
+/// nobody gave, nor does anything else change with it.
+#[test]
+fn l6_gravity_is_rounded_and_not_sent_by_default() {
+    let features = || features_at(&uniform_pixels(256, 6), 6);
+    let sealed = |options: &SealOptions| {
+        seal(features(), &camera(), &profile(), options, &mut rng(6)).expect("sealed")
+    };
+    let plain = sealed(&options("dcl"));
+    assert_eq!((plain.gravity(), plain.focal_known()), (None, FocalKnowledge::Calibrated));
+    let (mut told, mut leak) = (BTreeSet::new(), BTreeSet::new());
+    let mut rng_of_devices = rng(7);
+    for _ in 0..300 {
+        let mut error = || rng_of_devices.random_range(-0.003..0.003); // radians: a sixth of a degree
+        let felt = [0.021 + error(), 0.981, 0.174 + error()];
+        leak.insert(felt.map(f64::to_bits));
+        let gravity = CoarseGravity::new(felt, 1.0).expect("a direction");
+        let query = sealed(&options("dcl").with_gravity(Some(gravity)));
+        assert_eq!(query.gravity(), Some(gravity));
+        told.insert(query.encode());
+        assert_eq!(query.encode().len(), plain.encode().len(), "L5");
+        assert_eq!(query.observations(), plain.observations(), "the rows owe it nothing");
+    }
+    assert_eq!(leak.len(), 300, "the measure does not see the leak");
+    assert!(told.len() <= 6, "{} directions for 300 devices of one model", told.len());
+    let said = format!("{:?}", options("dcl").with_gravity(plain.gravity()));
+    assert!(!said.contains("0."), "L8: {said}");
 }
 
 /// L7: two different lines for one keypoint cross in it. Within an image, features at one position share a line;

@@ -133,6 +133,12 @@ pub enum QueryError {
         /// `s` given.
         s: f64,
     },
+    /// A direction of gravity that is none, or one known too badly to be told.
+    #[error(
+        "gravity is X,Y,Z or X,Y,Z,SD_DEG: the direction in which things fall in the camera's axes, of any length but zero, \
+         and its standard deviation, above 0 and at most 16 degrees"
+    )]
+    Gravity,
     /// Where a camera is said to be, in numbers that are no place.
     #[error("a place is X,Y,Z,SD: four finite numbers in map units, the standard deviation SD above 0")]
     PositionHint,
@@ -192,7 +198,7 @@ impl QueryError {
                 "sealed with another profile than the map's; get the profile of this map and seal anew"
             }
             Self::SchemeSyntax { .. } => "no such scheme",
-            Self::PositionHint => return self.to_string(),
+            Self::PositionHint | Self::Gravity => return self.to_string(),
             Self::Layout { .. } => "dividing line or anchor distance out of range",
             Self::Focal { .. } => "a focal length that is not between 16 and 32768 pixels",
             Self::ImageSize { .. } => "an image larger than 8192 x 8192 pixels once its distortion is undone",
@@ -227,6 +233,7 @@ mod tests {
             QueryError::SchemeSyntax { text: text() },
             QueryError::Layout { degrees: 987_654.0, s: 987_654.0 },
             QueryError::PositionHint,
+            QueryError::Gravity,
             QueryError::Focal { focal: 987_654.0 },
             QueryError::ImageSize { width: 987_654.0, height: 987_654.0 },
         ];

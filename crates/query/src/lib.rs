@@ -8,6 +8,7 @@
 //! - [`Profile`]: what a device needs to know before it can seal for a map. No map data, and no scheme.
 //! - [`SealedQuery`]: what leaves the device; [`Observations`]: what it tells about positions.
 //! - [`Answer`]: what the server tells in return; [`AnswerDocument`]: the same as JSON.
+//! - [`Hints`]: what a device says of its camera beside the rows, if it wants to.
 //! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
 //!
 //! The bytes are described in `docs/wire-format.md` and `proto/veiloc/`, the reasons in `docs/privacy.md`.
@@ -15,7 +16,7 @@
 //! ```
 //! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 //! use veiloc_geometry::Anchor;
-//! use veiloc_query::{AnchoredRow, AngleBits, CanonicalCamera, Profile, QueryParts, Rows, Scheme, SealedQuery};
+//! use veiloc_query::{AnchoredRow, AngleBits, CanonicalCamera, Hints, Profile, QueryParts, Rows, Scheme, SealedQuery};
 //!
 //! // A server publishes its map's profile as bytes, a device reads it.
 //! let kind = DescriptorKind::ROOT_SIFT;
@@ -32,6 +33,7 @@
 //!     rows: Rows::Dcl((0..256).map(row).collect()),
 //!     descriptors: Descriptors::new(kind, vec![30; 256 * 128])?,
 //!     image_global: None,
+//!     hints: Hints::default(), // calibrated, and nothing of gravity
 //! };
 //! let bytes = SealedQuery::new(&profile, parts)?.encode();
 //!
@@ -52,6 +54,8 @@ mod balance;
 mod bits;
 mod camera;
 mod error;
+mod gravity;
+mod hints;
 mod layout;
 mod observations;
 mod position_hint;
@@ -75,6 +79,8 @@ pub use answer_document::{AnswerDocument, ConfidenceDocument, DoubtDocument, Pos
 pub use balance::{LEAST_A_SIDE, Lopsided};
 pub use camera::CanonicalCamera;
 pub use error::QueryError;
+pub use gravity::CoarseGravity;
+pub use hints::{FocalKnowledge, Hints, UnknownKnowledge};
 pub use layout::DclLayout;
 pub use observations::{AnchoredLine, Observations};
 pub use position_hint::PositionHint;

@@ -5,15 +5,16 @@ use veiloc_geometry::Pinhole;
 
 use crate::profile::Wish;
 use crate::{
-    AngleBits, CanonicalCamera, Observations, Profile, ProfileId, QueryError, Rows, Scheme, SizeClass,
-    WireVersion,
+    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, Observations, Profile, ProfileId,
+    QueryError, Rows, Scheme, SizeClass, WireVersion,
 };
 
 /// What a device sends to be localized.
 ///
 /// Per row: a few bits about the position, as the scheme says ([`Rows`]), and a descriptor. For the image: the
-/// scheme, one of few cameras, a global descriptor, and the name of the profile. There is no field for a keypoint, a
-/// scale, an orientation, a strength, a time or a device.
+/// scheme, one of few cameras and how well its focal length is known, a global descriptor, the name of the profile, and
+/// which way is down if the device says so. There is no field for a keypoint, a scale, an orientation, a strength, a time
+/// or a device.
 ///
 /// Built by `veiloc-obfuscation` on the device and by [`Self::decode`] on the server. What was decoded encodes to
 /// the same bytes again: a message has no second form in which something could hide.
@@ -27,6 +28,7 @@ pub struct SealedQuery {
     pub(crate) descriptors: Descriptors,
     pub(crate) global: GlobalDescriptor,
     pub(crate) profile_id: ProfileId,
+    pub(crate) hints: Hints,
 }
 
 /// What a sealed query is put together from. Row `i` of `rows` and of `descriptors` are one keypoint's.
@@ -44,10 +46,13 @@ pub struct QueryParts {
     pub descriptors: Descriptors,
     /// The global descriptor where the map's comes from the image; `None` where it is summed up from the rows.
     pub image_global: Option<GlobalDescriptor>,
+    /// What the device says of its camera.
+    pub hints: Hints,
 }
 
 impl SealedQuery {
-    /// Puts a query together from obfuscated rows, in the profile's version.
+    /// Puts a query together from obfuscated rows: with a profile of version 1 in version 1, because whoever gave it may
+    /// read nothing else, with one of version 2 in version 3.
     ///
     /// The order of the rows and the making of the codes are the caller's duty (rules L2, L3, L9); clients use
     /// `veiloc_obfuscation::seal`. With a vocabulary the global descriptor is made here, from the descriptors that are
@@ -56,9 +61,10 @@ impl SealedQuery {
     /// # Errors
     /// [`QueryError::Mismatch`] when rows are not of the scheme, when descriptors or global descriptor are not the
     /// profile's, when there are not as many descriptors as rows, or when that number is no [`SizeClass`];
-    /// [`QueryError::Row`] for a row outside the image.
+    /// [`QueryError::Row`] for a row outside the image; [`QueryError::Unsayable`] for gravity or a focal length that is not
+    /// calibrated, with a profile of version 1.
     pub fn new(profile: &Profile, parts: QueryParts) -> Result<Self, QueryError> {
-        let QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global } = parts;
+        let QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global, hints } = parts;
         let mismatch =
             |what, expected: String, actual: String| QueryError::Mismatch { what, expected, actual };
         if !rows.belong_to(scheme) {
@@ -88,14 +94,31 @@ impl SealedQuery {
                 return Err(mismatch("global descriptor of the image", expected, told));
             }
         };
-        let version = profile.version();
+        let version = match profile.version() {
+            WireVersion::V1 => WireVersion::V1,
+            WireVersion::V2 | WireVersion::V3 => WireVersion::V3,
+        };
+        sayable(hints, version)?;
         let profile_id = profile
             .id_for(version, Wish { scheme, angle_bits })
             .expect("a profile can be written in its own version");
-        Ok(Self { version, scheme, angle_bits, camera, rows, descriptors, global, profile_id })
+        Ok(Self { version, scheme, angle_bits, camera, rows, descriptors, global, profile_id, hints })
     }
 
-    /// The version it is written in: that of the profile it was sealed with.
+    /// The same query in version 2, for services that read no newer one. It is still one seal of one image: rows and
+    /// descriptors are the very same (rule L7).
+    ///
+    /// # Errors
+    /// [`QueryError::Unsayable`] when it is of version 1, or says what version 2 has no place for.
+    pub fn in_version_2(self) -> Result<Self, QueryError> {
+        sayable(self.hints, WireVersion::V2)?;
+        match self.version {
+            WireVersion::V1 => Err(QueryError::Unsayable { what: "the profile of version 1", version: 2 }),
+            WireVersion::V2 | WireVersion::V3 => Ok(Self { version: WireVersion::V2, ..self }),
+        }
+    }
+
+    /// The version it is written in.
     pub const fn version(&self) -> WireVersion {
         self.version
     }
@@ -135,6 +158,16 @@ impl SealedQuery {
         self.descriptors.view()
     }
 
+    /// How well the focal length of [`Self::camera`] is known. Versions 1 and 2 do not say: those were calibrated.
+    pub const fn focal_known(&self) -> FocalKnowledge {
+        self.hints.focal
+    }
+
+    /// Which way is down in the camera, if the device said so.
+    pub const fn gravity(&self) -> Option<CoarseGravity> {
+        self.hints.gravity
+    }
+
     /// For retrieval; made as the profile's [`GlobalModel`](veiloc_descriptor::GlobalModel) says.
     pub const fn global(&self) -> &GlobalDescriptor {
         &self.global
@@ -150,6 +183,19 @@ impl SealedQuery {
         self.rows
             .observations(self.scheme, self.angle_bits, [self.camera.width(), self.camera.height()])
             .expect("the constructors refuse rows of another scheme")
+    }
+}
+
+/// Whether a version has a place for what a device says of its camera.
+fn sayable(hints: Hints, version: WireVersion) -> Result<(), QueryError> {
+    let refused = |what| Err(QueryError::Unsayable { what, version: version.number() });
+    match (version, hints) {
+        (WireVersion::V3, _) => Ok(()),
+        (_, Hints { gravity: Some(_), .. }) => refused("which way is down"),
+        (_, Hints { focal: FocalKnowledge::Calibrated, .. }) => Ok(()),
+        (_, Hints { focal: FocalKnowledge::Exif | FocalKnowledge::Unknown, .. }) => {
+            refused("that a focal length is not calibrated")
+        }
     }
 }
 

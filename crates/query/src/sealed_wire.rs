@@ -1,14 +1,15 @@
-//! Sealed queries as bytes, in both versions.
+//! Sealed queries as bytes, in all versions.
 
 use prost::Message;
 use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalDescriptor, GlobalModel, Vocabulary};
 
 use crate::profile_wire::kind_of_version_1;
 use crate::wire::{
-    KindFields, SealedQueryMessage, SealedQueryMessageV2, message, present, refused, version_of,
+    KindFields, SealedQueryMessage, SealedQueryMessageV3, message, present, refused, version_of,
 };
 use crate::{
-    AngleBits, CanonicalCamera, ProfileId, QueryError, Rows, Scheme, SealedQuery, SizeClass, WireVersion,
+    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, ProfileId, QueryError, Rows, Scheme,
+    SealedQuery, SizeClass, WireVersion,
 };
 
 /// Most bytes a sealed query may have: 4096 rows, the longest global descriptor, the fields around them.
@@ -16,15 +17,14 @@ const MAX_BYTES: usize = 4096 * (4 + DescriptorKind::MAX_DIM) + GlobalModel::MAX
 const WHAT: &str = "sealed query";
 
 impl SealedQuery {
-    /// As bytes: one `veiloc.v1.SealedQuery` or `veiloc.v2.SealedQuery` message, the version of the profile it was
-    /// sealed with. Its length depends on version, scheme, angle bits, number of rows, descriptor kind and global model
-    /// only.
+    /// As bytes: one `SealedQuery` message of [`Self::version`], `veiloc.v1` to `veiloc.v3`. Its length depends on version,
+    /// scheme, angle bits, number of rows, descriptor kind and global model only.
     pub fn encode(&self) -> Vec<u8> {
         let kind = self.descriptors.kind();
         let global = self.global.as_codes().iter().map(|code| code.cast_unsigned()).collect();
         let (scheme, angle, distance) = self.scheme.codes();
         let (focal, width, height) = self.camera.codes();
-        let message = SealedQueryMessageV2 {
+        let message = SealedQueryMessageV3 {
             version: Some(self.version.number()),
             profile_id: Some(self.profile_id.as_bytes().to_vec()),
             scheme: Some(scheme),
@@ -42,19 +42,24 @@ impl SealedQuery {
             positions: Some(self.rows.pack(self.angle_bits)),
             descriptors: Some(self.descriptors.as_bytes().to_vec()),
             global: Some(global),
+            focal_known: None,
+            gravity: None,
         };
         match self.version {
             WireVersion::V1 => {
                 let code = kind.v1_code().expect("a query of version 1 is made of descriptors it knows");
                 in_version_1(message, code).encode_to_vec()
             }
-            WireVersion::V2 => {
+            WireVersion::V2 | WireVersion::V3 => {
                 let KindFields { name, dim, encoding, norm } = KindFields::of(kind);
-                let message = SealedQueryMessageV2 {
+                let is_last = self.version == WireVersion::V3;
+                let message = SealedQueryMessageV3 {
                     descriptor_name: Some(name),
                     descriptor_dim: Some(dim),
                     descriptor_encoding: Some(encoding),
                     descriptor_norm: Some(norm),
+                    focal_known: is_last.then(|| self.hints.focal.code()),
+                    gravity: is_last.then(|| CoarseGravity::code(self.hints.gravity)),
                     ..message
                 };
                 message.encode_to_vec()
@@ -62,22 +67,22 @@ impl SealedQuery {
         }
     }
 
-    /// From bytes of either version. Strict: only what [`Self::encode`] writes is read, so whatever is accepted encodes
+    /// From bytes of any version. Strict: only what [`Self::encode`] writes is read, so whatever is accepted encodes
     /// to the very same bytes.
     ///
     /// # Errors
     /// [`QueryError`] naming the field that is wrong; never a panic, and memory in proportion to the bytes given.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
-        let version = version_of(WHAT, bytes, MAX_BYTES)?;
+        let version = version_of(WHAT, bytes, MAX_BYTES, &WireVersion::ALL)?;
         let query = match version {
             WireVersion::V1 => {
                 let message: SealedQueryMessage = message(WHAT, bytes)?;
                 let code = present("descriptor_kind", message.descriptor_kind);
                 let kind = move || kind_of_version_1(code?);
-                read(version, in_version_2(message), kind)?
+                read(version, in_version_3(message), kind)?
             }
-            WireVersion::V2 => {
-                let mut message: SealedQueryMessageV2 = message(WHAT, bytes)?;
+            WireVersion::V2 | WireVersion::V3 => {
+                let mut message: SealedQueryMessageV3 = message(WHAT, bytes)?;
                 let (name, dim) = (message.descriptor_name.take(), message.descriptor_dim);
                 let (encoding, norm) = (message.descriptor_encoding, message.descriptor_norm);
                 let kind = || {
@@ -102,7 +107,7 @@ impl SealedQuery {
 /// All fields but those of the kind.
 fn read(
     version: WireVersion,
-    message: SealedQueryMessageV2,
+    message: SealedQueryMessageV3,
     kind: impl FnOnce() -> Result<DescriptorKind, QueryError>,
 ) -> Result<SealedQuery, QueryError> {
     let scheme = Scheme::from_codes(
@@ -135,10 +140,17 @@ fn read(
     let descriptors = Descriptors::new(kind, descriptors).map_err(|e| refused("descriptors", &e))?;
     let global = global_descriptor(version, kind, &present("global", message.global)?)?;
     let profile_id = ProfileId::from_bytes(id);
-    Ok(SealedQuery { version, scheme, angle_bits, camera, rows, descriptors, global, profile_id })
+    let hints = match version {
+        WireVersion::V1 | WireVersion::V2 => Hints::default(),
+        WireVersion::V3 => Hints {
+            focal: FocalKnowledge::from_code(present("focal_known", message.focal_known)?)?,
+            gravity: CoarseGravity::from_code(present("gravity", message.gravity)?)?,
+        },
+    };
+    Ok(SealedQuery { version, scheme, angle_bits, camera, rows, descriptors, global, profile_id, hints })
 }
 
-/// Version 1 is summed up from rows by a vocabulary, and so a whole number of rows long; version 2 may be anything, and
+/// Version 1 is summed up from rows by a vocabulary, and so a whole number of rows long; later ones may be anything, and
 /// [`Profile::check`](crate::Profile::check) tells whether it is what the map has.
 fn global_descriptor(
     version: WireVersion,
@@ -147,7 +159,7 @@ fn global_descriptor(
 ) -> Result<GlobalDescriptor, QueryError> {
     let (unit, most) = match version {
         WireVersion::V1 => (kind.dim(), Vocabulary::MAX_LEN * kind.dim()),
-        WireVersion::V2 => (1, GlobalModel::MAX_LEN),
+        WireVersion::V2 | WireVersion::V3 => (1, GlobalModel::MAX_LEN),
     };
     if bytes.is_empty() || bytes.len() > most || !bytes.len().is_multiple_of(unit) {
         return Err(length("global", bytes.len().div_ceil(unit).clamp(1, most / unit) * unit, bytes));
@@ -155,7 +167,7 @@ fn global_descriptor(
     Ok(GlobalDescriptor::new(bytes.iter().map(|byte| byte.cast_signed()).collect()))
 }
 
-fn in_version_1(message: SealedQueryMessageV2, descriptor_kind: u32) -> SealedQueryMessage {
+fn in_version_1(message: SealedQueryMessageV3, descriptor_kind: u32) -> SealedQueryMessage {
     SealedQueryMessage {
         version: message.version,
         profile_id: message.profile_id,
@@ -174,8 +186,8 @@ fn in_version_1(message: SealedQueryMessageV2, descriptor_kind: u32) -> SealedQu
     }
 }
 
-fn in_version_2(message: SealedQueryMessage) -> SealedQueryMessageV2 {
-    SealedQueryMessageV2 {
+fn in_version_3(message: SealedQueryMessage) -> SealedQueryMessageV3 {
+    SealedQueryMessageV3 {
         version: message.version,
         profile_id: message.profile_id,
         scheme: message.scheme,
@@ -193,6 +205,8 @@ fn in_version_2(message: SealedQueryMessage) -> SealedQueryMessageV2 {
         positions: message.positions,
         descriptors: message.descriptors,
         global: message.global,
+        focal_known: None,
+        gravity: None,
     }
 }
 

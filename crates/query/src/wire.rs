@@ -69,9 +69,10 @@ pub(crate) struct ProfileMessage {
     pub vocabulary: Option<Vec<u8>>,
 }
 
+/// Version 3, and version 2, which lacks the last two fields.
 #[derive(Clone, PartialEq, Message)]
 #[prost(skip_debug)]
-pub(crate) struct SealedQueryMessageV2 {
+pub(crate) struct SealedQueryMessageV3 {
     #[prost(fixed32, optional, tag = "1")]
     pub version: Option<u32>,
     #[prost(bytes = "vec", optional, tag = "2")]
@@ -106,6 +107,10 @@ pub(crate) struct SealedQueryMessageV2 {
     pub descriptors: Option<Vec<u8>>,
     #[prost(bytes = "vec", optional, tag = "17")]
     pub global: Option<Vec<u8>>,
+    #[prost(fixed32, optional, tag = "18")]
+    pub focal_known: Option<u32>,
+    #[prost(fixed32, optional, tag = "19")]
+    pub gravity: Option<u32>,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -177,13 +182,19 @@ pub(crate) fn refused(what: &'static str, error: &DescriptorError) -> QueryError
 }
 
 /// The first step of strict reading: bounded size, a protobuf message, a known version.
-pub(crate) fn version_of(what: &'static str, bytes: &[u8], limit: usize) -> Result<WireVersion, QueryError> {
+pub(crate) fn version_of(
+    what: &'static str,
+    bytes: &[u8],
+    limit: usize,
+    versions: &[WireVersion],
+) -> Result<WireVersion, QueryError> {
     if bytes.len() > limit {
         return Err(QueryError::TooLong { what, bytes: bytes.len(), limit });
     }
     let found = present("version", message::<VersionMessage>(what, bytes)?.version)?;
-    let known = WireVersion::ALL.into_iter().find(|known| known.number() == found);
-    known.ok_or(QueryError::Version { what, found, supported: WireVersion::V2.number() })
+    let supported = versions.iter().map(|version| version.number()).max().unwrap_or_default();
+    let known = versions.iter().copied().find(|known| known.number() == found);
+    known.ok_or(QueryError::Version { what, found, supported })
 }
 
 /// Bytes as a protobuf message.

@@ -3,8 +3,8 @@
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
 use veiloc_query::{
-    AnchoredRow, AngleBits, CanonicalCamera, LEAST_A_SIDE, LineRow, Lopsided, Profile, QueryParts, Rows,
-    SealedQuery,
+    AnchoredRow, AngleBits, CanonicalCamera, Hints, LEAST_A_SIDE, LineRow, Lopsided, Profile, QueryParts,
+    Rows, SealedQuery,
 };
 
 fn query(scheme: &str, rows: Rows) -> SealedQuery {
@@ -13,7 +13,15 @@ fn query(scheme: &str, rows: Rows) -> SealedQuery {
     let camera = CanonicalCamera::from_codes(36, 20, 15).expect("allowed");
     let descriptors = Descriptors::new(kind, vec![3; 128 * rows.len()]).expect("whole rows");
     let (scheme, angle_bits) = (scheme.parse().expect("a scheme"), AngleBits::default());
-    let parts = QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global: None };
+    let parts = QueryParts {
+        camera,
+        scheme,
+        angle_bits,
+        rows,
+        descriptors,
+        image_global: None,
+        hints: Hints::default(),
+    };
     SealedQuery::new(&Profile::vlad(words), parts).expect("parts fit")
 }
 

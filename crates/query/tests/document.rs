@@ -3,7 +3,9 @@
 mod common;
 
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
-use veiloc_query::{AngleBits, CanonicalCamera, Profile, QueryParts, Rows, Scheme, SealedQuery, SizeClass};
+use veiloc_query::{
+    AngleBits, CanonicalCamera, Hints, Profile, QueryParts, Rows, Scheme, SealedQuery, SizeClass,
+};
 
 /// Length of a sealed query for a vocabulary of 64 words, by making one.
 fn length(scheme: Scheme, class: SizeClass) -> usize {
@@ -40,6 +42,7 @@ fn the_sum_of_the_lengths_is_right() {
         rows: Rows::Points(vec![row; 256]),
         descriptors,
         image_global: None,
+        hints: Hints::default(),
     };
     let query = SealedQuery::new(&profile, parts).expect("parts fit");
     assert_eq!(query.encode().len(), length(Scheme::Points, SizeClass::Rows256));

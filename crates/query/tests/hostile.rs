@@ -4,17 +4,21 @@ mod common;
 
 use proptest::prelude::*;
 use veiloc_query::{
-    AngleBits, CanonicalCamera, Profile, QueryError, QueryParts, Rows, Scheme, SealedQuery, SizeClass,
+    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, Profile, QueryError, QueryParts, Rows,
+    Scheme, SealedQuery, SizeClass, WireVersion,
 };
 
 fn sealed(scheme: Scheme) -> Vec<u8> {
     common::query(scheme, AngleBits::default(), 256, 3).encode()
 }
 
-/// The same in both versions, and in version 2 with descriptors of another kind.
-fn sealed_in_all(scheme: Scheme) -> [Vec<u8>; 3] {
+/// The same in version 1, in version 2, in version 2 with descriptors of another kind, and both in version 3.
+fn sealed_in_all(scheme: Scheme) -> [Vec<u8>; 5] {
     let bits = AngleBits::default();
-    common::profiles(scheme, bits).map(|p| common::query_with(&p, scheme, bits, 256, 3).encode())
+    let [v1, sift, own] =
+        common::profiles(scheme, bits).map(|p| common::query_with(&p, scheme, bits, 256, 3));
+    let older = |query: &SealedQuery| common::in_version_2(query.clone());
+    [v1.encode(), older(&sift).encode(), older(&own).encode(), sift.encode(), own.encode()]
 }
 
 #[test]
@@ -26,7 +30,9 @@ fn what_is_written_is_read() {
                 let read = SealedQuery::decode(&query.encode()).expect("own bytes");
                 assert_eq!(read, query);
                 assert_eq!(read.observations(), query.observations());
-                assert_eq!((read.len(), read.version()), (256, profile.version()));
+                let is_first = profile.version() == WireVersion::V1;
+                let version = if is_first { WireVersion::V1 } else { WireVersion::V3 };
+                assert_eq!((read.len(), read.version()), (256, version));
                 profile.check(&read).expect("sealed with it");
             }
         }
@@ -44,13 +50,97 @@ fn all_messages_of_a_class_are_equally_long() {
     for scheme in Scheme::ALL {
         for profile in common::profiles(scheme, bits) {
             for class in SizeClass::ALL {
-                let length =
-                    |seed| common::query_with(&profile, scheme, bits, class.rows(), seed).encode().len();
-                let lengths = [1, 2, 3].map(length);
+                let length = |hints, seed| {
+                    let query = common::query_saying(hints, &profile, scheme, bits, class.rows(), seed);
+                    query.encode().len()
+                };
+                // Whether gravity is told, and which, and how well the focal length is known, shows in no length.
+                let is_first = profile.version() == WireVersion::V1;
+                let told = if is_first { vec![Hints::default(); 3] } else { hints() };
+                let lengths: Vec<usize> =
+                    told.into_iter().zip(1..).map(|(h, seed)| length(h, seed)).collect();
                 assert!(lengths.iter().all(|l| *l == lengths[0]), "{scheme} {class:?} {lengths:?}");
             }
         }
     }
+}
+
+/// Everything that may be said of a camera, with the extremes of gravity.
+fn hints() -> Vec<Hints> {
+    let gravity = |down, sd| Some(CoarseGravity::new(down, sd).expect("a direction"));
+    let all = [
+        None,
+        gravity([-1.0, -1.0, -1.0], 0.5),
+        gravity([0.0, 1.0, 0.0], 2.0),
+        gravity([1.0, 1.0, -1e-9], 16.0),
+    ];
+    FocalKnowledge::ALL.into_iter().flat_map(|focal| all.map(|gravity| Hints { focal, gravity })).collect()
+}
+
+/// What version 3 says of a camera is read as it was written, and its numbers are checked; older versions refuse to say it.
+#[test]
+fn what_a_device_says_of_its_camera() {
+    let bits = AngleBits::default();
+    let [v1, v2, _] = common::profiles(Scheme::default(), bits);
+    let row = veiloc_query::AnchoredRow::new(bits, veiloc_geometry::Anchor::First, 1.0);
+    let seal = |profile: &Profile, hints| {
+        let query = common::query_with(profile, Scheme::default(), bits, 256, 3);
+        let parts = QueryParts {
+            camera: query.canonical_camera(),
+            scheme: query.scheme(),
+            angle_bits: bits,
+            rows: Rows::Dcl(vec![row; 256]),
+            descriptors: query.descriptors().to_owned(),
+            image_global: None,
+            hints,
+        };
+        SealedQuery::new(profile, parts)
+    };
+    let mut forms = std::collections::BTreeSet::new();
+    for said in hints() {
+        let query = seal(&v2, said).expect("version 3");
+        let read = SealedQuery::decode(&query.encode()).expect("own bytes");
+        assert_eq!((read.focal_known(), read.gravity()), (said.focal, said.gravity));
+        assert!(forms.insert(query.encode()), "two of them have one form");
+        let says_nothing = said == Hints::default();
+        let older = [seal(&v1, said), query.in_version_2()];
+        for refused in older {
+            assert_eq!(refused.is_ok(), says_nothing);
+            assert!(says_nothing || matches!(refused, Err(QueryError::Unsayable { .. })), "{refused:?}");
+        }
+    }
+    // The two numbers are the last twelve bytes: a key of two bytes and a number, twice.
+    let bytes = seal(&v2, Hints::default()).expect("version 3").encode();
+    let tail = bytes.len() - 12;
+    assert_eq!(bytes[tail..], [0x95, 0x01, 1, 0, 0, 0, 0x9D, 0x01, 0, 0, 0, 0]);
+    let with = |at: usize, value: u32| {
+        let mut bytes = bytes.clone();
+        bytes[tail + at..tail + at + 4].copy_from_slice(&value.to_le_bytes());
+        SealedQuery::decode(&bytes)
+    };
+    for (at, value, name) in [
+        (2, 0, "focal_known"),
+        (2, 4, "focal_known"),
+        (2, u32::MAX, "focal_known"),
+        (8, 393_217, "gravity"),
+        (8, u32::MAX, "gravity"),
+    ] {
+        let refused = with(at, value);
+        assert!(matches!(refused, Err(QueryError::Field { field, .. }) if field == name), "{name} = {value}");
+    }
+    for (at, value) in [(2, 3), (8, 1), (8, 393_216)] {
+        with(at, value).expect("the ends of what may be said");
+    }
+    // Version 2 with the fields of version 3, and version 3 without them, or without one.
+    let mut two = bytes.clone();
+    two[1] = 2;
+    assert!(matches!(SealedQuery::decode(&two), Err(QueryError::NotCanonical { .. })));
+    let mut three = bytes[..tail].to_vec();
+    assert!(matches!(SealedQuery::decode(&three), Err(QueryError::Missing { field: "focal_known" })));
+    three.extend(&bytes[tail + 6..]);
+    assert!(matches!(SealedQuery::decode(&three), Err(QueryError::Missing { field: "focal_known" })));
+    let told = format!("{:?} {:?}", seal(&v2, hints()[5]), hints());
+    assert!(!told.contains('.'), "L8: {told}");
 }
 
 #[test]
@@ -81,11 +171,11 @@ fn there_is_one_form_only() {
         assert!(matches!(SealedQuery::decode(&repeated), Err(QueryError::NotCanonical { .. })));
         let reordered = [&bytes[5..], &bytes[..5]].concat();
         assert!(matches!(SealedQuery::decode(&reordered), Err(QueryError::NotCanonical { .. })));
-        let unknown = [&bytes[..], &[0x95, 0x01, 1, 2, 3, 4]].concat();
+        let unknown = [&bytes[..], &[0xA5, 0x01, 1, 2, 3, 4]].concat();
         assert!(matches!(SealedQuery::decode(&unknown), Err(QueryError::NotCanonical { .. })));
     }
     // A whole message of one version behind one of the other: the fields of both, and the form of neither.
-    let [v1, v2, _] = sealed_in_all(Scheme::default());
+    let [v1, v2, ..] = sealed_in_all(Scheme::default());
     assert!(SealedQuery::decode(&[&v1[..], &v2[..]].concat()).is_err());
     assert!(SealedQuery::decode(&[&v2[..], &v1[..]].concat()).is_err());
 }
@@ -131,7 +221,8 @@ fn what_version_2_says_of_kinds_is_checked() {
 #[test]
 fn a_query_that_lies_about_its_profile_is_refused() {
     let profile = common::own_profile();
-    let bytes = common::query_with(&profile, Scheme::default(), AngleBits::default(), 256, 1).encode();
+    let query = common::query_with(&profile, Scheme::default(), AngleBits::default(), 256, 1);
+    let bytes = common::in_version_2(query).encode();
     let norm = SealedQuery::decode(&with_field(&bytes, 14, 301)).expect("a query");
     assert!(matches!(profile.check(&norm), Err(QueryError::Mismatch { what: "descriptor kind", .. })));
     let at = bytes.len() - 40 - 1;
@@ -178,9 +269,9 @@ fn wrong_numbers_are_named() {
             "{name} = {value}: {error:?}"
         );
     }
-    for found in [0, 3, u32::MAX] {
+    for found in [0, 4, u32::MAX] {
         let other = with_field(&sealed(Scheme::default()), 1, found);
-        let refused = QueryError::Version { what: "sealed query", found, supported: 2 };
+        let refused = QueryError::Version { what: "sealed query", found, supported: 3 };
         assert_eq!(SealedQuery::decode(&other), Err(refused));
     }
     // One version's fields under the other's number.
@@ -250,7 +341,15 @@ fn parts_that_do_not_fit_are_refused() {
         (Rows::Points(Vec::new()), descriptors(0), "scheme"),
     ] {
         let (scheme, angle_bits) = (Scheme::default(), bits);
-        let parts = QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global: None };
+        let parts = QueryParts {
+            camera,
+            scheme,
+            angle_bits,
+            rows,
+            descriptors,
+            image_global: None,
+            hints: Hints::default(),
+        };
         let error = SealedQuery::new(&profile, parts);
         assert!(matches!(error, Err(QueryError::Mismatch { what: w, .. }) if w == what), "{error:?}");
     }
@@ -272,7 +371,7 @@ proptest! {
     #[test]
     fn damaged_messages_are_refused_or_read_unchanged(
         scheme in 0..4_usize,
-        form in 0..3_usize,
+        form in 0..5_usize,
         flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
         head in any::<bool>(),
     ) {

@@ -4,7 +4,7 @@ mod common;
 
 use prost_reflect::prost::Message;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
-use veiloc_query::{AngleBits, Profile, Scheme, SealedQuery};
+use veiloc_query::{AngleBits, CoarseGravity, FocalKnowledge, Hints, Profile, Scheme, SealedQuery};
 
 fn pool() -> DescriptorPool {
     let proto = concat!(env!("CARGO_MANIFEST_DIR"), "/../../proto");
@@ -13,6 +13,7 @@ fn pool() -> DescriptorPool {
         "veiloc/v1/profile.proto",
         "veiloc/v2/sealed_query.proto",
         "veiloc/v2/profile.proto",
+        "veiloc/v3/sealed_query.proto",
     ];
     let set = protox::compile(files, [proto]).expect("the schema compiles");
     DescriptorPool::from_file_descriptor_set(set).expect("the schema is complete")
@@ -119,7 +120,18 @@ fn version_2_is_what_its_schema_says() {
         assert_eq!(Profile::decode(&message.encode_to_vec()).expect("unchanged"), profile);
 
         let scheme: Scheme = "dcl:horizontal,s=2".parse().expect("a scheme");
+        let gravity = CoarseGravity::new([0.0, 1.0, 0.25], 4.0).expect("a direction");
+        let hints = Hints { focal: FocalKnowledge::Exif, gravity: Some(gravity) };
+        let query = common::query_saying(hints, &profile, scheme, AngleBits::default(), 512, 5);
+        let message = reread("veiloc.v3.SealedQuery", &query.encode());
+        // (0, 0.8, 0.2) on the octahedron: cells 128 and 230; class 3, as 4 degrees are half a degree times 2^3.
+        assert_eq!(number(&message, "focal_known"), 2);
+        assert_eq!(number(&message, "gravity"), 1 + (3 * 256 + 128) * 256 + 230);
+        assert_eq!(number(&message, "version"), 3);
+        assert_eq!(SealedQuery::decode(&message.encode_to_vec()).expect("unchanged"), query);
+
         let query = common::query_with(&profile, scheme, AngleBits::default(), 512, 5);
+        let query = common::in_version_2(query);
         let message = reread("veiloc.v2.SealedQuery", &query.encode());
         assert_eq!(text(&message, "descriptor_name"), name);
         for (field, value) in [
@@ -193,6 +205,9 @@ fn the_schema_has_these_fields_and_no_more() {
             "global",
         ]
     );
+    let mut v3 = names("veiloc.v2.SealedQuery");
+    v3.extend(["focal_known".to_owned(), "gravity".to_owned()]);
+    assert_eq!(names("veiloc.v3.SealedQuery"), v3);
     // No scheme and no angle bits: an operator has no field to wish for less protection in.
     assert_eq!(
         names("veiloc.v2.Profile"),

@@ -1,8 +1,9 @@
 //! What a device decides, whatever a profile says: the scheme, and how much it sends.
 
 use veiloc_obfuscation::SealOptions;
-use veiloc_query::{Profile, Scheme};
+use veiloc_query::{CoarseGravity, FocalKnowledge, Profile, Scheme};
 
+use crate::camera::{CameraArg, CameraSource};
 use crate::exit::Failure;
 use crate::ui::Ui;
 
@@ -18,12 +19,46 @@ pub(crate) struct DeviceArgs {
     /// 2048 at most.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=4096))]
     max_keypoints: Option<u32>,
+    /// How well the focal length of a camera that is given is known: calibrated, exif or unknown. The server estimates it
+    /// too where it is not calibrated. Default: calibrated; of a camera from EXIF exif, of an unknown one unknown.
+    #[arg(long, value_name = "WORD")]
+    focal_known: Option<FocalKnowledge>,
+    /// The direction in which things fall, as an accelerometer felt it when the image was taken, in the axes of the stored
+    /// image (x right, y down, z forward; 0,1,0 for an upright one), of any length, and its standard deviation in degrees
+    /// (2). It is sent rounded to about a degree. Maps do not know yet which way is down, so today it changes no pose.
+    /// Default: not sent.
+    #[arg(long, value_name = "X,Y,Z[,SD_DEG]", allow_hyphen_values = true)]
+    gravity: Option<CoarseGravity>,
 }
 
 impl DeviceArgs {
     /// What happens to positions.
     pub(crate) const fn scheme(&self) -> Scheme {
         self.scheme
+    }
+
+    /// Where the camera of an image comes from: what was given, else its EXIF.
+    pub(crate) fn camera(&self, given: Option<&CameraArg>) -> Result<CameraSource, Failure> {
+        match (given, self.focal_known) {
+            (Some(CameraArg::Unknown), Some(focal)) if focal != FocalKnowledge::Unknown => {
+                Err(Failure::with_help(
+                    format!("--focal-known {focal} says that an unknown camera is known"),
+                    "leave it out, or give the camera with --camera",
+                ))
+            }
+            (Some(camera), _) => camera.source(self.known_of_given()),
+            (None, _) => Ok(CameraSource::Exif),
+        }
+    }
+
+    /// How well the focal length of cameras that are given is known.
+    pub(crate) fn known_of_given(&self) -> FocalKnowledge {
+        self.focal_known.unwrap_or_default()
+    }
+
+    /// Whether gravity is told, which is of one image.
+    pub(crate) const fn tells_gravity(&self) -> bool {
+        self.gravity.is_some()
     }
 
     /// Ready to seal with. Warns when positions are sent, and says when a profile wishes for another scheme.
@@ -43,6 +78,7 @@ impl DeviceArgs {
         if let Some(wish) = profile.wish().filter(|wish| wish.scheme != self.scheme) {
             ui.say(format!("the profile asks for the scheme {}; {} is used", wish.scheme, self.scheme));
         }
+        let options = options.with_gravity(self.gravity);
         Ok(self
             .max_keypoints
             .map_or_else(|| options.clone(), |n| options.clone().with_max_keypoints(n as usize)))

@@ -5,11 +5,10 @@ mod batch;
 use std::path::{Path, PathBuf};
 
 use veiloc_features::FeatureError;
-use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{ExtractError, SealOptions, device_rng, extract, seal};
-use veiloc_query::Profile;
+use veiloc_query::{FocalKnowledge, Profile};
 
-use crate::camera::CameraArg;
+use crate::camera::{CameraArg, CameraSource};
 use crate::commands::device_args::DeviceArgs;
 use crate::exit::{Failure, Outcome};
 use crate::files;
@@ -19,7 +18,7 @@ use crate::ui::Ui;
 /// Turn images into sealed queries.
 ///
 /// A sealed query holds descriptors and lines, never keypoints; it is all a server gets. Nothing of the file but its
-/// pixels is read: no EXIF, no time, no place. Everything random comes from the operating system's generator, so
+/// pixels is read, and, where no camera is given, the focal length in its EXIF: no time, no place. Everything random comes from the operating system's generator, so
 /// sealing one image twice gives two different queries; never send both (see docs/privacy.md, rule L7).
 ///
 /// Every image is answered for itself: one that cannot be sealed does not stop the others.
@@ -34,8 +33,9 @@ pub(crate) struct Args {
     list: Option<PathBuf>,
     /// The camera of all images: COLMAP's model name, width, height (pixels) and parameters, with commas or spaces
     /// between, for example SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; or a COLMAP cameras.txt
-    /// with one camera. Default: what the list says.
-    #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE", required_unless_present = "list")]
+    /// with one camera; or `unknown`, which guesses the focal length and says so. Default: what the list says, else the
+    /// focal length that each image's EXIF tells.
+    #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE|unknown")]
     camera: Option<CameraArg>,
     /// The map's profile, as `veiloc map profile` writes it.
     #[arg(long, value_name = "FILE")]
@@ -61,6 +61,8 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
 
 /// One image sealed.
 struct Sealed {
+    /// How well its focal length is known.
+    focal: FocalKnowledge,
     bytes: Vec<u8>,
     /// Keypoints found in the image.
     found: usize,
@@ -71,16 +73,24 @@ struct Sealed {
 /// Seals one image, all a device does with it.
 fn seal_one(
     path: &Path,
-    camera: &Intrinsics,
+    camera: CameraSource,
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<Sealed, Fault> {
-    let (features, camera) = extract(path, camera, profile, options).map_err(|e| fault_of(&e))?;
+    let known = camera.of(path).map_err(|e| {
+        let kind =
+            if matches!(e, FeatureError::NoFocal { .. }) { FaultKind::Unfit } else { FaultKind::Damaged };
+        let help = if kind == FaultKind::Unfit { " (--camera, --camera unknown)" } else { "" };
+        Fault::new(kind, format_args!("{e}{help}"))
+    })?;
+    let options = options.clone().with_focal(known.focal);
+    let (features, camera) =
+        extract(path, &known.intrinsics, profile, &options).map_err(|e| fault_of(&e))?;
     let found = features.keypoints.len();
     let mut rng = device_rng().map_err(|e| Fault::new(FaultKind::Unfit, e))?;
     let query =
-        seal(features, &camera, profile, options, &mut rng).map_err(|e| Fault::new(FaultKind::Unfit, e))?;
-    Ok(Sealed { bytes: query.encode(), found, sent: query.len() })
+        seal(features, &camera, profile, &options, &mut rng).map_err(|e| Fault::new(FaultKind::Unfit, e))?;
+    Ok(Sealed { focal: known.focal, bytes: query.encode(), found, sent: query.len() })
 }
 
 /// What is wrong with an image that nothing could be extracted from.

@@ -9,8 +9,8 @@ use veiloc_descriptor::{
 use veiloc_geometry::Anchor;
 use veiloc_query::{
     AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, AnswerVersion,
-    CanonicalCamera, DoubtKind, LineRow, PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery,
-    WireVersion, Wish,
+    CanonicalCamera, CoarseGravity, DoubtKind, FocalKnowledge, Hints, LineRow, PositionRow, Profile,
+    QueryParts, Rows, Scheme, SealedQuery, WireVersion, Wish,
 };
 
 /// Numbers straight from the generator, so that the known answers do not depend on how a library draws ranges.
@@ -71,6 +71,17 @@ pub(crate) fn query_with(
     count: usize,
     seed: u64,
 ) -> SealedQuery {
+    query_saying(Hints::default(), profile, scheme, bits, count, seed)
+}
+
+pub(crate) fn query_saying(
+    hints: Hints,
+    profile: &Profile,
+    scheme: Scheme,
+    bits: AngleBits,
+    count: usize,
+    seed: u64,
+) -> SealedQuery {
     let mut draw = Draw::new(seed);
     let camera = CanonicalCamera::from_codes(36, 20, 15).expect("512 px, 640 × 480");
     let size = [camera.width(), camera.height()];
@@ -106,7 +117,7 @@ pub(crate) fn query_with(
         let codes = (0..profile.global_model().global_len()).map(|_| draw.below(100) as i8 - 50);
         GlobalDescriptor::new(codes.collect())
     });
-    let parts = QueryParts { camera, scheme, angle_bits: bits, rows, descriptors, image_global };
+    let parts = QueryParts { camera, scheme, angle_bits: bits, rows, descriptors, image_global, hints };
     SealedQuery::new(profile, parts).expect("parts fit")
 }
 
@@ -116,17 +127,32 @@ pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
     let of = |version: WireVersion, name: &str| {
         let bits = AngleBits::new(if name == "dcl:angle=30,s=2" { 10 } else { 12 }).expect("allowed");
         let scheme: Scheme = name.parse().expect("a scheme");
-        let profile = match version {
-            WireVersion::V1 => profile(scheme, bits),
-            WireVersion::V2 => profile_v2(),
+        let query = match version {
+            WireVersion::V1 => query_with(&profile(scheme, bits), scheme, bits, 256, 1),
+            WireVersion::V2 => in_version_2(query_with(&profile_v2(), scheme, bits, 256, 1)),
+            WireVersion::V3 => query_with(&profile_v2(), scheme, bits, 256, 1),
         };
-        let file = format!("v{}-{}", version.number(), name.replace([':', '=', ','], "-"));
-        (file, query_with(&profile, scheme, bits, 256, 1))
+        (format!("v{}-{}", version.number(), name.replace([':', '=', ','], "-")), query)
     };
     let mut all: Vec<_> = WireVersion::ALL.iter().flat_map(|v| schemes.map(|name| of(*v, name))).collect();
-    let own = query_with(&own_profile(), Scheme::default(), AngleBits::default(), 256, 1);
-    all.push(("v2-own-kind".to_owned(), own));
+    let dcl = |profile: &Profile, hints| {
+        query_saying(hints, profile, Scheme::default(), AngleBits::default(), 256, 1)
+    };
+    all.push(("v2-own-kind".to_owned(), in_version_2(dcl(&own_profile(), Hints::default()))));
+    let gravity = |down, sd| Some(CoarseGravity::new(down, sd).expect("a direction"));
+    for (name, focal, gravity) in [
+        ("v3-exif-gravity", FocalKnowledge::Exif, gravity([0.3, 9.5, -2.0], 1.0)),
+        ("v3-unknown-gravity", FocalKnowledge::Unknown, gravity([-0.9, 0.1, -0.4], 5.0)),
+    ] {
+        all.push((name.to_owned(), dcl(&profile_v2(), Hints { focal, gravity })));
+    }
+    all.push(("v3-own-kind".to_owned(), dcl(&own_profile(), Hints::default())));
     all
+}
+
+/// As an earlier program wrote it.
+pub(crate) fn in_version_2(query: SealedQuery) -> SealedQuery {
+    query.in_version_2().expect("it says nothing that version 2 cannot")
 }
 
 /// The profiles they were sealed with, `v1.profile` with the scheme `dcl`.

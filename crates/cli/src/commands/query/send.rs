@@ -4,10 +4,12 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use veiloc_client::{
-    Answer, AnswerDocument, AnswerState, ClientError, Intrinsics, LocalizeRequest, PositionHint, seal_image,
+    Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, seal_image,
 };
+use veiloc_features::FeatureError;
 
 use super::connection::{Connection, failure};
+use crate::camera::CameraArg;
 use crate::commands::device_args::DeviceArgs;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
@@ -24,9 +26,10 @@ pub(crate) struct Args {
     /// An image, JPEG or PNG.
     image: PathBuf,
     /// Its camera: COLMAP's model name, width, height and parameters, for example
-    /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034.
-    #[arg(long, value_name = "MODEL,W,H,PARAMS…")]
-    camera: Intrinsics,
+    /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which guesses the
+    /// focal length and says so. Default: the focal length that the image's EXIF tells.
+    #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE|unknown")]
+    camera: Option<CameraArg>,
     /// Which of the service's maps to ask.
     #[arg(long, value_name = "NAME")]
     map: String,
@@ -47,10 +50,15 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
+    let camera = args.device.camera(args.camera.as_ref())?;
+    let camera = camera.of(&args.image).map_err(|error| match error {
+        FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
+        error => error.into(),
+    })?;
     let client = args.connection.client(ui)?;
     let profile = client.profile(&args.map).map_err(failure)?;
-    let options = args.device.options(&profile, ui)?;
-    let sealed = seal_image(&args.image, &args.camera, &profile, &options)?;
+    let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
+    let sealed = seal_image(&args.image, &camera.intrinsics, &profile, &options)?;
     ui.say(format!(
         "{}: {} keypoints, {} sent as {}, {} bytes",
         args.image.display(),

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::SealOptions;
+use veiloc_obfuscation::{KnownCamera, SealOptions};
 use veiloc_query::Profile;
 
 use super::{Args, Sealed, seal_one};
+use crate::camera::CameraSource;
 use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::items::{self, Fault, IMAGES, Item, Tally};
@@ -40,6 +40,9 @@ struct ImageDocument {
     sent: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     bytes: Option<usize>,
+    /// How well the focal length is known, as the query says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    focal_known: Option<&'static str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Fault>,
 }
@@ -54,7 +57,7 @@ enum Status {
 /// An image to seal.
 struct Job {
     item: Item,
-    camera: Intrinsics,
+    camera: CameraSource,
     out: PathBuf,
 }
 
@@ -69,7 +72,7 @@ pub(super) fn run(args: &Args, profile: &Profile, options: &SealOptions, ui: &Ui
         let name = job.item.path.display().to_string();
         let sealed = match &job.item.fault {
             Some(fault) => Err(fault.clone()),
-            None => seal_one(&job.item.path, &job.camera, profile, options),
+            None => seal_one(&job.item.path, job.camera, profile, options),
         };
         match &sealed {
             Ok(sealed) => {
@@ -128,6 +131,7 @@ fn document_of(file: String, out: &Path, sealed: Result<Sealed, Fault>) -> Image
         found: sealed.as_ref().map(|s| s.found),
         sent: sealed.as_ref().map(|s| s.sent),
         bytes: sealed.as_ref().map(|s| s.bytes.len()),
+        focal_known: sealed.as_ref().map(|s| s.focal.name()),
         error,
     }
 }
@@ -140,6 +144,12 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
     let ends_in_slash = args.out.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
     let into_folder = several || ends_in_slash || args.out.is_dir();
     let standard = files::is_standard(&args.out);
+    if several && args.device.tells_gravity() {
+        return Err(Failure::with_help(
+            "--gravity is of one image, and several are given",
+            "seal each image in a call of its own, with the direction felt when it was taken",
+        ));
+    }
     if standard && (several || args.json) {
         return Err(Failure::with_help(
             "--out -: stdout takes one sealed query, and nothing beside it",
@@ -175,18 +185,16 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
 }
 
 /// The images, each with its camera.
-fn images(args: &Args) -> Result<Vec<(Item, Intrinsics)>, Failure> {
+fn images(args: &Args) -> Result<Vec<(Item, CameraSource)>, Failure> {
     if args.images.iter().any(|path| files::is_standard(path)) {
         return Err(Failure::with_help("-: images are not read from stdin", "give a file or a folder"));
     }
-    let camera = args.camera.as_ref().map(crate::camera::CameraArg::camera).transpose()?;
+    let camera = args.device.camera(args.camera.as_ref())?;
     let Some(list) = &args.list else {
-        // The parser asks for a camera where there is no list.
-        let camera = camera.ok_or_else(|| Failure::refused("no camera is given; say --camera"))?;
         return Ok(items::gather(&args.images, &IMAGES).into_iter().map(|item| (item, camera)).collect());
     };
     let folder = lists::one_folder(&args.images)?;
-    let (cameras, names): (Vec<Intrinsics>, Vec<String>) = lists::read_with_cameras(list)?
+    let (cameras, names): (Vec<CameraSource>, Vec<String>) = lists::read_with_cameras(list)?
         .into_iter()
         .map(|listed| {
             let at = || format!("{}: line {}: {}", list.display(), listed.line, listed.name);
@@ -197,19 +205,15 @@ fn images(args: &Args) -> Result<Vec<(Item, Intrinsics)>, Failure> {
                     "name images relative to the folder given, without `..`",
                 ));
             }
-            let camera = match (listed.camera, camera) {
-                (Some(own), None) => own,
-                (None, Some(common)) => common,
+            let camera = match (listed.camera, &args.camera) {
+                (Some(intrinsics), None) => {
+                    CameraSource::Given(KnownCamera { intrinsics, focal: args.device.known_of_given() })
+                }
+                (None, _) => camera,
                 (Some(_), Some(_)) => {
                     return Err(Failure::with_help(
                         format!("{} has a camera of its own, and --camera is given too", at()),
                         "leave out --camera, or give a list of names only",
-                    ));
-                }
-                (None, None) => {
-                    return Err(Failure::with_help(
-                        format!("{} has no camera", at()),
-                        "write MODEL W H PARAMS… behind the name, or give --camera",
                     ));
                 }
             };

@@ -1,0 +1,112 @@
+//! The focal length that a file's EXIF tells, as a camera: for images whose camera nobody calibrated.
+//!
+//! Read only when a caller asks for it, and nothing else of the metadata is looked at: no time, no place, no make. What
+//! comes out is a pinhole camera with its principal point in the middle.
+//!
+//! # From EXIF to pixels
+//! Of what the file has, the first that is there:
+//! - `FocalLengthIn35mmFilm` `f`: by the diagonal, as camera makers reckon it (CIPA DCG-001),
+//!   `f · √(w² + h²) / √(36² + 24²)`.
+//! - `FocalLength` `f` (mm) with `FocalPlaneXResolution` (pixels a unit) and its unit: `f · resolution`, times the size of
+//!   the file's image over the size EXIF says was taken (a smaller copy of it), times `DigitalZoomRatio` if there is one.
+//!
+//! Stored pixels are what counts: the orientation is not applied, as everywhere here, and neither way depends on it.
+
+use std::path::Path;
+
+use exif::{Exif, In, Reader, Tag, Value};
+use veiloc_geometry::Intrinsics;
+
+use crate::FeatureError;
+use crate::load::{Header, header};
+
+/// Millimetres of 35 mm film's diagonal.
+const FILM_DIAGONAL: f64 = 43.266_615_305_567_87;
+/// Focal lengths over the longer side that a camera can have; others are slips of whoever wrote the metadata.
+const POSSIBLE: std::ops::RangeInclusive<f64> = 0.1..=100.0;
+/// Most by which the proportions of the image may differ from those EXIF says were taken, before it counts as cropped.
+const CROPPED: f64 = 0.02;
+/// A guess that is seldom wrong by more than a factor of two: COLMAP's.
+const GUESS: f64 = 1.2;
+
+/// The camera of an image file by its EXIF: a pinhole with its principal point in the middle.
+///
+/// # Errors
+/// [`FeatureError::NoFocal`] saying why EXIF does not tell a focal length; [`FeatureError::Read`],
+/// [`FeatureError::Decode`] or [`FeatureError::TooLarge`] when the file is no image.
+pub fn exif_camera(path: &Path) -> Result<Intrinsics, FeatureError> {
+    let Header { size, metadata } = header(path)?;
+    let no_focal = |reason| FeatureError::NoFocal { path: path.into(), reason };
+    let metadata = metadata.ok_or_else(|| no_focal("it has no EXIF"))?;
+    // Some writers leave the marker of the segment before the data.
+    let data = metadata.strip_prefix(b"Exif\0\0").unwrap_or(&metadata).to_vec();
+    let exif = Reader::new().read_raw(data).map_err(|_| no_focal("its EXIF is damaged"))?;
+    let focal = focal_px(&exif, size).map_err(no_focal)?;
+    camera(path, size, focal)
+}
+
+/// A camera for an image of which nothing is known: focal length 1.2 times the longer side.
+///
+/// # Errors
+/// As [`exif_camera`], but for what EXIF says.
+pub fn guessed_camera(path: &Path) -> Result<Intrinsics, FeatureError> {
+    let size = header(path)?.size;
+    camera(path, size, GUESS * f64::from(size.0.max(size.1)))
+}
+
+fn camera(path: &Path, (width, height): (u32, u32), focal: f64) -> Result<Intrinsics, FeatureError> {
+    let params = [focal, f64::from(width) / 2.0, f64::from(height) / 2.0];
+    Intrinsics::new("SIMPLE_PINHOLE", width, height, &params)
+        .map_err(|_| FeatureError::NoFocal { path: path.into(), reason: "its focal length is impossible" })
+}
+
+/// The focal length, pixels of an image of this size.
+fn focal_px(exif: &Exif, (width, height): (u32, u32)) -> Result<f64, &'static str> {
+    let (width, height) = (f64::from(width), f64::from(height));
+    let longer = width.max(height);
+    let taken = [Tag::PixelXDimension, Tag::PixelYDimension].map(|tag| number(exif, tag));
+    let taken = match taken {
+        [Some(w), Some(h)] => Some((w.max(h), w.min(h))),
+        _ => None,
+    };
+    if let Some((long, short)) = taken {
+        let own = longer / width.min(height);
+        if ((long / short) / own - 1.0).abs() > CROPPED {
+            return Err(
+                "its proportions are not those EXIF says were taken, so it was cropped, and the focal length is \
+                        not that of what is left",
+            );
+        }
+    }
+    let of_film = number(exif, Tag::FocalLengthIn35mmFilm).map(|f| f * width.hypot(height) / FILM_DIAGONAL);
+    let focal = of_film.or_else(|| {
+        let resolution = number(exif, Tag::FocalPlaneXResolution)?;
+        // Inches when nothing is said, as the standard has it.
+        let unit = match number(exif, Tag::FocalPlaneResolutionUnit).unwrap_or(2.0) as u32 {
+            2 => 25.4,
+            3 => 10.0,
+            4 => 1.0,
+            _ => return None,
+        };
+        let shrunk = taken.map_or(1.0, |(long, _)| longer / long);
+        let zoom = number(exif, Tag::DigitalZoomRatio).unwrap_or(1.0);
+        Some(number(exif, Tag::FocalLength)? * resolution / unit * shrunk * zoom)
+    });
+    let focal =
+        focal.ok_or("its EXIF does not tell the focal length in pixels or in millimetres of 35 mm film")?;
+    if POSSIBLE.contains(&(focal / longer)) {
+        Ok(focal)
+    } else {
+        Err("the focal length in its EXIF is impossible")
+    }
+}
+
+/// The first number of a field, when it is one above 0: 0 stands for "unknown".
+fn number(exif: &Exif, tag: Tag) -> Option<f64> {
+    let field = exif.get_field(tag, In::PRIMARY)?;
+    let value = match &field.value {
+        Value::Rational(all) => all.first().map(|r| f64::from(r.num) / f64::from(r.denom)),
+        _ => field.value.get_uint(0).map(f64::from),
+    };
+    value.filter(|v| v.is_finite() && *v > 0.0)
+}
