@@ -192,7 +192,7 @@ fn sealed_queries() {
     };
     let random: Vec<u8> = (0_u32..5000).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
     place.write("bad/empty.vquery", []);
-    place.write("bad/version.vquery", with_version(3));
+    place.write("bad/version.vquery", with_version(9));
     place.write("bad/trailing.vquery", [&sealed[..], &[0]].concat());
     place.write("bad/doubled.vquery", [&sealed[..], &sealed[..]].concat());
     place.write("bad/random.vquery", random);
@@ -201,7 +201,7 @@ fn sealed_queries() {
     for (name, reason) in [
         ("missing", "check the path"),
         ("empty", "seal the image again"),
-        ("version", "version 3"),
+        ("version", "version 9"),
         ("trailing", "seal the image again"),
         ("doubled", "seal the image again"),
         ("random", "seal the image again"),

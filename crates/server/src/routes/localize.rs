@@ -30,8 +30,8 @@ use crate::state::App;
 
 /// Where a sealed query was taken.
 ///
-/// The body is one `veiloc.v1.SealedQuery` message. After 408, 429, 503 or 504 the same bytes may be sent again; the
-/// image must not be sealed a second time.
+/// The body is one `SealedQuery` message of `veiloc.v1`, `v2` or `v3`. After 408, 429, 503 or 504 the same bytes may be sent
+/// again; the image must not be sealed a second time.
 #[utoipa::path(post, path = "/v1/maps/{name}/localize", security(("token" = [])),
     params(
         ("name" = String, Path, description = "Name of the map"),
