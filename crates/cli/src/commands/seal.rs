@@ -84,8 +84,7 @@ fn seal_one(
         Fault::new(kind, format_args!("{e}{help}"))
     })?;
     let options = options.clone().with_focal(known.focal);
-    let (features, camera) =
-        extract(path, &known.intrinsics, profile, &options).map_err(|e| fault_of(&e))?;
+    let (features, camera) = extract(path, &known.intrinsics, profile, &options).map_err(|e| fault_of(&e))?;
     let found = features.keypoints.len();
     let mut rng = device_rng().map_err(|e| Fault::new(FaultKind::Unfit, e))?;
     let query =

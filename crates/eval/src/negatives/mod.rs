@@ -47,7 +47,7 @@ pub struct NegativeImage {
     pub name: String,
     /// Its file.
     pub path: PathBuf,
-    /// Its camera, if that is known; otherwise it is guessed ([`CameraSource::Guess`]).
+    /// Its camera, if that is known; otherwise what EXIF tells, or a guess ([`CameraSource`]).
     pub camera: Option<Intrinsics>,
 }
 
@@ -102,12 +102,13 @@ fn answers(
     evaluation: &NegativesEvaluation,
 ) -> Result<Vec<Negative>, ExtractError> {
     let loaded = Image::from(load_gray(&image.path)?);
-    let (camera, source) = camera_of(image.camera.as_ref(), (loaded.width(), loaded.height()));
+    let (known, source) = camera_of(image.camera.as_ref(), &image.path)?;
     let profile = map.profile();
     let (features, camera) =
-        extract_loaded(loaded, &image.path, &camera, profile, &options_for(Scheme::default()))?;
+        extract_loaded(loaded, &image.path, &known.intrinsics, profile, &options_for(Scheme::default()))?;
     let answer = |scheme: &Scheme| {
-        let sent = send(&features, &camera, profile, &options_for(*scheme), &image.name, evaluation.seed);
+        let options = options_for(*scheme).with_focal(known.focal);
+        let sent = send(&features, &camera, profile, &options, &image.name, evaluation.seed);
         match sent {
             Ok(sent) => {
                 Negative::answered(&image.name, *scheme, source, &ask(map, &sent.bytes, &evaluation.localize))

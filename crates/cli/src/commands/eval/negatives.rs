@@ -6,9 +6,9 @@ use serde::Serialize;
 use veiloc_eval::negatives::{NegativeImage, Negatives, NegativesEvaluation, evaluate_negatives, table};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
-use veiloc_query::Scheme;
+use veiloc_query::{FocalKnowledge, Scheme};
 
-use crate::camera::CameraArg;
+use crate::camera::{CameraArg, CameraSource};
 use crate::commands::eval::half::Half;
 use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{MatchArgs, PoseArgs};
@@ -37,12 +37,12 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
     /// Use one half of the images, told by the name of the file alone: `design` to choose thresholds with, `final` for
-    /// figures that nothing was chosen with. The first hexadecimal digit of the SHA-256 of the name, folders left out, is
-    /// 0 to 7 in `design`, 8 to f in `final`.
+    /// figures that nothing was chosen with. Bit 32 of the 64-bit FNV-1a hash of the name, folders left out, is 0 in
+    /// `design` and 1 in `final`.
     #[arg(long, value_enum, default_value_t = Half::All)]
     half: Half,
-    /// The camera of all images, as `veiloc seal` takes it. Default: what the list says, and for the others a guess:
-    /// no distortion, a focal length of 1.2 times the longer side.
+    /// The camera of all images, as `veiloc seal` takes it. Default: what the list says, then what EXIF says, and for the
+    /// others a guess that the query calls one: no distortion, a focal length of 1.2 times the longer side.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE")]
     camera: Option<CameraArg>,
     /// Schemes to compare.
@@ -136,7 +136,10 @@ fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
             "give the folder of the images of elsewhere",
         ));
     }
-    let common = args.camera.as_ref().map(CameraArg::camera).transpose()?;
+    let common = match args.camera.as_ref().map(|c| c.source(FocalKnowledge::Calibrated)).transpose()? {
+        Some(CameraSource::Given(known)) => Some(known.intrinsics),
+        Some(CameraSource::Exif | CameraSource::Guess) | None => None,
+    };
     let given: Vec<(Item, Option<Intrinsics>)> = match &args.list {
         None => items::gather(std::slice::from_ref(&args.images), &IMAGES)
             .into_iter()
