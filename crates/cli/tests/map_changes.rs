@@ -132,11 +132,84 @@ fn poses_need_no_points_and_wrong_ones_are_doubted() {
     fields[4] = "660";
     place.write("long/cameras.txt", fields.join(" "));
     place.write("long/images.txt", place.read("posed/images.txt"));
-    let run = place.run(&build("long"));
+    is_refused(place, &build("long"), "long", "about 2.00 times the right one", "focal-length");
+}
+
+/// Camera-to-world poses: the map that was there stays, and the cause is named.
+#[test]
+fn inverted_poses_are_called_so_and_a_good_map_stays() {
+    let place = place();
+    let inverted = (1..).zip(&place.poses).map(|(id, (name, pose))| {
+        let pose = pose.inverse();
+        let ([w, x, y, z], t) = (pose.quaternion(), pose.translation());
+        format!("{id} {w} {x} {y} {z} {} {} {} 1 {name}\n\n", t.x, t.y, t.z)
+    });
+    let numbered = inverted.collect::<Vec<_>>().concat();
+    place.write("turned/cameras.txt", place.read("posed/cameras.txt"));
+    place.write("turned/images.txt", numbered);
+    place.write("turned.vmap", b"a good map");
+    let build =
+        "map build --posed turned --images images --list map.txt --max-keypoints 1024 -o turned.vmap --json";
+    let run = place.run(build);
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(run.stderr.contains("poses look camera-to-world"), "{run}");
+    assert_eq!(place.read("turned.vmap"), b"a good map");
+}
+
+/// A map that is good for nothing is refused by name of the fault, and written when that is wanted.
+fn is_refused(place: &Place, build: &str, map: &str, told: &str, name: &str) {
+    let run = place.run(build);
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(run.stderr.contains(told), "{told}: {run}");
+    assert!(!place.path(format!("{map}.vmap")).exists());
+    let run = place.run(&format!("{build} --keep-broken"));
     if run.code == Some(0) {
-        assert!(run.stderr.contains("warning: "), "{run}");
-        assert!(!run.json()["warnings"].as_array().expect("a list").is_empty(), "{run}");
+        let document = run.json();
+        let warnings = document["warnings"].as_array().expect("a list");
+        assert!(warnings.iter().any(|w| w["name"] == name), "{name}: {run}");
     } else {
         assert!(run.stderr.contains("no point could be triangulated"), "{run}");
     }
+}
+
+/// Two images cannot test each other: that is told, and no reason to refuse the map.
+#[test]
+fn a_map_that_cannot_test_itself_says_so() {
+    let place = place();
+    place.write("two.txt", "map-00.png\nmap-01.png\n");
+    let build =
+        "map build --posed posed --images images --list two.txt --max-keypoints 1024 -o two.vmap --json";
+    let document = place.run(build).succeeded().json();
+    assert_eq!(document["self_test"]["images"], 2);
+    let names: Vec<&str> =
+        document["warnings"].as_array().expect("a list").iter().filter_map(|w| w["name"].as_str()).collect();
+    assert!(names.contains(&"self-test"), "{names:?}");
+
+    let run = place.run(&format!("{build} --no-self-test")).succeeded();
+    assert!(run.json()["self_test"].is_null(), "{run}");
+    let text = place.run("map info two.vmap").succeeded().stdout;
+    assert!(text.contains("self-test   none"), "{text}");
+}
+
+/// The place of the tests is sound, and its map knows that; a change is tested anew.
+#[test]
+fn a_sound_map_localizes_its_own_images() {
+    let place = place();
+    let document = info(place, "place.vmap");
+    let test = &document["self_test"];
+    assert_eq!(test["images"], MAP_VIEWS);
+    let schemes = test["schemes"].as_array().expect("a list");
+    assert_eq!(schemes.len(), 4);
+    for scheme in schemes {
+        assert!(scheme["recall_of_scale"]["0.05/5"].as_f64() > Some(0.6), "{scheme}");
+        assert!(scheme["calibration"]["factor"].as_f64() > Some(0.0), "{scheme}");
+    }
+    let text = place.run("map info place.vmap").succeeded().stdout;
+    assert!(text.contains("self-test   10 images") && text.contains("dcl"), "{text}");
+
+    let less = copy(place, "less");
+    place.run(&format!("map remove {less} map-04.png")).succeeded();
+    assert_eq!(info(place, &less)["self_test"]["images"], MAP_VIEWS - 1);
+    place.run(&format!("map remove {less} map-05.png --no-self-test")).succeeded();
+    assert!(info(place, &less)["self_test"].is_null(), "an old test is not true of a changed map");
 }

@@ -233,6 +233,7 @@ fn info_tells_what_is_in_the_map() {
             "mean_track_length",
             "points",
             "profile",
+            "self_test",
             "version",
             "warnings",
         ]

@@ -57,17 +57,9 @@ pub(crate) fn shares(regions: &[f64]) -> BTreeMap<String, f64> {
         .collect()
 }
 
-/// The step from one pose to another in the chart of [`CameraFromWorld::perturbed`]: `from.perturbed(&step)` is `to`.
-fn step_between(from: &CameraFromWorld, to: &CameraFromWorld) -> [f64; 6] {
-    let turn = to.rotation() * from.rotation().inverse();
-    let w = turn.scaled_axis();
-    let v = to.translation() - turn * from.translation();
-    [w.x, w.y, w.z, v.x, v.y, v.z]
-}
-
 /// `dᵀ C⁻¹ d` of the truth from the estimate, six degrees of freedom; infinite when the covariance is no covariance.
 fn normalized_error(estimate: &CameraFromWorld, covariance: &[[f64; 6]; 6], truth: &CameraFromWorld) -> f64 {
-    let step = Vector6::from(step_between(estimate, truth));
+    let step = Vector6::from(estimate.step_to(truth));
     normalized(&Matrix6::from_fn(|i, j| covariance[i][j]), &step)
 }
 
@@ -106,16 +98,6 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use veiloc_synth::problems::{normal, random_pose};
-
-    #[test]
-    fn the_step_between_two_poses_leads_from_one_to_the_other() {
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
-        for _ in 0..100 {
-            let (from, to) = (random_pose(&mut rng), random_pose(&mut rng));
-            let there = from.perturbed(&step_between(&from, &to));
-            assert!(there.rotation_error_degrees(&to) < 1e-5 && there.translation_error(&to) < 1e-9);
-        }
-    }
 
     #[test]
     fn normalized_errors_agree_with_the_inverse() {

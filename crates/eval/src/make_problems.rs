@@ -119,8 +119,8 @@ fn line(
     source: &ProblemSource<'_>,
     sealed: &SealedQuery,
 ) -> Result<ProblemLine, EvalError> {
-    let retrieved = retrieve(sealed.global(), map, source.localize.retrieve);
-    let matches = match_points(sealed.descriptors(), map, &retrieved, &source.localize.matching);
+    let retrieved = retrieve(sealed.global(), map.into(), source.localize.retrieve);
+    let matches = match_points(sealed.descriptors(), map.into(), &retrieved, &source.localize.matching);
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
     let Correspondences::Points { pixels } = observe_matches(&sealed.observations(), &rows).correspondences
     else {

@@ -203,6 +203,13 @@ impl CameraFromWorld {
         Self::new(turn * self.rotation, turn * self.translation + Vector3::new(step[3], step[4], step[5]))
     }
 
+    /// The tangent step that takes this pose to another one: [`Self::perturbed`] by it is the other.
+    pub fn step_to(&self, other: &Self) -> [f64; 6] {
+        let turn = other.rotation * self.rotation.inverse();
+        let (w, v) = (turn.scaled_axis(), other.translation - turn * self.translation);
+        [w.x, w.y, w.z, v.x, v.y, v.z]
+    }
+
     /// Covariance of the camera centre in the world frame, map units squared, from that of the pose in the chart of
     /// [`Self::perturbed`].
     ///
@@ -255,6 +262,15 @@ mod tests {
         assert!(CameraFromWorld::from_quaternion([1.0, 0.0, 0.0, 0.0], [f64::INFINITY, 0.0, 0.0]).is_none());
         assert!(CameraFromWorld::from_matrix(-Matrix3::identity(), Vector3::zeros()).is_none());
         assert!(CameraFromWorld::from_matrix(Matrix3::repeat(f64::NAN), Vector3::zeros()).is_none());
+    }
+
+    #[test]
+    fn a_step_leads_where_it_was_measured_to() {
+        for i in 0..100 {
+            let (a, b) = (pose(f64::from(i) * 0.31), pose(f64::from(i) * 0.17 + 1.0));
+            let there = a.perturbed(&a.step_to(&b));
+            assert!(there.rotation_error_degrees(&b) < 1e-9 && there.translation_error(&b) < 1e-9, "{i}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::{fs::File, io, ops::Deref, path::Path};
 
-use memmap2::Mmap;
+use memmap2::{Mmap, MmapMut};
 
 /// The bytes of a file, mapped read-only into memory; the operating system loads pages when they are first read.
 ///
@@ -40,6 +40,20 @@ impl MappedFile {
         let map = unsafe { Mmap::map(&file)? };
         Ok(Self { map: Some(map) })
     }
+
+    /// The same of no file: `length` bytes of memory, aligned to a page as a file's are, zero but for what `fill` writes.
+    ///
+    /// # Errors
+    /// The operating system's, when there is no memory, and those of `fill`.
+    pub fn in_memory(length: usize, fill: impl FnOnce(&mut [u8]) -> io::Result<()>) -> io::Result<Self> {
+        if length == 0 {
+            fill(&mut [])?;
+            return Ok(Self { map: None });
+        }
+        let mut map = MmapMut::map_anon(length)?;
+        fill(&mut map)?;
+        Ok(Self { map: Some(map.make_read_only()?) })
+    }
 }
 
 impl Deref for MappedFile {
@@ -61,6 +75,21 @@ mod tests {
         let bytes: Vec<u8> = (0..10_000_u32).map(|i| i as u8).collect();
         std::fs::write(&path, &bytes).unwrap();
         assert_eq!(&*MappedFile::open(&path).unwrap(), bytes);
+    }
+
+    #[test]
+    fn memory_holds_what_was_filled_in() {
+        let bytes: Vec<u8> = (0..10_000_u32).map(|i| i as u8).collect();
+        let fill = |to: &mut [u8]| {
+            to.copy_from_slice(&bytes);
+            Ok(())
+        };
+        let map = MappedFile::in_memory(bytes.len(), fill).unwrap();
+        assert_eq!(&*map, bytes);
+        assert!(map.as_ptr().addr().is_multiple_of(64), "as a file's bytes are");
+        let nothing = |to: &mut [u8]| if to.is_empty() { Ok(()) } else { Err(io::Error::other("not empty")) };
+        assert!(MappedFile::in_memory(0, nothing).unwrap().is_empty());
+        assert!(MappedFile::in_memory(5, |_| Err(io::Error::other("no"))).is_err());
     }
 
     #[test]

@@ -39,4 +39,7 @@ pub mod retrieval;
 
 pub use correspondences::{MatchedObservations, observe_matches};
 pub use error::LocalizeError;
-pub use localizer::{Localization, LocalizeOptions, MatchedQuery, StageTimes, localize, match_query};
+pub use localizer::{
+    Localization, LocalizeOptions, Matched, MatchedQuery, StageTimes, localize, localize_matched, match_in,
+    match_query,
+};

@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::MatchOptions;
 use veiloc_geometry::CameraFromWorld;
-use veiloc_map::MapFile;
+use veiloc_map::{Calibration, MapFile, MapView};
 use veiloc_query::SealedQuery;
 use veiloc_robust::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_robust::{
@@ -68,9 +68,12 @@ pub struct StageTimes {
 pub struct Localization {
     /// The pose in the map.
     pub cam_from_world: CameraFromWorld,
-    /// Covariance of the pose in the chart of [`CameraFromWorld::perturbed`]: radians, then map units.
+    /// Covariance of the pose in the chart of [`CameraFromWorld::perturbed`]: radians, then map units. Calibrated by the
+    /// map's self-test, or by [`Calibration::unmeasured`] where it had none.
     pub covariance: [[f64; 6]; 6],
-    /// Whether to trust the pose, and why not.
+    /// The estimator's own covariance, in the same chart: what the noise of keypoints and map points alone comes to.
+    pub own_covariance: [[f64; 6]; 6],
+    /// Whether to trust the pose, and why not. Its standard deviations are those of [`Self::covariance`].
     pub confidence: Confidence,
     /// Whether the pose is trusted or doubted; never [`State::NotFound`], which is [`LocalizeError::NoPose`].
     pub state: State,
@@ -112,6 +115,41 @@ pub struct MatchedQuery {
     pub match_ms: f64,
 }
 
+/// What a query was matched with: the first half of localizing.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Matched {
+    /// The images that were matched, best first.
+    pub retrieved: Vec<Retrieved>,
+    /// Rows of the query and the points proposed for them, sorted by both.
+    pub matches: Vec<PointMatch>,
+    /// Milliseconds of the retrieval.
+    pub retrieve_ms: f64,
+    /// Milliseconds of the matching.
+    pub match_ms: f64,
+}
+
+/// Retrieves and matches in a map of which an image may be left out.
+///
+/// # Errors
+/// [`LocalizeError`]: the query was sealed for another map, or the map is empty.
+pub fn match_in(
+    query: &SealedQuery,
+    map: MapView<'_>,
+    options: &LocalizeOptions,
+) -> Result<Matched, LocalizeError> {
+    map.file().profile().check(query).map_err(|source| LocalizeError::WrongProfile { source })?;
+    if map.is_empty() {
+        return Err(LocalizeError::EmptyMap);
+    }
+    let started = Instant::now();
+    let retrieved = retrieve(query.global(), map, options.retrieve);
+    let retrieved_at = Instant::now();
+    let matches = match_points(query.descriptors(), map, &retrieved, &options.matching);
+    let (retrieve_ms, match_ms) = (ms(started, retrieved_at), ms(retrieved_at, Instant::now()));
+    Ok(Matched { retrieved, matches, retrieve_ms, match_ms })
+}
+
 /// Retrieves and matches, as [`localize`] does before it estimates the pose.
 ///
 /// # Errors
@@ -121,17 +159,17 @@ pub fn match_query(
     map: &MapFile,
     options: &LocalizeOptions,
 ) -> Result<MatchedQuery, LocalizeError> {
-    map.profile().check(query).map_err(|source| LocalizeError::WrongProfile { source })?;
-    if map.image_count() == 0 || map.point_count() == 0 {
-        return Err(LocalizeError::EmptyMap);
-    }
+    Ok(problem_of(query, map.into(), match_in(query, map.into(), options)?, options))
+}
 
-    let started = Instant::now();
-    let retrieved = retrieve(query.global(), map, options.retrieve);
-    let retrieved_at = Instant::now();
-    let matches = match_points(query.descriptors(), map, &retrieved, &options.matching);
-    let matched_at = Instant::now();
-
+/// What the pose of a query with these matches is estimated from.
+fn problem_of(
+    query: &SealedQuery,
+    map: MapView<'_>,
+    matched: Matched,
+    options: &LocalizeOptions,
+) -> MatchedQuery {
+    let Matched { retrieved, matches, retrieve_ms, match_ms } = matched;
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
     let observed = observe_matches(&query.observations(), &rows);
     let of_match = |m: &usize| &matches[*m];
@@ -141,21 +179,16 @@ pub fn match_query(
     problem.prior = options
         .use_prior
         .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map, &prior)).collect());
-    problem.seen_from = Some(observed.match_of.iter().map(|m| of_match(m).seen_from(map)).collect());
+    problem.seen_from = Some(observed.match_of.iter().map(|m| of_match(m).seen_from(map.file())).collect());
     problem.position = options.position;
     problem.focal = match query.focal_known() {
         veiloc_query::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
         veiloc_query::FocalKnowledge::Exif => FocalKnowledge::Exif,
         veiloc_query::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
     };
-    Ok(MatchedQuery {
-        problem,
-        match_of: observed.match_of,
-        rows,
-        retrieved,
-        retrieve_ms: ms(started, retrieved_at),
-        match_ms: ms(retrieved_at, matched_at),
-    })
+    problem.point_covariances =
+        Some(observed.match_of.iter().map(|m| map.point_covariance(of_match(m).point)).collect());
+    MatchedQuery { problem, match_of: observed.match_of, rows, retrieved, retrieve_ms, match_ms }
 }
 
 /// Estimates where a sealed query was taken.
@@ -167,22 +200,46 @@ pub fn localize(
     map: &MapFile,
     options: &LocalizeOptions,
 ) -> Result<Localization, LocalizeError> {
-    let MatchedQuery { problem, match_of, rows, retrieved, retrieve_ms, match_ms } =
-        match_query(query, map, options)?;
+    localize_matched(query, map.into(), match_in(query, map.into(), options)?, options)
+}
+
+/// Estimates the pose of a query that was matched with this map.
+///
+/// # Errors
+/// [`LocalizeError::NoPose`]: no pose is supported by the matches.
+///
+/// # Panics
+/// When a match is of a row that the query does not have.
+pub fn localize_matched(
+    query: &SealedQuery,
+    map: MapView<'_>,
+    matched: Matched,
+    options: &LocalizeOptions,
+) -> Result<Localization, LocalizeError> {
     let matched_at = Instant::now();
+    let MatchedQuery { problem, match_of, rows, retrieved, retrieve_ms, match_ms } =
+        problem_of(query, map, matched, options);
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)
         .map_err(|source| LocalizeError::NoPose { source, correspondences: problem.points.len() })?;
-    let state = estimate.confidence.state();
+    let calibration = map
+        .file()
+        .self_test()
+        .and_then(|test| test.of_scheme(query.scheme()))
+        .map_or_else(|| Calibration::unmeasured(estimate.confidence.distance), |test| test.calibration);
+    let covariance = calibration.apply(&estimate.covariance);
+    let confidence = estimate.confidence.with_covariance(&covariance);
+    let state = confidence.state();
     if state == State::NotFound {
-        let source = PoseError::Chance { log_evidence: estimate.confidence.log_evidence };
+        let source = PoseError::Chance { log_evidence: confidence.log_evidence };
         return Err(LocalizeError::NoPose { source, correspondences: problem.points.len() });
     }
     let agreeing = match_of.iter().zip(&estimate.inliers).filter_map(|(m, agrees)| agrees.then_some(*m));
     Ok(Localization {
         cam_from_world: estimate.cam_from_world,
-        covariance: estimate.covariance,
-        confidence: estimate.confidence,
+        covariance,
+        own_covariance: estimate.covariance,
+        confidence,
         state,
         noise_px: estimate.noise_px,
         focal_scale: estimate.focal_scale,
@@ -206,7 +263,7 @@ fn distinct(numbers: impl Iterator<Item = usize>) -> usize {
 }
 
 /// Probability that a match is right, before geometry is asked.
-fn prior_of(m: &PointMatch, map: &MapFile, prior: &MatchPrior) -> f64 {
+fn prior_of(m: &PointMatch, map: MapView<'_>, prior: &MatchPrior) -> f64 {
     let track_length = u32::try_from(map.track_length(m.point)).ok();
     match_probability(prior, &Evidence { ratio: f64::from(m.ratio), votes: Some(m.votes), track_length })
 }

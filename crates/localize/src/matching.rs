@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
-use veiloc_map::{MapFile, PointId};
+use veiloc_map::{MapFile, MapView, PointId};
 use veiloc_robust::SeenFrom;
 
 use crate::retrieval::Retrieved;
@@ -37,15 +37,15 @@ impl PointMatch {
 /// descriptors that belong to them; their matches are then dropped. The result is sorted by query row, then point.
 pub fn match_points(
     query: DescriptorView<'_>,
-    map: &MapFile,
+    map: MapView<'_>,
     retrieved: &[Retrieved],
     options: &MatchOptions,
 ) -> Vec<PointMatch> {
     let mut joined: BTreeMap<(usize, PointId), PointMatch> = BTreeMap::new();
     for Retrieved { image: index, .. } in retrieved {
-        let image = map.image(*index);
+        let image = map.file().image(*index);
         for m in match_descriptors(query, image.descriptors(), options) {
-            let Some(point) = image.point_of(m.database as usize) else { continue };
+            let Some(point) = map.point_of(&image, m.database as usize) else { continue };
             let query = m.query as usize;
             joined
                 .entry((query, point))

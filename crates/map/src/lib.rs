@@ -6,6 +6,8 @@
 //! - [`MapModel`]: a map as an owned value, what mapping builds and changes.
 //! - [`MapFile`]: the same in a file that is mapped into memory and served from; [`write()`] makes one, and
 //!   [`MapLock`] is for whoever reads a map to change it.
+//! - [`SelfTest`]: how well a map localizes its own images, and the [`Calibration`] of covariances that follows.
+//! - [`MapView`]: a map file whole, or with one image left out of it.
 //! - [`colmap`]: COLMAP's models, text and binary, read strictly; text written.
 //!
 //! # Who checks what
@@ -43,10 +45,12 @@ mod error;
 mod file;
 mod model;
 mod posed;
+mod self_test;
 mod settings;
 
 pub use error::{MapError, Place, Record};
-pub use file::{FORMAT_VERSION, ImageView, MapFile, MapLock, write};
+pub use file::{FORMAT_VERSION, ImageView, MapFile, MapLock, MapView, Without, write};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
 pub use posed::{PosedImage, PosedImages};
+pub use self_test::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest, SelfTest};
 pub use settings::BuildSettings;

@@ -9,6 +9,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_query::Profile;
 
 use crate::error::{MapError, Record};
+use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
 
 /// A point of one map: its index there. Ids of different maps, or of a map before and after a change, mean nothing to
@@ -77,12 +78,21 @@ pub struct MapModel {
     pub settings: BuildSettings,
     /// What a device needs to seal a query for this map.
     pub profile: Profile,
+    /// What its test of itself came to. A change of images or points makes it untrue: who changes them takes it away.
+    pub self_test: Option<SelfTest>,
 }
 
 impl MapModel {
     /// A map without images.
     pub const fn empty(profile: Profile, settings: BuildSettings) -> Self {
-        Self { cameras: Vec::new(), images: Vec::new(), points: Vec::new(), settings, profile }
+        Self {
+            cameras: Vec::new(),
+            images: Vec::new(),
+            points: Vec::new(),
+            settings,
+            profile,
+            self_test: None,
+        }
     }
 
     /// Index of the image with this name.
@@ -134,6 +144,9 @@ impl MapModel {
         let refuse = |record: Record, reason: String| Err(MapError::Model { record, reason });
         if let Err(error) = self.settings.check() {
             return refuse(Record::Map, format!("was built with impossible settings: {error}"));
+        }
+        if let Some(Err(reason)) = self.self_test.as_ref().map(SelfTest::check) {
+            return refuse(Record::Map, format!("has an impossible self-test: {reason}"));
         }
         let many = [self.cameras.len(), self.images.len(), self.points.len()];
         if many.iter().any(|n| *n >= u32::MAX as usize) {

@@ -8,6 +8,7 @@ use veiloc_map::{BuildSettings, MapImage, MapModel, PosedImage, PosedImages};
 use veiloc_query::Profile;
 
 use crate::complete::grow;
+use crate::diagnose::{diagnose, explain};
 use crate::error::MappingError;
 use crate::extract::{Extracted, Found, extract_all};
 use crate::input::Input;
@@ -58,12 +59,14 @@ pub fn build(
             images: images.len(),
             matches: edges.matches,
             verified: edges.verified.len(),
+            cause: diagnose(&model),
         });
     }
     model.points = points;
     sort_points(&mut model);
     model.link_keypoints();
-    let report = BuildReport::of(&model, images.len(), skipped, edges.matches, edges.verified.len());
+    let mut report = BuildReport::of(&model, images.len(), skipped, edges.matches, edges.verified.len());
+    explain(&mut report, &model);
     Ok((model, report))
 }
 

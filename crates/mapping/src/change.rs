@@ -9,6 +9,7 @@ use veiloc_query::Profile;
 
 use crate::build::{append_images, match_images};
 use crate::complete::grow;
+use crate::diagnose::explain;
 use crate::error::MappingError;
 use crate::extract::{Extracted, Found, extract_all};
 use crate::input::Input;
@@ -41,7 +42,9 @@ pub fn add(
     let Found { images, features, skipped } =
         extract_all(checked, extractor, model.settings.extraction, progress)?;
     let edges = join(model, &images, features, progress)?;
-    Ok(BuildReport::of(model, images.len(), skipped, edges.matches, edges.verified.len()))
+    let mut report = BuildReport::of(model, images.len(), skipped, edges.matches, edges.verified.len());
+    explain(&mut report, model);
+    Ok(report)
 }
 
 /// What follows extraction. An error leaves the map as it was.
@@ -63,6 +66,7 @@ pub(crate) fn join(
     progress.advance(1);
     progress.finish();
     model.points = points;
+    model.self_test = None;
     model.link_keypoints();
     Ok(edges)
 }
@@ -125,6 +129,7 @@ pub fn remove(
     scene.polish(&settings, Fallback::Vanish);
     let points = scene.finish();
     model.points = points;
+    model.self_test = None;
 
     let new_index: BTreeMap<u32, u32> = staying.iter().map(|i| *i as u32).zip(0..).collect();
     let mut index = 0;

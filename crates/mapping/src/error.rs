@@ -6,6 +6,7 @@ use veiloc_map::MapError;
 use veiloc_query::QueryError;
 
 use crate::bad_image::BadImages;
+use crate::report::Doubt;
 
 /// Why a map could not be built or changed.
 #[derive(Debug, thiserror::Error)]
@@ -57,7 +58,11 @@ pub enum MappingError {
     /// No point of the place could be triangulated.
     #[error(
         "no point could be triangulated from {images} images ({matches} matches, {verified} of them agree with \
-         the poses); do the images overlap, from different places, and are the poses world-to-camera?"
+         the poses); {}",
+        cause.map_or_else(
+            || "do the images overlap, from different places, and are the poses world-to-camera?".to_owned(),
+            |cause| cause.to_string()
+        )
     )]
     NoPoints {
         /// How many images.
@@ -66,6 +71,8 @@ pub enum MappingError {
         matches: usize,
         /// Those that agree with the poses.
         verified: usize,
+        /// What is likely wrong, when it could be found out.
+        cause: Option<Doubt>,
     },
     /// The model that is to be imported has nothing to import.
     #[error(

@@ -12,6 +12,7 @@ use veiloc_query::ExtractionLimits;
 use crate::bad_image::BadImage;
 use crate::build::{append_images, profile};
 use crate::complete::Grid;
+use crate::diagnose::diagnose;
 use crate::error::MappingError;
 use crate::extract::{Extracted, Found, extract_each};
 use crate::input::Input;
@@ -220,6 +221,10 @@ fn report(
     skipped: Vec<BadImage>,
 ) -> ImportReport {
     let points = colmap.points();
+    let mut doubts = doubts_about(model);
+    if !doubts.is_empty() {
+        doubts.extend(diagnose(model));
+    }
     let errors: Vec<(f64, f64)> =
         points.iter().filter_map(|p| Some((p.error, recomputed_error(colmap, p)?))).collect();
     let count = errors.len().max(1) as f64;
@@ -235,7 +240,7 @@ fn report(
         recomputed_error_px: errors.iter().map(|e| e.1).sum::<f64>() / count,
         errors_equal: equal as f64 / count,
         map_error_px: model.mean_reprojection_error(),
-        doubts: doubts_about(model),
+        doubts,
     }
 }
 

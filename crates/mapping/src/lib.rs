@@ -10,6 +10,8 @@
 //! - [`build`]: a map of images whose poses are known.
 //! - [`add`], [`remove`]: images join and leave; what they do not touch stays as it is, bit for bit.
 //! - [`import`]: a complete COLMAP model, whose points and observations are kept.
+//! - [`LeaveOut`]: the map as it would be without one of its images.
+//! - [`diagnose`]: the likely reason why images do not fit together.
 //! - [`BuildReport`]: what it came to, and every [`Doubt`] about the map.
 //!
 //! Poses are taken for true: only points move. Results depend neither on the number of threads nor on time.
@@ -47,10 +49,12 @@ mod bad_image;
 mod build;
 mod change;
 mod complete;
+mod diagnose;
 mod error;
 mod extract;
 mod import;
 mod input;
+mod leave_out;
 mod matching;
 mod options;
 mod pairs;
@@ -65,12 +69,14 @@ mod vocabulary;
 pub use bad_image::{BadImage, BadImages, BadReason, SkippedImages};
 pub use build::build;
 pub use change::{Words, add, remove};
+pub use diagnose::diagnose;
 pub use error::MappingError;
 pub use import::{ImportReport, import};
 pub use input::{Input, OnBadImage};
+pub use leave_out::LeaveOut;
 pub use options::BuildOptions;
 pub use progress::Progress;
-pub use report::{BuildReport, Doubt};
+pub use report::{BuildReport, Doubt, Fault};
 
 #[cfg(test)]
 mod tests;

@@ -74,12 +74,12 @@ pub(crate) fn match_pairs(
 }
 
 /// The epipolar geometry of two views, `x_bᵀ E x_a = 0` on the planes `z = 1`.
-struct Epipolar {
+pub(crate) struct Epipolar {
     essential: Matrix3<f64>,
 }
 
 impl Epipolar {
-    fn between(a: &View, b: &View) -> Self {
+    pub(crate) fn between(a: &View, b: &View) -> Self {
         let b_from_a = b.cam_from_world.compose(&a.cam_from_world.inverse());
         let t = b_from_a.translation();
         Self { essential: t.cross_matrix() * b_from_a.rotation().matrix() }
@@ -87,7 +87,7 @@ impl Epipolar {
 
     /// Whether two keypoints may show one point: each near the other's epipolar line, their rays meeting in front of
     /// both cameras.
-    fn admits(&self, a: &View, keypoint_a: usize, b: &View, keypoint_b: usize) -> bool {
+    pub(crate) fn admits(&self, a: &View, keypoint_a: usize, b: &View, keypoint_b: usize) -> bool {
         let (Some(x), Some(y)) = (a.plane[keypoint_a], b.plane[keypoint_b]) else { return false };
         let homogeneous = |p: &Vector2<f64>| Vector3::new(p.x, p.y, 1.0);
         let line_in_b = self.essential * homogeneous(&x);

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use veiloc_map::MapModel;
+use veiloc_map::{MapModel, SelfTest};
 
 use crate::bad_image::BadImage;
 
@@ -60,6 +60,63 @@ pub enum Doubt {
         /// Of how many.
         images: usize,
     },
+    /// The map localizes few of its own images.
+    SelfTest {
+        /// Images that were localized within a twentieth of what they see, each left out of the map, under the best of
+        /// the schemes.
+        right: u32,
+        /// Of how many.
+        images: u32,
+    },
+    /// Matches would agree with the poses much better had what was given been wrong in this way.
+    LikelyCause {
+        /// In which way.
+        fault: Fault,
+        /// Share of matches that agree with the poses as they were given, per cent.
+        agree_percent: u32,
+        /// Share that would agree.
+        would_percent: u32,
+    },
+}
+
+/// What is often wrong with poses and cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// Poses are camera-to-world where world-to-camera is wanted.
+    CameraToWorld,
+    /// The camera's y points up and its z backwards, as in OpenGL, where down and forwards are wanted.
+    AxesUpAndBack,
+    /// Both.
+    CameraToWorldAxesUpAndBack,
+    /// The focal length that was given is this many per cent of the right one.
+    FocalLength {
+        /// Within about a tenth.
+        percent: u32,
+    },
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::CameraToWorld => {
+                f.write_str("the poses look camera-to-world; world-to-camera is wanted, so invert them")
+            }
+            Self::AxesUpAndBack => f.write_str(
+                "the camera's axes look like OpenGL's (y up, z backwards); y down and z forwards are wanted, so negate \
+                 the second and third row of each world-to-camera pose",
+            ),
+            Self::CameraToWorldAxesUpAndBack => f.write_str(
+                "the poses look camera-to-world with OpenGL's axes (y up, z backwards), as NeRF data has them; negate \
+                 the second and third column of each rotation, then invert the pose",
+            ),
+            Self::FocalLength { percent } => write!(
+                f,
+                "the focal length looks wrong: what was given is about {:.2} times the right one; do the cameras \
+                 belong to images of this size?",
+                f64::from(*percent) / 100.0
+            ),
+        }
+    }
 }
 
 impl Doubt {
@@ -77,6 +134,17 @@ impl Doubt {
         doubts
     }
 
+    /// The doubt about a map that localizes less than half of its own images.
+    pub fn of_self_test(test: &SelfTest) -> Option<Self> {
+        let right = test.schemes.iter().map(|s| s.within_of_scale[2]).max()?;
+        (2 * right < test.images).then_some(Self::SelfTest { right, images: test.images })
+    }
+
+    /// Whether so few matches agree with the poses that it is worth asking why.
+    pub(crate) fn is_worth_asking(matches: usize, verified: usize) -> bool {
+        (verified as f64) < ASKED_BELOW * matches as f64
+    }
+
     fn of_matches(matches: usize, verified: usize) -> Vec<Self> {
         let disagree = matches >= MIN_MATCHES && (verified as f64) < MIN_AGREEING * matches as f64;
         disagree.then_some(Self::MatchesDisagree { matches, verified }).into_iter().collect()
@@ -88,6 +156,13 @@ impl Doubt {
             Self::MatchesDisagree { .. } => "matches-disagree",
             Self::FewPoints { .. } => "few-points",
             Self::BlindImages { .. } => "blind-images",
+            Self::SelfTest { .. } => "self-test",
+            Self::LikelyCause { fault, .. } => match fault {
+                Fault::CameraToWorld => "poses-camera-to-world",
+                Fault::AxesUpAndBack => "axes-up-and-back",
+                Fault::CameraToWorldAxesUpAndBack => "poses-camera-to-world-axes-up-and-back",
+                Fault::FocalLength { .. } => "focal-length",
+            },
         }
     }
 }
@@ -105,6 +180,16 @@ impl fmt::Display for Doubt {
             }
             Self::BlindImages { blind, images } => {
                 write!(f, "{blind} of {images} images see fewer than {MIN_SEEN} points each")
+            }
+            Self::SelfTest { right, images } => {
+                write!(f, "the map localizes only {right} of {images} of its own images")
+            }
+            Self::LikelyCause { fault, agree_percent, would_percent } => {
+                return write!(
+                    f,
+                    "likely cause: {fault} ({agree_percent} % of matches agree with what was given, {would_percent} % \
+                     would)"
+                );
             }
         }?;
         f.write_str(
@@ -129,3 +214,5 @@ const MIN_MATCHES: usize = 100;
 /// Share of matches that agree with the poses, below which the poses are doubted: 88 % in a part of RedKitchen, 12 % with
 /// its focal length doubled.
 const MIN_AGREEING: f64 = 0.25;
+/// Share below which the cause is looked for: sound maps have 80 % and more.
+const ASKED_BELOW: f64 = 0.7;

@@ -3,3 +3,4 @@
 mod input;
 mod real_images;
 mod synthetic;
+mod uncertainty;

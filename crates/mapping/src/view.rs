@@ -51,6 +51,19 @@ impl View {
         }
     }
 
+    /// The same image with another pose and this many times the focal length; its distortion is undone as before.
+    pub(crate) fn with(&self, cam_from_world: CameraFromWorld, focal_scale: f64) -> Self {
+        Self {
+            center: cam_from_world.center().coords,
+            rotation: *cam_from_world.rotation().matrix(),
+            translation: *cam_from_world.translation(),
+            cam_from_world,
+            focal: self.focal * focal_scale,
+            plane: self.plane.iter().map(|p| p.map(|p| p / focal_scale)).collect(),
+            ..self.clone()
+        }
+    }
+
     /// Geometric mean of the focal lengths, pixels.
     pub(crate) fn mean_focal(&self) -> f64 {
         (self.focal.x * self.focal.y).sqrt()

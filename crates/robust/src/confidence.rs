@@ -54,10 +54,14 @@ pub struct Confidence {
     pub log_evidence: f64,
     /// Log likelihood by which the pose beats the best one found elsewhere; infinite when no other was found.
     pub margin: f64,
-    /// Standard deviation of the camera centre in its least certain direction, map units.
+    /// Standard deviation of the camera centre in its least certain direction, map units: the square root of the largest
+    /// eigenvalue of the centre's covariance. What is printed and answered as the `±` of a position is this and nothing
+    /// else.
     pub center_sd: f64,
-    /// The same as a share of the median distance of the agreeing points.
+    /// The same as a share of [`Self::distance`].
     pub center_sd_relative: f64,
+    /// Median distance of the agreeing points, map units.
+    pub distance: f64,
     /// Standard deviation of the orientation about its least certain axis, degrees.
     pub rotation_sd_deg: f64,
     /// Keypoints that agree on each anchor's side; `None` without anchors.
@@ -157,6 +161,19 @@ impl Confidence {
         }
     }
 
+    /// The same pose under another covariance, in the chart of [`CameraFromWorld::perturbed`]: how firmly it is held is
+    /// told anew, the evidence stays, and what nothing holds stays free.
+    #[must_use]
+    pub fn with_covariance(self, covariance: &[[f64; 6]; 6]) -> Self {
+        let center_sd = if self.center_sd.is_finite() { largest_sd(covariance, 3) } else { f64::INFINITY };
+        Self {
+            center_sd,
+            center_sd_relative: center_sd / self.distance,
+            rotation_sd_deg: largest_sd(covariance, 0).to_degrees(),
+            ..self
+        }
+    }
+
     /// Everything that speaks against the pose.
     pub fn doubts(&self) -> Vec<Doubt> {
         let mut doubts = Vec::new();
@@ -189,25 +206,27 @@ pub(crate) fn assess(
     covariance: &Symmetric6,
     margin: f64,
 ) -> Confidence {
-    let covariance = Matrix6::from_fn(|i, j| covariance[i][j]);
-    let block = |at: usize| {
-        let block = covariance.fixed_view::<3, 3>(at, at).clone_owned();
-        if block.iter().all(|c| c.is_finite()) {
-            block.symmetric_eigenvalues().max().max(0.0).sqrt()
-        } else {
-            f64::INFINITY
-        }
-    };
-    let (rotation_sd, center_sd) = (block(0), block(3));
-    let distance = typical_distance(matches, pose, inliers);
-    Confidence {
-        log_evidence: log_evidence(matches, likelihoods, &covariance),
+    let confidence = Confidence {
+        log_evidence: log_evidence(matches, likelihoods, &Matrix6::from_fn(|i, j| covariance[i][j])),
         margin,
-        center_sd,
-        center_sd_relative: center_sd / distance,
-        rotation_sd_deg: rotation_sd.to_degrees(),
+        center_sd: 0.0,
+        center_sd_relative: 0.0,
+        distance: typical_distance(matches, pose, inliers),
+        rotation_sd_deg: 0.0,
         sides: matches!(matches.observations, Correspondences::Anchored { .. })
             .then(|| sides(matches, inliers)),
+    };
+    confidence.with_covariance(covariance)
+}
+
+/// Square root of the largest eigenvalue of the block of three rows from `at` on; infinite when something in it is not
+/// finite.
+fn largest_sd(covariance: &Symmetric6, at: usize) -> f64 {
+    let block = Matrix3::from_fn(|i, j| covariance[at + i][at + j]);
+    if block.iter().all(|c| c.is_finite()) {
+        block.symmetric_eigenvalues().max().max(0.0).sqrt()
+    } else {
+        f64::INFINITY
     }
 }
 

@@ -1,12 +1,16 @@
 //! `veiloc map`: build, import, inspect and change maps.
 
+mod info;
+mod self_test;
+
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
 use veiloc_map::colmap::{read_model, read_posed};
 use veiloc_map::{MapFile, MapLock, MapModel, PosedImages};
-use veiloc_mapping::{BadImage, BuildOptions, Doubt, Input, MappingError, OnBadImage, SkippedImages, Words};
+use veiloc_mapping::{BuildOptions, Input, MappingError, OnBadImage, Words};
 
+use self::info::Told;
+use self::self_test::{KeepArgs, SelfTestArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::stages::Stages;
@@ -99,13 +103,18 @@ impl BadArgs {
 /// Build a map from images whose poses are known.
 ///
 /// Extracts features, matches images that see the same things, checks the matches against the known poses,
-/// triangulates map points, and writes one file. An interrupted build leaves an older map as it was.
+/// triangulates map points, lets the map localize some of its own images, and writes one file. An interrupted build
+/// leaves an older map as it was, and so does a map that is good for nothing.
 #[derive(clap::Args)]
 pub(crate) struct BuildArgs {
     #[command(flatten)]
     posed: PosedArgs,
     #[command(flatten)]
     extraction: ExtractionArgs,
+    #[command(flatten)]
+    self_test: SelfTestArgs,
+    #[command(flatten)]
+    keep: KeepArgs,
     #[command(flatten)]
     written: WrittenArgs,
 }
@@ -125,6 +134,10 @@ pub(crate) struct ImportArgs {
     bad: BadArgs,
     #[command(flatten)]
     extraction: ExtractionArgs,
+    #[command(flatten)]
+    self_test: SelfTestArgs,
+    #[command(flatten)]
+    keep: KeepArgs,
     #[command(flatten)]
     written: WrittenArgs,
 }
@@ -149,6 +162,8 @@ pub(crate) struct AddArgs {
     map: PathBuf,
     #[command(flatten)]
     posed: PosedArgs,
+    #[command(flatten)]
+    self_test: SelfTestArgs,
     /// The map file to write. Default: the map itself.
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -172,6 +187,8 @@ pub(crate) struct RemoveArgs {
     /// Learn the vocabulary again from the images that stay; devices must then fetch the profile again.
     #[arg(long)]
     retrain: bool,
+    #[command(flatten)]
+    self_test: SelfTestArgs,
     /// The map file to write. Default: the map itself.
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -206,8 +223,10 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     let given = args.posed.read()?;
     let options = args.extraction.options();
-    let (model, report) =
+    let (mut model, mut report) =
         veiloc_mapping::build(&given.input(), &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+    args.self_test.test(&mut model, &mut report.doubts, ui)?;
+    args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
     let told =
         Told { json: args.written.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
@@ -219,9 +238,11 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     let options = args.extraction.options();
     let posed = PosedImages::from(&colmap);
     let input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
-    let (model, report) =
+    let (mut model, mut report) =
         veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
     ui.say(&report);
+    args.self_test.test(&mut model, &mut report.doubts, ui)?;
+    args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
     let told =
         Told { json: args.written.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
@@ -232,7 +253,9 @@ fn add(args: &AddArgs, ui: &Ui) -> Outcome {
     let given = args.posed.read()?;
     let change = Change::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = change.read()?;
-    let report = veiloc_mapping::add(&mut model, &given.input(), &Stages::new(ui)).map_err(with_skip_bad)?;
+    let mut report =
+        veiloc_mapping::add(&mut model, &given.input(), &Stages::new(ui)).map_err(with_skip_bad)?;
+    args.self_test.test(&mut model, &mut report.doubts, ui)?;
     change.write(&model)?;
     let told = Told { json: args.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
     told.info(change.out, ui)
@@ -244,6 +267,8 @@ fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
     let words = if args.retrain { Words::Retrain } else { Words::Keep };
     let profile = model.profile.id();
     veiloc_mapping::remove(&mut model, &args.names, words, &Stages::new(ui))?;
+    let mut doubts = Vec::new();
+    args.self_test.test(&mut model, &mut doubts, ui)?;
     change.write(&model)?;
     ui.say(match words {
         Words::Keep => {
@@ -261,7 +286,7 @@ fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
              images' keypoints still."
         }
     });
-    Told { json: args.json, ..Told::default() }.info(change.out, ui)
+    Told { json: args.json, doubts, ..Told::default() }.info(change.out, ui)
 }
 
 /// A map that is being changed: nobody else changes it from the moment it is read until it is written.
@@ -335,159 +360,4 @@ impl Posed<'_> {
             None => input,
         }
     }
-}
-
-#[derive(Serialize)]
-struct Info {
-    version: u32,
-    file: String,
-    bytes: u64,
-    format_version: u32,
-    images: usize,
-    cameras: usize,
-    keypoints: usize,
-    points: usize,
-    bytes_per_point: f64,
-    mean_track_length: f64,
-    mean_reprojection_error_px: f64,
-    descriptors: String,
-    global: String,
-    profile: String,
-    warnings: Vec<Warning>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    skipped: Vec<Skipped>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    image_list: Option<Vec<ImageInfo>>,
-}
-
-/// Why the map may be good for nothing.
-#[derive(Serialize)]
-struct Warning {
-    name: &'static str,
-    message: String,
-}
-
-/// An image that was left out.
-#[derive(Serialize)]
-struct Skipped {
-    name: String,
-    reason: String,
-}
-
-/// An image of the map.
-#[derive(Serialize)]
-struct ImageInfo {
-    name: String,
-    keypoints: usize,
-    points_seen: usize,
-    camera: String,
-}
-
-/// How facts about a map are told, and what the command that made it knows beyond them.
-#[derive(Default)]
-struct Told {
-    json: bool,
-    list: bool,
-    skipped: Vec<BadImage>,
-    doubts: Vec<Doubt>,
-}
-
-impl Told {
-    fn info(self, path: &Path, ui: &Ui) -> Outcome {
-        let map = MapFile::open(path)?;
-        let images: Vec<ImageInfo> = map
-            .images()
-            .map(|image| ImageInfo {
-                name: image.name().to_owned(),
-                keypoints: image.keypoints().len(),
-                points_seen: (0..image.keypoints().len()).filter(|k| image.point_of(*k).is_some()).count(),
-                camera: image.camera().to_string(),
-            })
-            .collect();
-        let mut doubts = self.doubts;
-        let seen: Vec<usize> = images.iter().map(|i| i.points_seen).collect();
-        for doubt in Doubt::of_counts(map.point_count(), &seen) {
-            if !doubts.contains(&doubt) {
-                doubts.push(doubt);
-            }
-        }
-        let warning = |d: &Doubt| Warning { name: d.name(), message: d.to_string() };
-        let skipped = |bad: &BadImage| Skipped { name: bad.name.clone(), reason: bad.reason.to_string() };
-        let info = Info {
-            warnings: doubts.iter().map(warning).collect(),
-            skipped: self.skipped.iter().map(skipped).collect(),
-            image_list: self.list.then_some(images),
-            ..facts(&map, path)
-        };
-        if !self.skipped.is_empty() {
-            ui.say(SkippedImages(self.skipped));
-        }
-        for warning in &info.warnings {
-            ui.say(format!("warning: {}", warning.message));
-        }
-        if self.json {
-            ui.json(&info)?;
-        } else {
-            ui.print(describe(&info));
-        }
-        Ok(Exit::Success)
-    }
-}
-
-fn facts(map: &MapFile, path: &Path) -> Info {
-    let bytes = map.byte_count() as u64;
-    let points = map.point_count();
-    let per_point = |total: f64| if points == 0 { 0.0 } else { total / points as f64 };
-    let observations: usize = (0..points).map(|i| map.track_length(veiloc_map::PointId(i as u32))).sum();
-    let error: f64 = (0..points).map(|i| map.reprojection_error(veiloc_map::PointId(i as u32))).sum();
-    Info {
-        version: 1,
-        file: path.display().to_string(),
-        bytes,
-        format_version: map.format_version(),
-        images: map.image_count(),
-        cameras: map.camera_count(),
-        keypoints: (0..map.image_count()).map(|i| map.image(i).keypoints().len()).sum(),
-        points,
-        bytes_per_point: per_point(bytes as f64),
-        mean_track_length: per_point(observations as f64),
-        mean_reprojection_error_px: per_point(error),
-        descriptors: map.profile().descriptor_kind().name().to_owned(),
-        global: map.profile().global_model().name().to_owned(),
-        profile: map.profile().id().to_string(),
-        warnings: Vec::new(),
-        skipped: Vec::new(),
-        image_list: None,
-    }
-}
-
-fn describe(info: &Info) -> String {
-    let mut text = format!(
-        "{}: map format {}, {:.1} MB\n  images      {} with {} cameras, {} keypoints\n  points      {}, seen by {:.1} images each, mean reprojection error {:.2} px\n  a point     {:.0} bytes of the file\n  devices     {} features, global descriptors {}, profile {}\n",
-        info.file,
-        info.format_version,
-        info.bytes as f64 / 1e6,
-        info.images,
-        info.cameras,
-        info.keypoints,
-        info.points,
-        info.mean_track_length,
-        info.mean_reprojection_error_px,
-        info.bytes_per_point,
-        info.descriptors,
-        info.global,
-        info.profile,
-    );
-    for image in info.image_list.iter().flatten() {
-        let ImageInfo { name, keypoints, points_seen, camera } = image;
-        let name = printable(name);
-        text.extend([format!("{points_seen:>7} of {keypoints:>6} keypoints see points  {camera}  {name}\n")]);
-    }
-    text
-}
-
-/// A name as it is, but for characters that would steer a terminal.
-fn printable(name: &str) -> String {
-    let shown = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
-    name.chars().map(shown).collect()
 }

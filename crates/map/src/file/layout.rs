@@ -43,11 +43,13 @@ pub(super) enum Section {
     Observations = 11,
     /// From version 2 on.
     Building = 12,
+    /// From version 2 on, where there was one.
+    SelfTest = 13,
 }
 
 impl Section {
     /// In the order of their codes, which are 1, 2, 3, ...
-    pub(super) const ALL: [Self; 12] = [
+    pub(super) const ALL: [Self; 13] = [
         Self::Profile,
         Self::Settings,
         Self::Cameras,
@@ -60,14 +62,21 @@ impl Section {
         Self::Points,
         Self::Observations,
         Self::Building,
+        Self::SelfTest,
     ];
 
-    /// The sections a file of this version has, all of which it must have.
+    /// The sections a file of this version must have, in order.
     pub(super) const fn of_version(version: u32) -> &'static [Self] {
         match version {
             1 => Self::ALL.split_at(11).0,
-            _ => &Self::ALL,
+            _ => Self::ALL.split_at(12).0,
         }
+    }
+
+    /// Whether these are the sections of a file of this version: all that it must have, and what it may have, in order.
+    pub(super) fn fit(version: u32, codes: impl Iterator<Item = u32> + Clone) -> bool {
+        let must = || Self::of_version(version).iter().map(|s| *s as u32);
+        codes.clone().eq(must()) || (version > 1 && codes.eq(must().chain([Self::SelfTest as u32])))
     }
 
     pub(super) fn from_code(code: u32) -> Option<Self> {
@@ -88,6 +97,7 @@ impl Section {
             Self::Points => "points",
             Self::Observations => "observations",
             Self::Building => "building",
+            Self::SelfTest => "self-test",
         }
     }
 }
@@ -185,6 +195,38 @@ pub(super) struct PointRecord {
 pub(super) struct ObservationRecord {
     pub(super) image: u32,
     pub(super) keypoint: u32,
+}
+
+/// What holds for all schemes of a self-test; the records of the schemes follow.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct SelfTestRecord {
+    pub(super) scale: f64,
+    pub(super) assumed_noise_px: f64,
+    pub(super) images: u32,
+    pub(super) schemes: u32,
+}
+
+/// What a self-test came to under one scheme.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct SchemeTestRecord {
+    /// As on the wire.
+    pub(super) scheme: u32,
+    pub(super) localized: u32,
+    pub(super) trusted: u32,
+    pub(super) within_of_scale: [u32; 3],
+    pub(super) within: [u32; 2],
+    pub(super) median_rotation_deg: f64,
+    pub(super) median_translation: f64,
+    pub(super) median_noise_px: f64,
+    pub(super) center_before: [f64; 3],
+    pub(super) center_after: [f64; 3],
+    pub(super) pose_before: [f64; 3],
+    pub(super) pose_after: [f64; 3],
+    pub(super) factor: f64,
+    pub(super) rotation_floor: f64,
+    pub(super) translation_floor: f64,
 }
 
 /// XXH3-64 of header and table, the header's own checksum taken as zero.

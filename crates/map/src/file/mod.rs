@@ -4,11 +4,15 @@ mod layout;
 mod lock;
 mod open;
 mod replace;
+mod self_test;
+mod uncertainty;
 mod view;
+mod without;
 mod write;
 
 pub use layout::FORMAT_VERSION;
 pub use view::{ImageView, MapFile};
+pub use without::{MapView, Without};
 pub use write::{MapLock, write};
 
 #[cfg(test)]

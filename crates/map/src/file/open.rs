@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, CameraModel, Intrinsics};
@@ -15,9 +16,12 @@ use super::layout::{
     ALIGN, BuildingRecord, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
     ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
 };
+use super::self_test;
 use super::view::{ImageEntry, LargeSections, MapFile};
+use super::write::{IN_MEMORY, in_memory};
 use crate::error::MapError;
-use crate::model::{is_name, is_rigid};
+use crate::model::{MapModel, is_name, is_rigid};
+use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
 
 impl MapFile {
@@ -27,12 +31,36 @@ impl MapFile {
     /// [`MapError`] naming the file: it cannot be read, is no map, is of another version, was cut, is damaged (which
     /// section), or does not hold together although it is undamaged.
     pub fn open(path: &Path) -> Result<Self, MapError> {
-        let bytes = MappedFile::open(path).map_err(MapError::io(path))?;
+        Self::of_bytes(MappedFile::open(path).map_err(MapError::io(path))?, path)
+    }
+
+    /// A map in memory, as if it had been written and opened: for whoever asks a map something before it is kept.
+    ///
+    /// It takes the memory of a file beside that of the model.
+    ///
+    /// # Errors
+    /// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] when there is no memory for it.
+    pub fn of_model(model: &MapModel) -> Result<Self, MapError> {
+        Self::of_bytes(in_memory(model)?, Path::new(IN_MEMORY))
+    }
+
+    fn of_bytes(bytes: MappedFile, path: &Path) -> Result<Self, MapError> {
         let parser = Parser { path, bytes: &bytes };
         let (version, sections) = parser.sections()?;
         let parts = parser.parts(&sections)?;
-        let Parts { profile, settings, cameras, images, large } = parts;
-        Ok(Self { path: path.to_owned(), bytes, version, profile, settings, cameras, images, large })
+        let Parts { profile, settings, cameras, images, self_test, large } = parts;
+        Ok(Self {
+            path: path.to_owned(),
+            bytes,
+            version,
+            profile,
+            settings,
+            cameras,
+            images,
+            self_test,
+            large,
+            noise: OnceLock::new(),
+        })
     }
 }
 
@@ -44,6 +72,7 @@ struct Parts {
     settings: BuildSettings,
     cameras: Vec<Intrinsics>,
     images: Vec<ImageEntry>,
+    self_test: Option<SelfTest>,
     large: LargeSections,
 }
 
@@ -80,11 +109,10 @@ impl<'a> Parser<'a> {
         }
         let wrong = |reason: String| self.wrong("header", &reason);
         let table = <[Entry]>::ref_from_bytes(table_bytes).map_err(|_| too_short(head))?;
-        let wanted = Section::of_version(header.version);
         if let Some(unknown) = table.iter().find(|e| Section::from_code(e.code).is_none()) {
             return Err(MapError::UnknownSection { path: path(), code: unknown.code });
         }
-        if !table.iter().map(|e| e.code).eq(wanted.iter().map(|s| *s as u32)) || header.reserved != [0; 4] {
+        if !Section::fit(header.version, table.iter().map(|e| e.code)) || header.reserved != [0; 4] {
             return Err(wrong(format!(
                 "not the sections of version {}, or reserved bytes in use",
                 header.version
@@ -92,7 +120,7 @@ impl<'a> Parser<'a> {
         }
         let mut ranges = Sections::default();
         let mut end = head;
-        for (section, entry) in wanted.iter().zip(table) {
+        for (section, entry) in table.iter().filter_map(|e| Some((Section::from_code(e.code)?, e))) {
             let start = end.next_multiple_of(ALIGN);
             let fits = (start as u64).checked_add(entry.length).is_some_and(|end| end <= actual);
             if entry.reserved != 0 || entry.offset != start as u64 || !fits {
@@ -105,7 +133,7 @@ impl<'a> Parser<'a> {
             if xxh3_64(&self.bytes[start..end]) != entry.checksum {
                 return Err(damaged(section.name()));
             }
-            ranges[*section as usize - 1] = Some(start..end);
+            ranges[section as usize - 1] = Some(start..end);
         }
         if end as u64 != actual {
             return Err(wrong("bytes behind the last section".to_owned()));
@@ -152,7 +180,13 @@ impl<'a> Parser<'a> {
             points: range(Section::Points),
             observations: range(Section::Observations),
         };
-        Ok(Parts { profile, settings, cameras, images, large })
+        let self_test = sections[Section::SelfTest as usize - 1].clone();
+        let self_test = self_test
+            .map(|range| {
+                self_test::decode(&self.bytes[range]).map_err(|e| self.wrong(Section::SelfTest.name(), &e))
+            })
+            .transpose()?;
+        Ok(Parts { profile, settings, cameras, images, self_test, large })
     }
 
     /// Of version 1, the words are those of the profile and the rest defaults.

@@ -1,5 +1,7 @@
 //! The map file: round trip, known answer, and damage of every kind.
 
+mod self_test;
+
 use std::path::PathBuf;
 
 use proptest::prelude::*;
@@ -64,6 +66,7 @@ fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel
         points,
         settings: settings(),
         profile: Profile::vlad(vocabulary),
+        self_test: None,
     };
     model.link_keypoints();
     model
@@ -350,10 +353,10 @@ fn a_section_of_a_newer_program_is_called_newer() {
     let bytes = to_bytes(&sample(8, 2, 5, 3));
     let (at, _) = section(&bytes, Section::Building);
     let mut newer = bytes.clone();
-    newer[at..at + 4].copy_from_slice(&13_u32.to_le_bytes());
+    newer[at..at + 4].copy_from_slice(&14_u32.to_le_bytes());
     seal_header(&mut newer);
     let error = open_bytes(&newer).unwrap_err();
-    assert!(matches!(error, MapError::UnknownSection { code: 13, .. }), "{error}");
+    assert!(matches!(error, MapError::UnknownSection { code: 14, .. }), "{error}");
     assert!(error.to_string().contains("use a newer veiloc"), "{error}");
     // A section twice, or one of version 2 in a file of version 1.
     let mut twice = bytes.clone();

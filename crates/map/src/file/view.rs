@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use veiloc_descriptor::{DescriptorView, GlobalDescriptor};
 use veiloc_geometry::frames::World;
@@ -12,6 +13,7 @@ use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{NO_POINT, ObservationRecord, PointRecord};
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
+use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
 
 /// A map in a file that is mapped into memory: opening it reads and checks everything once, using it copies nothing.
@@ -26,7 +28,10 @@ pub struct MapFile {
     pub(super) settings: BuildSettings,
     pub(super) cameras: Vec<Intrinsics>,
     pub(super) images: Vec<ImageEntry>,
+    pub(super) self_test: Option<SelfTest>,
     pub(super) large: LargeSections,
+    /// Computed when it is first asked for.
+    pub(super) noise: OnceLock<f64>,
 }
 
 /// An image's small parts, and where its large ones are.
@@ -76,6 +81,11 @@ impl MapFile {
     /// How the map was built. A file of version 1 says only what was extracted; the rest are defaults.
     pub const fn settings(&self) -> &BuildSettings {
         &self.settings
+    }
+
+    /// What the map's test of itself came to; `None` when there was none since it was built or changed.
+    pub const fn self_test(&self) -> Option<&SelfTest> {
+        self.self_test.as_ref()
     }
 
     /// Number of cameras.
@@ -152,6 +162,7 @@ impl MapFile {
             points: points.collect(),
             settings: self.settings,
             profile: self.profile.clone(),
+            self_test: self.self_test.clone(),
         }
     }
 

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use veiloc_kernels::MappedFile;
 use xxhash_rust::xxh3::Xxh3;
 use zerocopy::IntoBytes;
 
@@ -12,6 +13,7 @@ use super::layout::{
 };
 use super::lock::TargetLock;
 use super::replace::replace_file;
+use super::self_test;
 use crate::error::MapError;
 use crate::model::MapModel;
 use crate::settings::BuildSettings;
@@ -67,6 +69,15 @@ pub fn write(model: &MapModel, path: &Path) -> Result<(), MapError> {
     MapLock::acquire(path)?.write(model)
 }
 
+/// The bytes of a map file, in memory.
+pub(super) fn in_memory(model: &MapModel) -> Result<MappedFile, MapError> {
+    model.validate()?;
+    let sections = Sections::of(model);
+    let (header, table) = sections.head();
+    let fill = |mut to: &mut [u8]| sections.write_behind(&header, &table, &mut to);
+    MappedFile::in_memory(header.length as usize, fill).map_err(MapError::io(Path::new(IN_MEMORY)))
+}
+
 /// A section as pieces that follow one another: large arrays stay where the model has them.
 struct Sections<'a> {
     pieces: Vec<(Section, Vec<Piece<'a>>)>,
@@ -114,13 +125,18 @@ impl<'a> Sections<'a> {
                     vec![owned(&records.collect::<Vec<_>>())]
                 }
                 Section::Building => vec![owned(&[building_record(&model.settings)])],
+                Section::SelfTest => {
+                    model.self_test.iter().map(|t| Piece::Owned(self_test::encode(t))).collect()
+                }
             };
             (section, pieces)
         };
-        Self { pieces: Section::ALL.map(section).into() }
+        let there = Section::ALL.into_iter().filter(|s| *s != Section::SelfTest || model.self_test.is_some());
+        Self { pieces: there.map(section).collect() }
     }
 
-    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+    /// What stands before the sections.
+    fn head(&self) -> (Header, Vec<Entry>) {
         let mut table = Vec::new();
         let mut end = size_of::<Header>() + self.pieces.len() * size_of::<Entry>();
         for (section, pieces) in &self.pieces {
@@ -149,10 +165,20 @@ impl<'a> Sections<'a> {
             reserved: [0; 4],
         };
         header.checksum = header_checksum(&header, table.as_bytes());
+        (header, table)
+    }
+
+    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        let (header, table) = self.head();
+        self.write_behind(&header, &table, out)
+    }
+
+    /// Writes the whole file, of which this is the head.
+    fn write_behind(&self, header: &Header, table: &[Entry], out: &mut dyn Write) -> io::Result<()> {
         out.write_all(header.as_bytes())?;
         out.write_all(table.as_bytes())?;
         let mut at = size_of::<Header>() + table.as_bytes().len();
-        for ((_, pieces), entry) in self.pieces.iter().zip(&table) {
+        for ((_, pieces), entry) in self.pieces.iter().zip(table) {
             out.write_all(&[0; ALIGN][..entry.offset as usize - at])?;
             pieces.iter().try_for_each(|p| out.write_all(p.bytes()))?;
             at = (entry.offset + entry.length) as usize;
@@ -160,6 +186,9 @@ impl<'a> Sections<'a> {
         Ok(())
     }
 }
+
+/// What stands for the path of a map that is in no file.
+pub(super) const IN_MEMORY: &str = "(in memory)";
 
 fn owned<T: IntoBytes + zerocopy::Immutable>(records: &[T]) -> Piece<'static> {
     Piece::Owned(records.as_bytes().to_vec())

@@ -4,13 +4,14 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_map::colmap::{ColmapModel, read_model, read_posed};
 use veiloc_map::{PosedImage, PosedImages};
 use veiloc_query::ExtractionLimits;
 use veiloc_testdata::real_data_test;
 
 use crate::import::recomputed_error;
-use crate::{BadReason, BuildOptions, Doubt, Input, MappingError, Words, add, build, import, remove};
+use crate::{BadReason, BuildOptions, Doubt, Fault, Input, MappingError, Words, add, build, import, remove};
 
 /// COLMAP's convention of pixels, poses and distortion is ours: we find the errors that it wrote down, as far as the six
 /// digits of its text go. (COLMAP itself, reading this file, finds them within 0.0043 px: `update_point_3d_errors`.)
@@ -139,10 +140,25 @@ fn a_map_of_wrong_poses_or_cameras_is_doubted(data: &Path) {
         image.camera = camera.parse().unwrap();
     };
     assert_eq!(doubts(|_| {}).unwrap(), []);
-    for change in [inverted as fn(&mut PosedImage), doubled] {
-        match doubts(change) {
-            Ok(doubts) => assert!(!doubts.is_empty()),
-            Err(error) => assert!(matches!(error, MappingError::NoPoints { .. }), "{error}"),
-        }
+    let opengl = |image: &mut PosedImage| {
+        let flip = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let pose = image.cam_from_world;
+        image.cam_from_world = CameraFromWorld::new(flip * pose.rotation(), flip * pose.translation());
+    };
+    for (change, cause) in [
+        (inverted as fn(&mut PosedImage), Fault::CameraToWorld),
+        (opengl, Fault::AxesUpAndBack),
+        (doubled, Fault::FocalLength { percent: 200 }),
+    ] {
+        let told = match doubts(change) {
+            Ok(doubts) => doubts,
+            Err(MappingError::NoPoints { cause, .. }) => cause.into_iter().collect(),
+            Err(error) => panic!("{error}"),
+        };
+        let named: Vec<Fault> = told
+            .iter()
+            .filter_map(|d| if let Doubt::LikelyCause { fault, .. } = d { Some(*fault) } else { None })
+            .collect();
+        assert_eq!(named, [cause], "{told:?}");
     }
 }

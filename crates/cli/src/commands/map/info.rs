@@ -1,0 +1,173 @@
+//! What is in a map, as text and as JSON.
+
+use std::path::Path;
+
+use serde::Serialize;
+use veiloc_map::MapFile;
+use veiloc_mapping::{BadImage, Doubt, SkippedImages};
+
+use super::self_test::SelfTestInfo;
+use crate::exit::{Exit, Outcome};
+use crate::ui::Ui;
+
+#[derive(Serialize)]
+struct Info {
+    version: u32,
+    file: String,
+    bytes: u64,
+    format_version: u32,
+    images: usize,
+    cameras: usize,
+    keypoints: usize,
+    points: usize,
+    bytes_per_point: f64,
+    mean_track_length: f64,
+    mean_reprojection_error_px: f64,
+    descriptors: String,
+    global: String,
+    profile: String,
+    self_test: Option<SelfTestInfo>,
+    warnings: Vec<Warning>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    skipped: Vec<Skipped>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    image_list: Option<Vec<ImageInfo>>,
+}
+
+/// Why the map may be good for nothing.
+#[derive(Serialize)]
+struct Warning {
+    name: &'static str,
+    message: String,
+}
+
+/// An image that was left out.
+#[derive(Serialize)]
+struct Skipped {
+    name: String,
+    reason: String,
+}
+
+/// An image of the map.
+#[derive(Serialize)]
+struct ImageInfo {
+    name: String,
+    keypoints: usize,
+    points_seen: usize,
+    camera: String,
+}
+
+/// How facts about a map are told, and what the command that made it knows beyond them.
+#[derive(Default)]
+pub(super) struct Told {
+    pub(super) json: bool,
+    pub(super) list: bool,
+    pub(super) skipped: Vec<BadImage>,
+    pub(super) doubts: Vec<Doubt>,
+}
+
+impl Told {
+    pub(super) fn info(self, path: &Path, ui: &Ui) -> Outcome {
+        let map = MapFile::open(path)?;
+        let images: Vec<ImageInfo> = map
+            .images()
+            .map(|image| ImageInfo {
+                name: image.name().to_owned(),
+                keypoints: image.keypoints().len(),
+                points_seen: (0..image.keypoints().len()).filter(|k| image.point_of(*k).is_some()).count(),
+                camera: image.camera().to_string(),
+            })
+            .collect();
+        let mut doubts = self.doubts;
+        let seen: Vec<usize> = images.iter().map(|i| i.points_seen).collect();
+        let of_test = map.self_test().and_then(Doubt::of_self_test);
+        for doubt in Doubt::of_counts(map.point_count(), &seen).into_iter().chain(of_test) {
+            if !doubts.contains(&doubt) {
+                doubts.push(doubt);
+            }
+        }
+        let warning = |d: &Doubt| Warning { name: d.name(), message: d.to_string() };
+        let skipped = |bad: &BadImage| Skipped { name: bad.name.clone(), reason: bad.reason.to_string() };
+        let info = Info {
+            warnings: doubts.iter().map(warning).collect(),
+            skipped: self.skipped.iter().map(skipped).collect(),
+            image_list: self.list.then_some(images),
+            ..facts(&map, path)
+        };
+        if !self.skipped.is_empty() {
+            ui.say(SkippedImages(self.skipped));
+        }
+        for warning in &info.warnings {
+            ui.say(format!("warning: {}", warning.message));
+        }
+        if self.json {
+            ui.json(&info)?;
+        } else {
+            ui.print(describe(&info));
+        }
+        Ok(Exit::Success)
+    }
+}
+
+fn facts(map: &MapFile, path: &Path) -> Info {
+    let bytes = map.byte_count() as u64;
+    let points = map.point_count();
+    let per_point = |total: f64| if points == 0 { 0.0 } else { total / points as f64 };
+    let observations: usize = (0..points).map(|i| map.track_length(veiloc_map::PointId(i as u32))).sum();
+    let error: f64 = (0..points).map(|i| map.reprojection_error(veiloc_map::PointId(i as u32))).sum();
+    Info {
+        version: 1,
+        file: path.display().to_string(),
+        bytes,
+        format_version: map.format_version(),
+        images: map.image_count(),
+        cameras: map.camera_count(),
+        keypoints: (0..map.image_count()).map(|i| map.image(i).keypoints().len()).sum(),
+        points,
+        bytes_per_point: per_point(bytes as f64),
+        mean_track_length: per_point(observations as f64),
+        mean_reprojection_error_px: per_point(error),
+        descriptors: map.profile().descriptor_kind().name().to_owned(),
+        global: map.profile().global_model().name().to_owned(),
+        profile: map.profile().id().to_string(),
+        self_test: map.self_test().map(SelfTestInfo::of),
+        warnings: Vec::new(),
+        skipped: Vec::new(),
+        image_list: None,
+    }
+}
+
+fn describe(info: &Info) -> String {
+    let mut text = format!(
+        "{}: map format {}, {:.1} MB\n  images      {} with {} cameras, {} keypoints\n  points      {}, seen by {:.1} images each, mean reprojection error {:.2} px\n  a point     {:.0} bytes of the file\n  devices     {} features, global descriptors {}, profile {}\n",
+        info.file,
+        info.format_version,
+        info.bytes as f64 / 1e6,
+        info.images,
+        info.cameras,
+        info.keypoints,
+        info.points,
+        info.mean_track_length,
+        info.mean_reprojection_error_px,
+        info.bytes_per_point,
+        info.descriptors,
+        info.global,
+        info.profile,
+    );
+    match &info.self_test {
+        Some(test) => text.push_str(&test.describe()),
+        None => text.push_str("  self-test   none: covariances are calibrated by those of other maps\n"),
+    }
+    for image in info.image_list.iter().flatten() {
+        let ImageInfo { name, keypoints, points_seen, camera } = image;
+        let name = printable(name);
+        text.extend([format!("{points_seen:>7} of {keypoints:>6} keypoints see points  {camera}  {name}\n")]);
+    }
+    text
+}
+
+/// A name as it is, but for characters that would steer a terminal.
+fn printable(name: &str) -> String {
+    let shown = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    name.chars().map(shown).collect()
+}

@@ -1,0 +1,51 @@
+//! A map as it would be without one of its images, for each of them in turn.
+
+use std::collections::BTreeSet;
+
+use veiloc_geometry::Point3;
+use veiloc_map::{BuildSettings, MapModel, MapPoint, Observation, PointId, Without};
+
+use crate::options::for_images;
+use crate::scene::Scene;
+use crate::triangulation::{settle, triangulate};
+
+/// A map of which images are left out, one at a time: for tests that localize an image of the map as if it were none.
+pub struct LeaveOut<'a> {
+    model: &'a MapModel,
+    scene: Scene<'a>,
+    settings: BuildSettings,
+}
+
+impl<'a> LeaveOut<'a> {
+    /// Of a map that holds together.
+    pub fn of(model: &'a MapModel) -> Self {
+        let settings = for_images(&model.settings, model.images.len().saturating_sub(1));
+        Self { model, scene: Scene::of(model, &settings), settings }
+    }
+
+    /// The map without the image of this index: each point that it sees is triangulated again from the other images that
+    /// do, or gone when fewer of them agree than a point of a new map takes, or only under too small an angle.
+    ///
+    /// What the image has left behind elsewhere stays: tracks of the others that it joined, and its share in the words of
+    /// the vocabulary.
+    pub fn without(&self, image: usize) -> Without {
+        let seen: BTreeSet<PointId> =
+            self.model.images[image].point_of_keypoint.iter().flatten().copied().collect();
+        Without { image, points: seen.into_iter().map(|id| (id, self.point_without(id, image))).collect() }
+    }
+
+    fn point_without(&self, id: PointId, image: usize) -> Option<MapPoint> {
+        let mut point = self.scene.points[id.index()].clone();
+        point.track.retain(|node| node.0 as usize != image);
+        let (nodes, sights) = self.scene.sights(&point.track);
+        let least = self.settings.min_track_length as usize;
+        let angle = self.settings.min_triangulation_angle_deg;
+        // Where the image alone held it, the others may hold it elsewhere.
+        let found =
+            settle(&sights, point.position, least, angle).or_else(|| triangulate(&sights, least, angle))?;
+        let agreeing = nodes.iter().zip(&found.agree).filter_map(|(node, agrees)| agrees.then_some(node));
+        let track: Vec<Observation> =
+            agreeing.map(|&(image, keypoint)| Observation { image, keypoint }).collect();
+        Some(MapPoint { position: Point3::from_vector(found.position), track, error: 0.0 })
+    }
+}

@@ -1,0 +1,76 @@
+//! From what a map keeps of an image to a sealed query.
+
+use std::collections::BTreeMap;
+
+use rand_chacha::ChaCha20Rng;
+use veiloc_features::{Features, Keypoint};
+use veiloc_geometry::{Intrinsics, Pixel};
+use veiloc_localize::Matched;
+use veiloc_map::{MapImage, MapModel};
+use veiloc_obfuscation::{SealError, SealOptions, seal};
+use veiloc_query::{Profile, Scheme, SealedQuery};
+
+/// How a device seals under a scheme when it decides nothing else.
+pub(crate) fn options_for(scheme: Scheme) -> SealOptions {
+    SealOptions::new(scheme).unwrap_or_else(|_| SealOptions::unprotected_points())
+}
+
+/// Features of an image of a map, and the camera they are in: as a device would see them, which makes an image smaller
+/// that is larger than it wants.
+pub(crate) fn stored_features(
+    model: &MapModel,
+    image: &MapImage,
+    options: &SealOptions,
+) -> Result<(Features, Intrinsics), SealError> {
+    let camera = model.cameras[image.camera];
+    let most = options.bounded(&model.profile)?.max_image_side;
+    let longer = camera.width.max(camera.height);
+    let shrunk = |side: u32| match f64::from(side) * f64::from(most) / f64::from(longer) {
+        _ if longer <= most => side,
+        smaller => (smaller.round() as u32).max(1),
+    };
+    let seen = camera.resized(shrunk(camera.width), shrunk(camera.height));
+    let scale = |to: u32, from: u32| f64::from(to) / f64::from(from);
+    let (along, down) = (scale(seen.width, camera.width), scale(seen.height, camera.height));
+    let keypoint = |(rank, [u, v]): (usize, &[f32; 2])| Keypoint {
+        pixel: Pixel::new(f64::from(*u) * along, f64::from(*v) * down),
+        scale: 1.0,
+        orientation: 0.0,
+        // A map keeps the strongest first, and not how strong they were.
+        response: 1.0 / (1.0 + rank as f32),
+    };
+    let keypoints = image.keypoints.iter().enumerate().map(keypoint).collect();
+    Ok((Features { keypoints, descriptors: image.descriptors.clone() }, seen))
+}
+
+/// Seals the features of an image; a device draws from the operating system, here the draw must be repeatable.
+pub(crate) fn sealed(
+    features: Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+    rng: &mut ChaCha20Rng,
+) -> Result<SealedQuery, SealError> {
+    let query = seal(features, camera, profile, options, rng)?;
+    // As it crosses the network: what does not survive that is not tested either.
+    Ok(SealedQuery::decode(&query.encode())?)
+}
+
+/// The matches of a query as those of another one of the same image: its rows have the same descriptors in another order,
+/// and matching takes most of the time. `None` when they are not the same, as decoys never are.
+pub(crate) fn transferred(matched: &Matched, from: &SealedQuery, to: &SealedQuery) -> Option<Matched> {
+    let mut rows: BTreeMap<&[u8], Option<usize>> = BTreeMap::new();
+    for row in 0..to.len() {
+        // Of descriptors that are there twice it is not known which is which.
+        rows.entry(to.descriptors().row(row)).and_modify(|r| *r = None).or_insert(Some(row));
+    }
+    let row_of = |row: usize| rows.get(from.descriptors().row(row)).copied().flatten();
+    let known = (0..from.len()).filter(|row| row_of(*row).is_some()).count();
+    if to.len() != from.len() || 100 * known < 98 * from.len() {
+        return None;
+    }
+    let mut moved = matched.clone();
+    moved.matches.retain_mut(|m| row_of(m.query).map(|row| m.query = row).is_some());
+    moved.matches.sort_by_key(|m| (m.query, m.point));
+    Some(moved)
+}

@@ -1,0 +1,140 @@
+//! Running a self-test: which images, each left out, sealed and localized under each scheme.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use rayon::prelude::*;
+use veiloc_localize::{LocalizeOptions, Matched, localize_matched, match_in};
+use veiloc_map::{MapError, MapFile, MapModel, MapView, PointId, SelfTest};
+use veiloc_mapping::{LeaveOut, Progress};
+use veiloc_obfuscation::SealError;
+use veiloc_query::{Scheme, SealedQuery};
+
+use crate::query::{options_for, sealed, stored_features, transferred};
+use crate::summary::{median, summarize};
+use crate::trial::Trial;
+
+/// How to test a map.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct SelfTestOptions {
+    /// Most images that are localized, spread evenly over the map. Default 50: more say little more about a factor of the
+    /// standard deviations, which 50 tell to a twentieth.
+    pub images: usize,
+    /// Under which schemes. Default: all.
+    pub schemes: Vec<Scheme>,
+    /// How queries of the map will be localized.
+    pub localize: LocalizeOptions,
+    /// Seed of the seals' draws.
+    pub seed: u64,
+}
+
+impl Default for SelfTestOptions {
+    fn default() -> Self {
+        Self { images: 50, schemes: Scheme::ALL.into(), localize: LocalizeOptions::default(), seed: 0 }
+    }
+}
+
+/// Why a map could not be tested.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SelfTestError {
+    /// The map does not hold together.
+    #[error(transparent)]
+    Map(#[from] MapError),
+    /// No device could seal a query for the map.
+    #[error("no query can be sealed for the map, so it cannot test itself: {0}")]
+    Seal(#[from] SealError),
+}
+
+/// Localizes images of the map, each left out of it, and says how well that went.
+///
+/// The map stays as it is; the result belongs into its `self_test`. An image of which no query can be made, because it has
+/// no keypoints, counts as one that was not localized. Equal maps and options give equal results, whatever the number of
+/// threads. Takes the memory of the map's file beside the map.
+///
+/// # Errors
+/// [`SelfTestError`]: the map does not hold together, or no device can seal for its profile.
+pub fn self_test(
+    model: &MapModel,
+    options: &SelfTestOptions,
+    progress: &dyn Progress,
+) -> Result<SelfTest, SelfTestError> {
+    let file = MapFile::of_model(model)?;
+    for scheme in &options.schemes {
+        options_for(*scheme).bounded(&model.profile)?;
+    }
+    let chosen = spread(model.images.len(), options.images);
+    progress.start("Testing the map", chosen.len());
+    let leave_out = LeaveOut::of(model);
+    let by_image: Vec<Vec<Option<Trial>>> = chosen
+        .par_iter()
+        .map(|&image| {
+            let trials = trials_of(model, &file, &leave_out, image, options);
+            progress.advance(1);
+            trials
+        })
+        .collect();
+    progress.finish();
+    let scale = scale(model);
+    let of_scheme = |(index, scheme): (usize, &Scheme)| {
+        let trials: Vec<Option<Trial>> = by_image.iter().map(|trials| trials[index].clone()).collect();
+        summarize(*scheme, &trials, scale)
+    };
+    Ok(SelfTest {
+        images: chosen.len() as u32,
+        scale,
+        assumed_noise_px: options.localize.pose.noise_px,
+        schemes: options.schemes.iter().enumerate().map(of_scheme).collect(),
+    })
+}
+
+/// One entry a scheme; `None` where there is no pose.
+fn trials_of(
+    model: &MapModel,
+    file: &MapFile,
+    leave_out: &LeaveOut<'_>,
+    image: usize,
+    options: &SelfTestOptions,
+) -> Vec<Option<Trial>> {
+    let without = leave_out.without(image);
+    let view = MapView::without(file, &without);
+    let truth = &model.images[image].cam_from_world;
+    let mut first: Option<(SealedQuery, Matched)> = None;
+    let mut trial = |scheme: &Scheme| {
+        let seal_options = options_for(*scheme);
+        let (features, camera) = stored_features(model, &model.images[image], &seal_options).ok()?;
+        let mut rng = ChaCha20Rng::seed_from_u64(options.seed);
+        // Of the scheme itself, so that it draws the same whichever others are tested.
+        let stream = Scheme::ALL.iter().position(|s| s.name() == scheme.name()).unwrap_or(0);
+        rng.set_stream((image as u64) << 8 | stream as u64);
+        let query = sealed(features, &camera, &model.profile, &seal_options, &mut rng).ok()?;
+        let known = first.as_ref().and_then(|(other, matched)| transferred(matched, other, &query));
+        let matched = match known {
+            Some(matched) => matched,
+            None => match_in(&query, view, &options.localize).ok()?,
+        };
+        let found = localize_matched(&query, view, matched.clone(), &options.localize);
+        first.get_or_insert((query, matched));
+        Some(Trial::of(&found.ok()?, truth))
+    };
+    options.schemes.iter().map(&mut trial).collect()
+}
+
+/// Up to `most` of so many images, spread evenly.
+fn spread(images: usize, most: usize) -> Vec<usize> {
+    let count = images.min(most);
+    (0..count).map(|i| (2 * i + 1) * images / (2 * count)).collect()
+}
+
+/// Median over the images of the median distance of the points they see, map units; 0 when none sees any.
+fn scale(model: &MapModel) -> f64 {
+    let of_image = |image: &veiloc_map::MapImage| {
+        let center = image.cam_from_world.center();
+        let seen = image.point_of_keypoint.iter().flatten();
+        let distances: Vec<f64> =
+            seen.map(|PointId(id)| model.points[*id as usize].position.distance(&center)).collect();
+        (!distances.is_empty()).then(|| median(distances))
+    };
+    let scale = median(model.images.iter().filter_map(of_image).collect());
+    if scale.is_finite() { scale } else { 0.0 }
+}

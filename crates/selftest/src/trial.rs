@@ -1,0 +1,85 @@
+//! What became of one image under one scheme.
+
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Matrix6, Vector6};
+use veiloc_localize::Localization;
+use veiloc_map::Calibration;
+
+/// A pose that was found for an image, and how far it is from the image's own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// The step that takes the pose found to the true one, in the chart of [`CameraFromWorld::perturbed`]: radians, then map
+    /// units.
+    pub step: [f64; 6],
+    /// The estimator's own covariance in that chart.
+    pub covariance: [[f64; 6]; 6],
+    /// Whether the pose is trusted.
+    pub trusted: bool,
+    /// Noise that agreeing keypoints showed, pixels.
+    pub noise_px: f64,
+}
+
+impl Trial {
+    pub(crate) fn of(found: &Localization, truth: &CameraFromWorld) -> Self {
+        Self {
+            step: found.cam_from_world.step_to(truth),
+            covariance: found.own_covariance,
+            trusted: found.confidence.is_trusted(),
+            noise_px: found.noise_px,
+        }
+    }
+
+    /// Error of the rotation, degrees.
+    pub(crate) fn rotation_deg(&self) -> f64 {
+        length(&self.step[..3]).to_degrees()
+    }
+
+    /// Error of the camera centre, map units: to turn a camera about its centre moves nothing.
+    pub(crate) fn translation(&self) -> f64 {
+        length(&self.step[3..])
+    }
+
+    /// Whether it can say something about covariances.
+    pub(crate) fn is_usable(&self) -> bool {
+        self.trusted
+            && self.step.iter().chain(self.covariance.iter().flatten()).all(|v| v.is_finite())
+            && self
+                .squared_distances(&Calibration { factor: 1.0, rotation_floor: 0.0, translation_floor: 0.0 })
+                .is_some()
+    }
+
+    /// Squared error in units of the calibrated covariance, of the centre and of the pose, and half the logarithm of the
+    /// covariance's determinant; `None` when that is no covariance.
+    pub(crate) fn squared_distances(&self, calibration: &Calibration) -> Option<Distances> {
+        let c = calibration.apply(&self.covariance);
+        let pose = Matrix6::from_fn(|i, j| c[i][j]).cholesky()?;
+        let center = pose_center(&c).cholesky()?;
+        let step = Vector6::from(self.step);
+        let shift = step.fixed_rows::<3>(3).into_owned();
+        let distances = Distances {
+            center: shift.dot(&center.solve(&shift)),
+            pose: step.dot(&pose.solve(&step)),
+            half_log_det: pose.l().diagonal().iter().map(|d| d.ln()).sum(),
+        };
+        [distances.center, distances.pose, distances.half_log_det]
+            .iter()
+            .all(|v| v.is_finite())
+            .then_some(distances)
+    }
+}
+
+/// See [`Trial::squared_distances`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Distances {
+    pub(crate) center: f64,
+    pub(crate) pose: f64,
+    pub(crate) half_log_det: f64,
+}
+
+fn pose_center(c: &[[f64; 6]; 6]) -> veiloc_geometry::nalgebra::Matrix3<f64> {
+    veiloc_geometry::nalgebra::Matrix3::from_fn(|i, j| c[3 + i][3 + j])
+}
+
+fn length(v: &[f64]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
