@@ -154,4 +154,4 @@ fn the_number_of_threads_changes_nothing() {
 }
 
 /// The half for design among the rendered images of elsewhere.
-const DESIGN: [&str; 2] = ["negative-1.png", "negative-3.png"];
+const DESIGN: [&str; 4] = ["negative-1.png", "negative-3.png", "negative-4.png", "negative-6.png"];

@@ -6,6 +6,9 @@
 //! query's own matches, as a histogram that is smoothed and mixed with the even spread.
 
 use veiloc_geometry::nalgebra::Vector3;
+use veiloc_geometry::{Anchor, Pinhole};
+
+use crate::problem::Correspondences;
 
 /// Share of wrong matches that are taken to be spread evenly: no place of the image counts as impossible.
 const EVEN: f64 = 0.15;
@@ -28,8 +31,34 @@ const OFFSET_BINS: usize = 48;
 /// Weights of a bin and its neighbours at distances 1 and 2: they sum to 1.
 const SMOOTHING: [f64; 3] = [0.30, 0.23, 0.12];
 
+/// Logarithm of how much likelier a wrong match is to observe what each correspondence did than if wrong matches were spread
+/// evenly, `[N]`.
+pub(crate) fn crowding(observations: &Correspondences, camera: &Pinhole) -> Vec<f64> {
+    let size = [f64::from(camera.width), f64::from(camera.height)];
+    let density = match observations {
+        Correspondences::Points { pixels } => {
+            of_pixels(&pixels.iter().map(|p| [p.u, p.v]).collect::<Vec<_>>(), size)
+        }
+        Correspondences::Lines { lines } => {
+            of_lines(&lines.iter().map(|l| *l.coefficients()).collect::<Vec<_>>(), size)
+        }
+        Correspondences::Anchored { lines, .. } => {
+            let mut density = vec![1.0; lines.len()];
+            for anchor in Anchor::BOTH {
+                let of_anchor = || lines.iter().enumerate().filter(|(_, line)| line.0 == anchor);
+                let angles: Vec<f64> = of_anchor().map(|(_, line)| line.1).collect();
+                for ((i, _), at) in of_anchor().zip(of_angles(&angles)) {
+                    density[i] = at;
+                }
+            }
+            density
+        }
+    };
+    density.into_iter().map(f64::ln).collect()
+}
+
 /// Density over the half circle at each of these angles, relative to the even one, `[N]`.
-pub(crate) fn of_angles(angles: &[f64]) -> Vec<f64> {
+fn of_angles(angles: &[f64]) -> Vec<f64> {
     let bin = |angle: f64| {
         let share = (angle / std::f64::consts::PI).rem_euclid(1.0);
         ((share * ANGLE_BINS as f64) as usize).min(ANGLE_BINS - 1)
@@ -43,7 +72,7 @@ pub(crate) fn of_angles(angles: &[f64]) -> Vec<f64> {
 }
 
 /// Density over an image of this size at each of these pixels, relative to the even one, `[N]`.
-pub(crate) fn of_pixels(pixels: &[[f64; 2]], size: [f64; 2]) -> Vec<f64> {
+fn of_pixels(pixels: &[[f64; 2]], size: [f64; 2]) -> Vec<f64> {
     let bins = size.map(|s| ((PIXEL_BINS as f64 * s / size[0].max(size[1])).ceil() as usize).max(1));
     let at = |k: usize, x: f64| ((x / size[k] * bins[k] as f64) as usize).min(bins[k] - 1);
     let bin = |p: &[f64; 2]| at(1, p[1]) * bins[0] + at(0, p[0]);
@@ -66,7 +95,7 @@ pub(crate) fn of_pixels(pixels: &[[f64; 2]], size: [f64; 2]) -> Vec<f64> {
 
 /// Density at each of these lines among those of about its direction, relative to that of lines through evenly spread
 /// pixels of an image of this size, `[N]`. A line is the unit normal and offset `(a, b, c)` of `a u + b v + c = 0`.
-pub(crate) fn of_lines(lines: &[Vector3<f64>], size: [f64; 2]) -> Vec<f64> {
+fn of_lines(lines: &[Vector3<f64>], size: [f64; 2]) -> Vec<f64> {
     let diagonal = size[0].hypot(size[1]);
     // Direction of the normal in [0, π) and signed distance of the image's middle.
     let polar = |line: &Vector3<f64>| {

@@ -64,6 +64,9 @@ pub struct Confidence {
     pub distance: f64,
     /// Standard deviation of the orientation about its least certain axis, degrees.
     pub rotation_sd_deg: f64,
+    /// A focal length over the given one that would explain the matches better, by too little to be believed; `None` where
+    /// nothing speaks against the given one, or another was estimated.
+    pub other_focal: Option<f64>,
     /// Keypoints that agree on each anchor's side; `None` without anchors.
     pub sides: Option<[usize; 2]>,
 }
@@ -112,6 +115,11 @@ pub enum Doubt {
         /// [`Confidence::center_sd_relative`].
         center_sd_relative: f64,
     },
+    /// The matches would rather have another focal length.
+    FocalLength {
+        /// [`Confidence::other_focal`].
+        scale: f64,
+    },
     /// Nearly all agreeing lines run through one anchor.
     OneSided {
         /// [`Confidence::sides`].
@@ -132,6 +140,11 @@ impl fmt::Display for Doubt {
                 f,
                 "the matches hold the camera only to {:.0} % of its distance from the scene",
                 100.0 * center_sd_relative
+            ),
+            Self::FocalLength { scale } => write!(
+                f,
+                "the focal length seems to be wrong by {:.1} %; calibrate the camera, or say that it is not calibrated",
+                100.0 * (scale - 1.0).abs()
             ),
             Self::OneSided { sides: [a, b] } => {
                 write!(
@@ -189,6 +202,9 @@ impl Confidence {
         if one_sided.is_none() && !(self.center_sd_relative <= LOOSEST) {
             doubts.push(Doubt::LooselyHeld { center_sd_relative: self.center_sd_relative });
         }
+        if let Some(scale) = self.other_focal {
+            doubts.push(Doubt::FocalLength { scale });
+        }
         if let Some(sides) = one_sided {
             doubts.push(Doubt::OneSided { sides });
         }
@@ -213,6 +229,7 @@ pub(crate) fn assess(
         center_sd_relative: 0.0,
         distance: typical_distance(matches, pose, inliers),
         rotation_sd_deg: 0.0,
+        other_focal: None,
         sides: matches!(matches.observations, Correspondences::Anchored { .. })
             .then(|| sides(matches, inliers)),
     };
@@ -300,7 +317,7 @@ fn gains(matches: &Matches<'_>, likelihoods: &[f64]) -> Vec<f64> {
         let prior = matches.weight[i];
         let (right, explained): &mut (f64, f64) = &mut keypoints[matches.keypoint[i]];
         *right += prior;
-        *explained += (1.0 - prior) * llr.exp();
+        *explained += (1.0 - prior) * (llr - matches.crowding[i]).exp();
     }
     keypoints
         .iter()

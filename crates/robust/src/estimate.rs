@@ -4,10 +4,10 @@ use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
 use crate::beliefs::Beliefs;
-use crate::confidence::{Confidence, assess, free_direction};
+use crate::confidence::{Confidence, Doubt, assess, free_direction};
 use crate::covariance::free_along;
 use crate::error::PoseError;
-use crate::focal::{ZoomObjective, Zoomed};
+use crate::focal::{Verdict, ZoomObjective, Zoomed};
 use crate::kernel::Scale;
 use crate::matches::Matches;
 use crate::minimal::Minimal;
@@ -19,9 +19,6 @@ use crate::search::{Polished, Search};
 /// Log evidence from which on a trusted pose is not asked whether another focal length would explain more.
 const CLEAR: f64 = 150.0;
 
-/// Log evidence that another focal length must have over a calibrated one.
-const SURPLUS: f64 = 6.0;
-
 /// Focal lengths over a calibrated one that are tried from where the search ended: a wrong focal length may have led it to a
 /// pose at which no small change of it helps.
 const PROBES: [f64; 2] = [0.94, 1.06];
@@ -29,8 +26,8 @@ const PROBES: [f64; 2] = [0.94, 1.06];
 /// Such jumps at most.
 const MOST_JUMPS: usize = 4;
 
-/// Log likelihood by which one of them must be better.
-const PROBE_GAIN: f64 = 6.0;
+/// Log likelihood by which one of them must be better than what a small change must gain: it may have found another optimum.
+const PROBE_HANDICAP: f64 = 2.5;
 
 /// Rounds of estimating the focal length at the noise that the inliers show, and the noise again.
 const FOCAL_ROUNDS: usize = 3;
@@ -92,8 +89,10 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     problem.check()?;
     let matches = Matches::new(problem, options.expected_inlier_ratio);
     let mut best = search_at(&matches, problem, options, 1.0, rng);
+    // A calibrated focal length gives way to much more evidence only.
+    let agreeing = best.as_ref().map_or(0, |estimate| estimate.inlier_count);
     let surplus = match problem.focal {
-        FocalKnowledge::Calibrated => SURPLUS,
+        FocalKnowledge::Calibrated => PROBE_HANDICAP + Verdict::least_gain(agreeing),
         FocalKnowledge::Exif | FocalKnowledge::Unknown => 0.0,
     };
     for &factor in other_focal_lengths(problem.focal, options.score.unwrap_or_default(), &best) {
@@ -159,7 +158,11 @@ fn other_focal_lengths(
 }
 
 fn is_clear(found: &Result<PoseEstimate, PoseError>) -> bool {
-    found.as_ref().is_ok_and(|e| e.confidence.is_trusted() && e.confidence.log_evidence > CLEAR)
+    // A suspicious focal length was looked at already.
+    let other = |doubt: &Doubt| !matches!(doubt, Doubt::FocalLength { .. });
+    found
+        .as_ref()
+        .is_ok_and(|e| e.confidence.log_evidence > CLEAR && !e.confidence.doubts().iter().any(other))
 }
 
 /// Log evidence, least when nothing was found.
@@ -243,7 +246,7 @@ fn conclude<'a>(
         noise: polished.noise,
         sd: focal.sd(),
     };
-    // A jump to another focal length, when one explains more.
+    // Another focal length that explains more, and how much more.
     let jump = |search: &Search<'a>, polished: &Polished, at: &Zoomed| {
         let own = search.cost(&polished.pose, f64::INFINITY);
         PROBES
@@ -251,30 +254,41 @@ fn conclude<'a>(
             .map(|step| step * at.factor)
             .map(|factor| search.probe(seen.with_focal(factor), &polished.pose, factor))
             .min_by(|a, b| a.1.total_cmp(&b.1))
-            .filter(|(_, cost)| *cost < own - PROBE_GAIN)
-            .map(|(zoomed, _)| zoomed)
+            .map(|(zoomed, cost)| (zoomed, own - cost - PROBE_HANDICAP))
     };
-    let mut is_open = match focal {
-        FocalKnowledge::Exif | FocalKnowledge::Unknown => true,
-        FocalKnowledge::Calibrated => {
-            at.factor != 1.0 || zoom(&search, &polished).contradicts(&polished.pose)
-        }
+    let mut verdict = match focal {
+        FocalKnowledge::Exif | FocalKnowledge::Unknown => Verdict::Wrong,
+        FocalKnowledge::Calibrated if at.factor != 1.0 => Verdict::Wrong,
+        FocalKnowledge::Calibrated => zoom(&search, &polished).verdict(&polished.pose),
     };
     if search.is_likelihood() {
         for _ in 0..MOST_JUMPS {
-            if is_open {
+            if verdict == Verdict::Wrong {
                 for _ in 0..FOCAL_ROUNDS {
                     at = zoom(&search, &polished).refine(&Zoomed { pose: polished.pose, factor: at.factor });
                     search = search.settled(seen.with_focal(at.factor));
                     polished = search.polish(&at.pose, options.estimate_noise);
                 }
             }
-            let Some(zoomed) = jump(&search, &polished, &at) else { break };
-            (at, is_open) = (zoomed, true);
-            search = search.settled(seen.with_focal(at.factor));
-            polished = search.polish(&at.pose, options.estimate_noise);
+            let Some((zoomed, gain)) = jump(&search, &polished, &at) else { break };
+            let agreeing = search.agreeing(&polished.pose, &search.likelihoods(&polished)).len();
+            match Verdict::of(gain, zoomed.factor, agreeing) {
+                Verdict::Wrong => {
+                    (at, verdict) = (zoomed, Verdict::Wrong);
+                    search = search.settled(seen.with_focal(at.factor));
+                    polished = search.polish(&at.pose, options.estimate_noise);
+                }
+                Verdict::Suspicious(factor) => {
+                    if verdict == Verdict::Fine {
+                        verdict = Verdict::Suspicious(factor);
+                    }
+                    break;
+                }
+                Verdict::Fine => break,
+            }
         }
     }
+    let is_open = verdict == Verdict::Wrong;
     let focal_sd = (is_open && search.is_likelihood()).then(|| focal.sd());
     let matches = search.matches();
     let likelihoods = search.likelihoods(&polished);
@@ -296,6 +310,11 @@ fn conclude<'a>(
     let known = search.beliefs().loss(&polished.pose);
     let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &covariance, margin);
     confidence.log_evidence -= known;
+    if let Verdict::Suspicious(factor) = verdict
+        && search.is_likelihood()
+    {
+        confidence.other_focal = Some(factor);
+    }
     if let Some((direction, _)) = free {
         covariance = free_along(&covariance, &direction);
         confidence = confidence.held_only_across();

@@ -68,6 +68,9 @@ pub(crate) struct Matches<'a> {
     pub(crate) worth: Vec<f64>,
     /// How often each is drawn.
     pub(crate) weight: Vec<f64>,
+    /// Logarithm of how crowded the query is where each was observed, 0 where its matches are spread evenly: what
+    /// [`Self::worth`] would be less by if wrong matches were as the query shows them. For the evidence alone.
+    pub(crate) crowding: Vec<f64>,
 }
 
 /// One correspondence under one pose.
@@ -104,21 +107,17 @@ impl<'a> Matches<'a> {
         let mut anchor = vec![Anchor::First; n];
         let (observed, spread): (Vec<Vector3<f64>>, Vec<f64>) = match &problem.observations {
             Correspondences::Points { pixels } => {
-                let at: Vec<[f64; 2]> = pixels.iter().map(|p| [p.u, p.v]).collect();
-                let size = [f64::from(camera.width), f64::from(camera.height)];
-                let spread =
-                    clutter::of_pixels(&at, size).into_iter().map(|d| area / std::f64::consts::TAU / d);
-                (pixels.iter().map(|p| p.homogeneous()).collect(), spread.collect())
+                (pixels.iter().map(|p| p.homogeneous()).collect(), vec![area / std::f64::consts::TAU; n])
             }
             Correspondences::Lines { lines } => (
                 lines.iter().map(|l| *l.coefficients()).collect(),
-                lines_spread(lines, &camera).into_iter().map(|s| s * peak).collect(),
+                lines.iter().map(|l| area * peak / chord_length(l, &camera)).collect(),
             ),
             Correspondences::Anchored { anchors, lines } => {
                 anchor = lines.iter().map(|(a, _)| *a).collect();
                 (
                     lines.iter().map(|(a, angle)| *anchors.line(*a, *angle).coefficients()).collect(),
-                    anchored_spread(lines).into_iter().map(|s| s * peak).collect(),
+                    vec![std::f64::consts::PI * peak; n],
                 )
             }
         };
@@ -142,6 +141,7 @@ impl<'a> Matches<'a> {
             anchor,
             worth: (0..n).map(|i| (prior(i) / (1.0 - prior(i))).ln() + spread[i].ln()).collect(),
             weight: (0..n).map(prior).collect(),
+            crowding: clutter::crowding(&problem.observations, &camera),
         }
     }
 
@@ -342,28 +342,6 @@ impl<'a> Matches<'a> {
     }
 }
 
-/// One over the density of wrong matches at each line's offset, pixels: the image's area over the length of the chord
-/// where they are spread evenly.
-fn lines_spread(lines: &[PixelLine], camera: &Pinhole) -> Vec<f64> {
-    let size = [f64::from(camera.width), f64::from(camera.height)];
-    let coefficients: Vec<Vector3<f64>> = lines.iter().map(|l| *l.coefficients()).collect();
-    let density = clutter::of_lines(&coefficients, size);
-    lines.iter().zip(density).map(|(l, d)| size[0] * size[1] / (chord_length(l, camera) * d)).collect()
-}
-
-/// One over the density of wrong matches at each line's angle, radians: `π` where they are spread evenly.
-fn anchored_spread(lines: &[(Anchor, f64)]) -> Vec<f64> {
-    let mut spread = vec![std::f64::consts::PI; lines.len()];
-    for anchor in Anchor::BOTH {
-        let of_anchor = || lines.iter().enumerate().filter(|(_, line)| line.0 == anchor);
-        let angles: Vec<f64> = of_anchor().map(|(_, line)| line.1).collect();
-        for ((i, _), density) in of_anchor().zip(clutter::of_angles(&angles)) {
-            spread[i] /= density;
-        }
-    }
-    spread
-}
-
 /// The same keypoints numbered from 0 in order of first appearance, and how many there are: their own numbers change
 /// nothing, not even the order of sums.
 fn numbered<T: Copy + Eq + Hash>(keypoints: &[T]) -> (Vec<usize>, usize) {
@@ -458,20 +436,13 @@ mod tests {
         let problem = problem(2);
         let matches = Matches::new(&problem, 0.25);
         let anchors = DualAnchors::vertical(640, 480);
-        let Correspondences::Anchored { lines, .. } = &problem.observations else { unreachable!() };
-        // How crowded its anchor's lines are about each angle.
-        let crowd = |i: usize| {
-            let of_anchor = || (0..lines.len()).filter(|j| lines[*j].0 == lines[i].0);
-            let angles: Vec<f64> = of_anchor().map(|j| lines[j].1).collect();
-            clutter::of_angles(&angles)[of_anchor().position(|j| j == i).expect("one of them")]
-        };
         for i in 0..matches.len() {
             let pixel = problem.camera.project(
                 veiloc_geometry::PlanePoint::from_camera_point(&Point3::from_vector(matches.points[i]))
                     .expect("front"),
             );
             let r = pixel.distance(&anchors.position(anchors.anchor_of(pixel)));
-            let expected = (0.25_f64 / 0.75).ln() + (8.0 * r / (3.0 * 5.0_f64.sqrt() * 1.5) / crowd(i)).ln();
+            let expected = (0.25_f64 / 0.75).ln() + (8.0 * r / (3.0 * 5.0_f64.sqrt() * 1.5)).ln();
             let found = matches.log_likelihood_ratio(i, &CameraFromWorld::identity(), 1.5).expect("visible");
             assert!((found - expected).abs() < 1e-9, "{found} {expected}");
         }

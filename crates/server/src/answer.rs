@@ -47,5 +47,6 @@ const fn kind_of(doubt: &Doubt) -> DoubtKind {
         Doubt::Ambiguous { .. } => DoubtKind::Ambiguous,
         Doubt::LooselyHeld { .. } => DoubtKind::LooselyHeld,
         Doubt::OneSided { .. } => DoubtKind::OneSided,
+        Doubt::FocalLength { .. } => DoubtKind::Other,
     }
 }
