@@ -5,13 +5,17 @@
 //! all the same, is in `docs/privacy.md`.
 
 pub use veiloc_client::{
-    Client, ClientError, ClientOptions, Notice, Refusal, RetryPolicy, SealImageError, SealedImage, printable,
-    seal_image,
+    Client, ClientError, ClientOptions, LocalizeRequest, Notice, Refusal, RetryPolicy, SealImageError,
+    SealedImage, printable, seal_image,
 };
 pub use veiloc_features::{
     Extractor, Extractors, FeatureError, Features, GrayImage, Image, Keypoint, Sift, SiftOptions, load_gray,
 };
 pub use veiloc_obfuscation::{
-    DeviceLimits, ExtractError, SealError, SealOptions, device_rng, extract, extract_with, seal,
+    DeviceLimits, ExtractError, KnownCamera, SealError, SealOptions, device_rng, extract, extract_loaded,
+    extract_with, seal,
 };
-pub use veiloc_query::{Answer, AnswerDocument, Profile, QueryError, Scheme, SealedQuery};
+pub use veiloc_query::{
+    Answer, AnswerDocument, AnswerPose, CoarseGravity, FocalKnowledge, PositionHint, Profile, QueryError,
+    Scheme, SealedQuery,
+};
