@@ -23,6 +23,9 @@ const CLEAR: f64 = 150.0;
 /// pose at which no small change of it helps.
 const PROBES: [f64; 2] = [0.94, 1.06];
 
+/// Log likelihood from which on a pose whose focal length is found fine is no false optimum of a wrong one: those had 350.
+const PLENTY: f64 = 800.0;
+
 /// Such jumps at most.
 const MOST_JUMPS: usize = 4;
 
@@ -270,8 +273,18 @@ fn conclude<'a>(
                     polished = search.polish(&at.pose, options.estimate_noise);
                 }
             }
+            let plenty = search.cost(&polished.pose, f64::INFINITY) < -PLENTY;
+            if verdict == Verdict::Fine && plenty {
+                break;
+            }
             let Some((zoomed, gain)) = jump(&search, &polished, &at) else { break };
-            let agreeing = search.agreeing(&polished.pose, &search.likelihoods(&polished)).len();
+            // A focal length that is open goes where the likelihood is; a calibrated one must be contradicted.
+            let agreeing = match verdict {
+                Verdict::Wrong => 0,
+                Verdict::Fine | Verdict::Suspicious(_) => {
+                    search.agreeing(&polished.pose, &search.likelihoods(&polished)).len()
+                }
+            };
             match Verdict::of(gain, zoomed.factor, agreeing) {
                 Verdict::Wrong => {
                     (at, verdict) = (zoomed, Verdict::Wrong);

@@ -23,8 +23,9 @@ const LEAST_GAIN: f64 = 3.5;
 /// what the map's own calibration may be wrong by: undoing it in the query alone tears the two apart.
 ///
 /// On right focal lengths (four places, four kinds of stress, three schemes) changes that gained so much were below this;
-/// a focal length wrong by 3 % changed by 1.4 % at least, and gained 3.6 unless the map was sparse.
-const LEAST_CHANGE: f64 = 0.012;
+/// a focal length wrong by 1 % changed by 0.7 to 1 %, one wrong by 3 % by 1.4 % at least; both gained more unless the map was
+/// sparse.
+const LEAST_CHANGE: f64 = 0.007;
 
 /// A focal length is called wrong, and estimated, when it gains so much more for each agreeing match; below that it is only
 /// suspicious. What a pipeline does with half a pixel also looks like a focal length, and grows with the matches: on the

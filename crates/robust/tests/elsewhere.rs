@@ -49,7 +49,8 @@ fn crowds_that_agree_are_no_evidence() {
             let problem = texture(scheme, &mut rng);
             if let Ok(estimate) = estimate_pose(&problem, &PoseOptions::default(), &mut rng) {
                 let evidence = estimate.confidence.log_evidence;
-                assert_eq!(estimate.confidence.state(), State::NotFound, "{scheme:?} {seed}: {evidence}");
+                assert_ne!(estimate.confidence.state(), State::Trusted, "{scheme:?} {seed}: {evidence}");
+                assert!(evidence < 10.0, "{scheme:?} {seed}: {evidence}");
             }
         }
     }
