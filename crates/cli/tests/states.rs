@@ -32,7 +32,7 @@ fn seal_window(place: &Place, name: &str, percent: u32) {
         let hash = (x / 3).wrapping_mul(0x9E37_79B1) ^ (y / 3).wrapping_mul(0x85EB_CA77);
         *pixel = image::Rgb([(hash.wrapping_mul(0xC2B2_AE3D) >> 24) as u8; 3]);
     }
-    image.save(place.path(&format!("states-{name}.png"))).expect("written");
+    image.save(place.path(format!("states-{name}.png"))).expect("written");
     let seal = format!("seal states-{name}.png --camera {CAMERA} --profile place.vprofile --scheme points");
     place.run(&format!("{seal} -o states-{name}.vquery")).succeeded();
 }

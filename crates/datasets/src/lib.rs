@@ -4,10 +4,12 @@
 //! - [`keypoints`]: `keypoints.jsonl`, keypoints with or without descriptors, the input of `veiloc attack`.
 //! - [`images`]: images of folders, and their keypoints as a device would extract them.
 //! - [`json_lines`]: the files themselves, plain or gzipped, one JSON object a line.
+//! - [`is_for_design`]: halves of a set of images, by their names.
 //! - [`seed_for`]: one seed for each named part of a run, so that no choice of other parts changes it.
 #![forbid(unsafe_code)]
 
 mod error;
+mod halves;
 pub mod images;
 pub mod json_lines;
 pub mod keypoints;
@@ -15,6 +17,7 @@ pub mod problems;
 mod seeds;
 
 pub use error::DatasetError;
+pub use halves::is_for_design;
 pub use images::{keypoints_of_image, keypoints_of_images};
 pub use keypoints::{KeypointImage, encode_keypoints, read_keypoints, synthetic_image};
 pub use problems::{Problem, ProblemLine, read_problems};

@@ -77,11 +77,11 @@ fn seal_one(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<Sealed, Fault> {
-    let known = camera.of(path).map_err(|e| {
-        let kind =
-            if matches!(e, FeatureError::NoFocal { .. }) { FaultKind::Unfit } else { FaultKind::Damaged };
-        let help = if kind == FaultKind::Unfit { " (--camera, --camera unknown)" } else { "" };
-        Fault::new(kind, format_args!("{e}{help}"))
+    let known = camera.of(path).map_err(|e| match e {
+        FeatureError::NoFocal { .. } => {
+            Fault::new(FaultKind::Unfit, format_args!("{e} (--camera, --camera unknown)"))
+        }
+        _ => Fault::new(FaultKind::Damaged, e),
     })?;
     let options = options.clone().with_focal(known.focal);
     let (features, camera) = extract(path, &known.intrinsics, profile, &options).map_err(|e| fault_of(&e))?;

@@ -63,13 +63,10 @@ pub(crate) struct Args {
 struct Document {
     version: u32,
     command: &'static str,
-    /// The map, as given.
     map: String,
     half: Half,
     seed: u64,
-    /// Images that were asked for.
     images: usize,
-    /// Images of these that could not be read, or are not of their camera's size.
     failed: usize,
     #[serde(flatten)]
     result: Negatives,
