@@ -54,7 +54,7 @@ fn negatives_are_counted_and_not_trusted() {
 fn covariances_are_held_against_the_truth() {
     let place = place();
     let run = place.run(&format!("{SCENE} --json covered.json")).succeeded();
-    assert!(run.stdout.contains("centre in 90 %") && run.stdout.contains("error / ±"), "{run}");
+    assert!(run.stdout.contains("centre 90 %") && run.stdout.contains("error / ±"), "{run}");
     let document: serde_json::Value =
         serde_json::from_slice(&place.read("covered.json")).expect("a document");
     for row in document["schemes"].as_array().expect("an array") {

@@ -26,9 +26,10 @@ use crate::information::Symmetric6;
 use crate::matches::Matches;
 use crate::problem::Correspondences;
 
-/// Least natural logarithm of the evidence of a trusted pose: once in 160,000 by chance. Of 756 photographs of elsewhere
-/// asked of two maps under three schemes none reached more than 1 (`docs/pose-engine.md`).
-const LEAST_LOG_EVIDENCE: f64 = 12.0;
+/// Least natural logarithm of the evidence of a trusted pose, for each number that a match observes: once in three million by
+/// chance. Of 1,550 photographs of elsewhere none reached more than 1 (`docs/pose-engine.md`); what asks for more are places
+/// that share an object, whose true matches tell as much as each observes.
+const LEAST_LOG_EVIDENCE: f64 = 15.0;
 
 /// Log evidence below which a pose is no better than chance, and nothing was found.
 const CHANCE_LOG_EVIDENCE: f64 = 0.0;
@@ -52,6 +53,8 @@ const FEWEST_A_SIDE: usize = 4;
 pub struct Confidence {
     /// Natural logarithm of the Bayes factor of "some pose in this map explains the matches" against "all are wrong".
     pub log_evidence: f64,
+    /// What that must be at least for a trusted pose: 15, and 30 for points, which observe two numbers a match.
+    pub least_log_evidence: f64,
     /// Log likelihood by which the pose beats the best one found elsewhere; infinite when no other was found.
     pub margin: f64,
     /// Standard deviation of the camera centre in its least certain direction, map units: the square root of the largest
@@ -190,7 +193,7 @@ impl Confidence {
     /// Everything that speaks against the pose.
     pub fn doubts(&self) -> Vec<Doubt> {
         let mut doubts = Vec::new();
-        if !(self.log_evidence >= LEAST_LOG_EVIDENCE) {
+        if !(self.log_evidence >= self.least_log_evidence) {
             doubts.push(Doubt::WeakEvidence { log_evidence: self.log_evidence });
         }
         if !(self.margin >= LEAST_MARGIN) {
@@ -223,6 +226,7 @@ pub(crate) fn assess(
     margin: f64,
 ) -> Confidence {
     let confidence = Confidence {
+        least_log_evidence: LEAST_LOG_EVIDENCE * matches.residuals() as f64,
         log_evidence: log_evidence(matches, likelihoods, &Matrix6::from_fn(|i, j| covariance[i][j])),
         margin,
         center_sd: 0.0,

@@ -58,7 +58,7 @@ pub fn table(rows: &[SchemeSummary]) -> String {
 fn coverage(rows: &[SchemeSummary]) -> String {
     let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
     let shares = |what: &'static str| REGIONS.iter().map(move |region| format!("{what} {region} %"));
-    let columns = ["trusted".to_owned()].into_iter().chain(shares("centre in")).chain(shares("pose in"));
+    let columns = ["trusted".to_owned()].into_iter().chain(shares("centre")).chain(shares("pose"));
     let mut table = TextTable::new(names.into_iter().chain(columns).chain(["error / ±".to_owned()]), NAMES);
     let mut known = false;
     for row in rows {

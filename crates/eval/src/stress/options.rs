@@ -39,7 +39,7 @@ pub struct StressEvaluation {
     pub wrong_beyond: Threshold,
     /// Localization.
     pub localize: LocalizeOptions,
-    /// Whether to look from the true pose as well, at what the search missed ([`FromTruth`]).
+    /// Whether to look from the true pose as well, at what the search missed ([`FromTruth`](super::FromTruth)).
     pub from_truth: bool,
     /// For [`Self::from_truth`]: a match is truly right when its map point projects this near to the keypoint under the
     /// true pose, pixels.
