@@ -26,10 +26,13 @@ use crate::information::Symmetric6;
 use crate::matches::Matches;
 use crate::problem::Correspondences;
 
-/// Least natural logarithm of the evidence of a trusted pose, for each number that a match observes: once in three million by
-/// chance. Of 1,550 photographs of elsewhere none reached more than 1 (`docs/pose-engine.md`); what asks for more are places
-/// that share an object, whose true matches tell as much as each observes.
+/// Least natural logarithm of the evidence of a trusted pose from lines: once in three million by chance. Of 1,550
+/// photographs of elsewhere none reached more than 1, right poses began at 17 (`docs/pose-engine.md`).
 const LEAST_LOG_EVIDENCE: f64 = 15.0;
+
+/// The same from points. They tell so much that places which share an object have evidence of each other, by matches that
+/// are right; right poses began at 101.
+const LEAST_LOG_EVIDENCE_OF_POINTS: f64 = 60.0;
 
 /// Log evidence below which a pose is no better than chance, and nothing was found.
 const CHANCE_LOG_EVIDENCE: f64 = 0.0;
@@ -53,7 +56,7 @@ const FEWEST_A_SIDE: usize = 4;
 pub struct Confidence {
     /// Natural logarithm of the Bayes factor of "some pose in this map explains the matches" against "all are wrong".
     pub log_evidence: f64,
-    /// What that must be at least for a trusted pose: 15, and 30 for points, which observe two numbers a match.
+    /// What that must be at least for a trusted pose: 15, and 60 from points.
     pub least_log_evidence: f64,
     /// Log likelihood by which the pose beats the best one found elsewhere; infinite when no other was found.
     pub margin: f64,
@@ -226,7 +229,10 @@ pub(crate) fn assess(
     margin: f64,
 ) -> Confidence {
     let confidence = Confidence {
-        least_log_evidence: LEAST_LOG_EVIDENCE * matches.residuals() as f64,
+        least_log_evidence: match matches.observations {
+            Correspondences::Points { .. } => LEAST_LOG_EVIDENCE_OF_POINTS,
+            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => LEAST_LOG_EVIDENCE,
+        },
         log_evidence: log_evidence(matches, likelihoods, &Matrix6::from_fn(|i, j| covariance[i][j])),
         margin,
         center_sd: 0.0,
