@@ -37,6 +37,11 @@ fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
                 problem.focal = knowledge;
                 let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
                 let what = format!("{scheme:?} {factor} {knowledge:?} {seed}: {}", found.focal_scale);
+                // A calibrated one that few matches contradict is doubted rather than changed.
+                if found.confidence.other_focal.is_some() {
+                    assert!(found.confidence.state() == State::Doubtful && factor == 1.03, "{what}");
+                    continue;
+                }
                 assert!((found.focal_scale * factor - 1.0).abs() < 0.02, "{what}");
                 let error = found.cam_from_world.translation_error(&truth);
                 assert!(error < 0.1, "{what} {error}");

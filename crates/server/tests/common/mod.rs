@@ -121,10 +121,17 @@ impl Place {
         seal_features(self.features(pose), &self.camera, &self.profile, &mut rng).encode()
     }
 
-    /// A query for the map whose rows show another place: matches there are, but none that agree.
+    /// A query for the map whose left half shows this place and whose right half another: lines of one anchor agree, and
+    /// leave one direction free.
     pub fn sealed_doubtfully(&self) -> Vec<u8> {
+        let own = self.features(&truth());
         let other = Place::new(77).features(&truth()).descriptors;
-        self.with_descriptors(|i| other.as_bytes()[128 * i..128 * (i + 1)].to_vec(), other.len())
+        let middle = f64::from(self.camera.width) / 2.0;
+        let row = |i: usize| {
+            let shown = if own.keypoints[i].pixel.u < middle { &own.descriptors } else { &other };
+            shown.as_bytes()[128 * i..128 * (i + 1)].to_vec()
+        };
+        self.with_descriptors(row, other.len())
     }
 
     /// A query for the map all of whose rows look the same: no row matches better than another.
