@@ -255,7 +255,15 @@ fn operators_see_how_it_is_doing() {
 
     assert_eq!(server.get("/metrics", PHONE).problem(), "forbidden");
     assert_eq!(server.get("/metrics", "").problem(), "unauthenticated");
-    let text = server.get("/metrics", OPERATOR).text();
+    // A worker is done a moment after its reply has left.
+    let mut text = String::new();
+    for _ in 0..200 {
+        text = server.get("/metrics", OPERATOR).text();
+        if text.contains("veiloc_workers_busy 0") {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
     for line in [
         "veiloc_requests_total{route=\"/v1/maps/{name}/localize\",status=\"200\",problem=\"\"} 1",
         "veiloc_requests_total{route=\"/v1/maps/{name}/localize\",status=\"401\",problem=\"unauthenticated\"} 1",
