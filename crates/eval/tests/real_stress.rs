@@ -1,4 +1,4 @@
-//! Stress and negatives on real photographs. Needs `VEILOC_DATA`.
+//! Stress and negatives on real images. Needs `VEILOC_DATA`.
 
 use std::path::Path;
 
@@ -39,9 +39,9 @@ fn hard_conditions_of_redkitchen(data: &Path) {
     }
 }
 
-/// Photographs of elsewhere find no place in a kitchen, and a thing without texture cannot even ask.
+/// Images of elsewhere find no place in a kitchen, and a thing without texture cannot even ask.
 #[real_data_test]
-fn photographs_of_elsewhere_are_not_trusted(data: &Path) {
+fn images_of_elsewhere_are_not_trusted(data: &Path) {
     let kitchen = data.join("redkitchen");
     let posed = read_posed(&kitchen.join("posed")).expect("poses of the data");
     let (folder, map) = (kitchen.join("images"), names(&kitchen.join("map.txt"), 4));

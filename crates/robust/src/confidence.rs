@@ -27,7 +27,7 @@ use crate::matches::Matches;
 use crate::problem::Correspondences;
 
 /// Least natural logarithm of the evidence of a trusted pose from lines: once in three million by chance. Of 1,550
-/// photographs of elsewhere none reached more than 1, right poses began at 17 (`docs/pose-engine.md`).
+/// images of elsewhere none reached more than 1, right poses began at 17 (`docs/pose-engine.md`).
 const LEAST_LOG_EVIDENCE: f64 = 15.0;
 
 /// The same from points. They tell so much that places which share an object have evidence of each other, by matches that
