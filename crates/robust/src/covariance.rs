@@ -23,7 +23,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::beliefs::Beliefs;
-use crate::information::{NEGLIGIBLE, Symmetric6};
+use crate::information::{NEGLIGIBLE, Symmetric6, infinite};
 use crate::matches::{Matches, Residual};
 
 type Matrix7 = SMatrix<f64, 7, 7>;
@@ -151,10 +151,6 @@ fn sandwich(held: &Matrix7, shaken: &Matrix7) -> Option<Symmetric6> {
     (unit.min() > 0.0 && covariance.iter().all(|c| c.is_finite())).then(|| {
         std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (covariance[(i, j)] + covariance[(j, i)])))
     })
-}
-
-fn infinite() -> Symmetric6 {
-    std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 }))
 }
 
 /// The covariance with nothing known along one direction of translation, a unit vector of the camera frame: infinite on

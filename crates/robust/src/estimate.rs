@@ -4,76 +4,19 @@ use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
 use crate::beliefs::Beliefs;
-use crate::confidence::{Confidence, Doubt, assess, free_direction};
+use crate::confidence::{assess, free_direction};
 use crate::covariance::free_along;
 use crate::error::PoseError;
-use crate::focal::{Verdict, ZoomObjective, Zoomed};
+use crate::focal::{Verdict, Zoomed};
+use crate::focal_search::{Settled, is_clear, least_surplus, other_focal_lengths, worth};
 use crate::kernel::Scale;
 use crate::matches::Matches;
 use crate::minimal::Minimal;
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
+use crate::pose_estimate::PoseEstimate;
 use crate::problem::{Correspondences, FocalKnowledge, PoseProblem};
 use crate::ransac::{Budget, Estimator, lo_ransac};
-use crate::search::{Polished, Search};
-
-/// Log evidence from which on a trusted pose is not asked whether another focal length would explain more.
-const CLEAR: f64 = 150.0;
-
-/// Focal lengths over a calibrated one that are tried from where the search ended: a wrong focal length may have led it to a
-/// pose at which no small change of it helps.
-const PROBES: [f64; 2] = [0.94, 1.06];
-
-/// Log likelihood from which on a pose whose focal length is found fine is no false optimum of a wrong one: those had 350.
-const PLENTY: f64 = 800.0;
-
-/// Such jumps at most.
-const MOST_JUMPS: usize = 4;
-
-/// Log likelihood by which one of them must be better than what a small change must gain: it may have found another optimum.
-const PROBE_HANDICAP: f64 = 2.5;
-
-/// Rounds of estimating the focal length at the noise that the inliers show, and the noise again.
-const FOCAL_ROUNDS: usize = 3;
-
-/// Where the camera was, and how well that is known.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub struct PoseEstimate {
-    /// The pose.
-    pub cam_from_world: CameraFromWorld,
-    /// Which correspondences agree with it, `[N]`.
-    pub inliers: Vec<bool>,
-    /// How many do.
-    pub inlier_count: usize,
-    /// How many keypoints they belong to.
-    pub inlier_keypoints: usize,
-    /// Minimal samples drawn.
-    pub hypotheses: usize,
-    /// What the search minimised, lower is better: the MSAC value in units of whole outliers (between 0 and `N`), or
-    /// minus the log likelihood ratio against "all are outliers" (below 0).
-    pub score: f64,
-    /// Standard deviation that the inliers show, pixels: across the line, for points along each axis.
-    pub noise_px: f64,
-    /// Estimated focal length over the given one; 1 when it was not estimated.
-    pub focal_scale: f64,
-    /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): the variance of the
-    /// inliers' residuals times the inverse of `JᵀJ`. Infinite on the diagonal when the inliers leave a direction free.
-    pub covariance: [[f64; 6]; 6],
-    /// A direction along which nothing says where the camera is, a unit vector of the world frame: lines of one anchor say
-    /// nothing along its ray. The position is then one of many, and the variance along it infinite.
-    pub free_direction: Option<[f64; 3]>,
-    /// Whether to trust the pose.
-    pub confidence: Confidence,
-    /// Whether the final refinement was kept. It is dropped when it made the score worse.
-    pub refined: bool,
-}
-
-impl PoseEstimate {
-    /// Covariance of the camera centre in the world frame, map units squared.
-    pub fn center_covariance(&self) -> [[f64; 3]; 3] {
-        self.cam_from_world.center_covariance(&self.covariance)
-    }
-}
+use crate::search::Search;
 
 /// Estimates where the camera was.
 ///
@@ -92,13 +35,11 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     problem.check()?;
     let matches = Matches::new(problem, options.expected_inlier_ratio);
     let mut best = search_at(&matches, problem, options, 1.0, rng);
-    // A calibrated focal length gives way to much more evidence only.
-    let agreeing = best.as_ref().map_or(0, |estimate| estimate.inlier_count);
-    let surplus = match problem.focal {
-        FocalKnowledge::Calibrated => PROBE_HANDICAP + Verdict::least_gain(agreeing),
-        FocalKnowledge::Exif | FocalKnowledge::Unknown => 0.0,
-    };
-    for &factor in other_focal_lengths(problem.focal, options.score.unwrap_or_default(), &best) {
+    if options.score.unwrap_or_default() == ScoreKind::Msac {
+        return best;
+    }
+    let surplus = least_surplus(problem.focal, &best);
+    for &factor in other_focal_lengths(problem.focal, &best) {
         let other = search_at(&matches, problem, options, factor, rng);
         if worth(&other) > worth(&best) + surplus {
             best = other;
@@ -141,36 +82,6 @@ fn has_one_side(problem: &PoseProblem) -> bool {
         Correspondences::Anchored { lines, .. } => lines.iter().all(|(anchor, _)| *anchor == lines[0].0),
         Correspondences::Points { .. } | Correspondences::Lines { .. } => false,
     }
-}
-
-/// Other focal lengths to search with, over the given one, when that leaves a doubt or does not show much evidence: all that a phone's guess may be wrong
-/// by when it is a guess, and for a measured one only when something was found that the focal length may have spoilt.
-fn other_focal_lengths(
-    focal: FocalKnowledge,
-    score: ScoreKind,
-    found: &Result<PoseEstimate, PoseError>,
-) -> &'static [f64] {
-    if score == ScoreKind::Msac || is_clear(found) {
-        return &[];
-    }
-    match focal {
-        FocalKnowledge::Calibrated if worth(found) < 0.0 => &[],
-        FocalKnowledge::Calibrated | FocalKnowledge::Exif => &[0.87, 1.15, 0.75, 1.33],
-        FocalKnowledge::Unknown => &[0.8, 1.25, 0.65, 1.55],
-    }
-}
-
-fn is_clear(found: &Result<PoseEstimate, PoseError>) -> bool {
-    // A suspicious focal length was looked at already.
-    let other = |doubt: &Doubt| !matches!(doubt, Doubt::FocalLength { .. });
-    found
-        .as_ref()
-        .is_ok_and(|e| e.confidence.log_evidence > CLEAR && !e.confidence.doubts().iter().any(other))
-}
-
-/// Log evidence, least when nothing was found.
-fn worth(found: &Result<PoseEstimate, PoseError>) -> f64 {
-    found.as_ref().map_or(f64::NEG_INFINITY, |estimate| estimate.confidence.log_evidence)
 }
 
 /// Estimates where the camera was from a guess of it, such as the pose of the frame before.
@@ -238,71 +149,11 @@ fn conclude<'a>(
 ) -> Result<PoseEstimate, PoseError> {
     let no_consensus =
         |inliers| PoseError::NoConsensus { inliers, required: options.min_inliers, hypotheses };
-    let Some(mut at) = start else { return Err(no_consensus(0)) };
-    let seen = matches.as_seen_from(&at.pose);
-    let mut search = search.settled(seen.with_focal(at.factor));
-    let mut polished = search.polish(&at.pose, options.estimate_noise);
-    let zoom = |search: &Search<'_>, polished: &Polished| ZoomObjective {
-        matches: &seen,
-        beliefs: search.beliefs().clone(),
-        active: search.possible(&polished.pose, polished.noise),
-        noise: polished.noise,
-        sd: focal.sd(),
-    };
-    // Another focal length that explains more, and how much more.
-    let jump = |search: &Search<'a>, polished: &Polished, at: &Zoomed| {
-        let own = search.cost(&polished.pose, f64::INFINITY);
-        PROBES
-            .iter()
-            .map(|step| step * at.factor)
-            .map(|factor| search.probe(seen.with_focal(factor), &polished.pose, factor))
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .map(|(zoomed, cost)| (zoomed, own - cost - PROBE_HANDICAP))
-    };
-    let mut verdict = match focal {
-        FocalKnowledge::Exif | FocalKnowledge::Unknown => Verdict::Wrong,
-        FocalKnowledge::Calibrated if at.factor != 1.0 => Verdict::Wrong,
-        FocalKnowledge::Calibrated => zoom(&search, &polished).verdict(&polished.pose),
-    };
-    if search.is_likelihood() {
-        for _ in 0..MOST_JUMPS {
-            if verdict == Verdict::Wrong {
-                for _ in 0..FOCAL_ROUNDS {
-                    at = zoom(&search, &polished).refine(&Zoomed { pose: polished.pose, factor: at.factor });
-                    search = search.settled(seen.with_focal(at.factor));
-                    polished = search.polish(&at.pose, options.estimate_noise);
-                }
-            }
-            let plenty = search.cost(&polished.pose, f64::INFINITY) < -PLENTY;
-            if verdict == Verdict::Fine && plenty {
-                break;
-            }
-            let Some((zoomed, gain)) = jump(&search, &polished, &at) else { break };
-            // A focal length that is open goes where the likelihood is; a calibrated one must be contradicted.
-            let agreeing = match verdict {
-                Verdict::Wrong => 0,
-                Verdict::Fine | Verdict::Suspicious(_) => {
-                    search.agreeing(&polished.pose, &search.likelihoods(&polished)).len()
-                }
-            };
-            match Verdict::of(gain, zoomed.factor, agreeing) {
-                Verdict::Wrong => {
-                    (at, verdict) = (zoomed, Verdict::Wrong);
-                    search = search.settled(seen.with_focal(at.factor));
-                    polished = search.polish(&at.pose, options.estimate_noise);
-                }
-                Verdict::Suspicious(factor) => {
-                    if verdict == Verdict::Fine {
-                        verdict = Verdict::Suspicious(factor);
-                    }
-                    break;
-                }
-                Verdict::Fine => break,
-            }
-        }
-    }
-    let is_open = verdict == Verdict::Wrong;
-    let focal_sd = (is_open && search.is_likelihood()).then(|| focal.sd());
+    let Some(start) = start else { return Err(no_consensus(0)) };
+    let seen = matches.as_seen_from(&start.pose);
+    let Settled { search, polished, factor, verdict } =
+        Settled::new(search, &seen, &start, focal, options.estimate_noise);
+    let focal_sd = (verdict == Verdict::Wrong && search.is_likelihood()).then(|| focal.sd());
     let matches = search.matches();
     let likelihoods = search.likelihoods(&polished);
     let inliers = search.agreeing(&polished.pose, &likelihoods);
@@ -323,10 +174,8 @@ fn conclude<'a>(
     let known = search.beliefs().loss(&polished.pose);
     let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &covariance, margin);
     confidence.log_evidence -= known;
-    if let Verdict::Suspicious(factor) = verdict
-        && search.is_likelihood()
-    {
-        confidence.other_focal = Some(factor);
+    if let Verdict::Suspicious(other) = verdict {
+        confidence.other_focal = Some(other);
     }
     if let Some((direction, _)) = free {
         covariance = free_along(&covariance, &direction);
@@ -339,7 +188,7 @@ fn conclude<'a>(
         hypotheses,
         score: search.cost(&polished.pose, f64::INFINITY),
         noise_px,
-        focal_scale: at.factor,
+        focal_scale: factor,
         covariance,
         confidence,
         free_direction: free.map(|(d, _)| (polished.pose.rotation().inverse() * d).into()),

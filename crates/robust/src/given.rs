@@ -4,10 +4,10 @@ use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::assess;
 use crate::error::PoseError;
-use crate::estimate::PoseEstimate;
 use crate::information::{active, inverse_or_infinite};
 use crate::matches::Matches;
 use crate::options::PoseOptions;
+use crate::pose_estimate::PoseEstimate;
 use crate::problem::PoseProblem;
 use crate::refine::{Loss, linearize, refine};
 

@@ -64,6 +64,11 @@ pub(crate) fn inverse_or_infinite(information: &Matrix6<f64>) -> Symmetric6 {
         .filter(|c: &SMatrix<f64, 6, 6>| scale.min() > 0.0 && c.iter().all(|x| x.is_finite()));
     match inverse {
         Some(c) => symmetric(&c),
-        None => std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 })),
+        None => infinite(),
     }
+}
+
+/// The covariance of what nothing is known of.
+pub(crate) fn infinite() -> Symmetric6 {
+    std::array::from_fn(|i| std::array::from_fn(|j| if i == j { f64::INFINITY } else { 0.0 }))
 }

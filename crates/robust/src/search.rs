@@ -97,9 +97,10 @@ impl<'a> Search<'a> {
 
     /// What is left to do when a pose was found, over the correspondences as that pose sees them: nothing is sampled any
     /// more.
-    pub(crate) fn settled(self, matches: Matches<'a>) -> Self {
-        let kernel = Kernel::new(&matches, self.scale);
-        Self { matches: Cow::Owned(matches), kernel, minimal: None, ..self }
+    pub(crate) fn settle(&mut self, matches: Matches<'a>) {
+        self.kernel = Kernel::new(&matches, self.scale);
+        self.matches = Cow::Owned(matches);
+        self.minimal = None;
     }
 
     /// Where the pose goes with another focal length, and the cost there.
