@@ -36,6 +36,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "obfuscation",
             "query",
             "robust",
+            "selftest",
             "synth",
         ],
     ),

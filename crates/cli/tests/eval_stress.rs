@@ -27,7 +27,16 @@ fn every_stress_has_its_rows_and_none_comes_first() {
     let result = document(&place.read("stress.json"));
     let rows = list(&result, "rows");
     let order: Vec<&str> = rows.iter().filter_map(|r| r["stress"].as_str()).step_by(2).collect();
-    let expected = ["none", "dark", "motion", "half-hidden", "low-resolution", "sparse-map", "few-keypoints"];
+    let expected = [
+        "none",
+        "dark",
+        "motion",
+        "half-hidden",
+        "side-hidden",
+        "low-resolution",
+        "sparse-map",
+        "few-keypoints",
+    ];
     assert_eq!(order, expected);
     assert_eq!((&result["sparse_map"]["every"], &result["sparse_map"]["images"]), (&3.into(), &4.into()));
     let row = |stress: &str, scheme: &str| {

@@ -28,6 +28,9 @@ pub enum EvalError {
     /// The map could not be built.
     #[error(transparent)]
     Mapping(#[from] veiloc_mapping::MappingError),
+    /// The map could not test itself.
+    #[error(transparent)]
+    SelfTest(#[from] veiloc_selftest::SelfTestError),
     /// A map or model file could not be read or written.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),

@@ -216,6 +216,21 @@ impl Intrinsics {
         self.unproject(pixel).map(|p| self.pinhole().project(p))
     }
 
+    /// The same camera with focal lengths so many times as long; the size of the image stays.
+    pub fn zoomed(&self, factor: f64) -> Self {
+        let mut model = self.model;
+        match &mut model {
+            CameraModel::SimplePinhole([f, ..])
+            | CameraModel::SimpleRadial([f, ..])
+            | CameraModel::Radial([f, ..]) => *f *= factor,
+            CameraModel::Pinhole([fx, fy, ..]) | CameraModel::OpenCv([fx, fy, ..]) => {
+                *fx *= factor;
+                *fy *= factor;
+            }
+        }
+        Self { model, ..*self }
+    }
+
     /// The same camera for an image scaled to another size.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let sx = f64::from(width) / f64::from(self.width);

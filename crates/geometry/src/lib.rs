@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 
 pub mod anchors;
+pub mod deviations;
 pub mod frames;
 mod intrinsics;
 mod line;

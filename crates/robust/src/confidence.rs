@@ -19,6 +19,7 @@
 
 use std::fmt;
 
+use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
@@ -42,6 +43,9 @@ const LEAST_MARGIN: f64 = 8.0;
 
 /// Largest standard deviation of a trusted camera centre, as a share of the distance to what it sees.
 const LOOSEST: f64 = 0.1;
+
+/// Largest standard deviation of a trusted orientation, degrees.
+const LOOSEST_ROTATION_DEG: f64 = 1.0;
 
 /// Least log evidence that the poorer side of the dividing line must give for where the camera is along the ray of the
 /// richer one's anchor.
@@ -116,10 +120,12 @@ pub enum Doubt {
         /// [`Confidence::margin`].
         margin: f64,
     },
-    /// The agreeing matches leave a direction nearly free.
+    /// The agreeing matches leave a direction or a turn nearly free.
     LooselyHeld {
         /// [`Confidence::center_sd_relative`].
         center_sd_relative: f64,
+        /// [`Confidence::rotation_sd_deg`].
+        rotation_sd_deg: f64,
     },
     /// The matches would rather have another focal length.
     FocalLength {
@@ -142,9 +148,9 @@ impl fmt::Display for Doubt {
             Self::Ambiguous { margin } => {
                 write!(f, "another pose explains the matches nearly as well (margin {margin:.1})")
             }
-            Self::LooselyHeld { center_sd_relative } => write!(
+            Self::LooselyHeld { center_sd_relative, rotation_sd_deg } => write!(
                 f,
-                "the matches hold the camera only to {:.0} % of its distance from the scene",
+                "the matches hold the camera only to {:.0} % of its distance from the scene and {rotation_sd_deg:.1}°",
                 100.0 * center_sd_relative
             ),
             Self::FocalLength { scale } => write!(
@@ -184,11 +190,11 @@ impl Confidence {
     /// told anew, the evidence stays, and what nothing holds stays free.
     #[must_use]
     pub fn with_covariance(self, covariance: &[[f64; 6]; 6]) -> Self {
-        let center_sd = if self.center_sd.is_finite() { largest_sd(covariance, 3) } else { f64::INFINITY };
+        let center_sd = if self.center_sd.is_finite() { position_sd(covariance) } else { f64::INFINITY };
         Self {
             center_sd,
             center_sd_relative: center_sd / self.distance,
-            rotation_sd_deg: largest_sd(covariance, 0).to_degrees(),
+            rotation_sd_deg: rotation_sd_degrees(covariance),
             ..self
         }
     }
@@ -205,8 +211,12 @@ impl Confidence {
         // A direction that is left free is said by the sides.
         let one_sided =
             self.sides.filter(|s| s[0].min(s[1]) < FEWEST_A_SIDE || self.center_sd == f64::INFINITY);
-        if one_sided.is_none() && !(self.center_sd_relative <= LOOSEST) {
-            doubts.push(Doubt::LooselyHeld { center_sd_relative: self.center_sd_relative });
+        let is_held = self.center_sd_relative <= LOOSEST && self.rotation_sd_deg <= LOOSEST_ROTATION_DEG;
+        if one_sided.is_none() && !is_held {
+            doubts.push(Doubt::LooselyHeld {
+                center_sd_relative: self.center_sd_relative,
+                rotation_sd_deg: self.rotation_sd_deg,
+            });
         }
         if let Some(scale) = self.other_focal {
             doubts.push(Doubt::FocalLength { scale });
@@ -244,17 +254,6 @@ pub(crate) fn assess(
             .then(|| sides(matches, inliers)),
     };
     confidence.with_covariance(covariance)
-}
-
-/// Square root of the largest eigenvalue of the block of three rows from `at` on; infinite when something in it is not
-/// finite.
-fn largest_sd(covariance: &Symmetric6, at: usize) -> f64 {
-    let block = Matrix3::from_fn(|i, j| covariance[at + i][at + j]);
-    if block.iter().all(|c| c.is_finite()) {
-        block.symmetric_eigenvalues().max().max(0.0).sqrt()
-    } else {
-        f64::INFINITY
-    }
 }
 
 impl Confidence {

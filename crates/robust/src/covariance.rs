@@ -153,6 +153,11 @@ fn sandwich(held: &Matrix7, shaken: &Matrix7) -> Option<Symmetric6> {
     })
 }
 
+/// The covariance of a pose that may be off by so much beside its noise: the square of the shift is added.
+pub(crate) fn with_shift(covariance: &Symmetric6, shift: &[f64; 6]) -> Symmetric6 {
+    std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] + shift[i] * shift[j]))
+}
+
 /// The covariance with nothing known along one direction of translation, a unit vector of the camera frame: infinite on
 /// the diagonal wherever that direction has a part, and nothing said beside it.
 pub(crate) fn free_along(covariance: &Symmetric6, direction: &Vector3<f64>) -> Symmetric6 {

@@ -5,7 +5,7 @@ use veiloc_geometry::CameraFromWorld;
 
 use crate::beliefs::Beliefs;
 use crate::confidence::{assess, free_direction};
-use crate::covariance::free_along;
+use crate::covariance::{free_along, with_shift};
 use crate::error::PoseError;
 use crate::focal::{Verdict, Zoomed};
 use crate::focal_search::{Settled, is_clear, least_surplus, other_focal_lengths, worth};
@@ -38,7 +38,7 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     if options.score.unwrap_or_default() == ScoreKind::Msac {
         return best;
     }
-    let surplus = least_surplus(problem.focal, &best);
+    let surplus = least_surplus(problem, &best);
     for &factor in other_focal_lengths(problem.focal, &best) {
         let other = search_at(&matches, problem, options, factor, rng);
         if worth(&other) > worth(&best) + surplus {
@@ -175,7 +175,9 @@ fn conclude<'a>(
     let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &covariance, margin);
     confidence.log_evidence -= known;
     if let Verdict::Suspicious(other) = verdict {
-        confidence.other_focal = Some(other);
+        covariance = with_shift(&covariance, &polished.pose.step_to(&other.pose));
+        confidence = confidence.with_covariance(&covariance);
+        confidence.other_focal = verdict.doubted();
     }
     if let Some((direction, _)) = free {
         covariance = free_along(&covariance, &direction);

@@ -9,7 +9,7 @@ use crate::error::PoseError;
 use crate::focal::{Verdict, ZoomObjective, Zoomed};
 use crate::matches::Matches;
 use crate::pose_estimate::PoseEstimate;
-use crate::problem::FocalKnowledge;
+use crate::problem::{FocalKnowledge, PoseProblem};
 use crate::ransac::Estimator;
 use crate::search::{Polished, Search};
 
@@ -50,11 +50,11 @@ pub(crate) fn other_focal_lengths(
 
 /// Evidence that a pose of another focal length must have over this one: a calibrated focal length gives way to much more
 /// only.
-pub(crate) fn least_surplus(focal: FocalKnowledge, found: &Result<PoseEstimate, PoseError>) -> f64 {
-    match focal {
+pub(crate) fn least_surplus(problem: &PoseProblem, found: &Result<PoseEstimate, PoseError>) -> f64 {
+    match problem.focal {
         FocalKnowledge::Calibrated => {
             let agreeing = found.as_ref().map_or(0, |estimate| estimate.inlier_count);
-            JUMP_HANDICAP + Verdict::least_gain(agreeing)
+            JUMP_HANDICAP + Verdict::least_gain(&problem.observations, agreeing)
         }
         FocalKnowledge::Exif | FocalKnowledge::Unknown => 0.0,
     }
@@ -120,19 +120,24 @@ impl<'a> Settled<'a> {
                 break;
             }
             let Some((there, gain)) = settled.best_jump(seen, cost) else { break };
-            match Verdict::of(gain, there.factor, settled.must_outweigh()) {
-                Verdict::Wrong => {
-                    settled.verdict = Verdict::Wrong;
-                    settled.move_to(seen, &there, estimate_noise);
-                }
-                suspicious @ Verdict::Suspicious(_) => {
-                    if settled.verdict == Verdict::Fine {
-                        settled.verdict = suspicious;
-                    }
+            if settled.verdict == Verdict::Wrong {
+                // It is open: it goes where the likelihood is.
+                if gain <= Verdict::least_gain(settled.search.matches().observations, 0) {
                     break;
                 }
-                Verdict::Fine => break,
+            } else {
+                match Verdict::of(gain, &there, settled.least_gain()) {
+                    Verdict::Wrong => settled.verdict = Verdict::Wrong,
+                    suspicious @ Verdict::Suspicious(_) => {
+                        if settled.verdict == Verdict::Fine {
+                            settled.verdict = suspicious;
+                        }
+                        break;
+                    }
+                    Verdict::Fine => break,
+                }
             }
+            settled.move_to(seen, &there, estimate_noise);
         }
         settled
     }
@@ -163,12 +168,10 @@ impl<'a> Settled<'a> {
             .map(|(there, cost)| (there, own - cost - JUMP_HANDICAP))
     }
 
-    /// Matches whose agreement another focal length must outweigh: one that is open goes where the likelihood is, a
-    /// calibrated one must be contradicted.
-    fn must_outweigh(&self) -> usize {
-        if self.verdict == Verdict::Wrong {
-            return 0;
-        }
-        self.search.agreeing(&self.polished.pose, &self.search.likelihoods(&self.polished)).len()
+    /// What another focal length must gain before a calibrated one is called wrong.
+    fn least_gain(&self) -> f64 {
+        let agreeing =
+            self.search.agreeing(&self.polished.pose, &self.search.likelihoods(&self.polished)).len();
+        Verdict::least_gain(self.search.matches().observations, agreeing)
     }
 }

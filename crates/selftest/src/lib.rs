@@ -36,6 +36,6 @@ mod summary;
 mod trial;
 
 pub use fit::fit;
-pub use run::{SelfTestError, SelfTestOptions, self_test};
+pub use run::{SelfTestError, SelfTestOptions, is_testable, self_test};
 pub use trial::Trial;
 pub use veiloc_map::{Calibration, SelfTest};

@@ -46,6 +46,11 @@ pub enum SelfTestError {
     Seal(#[from] SealError),
 }
 
+/// Whether the map has images to test with, and words of its own to find them by.
+pub fn is_testable(model: &MapModel) -> bool {
+    !model.images.is_empty() && model.profile.vocabulary().is_some()
+}
+
 /// Localizes images of the map, each left out of it, and says how well that went.
 ///
 /// The map stays as it is; the result belongs into its `self_test`. An image of which no query can be made, because it has

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 
 use super::{QueryResult, finite};
 use crate::coverage::{NormalizedError, shares};
@@ -12,11 +13,13 @@ use crate::metrics::median;
 /// The error of a pose against the covariance it came with.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct QueryUncertainty {
-    /// Standard deviation of the camera's position, all directions together (the root of the trace of its covariance),
-    /// map units; null when a direction is free.
+    /// Standard deviation of the camera's position in its least certain direction, map units, which is the ± of answers;
+    /// null when a direction is free.
     pub position_sd: Option<f64>,
+    /// The same of the orientation, about its least certain axis, degrees.
+    pub rotation_sd_deg: Option<f64>,
     /// Distance of the estimated camera centre from the true one, over [`Self::position_sd`]; null when a direction is
-    /// free. The median of right covariances lies between 0.67, all of it in one direction, and 0.89, equal in all.
+    /// free. The median of right covariances lies between 0.67, all of it in one direction, and 1.54, equal in all.
     pub center_error_over_sd: Option<f64>,
     /// The smallest region of the centre's covariance that holds the true centre: its probability, 0 to 1.
     pub center_region: f64,
@@ -27,12 +30,12 @@ pub struct QueryUncertainty {
 impl QueryUncertainty {
     /// Of an estimate with its covariance in the chart of [`CameraFromWorld::perturbed`].
     pub fn of(estimate: &CameraFromWorld, covariance: &[[f64; 6]; 6], truth: &CameraFromWorld) -> Self {
-        let center = estimate.center_covariance(covariance);
-        let sd = (0..3).map(|k| center[k][k]).sum::<f64>().sqrt();
+        let sd = position_sd(covariance);
         let normalized = NormalizedError::of(estimate, covariance, truth);
         let held = sd.is_finite() && sd > 0.0;
         Self {
             position_sd: finite(sd),
+            rotation_sd_deg: finite(rotation_sd_degrees(covariance)),
             center_error_over_sd: held.then(|| estimate.center().distance(&truth.center()) / sd),
             center_region: normalized.center_region(),
             pose_region: normalized.pose_region(),
@@ -85,8 +88,8 @@ mod tests {
         let estimate = truth.perturbed(&[0.0, 0.0, 0.0, 0.03, 0.0, 0.0]);
         let u = QueryUncertainty::of(&estimate, &diagonal(1e-4), &truth);
         let sd = u.position_sd.expect("finite");
-        assert!((sd - 0.01 * 3.0_f64.sqrt()).abs() < 1e-9, "{sd}");
-        assert!((u.center_error_over_sd.expect("finite") - 3.0_f64.sqrt()).abs() < 1e-9);
+        assert!((sd - 0.01).abs() < 1e-9, "{sd}");
+        assert!((u.center_error_over_sd.expect("finite") - 3.0).abs() < 1e-9);
         // Three deviations along one axis: chi-squared 9, of three and of six degrees of freedom.
         assert!((u.center_region - 0.9707).abs() < 1e-3 && (u.pose_region - 0.8264).abs() < 1e-3, "{u:?}");
         let free = QueryUncertainty::of(&estimate, &diagonal(f64::INFINITY), &truth);
@@ -99,6 +102,7 @@ mod tests {
             let mut q = query(0, Some((rotation, 0.01)));
             q.uncertainty = Some(QueryUncertainty {
                 position_sd: Some(0.01),
+                rotation_sd_deg: Some(0.1),
                 center_error_over_sd: Some(2.0 * region),
                 center_region: region,
                 pose_region: 0.95,

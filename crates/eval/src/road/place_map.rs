@@ -7,6 +7,7 @@ use tempfile::TempDir;
 use veiloc_features::Progress;
 use veiloc_map::MapFile;
 use veiloc_mapping::{BuildOptions, Input, build};
+use veiloc_selftest::{SelfTestOptions, is_testable, self_test};
 
 use crate::error::EvalError;
 use crate::results::MapSummary;
@@ -22,19 +23,24 @@ pub(crate) struct PlaceMap {
 }
 
 impl PlaceMap {
-    /// Builds it; the file is kept where `keep` says.
+    /// Builds it; the file is kept where `keep` says. `tested`, it localizes its own images at the end, as `veiloc map build`
+    /// lets it, so that answers have the covariances that they have in service.
     ///
     /// # Errors
     /// [`EvalError`] when data is missing or the map cannot be built, written or opened.
     pub(crate) fn build(
         input: &Input<'_>,
         options: &BuildOptions,
+        tested: bool,
         keep: Option<&Path>,
         progress: &dyn Progress,
     ) -> Result<Self, EvalError> {
         let started = Instant::now();
-        let (model, _) = build(input, options, progress)?;
+        let (mut model, _) = build(input, options, progress)?;
         let build_seconds = started.elapsed().as_secs_f64();
+        if tested && is_testable(&model) {
+            model.self_test = Some(self_test(&model, &SelfTestOptions::default(), progress)?);
+        }
         let folder =
             tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
         let path = keep.map_or_else(|| folder.path().join("place.vmap"), Path::to_owned);

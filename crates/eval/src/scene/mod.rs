@@ -48,7 +48,7 @@ pub fn evaluate_scene(
 
     let input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
     let PlaceMap { file: map, summary, .. } =
-        &PlaceMap::build(&input, &evaluation.build, evaluation.keep_map.as_deref(), progress)?;
+        &PlaceMap::build(&input, &evaluation.build, true, evaluation.keep_map.as_deref(), progress)?;
     let (mut schemes, queries) = localize_all(map, &queries, evaluation, progress)?;
     let mut negatives = Vec::new();
     if let Some(posed) = &strange_queries {

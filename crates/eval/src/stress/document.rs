@@ -63,6 +63,9 @@ pub struct StressRow {
     pub median_rotation_deg: Option<f64>,
     /// Map units; null when more than half have no pose.
     pub median_translation: Option<f64>,
+    /// Median of what the answers say of their position ([`QueryUncertainty::position_sd`]), map units, over those with a
+    /// pose; null when there are none, or more than half leave a direction free.
+    pub median_position_sd: Option<f64>,
     /// How many are not wrong ([`StressDocument::wrong_beyond`]).
     pub right: usize,
     /// How many got a pose that the estimator trusts.
@@ -222,6 +225,7 @@ impl StressRow {
             recall: figures.recall,
             median_rotation_deg: figures.median_rotation_deg,
             median_translation: figures.median_translation,
+            median_position_sd: median_sd(queries),
             right: errors.iter().filter(|e| is_right(e)).count(),
             trusted: count(State::Trusted),
             trusted_wrong: queries
@@ -237,6 +241,12 @@ impl StressRow {
             floor: of_truth(|t| &t.floor).as_ref().map(summed),
         })
     }
+}
+
+fn median_sd(queries: &[StressQuery]) -> Option<f64> {
+    let said = queries.iter().filter_map(|q| q.uncertainty);
+    let each: Vec<f64> = said.map(|u| u.position_sd.unwrap_or(f64::INFINITY)).collect();
+    if each.is_empty() { None } else { finite(median(&each)) }
 }
 
 impl TruthSummary {

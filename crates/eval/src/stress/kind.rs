@@ -10,10 +10,12 @@ use std::str::FromStr;
 /// | `none` | nothing |
 /// | `dark` | an eighth of the light, with the noise of few photons |
 /// | `motion` | the camera moves by 13 px of 640 during the exposure |
-/// | `half-hidden` | a flat gray thing covers one half of the image |
+/// | `half-hidden` | a flat gray thing covers one half of the image, cut through its middle in a random direction |
+/// | `side-hidden` | the same, exactly the left or the right half: where it meets the line that divides the anchors of `dcl`, all that is seen belongs to one anchor |
 /// | `low-resolution` | the image has 160 pixels along its longer side, and is enlarged |
 /// | `sparse-map` | the map is of every tenth image |
 /// | `few-keypoints` | the device sends the smallest size class, 256 rows |
+/// | `focal-N` | the device takes its focal length to be `N` percent (1 to 50) longer or shorter than it is, and says that it is calibrated |
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Stress {
     /// Images as they are.
@@ -22,45 +24,58 @@ pub enum Stress {
     Dark,
     /// Motion blur.
     Motion,
-    /// One half covered.
+    /// One half covered, cut in a random direction.
     HalfHidden,
+    /// The left or the right half covered.
+    SideHidden,
     /// Few pixels.
     LowResolution,
     /// Few images in the map.
     SparseMap,
     /// Few rows in the query.
     FewKeypoints,
+    /// A focal length that is wrong by so many percent, 1 to 50, and not known to be.
+    Focal(u8),
 }
 
 /// A text names no stress.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{0:?} is no stress; there are none, dark, motion, half-hidden, low-resolution, sparse-map and few-keypoints"
+    "{0:?} is no stress; there are none, dark, motion, half-hidden, side-hidden, low-resolution, sparse-map, few-keypoints, and focal-N with N from 1 to 50"
 )]
 pub struct StressError(String);
 
+/// Before the percent of [`Stress::Focal`].
+const FOCAL: &str = "focal-";
+
+/// The largest percent of [`Stress::Focal`].
+const MOST_PERCENT: u8 = 50;
+
 impl Stress {
-    /// All of them, in the order of the table.
-    pub const ALL: [Self; 7] = [
+    /// Those that the table has when nothing else is asked for, in its order.
+    pub const DEFAULT: [Self; 8] = [
         Self::None,
         Self::Dark,
         Self::Motion,
         Self::HalfHidden,
+        Self::SideHidden,
         Self::LowResolution,
         Self::SparseMap,
         Self::FewKeypoints,
     ];
 
-    /// The name.
-    pub const fn name(self) -> &'static str {
+    /// The name, without the percent of [`Stress::Focal`].
+    const fn word(self) -> &'static str {
         match self {
             Self::None => "none",
             Self::Dark => "dark",
             Self::Motion => "motion",
             Self::HalfHidden => "half-hidden",
+            Self::SideHidden => "side-hidden",
             Self::LowResolution => "low-resolution",
             Self::SparseMap => "sparse-map",
             Self::FewKeypoints => "few-keypoints",
+            Self::Focal(_) => FOCAL,
         }
     }
 }
@@ -69,14 +84,19 @@ impl FromStr for Stress {
     type Err = StressError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let known = Self::ALL.into_iter().find(|stress| stress.name() == text.trim());
-        known.ok_or_else(|| StressError(text.to_owned()))
+        let known = Self::DEFAULT.into_iter().find(|stress| stress.word() == text.trim());
+        let percent = || text.trim().strip_prefix(FOCAL)?.parse().ok();
+        let focal = || percent().filter(|p| (1..=MOST_PERCENT).contains(p)).map(Self::Focal);
+        known.or_else(focal).ok_or_else(|| StressError(text.to_owned()))
     }
 }
 
 impl fmt::Display for Stress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
+        match self {
+            Self::Focal(percent) => f.pad(&format!("{FOCAL}{percent}")),
+            _ => f.pad(self.word()),
+        }
     }
 }
 
@@ -86,9 +106,12 @@ mod tests {
 
     #[test]
     fn names_read_what_they_print() {
-        for stress in Stress::ALL {
+        for stress in Stress::DEFAULT.into_iter().chain([1, 30, 50].map(Stress::Focal)) {
             assert_eq!(stress.to_string().parse(), Ok(stress));
         }
-        assert!("light".parse::<Stress>().is_err());
+        for no_stress in ["light", "", "focal-", "focal-0", "focal-51", "focal-300", "focal--3", "focal-3.5"]
+        {
+            assert!(no_stress.parse::<Stress>().is_err(), "{no_stress}");
+        }
     }
 }

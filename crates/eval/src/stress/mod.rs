@@ -23,7 +23,7 @@ use veiloc_query::{Scheme, SizeClass};
 use crate::error::EvalError;
 use crate::road::{PlaceMap, PosedQuery, ask, queries_of_place, send};
 use crate::scene::folder_name;
-use degrade::degraded;
+use degrade::{degraded, mistaken};
 
 pub use document::{SparseMap, StressDocument, StressQuery, StressRow, TruthSummary};
 pub use from_truth::{ErrorDocument, FromTruth};
@@ -68,7 +68,7 @@ pub fn evaluate_stress(
     let stresses = evaluation.ordered();
     let build = |names: &[String]| {
         let input = Input::new(&evaluation.posed, &evaluation.images).with_names(names);
-        PlaceMap::build(&input, &evaluation.build, None, progress)
+        PlaceMap::build(&input, &evaluation.build, true, None, progress)
     };
     let sparse_names = stresses.contains(&Stress::SparseMap).then(|| sparse::thinned(&evaluation.map_list));
     let maps = Maps {
@@ -116,10 +116,11 @@ fn under_each(
             None => None,
         };
         let (features, camera) = worse.as_ref().unwrap_or(&plain);
+        let camera = mistaken(camera, *stress, &query.name, evaluation.seed).unwrap_or(*camera);
         for scheme in &evaluation.schemes {
             let map = maps.under(*stress);
             let options = sealed_under(*stress, *scheme);
-            let sent = send(features, camera, map.profile(), &options, &query.name, evaluation.seed);
+            let sent = send(features, &camera, map.profile(), &options, &query.name, evaluation.seed);
             let from_truth = |sent| {
                 let (truth, radius) = (&query.cam_from_world, evaluation.oracle_radius_px);
                 evaluation.from_truth.then(|| FromTruth::of(sent, truth, map, &evaluation.localize, radius))
@@ -160,7 +161,9 @@ fn sealed_under(stress: Stress, scheme: Scheme) -> SealOptions {
         | Stress::Dark
         | Stress::Motion
         | Stress::HalfHidden
+        | Stress::SideHidden
         | Stress::LowResolution
-        | Stress::SparseMap => options,
+        | Stress::SparseMap
+        | Stress::Focal(_) => options,
     }
 }

@@ -60,7 +60,7 @@ impl StressEvaluation {
             query_cameras: BTreeMap::new(),
             build: BuildOptions::default(),
             schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
-            stresses: Stress::ALL.to_vec(),
+            stresses: Stress::DEFAULT.to_vec(),
             thresholds: vec![Threshold { translation: 0.05, rotation_deg: 5.0 }, coarse],
             wrong_beyond: coarse,
             localize: LocalizeOptions::default(),

@@ -14,7 +14,7 @@ pub fn table(document: &StressDocument) -> String {
         TextTable::new(["stress", "scheme"].map(str::to_owned).into_iter().chain(columns), NAMES)
     };
     let recalls = |of: &str| -> Vec<String> { thresholds.iter().map(|t| format!("{of}≤{t} %")).collect() };
-    let figures = ["trans", "rot °", "trusted", "(wrong)", "doubtful", "not found"].map(str::to_owned);
+    let figures = ["trans", "±", "rot °", "trusted", "(wrong)", "doubtful", "not found"].map(str::to_owned);
     let mut found = block(recalls("").into_iter().chain(figures).collect());
     let of_truth = |of: &str| recalls(of).into_iter().chain([format!("{of}trans")]);
     let mut optimum = block(of_truth("optimum ").chain(["lost".to_owned()]).collect());
@@ -40,7 +40,11 @@ pub fn table(document: &StressDocument) -> String {
 
 fn figures_of(row: &StressRow, thresholds: &[&String]) -> Vec<String> {
     let recalls = thresholds.iter().map(|t| percent(row.recall.get(*t)));
-    let medians = [number(row.median_translation, 4), number(row.median_rotation_deg, 3)];
+    let medians = [
+        number(row.median_translation, 4),
+        number(row.median_position_sd, 4),
+        number(row.median_rotation_deg, 3),
+    ];
     let counts = [row.trusted, row.trusted_wrong, row.doubtful, row.not_found].map(|n| n.to_string());
     recalls.chain(medians).chain(counts).collect()
 }
@@ -80,7 +84,7 @@ mod tests {
         assert!(text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
         let cells: Vec<&str> = text.lines().nth(2).expect("a row").split_whitespace().collect();
         let expected =
-            ["low-resolution", "coordinate-permutation", "50.0", "50.0", "—", "—", "1", "0", "0", "1"];
+            ["low-resolution", "coordinate-permutation", "50.0", "50.0", "—", "—", "—", "1", "0", "0", "1"];
         assert_eq!(cells, expected);
         for words in ["optimum ≤0.05/5 %", "floor trans", "lost", "lost: wrong"] {
             assert!(text.contains(words), "{words}: {text}");

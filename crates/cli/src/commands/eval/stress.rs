@@ -28,7 +28,7 @@ pub(crate) struct Args {
     #[arg(
         long,
         value_delimiter = ',',
-        default_value = "dark,motion,half-hidden,low-resolution,sparse-map,few-keypoints",
+        default_value = "dark,motion,half-hidden,side-hidden,low-resolution,sparse-map,few-keypoints",
         value_name = "STRESS,…"
     )]
     stress: Vec<Stress>,
@@ -64,10 +64,13 @@ Stresses (to the gray image that features are extracted from, rounded to 8 bits 
 --seed, the name of the image and that of the stress):
   dark            an eighth of the light: 500 electrons a white pixel instead of 4000, shot noise, 3 electrons of readout
   motion          moved by 13/640 of the longer side during the exposure, in a random direction; light is averaged
-  half-hidden     flat gray over the left, right, upper or lower half
+  half-hidden     flat gray over one half, cut through the middle in a random direction
+  side-hidden     flat gray over exactly the left or the right half, which may leave dcl one of its two anchors
   low-resolution  shrunk to 160 pixels along the longer side, enlarged to the old size
   sparse-map      a map of every tenth image of the map list, or closer where fewer than four would stay
-  few-keypoints   the device sends 256 rows, the smallest size class";
+  few-keypoints   the device sends 256 rows, the smallest size class
+  focal-N         the device takes its focal length to be N percent too long or too short, and says it is calibrated
+                  (N from 1 to 50; only when asked for)";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let queries = lists::read_with_cameras(&args.place.query_list)?;

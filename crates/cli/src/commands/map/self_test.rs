@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 use veiloc_map::{ABSOLUTE, Coverage, LEVELS, MapModel, RELATIVE, SchemeTest, SelfTest};
 use veiloc_mapping::{Doubt, diagnose};
-use veiloc_selftest::{SelfTestOptions, self_test};
+use veiloc_selftest::{SelfTestOptions, is_testable, self_test};
 
 use crate::exit::Failure;
 use crate::stages::Stages;
@@ -25,7 +25,7 @@ impl SelfTestArgs {
     /// Tests the map, keeps the result in it, and adds what is to be doubted about it.
     pub(super) fn test(&self, model: &mut MapModel, doubts: &mut Vec<Doubt>, ui: &Ui) -> Result<(), Failure> {
         model.self_test = None;
-        if self.no_self_test || model.images.is_empty() || model.profile.vocabulary().is_none() {
+        if self.no_self_test || !is_testable(model) {
             return Ok(());
         }
         let test = self_test(model, &SelfTestOptions::default(), &Stages::new(ui))?;

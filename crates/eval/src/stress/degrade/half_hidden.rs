@@ -1,6 +1,8 @@
-//! Something stands before one half of the image: left, right, top or bottom, flat gray.
+//! Something stands before one half of the image, flat gray: cut through its middle in any direction, or the left or right.
 //!
 //! Flat, so that what is lost is the only difference; a thing with a texture of its own would bring wrong matches too.
+
+use std::f64::consts::{PI, TAU};
 
 use rand::Rng;
 use veiloc_features::GrayImage;
@@ -10,20 +12,22 @@ use super::with_samples;
 /// Stored sample of what stands there.
 const GRAY: f32 = 0.5;
 
-/// The image with one half, drawn at random of four, covered. Of an odd number of columns or rows the middle one stays.
+/// The image with one half covered, cut through its middle in a direction drawn at random.
 pub(super) fn half_hidden(image: &GrayImage, rng: &mut impl Rng) -> GrayImage {
-    hidden(image, rng.random_range(0..4))
+    hidden(image, rng.random_range(0.0..TAU))
 }
 
-/// `side`: 0 left, 1 right, 2 top, 3 bottom.
-fn hidden(image: &GrayImage, side: u32) -> GrayImage {
+/// The image with its left or right half covered, drawn at random. Of an odd number of columns the middle one stays.
+pub(super) fn side_hidden(image: &GrayImage, rng: &mut impl Rng) -> GrayImage {
+    hidden(image, if rng.random() { PI } else { 0.0 })
+}
+
+/// Covers what lies towards `angle` (radians, 0 to the right, a quarter turn down) from the middle.
+fn hidden(image: &GrayImage, angle: f64) -> GrayImage {
     let (width, height) = (image.width(), image.height());
-    let covered = |u: u32, v: u32| match side {
-        0 => u < width / 2,
-        1 => u >= width.div_ceil(2),
-        2 => v < height / 2,
-        _ => v >= height.div_ceil(2),
-    };
+    let from_middle = |at: u32, of: u32| f64::from(at) + 0.5 - 0.5 * f64::from(of);
+    // So near to the cut a pixel's centre lies on it, and stays: sines and cosines are rounded.
+    let covered = |u, v| from_middle(u, width) * angle.cos() + from_middle(v, height) * angle.sin() > 1e-6;
     let positions = (0..height).flat_map(|v| (0..width).map(move |u| (u, v)));
     let samples = positions.zip(image.data()).map(|((u, v), s)| if covered(u, v) { GRAY } else { *s });
     with_samples(image, samples)
@@ -39,28 +43,38 @@ mod tests {
     #[test]
     fn exactly_one_half_is_covered() {
         let image = texture(64, 48);
-        for side in 0..4 {
-            let worse = hidden(&image, side);
+        for quarter in 0..4 {
+            let worse = hidden(&image, 0.5 * PI * f64::from(quarter));
             let changed: Vec<usize> =
                 (0..64 * 48).filter(|i| (worse.data()[*i] - image.data()[*i]).abs() > 0.003).collect();
             let gray = worse.data().iter().filter(|v| (**v - GRAY).abs() < 0.003).count();
-            assert!((64 * 24..64 * 24 + 64).contains(&gray), "{side}: {gray}");
+            assert!((64 * 24..64 * 24 + 64).contains(&gray), "{quarter}: {gray}");
             let inside = changed.iter().all(|i| {
                 let (u, v) = (i % 64, i / 64);
-                [u < 32, u >= 32, v < 24, v >= 24][side as usize]
+                [u >= 32, v >= 24, u < 32, v < 24][quarter as usize]
             });
-            assert!(inside && changed.len() > 1400, "{side}: {} pixels", changed.len());
+            assert!(inside && changed.len() > 1400, "{quarter}: {} pixels", changed.len());
         }
-        let odd = hidden(&texture(5, 5), 0);
+        let odd = hidden(&texture(5, 5), PI);
         assert_eq!(odd.data().iter().filter(|v| (**v - GRAY).abs() < 0.003).count(), 10);
     }
 
     #[test]
-    fn every_side_is_drawn() {
-        let image = texture(8, 8);
-        let drawn = |seed| half_hidden(&image, &mut ChaCha8Rng::seed_from_u64(seed));
-        for side in 0..4 {
-            assert!((0..40).any(|seed| drawn(seed) == hidden(&image, side)), "{side}");
+    fn cuts_go_in_all_directions_and_sides_are_two() {
+        let image = texture(32, 32);
+        let drawn = |seed| ChaCha8Rng::seed_from_u64(seed);
+        // Which corners are covered: with every direction each of the four is, and always one or more is not.
+        let corners =
+            |image: &GrayImage| [0, 31, 32 * 31, 32 * 32 - 1].map(|i| (image.data()[i] - GRAY).abs() < 0.003);
+        let mut seen = std::collections::BTreeSet::new();
+        for seed in 0..60 {
+            seen.insert(corners(&half_hidden(&image, &mut drawn(seed))));
+            let side = side_hidden(&image, &mut drawn(seed));
+            assert!(side == hidden(&image, 0.0) || side == hidden(&image, PI));
+        }
+        assert!(seen.len() >= 4 && seen.iter().all(|c| c.iter().filter(|c| **c).count() <= 3), "{seen:?}");
+        for of in [0.0, PI] {
+            assert!((0..40).any(|seed| side_hidden(&image, &mut drawn(seed)) == hidden(&image, of)));
         }
     }
 }
