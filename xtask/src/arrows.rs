@@ -87,6 +87,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "synth",
         ],
     ),
+    ("terminal", &["features", "geometry"]),
     (
         "cli",
         &[
@@ -106,6 +107,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "robust",
             "selftest",
             "server",
+            "terminal",
         ],
     ),
 ];

@@ -13,6 +13,7 @@ use self::info::Told;
 use self::self_test::{KeepArgs, SelfTestArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
+use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -347,7 +348,7 @@ struct Posed<'a> {
 impl PosedArgs {
     fn read(&self) -> Result<Posed<'_>, Failure> {
         let images = read_posed(&self.posed)?;
-        let names = self.list.as_deref().map(files::read_list).transpose()?;
+        let names = self.list.as_deref().map(lists::read_list).transpose()?;
         Ok(Posed { images, names, args: self })
     }
 }
