@@ -66,6 +66,8 @@ pub struct Confidence {
     pub center_sd: f64,
     /// The same as a share of [`Self::distance`].
     pub center_sd_relative: f64,
+    /// The same share by the matches alone: what was told of the camera beside them holds nothing that is trusted.
+    pub held_relative: f64,
     /// Median distance of the agreeing points, map units.
     pub distance: f64,
     /// Standard deviation of the orientation about its least certain axis, degrees.
@@ -118,7 +120,7 @@ pub enum Doubt {
     },
     /// The agreeing matches leave a direction nearly free.
     LooselyHeld {
-        /// [`Confidence::center_sd_relative`].
+        /// The larger of [`Confidence::center_sd_relative`] and [`Confidence::held_relative`].
         center_sd_relative: f64,
     },
     /// The matches would rather have another focal length.
@@ -180,14 +182,18 @@ impl Confidence {
         }
     }
 
-    /// The same pose under another covariance, in the chart of [`CameraFromWorld::perturbed`]: how firmly it is held is
-    /// told anew, the evidence stays, and what nothing holds stays free.
+    /// The same pose under another covariance, and another one by the matches alone, both in the chart of
+    /// [`CameraFromWorld::perturbed`]: how firmly it is held is told anew, the evidence stays, and what nothing holds stays
+    /// free.
     #[must_use]
-    pub fn with_covariance(self, covariance: &[[f64; 6]; 6]) -> Self {
-        let center_sd = if self.center_sd.is_finite() { largest_sd(covariance, 3) } else { f64::INFINITY };
+    pub fn with_covariances(self, covariance: &[[f64; 6]; 6], by_matches: &[[f64; 6]; 6]) -> Self {
+        let is_held = self.center_sd.is_finite();
+        let sd = |of: &[[f64; 6]; 6]| if is_held { largest_sd(of, 3) } else { f64::INFINITY };
+        let center_sd = sd(covariance);
         Self {
             center_sd,
             center_sd_relative: center_sd / self.distance,
+            held_relative: sd(by_matches) / self.distance,
             rotation_sd_deg: largest_sd(covariance, 0).to_degrees(),
             ..self
         }
@@ -205,8 +211,10 @@ impl Confidence {
         // A direction that is left free is said by the sides.
         let one_sided =
             self.sides.filter(|s| s[0].min(s[1]) < FEWEST_A_SIDE || self.center_sd == f64::INFINITY);
-        if one_sided.is_none() && !(self.center_sd_relative <= LOOSEST) {
-            doubts.push(Doubt::LooselyHeld { center_sd_relative: self.center_sd_relative });
+        let is_firm = self.center_sd_relative <= LOOSEST && self.held_relative <= LOOSEST;
+        if one_sided.is_none() && !is_firm {
+            let center_sd_relative = self.center_sd_relative.max(self.held_relative);
+            doubts.push(Doubt::LooselyHeld { center_sd_relative });
         }
         if let Some(scale) = self.other_focal {
             doubts.push(Doubt::FocalLength { scale });
@@ -237,13 +245,14 @@ pub(crate) fn assess(
         margin,
         center_sd: 0.0,
         center_sd_relative: 0.0,
+        held_relative: 0.0,
         distance: typical_distance(matches, pose, inliers),
         rotation_sd_deg: 0.0,
         other_focal: None,
         sides: matches!(matches.observations, Correspondences::Anchored { .. })
             .then(|| sides(matches, inliers)),
     };
-    confidence.with_covariance(covariance)
+    confidence.with_covariances(covariance, covariance)
 }
 
 /// Square root of the largest eigenvalue of the block of three rows from `at` on; infinite when something in it is not
@@ -260,7 +269,12 @@ fn largest_sd(covariance: &Symmetric6, at: usize) -> f64 {
 impl Confidence {
     /// The same for a pose that nothing holds in one direction.
     pub(crate) const fn held_only_across(self) -> Self {
-        Self { center_sd: f64::INFINITY, center_sd_relative: f64::INFINITY, ..self }
+        Self {
+            center_sd: f64::INFINITY,
+            center_sd_relative: f64::INFINITY,
+            held_relative: f64::INFINITY,
+            ..self
+        }
     }
 }
 
