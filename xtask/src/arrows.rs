@@ -88,6 +88,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "synth",
         ],
     ),
+    ("terminal", &["features", "geometry"]),
     (
         "cli",
         &[
@@ -107,6 +108,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "robust",
             "selftest",
             "server",
+            "terminal",
         ],
     ),
 ];

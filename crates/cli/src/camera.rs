@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use veiloc_features::FeatureError;
-use veiloc_geometry::{Intrinsics, IntrinsicsError};
+use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::KnownCamera;
 use veiloc_query::FocalKnowledge;
 
 use crate::exit::Failure;
 use crate::files;
+use crate::lists::intrinsics;
 
 /// The camera of all images given.
 #[derive(Debug, Clone)]
@@ -77,14 +78,6 @@ impl CameraSource {
             Self::Guess => KnownCamera::guessed(image),
         }
     }
-}
-
-/// `MODEL,W,H,PARAMS…` or, as hloc has it, `MODEL W H PARAMS…`.
-pub(crate) fn intrinsics(text: &str) -> Result<Intrinsics, IntrinsicsError> {
-    if text.contains(',') {
-        return text.parse();
-    }
-    text.split_whitespace().collect::<Vec<_>>().join(",").parse()
 }
 
 /// The one camera of a COLMAP `cameras.txt`: lines of `CAMERA_ID MODEL W H PARAMS…`.

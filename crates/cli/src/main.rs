@@ -6,18 +6,13 @@
 
 mod camera;
 mod commands;
-mod exit;
-mod files;
-mod items;
-mod lists;
-mod progress;
-mod stages;
-mod ui;
 
 use std::process::ExitCode;
 use std::sync::Arc;
 
 use clap::{Parser, Subcommand};
+// Every command talks by these: they go by the names of their files.
+use veiloc_terminal::{exit, files, items, lists, stages, ui};
 
 use crate::exit::{Exit, Failure};
 use crate::ui::Ui;

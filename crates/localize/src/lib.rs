@@ -40,6 +40,6 @@ pub mod retrieval;
 pub use correspondences::{MatchedObservations, observe_matches};
 pub use error::LocalizeError;
 pub use localizer::{
-    Localization, LocalizeOptions, Matched, MatchedQuery, StageTimes, localize, localize_matched, match_in,
-    match_query,
+    GravityUse, Localization, LocalizeOptions, Matched, MatchedQuery, StageTimes, localize, localize_matched,
+    match_in, match_query,
 };

@@ -8,10 +8,11 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::MatchOptions;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_map::{Calibration, MapFile, MapView};
-use veiloc_query::SealedQuery;
+use veiloc_query::{CoarseGravity, SealedQuery};
 use veiloc_robust::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_robust::{
-    Confidence, FocalKnowledge, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
+    Confidence, FocalKnowledge, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, State,
+    estimate_pose,
 };
 
 use crate::correspondences::observe_matches;
@@ -62,6 +63,17 @@ pub struct StageTimes {
     pub pose_ms: f64,
 }
 
+/// What became of the direction of gravity that a query may tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum GravityUse {
+    /// The query tells none.
+    NotTold,
+    /// It took part.
+    Used,
+    /// The query tells it, and the map does not know which way is down: it took no part.
+    MapDoesNotKnow,
+}
+
 /// Where the query was taken.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
@@ -75,6 +87,8 @@ pub struct Localization {
     pub own_covariance: [[f64; 6]; 6],
     /// Whether to trust the pose, and why not. Its standard deviations are those of [`Self::covariance`].
     pub confidence: Confidence,
+    /// What became of the direction of gravity that the query may tell.
+    pub gravity: GravityUse,
     /// Whether the pose is trusted or doubted; never [`State::NotFound`], which is [`LocalizeError::NoPose`].
     pub state: State,
     /// Standard deviation that the agreeing rows show, pixels: across the line, for points along each axis.
@@ -181,6 +195,7 @@ fn problem_of(
         .then(|| observed.match_of.iter().map(|m| prior_of(of_match(m), map, &prior)).collect());
     problem.seen_from = Some(observed.match_of.iter().map(|m| of_match(m).seen_from(map.file())).collect());
     problem.position = options.position;
+    problem.gravity = gravity_of(query, map);
     problem.focal = match query.focal_known() {
         veiloc_query::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
         veiloc_query::FocalKnowledge::Exif => FocalKnowledge::Exif,
@@ -189,6 +204,14 @@ fn problem_of(
     problem.point_covariances =
         Some(observed.match_of.iter().map(|m| map.point_covariance(of_match(m).point)).collect());
     MatchedQuery { problem, match_of: observed.match_of, rows, retrieved, retrieve_ms, match_ms }
+}
+
+/// Which way is down in the camera and in the map, where the query says the one and the map knows the other.
+fn gravity_of(query: &SealedQuery, map: MapView<'_>) -> Option<Gravity> {
+    let (told, down) = (query.gravity()?, map.file().down()?);
+    // What the sensor errs by, and what the rounding adds to it.
+    let sd_deg = told.sd_deg().hypot(CoarseGravity::ROUNDING_SD_DEG);
+    Some(Gravity { in_camera: told.in_camera().into(), in_world: down.in_world().into(), sd_deg })
 }
 
 /// Estimates where a sealed query was taken.
@@ -228,7 +251,8 @@ pub fn localize_matched(
         .and_then(|test| test.of_scheme(query.scheme()))
         .map_or_else(|| Calibration::unmeasured(estimate.confidence.distance), |test| test.calibration);
     let covariance = calibration.apply(&estimate.covariance);
-    let confidence = estimate.confidence.with_covariance(&covariance);
+    let by_matches = calibration.apply(&estimate.covariance_by_matches);
+    let confidence = estimate.confidence.with_covariances(&covariance, &by_matches);
     let state = confidence.state();
     if state == State::NotFound {
         let source = PoseError::Chance { log_evidence: confidence.log_evidence };
@@ -240,6 +264,11 @@ pub fn localize_matched(
         covariance,
         own_covariance: estimate.covariance,
         confidence,
+        gravity: match query.gravity() {
+            None => GravityUse::NotTold,
+            Some(_) if problem.gravity.is_some() => GravityUse::Used,
+            Some(_) => GravityUse::MapDoesNotKnow,
+        },
         state,
         noise_px: estimate.noise_px,
         focal_scale: estimate.focal_scale,

@@ -7,6 +7,7 @@
 //! - [`MapFile`]: the same in a file that is mapped into memory and served from; [`write()`] makes one, and
 //!   [`MapLock`] is for whoever reads a map to change it.
 //! - [`SelfTest`]: how well a map localizes its own images, and the [`Calibration`] of covariances that follows.
+//! - [`Down`]: which way is down in the map, where somebody knows.
 //! - [`MapView`]: a map file whole, or with one image left out of it.
 //! - [`colmap`]: COLMAP's models, text and binary, read strictly; text written.
 //!
@@ -41,6 +42,7 @@
 #![forbid(unsafe_code)]
 
 pub mod colmap;
+mod down;
 mod error;
 mod file;
 mod model;
@@ -48,6 +50,7 @@ mod posed;
 mod self_test;
 mod settings;
 
+pub use down::{Down, DownError};
 pub use error::{MapError, Place, Record};
 pub use file::{FORMAT_VERSION, ImageView, MapFile, MapLock, MapView, Without, write};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};

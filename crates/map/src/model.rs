@@ -8,6 +8,7 @@ use veiloc_geometry::nalgebra::Matrix3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_query::Profile;
 
+use crate::down::Down;
 use crate::error::{MapError, Record};
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
@@ -80,6 +81,8 @@ pub struct MapModel {
     pub profile: Profile,
     /// What its test of itself came to. A change of images or points makes it untrue: who changes them takes it away.
     pub self_test: Option<SelfTest>,
+    /// Which way is down, where somebody knows; images that join or leave do not change it.
+    pub down: Option<Down>,
 }
 
 impl MapModel {
@@ -92,6 +95,7 @@ impl MapModel {
             settings,
             profile,
             self_test: None,
+            down: None,
         }
     }
 

@@ -37,6 +37,9 @@ impl CoarseGravity {
     /// What a phone's accelerometer errs by when nobody says better, degrees.
     pub const PHONE_SD_DEG: f64 = 2.0;
 
+    /// What the rounding errs by about each axis across the direction, root mean square, degrees.
+    pub const ROUNDING_SD_DEG: f64 = 0.26;
+
     /// Rounds. `down`: any length but zero. `sd_deg`: standard deviation about each axis across it, degrees; told as the
     /// next larger of 0.5, 1, 2, 4, 8 and 16.
     ///
@@ -168,7 +171,8 @@ mod tests {
         }
         let rms = (sum / f64::from(n)).sqrt();
         assert!(worst < 1.0 && worst > 0.6, "{worst}");
-        assert!(rms > 0.2 && rms < 0.4, "{rms}");
+        let about_each = rms / 2.0_f64.sqrt();
+        assert!((about_each - CoarseGravity::ROUNDING_SD_DEG).abs() < 0.01, "{about_each}");
     }
 
     #[test]

@@ -3,6 +3,9 @@
 //! Both take part in the objective as heavy-tailed distributions (Student's, of four degrees of freedom): within some
 //! deviations they pull as a normal distribution would, and what is grossly wrong (a phone that was shaken, a position
 //! between tall houses) loses its say instead of bending the pose.
+//!
+//! Both are what the other side says. They choose and improve a pose; they never make it trusted: evidence, margin and how
+//! firmly a pose is held are told by the matches alone (`estimate.rs`), and what a pose makes of them counts against it.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
@@ -50,6 +53,11 @@ impl Beliefs {
                 .map(|g| (g.in_camera.normalize(), g.in_world.normalize(), g.sd_deg.to_radians())),
             position: problem.position.map(|p| (p.center.coords, p.sd)),
         }
+    }
+
+    /// Whether nothing is known.
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.gravity.is_none() && self.position.is_none()
     }
 
     /// Minus the log likelihood of the pose, 0 at the most likely one.

@@ -70,10 +70,14 @@ pub struct Confidence {
     pub center_sd: f64,
     /// The same as a share of [`Self::distance`].
     pub center_sd_relative: f64,
+    /// The same share by the matches alone: what was told of the camera beside them holds nothing that is trusted.
+    pub held_relative: f64,
     /// Median distance of the agreeing points, map units.
     pub distance: f64,
     /// Standard deviation of the orientation about its least certain axis, degrees.
     pub rotation_sd_deg: f64,
+    /// The same by the matches alone.
+    pub held_rotation_deg: f64,
     /// A focal length over the given one that would explain the matches better, by too little to be believed; `None` where
     /// nothing speaks against the given one, or another was estimated.
     pub other_focal: Option<f64>,
@@ -122,9 +126,9 @@ pub enum Doubt {
     },
     /// The agreeing matches leave a direction or a turn nearly free.
     LooselyHeld {
-        /// [`Confidence::center_sd_relative`].
+        /// The larger of [`Confidence::center_sd_relative`] and [`Confidence::held_relative`].
         center_sd_relative: f64,
-        /// [`Confidence::rotation_sd_deg`].
+        /// The larger of [`Confidence::rotation_sd_deg`] and [`Confidence::held_rotation_deg`].
         rotation_sd_deg: f64,
     },
     /// The matches would rather have another focal length.
@@ -186,15 +190,20 @@ impl Confidence {
         }
     }
 
-    /// The same pose under another covariance, in the chart of [`CameraFromWorld::perturbed`]: how firmly it is held is
-    /// told anew, the evidence stays, and what nothing holds stays free.
+    /// The same pose under another covariance, and another one by the matches alone, both in the chart of
+    /// [`CameraFromWorld::perturbed`]: how firmly it is held is told anew, the evidence stays, and what nothing holds stays
+    /// free.
     #[must_use]
-    pub fn with_covariance(self, covariance: &[[f64; 6]; 6]) -> Self {
-        let center_sd = if self.center_sd.is_finite() { position_sd(covariance) } else { f64::INFINITY };
+    pub fn with_covariances(self, covariance: &[[f64; 6]; 6], by_matches: &[[f64; 6]; 6]) -> Self {
+        let is_held = self.center_sd.is_finite();
+        let sd = |of: &[[f64; 6]; 6]| if is_held { position_sd(of) } else { f64::INFINITY };
+        let center_sd = sd(covariance);
         Self {
             center_sd,
             center_sd_relative: center_sd / self.distance,
+            held_relative: sd(by_matches) / self.distance,
             rotation_sd_deg: rotation_sd_degrees(covariance),
+            held_rotation_deg: rotation_sd_degrees(by_matches),
             ..self
         }
     }
@@ -211,12 +220,11 @@ impl Confidence {
         // A direction that is left free is said by the sides.
         let one_sided =
             self.sides.filter(|s| s[0].min(s[1]) < FEWEST_A_SIDE || self.center_sd == f64::INFINITY);
-        let is_held = self.center_sd_relative <= LOOSEST && self.rotation_sd_deg <= LOOSEST_ROTATION_DEG;
-        if one_sided.is_none() && !is_held {
-            doubts.push(Doubt::LooselyHeld {
-                center_sd_relative: self.center_sd_relative,
-                rotation_sd_deg: self.rotation_sd_deg,
-            });
+        let center_sd_relative = self.center_sd_relative.max(self.held_relative);
+        let rotation_sd_deg = self.rotation_sd_deg.max(self.held_rotation_deg);
+        let is_firm = center_sd_relative <= LOOSEST && rotation_sd_deg <= LOOSEST_ROTATION_DEG;
+        if one_sided.is_none() && !is_firm {
+            doubts.push(Doubt::LooselyHeld { center_sd_relative, rotation_sd_deg });
         }
         if let Some(scale) = self.other_focal {
             doubts.push(Doubt::FocalLength { scale });
@@ -247,19 +255,26 @@ pub(crate) fn assess(
         margin,
         center_sd: 0.0,
         center_sd_relative: 0.0,
+        held_relative: 0.0,
+        held_rotation_deg: 0.0,
         distance: typical_distance(matches, pose, inliers),
         rotation_sd_deg: 0.0,
         other_focal: None,
         sides: matches!(matches.observations, Correspondences::Anchored { .. })
             .then(|| sides(matches, inliers)),
     };
-    confidence.with_covariance(covariance)
+    confidence.with_covariances(covariance, covariance)
 }
 
 impl Confidence {
     /// The same for a pose that nothing holds in one direction.
     pub(crate) const fn held_only_across(self) -> Self {
-        Self { center_sd: f64::INFINITY, center_sd_relative: f64::INFINITY, ..self }
+        Self {
+            center_sd: f64::INFINITY,
+            center_sd_relative: f64::INFINITY,
+            held_relative: f64::INFINITY,
+            ..self
+        }
     }
 }
 

@@ -61,15 +61,29 @@ fn search_at<R: Rng + ?Sized>(
 ) -> Result<PoseEstimate, PoseError> {
     let zoomed = matches.with_focal(factor);
     let mut search = search(&zoomed, problem, options);
+    // What is told beside the matches is searched with, and then without: were it wrong, it would hide the pose, or poses
+    // that the matches explain as well.
     let budget = match options.fixed_hypotheses {
-        Some(samples) => Budget::fixed(samples),
+        Some(samples) if search.beliefs().is_empty() => Budget::fixed(samples),
+        Some(samples) => Budget::fixed(samples.div_ceil(2)),
         None => Budget {
             min: options.min_hypotheses.min(options.max_hypotheses),
             max: options.max_hypotheses,
             confidence: options.confidence,
         },
     };
-    let found = lo_ransac(&mut search, &budget, rng);
+    let mut found = lo_ransac(&mut search, &budget, rng);
+    if !search.beliefs().is_empty() {
+        let without = Minimal::new(&zoomed, solver(options), None, options.noise_px);
+        let known = search.forget(without);
+        let alone = lo_ransac(&mut search, &budget, rng);
+        let cost = alone.model.as_ref().map_or(f64::INFINITY, |pose| alone.cost + known.loss(pose));
+        if cost < found.cost {
+            found.model = alone.model;
+        }
+        found.samples += alone.samples;
+        search.remember(known);
+    }
     let start = found.model.map(|pose| Zoomed { pose, factor });
     conclude(search, matches, start, found.samples, problem.focal, options).map_err(|error| {
         if has_one_side(problem) { PoseError::OneSided { lines: matches.len() } } else { error }
@@ -113,6 +127,11 @@ pub fn optimize_pose(
     conclude(search, &matches, start, 0, problem.focal, options)
 }
 
+/// How hypotheses for anchored lines are made.
+fn solver(options: &PoseOptions) -> AnchoredSolver {
+    options.anchored_solver.unwrap_or(AnchoredSolver::default_for(options.score.unwrap_or_default()))
+}
+
 fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOptions) -> Search<'a> {
     let kind = options.score.unwrap_or_default();
     let scale = match kind {
@@ -127,8 +146,7 @@ fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOpt
         }
         ScoreKind::Likelihood => Scale::Likelihood { noise: options.noise_px },
     };
-    let solver = options.anchored_solver.unwrap_or(AnchoredSolver::default_for(kind));
-    let minimal = Minimal::new(matches, solver, problem.gravity.as_ref(), options.noise_px);
+    let minimal = Minimal::new(matches, solver(options), problem.gravity.as_ref(), options.noise_px);
     let beliefs = match kind {
         ScoreKind::Msac => Beliefs::default(),
         ScoreKind::Likelihood => Beliefs::of(problem),
@@ -165,22 +183,30 @@ fn conclude<'a>(
     for &i in &inliers {
         mask[i] = true;
     }
-    let (noise_px, mut covariance) = search.uncertainty(&polished, &likelihoods, &inliers, focal_sd, None);
-    let free = free_direction(matches, &polished.pose, &inliers, &likelihoods, &covariance);
+    let uncertainty =
+        |known: &Beliefs, free| search.uncertainty(known, &polished, &likelihoods, &inliers, focal_sd, free);
+    // Trust is told by the matches alone: what somebody says of the camera beside them never strengthens it.
+    let nothing = Beliefs::default();
+    let (noise_px, mut by_matches) = uncertainty(&nothing, None);
+    let free = free_direction(matches, &polished.pose, &inliers, &likelihoods, &by_matches);
     if free.is_some() {
-        covariance = search.uncertainty(&polished, &likelihoods, &inliers, focal_sd, free).1;
+        by_matches = uncertainty(&nothing, free).1;
     }
-    let margin = search.margin(&polished.pose, &covariance);
-    let known = search.beliefs().loss(&polished.pose);
-    let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &covariance, margin);
-    confidence.log_evidence -= known;
+    let known = search.beliefs();
+    let mut covariance = if known.is_empty() { by_matches } else { uncertainty(known, free).1 };
+    let margin = search.margin(&polished.pose, &by_matches);
+    let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &by_matches, margin)
+        .with_covariances(&covariance, &by_matches);
+    confidence.log_evidence -= known.loss(&polished.pose);
     if let Verdict::Suspicious(other) = verdict {
-        covariance = with_shift(&covariance, &polished.pose.step_to(&other.pose));
-        confidence = confidence.with_covariance(&covariance);
+        let shift = polished.pose.step_to(&other.pose);
+        (covariance, by_matches) = (with_shift(&covariance, &shift), with_shift(&by_matches, &shift));
+        confidence = confidence.with_covariances(&covariance, &by_matches);
         confidence.other_focal = verdict.doubted();
     }
     if let Some((direction, _)) = free {
         covariance = free_along(&covariance, &direction);
+        by_matches = free_along(&by_matches, &direction);
         confidence = confidence.held_only_across();
     }
     Ok(PoseEstimate {
@@ -192,6 +218,7 @@ fn conclude<'a>(
         noise_px,
         focal_scale: factor,
         covariance,
+        covariance_by_matches: by_matches,
         confidence,
         free_direction: free.map(|(d, _)| (polished.pose.rotation().inverse() * d).into()),
         inliers: mask,

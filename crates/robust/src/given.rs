@@ -55,6 +55,7 @@ pub fn refine_pose(
         focal_scale: 1.0,
         free_direction: None,
         covariance,
+        covariance_by_matches: covariance,
         confidence: assess(&matches, &refined.pose, &chosen, &likelihoods, &covariance, f64::INFINITY),
         refined: true,
     })

@@ -28,6 +28,9 @@ pub struct PoseEstimate {
     /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): the variance of the
     /// inliers' residuals times the inverse of `JᵀJ`. Infinite on the diagonal when the inliers leave a direction free.
     pub covariance: [[f64; 6]; 6],
+    /// The same by the matches alone, without what was told beside them ([`Gravity`](crate::Gravity),
+    /// [`PositionPrior`](crate::PositionPrior)): what trust is told by.
+    pub covariance_by_matches: [[f64; 6]; 6],
     /// A direction along which nothing says where the camera is, a unit vector of the world frame: lines of one anchor say
     /// nothing along its ray. The position is then one of many, and the variance along it infinite.
     pub free_direction: Option<[f64; 3]>,

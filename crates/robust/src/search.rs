@@ -65,7 +65,7 @@ pub(crate) struct Search<'a> {
     minimal: Option<Minimal>,
     /// What is known beside the matches; nothing under MSAC, which is the paper's recipe.
     beliefs: Beliefs,
-    /// Optimised poses met on the way, with their costs.
+    /// Optimised poses met on the way, with their costs by the matches alone.
     optima: Vec<(CameraFromWorld, f64)>,
 }
 
@@ -116,6 +116,18 @@ impl<'a> Search<'a> {
         };
         let pose = probe.descend(pose);
         (Zoomed { pose, factor }, probe.cost(&pose, f64::INFINITY))
+    }
+
+    /// Goes on by the matches alone, with hypotheses of theirs; returns what was known beside them. Optima that were met
+    /// stay.
+    pub(crate) fn forget(&mut self, minimal: Minimal) -> Beliefs {
+        self.minimal = Some(minimal);
+        std::mem::take(&mut self.beliefs)
+    }
+
+    /// The opposite: knows this from here on.
+    pub(crate) fn remember(&mut self, known: Beliefs) {
+        self.beliefs = known;
     }
 
     /// The correspondences it is about.
@@ -240,9 +252,11 @@ impl<'a> Search<'a> {
         &self.beliefs
     }
 
-    /// Standard deviation of the agreeing residuals, pixels, and the covariance of the pose.
+    /// Standard deviation of the agreeing residuals, pixels, and the covariance of the pose by the matches and what is
+    /// known beside them.
     pub(crate) fn uncertainty(
         &self,
+        known: &Beliefs,
         polished: &Polished,
         likelihoods: &[f64],
         inliers: &[usize],
@@ -268,7 +282,7 @@ impl<'a> Search<'a> {
                 let shown = if count > 0.0 { (sum / count).sqrt() } else { *noise };
                 let estimated = Estimated {
                     matches: &self.matches,
-                    beliefs: &self.beliefs,
+                    beliefs: known,
                     pose,
                     likelihoods,
                     noise: *noise,
@@ -280,14 +294,15 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// By how much the pose beats the best optimum that was met elsewhere; infinite when none was.
+    /// By how much the pose beats the best optimum that was met elsewhere; infinite when none was. The matches alone decide:
+    /// what is known beside them may choose between two poses, and does not make the choice sure.
     pub(crate) fn margin(&self, pose: &CameraFromWorld, covariance: &Symmetric6) -> f64 {
         let covariance = Matrix6::from_fn(|i, j| covariance[i][j]);
         let Some(factor) = covariance.iter().all(|c| c.is_finite()).then(|| covariance.cholesky()).flatten()
         else {
             return f64::INFINITY;
         };
-        let own = self.cost(pose, f64::INFINITY);
+        let own = self.cost(pose, f64::INFINITY) - self.beliefs.loss(pose);
         let elsewhere = |other: &CameraFromWorld| {
             let turn = (other.rotation() * pose.rotation().inverse()).scaled_axis();
             let shift = other.translation() - Rotation3::from_scaled_axis(turn) * pose.translation();
@@ -352,7 +367,7 @@ impl Estimator for Search<'_> {
             keep(self.descend(&best.0), &mut best);
         }
         best.1 = self.cost_as_seen(&best.0, best.1);
-        self.optima.push(best);
+        self.optima.push((best.0, best.1 - self.beliefs.loss(&best.0)));
         best
     }
 }

@@ -90,7 +90,7 @@ fn a_loose_orientation_is_doubted() {
     assert!(found.confidence.rotation_sd_deg < 1.0);
     let mut covariance = found.covariance;
     covariance[1][1] += 1.2_f64.to_radians().powi(2);
-    let doubts = found.confidence.with_covariance(&covariance).doubts();
+    let doubts = found.confidence.with_covariances(&covariance, &covariance).doubts();
     let loose =
         |doubt: &Doubt| matches!(doubt, Doubt::LooselyHeld { rotation_sd_deg, .. } if *rotation_sd_deg > 1.0);
     assert!(doubts.iter().any(loose), "{doubts:?}");

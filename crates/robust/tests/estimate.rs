@@ -206,11 +206,11 @@ fn a_known_vertical_finds_poses_with_fewer_samples() {
         let (mut with, mut without) = (0, 0);
         for seed in 0..20 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let (mut problem, truth) =
-                problem(&Setup { scheme, right: 60, wrong: 240, noise: 0.5 }, &mut rng);
+            // As many samples as hold a right one every other time with gravity, which half of them are drawn for.
+            let (wrong, samples) = if scheme == Scheme::Points { (840, 300) } else { (240, 860) };
+            let (mut problem, truth) = problem(&Setup { scheme, right: 60, wrong, noise: 0.5 }, &mut rng);
             let mut options = PoseOptions::default();
-            // As many samples as hold a right one every other time with gravity.
-            options.fixed_hypotheses = Some(if scheme == Scheme::Points { 17 } else { 430 });
+            options.fixed_hypotheses = Some(samples);
             let found = |problem: &_| {
                 estimate_pose(problem, &options, &mut ChaCha8Rng::seed_from_u64(seed))
                     .is_ok_and(|e| e.cam_from_world.translation_error(&truth) < 0.1)

@@ -25,8 +25,8 @@ pub(crate) struct DeviceArgs {
     focal_known: Option<FocalKnowledge>,
     /// The direction in which things fall, as an accelerometer felt it when the image was taken, in the axes of the stored
     /// image (x right, y down, z forward; 0,1,0 for an upright one), of any length, and its standard deviation in degrees
-    /// (2). It is sent rounded to about a degree. Maps do not know yet which way is down, so today it changes no pose.
-    /// Default: not sent.
+    /// (2). It is sent rounded to about a degree, and helps where the map knows which way is down (`map build --down`), most
+    /// where little is seen. Default: not sent.
     #[arg(long, value_name = "X,Y,Z[,SD_DEG]", allow_hyphen_values = true)]
     gravity: Option<CoarseGravity>,
 }

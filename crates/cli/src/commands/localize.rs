@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use veiloc_eval::results::PoseDocument;
 use veiloc_geometry::Point3;
-use veiloc_localize::{Localization, LocalizeError, LocalizeOptions, localize};
+use veiloc_localize::{GravityUse, Localization, LocalizeError, LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_query::{PositionHint, SealedQuery};
 use veiloc_robust::{Confidence, PositionPrior, State};
@@ -75,6 +75,9 @@ enum Status {
     Failed,
 }
 
+/// What stands for gravity that took no part, because the map does not know which way is down.
+const UNUSED_GRAVITY: &str = "unused";
+
 /// Why a query has no pose, for programs.
 #[derive(Clone, Copy, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -130,6 +133,9 @@ struct Query {
     /// Estimated focal length over the one the query names.
     #[serde(skip_serializing_if = "Option::is_none")]
     focal_scale: Option<f64>,
+    /// What became of the direction of gravity that the query tells; absent when it tells none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gravity: Option<&'static str>,
     /// Whether nothing speaks against the pose, and what does.
     trusted: bool,
     doubts: Vec<String>,
@@ -213,6 +219,14 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     } else {
         ui.print(table(&document));
     }
+    let unused = document.queries.iter().filter(|q| q.gravity == Some(UNUSED_GRAVITY)).count();
+    if unused > 0 {
+        ui.say(format!(
+            "{unused} of {} tell which way is down, and the map does not know it: gravity was not used; build the map with \
+             --down",
+            document.queries.len()
+        ));
+    }
     let with = |test: fn(&Query) -> bool| document.queries.iter().filter(|q| test(q)).count();
     let doubtful = with(Query::is_doubtful);
     let remark = |n: usize, what: &str| if n == 0 { String::new() } else { format!(", {n} {what}") };
@@ -282,6 +296,11 @@ fn found_query(file: String, found: &Localization) -> Query {
         covariance: Some(found.covariance),
         noise_px: Some(found.noise_px),
         focal_scale: Some(found.focal_scale),
+        gravity: match found.gravity {
+            GravityUse::NotTold => None,
+            GravityUse::Used => Some("used"),
+            GravityUse::MapDoesNotKnow => Some(UNUSED_GRAVITY),
+        },
         trusted: found.confidence.is_trusted(),
         doubts: found.confidence.doubts().iter().map(ToString::to_string).collect(),
         confidence: Some(ConfidenceDocument::of(&found.confidence)),
@@ -338,6 +357,7 @@ fn lost_query(file: String, error: ErrorDocument) -> Query {
         covariance: None,
         noise_px: None,
         focal_scale: None,
+        gravity: None,
         trusted: false,
         doubts: Vec::new(),
         confidence: None,

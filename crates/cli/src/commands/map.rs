@@ -6,13 +6,14 @@ mod self_test;
 use std::path::{Path, PathBuf};
 
 use veiloc_map::colmap::{read_model, read_posed};
-use veiloc_map::{MapFile, MapLock, MapModel, PosedImages};
+use veiloc_map::{Down, MapFile, MapLock, MapModel, PosedImages};
 use veiloc_mapping::{BuildOptions, Input, MappingError, OnBadImage, Words};
 
 use self::info::Told;
 use self::self_test::{KeepArgs, SelfTestArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
+use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -58,9 +59,14 @@ impl ExtractionArgs {
     }
 }
 
-/// Where a new map goes, and how it is told.
+/// What a new map knows, where it goes, and how it is told.
 #[derive(clap::Args)]
 struct WrittenArgs {
+    /// Which way is down in the axes of the map: a vector of any length, or an axis (x, -x, y, -y, z, -z). Queries that tell
+    /// which way is down in the camera (`seal --gravity`) are then held upright. Default: not known, and such queries are
+    /// localized without.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    down: Option<Down>,
     /// The map file to write.
     #[arg(long, short, value_name = "FILE")]
     out: PathBuf,
@@ -225,6 +231,7 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     let options = args.extraction.options();
     let (mut model, mut report) =
         veiloc_mapping::build(&given.input(), &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+    model.down = args.written.down;
     args.self_test.test(&mut model, &mut report.doubts, ui)?;
     args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
@@ -240,6 +247,7 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     let input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
     let (mut model, mut report) =
         veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+    model.down = args.written.down;
     ui.say(&report);
     args.self_test.test(&mut model, &mut report.doubts, ui)?;
     args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
@@ -347,7 +355,7 @@ struct Posed<'a> {
 impl PosedArgs {
     fn read(&self) -> Result<Posed<'_>, Failure> {
         let images = read_posed(&self.posed)?;
-        let names = self.list.as_deref().map(files::read_list).transpose()?;
+        let names = self.list.as_deref().map(lists::read_list).transpose()?;
         Ok(Posed { images, names, args: self })
     }
 }

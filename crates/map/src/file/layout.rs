@@ -45,11 +45,13 @@ pub(super) enum Section {
     Building = 12,
     /// From version 2 on, where there was one.
     SelfTest = 13,
+    /// From version 2 on, where somebody knows it.
+    Down = 14,
 }
 
 impl Section {
     /// In the order of their codes, which are 1, 2, 3, ...
-    pub(super) const ALL: [Self; 13] = [
+    pub(super) const ALL: [Self; 14] = [
         Self::Profile,
         Self::Settings,
         Self::Cameras,
@@ -63,6 +65,7 @@ impl Section {
         Self::Observations,
         Self::Building,
         Self::SelfTest,
+        Self::Down,
     ];
 
     /// The sections a file of this version must have, in order.
@@ -73,10 +76,16 @@ impl Section {
         }
     }
 
+    /// What a file may have from version 2 on.
+    pub(super) const OPTIONAL: &[Self] = &[Self::SelfTest, Self::Down];
+
     /// Whether these are the sections of a file of this version: all that it must have, and what it may have, in order.
     pub(super) fn fit(version: u32, codes: impl Iterator<Item = u32> + Clone) -> bool {
-        let must = || Self::of_version(version).iter().map(|s| *s as u32);
-        codes.clone().eq(must()) || (version > 1 && codes.eq(must().chain([Self::SelfTest as u32])))
+        let (must, may) = (Self::of_version(version), if version > 1 { Self::OPTIONAL } else { &[] });
+        let among = |code: u32, sections: &[Self]| sections.iter().any(|s| *s as u32 == code);
+        let is_there = |s: &Self| codes.clone().any(|code| code == *s as u32);
+        let known = codes.clone().all(|code| among(code, must) || among(code, may));
+        known && must.iter().all(is_there) && codes.clone().is_sorted_by(|a, b| a < b)
     }
 
     pub(super) fn from_code(code: u32) -> Option<Self> {
@@ -98,6 +107,7 @@ impl Section {
             Self::Observations => "observations",
             Self::Building => "building",
             Self::SelfTest => "self-test",
+            Self::Down => "down",
         }
     }
 }

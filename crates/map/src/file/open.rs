@@ -19,6 +19,7 @@ use super::layout::{
 use super::self_test;
 use super::view::{ImageEntry, LargeSections, MapFile};
 use super::write::{IN_MEMORY, in_memory};
+use crate::down::Down;
 use crate::error::MapError;
 use crate::model::{MapModel, is_name, is_rigid};
 use crate::self_test::SelfTest;
@@ -48,7 +49,7 @@ impl MapFile {
         let parser = Parser { path, bytes: &bytes };
         let (version, sections) = parser.sections()?;
         let parts = parser.parts(&sections)?;
-        let Parts { profile, settings, cameras, images, self_test, large } = parts;
+        let Parts { profile, settings, cameras, images, self_test, down, large } = parts;
         Ok(Self {
             path: path.to_owned(),
             bytes,
@@ -58,6 +59,7 @@ impl MapFile {
             cameras,
             images,
             self_test,
+            down,
             large,
             noise: OnceLock::new(),
         })
@@ -73,6 +75,7 @@ struct Parts {
     cameras: Vec<Intrinsics>,
     images: Vec<ImageEntry>,
     self_test: Option<SelfTest>,
+    down: Option<Down>,
     large: LargeSections,
 }
 
@@ -186,7 +189,14 @@ impl<'a> Parser<'a> {
                 self_test::decode(&self.bytes[range]).map_err(|e| self.wrong(Section::SelfTest.name(), &e))
             })
             .transpose()?;
-        Ok(Parts { profile, settings, cameras, images, self_test, large })
+        let down = sections[Section::Down as usize - 1].clone();
+        let down = down
+            .map(|range| {
+                let vector: &[f64; 3] = self.record(&range, Section::Down)?;
+                Down::kept(*vector).map_err(|e| self.wrong(Section::Down.name(), &e))
+            })
+            .transpose()?;
+        Ok(Parts { profile, settings, cameras, images, self_test, down, large })
     }
 
     /// Of version 1, the words are those of the profile and the rest defaults.

@@ -1,5 +1,6 @@
 //! The map file: round trip, known answer, and damage of every kind.
 
+mod down;
 mod self_test;
 
 use std::path::PathBuf;
@@ -17,7 +18,9 @@ use zerocopy::{FromBytes, IntoBytes};
 
 use super::layout::{Entry, Header, NO_POINT, Section, header_checksum};
 use super::write::to_bytes;
-use crate::{BuildSettings, MapError, MapFile, MapImage, MapModel, MapPoint, Observation, PointId, write};
+use crate::{
+    BuildSettings, MapError, MapFile, MapImage, MapModel, MapPoint, Observation, PointId, SelfTest, write,
+};
 
 /// A map with these many images, keypoints of each, and points seen by some of them.
 fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel {
@@ -67,6 +70,7 @@ fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel
         settings: settings(),
         profile: Profile::vlad(vocabulary),
         self_test: None,
+        down: None,
     };
     model.link_keypoints();
     model
@@ -105,8 +109,10 @@ fn open_bytes(bytes: &[u8]) -> Result<MapFile, MapError> {
 }
 
 fn section(bytes: &[u8], section: Section) -> (usize, Entry) {
-    let at = size_of::<Header>() + (section as usize - 1) * size_of::<Entry>();
-    (at, Entry::read_from_bytes(&bytes[at..at + size_of::<Entry>()]).unwrap())
+    let places = (size_of::<Header>()..).step_by(size_of::<Entry>());
+    let mut entries =
+        places.map(|at| (at, Entry::read_from_bytes(&bytes[at..at + size_of::<Entry>()]).unwrap()));
+    entries.find(|(_, entry)| entry.code == section as u32).unwrap()
 }
 
 /// Changes a section as a faulty but careful program would: with checksums that fit.
@@ -353,10 +359,10 @@ fn a_section_of_a_newer_program_is_called_newer() {
     let bytes = to_bytes(&sample(8, 2, 5, 3));
     let (at, _) = section(&bytes, Section::Building);
     let mut newer = bytes.clone();
-    newer[at..at + 4].copy_from_slice(&14_u32.to_le_bytes());
+    newer[at..at + 4].copy_from_slice(&15_u32.to_le_bytes());
     seal_header(&mut newer);
     let error = open_bytes(&newer).unwrap_err();
-    assert!(matches!(error, MapError::UnknownSection { code: 14, .. }), "{error}");
+    assert!(matches!(error, MapError::UnknownSection { code: 15, .. }), "{error}");
     assert!(error.to_string().contains("use a newer veiloc"), "{error}");
     // A section twice, or one of version 2 in a file of version 1.
     let mut twice = bytes.clone();
@@ -371,7 +377,9 @@ fn a_section_of_a_newer_program_is_called_newer() {
 
 #[test]
 fn sections_elsewhere_than_they_belong_are_refused() {
-    let bytes = to_bytes(&sample(8, 2, 5, 3));
+    let test = SelfTest { images: 0, scale: 1.0, assumed_noise_px: 1.0, schemes: Vec::new() };
+    let down = Some("-y".parse().unwrap());
+    let bytes = to_bytes(&MapModel { self_test: Some(test), down, ..sample(8, 2, 5, 3) });
     for which in Section::ALL {
         for field in [0, 4, 8, 16] {
             for value in [u32::MAX, 64] {

@@ -12,6 +12,7 @@ use veiloc_query::Profile;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{NO_POINT, ObservationRecord, PointRecord};
+use crate::down::Down;
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
@@ -29,6 +30,7 @@ pub struct MapFile {
     pub(super) cameras: Vec<Intrinsics>,
     pub(super) images: Vec<ImageEntry>,
     pub(super) self_test: Option<SelfTest>,
+    pub(super) down: Option<Down>,
     pub(super) large: LargeSections,
     /// Computed when it is first asked for.
     pub(super) noise: OnceLock<f64>,
@@ -86,6 +88,11 @@ impl MapFile {
     /// What the map's test of itself came to; `None` when there was none since it was built or changed.
     pub const fn self_test(&self) -> Option<&SelfTest> {
         self.self_test.as_ref()
+    }
+
+    /// Which way is down, where who built the map knew it.
+    pub const fn down(&self) -> Option<Down> {
+        self.down
     }
 
     /// Number of cameras.
@@ -163,6 +170,7 @@ impl MapFile {
             settings: self.settings,
             profile: self.profile.clone(),
             self_test: self.self_test.clone(),
+            down: self.down,
         }
     }
 

@@ -128,10 +128,16 @@ impl<'a> Sections<'a> {
                 Section::SelfTest => {
                     model.self_test.iter().map(|t| Piece::Owned(self_test::encode(t))).collect()
                 }
+                Section::Down => model.down.iter().map(|down| owned(&down.in_world())).collect(),
             };
             (section, pieces)
         };
-        let there = Section::ALL.into_iter().filter(|s| *s != Section::SelfTest || model.self_test.is_some());
+        let is_there = |section: &Section| match section {
+            Section::SelfTest => model.self_test.is_some(),
+            Section::Down => model.down.is_some(),
+            _ => true,
+        };
+        let there = Section::ALL.into_iter().filter(is_there);
         Self { pieces: there.map(section).collect() }
     }
 

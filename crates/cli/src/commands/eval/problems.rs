@@ -12,6 +12,7 @@ use crate::commands::localization_args::MatchArgs;
 use crate::commands::map::ExtractionArgs;
 use crate::exit::{Exit, Outcome};
 use crate::files;
+use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -43,8 +44,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let source = ProblemSource {
         posed: &read_posed(&args.place.posed)?,
         images: &args.place.images,
-        map_list: &files::read_list(&args.place.map_list)?,
-        query_list: &files::read_list(&args.place.query_list)?,
+        map_list: &lists::read_list(&args.place.map_list)?,
+        query_list: &lists::read_list(&args.place.query_list)?,
         build: &args.extraction.options(),
         localize: &args.matching.localize_options(),
         seed: args.seed,

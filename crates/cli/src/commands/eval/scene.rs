@@ -10,7 +10,6 @@ use crate::commands::eval::report::ReportArgs;
 use crate::commands::localization_args::{MatchArgs, PoseArgs};
 use crate::commands::map::ExtractionArgs;
 use crate::exit::{Failure, Outcome};
-use crate::files;
 use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
@@ -64,7 +63,7 @@ impl NegativeArgs {
             (Some(posed), Some(images), Some(list)) => Ok(Some(Negatives {
                 posed: read_posed(posed)?,
                 images: images.clone(),
-                list: files::read_list(list)?,
+                list: lists::read_list(list)?,
             })),
             _ => Ok(None),
         }
@@ -77,7 +76,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = SceneEvaluation {
         posed: read_posed(&args.place.posed)?,
         images: args.place.images.clone(),
-        map_list: files::read_list(&args.place.map_list)?,
+        map_list: lists::read_list(&args.place.map_list)?,
         query_list: queries.iter().map(|q| q.name.clone()).collect(),
         query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
         keep_map: args.keep_map.clone(),

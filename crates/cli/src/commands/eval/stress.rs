@@ -10,7 +10,6 @@ use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{MatchArgs, PoseArgs, positive};
 use crate::commands::map::ExtractionArgs;
 use crate::exit::{Exit, Outcome};
-use crate::files;
 use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
@@ -77,7 +76,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = StressEvaluation::new(
         read_posed(&args.place.posed)?,
         args.place.images.clone(),
-        files::read_list(&args.place.map_list)?,
+        lists::read_list(&args.place.map_list)?,
         queries.iter().map(|q| q.name.clone()).collect(),
     );
     evaluation.query_cameras = queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect();

@@ -26,6 +26,8 @@ struct Info {
     descriptors: String,
     global: String,
     profile: String,
+    /// Which way is down, a unit vector in the axes of the map; null when nobody has said it.
+    down: Option<[f64; 3]>,
     self_test: Option<SelfTestInfo>,
     warnings: Vec<Warning>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -130,6 +132,7 @@ fn facts(map: &MapFile, path: &Path) -> Info {
         descriptors: map.profile().descriptor_kind().name().to_owned(),
         global: map.profile().global_model().name().to_owned(),
         profile: map.profile().id().to_string(),
+        down: map.down().map(|down| down.in_world()),
         self_test: map.self_test().map(SelfTestInfo::of),
         warnings: Vec::new(),
         skipped: Vec::new(),
@@ -154,6 +157,9 @@ fn describe(info: &Info) -> String {
         info.global,
         info.profile,
     );
+    let unknown = || "not known: gravity that queries tell is not used".to_owned();
+    let down = info.down.map_or_else(unknown, |[x, y, z]| format!("({x:.4}, {y:.4}, {z:.4})"));
+    text.extend(["  down        ", &down, "\n"]);
     match &info.self_test {
         Some(test) => text.push_str(&test.describe()),
         None => text.push_str("  self-test   none: covariances are calibrated by those of other maps\n"),

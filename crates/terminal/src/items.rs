@@ -15,45 +15,45 @@ use crate::files;
 use crate::ui::Ui;
 
 /// What a command looks for in a folder.
-pub(crate) struct Wanted {
+pub struct Wanted {
     /// What it is called, for one.
-    pub(crate) what: &'static str,
+    pub what: &'static str,
     /// Endings of its files, lower case.
-    pub(crate) endings: &'static [&'static str],
+    pub endings: &'static [&'static str],
 }
 
 /// Images of the formats that are read.
-pub(crate) const IMAGES: Wanted = Wanted { what: "JPEG or PNG file", endings: &["jpg", "jpeg", "png"] };
+pub const IMAGES: Wanted = Wanted { what: "JPEG or PNG file", endings: &["jpg", "jpeg", "png"] };
 /// What `veiloc seal` writes.
-pub(crate) const SEALED: Wanted = Wanted { what: "sealed query (.vquery)", endings: &["vquery"] };
+pub const SEALED: Wanted = Wanted { what: "sealed query (.vquery)", endings: &["vquery"] };
 
 /// A file to work on.
 #[derive(Debug, Clone)]
-pub(crate) struct Item {
+pub struct Item {
     /// Where it is; `-` for stdin.
-    pub(crate) path: PathBuf,
+    pub path: PathBuf,
     /// Its path below the folder that was given, or its file name when it was given itself. Where several things are
     /// given, the folder's own name comes first, so that files of two folders do not clash.
-    pub(crate) below: PathBuf,
+    pub below: PathBuf,
     /// The same without the folder's own name: what data sets call it.
     name: String,
     /// What is wrong with it, as far as can be told without reading it.
-    pub(crate) fault: Option<Fault>,
+    pub fault: Option<Fault>,
 }
 
 /// Why an item has no result.
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct Fault {
+pub struct Fault {
     /// What kind of fault.
-    pub(crate) kind: FaultKind,
+    pub kind: FaultKind,
     /// What is wrong, and the remedy.
-    pub(crate) message: String,
+    pub message: String,
 }
 
 /// Kinds of fault, for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum FaultKind {
+pub enum FaultKind {
     /// There is no file of this name.
     Missing,
     /// The system refuses to read it, or a folder holds nothing of use.
@@ -65,12 +65,13 @@ pub(crate) enum FaultKind {
 }
 
 impl Fault {
-    pub(crate) fn new(kind: FaultKind, message: impl std::fmt::Display) -> Self {
+    /// A fault of this kind, with a message that says what is wrong and the remedy.
+    pub fn new(kind: FaultKind, message: impl std::fmt::Display) -> Self {
         Self { kind, message: message.to_string() }
     }
 
     /// What the system said of a file.
-    pub(crate) fn of_io(error: &io::Error) -> Self {
+    pub fn of_io(error: &io::Error) -> Self {
         let kind = match error.kind() {
             io::ErrorKind::NotFound => FaultKind::Missing,
             _ => FaultKind::Unreadable,
@@ -79,14 +80,14 @@ impl Fault {
     }
 
     /// The message, with the name of the file in it once.
-    pub(crate) fn of(&self, name: &str) -> String {
+    pub fn of(&self, name: &str) -> String {
         if self.message.contains(name) { self.message.clone() } else { format!("{name}: {}", self.message) }
     }
 }
 
 /// The files that are given, in their order: a file as it is, a folder as what is wanted in it and in its sub-folders,
 /// sorted by path. Hidden files and folders inside are left out.
-pub(crate) fn gather(given: &[PathBuf], wanted: &Wanted) -> Vec<Item> {
+pub fn gather(given: &[PathBuf], wanted: &Wanted) -> Vec<Item> {
     let mut items = Vec::new();
     for path in given {
         if !path.is_dir() {
@@ -125,7 +126,7 @@ pub(crate) fn gather(given: &[PathBuf], wanted: &Wanted) -> Vec<Item> {
 }
 
 /// The files of a list: its names in a folder.
-pub(crate) fn listed<'a>(folder: &Path, names: impl IntoIterator<Item = &'a str>) -> Vec<Item> {
+pub fn listed<'a>(folder: &Path, names: impl IntoIterator<Item = &'a str>) -> Vec<Item> {
     names.into_iter().map(|name| checked(folder.join(name), Path::new(name), Path::new(""))).collect()
 }
 
@@ -136,7 +137,7 @@ fn checked(path: PathBuf, below: &Path, above: &Path) -> Item {
 }
 
 /// What to call each item: its name in its folder, or its path where two folders have files of one name.
-pub(crate) fn names(items: &[Item]) -> Vec<String> {
+pub fn names(items: &[Item]) -> Vec<String> {
     let mut seen = BTreeSet::new();
     if items.iter().all(|item| seen.insert(item.name.as_str())) {
         return items.iter().map(|item| item.name.clone()).collect();
@@ -190,14 +191,17 @@ fn has_ending(path: &Path, endings: &[&str]) -> bool {
 ///
 /// # Errors
 /// Names everything that cannot be read.
-pub(crate) fn gather_all(given: &[PathBuf], wanted: &Wanted) -> Result<Vec<Item>, Failure> {
+pub fn gather_all(given: &[PathBuf], wanted: &Wanted) -> Result<Vec<Item>, Failure> {
     let items = gather(given, wanted);
     refuse_bad(&items)?;
     Ok(items)
 }
 
-/// Ends a command that cannot do without any of its files, naming all that cannot be read.
-pub(crate) fn refuse_bad(items: &[Item]) -> Result<(), Failure> {
+/// Ends a command that cannot do without any of its files.
+///
+/// # Errors
+/// Names everything that cannot be read.
+pub fn refuse_bad(items: &[Item]) -> Result<(), Failure> {
     let bad: Vec<String> = known_faults(items).collect();
     match bad.as_slice() {
         [] => Ok(()),
@@ -219,7 +223,7 @@ fn known_faults(items: &[Item]) -> impl Iterator<Item = String> {
 
 /// How bad files count.
 #[derive(clap::Args, Debug, Clone, Copy)]
-pub(crate) struct SkipArgs {
+pub struct SkipArgs {
     /// Do not count files that cannot be used in the exit code, as long as one can. They are named all the same.
     #[arg(long)]
     skip_bad: bool,
@@ -227,13 +231,13 @@ pub(crate) struct SkipArgs {
 
 impl SkipArgs {
     /// Whether bad files are not counted.
-    pub(crate) const fn counts_none(self) -> bool {
+    pub const fn counts_none(self) -> bool {
         self.skip_bad
     }
 }
 
 /// What became of the items of a command.
-pub(crate) struct Tally {
+pub struct Tally {
     /// What is done to an item, as in `8 of 10 sealed`.
     done_to: &'static str,
     total: usize,
@@ -242,7 +246,7 @@ pub(crate) struct Tally {
 
 impl Tally {
     /// Tells, before work begins, what can be told to be missing or unreadable.
-    pub(crate) fn begin(done_to: &'static str, items: &[Item], ui: &Ui) -> Self {
+    pub fn begin(done_to: &'static str, items: &[Item], ui: &Ui) -> Self {
         let known: Vec<String> = known_faults(items).collect();
         if items.len() > 1 && !known.is_empty() {
             ui.say(format_args!("{} of {} cannot be read:{}", known.len(), items.len(), indented(&known)));
@@ -251,18 +255,21 @@ impl Tally {
     }
 
     /// An item has no result.
-    pub(crate) fn failed(&mut self, name: &str, fault: &Fault) {
+    pub fn failed(&mut self, name: &str, fault: &Fault) {
         self.faults.push(fault.of(name));
     }
 
     /// How many items have no result for a fault of theirs.
-    pub(crate) fn failures(&self) -> usize {
+    pub fn failures(&self) -> usize {
         self.faults.len()
     }
 
     /// Says what became of all, and how the command ends: with `done` of the items as they should be, and `remark` on
     /// others that were answered too.
-    pub(crate) fn end(&self, done: usize, remark: &str, skip: SkipArgs, ui: &Ui) -> Outcome {
+    ///
+    /// # Errors
+    /// When the only item had a fault: that fault.
+    pub fn end(&self, done: usize, remark: &str, skip: SkipArgs, ui: &Ui) -> Outcome {
         if let ([only], 1) = (self.faults.as_slice(), self.total) {
             return Err(Failure::refused(only));
         }

@@ -11,7 +11,10 @@ const SOONEST: Duration = Duration::from_secs(1);
 const LATEST: Duration = Duration::from_secs(10);
 
 /// One stage of work, of a known number of steps.
-pub(crate) enum Stage {
+pub struct Stage(Shown);
+
+/// How a stage is shown.
+enum Shown {
     /// Nobody wants to know.
     Silent,
     /// A bar on a terminal.
@@ -21,29 +24,34 @@ pub(crate) enum Stage {
 }
 
 impl Stage {
+    /// Nothing is shown.
+    pub(crate) const fn silent() -> Self {
+        Self(Shown::Silent)
+    }
+
     /// A bar of `total` steps.
     pub(crate) fn bar(name: &str, total: u64) -> Self {
         let style = ProgressStyle::with_template("{msg:28} {wide_bar:.cyan/dim} {pos}/{len} {eta:>4}")
             .unwrap_or_else(|_| ProgressStyle::default_bar());
         let bar = ProgressBar::new(total).with_style(style).with_message(name.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
-        Self::Bar(bar)
+        Self(Shown::Bar(bar))
     }
 
     /// Lines on stderr, the first at once.
     pub(crate) fn lines(name: &str, total: u64) -> Self {
         let lines = Lines { name: name.to_owned(), total, done: 0, tenth: 0, last: Instant::now() };
         tell(&lines.text());
-        Self::Lines(Mutex::new(lines))
+        Self(Shown::Lines(Mutex::new(lines)))
     }
 
     /// So many steps more are done.
-    pub(crate) fn advance(&self, steps: u64) {
+    pub fn advance(&self, steps: u64) {
         self.update(|bar| bar.inc(steps), |lines| lines.done += steps);
     }
 
     /// So many steps are done in all, of so many.
-    pub(crate) fn reach(&self, done: u64, total: u64) {
+    pub fn reach(&self, done: u64, total: u64) {
         self.update(
             |bar| {
                 bar.set_length(total);
@@ -54,10 +62,10 @@ impl Stage {
     }
 
     fn update(&self, of_bar: impl FnOnce(&ProgressBar), of_lines: impl FnOnce(&mut Lines)) {
-        match self {
-            Self::Silent => {}
-            Self::Bar(bar) => of_bar(bar),
-            Self::Lines(lines) => {
+        match &self.0 {
+            Shown::Silent => {}
+            Shown::Bar(bar) => of_bar(bar),
+            Shown::Lines(lines) => {
                 let mut lines = lines.lock().unwrap_or_else(PoisonError::into_inner);
                 of_lines(&mut lines);
                 if let Some(text) = lines.due(Instant::now()) {
@@ -68,23 +76,23 @@ impl Stage {
     }
 
     /// Lets something be printed that a bar would draw over.
-    pub(crate) fn suspend<T>(&self, act: impl FnOnce() -> T) -> T {
-        match self {
-            Self::Bar(bar) => bar.suspend(act),
-            Self::Silent | Self::Lines(_) => act(),
+    pub fn suspend<T>(&self, act: impl FnOnce() -> T) -> T {
+        match &self.0 {
+            Shown::Bar(bar) => bar.suspend(act),
+            Shown::Silent | Shown::Lines(_) => act(),
         }
     }
 
     /// The stage is over, and a bar goes.
-    pub(crate) fn finish(&self) {
-        if let Self::Bar(bar) = self {
+    pub fn finish(&self) {
+        if let Shown::Bar(bar) = &self.0 {
             bar.finish_and_clear();
         }
     }
 }
 
 /// Where a stage stands that is told in lines.
-pub(crate) struct Lines {
+struct Lines {
     name: String,
     total: u64,
     done: u64,

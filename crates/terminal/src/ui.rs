@@ -9,7 +9,7 @@ use crate::exit::Failure;
 use crate::progress::Stage;
 
 /// Where the program talks.
-pub(crate) struct Ui {
+pub struct Ui {
     quiet: bool,
     /// Whether a person watches stderr.
     terminal: bool,
@@ -19,7 +19,7 @@ pub(crate) struct Ui {
 
 impl Ui {
     /// Bars only where a person watches.
-    pub(crate) fn new(quiet: bool) -> Self {
+    pub fn new(quiet: bool) -> Self {
         let terminal = std::io::stderr().is_terminal();
         // Names of files must stay whole, to be copied or searched for.
         let options = move || miette::MietteHandlerOpts::new().wrap_lines(terminal).break_words(false);
@@ -29,20 +29,19 @@ impl Ui {
     }
 
     /// A remark for people.
-    pub(crate) fn say(&self, text: impl std::fmt::Display) {
+    pub fn say(&self, text: impl std::fmt::Display) {
         if !self.quiet {
             tell(text);
         }
     }
 
     /// Something that went wrong, but does not end the work.
-    #[expect(clippy::unused_self, reason = "all output goes through the Ui")]
-    pub(crate) fn complain(&self, text: impl std::fmt::Display) {
+    pub fn complain(&self, text: impl std::fmt::Display) {
         tell(text);
     }
 
     /// A result: the table or text a person asked for.
-    pub(crate) fn print(&self, text: impl std::fmt::Display) {
+    pub fn print(&self, text: impl std::fmt::Display) {
         self.print_bytes(text.to_string().as_bytes());
     }
 
@@ -50,7 +49,7 @@ impl Ui {
     ///
     /// A reader that closed the pipe has read enough; that is no error. Anything else that keeps a result from stdout
     /// is remembered, so that no command can end well without it: see [`Self::lost_output`].
-    pub(crate) fn print_bytes(&self, bytes: &[u8]) {
+    pub fn print_bytes(&self, bytes: &[u8]) {
         let mut out = std::io::stdout().lock();
         match out.write_all(bytes).and_then(|()| out.flush()) {
             Err(error) if error.kind() != ErrorKind::BrokenPipe => self.lose(error),
@@ -64,21 +63,23 @@ impl Ui {
     }
 
     /// Why results did not all reach stdout, once.
-    pub(crate) fn lost_output(&self) -> Option<Failure> {
+    pub fn lost_output(&self) -> Option<Failure> {
         let error = self.lost.lock().unwrap_or_else(PoisonError::into_inner).take()?;
         Some(Failure::output("stdout", &error))
     }
 
     /// One JSON document on stdout.
-    pub(crate) fn json(&self, document: &impl Serialize) -> Result<(), Failure> {
+    ///
+    /// # Errors
+    /// When it is no JSON; what does not reach stdout is told by [`Self::lost_output`].
+    pub fn json(&self, document: &impl Serialize) -> Result<(), Failure> {
         let text = serde_json::to_string_pretty(document)?;
         self.print(text + "\n");
         Ok(())
     }
 
     /// What went wrong, with the remedy.
-    #[expect(clippy::unused_self, reason = "all output goes through the Ui")]
-    pub(crate) fn failure(&self, failure: &Failure) {
+    pub fn failure(&self, failure: &Failure) {
         match failure {
             Failure::Refused { report } | Failure::Output { report } => tell(format_args!("{report:?}")),
             Failure::Bug { place } => tell(format_args!(
@@ -88,9 +89,9 @@ impl Ui {
     }
 
     /// A stage of `total` steps.
-    pub(crate) fn stage(&self, name: &str, total: u64) -> Stage {
+    pub fn stage(&self, name: &str, total: u64) -> Stage {
         match (self.quiet, self.terminal) {
-            (true, _) => Stage::Silent,
+            (true, _) => Stage::silent(),
             (false, true) => Stage::bar(name, total),
             (false, false) => Stage::lines(name, total),
         }

@@ -7,18 +7,19 @@ use std::path::{Path, PathBuf};
 use crate::exit::Failure;
 use crate::ui::Ui;
 
-pub(crate) use crate::lists::read_list;
-
 /// What stands for stdin and stdout where a file is expected.
 const STANDARD: &str = "-";
 
 /// Whether a path stands for stdin or stdout.
-pub(crate) fn is_standard(path: &Path) -> bool {
+pub fn is_standard(path: &Path) -> bool {
     path.as_os_str() == STANDARD
 }
 
 /// Reads a whole file.
-pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+///
+/// # Errors
+/// When it cannot be read; names it.
+pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     fs::read(path).map_err(|e| {
         Failure::with_help(
             format!("{}: {e}", path.display()),
@@ -28,14 +29,20 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
 }
 
 /// All of stdin.
-pub(crate) fn stdin() -> std::io::Result<Vec<u8>> {
+///
+/// # Errors
+/// What the system says.
+pub fn stdin() -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     std::io::Read::read_to_end(&mut std::io::stdin().lock(), &mut bytes)?;
     Ok(bytes)
 }
 
 /// [`write`], or stdout when the path is `-`.
-pub(crate) fn write_or_print(path: &Path, bytes: &[u8], ui: &Ui) -> Result<(), Failure> {
+///
+/// # Errors
+/// As [`write`].
+pub fn write_or_print(path: &Path, bytes: &[u8], ui: &Ui) -> Result<(), Failure> {
     if is_standard(path) {
         ui.print_bytes(bytes);
         return Ok(());
@@ -46,7 +53,10 @@ pub(crate) fn write_or_print(path: &Path, bytes: &[u8], ui: &Ui) -> Result<(), F
 /// Writes a file beside the old one, then takes its place; an interruption leaves the old one as it was.
 ///
 /// What exists and is no file of its own (a device, a pipe) is written to as it is.
-pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+///
+/// # Errors
+/// When it cannot be written; names it.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let fault = |e: std::io::Error| Failure::output(path.display(), &e);
     if is_standard(path) {
         return Err(Failure::with_help(
@@ -89,7 +99,10 @@ fn as_others_read<'a, 'b, 'c>(
 }
 
 /// Makes a folder with all above it.
-pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
+///
+/// # Errors
+/// When it cannot be made; names it.
+pub fn make_folder(path: &Path) -> Result<(), Failure> {
     fs::create_dir_all(path).map_err(|e| {
         Failure::with_help(format!("{}: {e}", path.display()), "choose a folder that may be written")
     })

@@ -3,28 +3,27 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use veiloc_geometry::Intrinsics;
+use veiloc_geometry::{Intrinsics, IntrinsicsError};
 
-use crate::camera::intrinsics;
 use crate::exit::Failure;
 use crate::files;
 
 /// A line of a list.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Listed {
+pub struct Listed {
     /// Name of the image, relative to the folder of the images; it may hold spaces, as COLMAP's may.
-    pub(crate) name: String,
+    pub name: String,
     /// Its camera, where the list says it.
-    pub(crate) camera: Option<Intrinsics>,
+    pub camera: Option<Intrinsics>,
     /// Line number, from 1.
-    pub(crate) line: usize,
+    pub line: usize,
 }
 
 /// A list of names with or without cameras; empty lines and lines that begin with `#` do not count.
 ///
 /// # Errors
 /// When the file cannot be read, is not text, names nothing or one image twice, or holds a camera that is none.
-pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
+pub fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
     let refused = |what: String, help: &str| Failure::with_help(format!("{}: {what}", path.display()), help);
     let text = String::from_utf8(files::read(path)?)
         .map_err(|_| refused("is not text".to_owned(), "give a text file with one image name a line"))?;
@@ -60,7 +59,7 @@ pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
 ///
 /// # Errors
 /// As [`read_with_cameras`], and when a line holds a camera.
-pub(crate) fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
+pub fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
     let listed = read_with_cameras(path)?;
     if let Some(with) = listed.iter().find(|l| l.camera.is_some()) {
         return Err(Failure::with_help(
@@ -80,7 +79,7 @@ pub(crate) fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
 ///
 /// # Errors
 /// When not one folder is given.
-pub(crate) fn one_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
+pub fn one_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
     match given {
         [folder] if folder.is_dir() => Ok(folder),
         [file] => Err(Failure::with_help(
@@ -92,6 +91,17 @@ pub(crate) fn one_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
             "give the folder that the names of the list are relative to, and no more",
         )),
     }
+}
+
+/// A camera as people write it: `MODEL,W,H,PARAMS…` or, as hloc has it, `MODEL W H PARAMS…`.
+///
+/// # Errors
+/// When it is no camera.
+pub fn intrinsics(text: &str) -> Result<Intrinsics, IntrinsicsError> {
+    if text.contains(',') {
+        return text.parse();
+    }
+    text.split_whitespace().collect::<Vec<_>>().join(",").parse()
 }
 
 /// `name MODEL W H PARAMS…`, parted; a model is told by its spelling, so that an unknown one is not taken for a name.

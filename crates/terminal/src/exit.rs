@@ -8,7 +8,7 @@ use std::thread::{self, ThreadId};
 
 /// How the program ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Exit {
+pub enum Exit {
     /// All went well.
     Success,
     /// The input was refused, or nothing was localized.
@@ -22,7 +22,7 @@ pub(crate) enum Exit {
 }
 
 /// For `veiloc --help`.
-pub(crate) const EXIT_CODES: &str = "\
+pub const EXIT_CODES: &str = "\
 Exit codes:
   0  done
   1  input was refused (of several files: at least one, see --skip-bad), or nothing was localized
@@ -46,7 +46,7 @@ impl From<Exit> for ExitCode {
 
 /// Why a command could not do its work.
 #[derive(Debug)]
-pub(crate) enum Failure {
+pub enum Failure {
     /// Something that was given cannot be used; the message names it, the help says what to do.
     Refused {
         /// What is wrong, with the causes below it.
@@ -66,12 +66,12 @@ pub(crate) enum Failure {
 
 impl Failure {
     /// A refusal whose message tells the remedy itself.
-    pub(crate) fn refused(message: impl std::fmt::Display) -> Self {
+    pub fn refused(message: impl std::fmt::Display) -> Self {
         Self::Refused { report: miette::miette!("{message}") }
     }
 
     /// A refusal with a remedy.
-    pub(crate) fn with_help(message: impl std::fmt::Display, help: impl std::fmt::Display) -> Self {
+    pub fn with_help(message: impl std::fmt::Display, help: impl std::fmt::Display) -> Self {
         let report = miette::miette!(help = help.to_string(), "{message}");
         Self::Refused { report }
     }
@@ -80,7 +80,7 @@ impl Failure {
     ///
     /// A path that cannot be a file of ours is refused, as other input is; a disk or device that fails is not the
     /// caller's fault.
-    pub(crate) fn output(target: impl std::fmt::Display, error: &std::io::Error) -> Self {
+    pub fn output(target: impl std::fmt::Display, error: &std::io::Error) -> Self {
         if is_about_the_path(error.kind()) {
             let help = "check that the folder exists, may be written, and has room";
             return Self::with_help(format!("{target}: {error}"), help);
@@ -90,7 +90,7 @@ impl Failure {
     }
 
     /// The exit code it ends with.
-    pub(crate) const fn exit(&self) -> Exit {
+    pub const fn exit(&self) -> Exit {
         match self {
             Self::Refused { .. } => Exit::Refused,
             Self::Output { .. } => Exit::Unwritten,
@@ -135,7 +135,7 @@ fn io_kind(error: &(dyn std::error::Error + 'static)) -> Option<ErrorKind> {
 }
 
 /// What to do when the system refused a file: libraries say which file and what it said, but that is no remedy yet.
-pub(crate) const fn remedy_of_io(kind: ErrorKind) -> &'static str {
+pub const fn remedy_of_io(kind: ErrorKind) -> &'static str {
     match kind {
         ErrorKind::NotFound | ErrorKind::NotADirectory => "check the path, and that its folder exists",
         ErrorKind::IsADirectory => "check the path: it leads to a folder, and a file is wanted",
@@ -153,10 +153,13 @@ pub(crate) const fn remedy_of_io(kind: ErrorKind) -> &'static str {
 }
 
 /// What a command returns.
-pub(crate) type Outcome = Result<Exit, Failure>;
+pub type Outcome = Result<Exit, Failure>;
 
 /// Runs a command; a panic, which is a bug of ours, becomes a failure that tells where it happened, never what it said.
-pub(crate) fn catching_panics(command: impl FnOnce() -> Outcome) -> Outcome {
+///
+/// # Errors
+/// Those of the command, and [`Failure::Bug`] for a panic.
+pub fn catching_panics(command: impl FnOnce() -> Outcome) -> Outcome {
     let previous = std::panic::take_hook();
     let places = Arc::new(Places::default());
     let kept = places.clone();

@@ -8,15 +8,15 @@ use crate::progress::Stage;
 use crate::ui::Ui;
 
 /// Shows the stages of a library's long work, one after another.
-pub(crate) struct Stages<'a> {
+pub struct Stages<'a> {
     ui: &'a Ui,
     current: Mutex<Stage>,
 }
 
 impl<'a> Stages<'a> {
     /// No stage yet.
-    pub(crate) fn new(ui: &'a Ui) -> Self {
-        Self { ui, current: Mutex::new(Stage::Silent) }
+    pub fn new(ui: &'a Ui) -> Self {
+        Self { ui, current: Mutex::new(Stage::silent()) }
     }
 
     fn with(&self, act: impl FnOnce(&mut Stage)) {
@@ -40,7 +40,7 @@ impl Progress for Stages<'_> {
     fn finish(&self) {
         self.with(|stage| {
             stage.finish();
-            *stage = Stage::Silent;
+            *stage = Stage::silent();
         });
     }
 }

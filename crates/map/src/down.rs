@@ -1,0 +1,114 @@
+//! Which way is down in a map, where somebody knows.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// The direction in which things fall, in the axes of the map: a unit vector.
+///
+/// A map does not know it by itself: structure from motion leaves the axes open. Who builds the map says it, and queries that
+/// tell which way is down in the camera can then be held upright.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Down([f64; 3]);
+
+/// A vector or a text that names no direction.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error(
+    "{given} is no direction; write X,Y,Z in the axes of the map, three finite numbers not all 0, or an axis such as y or -z"
+)]
+pub struct DownError {
+    /// What was given, as text.
+    pub given: String,
+}
+
+/// How far from 1 the length of what was read may be.
+const MOST_OFF: f64 = 1e-6;
+
+impl Down {
+    /// Of any length but zero.
+    ///
+    /// # Errors
+    /// [`DownError`] for a vector without direction: zero, or not finite.
+    pub fn new(direction: [f64; 3]) -> Result<Self, DownError> {
+        let largest = direction.iter().fold(0.0_f64, |most, c| most.max(c.abs()));
+        if !direction.iter().all(|c| c.is_finite()) || largest == 0.0 {
+            let [x, y, z] = direction;
+            return Err(DownError { given: format!("{x},{y},{z}") });
+        }
+        // Scaled first, so that no square overflows and none of tiny numbers vanishes. Zero is written without a sign.
+        let scaled = direction.map(|c| c / largest);
+        let norm = scaled.iter().map(|c| c * c).sum::<f64>().sqrt();
+        Ok(Self(scaled.map(|c| c / norm + 0.0)))
+    }
+
+    /// A vector that was kept: of unit length up to rounding, and left as it is, so that a map that is opened and written
+    /// again has the same bytes.
+    pub(crate) fn kept(vector: [f64; 3]) -> Result<Self, String> {
+        let off = (vector.iter().map(|c| c * c).sum::<f64>().sqrt() - 1.0).abs();
+        if off <= MOST_OFF { Ok(Self(vector)) } else { Err("not a unit vector".to_owned()) }
+    }
+
+    /// The unit vector.
+    pub const fn in_world(&self) -> [f64; 3] {
+        self.0
+    }
+}
+
+/// `X,Y,Z` of any length, or an axis: `x`, `-x`, `y`, `-y`, `z`, `-z`.
+impl FromStr for Down {
+    type Err = DownError;
+
+    fn from_str(text: &str) -> Result<Self, DownError> {
+        let text = text.trim();
+        let (sign, axis) = text.strip_prefix('-').map_or((1.0, text), |axis| (-1.0, axis));
+        if let Some(k) = ["x", "y", "z"].iter().position(|name| *name == axis) {
+            let mut along = [0.0; 3];
+            along[k] = sign;
+            return Ok(Self(along));
+        }
+        let numbers: Result<Vec<f64>, _> = text.split(',').map(|word| word.trim().parse()).collect();
+        match numbers.as_deref() {
+            Ok(&[x, y, z]) => Self::new([x, y, z]),
+            _ => Err(DownError { given: format!("{text:?}") }),
+        }
+    }
+}
+
+/// To four digits, for people.
+impl fmt::Display for Down {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y, z] = self.0;
+        write!(f, "({x:.4}, {y:.4}, {z:.4})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn any_length_is_a_direction_and_axes_have_names() {
+        for scale in [1e-300, 1.0, 9.81, 1e300] {
+            let [x, y, z] = Down::new([0.0, -3.0 * scale, 4.0 * scale]).expect("a direction").in_world();
+            assert!(x == 0.0 && (y + 0.6).abs() < 1e-12 && (z - 0.8).abs() < 1e-12, "{scale}");
+        }
+        for (text, along) in [
+            ("x", [1.0, 0.0, 0.0]),
+            ("-y", [0.0, -1.0, 0.0]),
+            (" z ", [0.0, 0.0, 1.0]),
+            ("0, -9.81, 0", [0.0, -1.0, 0.0]),
+        ] {
+            assert_eq!(text.parse::<Down>().expect("a direction").in_world(), along, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_direction_is_refused() {
+        for text in ["", "-", "w", "xy", "1,2", "1,2,3,4", "0,0,0", "-0,0,0", "NaN,0,1", "inf,0,0", "a,b,c"] {
+            let error = text.parse::<Down>().expect_err(text);
+            assert!(error.to_string().contains("X,Y,Z"), "{error}");
+        }
+        for vector in [[0.0; 3], [1.0, 1.0, 0.0], [f64::NAN, 1.0, 0.0], [f64::INFINITY, 0.0, 0.0]] {
+            assert!(Down::kept(vector).is_err(), "{vector:?}");
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! The section of gravity's direction: known answer, forged numbers, and all choices of optional sections.
+
+use std::path::PathBuf;
+
+use super::{forged, known_answer, open_bytes, sample, section};
+use crate::file::layout::{Entry, Section};
+use crate::file::write::to_bytes;
+use crate::{Down, MapError, MapFile, MapModel, SelfTest};
+
+fn down() -> Down {
+    Down::new([0.5, -2.0, 0.25]).unwrap()
+}
+
+/// A map of version 2 that knows which way is down must load for ever, and be written the same for ever.
+#[test]
+fn known_answer_of_down() {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/map-v2-down.bin");
+    let model = MapModel { down: Some(down()), ..sample(7, 3, 4, 3) };
+    if std::env::var_os("VEILOC_BLESS").is_some() {
+        std::fs::write(&path, to_bytes(&model)).unwrap();
+    }
+    let map = MapFile::open(&path).unwrap();
+    assert_eq!((map.format_version(), map.down()), (2, Some(down())));
+    assert_eq!(std::fs::read(&path).unwrap(), to_bytes(&model));
+    // Without it, the file is the one that it always was.
+    let without = MapModel { down: None, ..map.to_model() };
+    assert_eq!(std::fs::read(known_answer(2)).unwrap(), to_bytes(&without));
+}
+
+#[test]
+fn both_optional_sections_are_there_or_not() {
+    let test = SelfTest { images: 0, scale: 1.0, assumed_noise_px: 1.0, schemes: Vec::new() };
+    for (self_test, down) in
+        [(None, None), (Some(test.clone()), None), (None, Some(down())), (Some(test), Some(down()))]
+    {
+        let model = MapModel { self_test, down, ..sample(3, 2, 3, 2) };
+        let map = open_bytes(&to_bytes(&model)).unwrap();
+        assert_eq!(map.to_model(), model);
+    }
+}
+
+#[test]
+fn a_forged_direction_is_refused() {
+    let bytes = to_bytes(&MapModel { down: Some(down()), ..sample(8, 2, 5, 3) });
+    for number in [f64::NAN, f64::INFINITY, 0.0, 1.5, -7.0] {
+        let put = |bytes: &mut [u8]| bytes[8..16].copy_from_slice(&number.to_le_bytes());
+        let error = forged(&bytes, Section::Down, put).expect_err("no unit vector");
+        assert!(matches!(error, MapError::Structure { section: "down", .. }), "{number}: {error}");
+    }
+}
+
+/// Cut or longer by a number, with lengths and checksums that fit.
+#[test]
+fn another_length_is_refused() {
+    let bytes = to_bytes(&MapModel { down: Some(down()), ..sample(8, 2, 5, 3) });
+    let (at, entry) = section(&bytes, Section::Down);
+    for length in [0_u64, 16, 32] {
+        let mut bytes = bytes.clone();
+        bytes.resize((entry.offset + length) as usize, 0);
+        let start = entry.offset as usize;
+        let other = Entry { length, checksum: xxhash_rust::xxh3::xxh3_64(&bytes[start..]), ..entry };
+        bytes[at..at + size_of::<Entry>()].copy_from_slice(zerocopy::IntoBytes::as_bytes(&other));
+        let whole = (bytes.len() as u64).to_le_bytes();
+        bytes[16..24].copy_from_slice(&whole);
+        super::seal_header(&mut bytes);
+        let error = open_bytes(&bytes).expect_err("not one direction");
+        assert!(matches!(error, MapError::Structure { section: "down", .. }), "{length}: {error}");
+    }
+}

@@ -1,0 +1,16 @@
+//! How every command talks with the person at the terminal.
+//!
+//! - [`items`]: files and folders that are given, the faults of single ones, and the summary of all.
+//! - [`lists`]: lists of images, with or without their cameras.
+//! - [`files`]: whole files in and out, never half-written.
+//! - [`ui`]: all that is printed; [`progress`]: how far a stage of work has come; [`stages`]: the same of a library's work.
+//! - [`exit`]: how a command ends, and whose fault a failure is.
+#![forbid(unsafe_code)]
+
+pub mod exit;
+pub mod files;
+pub mod items;
+pub mod lists;
+pub mod progress;
+pub mod stages;
+pub mod ui;
