@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Prints every table of docs/pose-engine.md, with the command above each. Needs VEILOC_DATA. Part names choose parts.
 #
-#     VEILOC_DATA=../shared/data scripts/pose_engine.sh [recipes] [speed] [gravity] [law] [trust] > pose_engine.txt
+#     VEILOC_DATA=../shared/data scripts/pose_engine.sh [recipes] [speed] [gravity] [law] > pose_engine.txt
 #
 # `law` also writes docs/images/bound.svg. SEEDS and PROBLEMS make it shorter or longer.
 set -euo pipefail
@@ -9,7 +9,7 @@ cd "$(dirname "$0")/.."
 : "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
 seeds="${SEEDS:-5}"
 problems="${PROBLEMS:-500}"
-parts="${*:-recipes speed gravity law trust}"
+parts="${*:-recipes speed gravity law}"
 
 cargo build --release --quiet
 veiloc() {
@@ -24,13 +24,6 @@ each_file() {
         veiloc eval pose "$VEILOC_DATA/problems/$file.jsonl.gz" --seeds "$seeds" --thresholds $threshold "$@"
     done
 }
-place() {
-    echo "--posed $VEILOC_DATA/$1/posed --images $VEILOC_DATA/$1/images --map-list $VEILOC_DATA/$1/map.txt --query-list $VEILOC_DATA/$1/query.txt"
-}
-negatives() {
-    echo "--negatives-posed $VEILOC_DATA/$1/posed --negatives-images $VEILOC_DATA/$1/images --negatives-list $VEILOC_DATA/$1/$2"
-}
-
 for part in $parts; do
     case $part in
     recipes)
@@ -49,14 +42,6 @@ for part in $parts; do
         echo "# Errors over the Cramér–Rao bound, and coverage of the covariance"
         mkdir -p docs/images
         veiloc eval crb --problems "$problems" --plot docs/images/bound.svg
-        ;;
-    trust)
-        echo "# Queries of another place"
-        # Names hold no spaces here, so that words may be split.
-        # shellcheck disable=SC2046
-        veiloc eval scene $(place redkitchen) $(negatives herzjesu map.txt) --thresholds 0.05/5
-        # shellcheck disable=SC2046
-        veiloc eval scene $(place herzjesu) $(negatives redkitchen map.txt) --thresholds 0.1/1
         ;;
     *)
         echo "no part is called $part" >&2
