@@ -68,6 +68,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "mapping",
             "obfuscation",
             "query",
+            "selftest",
         ],
     ),
     ("report", &["attacks", "audit", "eval", "geometry", "query"]),

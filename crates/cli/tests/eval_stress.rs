@@ -81,6 +81,35 @@ fn none_is_the_place_as_eval_scene_sees_it() {
     assert_eq!(errors(&none), errors(&scene));
 }
 
+/// The rows without gravity are those of a place that nothing is told of, and each has one with gravity behind it.
+#[test]
+fn gravity_adds_a_row_to_each() {
+    let place = place();
+    let run = |more: &str| {
+        let stress = format!("eval stress {PLACE} --stress sparse-map --seed 3 {more} --json -");
+        place.run(&stress).succeeded().json()
+    };
+    let (plain, told) = (run(""), run("--gravity 0.5"));
+    let with = |document: &Value, of: &str, is_told: bool| -> Vec<Value> {
+        let rows = list(document, of).iter().filter(|row| row.get("gravity_sd_deg").is_some() == is_told);
+        rows.cloned().collect()
+    };
+    for of in ["rows", "queries"] {
+        assert_eq!(with(&told, of, false), *list(&plain, of), "{of}");
+        assert_eq!(with(&told, of, true).len(), list(&plain, of).len(), "{of}");
+    }
+    let rows = list(&told, "rows");
+    for pair in rows.chunks(2) {
+        assert_eq!((&pair[0]["scheme"], &pair[0]["stress"]), (&pair[1]["scheme"], &pair[1]["stress"]));
+        assert_eq!((pair[0].get("gravity_sd_deg"), &pair[1]["gravity_sd_deg"]), (None, &0.5.into()));
+    }
+    assert_ne!(with(&told, "rows", true)[0]["median_rotation_deg"], plain["rows"][0]["median_rotation_deg"]);
+
+    let scene = place.run(&format!("eval scene {PLACE} --seed 3 --gravity 0.5 --json -")).succeeded();
+    let gravity: Vec<Value> = list(&scene.json(), "schemes").iter().map(|s| s["gravity"].clone()).collect();
+    assert_eq!(gravity, ["none", "0.5", "none", "0.5"]);
+}
+
 #[test]
 fn equal_seeds_give_equal_tables_whatever_the_number_of_threads() {
     let place = place();
@@ -107,6 +136,8 @@ fn what_cannot_be_evaluated_is_refused() {
         (&format!("{given} --query-list queries.txt --wrong-beyond 0.25"), 2, &["TRANSLATION/DEGREES"]),
         (&format!("{given} --query-list queries.txt --oracle-radius 0"), 2, &["above 0"]),
         (&format!("{given} --query-list both.txt --max-keypoints 256"), 1, &["map-00.png", "proves nothing"]),
+        (&format!("{given} --query-list queries.txt --gravity 17"), 1, &["gravity", "16"]),
+        (&format!("{given} --query-list queries.txt --gravity=-1"), 2, &["above 0"]),
         (&format!("{given} --query-list no-such.txt"), 1, &["no-such.txt"]),
     ];
     for (arguments, code, says) in cases {

@@ -68,6 +68,7 @@ pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, 
             Threshold { translation: 0.02, rotation_deg: 1.0 },
         ],
         localize: LocalizeOptions::default(),
+        gravity_sd_deg: None,
         negatives: None,
         seed: options.seed,
     };

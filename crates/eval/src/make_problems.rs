@@ -64,7 +64,7 @@ pub fn make_problems(
 ) -> Result<Vec<MadeProblem>, EvalError> {
     let queries = posed_queries(source.posed, source.images, source.query_list)?;
     let input = Input::new(source.posed, source.images).with_names(source.map_list);
-    let map = PlaceMap::build(&input, source.build, false, None, progress)?;
+    let map = PlaceMap::build(&input, source.build, false, None, None, progress)?;
     progress.start("Matching queries", queries.len());
     let lines = queries
         .iter()

@@ -33,6 +33,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
         scores: Vec::new(),
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
         localize: LocalizeOptions::default(),
+        gravity_sd_deg: None,
         negatives: None,
         seed: 0,
     }

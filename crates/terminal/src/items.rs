@@ -81,8 +81,29 @@ impl Fault {
 
     /// The message, with the name of the file in it once.
     pub fn of(&self, name: &str) -> String {
-        if self.message.contains(name) { self.message.clone() } else { format!("{name}: {}", self.message) }
+        if names_file(&self.message, name) {
+            self.message.clone()
+        } else {
+            format!("{name}: {}", self.message)
+        }
     }
+}
+
+/// Whether a message names a file: the name stands in it by itself or as the end of a path, not within another name.
+fn names_file(message: &str, name: &str) -> bool {
+    let goes_on = |c: char| c.is_alphanumeric() || "-_".contains(c);
+    !name.is_empty()
+        && message.match_indices(name).any(|(at, _)| {
+            let before = message[..at].chars().next_back();
+            let mut behind = message[at + name.len()..].chars();
+            let ends = match behind.next() {
+                // The end of a sentence, or of another ending of the name.
+                Some('.') => !behind.next().is_some_and(goes_on),
+                Some(next) => !goes_on(next) && next != '/',
+                None => true,
+            };
+            ends && !before.is_some_and(|c| goes_on(c) || c == '.')
+        })
 }
 
 /// The files that are given, in their order: a file as it is, a folder as what is wanted in it and in its sub-folders,
@@ -343,6 +364,25 @@ mod tests {
             said.contains("2 of 3") && said.contains("b.jpg") && said.contains("no JPEG or PNG"),
             "{said}"
         );
+    }
+
+    #[test]
+    fn a_fault_always_names_its_file_and_once() {
+        for (name, message, named) in [
+            ("1.jpg", "21.jpg: is no image", false),
+            ("1.jpg", "1.jpg.txt: is no image", false),
+            ("1.jpg", "the image is 1.jpg.", true),
+            ("1.jpg", "photos/1.jpg: is no image", true),
+            ("a", "a file that cannot be read", true),
+            ("a", "no such file", false),
+            ("photos", "photos/1.jpg: is no image", false),
+            ("b/c d.jpg", "\"b/c d.jpg\" is no image", true),
+            ("", "is no image", false),
+        ] {
+            let said = Fault::new(FaultKind::Damaged, message).of(name);
+            let expected = if named { message.to_owned() } else { format!("{name}: {message}") };
+            assert_eq!(said, expected);
+        }
     }
 
     #[cfg(unix)]

@@ -11,7 +11,8 @@ use std::path::Path;
 use veiloc::device::{SealOptions, SealedQuery, seal_image};
 use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{
-    BuildOptions, Input, LocalizeOptions, MapFile, PosedImages, build, localize, write_map,
+    BuildOptions, Input, LocalizeOptions, MapFile, PosedImages, SelfTestOptions, build, localize, self_test,
+    write_map,
 };
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -36,11 +37,13 @@ pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
 
 /// The operator: posed images to a map file.
 fn map_place(posed: &PosedImages, images: &Path, map: &Path) -> Result<(), Box<dyn Error>> {
-    let (model, report) = build(&Input::new(posed, images), &BuildOptions::default(), &())?;
+    let (mut model, report) = build(&Input::new(posed, images), &BuildOptions::default(), &())?;
     for doubt in &report.doubts {
         println!("warning: {doubt}");
     }
     println!("{} images, {} points", model.images.len(), model.points.len());
+    // What the covariances of its answers are worth, the map tells by localizing its own images.
+    model.self_test = Some(self_test(&model, &SelfTestOptions::default(), &())?);
     Ok(write_map(&model, map)?)
 }
 

@@ -7,6 +7,7 @@
 //! |---|---|---|
 //! | [`device`] | `device` | image → features → [`SealedQuery`](device::SealedQuery) → the service's answer |
 //! | [`server`] | `server` | posed images → map; sealed query and map → pose |
+//! | `server::self_test` | `self-test` (off) | a map localizes its own images, and learns how far its answers are to be believed |
 //! | `audit` | `audit` (off) | attacks one's own images, and says what leaks |
 //!
 //! `examples/map_and_localize.rs` and `examples/attack_own_images.rs` run without any data:
@@ -17,7 +18,7 @@
 //! ```
 //! use veiloc::device::{DeviceLimits, SealOptions, SealedQuery, seal_image};
 //! use veiloc::geometry::{CameraFromWorld, Intrinsics};
-//! use veiloc::server::{BuildOptions, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build, localize, write_map};
+//! use veiloc::server::{BuildOptions, Down, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build, localize, write_map};
 //! # use veiloc_synth::{PathOptions, Place, RenderOptions};
 //!
 //! let folder = tempfile::tempdir()?;
@@ -34,8 +35,9 @@
 //! // The operator: posed images to a map file.
 //! let posed = |(name, cam_from_world)| PosedImage { name, camera, cam_from_world, seen: Vec::new() };
 //! let posed = PosedImages::new(mapped.into_iter().map(posed).collect(), Vec::new())?;
-//! let (model, report) = build(&Input::new(&posed, folder.path()), &BuildOptions::default(), &())?;
+//! let (mut model, report) = build(&Input::new(&posed, folder.path()), &BuildOptions::default(), &())?;
 //! assert!(report.doubts.is_empty());
+//! model.down = Some(Down::new([0.0, 0.0, -1.0])?); // as far as that is known: for devices that feel gravity
 //! write_map(&model, &folder.path().join("place.vmap"))?;
 //!
 //! // The device: it needs the map's profile, which holds no map data.

@@ -31,6 +31,7 @@ use veiloc_datasets::problems::{Problem, read_problems};
 use veiloc_datasets::seed_for;
 
 pub(crate) use floor::{ORACLE_RADIUS_PX, runs_through, truly_right};
+pub(crate) use gravity::mean_down;
 pub use gravity::{GravityError, GravitySource};
 use recipe::FromTruth;
 pub use recipe::{Recipe, RecipeError};
@@ -120,7 +121,7 @@ pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> R
     let mut queries = Vec::new();
     for file in &evaluation.files {
         let problems = read_problems(file)?;
-        let down = gravity::mean_down(problems.iter().map(|p| &p.cam_from_world));
+        let down = mean_down(problems.iter().map(|p| &p.cam_from_world));
         queries.extend(problems.into_iter().map(|problem| Query { problem, down }));
     }
     let rows = rows(evaluation, queries.iter().any(|q| q.problem.gravity.is_some()));

@@ -5,8 +5,10 @@ mod ask;
 mod place_map;
 mod posed_query;
 mod send;
+mod upright;
 
 pub(crate) use ask::{Answer, ask};
 pub(crate) use place_map::PlaceMap;
 pub(crate) use posed_query::{PosedQuery, posed_queries, queries_of_place};
 pub(crate) use send::{Sent, send};
+pub(crate) use upright::Upright;

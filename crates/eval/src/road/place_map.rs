@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use tempfile::TempDir;
 use veiloc_features::Progress;
-use veiloc_map::MapFile;
+use veiloc_map::{Down, MapFile};
 use veiloc_mapping::{BuildOptions, Input, build};
 use veiloc_selftest::{SelfTestOptions, is_testable, self_test};
 
@@ -23,8 +23,8 @@ pub(crate) struct PlaceMap {
 }
 
 impl PlaceMap {
-    /// Builds it; the file is kept where `keep` says. `tested`, it localizes its own images at the end, as `veiloc map build`
-    /// lets it, so that answers have the covariances that they have in service.
+    /// Builds it, and tells it which way is down; the file is kept where `keep` says. `tested`, it localizes its own images
+    /// at the end, as `veiloc map build` lets it, so that answers have the covariances that they have in service.
     ///
     /// # Errors
     /// [`EvalError`] when data is missing or the map cannot be built, written or opened.
@@ -33,10 +33,12 @@ impl PlaceMap {
         options: &BuildOptions,
         tested: bool,
         keep: Option<&Path>,
+        down: Option<Down>,
         progress: &dyn Progress,
     ) -> Result<Self, EvalError> {
         let started = Instant::now();
         let (mut model, _) = build(input, options, progress)?;
+        model.down = down;
         let build_seconds = started.elapsed().as_secs_f64();
         if tested && is_testable(&model) {
             model.self_test = Some(self_test(&model, &SelfTestOptions::default(), progress)?);

@@ -22,7 +22,7 @@ pub use options::{Negatives, SceneEvaluation};
 
 use crate::error::EvalError;
 use crate::results::{Evaluation, NegativeSummary, QueryResult, QueryUncertainty, Variant, summarize};
-use crate::road::{PlaceMap, PosedQuery, ask, queries_of_place, send};
+use crate::road::{PlaceMap, PosedQuery, Upright, ask, queries_of_place, send};
 use crate::scores::scores_or_default;
 use negatives::localize_negatives;
 
@@ -46,10 +46,18 @@ pub fn evaluate_scene(
         None => None,
     };
 
+    let upright = evaluation.gravity_sd_deg;
+    let upright = upright.map(|sd| Upright::of(&evaluation.posed, &evaluation.map_list, sd)).transpose()?;
     let input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
-    let PlaceMap { file: map, summary, .. } =
-        &PlaceMap::build(&input, &evaluation.build, true, evaluation.keep_map.as_deref(), progress)?;
-    let (mut schemes, queries) = localize_all(map, &queries, evaluation, progress)?;
+    let PlaceMap { file: map, summary, .. } = &PlaceMap::build(
+        &input,
+        &evaluation.build,
+        true,
+        evaluation.keep_map.as_deref(),
+        upright.map(|upright| upright.down()),
+        progress,
+    )?;
+    let (mut schemes, queries) = localize_all(map, &queries, upright.as_ref(), evaluation, progress)?;
     let mut negatives = Vec::new();
     if let Some(posed) = &strange_queries {
         let by_row = localize_negatives(map, posed, evaluation, progress)?;
@@ -83,10 +91,11 @@ pub(crate) fn folder_name(images: &Path) -> String {
 
 type Results = (Vec<crate::results::SchemeSummary>, Vec<QueryResult>);
 
-/// Seals each query once a scheme, and localizes it with every score.
+/// Seals each query once a scheme, and again with gravity where that is asked for; localizes it with every score.
 fn localize_all(
     map: &MapFile,
     queries: &[PosedQuery],
+    upright: Option<&Upright>,
     evaluation: &SceneEvaluation,
     progress: &dyn Progress,
 ) -> Result<Results, EvalError> {
@@ -99,10 +108,11 @@ fn localize_all(
         let (features, camera) = extract(&query.path, &query.camera, profile, &extraction)?;
         let extract_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut recipe = 0;
-        for scheme in &evaluation.schemes {
+        let told: Vec<_> = Upright::in_turn(upright, query, evaluation.seed).collect();
+        for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| told.iter().map(move |g| (s, *g))) {
             let started = Instant::now();
-            let sealed =
-                send(&features, &camera, profile, &options_for(*scheme), &query.name, evaluation.seed);
+            let options = options_for(*scheme).with_gravity(gravity);
+            let sealed = send(&features, &camera, profile, &options, &query.name, evaluation.seed);
             let seal_ms = started.elapsed().as_secs_f64() * 1e3;
             for score in scores_or_default(&evaluation.scores) {
                 let mut result = match &sealed {
@@ -116,6 +126,10 @@ fn localize_all(
                 result.variant = Variant {
                     prior: evaluation.localize.use_prior,
                     fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
+                    gravity: upright.map(|upright| match gravity {
+                        None => "none".to_owned(),
+                        Some(_) => upright.sd_deg().to_string(),
+                    }),
                     ..Variant::default()
                 };
                 result.seed = evaluation.seed;

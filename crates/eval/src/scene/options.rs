@@ -37,6 +37,9 @@ pub struct SceneEvaluation {
     pub thresholds: Vec<Threshold>,
     /// Localization; its score is replaced by each of [`Self::scores`].
     pub localize: LocalizeOptions,
+    /// Standard deviation of an accelerometer, degrees: the map is told which way is down, and every query is sealed without
+    /// gravity and with it. Nothing is told when none.
+    pub gravity_sd_deg: Option<f64>,
     /// Queries of another place, none of which should be localized.
     pub negatives: Option<Negatives>,
     /// Seed of sealing and sampling.

@@ -55,6 +55,9 @@ pub struct StressRow {
     pub scheme: String,
     /// What the queries are put under.
     pub stress: String,
+    /// Standard deviation of the gravity that the queries tell, degrees; absent where they tell none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gravity_sd_deg: Option<f64>,
     /// How many queries.
     pub queries: usize,
     /// Threshold (`translation/degrees`) to share of queries within it, 0 to 1.
@@ -107,6 +110,9 @@ pub struct StressQuery {
     pub scheme: String,
     /// What it was put under.
     pub stress: String,
+    /// As in [`StressRow::gravity_sd_deg`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gravity_sd_deg: Option<f64>,
     /// What the estimator says the pose is worth.
     #[serde(serialize_with = "as_text")]
     pub state: State,
@@ -165,6 +171,7 @@ impl StressQuery {
             name: query.name.clone(),
             scheme: scheme.to_string(),
             stress: stress.to_string(),
+            gravity_sd_deg: None,
             state: answer.state(),
             error: found
                 .map_or(ErrorDocument::NOT_LOCALIZED, |f| ErrorDocument::of(&f.cam_from_world, truth)),
@@ -190,6 +197,7 @@ impl StressQuery {
             name: query.name.clone(),
             scheme: scheme.to_string(),
             stress: stress.to_string(),
+            gravity_sd_deg: None,
             state: State::NotFound,
             error: ErrorDocument::NOT_LOCALIZED,
             uncertainty: None,
@@ -221,6 +229,7 @@ impl StressRow {
         Some(Self {
             scheme: first.scheme.clone(),
             stress: first.stress.clone(),
+            gravity_sd_deg: first.gravity_sd_deg,
             queries: queries.len(),
             recall: figures.recall,
             median_rotation_deg: figures.median_rotation_deg,
@@ -279,6 +288,7 @@ pub(super) mod tests {
             name: "a.jpg".to_owned(),
             scheme: "dcl".to_owned(),
             stress: "dark".to_owned(),
+            gravity_sd_deg: None,
             state,
             error: document(error),
             uncertainty: None,

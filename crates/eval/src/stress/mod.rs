@@ -21,7 +21,7 @@ use veiloc_obfuscation::{SealOptions, extract_loaded};
 use veiloc_query::{Scheme, SizeClass};
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, ask, queries_of_place, send};
+use crate::road::{PlaceMap, PosedQuery, Upright, ask, queries_of_place, send};
 use crate::scene::folder_name;
 use degrade::{degraded, mistaken};
 
@@ -66,9 +66,12 @@ pub fn evaluate_stress(
         &evaluation.query_cameras,
     )?;
     let stresses = evaluation.ordered();
+    let upright = evaluation.gravity_sd_deg;
+    let upright = upright.map(|sd| Upright::of(&evaluation.posed, &evaluation.map_list, sd)).transpose()?;
+    let down = upright.map(|upright| upright.down());
     let build = |names: &[String]| {
         let input = Input::new(&evaluation.posed, &evaluation.images).with_names(names);
-        PlaceMap::build(&input, &evaluation.build, true, None, progress)
+        PlaceMap::build(&input, &evaluation.build, true, None, down, progress)
     };
     let sparse_names = stresses.contains(&Stress::SparseMap).then(|| sparse::thinned(&evaluation.map_list));
     let maps = Maps {
@@ -78,7 +81,7 @@ pub fn evaluate_stress(
 
     progress.start("Localizing queries", queries.len());
     let one = |query: &PosedQuery| {
-        let results = under_each(&maps, query, &stresses, evaluation);
+        let results = under_each(&maps, query, &stresses, upright.as_ref(), evaluation);
         progress.advance(1);
         results
     };
@@ -91,7 +94,8 @@ pub fn evaluate_stress(
         .sparse
         .map(|map| SparseMap { every: sparse::every_of(evaluation.map_list.len()), map: map.summary });
     let mut of_queries: Vec<_> = each.into_iter().map(Vec::into_iter).collect();
-    for _ in 0..stresses.len() * evaluation.schemes.len() {
+    let tellings = if upright.is_some() { 2 } else { 1 };
+    for _ in 0..stresses.len() * evaluation.schemes.len() * tellings {
         let of_row: Vec<StressQuery> = of_queries.iter_mut().filter_map(Iterator::next).collect();
         document.rows.extend(StressRow::of(&of_row, evaluation));
         document.queries.extend(of_row);
@@ -99,17 +103,19 @@ pub fn evaluate_stress(
     Ok(document)
 }
 
-/// One query under every stress and, within each, every scheme.
+/// One query under every stress and, within each, every scheme, without gravity and with it where that is asked for.
 fn under_each(
     maps: &Maps,
     query: &PosedQuery,
     stresses: &[Stress],
+    upright: Option<&Upright>,
     evaluation: &StressEvaluation,
 ) -> Result<Vec<StressQuery>, EvalError> {
     let image = load_gray(&query.path).map_err(veiloc_obfuscation::ExtractError::from)?;
     // What does not touch the image shares its features: all maps ask for the same.
     let plain = extracted(&image, query, &maps.all.file)?;
-    let mut results = Vec::with_capacity(stresses.len() * evaluation.schemes.len());
+    let told: Vec<_> = Upright::in_turn(upright, query, evaluation.seed).collect();
+    let mut results = Vec::new();
     for stress in stresses {
         let worse = match degraded(&image, *stress, &query.name, evaluation.seed) {
             Some(worse) => Some(extracted(&worse, query, &maps.all.file)?),
@@ -117,15 +123,15 @@ fn under_each(
         };
         let (features, camera) = worse.as_ref().unwrap_or(&plain);
         let camera = mistaken(camera, *stress, &query.name, evaluation.seed).unwrap_or(*camera);
-        for scheme in &evaluation.schemes {
+        for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| told.iter().map(move |g| (s, *g))) {
             let map = maps.under(*stress);
-            let options = sealed_under(*stress, *scheme);
+            let options = sealed_under(*stress, *scheme).with_gravity(gravity);
             let sent = send(features, &camera, map.profile(), &options, &query.name, evaluation.seed);
             let from_truth = |sent| {
                 let (truth, radius) = (&query.cam_from_world, evaluation.oracle_radius_px);
                 evaluation.from_truth.then(|| FromTruth::of(sent, truth, map, &evaluation.localize, radius))
             };
-            results.push(match &sent {
+            let result = match &sent {
                 Ok(sent) => {
                     let answer = ask(map, &sent.bytes, &evaluation.localize);
                     StressQuery::answered(query, *stress, *scheme, &answer, from_truth(sent))
@@ -137,7 +143,9 @@ fn under_each(
                     error,
                     evaluation.from_truth.then_some(FromTruth::UNSEALED),
                 ),
-            });
+            };
+            let gravity_sd_deg = upright.filter(|_| gravity.is_some()).map(Upright::sd_deg);
+            results.push(StressQuery { gravity_sd_deg, ..result });
         }
     }
     Ok(results)

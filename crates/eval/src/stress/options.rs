@@ -39,6 +39,8 @@ pub struct StressEvaluation {
     pub wrong_beyond: Threshold,
     /// Localization.
     pub localize: LocalizeOptions,
+    /// As [`SceneEvaluation::gravity_sd_deg`](crate::SceneEvaluation::gravity_sd_deg).
+    pub gravity_sd_deg: Option<f64>,
     /// Whether to look from the true pose as well, at what the search missed ([`FromTruth`](super::FromTruth)).
     pub from_truth: bool,
     /// For [`Self::from_truth`]: a match is truly right when its map point projects this near to the keypoint under the
@@ -64,6 +66,7 @@ impl StressEvaluation {
             thresholds: vec![Threshold { translation: 0.05, rotation_deg: 5.0 }, coarse],
             wrong_beyond: coarse,
             localize: LocalizeOptions::default(),
+            gravity_sd_deg: None,
             from_truth: false,
             oracle_radius_px: ORACLE_RADIUS_PX,
             seed: 0,

@@ -20,7 +20,8 @@ pub fn table(document: &StressDocument) -> String {
     let mut optimum = block(of_truth("optimum ").chain(["lost".to_owned()]).collect());
     let mut floor = block(of_truth("floor ").collect());
     for row in &document.rows {
-        let names = [row.stress.clone(), row.scheme.clone()];
+        let told = if row.gravity_sd_deg.is_some() { " + gravity" } else { "" };
+        let names = [row.stress.clone(), format!("{}{told}", row.scheme)];
         let with = |cells: Vec<String>| names.iter().cloned().chain(cells).collect();
         let lost = row.lost.map(|n| n.to_string());
         found.push(with(figures_of(row, &thresholds)));

@@ -60,6 +60,7 @@ fn a_place_of_another_layout_is_mapped_and_evaluated() {
             scores: Vec::new(),
             thresholds: vec!["0.05/5".parse().expect("a threshold")],
             localize: LocalizeOptions::default(),
+            gravity_sd_deg: None,
             negatives: None,
             seed: 0,
         },

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::commands::localization_args::positive;
+
 /// A place with known poses.
 #[derive(clap::Args)]
 pub(super) struct PlaceArgs {
@@ -18,4 +20,13 @@ pub(super) struct PlaceArgs {
     /// there are any (MODEL W H PARAMS…, as in hloc's query lists), with the model's elsewhere.
     #[arg(long, value_name = "FILE")]
     pub(super) query_list: PathBuf,
+}
+
+/// What the devices feel.
+#[derive(clap::Args)]
+pub(super) struct GravityArgs {
+    /// Tell gravity too: the map is told which way is down, and every query is sealed a second time with what an
+    /// accelerometer of this standard deviation would feel at its true pose, degrees, at most 16. Default: nothing is told.
+    #[arg(long = "gravity", value_name = "SD_DEG", value_parser = positive)]
+    pub(super) sd_deg: Option<f64>,
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 
-use crate::commands::eval::place::PlaceArgs;
+use crate::commands::eval::place::{GravityArgs, PlaceArgs};
 use crate::commands::eval::report::ReportArgs;
 use crate::commands::localization_args::{MatchArgs, PoseArgs};
 use crate::commands::map::ExtractionArgs;
@@ -25,6 +25,8 @@ pub(crate) struct Args {
     /// Keep the map that was built.
     #[arg(long, value_name = "FILE")]
     keep_map: Option<PathBuf>,
+    #[command(flatten)]
+    gravity: GravityArgs,
     #[command(flatten)]
     negatives: NegativeArgs,
     #[command(flatten)]
@@ -85,6 +87,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         scores: args.report.scores(&args.pose.engine),
         thresholds: args.report.thresholds.clone(),
         localize: args.matching.options(&args.pose),
+        gravity_sd_deg: args.gravity.sd_deg,
         negatives: args.negatives.negatives()?,
         seed: args.pose.run.seed,
     };

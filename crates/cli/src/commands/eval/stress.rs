@@ -5,7 +5,7 @@ use veiloc_eval::stress::{Stress, StressEvaluation, evaluate_stress, table};
 use veiloc_map::colmap::read_posed;
 use veiloc_query::Scheme;
 
-use crate::commands::eval::place::PlaceArgs;
+use crate::commands::eval::place::{GravityArgs, PlaceArgs};
 use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{MatchArgs, PoseArgs, positive};
 use crate::commands::map::ExtractionArgs;
@@ -23,6 +23,8 @@ use crate::ui::Ui;
 pub(crate) struct Args {
     #[command(flatten)]
     place: PlaceArgs,
+    #[command(flatten)]
+    gravity: GravityArgs,
     /// What the queries are put under, see below; `none`, the images as they are, is always the first row.
     #[arg(
         long,
@@ -86,6 +88,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.thresholds.clone_from(&args.thresholds);
     evaluation.wrong_beyond = args.wrong_beyond;
     evaluation.localize = args.matching.options(&args.pose);
+    evaluation.gravity_sd_deg = args.gravity.sd_deg;
     evaluation.from_truth = args.optimum;
     evaluation.oracle_radius_px = args.oracle_radius;
     evaluation.seed = args.pose.run.seed;

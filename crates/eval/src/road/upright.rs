@@ -1,0 +1,103 @@
+//! Which way is down, as a device would tell it: the true direction in its camera, with the noise of an accelerometer.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use veiloc_datasets::seed_for;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_map::{Down, PosedImages};
+use veiloc_query::CoarseGravity;
+use veiloc_synth::problems::normal;
+
+use super::PosedQuery;
+use crate::error::EvalError;
+use crate::poses::mean_down;
+
+/// A world with a vertical, and sensors of some noise.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Upright {
+    down: Down,
+    sd_deg: f64,
+}
+
+impl Upright {
+    /// Down is the mean of the map images' own down axes. It need not be the true vertical: map and queries are told the same
+    /// direction, and any one will do.
+    ///
+    /// # Errors
+    /// [`EvalError::Options`] for a deviation that no query can tell.
+    pub(crate) fn of(posed: &PosedImages, map_list: &[String], sd_deg: f64) -> Result<Self, EvalError> {
+        let refused = |e: &dyn std::fmt::Display| EvalError::Options(format!("gravity: {e}"));
+        let poses = map_list.iter().filter_map(|name| posed.get(name)).map(|image| &image.cam_from_world);
+        let down = Down::new(mean_down(poses).into()).map_err(|e| refused(&e))?;
+        CoarseGravity::new(down.in_world(), sd_deg).map_err(|e| refused(&e))?;
+        Ok(Self { down, sd_deg })
+    }
+
+    /// What the map is told.
+    pub(crate) const fn down(&self) -> Down {
+        self.down
+    }
+
+    /// Standard deviation about each axis across the direction, degrees.
+    pub(crate) const fn sd_deg(&self) -> f64 {
+        self.sd_deg
+    }
+
+    /// What the device tells of a query; equal seeds and names give equal noise.
+    fn told(&self, query: &PosedQuery, seed: u64) -> Option<CoarseGravity> {
+        let exact = query.cam_from_world.rotation() * Vector3::from(self.down.in_world());
+        let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[&query.name, "gravity"]));
+        // A turn about the direction itself changes nothing: what is left is the noise about the two axes across it.
+        let turn = Vector3::from_fn(|_, _| self.sd_deg.to_radians() * normal(&mut rng));
+        let felt = Rotation3::from_scaled_axis(turn) * exact;
+        CoarseGravity::new(felt.into(), self.sd_deg).ok()
+    }
+
+    /// What is told of a query in turn: nothing, and then gravity where that is asked for.
+    pub(crate) fn in_turn(
+        asked: Option<&Self>,
+        query: &PosedQuery,
+        seed: u64,
+    ) -> impl Iterator<Item = Option<CoarseGravity>> {
+        std::iter::once(None).chain(asked.map(|upright| upright.told(query, seed)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use veiloc_geometry::CameraFromWorld;
+    use veiloc_synth::problems::random_pose;
+
+    fn query(i: usize, cam_from_world: CameraFromWorld) -> PosedQuery {
+        let camera = "PINHOLE,640,480,500,500,320,240".parse().expect("a camera");
+        PosedQuery { name: format!("{i}.jpg"), path: "".into(), camera, cam_from_world }
+    }
+
+    #[test]
+    fn what_is_told_errs_by_what_is_said() {
+        let upright = Upright { down: Down::new([0.3, -0.2, 0.9]).expect("a direction"), sd_deg: 4.0 };
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let n = 2000;
+        let mut sum = 0.0;
+        for i in 0..n {
+            let query = query(i, random_pose(&mut rng));
+            let told: Vec<_> = Upright::in_turn(Some(&upright), &query, 7).collect();
+            let [None, Some(gravity)] = told[..] else { panic!("nothing, then gravity") };
+            assert_eq!(upright.told(&query, 7), Some(gravity), "equal seeds, equal noise");
+            let exact = query.cam_from_world.rotation() * Vector3::from(upright.down.in_world());
+            sum += exact.angle(&Vector3::from(gravity.in_camera())).to_degrees().powi(2) / 2.0;
+            assert_eq!(Upright::in_turn(None, &query, 7).collect::<Vec<_>>(), [None]);
+        }
+        let about_each = (sum / n as f64).sqrt();
+        assert!((about_each - 4.0).abs() < 0.2, "{about_each}");
+    }
+
+    #[test]
+    fn a_deviation_that_cannot_be_told_is_refused() {
+        for sd_deg in [0.0, -1.0, 17.0, f64::NAN] {
+            let refused = Upright::of(&PosedImages::default(), &[], sd_deg);
+            assert!(matches!(refused, Err(EvalError::Options(_))), "{sd_deg}");
+        }
+    }
+}
