@@ -3,7 +3,7 @@
 //! # Evidence
 //! For one pose, the matches of a keypoint explain what was observed better than "all of them are wrong" by the factor
 //! `1 − Σ γᵢ + Σ γᵢ ρᵢ`, with `γᵢ` the prior of match `i` and `ρᵢ` how much likelier its observation is when right than
-//! when wrong (`matches.rs`). Of one keypoint's matches at most one is right, and [`crate::PoseProblem::keypoints`] says which
+//! when wrong (`veiloc-likelihood`). Of one keypoint's matches at most one is right, and [`crate::PoseProblem::keypoints`] says which
 //! are one keypoint's. The product over keypoints, integrated over all poses that might have been (any orientation,
 //! anywhere in the mapped region) by Laplace's approximation, is the Bayes factor of "taken here" against "taken
 //! elsewhere":
@@ -23,9 +23,7 @@ use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
-use crate::information::Symmetric6;
-use crate::matches::Matches;
-use crate::problem::Correspondences;
+use veiloc_likelihood::{Correspondences, Matches, Symmetric6};
 
 /// Least natural logarithm of the evidence of a trusted pose from lines: once in three million by chance. Of 1,550
 /// images of elsewhere none reached more than 1, right poses began at 17 (`docs/pose-engine.md`).

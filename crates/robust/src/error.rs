@@ -1,10 +1,12 @@
 //! What can go wrong in robust estimation, with the facts and, where there is one, the remedy.
 
-/// Why no pose was estimated.
+use veiloc_likelihood::ProblemError;
+
+/// Why no pose was estimated. What a problem is refused for is said as [`ProblemError`] says it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PoseError {
     /// Fewer correspondences than a minimal sample needs.
-    #[error("{actual} correspondences are too few for a pose, {required} are the least")]
+    #[error("{}", ProblemError::TooFew { required: *required, actual: *actual })]
     TooFew {
         /// The size of a minimal sample.
         required: usize,
@@ -21,7 +23,7 @@ pub enum PoseError {
         lines: usize,
     },
     /// Arrays that belong together differ in length.
-    #[error("{what} has {actual} entries, {expected} were expected, one a correspondence")]
+    #[error("{}", ProblemError::LengthMismatch { what, expected: *expected, actual: *actual })]
     LengthMismatch {
         /// Which array.
         what: &'static str,
@@ -31,7 +33,7 @@ pub enum PoseError {
         actual: usize,
     },
     /// A number is NaN or infinite.
-    #[error("{what} {index} is not finite")]
+    #[error("{}", ProblemError::NotFinite { what, index: *index })]
     NotFinite {
         /// Which array.
         what: &'static str,
@@ -39,7 +41,7 @@ pub enum PoseError {
         index: usize,
     },
     /// A prior is no probability.
-    #[error("the prior of correspondence {index} is {value}, not a probability between 0 and 1")]
+    #[error("{}", ProblemError::BadPrior { index: *index, value: *value })]
     BadPrior {
         /// Which correspondence.
         index: usize,
@@ -47,7 +49,7 @@ pub enum PoseError {
         value: f64,
     },
     /// The camera or an option has an impossible value.
-    #[error("{what} is {value}, which is not possible")]
+    #[error("{}", ProblemError::BadValue { what, value: *value })]
     BadValue {
         /// Which number.
         what: &'static str,
@@ -75,4 +77,18 @@ pub enum PoseError {
         /// Samples drawn.
         hypotheses: usize,
     },
+}
+
+impl From<ProblemError> for PoseError {
+    fn from(error: ProblemError) -> Self {
+        match error {
+            ProblemError::TooFew { required, actual } => Self::TooFew { required, actual },
+            ProblemError::LengthMismatch { what, expected, actual } => {
+                Self::LengthMismatch { what, expected, actual }
+            }
+            ProblemError::NotFinite { what, index } => Self::NotFinite { what, index },
+            ProblemError::BadPrior { index, value } => Self::BadPrior { index, value },
+            ProblemError::BadValue { what, value } => Self::BadValue { what, value },
+        }
+    }
 }

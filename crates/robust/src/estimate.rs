@@ -3,20 +3,18 @@
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
-use crate::beliefs::Beliefs;
 use crate::confidence::{assess, free_direction};
-use crate::covariance::{free_along, with_shift};
 use crate::error::PoseError;
-use crate::focal::{Verdict, Zoomed};
 use crate::focal_search::{Settled, is_clear, least_surplus, other_focal_lengths, worth};
-use crate::kernel::Scale;
-use crate::matches::Matches;
 use crate::minimal::Minimal;
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::pose_estimate::PoseEstimate;
-use crate::problem::{Correspondences, FocalKnowledge, PoseProblem};
 use crate::ransac::{Budget, Estimator, lo_ransac};
 use crate::search::Search;
+use veiloc_likelihood::{
+    Beliefs, Correspondences, FocalKnowledge, Matches, PoseProblem, Scale, Verdict, Zoomed, free_along,
+    with_shift,
+};
 
 /// Estimates where the camera was.
 ///

@@ -6,12 +6,10 @@
 
 use crate::confidence::Doubt;
 use crate::error::PoseError;
-use crate::focal::{Verdict, ZoomObjective, Zoomed};
-use crate::matches::Matches;
 use crate::pose_estimate::PoseEstimate;
-use crate::problem::{FocalKnowledge, PoseProblem};
 use crate::ransac::Estimator;
 use crate::search::{Polished, Search};
+use veiloc_likelihood::{FocalKnowledge, Matches, PoseProblem, Verdict, ZoomObjective, Zoomed};
 
 /// Log evidence from which on a trusted pose is not asked whether another focal length would explain more.
 const CLEAR: f64 = 150.0;

@@ -9,15 +9,12 @@ use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
 
-use crate::beliefs::Beliefs;
-use crate::covariance::Estimated;
-use crate::focal::Zoomed;
-use crate::information::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
-use crate::kernel::{Kernel, Scale};
-use crate::matches::Matches;
 use crate::minimal::Minimal;
 use crate::ransac::Estimator;
-use crate::refine::{Loss, System, descend, linearize, refine};
+use veiloc_likelihood::{
+    Beliefs, Estimated, Kernel, Loss, Matches, NEGLIGIBLE, Scale, Symmetric6, System, Zoomed, descend,
+    inverse_or_infinite, linearize, refine,
+};
 
 /// MSAC's threshold in multiples of the noise it stands for: the likelihood that its evidence is told by.
 const MSAC_THRESHOLD_IN_NOISE: f64 = 2.5;

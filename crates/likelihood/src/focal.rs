@@ -36,7 +36,7 @@ const GAIN_A_LINE: f64 = 0.06;
 
 /// What is to be thought of a calibrated focal length.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Verdict {
+pub enum Verdict {
     /// Nothing speaks against it.
     Fine,
     /// Another, at another pose, would explain the matches better, by too little to change it.
@@ -47,7 +47,7 @@ pub(crate) enum Verdict {
 
 impl Verdict {
     /// What another focal length must gain before the given one is called wrong, when so many matches agree.
-    pub(crate) fn least_gain(observations: &Correspondences, agreeing: usize) -> f64 {
+    pub fn least_gain(observations: &Correspondences, agreeing: usize) -> f64 {
         let of_a_match = match observations {
             Correspondences::Points { .. } => GAIN_A_POINT,
             Correspondences::Lines { .. } | Correspondences::Anchored { .. } => GAIN_A_LINE,
@@ -56,7 +56,7 @@ impl Verdict {
     }
 
     /// Of what another focal length gains, and what it must gain to be estimated ([`Self::least_gain`]).
-    pub(crate) fn of(gain: f64, other: &Zoomed, least_gain: f64) -> Self {
+    pub fn of(gain: f64, other: &Zoomed, least_gain: f64) -> Self {
         let change = other.factor.ln().abs();
         if gain > least_gain && change > LEAST_WRONG {
             Self::Wrong
@@ -68,7 +68,7 @@ impl Verdict {
     }
 
     /// The focal length that a doubt is about, over the given one: one that differs by so much that the pose may be wrong.
-    pub(crate) fn doubted(&self) -> Option<f64> {
+    pub fn doubted(&self) -> Option<f64> {
         match self {
             Self::Suspicious(other) if other.factor.ln().abs() > LEAST_WRONG => Some(other.factor),
             Self::Suspicious(_) | Self::Fine | Self::Wrong => None,
@@ -84,7 +84,7 @@ const STEPS: usize = 25;
 
 impl FocalKnowledge {
     /// Standard deviation of the logarithm of the true focal length over the given one, where it is estimated.
-    pub(crate) const fn sd(self) -> f64 {
+    pub const fn sd(self) -> f64 {
         match self {
             // Estimated only when it is known to be wrong; then nothing is known.
             Self::Calibrated | Self::Unknown => 0.3,
@@ -95,21 +95,25 @@ impl FocalKnowledge {
 
 /// A pose with a focal length over the given one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Zoomed {
-    pub(crate) pose: CameraFromWorld,
-    pub(crate) factor: f64,
+pub struct Zoomed {
+    /// The pose.
+    pub pose: CameraFromWorld,
+    /// The focal length over the given one.
+    pub factor: f64,
 }
 
 /// What is minimised: the soft likelihood over chosen correspondences, what is known beside them, and of the focal length.
-pub(crate) struct ZoomObjective<'a> {
+pub struct ZoomObjective<'a> {
     /// With the focal length as given.
-    pub(crate) matches: &'a Matches<'a>,
-    pub(crate) beliefs: Beliefs,
+    pub matches: &'a Matches<'a>,
+    /// What is known beside them.
+    pub beliefs: Beliefs,
     /// The correspondences that may be right.
-    pub(crate) active: Vec<usize>,
-    pub(crate) noise: f64,
+    pub active: Vec<usize>,
+    /// Scale of the noise, pixels.
+    pub noise: f64,
     /// Standard deviation of the logarithm of the focal length.
-    pub(crate) sd: f64,
+    pub sd: f64,
 }
 
 struct System7 {
@@ -125,7 +129,7 @@ impl ZoomObjective<'_> {
     ///
     /// One linearized step tells whether to look; what is there is then refined, because the matches that a wrong focal
     /// length lost come back only on the way.
-    pub(crate) fn verdict(&self, pose: &CameraFromWorld) -> Verdict {
+    pub fn verdict(&self, pose: &CameraFromWorld) -> Verdict {
         let given = Zoomed { pose: *pose, factor: 1.0 };
         let system = self.linearize(&given);
         let Some(step) = solved(&system, 0.0) else { return Verdict::Fine };
@@ -138,7 +142,7 @@ impl ZoomObjective<'_> {
     }
 
     /// Levenberg–Marquardt from a start; never a larger loss than the start's.
-    pub(crate) fn refine(&self, start: &Zoomed) -> Zoomed {
+    pub fn refine(&self, start: &Zoomed) -> Zoomed {
         let mut at = *start;
         let mut system = self.linearize(&at);
         let mut damping = 1e-4;

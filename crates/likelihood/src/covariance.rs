@@ -33,19 +33,22 @@ type Matrix7 = SMatrix<f64, 7, 7>;
 const LEAST_SHARE: f64 = 0.2;
 
 /// An estimate whose covariance is asked for.
-pub(crate) struct Estimated<'a> {
-    pub(crate) matches: &'a Matches<'a>,
-    pub(crate) beliefs: &'a Beliefs,
-    pub(crate) pose: &'a CameraFromWorld,
+pub struct Estimated<'a> {
+    /// The correspondences, as the pose sees them.
+    pub matches: &'a Matches<'a>,
+    /// What is known beside them.
+    pub beliefs: &'a Beliefs,
+    /// The pose.
+    pub pose: &'a CameraFromWorld,
     /// Log likelihood ratios at the pose, `[N]`.
-    pub(crate) likelihoods: &'a [f64],
+    pub likelihoods: &'a [f64],
     /// Scale of the noise, pixels.
-    pub(crate) noise: f64,
+    pub noise: f64,
     /// Standard deviation that the logarithm of the focal length had before; `None` when it was not estimated.
-    pub(crate) focal_sd: Option<f64>,
+    pub focal_sd: Option<f64>,
     /// A direction of translation that the matches leave free, a unit vector of the camera frame, and the standard deviation
     /// that stands for knowing nothing, map units.
-    pub(crate) free: Option<(Vector3<f64>, f64)>,
+    pub free: Option<(Vector3<f64>, f64)>,
 }
 
 /// One match that has a say.
@@ -59,7 +62,7 @@ struct Say {
 
 impl Estimated<'_> {
     /// Covariance of the pose; infinite on the diagonal when a direction is left free.
-    pub(crate) fn covariance(&self) -> Symmetric6 {
+    pub fn covariance(&self) -> Symmetric6 {
         let rows = self.matches.residuals();
         let says = self.says();
         let agreeing: f64 = says.iter().map(|say| say.right).sum();
@@ -154,13 +157,13 @@ fn sandwich(held: &Matrix7, shaken: &Matrix7) -> Option<Symmetric6> {
 }
 
 /// The covariance of a pose that may be off by so much beside its noise: the square of the shift is added.
-pub(crate) fn with_shift(covariance: &Symmetric6, shift: &[f64; 6]) -> Symmetric6 {
+pub fn with_shift(covariance: &Symmetric6, shift: &[f64; 6]) -> Symmetric6 {
     std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] + shift[i] * shift[j]))
 }
 
 /// The covariance with nothing known along one direction of translation, a unit vector of the camera frame: infinite on
 /// the diagonal wherever that direction has a part, and nothing said beside it.
-pub(crate) fn free_along(covariance: &Symmetric6, direction: &Vector3<f64>) -> Symmetric6 {
+pub fn free_along(covariance: &Symmetric6, direction: &Vector3<f64>) -> Symmetric6 {
     /// Parts below this are rounding.
     const PART: f64 = 1e-9;
     let free = |k: usize| k >= 3 && direction[k - 3].abs() > PART;
