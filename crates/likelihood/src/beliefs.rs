@@ -76,7 +76,7 @@ impl Beliefs {
     }
 
     /// What it tells about the six numbers of the pose.
-    pub(crate) fn information(&self, pose: &CameraFromWorld) -> Matrix6<f64> {
+    pub fn information(&self, pose: &CameraFromWorld) -> Matrix6<f64> {
         let mut system = System::empty();
         self.add_to(pose, &mut system);
         system.hessian

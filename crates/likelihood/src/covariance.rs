@@ -20,7 +20,7 @@
 //! - a focal length that was estimated is a seventh number, and what it leaves open is in `C`.
 
 use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
 use crate::beliefs::Beliefs;
 use crate::information::{NEGLIGIBLE, Symmetric6, infinite};
@@ -63,10 +63,25 @@ struct Say {
 impl Estimated<'_> {
     /// Covariance of the pose; infinite on the diagonal when a direction is left free.
     pub fn covariance(&self) -> Symmetric6 {
+        self.held_and_shaken().and_then(|(held, shaken)| sandwich(&held, &shaken)).unwrap_or_else(infinite)
+    }
+
+    /// Its inverse; where a direction is left free, what is known about the others. 0 when the matches are too few to show
+    /// their noise.
+    pub fn information(&self) -> Matrix6<f64> {
+        let Some((held, shaken)) = self.held_and_shaken() else { return Matrix6::zeros() };
+        let covariance = sandwich(&held, &shaken).map(|c| Matrix6::from_fn(|i, j| c[i][j]));
+        covariance
+            .and_then(|c| c.try_inverse())
+            .unwrap_or_else(|| held.fixed_view::<6, 6>(0, 0).clone_owned())
+    }
+
+    /// `H` and what stands between its inverses; `None` when the matches are too few.
+    fn held_and_shaken(&self) -> Option<(Matrix7, Matrix7)> {
         let rows = self.matches.residuals();
         let says = self.says();
         let agreeing: f64 = says.iter().map(|say| say.right).sum();
-        let Some(variance) = self.variance(&says, agreeing) else { return infinite() };
+        let variance = self.variance(&says, agreeing)?;
         let mean = says.iter().map(|say| say.right * say.map_variance).sum::<f64>() / agreeing;
         let (mut held, mut shaken) = (Matrix7::zeros(), Matrix7::zeros());
         for say in &says {
@@ -85,7 +100,7 @@ impl Estimated<'_> {
             shift += direction * direction.transpose() / (sd * sd);
         }
         known[(6, 6)] = self.focal_sd.map_or(1.0, |sd| sd.powi(-2));
-        sandwich(&(held + known), &(shaken + known)).unwrap_or_else(infinite)
+        Some((held + known, shaken + known))
     }
 
     fn says(&self) -> Vec<Say> {

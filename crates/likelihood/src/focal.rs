@@ -48,11 +48,23 @@ pub enum Verdict {
 impl Verdict {
     /// What another focal length must gain before the given one is called wrong, when so many matches agree.
     pub fn least_gain(observations: &Correspondences, agreeing: usize) -> f64 {
-        let of_a_match = match observations {
+        Self::least_gain_of([(observations, agreeing)])
+    }
+
+    /// The same when so many matches agree in each of several images.
+    pub fn least_gain_of<'a>(images: impl IntoIterator<Item = (&'a Correspondences, usize)>) -> f64 {
+        let of_a_match = |observations: &Correspondences| match observations {
             Correspondences::Points { .. } => GAIN_A_POINT,
             Correspondences::Lines { .. } | Correspondences::Anchored { .. } => GAIN_A_LINE,
         };
-        LEAST_GAIN + of_a_match * agreeing as f64
+        let each =
+            images.into_iter().map(|(observations, agreeing)| of_a_match(observations) * agreeing as f64);
+        LEAST_GAIN + each.sum::<f64>()
+    }
+
+    /// Whether a linearized step of the logarithm of the focal length gains so much that it is worth looking there.
+    pub fn is_worth_a_look(gain: f64, log_step: f64) -> bool {
+        gain > LEAST_GAIN && log_step.abs() > LEAST_CHANGE
     }
 
     /// Of what another focal length gains, and what it must gain to be estimated ([`Self::least_gain`]).
@@ -116,12 +128,16 @@ pub struct ZoomObjective<'a> {
     pub sd: f64,
 }
 
-struct System7 {
+/// Gauss–Newton system `H δ = −g` over the six numbers of a pose and the logarithm of the focal length.
+pub struct ZoomSystem {
     /// Correspondences that are likelier right than wrong.
-    agreeing: usize,
-    loss: f64,
-    gradient: Vector7,
-    hessian: Matrix7,
+    pub agreeing: usize,
+    /// The loss there.
+    pub loss: f64,
+    /// `g`, its derivative.
+    pub gradient: SVector<f64, 7>,
+    /// `H`, symmetric.
+    pub hessian: SMatrix<f64, 7, 7>,
 }
 
 impl ZoomObjective<'_> {
@@ -133,7 +149,7 @@ impl ZoomObjective<'_> {
         let given = Zoomed { pose: *pose, factor: 1.0 };
         let system = self.linearize(&given);
         let Some(step) = solved(&system, 0.0) else { return Verdict::Fine };
-        if -0.5 * step.dot(&system.gradient) <= LEAST_GAIN || step[6].abs() <= LEAST_CHANGE {
+        if !Verdict::is_worth_a_look(-0.5 * step.dot(&system.gradient), step[6]) {
             return Verdict::Fine;
         }
         let other = self.refine(&given);
@@ -166,10 +182,11 @@ impl ZoomObjective<'_> {
         at
     }
 
-    fn linearize(&self, at: &Zoomed) -> System7 {
+    /// Loss and derivatives at a pose and focal length.
+    pub fn linearize(&self, at: &Zoomed) -> ZoomSystem {
         let zoomed = self.matches.with_focal(at.factor);
         let mut system =
-            System7 { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
+            ZoomSystem { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
         let scale = zoomed.freedom() * self.noise * self.noise;
         let noise_term = zoomed.noise_term(self.noise);
         for &i in &self.active {
@@ -204,7 +221,7 @@ impl ZoomObjective<'_> {
     }
 }
 
-fn solved(system: &System7, damping: f64) -> Option<Vector7> {
+fn solved(system: &ZoomSystem, damping: f64) -> Option<Vector7> {
     let mut h = system.hessian;
     for k in 0..7 {
         h[(k, k)] += damping * h[(k, k)].max(1e-12);
@@ -214,7 +231,13 @@ fn solved(system: &System7, damping: f64) -> Option<Vector7> {
 }
 
 fn moved(at: &Zoomed, step: &Vector7) -> Option<Zoomed> {
-    let log = at.factor.ln() + step[6].clamp(-0.2, 0.2);
     let pose = at.pose.perturbed(&[step[0], step[1], step[2], step[3], step[4], step[5]]);
-    (log.abs() <= LARGEST_CHANGE).then(|| Zoomed { pose, factor: log.exp() })
+    stretched(at.factor, step[6]).map(|factor| Zoomed { pose, factor })
+}
+
+/// A focal length over the given one after a step of its logarithm, of which no more than a fifth is taken at once; `None`
+/// where no focal length is looked for any more.
+pub fn stretched(factor: f64, log_step: f64) -> Option<f64> {
+    let log = factor.ln() + log_step.clamp(-0.2, 0.2);
+    (log.abs() <= LARGEST_CHANGE).then(|| log.exp())
 }

@@ -29,7 +29,7 @@ mod visibility;
 pub use beliefs::Beliefs;
 pub use covariance::{Estimated, free_along, with_shift};
 pub use error::ProblemError;
-pub use focal::{Verdict, ZoomObjective, Zoomed};
+pub use focal::{Verdict, ZoomObjective, ZoomSystem, Zoomed, stretched};
 pub use information::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
 pub use kernel::{Kernel, Scale, median_point, promising_first};
 pub use matches::Matches;

@@ -225,7 +225,7 @@ impl<'a> Matches<'a> {
     }
 
     /// Margin of the gates, pixels.
-    pub(crate) fn margin(&self) -> f64 {
+    pub fn margin(&self) -> f64 {
         MARGIN * f64::from(self.camera.width)
     }
 

@@ -56,6 +56,32 @@ pub enum PoseError {
         /// Its value.
         value: f64,
     },
+    /// A rig without frames.
+    #[error("a rig without frames has no pose; give it at least one")]
+    NoFrames,
+    /// A frame of a rig that no pose can be estimated from, whatever the others are.
+    #[error("frame {frame}: {source}")]
+    Frame {
+        /// Which, from 0.
+        frame: usize,
+        /// What is wrong with it.
+        source: Box<PoseError>,
+    },
+    /// A relative pose with a number that is NaN or infinite.
+    #[error("its pose on the rig is not finite")]
+    OdometryNotFinite,
+    /// Frames may each be too poor for a pose, but not all of them.
+    #[error(
+        "none of the {frames} frames has enough correspondences for a pose of its own (on both sides of the dividing \
+         line, where there is one); one such frame is needed, which the others then help"
+    )]
+    NoFrameAlone {
+        /// How many frames there were.
+        frames: usize,
+    },
+    /// The score cannot weigh frames against each other.
+    #[error("the pose of a rig is estimated with the likelihood only; leave the score away")]
+    ScoreOfRig,
     /// The best pose agrees with the correspondences no better than a pose that is wrong would.
     #[error(
         "the best pose explains the correspondences no better than chance does (log evidence {log_evidence:.0})"

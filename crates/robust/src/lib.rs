@@ -58,6 +58,7 @@ mod options;
 mod pose_estimate;
 mod radial;
 pub mod ransac;
+mod rig;
 mod sampler;
 mod search;
 
@@ -68,5 +69,6 @@ pub use estimate::{estimate_pose, optimize_pose};
 pub use given::refine_pose;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
 pub use pose_estimate::PoseEstimate;
+pub use rig::{FrameEstimate, RigEstimate, RigFrame, estimate_rig_pose};
 pub use veiloc_likelihood::prior;
 pub use veiloc_likelihood::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};

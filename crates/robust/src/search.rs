@@ -20,13 +20,13 @@ use veiloc_likelihood::{
 const MSAC_THRESHOLD_IN_NOISE: f64 = 2.5;
 
 /// Shrinking scales of local optimisation, in multiples of the final one.
-const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
+pub(crate) const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
 
 /// Steps at each scale.
-const LADDER_STEPS: usize = 4;
+pub(crate) const LADDER_STEPS: usize = 4;
 
 /// A step of local optimisation that gains less than this share ends it.
-const COARSE_GAIN: f64 = 1e-4;
+pub(crate) const COARSE_GAIN: f64 = 1e-4;
 
 /// Under MSAC, more correspondences than this are thinned out evenly in local optimisation.
 const DESCENT_LIMIT: usize = 800;
@@ -36,22 +36,22 @@ const SUBSETS: usize = 8;
 const SUBSET_SIZE: usize = 14;
 
 /// Rounds of final refinement and noise estimation.
-const POLISH_ROUNDS: usize = 12;
+pub(crate) const POLISH_ROUNDS: usize = 12;
 
 /// Steps of one round.
-const ROUND_STEPS: usize = 3;
+pub(crate) const ROUND_STEPS: usize = 3;
 
 /// Range of the noise that the final refinement believes in, in multiples of the assumed one.
-const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
+pub(crate) const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
 
 /// Steps of the last refinement, in double precision.
-const FINAL_STEPS: usize = 25;
+pub(crate) const FINAL_STEPS: usize = 25;
 
 /// A step of it that gains less than this share ends it.
-const FINAL_GAIN: f64 = 1e-9;
+pub(crate) const FINAL_GAIN: f64 = 1e-9;
 
 /// Squared Mahalanobis distance from which on another pose is another answer, not the same one found again.
-const ELSEWHERE: f64 = 400.0;
+pub(crate) const ELSEWHERE: f64 = 400.0;
 
 /// One problem under one score.
 pub(crate) struct Search<'a> {
@@ -81,6 +81,11 @@ impl<'a> Search<'a> {
         let kernel = Kernel::new(matches, scale);
         let minimal = Some(minimal);
         Self { matches: Cow::Borrowed(matches), kernel, scale, minimal, beliefs, optima: Vec::new() }
+    }
+
+    /// The correspondences, ready to be scored.
+    pub(crate) const fn kernel(&self) -> &Kernel {
+        &self.kernel
     }
 
     /// The cost of a pose from which not every correspondence can be seen; `cost` is that of seeing all.
