@@ -15,11 +15,18 @@ use serde_json::{Value, json};
 const COMMANDS: &[(&str, &str)] = &[
     ("seal", "seal images/query-0.png no-such.png {seal} -o documents/ --json"),
     ("localize", "localize --map place.vmap good.vquery no-such.vquery five.vquery --json"),
+    ("localize --rig", "localize --map place.vmap --rig rig.json --json"),
+    ("localize --rig", "localize --map place.vmap --rig lost.json --json"),
     ("map info", "map info place.vmap --json"),
     ("map info", "map remove place.vmap map-00.png -o less.vmap --json"),
     (
         "eval scene",
         "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt {few} --json",
+    ),
+    (
+        "eval scene",
+        "eval rig --posed posed --images images --map-list map.txt --query-list queries.txt {few} --reach 9 \
+         --frames 1,2 --schemes dcl --json",
     ),
     ("eval scene", "eval pose p.jsonl --schemes points,dcl --recipes default,floor --seeds 2 --json"),
     (
@@ -66,6 +73,21 @@ fn ready() -> &'static Place {
         let seal =
             format!("seal images/query-0.png --camera {CAMERA} --profile five.vprofile -o five.vquery");
         place.run(&seal).succeeded();
+        let rig = |query: &str| {
+            let frame = json!({
+                "query": query, "cam_from_rig": {"q": [1, 0, 0, 0], "t": [0, 0, 0]},
+                "rotation_sd_deg": 0, "translation_sd": 0
+            });
+            json!({"frames": [frame]}).to_string()
+        };
+        place.write("rig.json", rig("good.vquery"));
+        let noise = image::RgbImage::from_fn(400, 300, |x, y| {
+            let hash = (x / 3).wrapping_mul(0x9E37_79B1) ^ (y / 3).wrapping_mul(0x85EB_CA77);
+            image::Rgb([(hash.wrapping_mul(0xC2B2_AE3D) >> 24) as u8; 3])
+        });
+        noise.save(place.path("images/noise.png")).expect("written");
+        place.seal("noise.png", "dcl", "noise.vquery");
+        place.write("lost.json", rig("noise.vquery"));
         let problems =
             "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt";
         let few = EXTRACTION.join(" ");

@@ -118,6 +118,45 @@ fn a_image_gets_its_pose() {
     assert!(fs::read(&kept).expect("kept") == place.read("place.vprofile"), "whole again");
 }
 
+/// Sealed queries of a session, sent as they are.
+#[test]
+fn a_session_gets_one_pose() {
+    let place = place();
+    place.write("session/none", "");
+    let first = place.pose_of("query-0.png");
+    let frame = |k: usize| {
+        let image = format!("query-{k}.png");
+        place.seal(&image, "dcl", &format!("session/{k}.vquery"));
+        let relative = place.pose_of(&image).compose(&first.inverse());
+        let t = relative.translation();
+        let q = CameraFromWorld::new(*relative.rotation(), *t).quaternion();
+        let sd = if k == 0 { 0.0 } else { 0.01 };
+        serde_json::json!({
+            "query": format!("{k}.vquery"), "cam_from_rig": {"q": q, "t": [t.x, t.y, t.z]},
+            "rotation_sd_deg": 10.0 * sd, "translation_sd": sd,
+        })
+    };
+    let frames: Vec<_> = (0..common::QUERIES).map(frame).collect();
+    place.write("session/sent.json", serde_json::json!({"frames": frames}).to_string());
+    let service = Service::start(place, "--map place=place.vmap");
+    let command = format!("query send --rig session/sent.json --map place --server {}", service.url);
+    let run = place.run(&format!("{command} --json")).succeeded();
+    assert!(pose_of(&run.json()).translation_error(&first) < 0.05, "{run}");
+    assert_eq!(run.json()["trusted"], true);
+    let fields = &common::documented::tables()["query send"];
+    assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
+    let text = place.run(&command).succeeded();
+    assert!(text.stdout.starts_with("trusted  at (") && text.stderr.contains("sealed queries"), "{text}");
+    assert!(!service.log().contains("/profile"), "nothing was sealed: {}", service.log());
+    // What says how to seal an image has no say.
+    for (more, word) in [("--scheme points", "--scheme"), ("images/query-0.png", "IMAGE")] {
+        let run = place.run(&format!("{command} {more}"));
+        assert!(run.code == Some(2) && run.stderr.contains(word), "{run}");
+    }
+    let run = place.run(&format!("query send --rig session/gone.json --map place --server {}", service.url));
+    assert!(run.code == Some(1) && run.stderr.contains("gone.json"), "{run}");
+}
+
 #[test]
 fn tls_and_tokens() {
     let place = place();

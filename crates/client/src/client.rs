@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use veiloc_query::{Answer, Profile, SealedQuery};
+use veiloc_query::{Answer, Profile, RigMessage, SealedQuery};
 
 use crate::address::{Address, token};
 use crate::profile_cache::{ProfileCache, hash, keep};
@@ -14,6 +14,9 @@ use crate::{ClientError, ClientOptions, LocalizeRequest};
 const MAX_PROFILE: u64 = 2 << 20;
 /// Most bytes of an answer or a refusal.
 const MAX_ANSWER: u64 = 64 << 10;
+/// What a sealed query is sent as, and what the queries of a session are.
+const QUERY: &str = "application/x-protobuf";
+const SESSION: &str = "application/octet-stream";
 /// Answers of one length, whatever they say; from an older service those it has.
 const ACCEPT: &str =
     "application/x-protobuf;version=3, application/x-protobuf;version=2;q=0.8, application/x-protobuf;q=0.5";
@@ -88,8 +91,45 @@ impl Client {
     ) -> Result<Answer, ClientError> {
         let url = self.transport.address().of_map(map, "localize")?;
         query.check_sides()?;
-        let headers = request.headers();
-        let reply = self.transport.post(&url, ACCEPT, &headers, &query.encode(), MAX_ANSWER)?;
+        self.ask(&url, QUERY, &query.encode(), request)
+    }
+
+    /// The pose of a device that took several images and measured how it moved between them: the answer's pose is that of
+    /// the rig that the message's frames hang on. The queries are sent as they were sealed, and the same bytes whenever
+    /// they are sent again (rule L7). What a session tells beside its queries: `docs/privacy.md`.
+    ///
+    /// An image that cannot fix a pose is welcome beside one that can.
+    ///
+    /// # Errors
+    /// [`ClientError::Frames`] for no frame or too many, [`ClientError::Lopsided`] when no query could fix a pose alone;
+    /// else as [`Self::localize`].
+    pub fn localize_rig(
+        &self,
+        map: &str,
+        rig: &RigMessage,
+        request: &LocalizeRequest,
+    ) -> Result<Answer, ClientError> {
+        let url = self.transport.address().of_map(map, "localize-rig")?;
+        if !(1..=RigMessage::MOST_FRAMES).contains(&rig.frames.len()) {
+            return Err(ClientError::Frames { frames: rig.frames.len() });
+        }
+        let sides: Vec<_> = rig.frames.iter().map(|frame| frame.query.check_sides()).collect();
+        if let (Some(Err(lopsided)), false) = (sides.first(), sides.iter().any(Result::is_ok)) {
+            return Err((*lopsided).into());
+        }
+        self.ask(&url, SESSION, &rig.encode(), request)
+    }
+
+    fn ask(
+        &self,
+        url: &str,
+        content_type: &str,
+        body: &[u8],
+        request: &LocalizeRequest,
+    ) -> Result<Answer, ClientError> {
+        let mut headers = request.headers();
+        headers.push(("content-type", content_type.to_owned()));
+        let reply = self.transport.post(url, ACCEPT, &headers, body, MAX_ANSWER)?;
         if reply.status != 200 {
             return Err(refused(&reply));
         }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use veiloc_query::Lopsided;
+use veiloc_query::{Lopsided, RigMessage};
 
 use crate::Refusal;
 
@@ -40,6 +40,12 @@ pub enum ClientError {
     /// Too few rows on one side of the dividing line: not sent, so another image may be taken.
     #[error(transparent)]
     Lopsided(#[from] Lopsided),
+    /// A session of no image, or of more than a service takes: not sent.
+    #[error("a session of {frames} images; it has 1 to {}", RigMessage::MOST_FRAMES)]
+    Frames {
+        /// How many there were.
+        frames: usize,
+    },
     /// The service was not reached, or broke off, as often as it was tried. The same query may be sent again.
     #[error("{server}: {reason}")]
     Network {

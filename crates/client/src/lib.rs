@@ -4,7 +4,8 @@
 //! of their own. It never sends an image or a keypoint: a [`Client`] takes [`SealedQuery`] and nothing else.
 //!
 //! - [`Client`]: a service, and who asks it. [`Client::profile`] fetches what is needed to seal for a map (and keeps it on
-//!   disk, when [`ClientOptions::cache`] says where), [`Client::localize`] asks.
+//!   disk, when [`ClientOptions::cache`] says where), [`Client::localize`] asks, [`Client::localize_rig`] for several images
+//!   of one device at once.
 //! - [`seal_image`]: from a file and its camera to the sealed query.
 //! - [`ClientError`]: tells apart what an app does different things about: busy, not localized, a map that was exchanged,
 //!   a refusal, the network.
@@ -81,9 +82,9 @@ pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy};
 pub use refusal::{Refusal, printable};
 pub use request::LocalizeRequest;
 pub use seal::{SealImageError, SealedImage, seal_image};
-pub use veiloc_geometry::Intrinsics;
+pub use veiloc_geometry::{CameraFromRig, Intrinsics};
 pub use veiloc_obfuscation::{KnownCamera, SealOptions};
 pub use veiloc_query::{
     Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, PositionHint,
-    Profile, Scheme, SealedQuery,
+    Profile, RigMessage, Scheme, SealedFrame, SealedQuery,
 };

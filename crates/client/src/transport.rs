@@ -94,7 +94,7 @@ impl Transport {
         limit: u64,
     ) -> Result<Reply, ClientError> {
         self.until_answered(limit, || {
-            let mut request = self.agent.post(url).header("content-type", "application/x-protobuf");
+            let mut request = self.agent.post(url);
             if let Some(authorization) = &self.authorization {
                 request = request.header("authorization", authorization);
             }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use common::{Service, known, problem, protobuf, query, quick, reply};
-use veiloc_client::{Client, ClientError, Notice};
+use veiloc_client::{CameraFromRig, Client, ClientError, LocalizeRequest, Notice, RigMessage, SealedFrame};
 
 #[test]
 fn a_retry_sends_the_same_bytes() {
@@ -124,4 +124,38 @@ fn a_service_that_is_not_there_is_a_matter_of_the_network() {
     let error = client.localize("place", &query()).expect_err("nobody there");
     assert!(error.may_send_again() && matches!(error, ClientError::Network { .. }), "{error:?}");
     assert!(!format!("{client:?} {error:?} {error}").contains("the-token"));
+}
+
+#[test]
+fn a_session_is_sent_as_it_was_sealed_and_again_as_it_was_sent() {
+    let frame = |k: i32| SealedFrame {
+        query: query(),
+        cam_from_rig: CameraFromRig::from_quaternion([1.0, 0.0, 0.0, 0.0], [f64::from(k), 0.0, 0.0])
+            .expect("a pose"),
+        rotation_sd_deg: 0.1,
+        translation_sd: 0.01,
+    };
+    let session = |frames: i32| RigMessage { frames: (0..frames).map(frame).collect() };
+    let service = Service::saying(vec![
+        problem("429 Slow down", "rate-limited", &[("retry-after", "0")]),
+        protobuf(&known("v2.answer")),
+    ]);
+    let request = LocalizeRequest::default();
+    let answer = service.client().localize_rig("place", &session(3), &request).expect("at last");
+    assert_eq!(answer.inliers, 311);
+    let asked = service.asked();
+    assert!(asked.len() == 2 && asked[0] == asked[1], "the same in head and body");
+    assert!(asked[0].head.contains("post /v1/maps/place/localize-rig http/1.1\r\n"), "{}", asked[0].head);
+    assert!(asked[0].head.contains("content-type: application/octet-stream\r\n"), "{}", asked[0].head);
+    let sent = RigMessage::decode(&asked[0].body).expect("a session");
+    assert_eq!(sent.frames.len(), 3);
+    assert!(sent.frames.iter().all(|frame| frame.query.encode() == query().encode()));
+    // None and too many are not sent.
+    let none = Service::saying(Vec::new());
+    for frames in [0, 33] {
+        let refused = none.client().localize_rig("place", &session(frames), &request).expect_err("refused");
+        assert!(matches!(refused, ClientError::Frames { .. }) && !refused.may_send_again(), "{refused:?}");
+        assert!(refused.to_string().contains("1 to 32"), "{refused}");
+    }
+    assert!(none.asked().is_empty());
 }

@@ -4,6 +4,7 @@
 //!   of another place).
 //! - [`stress`]: the same place with queries in the dark, moved, half hidden, small, few keypoints, or a sparse map.
 //! - [`negatives`]: images of elsewhere, which must not be found in a map.
+//! - [`evaluate_rig`]: the same for sessions of several images with simulated odometry.
 //! - [`evaluate_poses`]: the pose engine alone, on problems made by [`make_problems`] or by others.
 //! - [`crb`]: errors over the Cramér–Rao bound, on synthetic scenes.
 //! - [`metrics`], [`results`], [`text_table`]: what is counted, the JSON documents, the tables for people.
@@ -19,6 +20,7 @@ pub mod metrics;
 pub mod negatives;
 mod poses;
 pub mod results;
+mod rig;
 mod road;
 mod scene;
 mod scores;
@@ -31,4 +33,5 @@ pub use make_problems::{MadeProblem, ProblemSource, make_problems};
 pub use poses::{
     GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses, pose_problem,
 };
+pub use rig::{RigEvaluation, evaluate_rig};
 pub use scene::{Negatives, SceneEvaluation, evaluate_scene};

@@ -12,6 +12,10 @@ pub enum World {}
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Camera {}
 
+/// The frame in which a device tells how its images were taken: that of its body, or of one of its images.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rig {}
+
 /// A camera whose axes were turned about its own centre, as the radial solvers do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TurnedCamera {}
@@ -84,6 +88,12 @@ pub struct Rigid3<Out, In> {
 
 /// The pose of a camera in the map, `x_cam = R x_world + t`.
 pub type CameraFromWorld = Rigid3<Camera, World>;
+
+/// The pose of a rig in the map, `x_rig = R x_world + t`.
+pub type RigFromWorld = Rigid3<Rig, World>;
+
+/// Where on its rig an image was taken, `x_cam = R x_rig + t`.
+pub type CameraFromRig = Rigid3<Camera, Rig>;
 
 impl<Out, In> Clone for Rigid3<Out, In> {
     fn clone(&self) -> Self {
@@ -183,31 +193,34 @@ impl<Out, In> Rigid3<Out, In> {
     }
 }
 
-impl CameraFromWorld {
-    /// The projection centre in the map, `-Rᵀ t`, map units.
+impl<Out> Rigid3<Out, World> {
+    /// The origin of `Out` in the map, `-Rᵀ t`, map units: of a camera, its projection centre.
     pub fn center(&self) -> Point3<World> {
         Point3::from_vector(-(self.rotation.inverse() * self.translation))
     }
 
-    /// Distance between the two projection centres, `‖Rᵀt − R̂ᵀt̂‖`, in map units (the paper's translation error).
+    /// Distance between the two origins, for cameras between the projection centres, `‖Rᵀt − R̂ᵀt̂‖`, in map units (the paper's translation error).
     pub fn translation_error(&self, other: &Self) -> f64 {
         self.center().distance(&other.center())
     }
 
     /// The pose with the tangent step `[ω, v]` applied on the left: `R' = exp(ω) R`, `t' = exp(ω) t + v`.
     ///
-    /// `ω` is in radians about the camera's axes, `v` in map units along them. Refinement and covariance use
+    /// `ω` is in radians about the axes of `Out`, such as the camera's, `v` in map units along them. Refinement and covariance use
     /// this chart, so the first three rows of a pose covariance are rotation, the last three translation.
     pub fn perturbed(&self, step: &[f64; 6]) -> Self {
         let turn = Rotation3::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
         Self::new(turn * self.rotation, turn * self.translation + Vector3::new(step[3], step[4], step[5]))
     }
 
-    /// The tangent step that takes this pose to another one: [`Self::perturbed`] by it is the other.
+    /// The step of [`Self::perturbed`] that leads from this pose to another: `self.perturbed(&self.step_to(other))` is
+    /// `other`.
     pub fn step_to(&self, other: &Self) -> [f64; 6] {
         let turn = other.rotation * self.rotation.inverse();
-        let (w, v) = (turn.scaled_axis(), other.translation - turn * self.translation);
-        [w.x, w.y, w.z, v.x, v.y, v.z]
+        let shift = other.translation - turn * self.translation;
+        // As a quaternion: the arc cosine of a matrix's trace loses half the digits of small turns.
+        let turn = UnitQuaternion::from_rotation_matrix(&turn).scaled_axis();
+        [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z]
     }
 
     /// Covariance of the camera centre in the world frame, map units squared, from that of the pose in the chart of
@@ -282,6 +295,16 @@ mod tests {
         assert!(a.translation_error(&b) < 1e-12);
         let c = a.perturbed(&[0.0, 0.0, 0.0, 0.5, 0.0, 0.0]);
         assert!((a.translation_error(&c) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_step_leads_to_where_it_was_measured() {
+        for i in 0..50 {
+            let (a, b) = (pose(f64::from(i) * 0.3), pose(f64::from(i) * 0.7 + 2.0));
+            let there = a.perturbed(&a.step_to(&b));
+            assert!(there.rotation_error_degrees(&b) < 1e-9 && there.translation_error(&b) < 1e-12);
+            assert_eq!(a.step_to(&a).map(|s| s.abs() < 1e-12), [true; 6]);
+        }
     }
 
     #[test]

@@ -17,7 +17,7 @@ mod line;
 mod pixel;
 
 pub use anchors::{Anchor, DualAnchors};
-pub use frames::{CameraFromWorld, Point3, Rigid3};
+pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3};
 pub use intrinsics::{CameraModel, Intrinsics, IntrinsicsError, Pinhole};
 pub use line::{PixelLine, PlaneLine};
 pub use pixel::{Pixel, PlanePoint};

@@ -19,6 +19,14 @@ pub enum LocalizeError {
     /// The map holds no image or no point.
     #[error("the map is empty; add posed images with `veiloc map add`")]
     EmptyMap,
+    /// A query of a session cannot be used.
+    #[error("frame {frame}: {source}")]
+    Frame {
+        /// Which, from 0.
+        frame: usize,
+        /// What is wrong with it.
+        source: Box<LocalizeError>,
+    },
     /// The robust estimator found no pose.
     #[error("not localized: {source}")]
     NoPose {

@@ -10,7 +10,7 @@
 //! [`localize`] is the door: an opened map (`veiloc_map::MapFile`), a decoded query and [`LocalizeOptions`] in, a
 //! [`Localization`] out, which counts rows of the query and says whether to trust it. `tests/synthetic.rs` walks the
 //! whole road, map included. [`match_query`] is its first half, up to what the estimator is
-//! given. Who has matches of their own begins at [`observe_matches`] and goes on to `veiloc-robust`.
+//! given. [`localize_rig`] takes the queries of a session with their relative poses. Who has matches of their own begins at [`observe_matches`] and goes on to `veiloc-robust`.
 //!
 //! # Example
 //! Rows keep their identity on the way to the estimator, also where one is sent as two lines or has two map points:
@@ -36,6 +36,7 @@ mod error;
 mod localizer;
 pub mod matching;
 pub mod retrieval;
+mod rig;
 
 pub use correspondences::{MatchedObservations, observe_matches};
 pub use error::LocalizeError;
@@ -43,3 +44,4 @@ pub use localizer::{
     GravityUse, Localization, LocalizeOptions, Matched, MatchedQuery, StageTimes, localize, localize_matched,
     match_in, match_query,
 };
+pub use rig::{FrameLocalization, RigLocalization, localize_rig};

@@ -287,7 +287,7 @@ fn ms(from: Instant, to: Instant) -> f64 {
 }
 
 /// How many different numbers there are.
-fn distinct(numbers: impl Iterator<Item = usize>) -> usize {
+pub(crate) fn distinct(numbers: impl Iterator<Item = usize>) -> usize {
     numbers.collect::<BTreeSet<_>>().len()
 }
 

@@ -5,10 +5,50 @@ mod common;
 use common::{Place, open, options, pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
-use veiloc_localize::{LocalizeError, LocalizeOptions, localize};
+use veiloc_geometry::Rigid3;
+use veiloc_localize::{LocalizeError, LocalizeOptions, localize, localize_rig};
 use veiloc_map::{BuildSettings, MapModel, MapPoint};
 use veiloc_obfuscation::{SealOptions, seal};
-use veiloc_query::SealedQuery;
+use veiloc_query::{SealedFrame, SealedQuery};
+
+#[test]
+fn a_session_gives_one_pose_and_refuses_what_is_no_session() {
+    let place = Place::new(1);
+    let map = open(&place.map());
+    let truth = pose(0.13, 0.2);
+    // The first frame is the rig's; the device turned and moved between the others.
+    let sealed = |scheme: &str, k: u64| {
+        let cam = pose(0.13 - 0.1 * k as f64, 0.2 + 0.15 * k as f64);
+        let mut rng = ChaCha20Rng::seed_from_u64(30 + k);
+        let query = seal(place.query(&cam), &place.camera, &place.profile, &options(scheme), &mut rng);
+        SealedFrame {
+            query: query.expect("sealed"),
+            cam_from_rig: Rigid3::new(
+                cam.rotation() * truth.rotation().inverse(),
+                cam.translation() - cam.rotation() * truth.rotation().inverse() * truth.translation(),
+            ),
+            rotation_sd_deg: if k == 0 { 0.0 } else { 0.05 },
+            translation_sd: if k == 0 { 0.0 } else { 0.005 },
+        }
+    };
+    for scheme in ["points", "random-lines", "dcl"] {
+        let frames: Vec<SealedFrame> = (0..4).map(|k| sealed(scheme, k)).collect();
+        let found = localize_rig(&frames, &map, &LocalizeOptions::default()).expect("localized");
+        assert!(found.frames[0].cam_from_world.translation_error(&truth) < 0.02, "{scheme}");
+        assert_eq!((found.frames.len(), found.frames_that_agree()), (4, 4));
+        assert!(found.frames.iter().all(|f| f.inliers > 100 && f.inliers <= f.matches), "{scheme}");
+        let alone = localize_rig(&frames[..1], &map, &LocalizeOptions::default()).expect("localized");
+        let of_query = localize(&frames[0].query, &map, &LocalizeOptions::default()).expect("localized");
+        assert!(alone.frames[0].cam_from_world.translation_error(&of_query.cam_from_world) < 1e-4);
+        assert!(found.confidence.center_sd < 1.1 * alone.confidence.center_sd, "{scheme}");
+    }
+    let none = localize_rig(&[], &map, &LocalizeOptions::default()).expect_err("no frame");
+    assert!(none.to_string().contains("rig without frames"), "{none}");
+    let other = open(&Place::new(2).map());
+    let frames = [sealed("dcl", 0), sealed("dcl", 1)];
+    let wrong = localize_rig(&frames, &other, &LocalizeOptions::default()).expect_err("another map");
+    assert!(wrong.to_string().starts_with("frame 0: "), "{wrong}");
+}
 
 #[test]
 fn every_scheme_finds_the_camera() {

@@ -7,6 +7,7 @@
 //! - [`Scheme`]: what happens to keypoint positions; [`DclLayout`]: where Dual Convergent Lines puts its anchors.
 //! - [`Profile`]: what a device needs to know before it can seal for a map. No map data, and no scheme.
 //! - [`SealedQuery`]: what leaves the device; [`Observations`]: what it tells about positions.
+//! - [`RigMessage`]: several of them with their relative poses.
 //! - [`Answer`]: what the server tells in return; [`AnswerDocument`]: the same as JSON.
 //! - [`Hints`]: what a device says of its camera beside the rows, if it wants to.
 //! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
@@ -63,6 +64,7 @@ mod profile;
 mod profile_check;
 mod profile_id;
 mod profile_wire;
+mod rig_message;
 mod rows;
 mod scheme;
 mod sealed;
@@ -86,6 +88,7 @@ pub use observations::{AnchoredLine, Observations};
 pub use position_hint::PositionHint;
 pub use profile::{ExtractionLimits, Profile, Wish};
 pub use profile_id::ProfileId;
+pub use rig_message::{RigMessage, SealedFrame};
 pub use rows::{AnchoredRow, LineRow, PositionRow, Rows};
 pub use scheme::Scheme;
 pub use sealed::{QueryParts, SealedQuery};

@@ -3,7 +3,7 @@
 //! # Evidence
 //! For one pose, the matches of a keypoint explain what was observed better than "all of them are wrong" by the factor
 //! `1 − Σ γᵢ + Σ γᵢ ρᵢ`, with `γᵢ` the prior of match `i` and `ρᵢ` how much likelier its observation is when right than
-//! when wrong (`matches.rs`). Of one keypoint's matches at most one is right, and [`crate::PoseProblem::keypoints`] says which
+//! when wrong (`veiloc-likelihood`). Of one keypoint's matches at most one is right, and [`crate::PoseProblem::keypoints`] says which
 //! are one keypoint's. The product over keypoints, integrated over all poses that might have been (any orientation,
 //! anywhere in the mapped region) by Laplace's approximation, is the Bayes factor of "taken here" against "taken
 //! elsewhere":
@@ -23,9 +23,7 @@ use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
-use crate::information::Symmetric6;
-use crate::matches::Matches;
-use crate::problem::Correspondences;
+use veiloc_likelihood::{Correspondences, Matches, Symmetric6};
 
 /// Least natural logarithm of the evidence of a trusted pose from lines: once in three million by chance. Of 1,550
 /// images of elsewhere none reached more than 1, right poses began at 17 (`docs/pose-engine.md`).
@@ -247,10 +245,7 @@ pub(crate) fn assess(
     margin: f64,
 ) -> Confidence {
     let confidence = Confidence {
-        least_log_evidence: match matches.observations {
-            Correspondences::Points { .. } => LEAST_LOG_EVIDENCE_OF_POINTS,
-            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => LEAST_LOG_EVIDENCE,
-        },
+        least_log_evidence: least_log_evidence(matches),
         log_evidence: log_evidence(matches, likelihoods, &Matrix6::from_fn(|i, j| covariance[i][j])),
         margin,
         center_sd: 0.0,
@@ -264,6 +259,14 @@ pub(crate) fn assess(
             .then(|| sides(matches, inliers)),
     };
     confidence.with_covariances(covariance, covariance)
+}
+
+/// Log evidence that a trusted pose from such observations has at least.
+pub(crate) const fn least_log_evidence(matches: &Matches<'_>) -> f64 {
+    match matches.observations {
+        Correspondences::Points { .. } => LEAST_LOG_EVIDENCE_OF_POINTS,
+        Correspondences::Lines { .. } | Correspondences::Anchored { .. } => LEAST_LOG_EVIDENCE,
+    }
 }
 
 impl Confidence {
@@ -330,11 +333,17 @@ fn log_evidence(matches: &Matches<'_>, likelihoods: &[f64], covariance: &Matrix6
     let log_volume = log_det(&(covariance * std::f64::consts::TAU));
     let Some(log_volume) = log_volume else { return f64::NEG_INFINITY };
     let gained: f64 = gains(matches, likelihoods).iter().sum();
-    gained + 0.5 * log_volume - (8.0 * std::f64::consts::PI.powi(2)).ln() - log_region(matches)
+    gained + 0.5 * log_volume - log_poses(matches.points.iter())
+}
+
+/// Logarithm of the volume of all poses that a camera that sees these points might have had: any orientation, anywhere in
+/// their region.
+pub(crate) fn log_poses<'a>(points: impl Iterator<Item = &'a Vector3<f64>> + Clone) -> f64 {
+    (8.0 * std::f64::consts::PI.powi(2)).ln() + log_region(points)
 }
 
 /// By how much each keypoint is likelier at the pose than if all its matches were wrong, natural logarithm.
-fn gains(matches: &Matches<'_>, likelihoods: &[f64]) -> Vec<f64> {
+pub(crate) fn gains(matches: &Matches<'_>, likelihoods: &[f64]) -> Vec<f64> {
     // Σ γ and Σ γ ρ of each keypoint.
     let mut keypoints = vec![(0.0, 0.0); matches.keypoints];
     for (i, &llr) in likelihoods.iter().enumerate() {
@@ -354,15 +363,15 @@ fn gains(matches: &Matches<'_>, likelihoods: &[f64]) -> Vec<f64> {
 }
 
 /// Logarithm of the determinant of a covariance; `None` when it is not positive definite.
-fn log_det(m: &Matrix6<f64>) -> Option<f64> {
+pub(crate) fn log_det(m: &Matrix6<f64>) -> Option<f64> {
     let factor = m.iter().all(|c| c.is_finite()).then(|| m.cholesky()).flatten()?;
     Some(2.0 * factor.l().diagonal().iter().map(|d| d.ln()).sum::<f64>())
 }
 
 /// Logarithm of the volume a camera might have been in: the box of the middle 90 % of the points, doubled.
-fn log_region(matches: &Matches<'_>) -> f64 {
+fn log_region<'a>(points: impl Iterator<Item = &'a Vector3<f64>> + Clone) -> f64 {
     let extents = [0, 1, 2].map(|axis| {
-        let mut values: Vec<f64> = matches.points.iter().map(|p| p[axis]).collect();
+        let mut values: Vec<f64> = points.clone().map(|p| p[axis]).collect();
         values.sort_by(f64::total_cmp);
         let at = |share: f64| values[((values.len() - 1) as f64 * share) as usize];
         2.0 * (at(0.95) - at(0.05))
@@ -372,7 +381,7 @@ fn log_region(matches: &Matches<'_>) -> f64 {
     extents.iter().map(|e| e.max(0.5 * longest).ln()).sum()
 }
 
-fn median(values: &mut [f64]) -> f64 {
+pub(crate) fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() { f64::NAN } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }

@@ -3,20 +3,18 @@
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
-use crate::beliefs::Beliefs;
 use crate::confidence::{assess, free_direction};
-use crate::covariance::{free_along, with_shift};
 use crate::error::PoseError;
-use crate::focal::{Verdict, Zoomed};
-use crate::focal_search::{Settled, is_clear, least_surplus, other_focal_lengths, worth};
-use crate::kernel::Scale;
-use crate::matches::Matches;
+use crate::focal_search::{OfImage, Settled, over_focal_lengths};
 use crate::minimal::Minimal;
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::pose_estimate::PoseEstimate;
-use crate::problem::{Correspondences, FocalKnowledge, PoseProblem};
 use crate::ransac::{Budget, Estimator, lo_ransac};
 use crate::search::Search;
+use veiloc_likelihood::{
+    Beliefs, Correspondences, FocalKnowledge, Matches, PoseProblem, Scale, Verdict, Zoomed, free_along,
+    with_shift,
+};
 
 /// Estimates where the camera was.
 ///
@@ -34,21 +32,14 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     options.check()?;
     problem.check()?;
     let matches = Matches::new(problem, options.expected_inlier_ratio);
-    let mut best = search_at(&matches, problem, options, 1.0, rng);
     if options.score.unwrap_or_default() == ScoreKind::Msac {
-        return best;
+        return search_at(&matches, problem, options, 1.0, rng);
     }
-    let surplus = least_surplus(problem, &best);
-    for &factor in other_focal_lengths(problem.focal, &best) {
-        let other = search_at(&matches, problem, options, factor, rng);
-        if worth(&other) > worth(&best) + surplus {
-            best = other;
-        }
-        if is_clear(&best) {
-            break;
-        }
-    }
-    best
+    let best = over_focal_lengths(problem.focal, |factor| {
+        let observations = &problem.observations;
+        search_at(&matches, problem, options, factor, rng).map(|estimate| OfImage { estimate, observations })
+    });
+    best.map(|best| best.estimate)
 }
 
 /// Searches with a focal length so many times as long as the given one.
@@ -64,13 +55,8 @@ fn search_at<R: Rng + ?Sized>(
     // What is told beside the matches is searched with, and then without: were it wrong, it would hide the pose, or poses
     // that the matches explain as well.
     let budget = match options.fixed_hypotheses {
-        Some(samples) if search.beliefs().is_empty() => Budget::fixed(samples),
-        Some(samples) => Budget::fixed(samples.div_ceil(2)),
-        None => Budget {
-            min: options.min_hypotheses.min(options.max_hypotheses),
-            max: options.max_hypotheses,
-            confidence: options.confidence,
-        },
+        Some(samples) if !search.beliefs().is_empty() => Budget::fixed(samples.div_ceil(2)),
+        _ => options.budget(1),
     };
     let mut found = lo_ransac(&mut search, &budget, rng);
     if !search.beliefs().is_empty() {

@@ -4,40 +4,80 @@
 //! length is refined with the pose when it is open or contradicted, and jumps further off are tried, because a wrong one may
 //! have led to a pose at which no small change of it helps.
 
-use crate::confidence::Doubt;
+use crate::confidence::{Confidence, Doubt};
 use crate::error::PoseError;
-use crate::focal::{Verdict, ZoomObjective, Zoomed};
-use crate::matches::Matches;
 use crate::pose_estimate::PoseEstimate;
-use crate::problem::{FocalKnowledge, PoseProblem};
 use crate::ransac::Estimator;
 use crate::search::{Polished, Search};
+use veiloc_likelihood::{Correspondences, FocalKnowledge, Matches, Verdict, ZoomObjective, Zoomed};
 
 /// Log evidence from which on a trusted pose is not asked whether another focal length would explain more.
 const CLEAR: f64 = 150.0;
 
 /// Jumps that are tried, over the focal length so far.
-const JUMPS: [f64; 2] = [0.94, 1.06];
+pub(crate) const JUMPS: [f64; 2] = [0.94, 1.06];
 
 /// Such jumps at most.
-const MOST_JUMPS: usize = 4;
+pub(crate) const MOST_JUMPS: usize = 4;
 
 /// Log likelihood by which a jump must be better than what a small change must gain: it may have found another optimum.
-const JUMP_HANDICAP: f64 = 2.5;
+pub(crate) const JUMP_HANDICAP: f64 = 2.5;
 
 /// Log likelihood from which on a pose whose focal length is found fine is no false optimum of a wrong one: those had 350.
-const PLENTY: f64 = 800.0;
+pub(crate) const PLENTY: f64 = 800.0;
 
 /// Rounds of estimating the focal length at the noise that the inliers show, and the noise again.
-const ROUNDS: usize = 3;
+pub(crate) const ROUNDS: usize = 3;
+
+/// An estimate, as far as the choice of a focal length asks.
+pub(crate) trait Judged {
+    /// What speaks for and against it.
+    fn confidence(&self) -> &Confidence;
+
+    /// What another focal length must gain before a calibrated one is called wrong, [`Verdict::least_gain`].
+    fn least_gain(&self) -> f64;
+}
+
+/// An estimate of one image, with what it observed.
+pub(crate) struct OfImage<'a> {
+    pub(crate) estimate: PoseEstimate,
+    pub(crate) observations: &'a Correspondences,
+}
+
+impl Judged for OfImage<'_> {
+    fn confidence(&self) -> &Confidence {
+        &self.estimate.confidence
+    }
+
+    fn least_gain(&self) -> f64 {
+        Verdict::least_gain(self.observations, self.estimate.inlier_count)
+    }
+}
+
+/// The best of a search with the given focal length and, where that leaves a doubt, of searches with others. `search_at` is
+/// told how many times the given one.
+pub(crate) fn over_focal_lengths<T: Judged>(
+    focal: FocalKnowledge,
+    mut search_at: impl FnMut(f64) -> Result<T, PoseError>,
+) -> Result<T, PoseError> {
+    let mut best = search_at(1.0);
+    let surplus = least_surplus(focal, &best);
+    for &factor in other_focal_lengths(focal, &best) {
+        let other = search_at(factor);
+        if worth(&other) > worth(&best) + surplus {
+            best = other;
+        }
+        if is_clear(&best) {
+            break;
+        }
+    }
+    best
+}
 
 /// Other focal lengths to search with, over the given one, when that leaves a doubt or does not show much evidence: all
 /// that a phone's guess may be wrong by when it is a guess, and for a measured one only when something was found that the
 /// focal length may have spoilt.
-pub(crate) fn other_focal_lengths(
-    focal: FocalKnowledge,
-    found: &Result<PoseEstimate, PoseError>,
-) -> &'static [f64] {
+fn other_focal_lengths<T: Judged>(focal: FocalKnowledge, found: &Result<T, PoseError>) -> &'static [f64] {
     if is_clear(found) {
         return &[];
     }
@@ -50,28 +90,28 @@ pub(crate) fn other_focal_lengths(
 
 /// Evidence that a pose of another focal length must have over this one: a calibrated focal length gives way to much more
 /// only.
-pub(crate) fn least_surplus(problem: &PoseProblem, found: &Result<PoseEstimate, PoseError>) -> f64 {
-    match problem.focal {
+fn least_surplus<T: Judged>(focal: FocalKnowledge, found: &Result<T, PoseError>) -> f64 {
+    match focal {
         FocalKnowledge::Calibrated => {
-            let agreeing = found.as_ref().map_or(0, |estimate| estimate.inlier_count);
-            JUMP_HANDICAP + Verdict::least_gain(&problem.observations, agreeing)
+            JUMP_HANDICAP + found.as_ref().map_or(Verdict::least_gain_of([]), Judged::least_gain)
         }
         FocalKnowledge::Exif | FocalKnowledge::Unknown => 0.0,
     }
 }
 
 /// Whether no other focal length needs to be asked.
-pub(crate) fn is_clear(found: &Result<PoseEstimate, PoseError>) -> bool {
+pub(crate) fn is_clear<T: Judged>(found: &Result<T, PoseError>) -> bool {
     // A suspicious focal length was looked at already.
     let other = |doubt: &Doubt| !matches!(doubt, Doubt::FocalLength { .. });
     found
         .as_ref()
-        .is_ok_and(|e| e.confidence.log_evidence > CLEAR && !e.confidence.doubts().iter().any(other))
+        .map(Judged::confidence)
+        .is_ok_and(|told| told.log_evidence > CLEAR && !told.doubts().iter().any(other))
 }
 
 /// Log evidence, least when nothing was found.
-pub(crate) fn worth(found: &Result<PoseEstimate, PoseError>) -> f64 {
-    found.as_ref().map_or(f64::NEG_INFINITY, |estimate| estimate.confidence.log_evidence)
+fn worth<T: Judged>(found: &Result<T, PoseError>) -> f64 {
+    found.as_ref().map_or(f64::NEG_INFINITY, |estimate| estimate.confidence().log_evidence)
 }
 
 /// A refined pose, and the focal length it is told with.

@@ -4,12 +4,9 @@ use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::assess;
 use crate::error::PoseError;
-use crate::information::{active, inverse_or_infinite};
-use crate::matches::Matches;
 use crate::options::PoseOptions;
 use crate::pose_estimate::PoseEstimate;
-use crate::problem::PoseProblem;
-use crate::refine::{Loss, linearize, refine};
+use veiloc_likelihood::{Loss, Matches, PoseProblem, inverse_or_infinite, linearize, refine};
 
 /// Steps of Levenberg–Marquardt.
 const STEPS: usize = 50;
@@ -59,4 +56,13 @@ pub fn refine_pose(
         confidence: assess(&matches, &refined.pose, &chosen, &likelihoods, &covariance, f64::INFINITY),
         refined: true,
     })
+}
+
+/// Indices of a mask that must fit the problem.
+pub(crate) fn active(problem: &PoseProblem, inliers: &[bool]) -> Result<Vec<usize>, PoseError> {
+    let expected = problem.points.len();
+    if inliers.len() != expected {
+        return Err(PoseError::LengthMismatch { what: "inliers", expected, actual: inliers.len() });
+    }
+    Ok((0..expected).filter(|&i| inliers[i]).collect())
 }

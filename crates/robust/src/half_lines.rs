@@ -4,7 +4,7 @@ use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{DualAnchors, Pixel};
 use veiloc_solvers::HalfLine;
 
-use crate::matches::Matches;
+use veiloc_likelihood::Matches;
 
 /// The half-line of each correspondence on the plane `z = 1`, unit directions, `[N]`.
 pub(crate) fn half_lines(matches: &Matches<'_>, anchors: &DualAnchors) -> Vec<HalfLine> {

@@ -1,4 +1,4 @@
-//! Robust estimation: LO-RANSAC, scores, samplers, refinement and covariance.
+//! Robust estimation: LO-RANSAC, samplers, and what the result is worth.
 //!
 //! [`estimate_pose`] is the door. Inside, [`ransac`] holds the one search loop, generic over what it estimates.
 //!
@@ -8,7 +8,7 @@
 //! | lines of any direction | six lines, `p6lp` | four lines, `u4lp` |
 //! | anchored lines | five lines of one anchor and a vote of the other's ([`AnchoredSolver::RadialVote`]), five and one (`p6lp_dual_radial`), or any six (`p6lp`) | four lines, `u4lp` |
 //!
-//! Hypotheses are compared by the likelihood of what was observed ([`ScoreKind::Likelihood`]; `matches.rs` states it for
+//! Hypotheses are compared by the likelihood of what was observed ([`ScoreKind::Likelihood`]; `veiloc-likelihood` states it for
 //! all three, and so that schemes can be compared fairly it is one formula), optimised locally and refined on the same
 //! objective, at the noise that the inliers show. What each match is worth before geometry is asked comes from [`prior`].
 //! The plain MSAC score, the paper's recipe, has a false optimum on anchored lines, with the scene projected onto an
@@ -46,38 +46,29 @@
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
-mod beliefs;
-mod clutter;
+mod bound;
 mod confidence;
-mod covariance;
 mod error;
 mod estimate;
-mod focal;
 mod focal_search;
 mod given;
 mod half_lines;
-mod information;
-mod kernel;
-mod matches;
 mod minimal;
 mod options;
 mod pose_estimate;
-pub mod prior;
-mod problem;
 mod radial;
 pub mod ransac;
-mod refine;
+mod rig;
 mod sampler;
 mod search;
-#[cfg(test)]
-mod test_data;
-mod visibility;
 
+pub use bound::fisher_information;
 pub use confidence::{Confidence, Doubt, State};
 pub use error::PoseError;
 pub use estimate::{estimate_pose, optimize_pose};
 pub use given::refine_pose;
-pub use information::fisher_information;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
 pub use pose_estimate::PoseEstimate;
-pub use problem::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};
+pub use rig::{FrameEstimate, RigEstimate, RigFrame, estimate_rig_pose};
+pub use veiloc_likelihood::prior;
+pub use veiloc_likelihood::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};

@@ -7,11 +7,10 @@ use veiloc_geometry::{Anchor, CameraFromWorld, PixelLine, PlaneLine, PlanePoint,
 use veiloc_solvers::{ArrayVec, GravityAlignment, HalfLine, p3p, p6lp, p6lp_dual_radial, u4lp, up2p};
 
 use crate::half_lines::half_lines;
-use crate::matches::Matches;
 use crate::options::AnchoredSolver;
-use crate::problem::{Correspondences, Gravity};
 use crate::radial::RadialVote;
 use crate::sampler::{SplitSampler, WeightedSampler, draw};
+use veiloc_likelihood::{Correspondences, Gravity, Matches};
 
 /// One way from correspondences to hypotheses.
 #[derive(Debug, Clone)]

@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::error::PoseError;
+use crate::ransac::Budget;
 
 /// How hypotheses are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -148,6 +149,18 @@ impl Default for PoseOptions {
 }
 
 impl PoseOptions {
+    /// How many samples a search of so many frames draws: when it has to draw many, as many as for each frame alone.
+    pub(crate) fn budget(&self, frames: usize) -> Budget {
+        match self.fixed_hypotheses {
+            Some(samples) => Budget::fixed(samples),
+            None => Budget {
+                min: self.min_hypotheses.min(self.max_hypotheses),
+                max: self.max_hypotheses.saturating_mul(frames),
+                confidence: self.confidence,
+            },
+        }
+    }
+
     /// Refuses impossible values.
     pub(crate) fn check(&self) -> Result<(), PoseError> {
         for (what, value) in [("max_error_px", self.max_error_px), ("noise_px", self.noise_px)] {

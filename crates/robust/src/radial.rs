@@ -15,10 +15,8 @@ use veiloc_kernels::pose::{LANES, RadialBlock, RadialLanes};
 use veiloc_solvers::{ArrayVec, RadialPose, p5lp_radial};
 
 use crate::half_lines::half_lines;
-use crate::kernel::{median_point, promising_first};
-use crate::matches::Matches;
-use crate::problem::Correspondences;
 use crate::sampler::{WeightedSampler, draw};
+use veiloc_likelihood::{Correspondences, Matches, median_point, promising_first};
 
 /// A radial pose is completed when its score comes this close to the best radial score of its side: 0.2 below it at
 /// first, ever closer as more of the side's poses have been completed.
@@ -296,10 +294,10 @@ fn rows(pose: &RadialPose, center: &Vector3<f64>) -> [[f32; 4]; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::PoseProblem;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::{DualAnchors, Pinhole, Pixel};
+    use veiloc_likelihood::PoseProblem;
 
     const CAMERA: Pinhole =
         Pinhole { width: 640, height: 480, focal: [525.0, 520.0], principal: [318.0, 242.0] };

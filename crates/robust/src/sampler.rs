@@ -4,7 +4,7 @@
 use rand::Rng;
 use veiloc_solvers::ArrayVec;
 
-use crate::matches::Matches;
+use veiloc_likelihood::Matches;
 
 /// Draws before a sample of distinct correspondences is given up.
 const PATIENCE: usize = 64;
@@ -137,10 +137,10 @@ pub(crate) fn draw<const K: usize, R: Rng + ?Sized>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::{Correspondences, PoseProblem};
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::{Pinhole, Pixel, PixelLine, Point3};
+    use veiloc_likelihood::{Correspondences, PoseProblem};
 
     #[test]
     fn frequencies_follow_the_weights() {

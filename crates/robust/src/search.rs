@@ -9,27 +9,24 @@ use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
 
-use crate::beliefs::Beliefs;
-use crate::covariance::Estimated;
-use crate::focal::Zoomed;
-use crate::information::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
-use crate::kernel::{Kernel, Scale};
-use crate::matches::Matches;
 use crate::minimal::Minimal;
 use crate::ransac::Estimator;
-use crate::refine::{Loss, System, descend, linearize, refine};
+use veiloc_likelihood::{
+    Beliefs, Estimated, Kernel, Loss, Matches, NEGLIGIBLE, Scale, Symmetric6, System, Zoomed, descend,
+    inverse_or_infinite, linearize, refine,
+};
 
 /// MSAC's threshold in multiples of the noise it stands for: the likelihood that its evidence is told by.
 const MSAC_THRESHOLD_IN_NOISE: f64 = 2.5;
 
 /// Shrinking scales of local optimisation, in multiples of the final one.
-const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
+pub(crate) const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
 
 /// Steps at each scale.
-const LADDER_STEPS: usize = 4;
+pub(crate) const LADDER_STEPS: usize = 4;
 
 /// A step of local optimisation that gains less than this share ends it.
-const COARSE_GAIN: f64 = 1e-4;
+pub(crate) const COARSE_GAIN: f64 = 1e-4;
 
 /// Under MSAC, more correspondences than this are thinned out evenly in local optimisation.
 const DESCENT_LIMIT: usize = 800;
@@ -39,22 +36,22 @@ const SUBSETS: usize = 8;
 const SUBSET_SIZE: usize = 14;
 
 /// Rounds of final refinement and noise estimation.
-const POLISH_ROUNDS: usize = 12;
+pub(crate) const POLISH_ROUNDS: usize = 12;
 
 /// Steps of one round.
-const ROUND_STEPS: usize = 3;
+pub(crate) const ROUND_STEPS: usize = 3;
 
 /// Range of the noise that the final refinement believes in, in multiples of the assumed one.
-const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
+pub(crate) const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
 
 /// Steps of the last refinement, in double precision.
-const FINAL_STEPS: usize = 25;
+pub(crate) const FINAL_STEPS: usize = 25;
 
 /// A step of it that gains less than this share ends it.
-const FINAL_GAIN: f64 = 1e-9;
+pub(crate) const FINAL_GAIN: f64 = 1e-9;
 
 /// Squared Mahalanobis distance from which on another pose is another answer, not the same one found again.
-const ELSEWHERE: f64 = 400.0;
+pub(crate) const ELSEWHERE: f64 = 400.0;
 
 /// One problem under one score.
 pub(crate) struct Search<'a> {
@@ -84,6 +81,11 @@ impl<'a> Search<'a> {
         let kernel = Kernel::new(matches, scale);
         let minimal = Some(minimal);
         Self { matches: Cow::Borrowed(matches), kernel, scale, minimal, beliefs, optima: Vec::new() }
+    }
+
+    /// The correspondences, ready to be scored.
+    pub(crate) const fn kernel(&self) -> &Kernel {
+        &self.kernel
     }
 
     /// The cost of a pose from which not every correspondence can be seen; `cost` is that of seeing all.

@@ -6,8 +6,10 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::{CAMERA, Scheme, Setup, problem};
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_geometry::{DualAnchors, Pixel, PixelLine, Point3};
-use veiloc_robust::{Correspondences, PoseOptions, PoseProblem, SeenFrom, State, estimate_pose};
+use veiloc_geometry::{CameraFromRig, DualAnchors, Pixel, PixelLine, Point3};
+use veiloc_robust::{
+    Correspondences, PoseOptions, PoseProblem, RigFrame, SeenFrom, State, estimate_pose, estimate_rig_pose,
+};
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
 
@@ -78,5 +80,67 @@ fn a_pose_from_where_the_points_look_different_is_not_found() {
         if let Ok(far) = estimate_pose(&problem, &PoseOptions::default(), &mut rng) {
             assert_eq!(far.confidence.state(), State::NotFound, "{scheme:?} {}", far.confidence.log_evidence);
         }
+    }
+}
+
+#[test]
+fn a_session_of_crowds_is_not_trusted() {
+    for scheme in SCHEMES {
+        for seed in 0..6 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let frames: Vec<RigFrame> = (0..4)
+                .map(|k| RigFrame {
+                    problem: texture(scheme, &mut rng),
+                    cam_from_rig: CameraFromRig::identity(),
+                    rotation_sd_deg: if k == 0 { 0.0 } else { 0.1 },
+                    translation_sd: if k == 0 { 0.0 } else { 0.01 },
+                })
+                .collect();
+            if let Ok(estimate) = estimate_rig_pose(&frames, &PoseOptions::default(), &mut rng) {
+                let evidence = estimate.confidence.log_evidence;
+                assert_ne!(estimate.confidence.state(), State::Trusted, "{scheme:?} {seed}: {evidence}");
+            }
+        }
+    }
+}
+
+#[test]
+fn many_copies_of_a_crowd_are_no_evidence_either() {
+    for scheme in SCHEMES {
+        for seed in 0..8 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let problem = texture(scheme, &mut rng);
+            let frame = RigFrame {
+                problem,
+                cam_from_rig: CameraFromRig::identity(),
+                rotation_sd_deg: 0.1,
+                translation_sd: 0.01,
+            };
+            let mut frames = vec![frame; 8];
+            (frames[0].rotation_sd_deg, frames[0].translation_sd) = (0.0, 0.0);
+            if let Ok(estimate) = estimate_rig_pose(&frames, &PoseOptions::default(), &mut rng) {
+                let evidence = estimate.confidence.log_evidence;
+                assert_ne!(estimate.confidence.state(), State::Trusted, "{scheme:?} {seed}: {evidence}");
+            }
+        }
+    }
+}
+
+#[test]
+fn copies_of_a_frame_are_worth_one() {
+    for scheme in SCHEMES {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let (problem, _) = problem(&Setup { scheme, right: 25, wrong: 25, noise: 1.0 }, &mut rng);
+        let cam_from_rig = CameraFromRig::identity();
+        let frame = RigFrame { problem, cam_from_rig, rotation_sd_deg: 0.0, translation_sd: 0.0 };
+        let of = |copies: usize| {
+            let frames = vec![frame.clone(); copies];
+            let rng = &mut ChaCha8Rng::seed_from_u64(1);
+            estimate_rig_pose(&frames, &PoseOptions::default(), rng).expect("a pose").confidence
+        };
+        let (one, eight) = (of(1), of(8));
+        assert!(eight.log_evidence <= one.log_evidence, "{scheme:?}: {one:?} {eight:?}");
+        assert!(eight.log_evidence > one.log_evidence - 5.0, "{scheme:?}: {one:?} {eight:?}");
+        assert!(eight.center_sd > 0.6 * one.center_sd, "{scheme:?}: {one:?} {eight:?}");
     }
 }

@@ -1,6 +1,6 @@
 //! What is answered for a pose that was found.
 
-use veiloc_localize::Localization;
+use veiloc_localize::{Localization, RigLocalization};
 use veiloc_query::{Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, DoubtKind};
 use veiloc_robust::Doubt;
 
@@ -21,7 +21,7 @@ pub(crate) fn answer_of(found: &Localization, queue_ms: f64) -> Answer {
         doubts: doubts.iter().map(|d| AnswerDoubt { kind: kind_of(d), text: d.to_string() }).collect(),
         log_evidence: found.confidence.log_evidence,
         margin: found.confidence.margin,
-        fit: fit_of(found),
+        fit: fit(found.noise_px, found.focal_scale),
         inliers: count(found.inliers),
         matches: count(found.matches),
         hypotheses: count(found.hypotheses),
@@ -34,9 +34,38 @@ pub(crate) fn answer_of(found: &Localization, queue_ms: f64) -> Answer {
     }
 }
 
+/// The same for a rig, which takes the camera's place: the pose is the rig's. Rows are those of all its frames.
+pub(crate) fn answer_of_rig(found: &RigLocalization, queue_ms: f64) -> Answer {
+    let pose = &found.rig_from_world;
+    let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    let doubts = found.confidence.doubts();
+    Answer {
+        pose: Some(AnswerPose {
+            rotation: pose.quaternion(),
+            translation: (*pose.translation()).into(),
+            center: pose.center().coords.into(),
+            covariance: found.covariance,
+            center_covariance: pose.center_covariance(&found.covariance),
+        }),
+        trusted: doubts.is_empty(),
+        doubts: doubts.iter().map(|d| AnswerDoubt { kind: kind_of(d), text: d.to_string() }).collect(),
+        log_evidence: found.confidence.log_evidence,
+        margin: found.confidence.margin,
+        fit: found.noise_px().zip(found.focal_scale()).and_then(|(noise, focal)| fit(noise, focal)),
+        inliers: count(found.frames.iter().map(|f| f.inliers).sum()),
+        matches: count(found.frames.iter().map(|f| f.matches).sum()),
+        hypotheses: count(found.hypotheses),
+        times: AnswerTimes {
+            queue_ms,
+            retrieve_ms: found.times.retrieve_ms,
+            match_ms: found.times.match_ms,
+            pose_ms: found.times.pose_ms,
+        },
+    }
+}
+
 /// `None` when it could not be estimated: then nothing is told, rather than a number that is none.
-fn fit_of(found: &Localization) -> Option<AnswerFit> {
-    let Localization { noise_px, focal_scale, .. } = *found;
+fn fit(noise_px: f64, focal_scale: f64) -> Option<AnswerFit> {
     let told = [noise_px, focal_scale].iter().all(|value| value.is_finite() && *value > 0.0);
     told.then_some(AnswerFit { noise_px, focal_scale })
 }

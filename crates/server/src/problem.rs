@@ -3,7 +3,7 @@
 //! A refusal names the field that is wrong and what it may be, never what it was: whatever was sent stays where it was
 //! sent from (rule L8), and all refusals have one length (`padding.rs`).
 
-use std::num::NonZeroU64;
+use std::num::{NonZeroU32, NonZeroU64};
 
 use axum::http::header::{CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, StatusCode};
@@ -37,6 +37,8 @@ pub(crate) enum Problem {
     NotAcceptable,
     #[error("a sealed query for this map has at most {limit} bytes")]
     TooLarge { limit: usize },
+    #[error("this token's allowance lets {most} images of a session through at once; send it in parts")]
+    SessionTooLong { most: NonZeroU32 },
     #[error("the body did not arrive within {seconds} s; send the same bytes again over a better network")]
     TooSlow { seconds: u64 },
     #[error("the body broke off before its end; send the same bytes again")]
@@ -77,6 +79,7 @@ impl Problem {
     pub(crate) fn of_localization(error: &LocalizeError) -> Self {
         match error {
             LocalizeError::WrongProfile { .. } => Self::WrongProfile,
+            LocalizeError::Frame { source, .. } => Self::of_localization(source),
             LocalizeError::EmptyMap => Self::EmptyMap,
             LocalizeError::NoPose { source: PoseError::OneSided { .. }, .. } => {
                 Self::NotLocalized(": all lines that match run through one anchor")
@@ -101,6 +104,7 @@ impl Problem {
             Self::MediaType => (S::UNSUPPORTED_MEDIA_TYPE, "media-type", "Unsupported media type"),
             Self::NotAcceptable => (S::NOT_ACCEPTABLE, "no-geographic-frame", "No geographic frame"),
             Self::TooLarge { .. } => (S::PAYLOAD_TOO_LARGE, "too-large", "Body too large"),
+            Self::SessionTooLong { .. } => (S::PAYLOAD_TOO_LARGE, "session-too-long", "Session too long"),
             Self::TooSlow { .. } => (S::REQUEST_TIMEOUT, "too-slow", "Body too slow"),
             Self::Interrupted => (S::BAD_REQUEST, "interrupted", "Body incomplete"),
             Self::Malformed(_) => (S::BAD_REQUEST, "malformed-query", "Not a sealed query"),

@@ -8,7 +8,7 @@
 //! guessed, and salting or stretching would only cost time on every request.
 
 use std::fmt;
-use std::num::NonZeroU64;
+use std::num::{NonZeroU32, NonZeroU64};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use std::time::Duration;
 use axum::http::HeaderMap;
 use axum::http::header::AUTHORIZATION;
 use governor::clock::{Clock, DefaultClock};
-use governor::{DefaultDirectRateLimiter, Quota, RateLimiter};
+use governor::{DefaultDirectRateLimiter, NotUntil, Quota, RateLimiter};
 use sha2::{Digest as _, Sha256};
 use subtle::ConstantTimeEq;
 
@@ -38,6 +38,8 @@ pub(crate) struct Caller {
     digest: [u8; 32],
     pub(crate) role: Role,
     limiter: DefaultDirectRateLimiter,
+    /// What the allowance lets through at once.
+    burst: NonZeroU32,
 }
 
 // Neither token nor hash is ever printed.
@@ -50,16 +52,31 @@ impl fmt::Debug for Caller {
 impl Caller {
     fn new(digest: [u8; 32], role: Role, rate: RateLimit) -> Self {
         let quota = Quota::per_second(rate.per_second).allow_burst(rate.burst);
-        Self { digest, role, limiter: RateLimiter::direct(quota) }
+        Self { digest, role, limiter: RateLimiter::direct(quota), burst: rate.burst }
     }
 
     /// Takes one request from the allowance.
     pub(crate) fn spend(&self) -> Result<(), Problem> {
-        self.limiter.check().map_err(|until| {
-            let wait = until.wait_time_from(DefaultClock::default().now());
-            Problem::RateLimited { retry_after: seconds_up(wait) }
-        })
+        self.limiter.check().map_err(|until| used_up(&until))
     }
+
+    /// Takes the rest of a session of so many images, of which the request itself has taken one: as much as they would one
+    /// by one, all or nothing.
+    pub(crate) fn spend_session(&self, images: usize) -> Result<(), Problem> {
+        let too_long = || Problem::SessionTooLong { most: self.burst };
+        let rest = u32::try_from(images.saturating_sub(1)).map_err(|_| too_long())?;
+        let Some(rest) = NonZeroU32::new(rest) else { return Ok(()) };
+        // What is never there at once must not be waited for.
+        if rest >= self.burst {
+            return Err(too_long());
+        }
+        self.limiter.check_n(rest).map_err(|_| too_long())?.map_err(|until| used_up(&until))
+    }
+}
+
+fn used_up(until: &NotUntil<<DefaultClock as Clock>::Instant>) -> Problem {
+    let wait = until.wait_time_from(DefaultClock::default().now());
+    Problem::RateLimited { retry_after: seconds_up(wait) }
 }
 
 /// Whole seconds, rounded up, at least one: what `Retry-After` can say.
@@ -156,10 +173,8 @@ fn parse(line: &str) -> Result<([u8; 32], Role), &'static str> {
 mod tests {
     use super::*;
 
-    const RATE: RateLimit = RateLimit {
-        per_second: std::num::NonZeroU32::MIN,
-        burst: std::num::NonZeroU32::MIN.saturating_add(1),
-    };
+    const RATE: RateLimit =
+        RateLimit { per_second: NonZeroU32::MIN, burst: NonZeroU32::MIN.saturating_add(1) };
     /// `printf %s secret | openssl dgst -sha256`
     const SECRET: &str = "2bb80d537b1da3e38bd30361aa855686bde0eacd7162fef6a25fe97bf527a25b";
     /// `printf %s other | openssl dgst -sha256`

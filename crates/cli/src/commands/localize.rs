@@ -1,5 +1,7 @@
 //! `veiloc localize`: sealed queries to poses, each trusted, doubtful or not found.
 
+mod rig;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -26,6 +28,8 @@ use crate::ui::Ui;
 /// Every query is answered for itself: a file that is no sealed query does not stop the others. Ends with
 /// 1 when there was such a file or a query for another map, or when no query was localized; else with 4 when a pose is
 /// doubtful, else with 0.
+///
+/// With `--rig` the queries of a session give one pose of the device that took them.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The map.
@@ -33,8 +37,12 @@ pub(crate) struct Args {
     map: PathBuf,
     /// Sealed queries, as `veiloc seal` writes them; folders, of which all `.vquery` files in them and in their
     /// sub-folders are taken; `-` for one from stdin.
-    #[arg(required = true, value_name = "SEALED|FOLDER")]
+    #[arg(required_unless_present = "rig", value_name = "SEALED|FOLDER")]
     queries: Vec<PathBuf>,
+    /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
+    /// with the deviations of that (docs/json.md). One pose of the device for all.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["queries", "skip_bad"])]
+    rig: Option<PathBuf>,
     #[command(flatten)]
     pose: PoseArgs,
     #[command(flatten)]
@@ -182,12 +190,15 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     if args.queries.iter().filter(|path| files::is_standard(path)).count() > 1 {
         return Err(Failure::with_help("-: stdin is given twice", "it holds one sealed query; give it once"));
     }
-    let map = MapFile::open(&args.map)?;
     let mut options = args.matching.options(&args.pose);
     options.position = args.near.map(|near| {
         let [x, y, z] = near.center();
         PositionPrior { center: Point3::new(x, y, z), sd: near.sd() }
     });
+    if let Some(rig) = &args.rig {
+        return rig::run(&args.map, rig, &options, args.trusted_only, args.json, ui);
+    }
+    let map = MapFile::open(&args.map)?;
     let items = items::gather(&args.queries, &SEALED);
     let mut tally = Tally::begin("localized", &items, ui);
     let stage = (items.len() > 1).then(|| ui.stage("Localizing", items.len() as u64));
@@ -258,7 +269,9 @@ fn answer(item: &Item, map: &MapFile, options: &LocalizeOptions, trusted_only: b
         Some(fault) => Err(ErrorDocument::Failed(fault.clone())),
         None => decode(&item.path).map_err(ErrorDocument::Failed).and_then(|query| {
             localize(&query, map, options).map_err(|error| match error {
-                LocalizeError::WrongProfile { .. } => not_localized(NoPoseKind::WrongProfile, &error),
+                LocalizeError::WrongProfile { .. } | LocalizeError::Frame { .. } => {
+                    not_localized(NoPoseKind::WrongProfile, &error)
+                }
                 LocalizeError::EmptyMap => not_localized(NoPoseKind::EmptyMap, &error),
                 LocalizeError::NoPose { .. } => not_localized(NoPoseKind::NoPose, &error),
             })

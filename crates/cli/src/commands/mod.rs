@@ -10,6 +10,7 @@ mod localization_args;
 pub(crate) mod localize;
 pub(crate) mod map;
 pub(crate) mod query;
+mod rig_file;
 pub(crate) mod seal;
 pub(crate) mod serve;
 pub(crate) mod train;

@@ -8,7 +8,7 @@ mod document;
 mod from_truth;
 mod kind;
 mod options;
-mod sparse;
+pub(crate) mod sparse;
 mod table;
 
 use rayon::prelude::*;
@@ -151,6 +151,18 @@ fn under_each(
     Ok(results)
 }
 
+/// What a query shows under a stress, and its camera.
+pub(crate) fn shown_under(
+    stress: Stress,
+    query: &PosedQuery,
+    map: &MapFile,
+    seed: u64,
+) -> Result<(Features, Intrinsics), EvalError> {
+    let image = load_gray(&query.path).map_err(veiloc_obfuscation::ExtractError::from)?;
+    let worse = degraded(&image, stress, &query.name, seed);
+    extracted(worse.as_ref().unwrap_or(&image), query, map)
+}
+
 fn extracted(
     image: &GrayImage,
     query: &PosedQuery,
@@ -161,7 +173,8 @@ fn extracted(
     Ok(extract_loaded(image, &query.path, &query.camera, map.profile(), &options)?)
 }
 
-fn sealed_under(stress: Stress, scheme: Scheme) -> SealOptions {
+/// How a device seals under a stress.
+pub(crate) fn sealed_under(stress: Stress, scheme: Scheme) -> SealOptions {
     let options = options_for(scheme);
     match stress {
         Stress::FewKeypoints => options.with_max_keypoints(SizeClass::SMALLEST.rows()),

@@ -19,7 +19,7 @@ pub(super) const fn every_of(images: usize) -> usize {
 }
 
 /// The names that stay.
-pub(super) fn thinned(names: &[String]) -> Vec<String> {
+pub(crate) fn thinned(names: &[String]) -> Vec<String> {
     names.iter().step_by(every_of(names.len())).cloned().collect()
 }
 

@@ -25,7 +25,7 @@ pub(crate) struct Setup {
     pub(crate) noise: f64,
 }
 
-fn gauss(rng: &mut ChaCha8Rng) -> f64 {
+pub(crate) fn gauss(rng: &mut ChaCha8Rng) -> f64 {
     (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt() * (std::f64::consts::TAU * rng.random::<f64>()).cos()
 }
 
@@ -37,6 +37,11 @@ pub(crate) fn problem(setup: &Setup, rng: &mut ChaCha8Rng) -> (PoseProblem, Came
         rng.random_range(-3.0..3.0),
     );
     let truth: CameraFromWorld = Rigid3::new(turn, Vector3::from_fn(|_, _| rng.random_range(-5.0..5.0)));
+    (seen_from(&truth, setup, rng), truth)
+}
+
+/// The problem of a camera with this pose; right matches come first.
+pub(crate) fn seen_from(truth: &CameraFromWorld, setup: &Setup, rng: &mut ChaCha8Rng) -> PoseProblem {
     let mut pixels = Vec::new();
     let mut points = Vec::new();
     for i in 0..setup.right + setup.wrong {
@@ -63,5 +68,5 @@ pub(crate) fn problem(setup: &Setup, rng: &mut ChaCha8Rng) -> (PoseProblem, Came
         }
     };
     let keypoints = (0..points.len()).collect();
-    (PoseProblem::new(CAMERA, observations, keypoints, points), truth)
+    PoseProblem::new(CAMERA, observations, keypoints, points)
 }

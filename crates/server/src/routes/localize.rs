@@ -11,8 +11,11 @@ use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use veiloc_geometry::Point3;
-use veiloc_localize::{Localization, LocalizeError, localize as localize_query};
-use veiloc_query::{AnswerDocument, AnswerState, AnswerVersion, SealedQuery};
+use veiloc_localize::{LocalizeError, LocalizeOptions, StageTimes, localize as localize_query, localize_rig};
+use veiloc_map::MapFile;
+use veiloc_query::{
+    Answer, AnswerDocument, AnswerState, AnswerVersion, QueryError, RigMessage, SealedFrame, SealedQuery,
+};
 use veiloc_robust::PositionPrior;
 
 use super::accept::{Form, Unmet};
@@ -20,13 +23,14 @@ use super::admit::admit;
 use super::body;
 use super::record::ServedMap;
 use super::wishes::Wishes;
-use crate::answer::answer_of;
+use crate::answer::{answer_of, answer_of_rig};
 use crate::maps::Hosted;
 use crate::metrics::Outcome;
 use crate::padding::{self, Hidden};
 use crate::pool::Refused;
 use crate::problem::{Problem, ProblemDocument};
 use crate::state::App;
+use crate::tokens::Caller;
 
 /// Where a sealed query was taken.
 ///
@@ -58,13 +62,33 @@ pub(super) async fn localize(
     State(app): State<Arc<App>>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
+    body: Body,
+) -> Response {
+    serve(app, name, headers, body, Kind::Query).await
+}
+
+/// What a body holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// One sealed query.
+    Query,
+    /// Those of a session.
+    Rig,
+}
+
+/// Answers a body of this kind.
+pub(super) async fn serve(
+    app: Arc<App>,
+    name: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
     mut body: Body,
+    kind: Kind,
 ) -> Response {
     let mut served = None;
     let result = match welcome(&app, name, &headers) {
-        Ok((hosted, form, wishes)) => {
-            served = Some(ServedMap(hosted.name.as_str().into()));
-            answer(&app, hosted, form, wishes, &mut body).await
+        Ok(asked) => {
+            served = Some(ServedMap(asked.hosted.name.as_str().into()));
+            answer(&app, asked, kind, &mut body).await
         }
         Err(problem) => Err(problem),
     };
@@ -84,13 +108,21 @@ pub(super) async fn localize(
     response
 }
 
+/// What is known of a request before its body is read.
+struct Request {
+    caller: Arc<Caller>,
+    hosted: Arc<Hosted>,
+    form: Form,
+    wishes: Wishes,
+}
+
 /// Everything that can be said before the body is looked at.
 fn welcome(
     app: &App,
     name: Result<Path<String>, PathRejection>,
     headers: &HeaderMap,
-) -> Result<(Arc<Hosted>, Form, Wishes), Problem> {
-    admit(app, headers)?;
+) -> Result<Request, Problem> {
+    let caller = admit(app, headers)?;
     let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
     let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let media = media.split(';').next().unwrap_or_default().trim();
@@ -101,39 +133,38 @@ fn welcome(
     let wishes = Wishes::read(headers)?;
     // Said before anything is spent on an answer that could not be given.
     match Form::negotiate(headers, Form::offered(hosted.geo.is_some(), wishes.trusted_only)) {
-        Ok(form) => Ok((hosted, form, wishes)),
+        Ok(form) => Ok(Request { caller, hosted, form, wishes }),
         Err(Unmet::OnlyGeoPose) => Err(Problem::NotAcceptable),
     }
 }
 
-async fn answer(
-    app: &Arc<App>,
-    hosted: Arc<Hosted>,
-    form: Form,
-    wishes: Wishes,
-    body: &mut Body,
-) -> Result<Response, Problem> {
+async fn answer(app: &Arc<App>, request: Request, kind: Kind, body: &mut Body) -> Result<Response, Problem> {
+    let Request { caller, hosted, form, wishes } = request;
     let started = Instant::now();
-    let bytes = body::read(body, hosted.longest_query, app.options.timeouts.body).await?;
+    let limit = match kind {
+        Kind::Query => hosted.longest_query,
+        Kind::Rig => RigMessage::longest(hosted.longest_query),
+    };
+    let bytes = body::read(body, limit, app.options.timeouts.body).await?;
     app.metrics.stage("read", started.elapsed());
-    let query = SealedQuery::decode(&bytes).map_err(|e| Problem::of_query(&e))?;
-    tracing::debug!(map = hosted.name, rows = query.len(), "sealed query read");
+    let asked = Asked::decode(kind, &bytes).map_err(|e| Problem::of_query(&e))?;
+    tracing::debug!(map = hosted.name, frames = asked.frames(), "sealed queries read");
     drop(bytes);
+    caller.spend_session(asked.frames())?;
 
-    let Done { result, waited } = compute(app, hosted.clone(), query, wishes).await?;
+    let Done { result, waited } = compute(app, hosted.clone(), asked, wishes).await?;
     app.metrics.stage("queue", waited);
-    let found = result.map_err(|error| {
+    let Found { answer, times } = result.map_err(|error| {
         if matches!(error, LocalizeError::NoPose { .. }) {
             app.metrics.localization(&hosted.name, Outcome::NotLocalized, None);
         }
         Problem::of_localization(&error)
     })?;
-    let answer = answer_of(&found, waited.as_secs_f64() * 1e3);
     let outcome = match answer.state() {
         AnswerState::Trusted => Outcome::Trusted,
         AnswerState::Doubtful => Outcome::Doubtful,
     };
-    app.metrics.localization(&hosted.name, outcome, Some(&found.times));
+    app.metrics.localization(&hosted.name, outcome, Some(&times));
 
     let answer = if wishes.trusted_only { answer.trusted_only() } else { answer };
     let (body, hidden) = match form {
@@ -160,24 +191,66 @@ fn json(document: &impl Serialize) -> Result<Vec<u8>, Problem> {
 }
 
 struct Done {
-    result: Result<Localization, LocalizeError>,
+    result: Result<Found, LocalizeError>,
     waited: Duration,
 }
 
+/// What is told, and what the stages took.
+struct Found {
+    answer: Answer,
+    times: StageTimes,
+}
+
+/// What a body was found to hold.
+enum Asked {
+    Query(Box<SealedQuery>),
+    Rig(Vec<SealedFrame>),
+}
+
+impl Asked {
+    fn decode(kind: Kind, bytes: &[u8]) -> Result<Self, QueryError> {
+        Ok(match kind {
+            Kind::Query => Self::Query(Box::new(SealedQuery::decode(bytes)?)),
+            Kind::Rig => Self::Rig(RigMessage::decode(bytes)?.frames),
+        })
+    }
+
+    /// Images that it is about.
+    fn frames(&self) -> usize {
+        match self {
+            Self::Query(_) => 1,
+            Self::Rig(frames) => frames.len(),
+        }
+    }
+
+    /// Localizes it after a wait of so many milliseconds.
+    fn localize(
+        &self,
+        map: &MapFile,
+        options: &LocalizeOptions,
+        queue_ms: f64,
+    ) -> Result<Found, LocalizeError> {
+        match self {
+            Self::Query(query) => localize_query(query, map, options)
+                .map(|found| Found { answer: answer_of(&found, queue_ms), times: found.times }),
+            Self::Rig(frames) => localize_rig(frames, map, options)
+                .map(|found| Found { answer: answer_of_rig(&found, queue_ms), times: found.times }),
+        }
+    }
+}
+
 /// Localizes on a thread of the pool.
-async fn compute(
-    app: &Arc<App>,
-    hosted: Arc<Hosted>,
-    query: SealedQuery,
-    wishes: Wishes,
-) -> Result<Done, Problem> {
+async fn compute(app: &Arc<App>, hosted: Arc<Hosted>, asked: Asked, wishes: Wishes) -> Result<Done, Problem> {
     let mut options = app.options.localize.clone();
     if let Some(near) = wishes.near {
         let [x, y, z] = near.center();
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
     }
     let hosted_name = hosted.name.clone();
-    let work = move |waited| Done { result: localize_query(&query, &hosted.map, &options), waited };
+    let work = move |waited: Duration| {
+        let result = asked.localize(&hosted.map, &options, waited.as_secs_f64() * 1e3);
+        Done { result, waited }
+    };
     let result = app.pool.submit(work).map_err(|refused| match refused {
         Refused::Full { retry_after } => Problem::QueueFull { retry_after },
         Refused::Closed => Problem::Broken,

@@ -7,6 +7,7 @@ mod localize;
 mod maps;
 mod openapi;
 mod record;
+mod rig;
 mod status;
 mod wishes;
 
@@ -28,6 +29,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/v1/maps", get(maps::list))
         .route("/v1/maps/{name}/profile", get(maps::profile))
         .route("/v1/maps/{name}/localize", post(localize::localize))
+        .route("/v1/maps/{name}/localize-rig", post(rig::localize_rig))
         .route("/v1/openapi.json", get(openapi::openapi))
         .route("/healthz", get(status::health))
         .route("/readyz", get(status::ready))

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
 use utoipa::{Modify, OpenApi};
 
-use super::{localize, maps, status};
+use super::{localize, maps, rig, status};
 
 /// This document.
 #[utoipa::path(get, path = "/v1/openapi.json", responses((status = 200, description = "OpenAPI 3.1", body = Object)))]
@@ -31,6 +31,7 @@ pub fn openapi_json() -> String {
     ),
     paths(
         localize::localize,
+        rig::localize_rig,
         maps::list,
         maps::profile,
         openapi,

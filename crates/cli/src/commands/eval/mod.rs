@@ -8,6 +8,7 @@ mod place;
 mod pose;
 mod problems;
 mod report;
+mod rig;
 mod scene;
 mod stress;
 mod tradeoff;
@@ -24,6 +25,8 @@ pub(crate) enum Command {
     Stress(Box<stress::Args>),
     /// Images of elsewhere, asked for their place in a map: how many get a pose that is trusted.
     Negatives(Box<negatives::Args>),
+    /// Several images in a row together, with simulated odometry: what a session gains over single images.
+    Rig(Box<rig::Args>),
     /// The pose stage alone, on matches that are already there.
     Pose(pose::Args),
     /// Errors on random synthetic problems over what the Cramér–Rao bound allows.
@@ -41,6 +44,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Scene(args) => scene::run(args, ui),
         Command::Stress(args) => stress::run(args, ui),
         Command::Negatives(args) => negatives::run(args, ui),
+        Command::Rig(args) => rig::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),
         Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),

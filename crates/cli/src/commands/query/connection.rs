@@ -102,7 +102,10 @@ pub(super) fn failure(error: ClientError) -> Failure {
             "give a token with --token-file or in VEILOC_TOKEN"
         }
         ClientError::BadAnswer { .. } => "check the address; a service of another kind may be there",
-        ClientError::MapName { .. } | ClientError::Lopsided(_) | ClientError::Refused(_) => {
+        ClientError::MapName { .. }
+        | ClientError::Lopsided(_)
+        | ClientError::Frames { .. }
+        | ClientError::Refused(_) => {
             return Failure::refused(error);
         }
     };

@@ -2,6 +2,7 @@
 
 mod connection;
 mod send;
+mod session;
 
 use std::sync::Arc;
 
@@ -11,7 +12,7 @@ use crate::ui::Ui;
 /// Ask a service where an image was taken, without sending it.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Seal one image, send it, print the pose.
+    /// Seal one image, or take the sealed ones of a session, send, print the pose.
     Send(send::Args),
 }
 

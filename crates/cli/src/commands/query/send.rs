@@ -1,6 +1,6 @@
-//! `veiloc query send`: image in, pose out, and only sealed bytes on the way.
+//! `veiloc query send`: image or session in, pose out, and only sealed bytes on the way.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use veiloc_client::{
@@ -9,6 +9,7 @@ use veiloc_client::{
 use veiloc_features::FeatureError;
 
 use super::connection::{Connection, failure};
+use super::session;
 use crate::camera::CameraArg;
 use crate::commands::device_args::DeviceArgs;
 use crate::exit::{Exit, Failure, Outcome};
@@ -20,11 +21,19 @@ use crate::ui::Ui;
 /// is busy or the network fails, the very same bytes are sent again. Send an image once, and do not seal it in
 /// another way afterwards (see docs/privacy.md, rule L7).
 ///
+/// With `--rig` the queries of a session, sealed before, are sent as they are, and the pose is that of the device.
+///
 /// Ends with 0 for a trusted pose, with 4 for a doubtful one, with 1 for none.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// An image, JPEG or PNG.
-    image: PathBuf,
+    #[arg(required_unless_present = "rig")]
+    image: Option<PathBuf>,
+    /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
+    /// with the deviations of that (docs/json.md). One pose of the device for all.
+    #[arg(long, value_name = "FILE",
+        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity"])]
+    rig: Option<PathBuf>,
     /// Its camera: COLMAP's model name, width, height and parameters, for example
     /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which guesses the
     /// focal length and says so. Default: the focal length that the image's EXIF tells.
@@ -50,31 +59,14 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
-    let camera = args.device.camera(args.camera.as_ref())?;
-    let camera = camera.of(&args.image).map_err(|error| match error {
-        FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
-        error => error.into(),
-    })?;
-    let client = args.connection.client(ui)?;
-    let profile = client.profile(&args.map).map_err(failure)?;
-    let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
-    let sealed = seal_image(&args.image, &camera.intrinsics, &profile, &options)?;
-    ui.say(format!(
-        "{}: {} keypoints, {} sent as {}, {} bytes",
-        args.image.display(),
-        sealed.keypoints,
-        sealed.query.len(),
-        args.device.scheme(),
-        sealed.query.encode().len()
-    ));
     let mut request = LocalizeRequest::default();
     request.trusted_only = args.trusted_only;
     request.near = args.near;
-    let answer = client.localize_with(&args.map, &sealed.query, &request).map_err(|error| match error {
-        // Not sent: which image it is matters more than which service.
-        ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", args.image.display())),
-        error => failure(error),
-    })?;
+    let answer = match (&args.rig, &args.image) {
+        (Some(rig), _) => session::send(rig, &args.map, || args.connection.client(ui), &request, ui)?,
+        (None, Some(image)) => send(image, args, &request, ui)?,
+        (None, None) => return Err(Failure::refused("neither an image nor a session is given")),
+    };
     if args.json {
         ui.json(&AnswerDocument::new(&args.map, &answer))?;
     } else {
@@ -84,6 +76,32 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
         (AnswerState::Trusted, _) => Exit::Success,
         (AnswerState::Doubtful, Some(_)) => Exit::Doubtful,
         (AnswerState::Doubtful, None) => Exit::Refused,
+    })
+}
+
+/// Seals an image and asks where it was taken.
+fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> Result<Answer, Failure> {
+    let camera = args.device.camera(args.camera.as_ref())?;
+    let camera = camera.of(image).map_err(|error| match error {
+        FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
+        error => error.into(),
+    })?;
+    let client = args.connection.client(ui)?;
+    let profile = client.profile(&args.map).map_err(failure)?;
+    let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
+    let sealed = seal_image(image, &camera.intrinsics, &profile, &options)?;
+    ui.say(format!(
+        "{}: {} keypoints, {} sent as {}, {} bytes",
+        image.display(),
+        sealed.keypoints,
+        sealed.query.len(),
+        args.device.scheme(),
+        sealed.query.encode().len()
+    ));
+    client.localize_with(&args.map, &sealed.query, request).map_err(|error| match error {
+        // Not sent: which image it is matters more than which service.
+        ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", image.display())),
+        error => failure(error),
     })
 }
 

@@ -42,35 +42,36 @@ const UNSEEN: f64 = 1e-30;
 /// How far outside the image, or over the dividing line, a projection may lie, as a share of the image's width.
 const MARGIN: f64 = 0.01;
 
-/// The correspondences of one problem, checked.
+/// The correspondences of one problem that has passed its check: what every score and every sampler reads.
 #[derive(Debug, Clone)]
-pub(crate) struct Matches<'a> {
-    pub(crate) camera: Pinhole,
+pub struct Matches<'a> {
+    /// The camera of the observations, without distortion.
+    pub camera: Pinhole,
     /// As they came: what kind of observation all of them are.
-    pub(crate) observations: &'a Correspondences,
+    pub observations: &'a Correspondences,
     /// Keypoint of each, numbered from 0 in order of first appearance, `[N]`.
-    pub(crate) keypoint: Vec<usize>,
+    pub keypoint: Vec<usize>,
     /// How many keypoints there are.
-    pub(crate) keypoints: usize,
+    pub keypoints: usize,
     /// From where each was seen when the map was made, `[N]`, if known.
     seen_from: Option<&'a [SeenFrom]>,
     /// Map point of each, numbered from 0: those at one place are one.
     place: Vec<usize>,
     /// Covariance of each map point, `[N]`, world frame, if known.
     point_covariances: Option<&'a [[[f64; 3]; 3]]>,
-    /// `X`, world frame.
-    pub(crate) points: Vec<Vector3<f64>>,
-    /// Lines: `(a, b, c)` of unit normal in pixels. Points: `(u, v, 1)`.
-    pub(crate) observed: Vec<Vector3<f64>>,
-    /// Anchor of each line; `First` for all where there are none.
-    pub(crate) anchor: Vec<Anchor>,
-    /// Log likelihood ratio without `σ`, `e` and `log r`.
-    pub(crate) worth: Vec<f64>,
-    /// How often each is drawn.
-    pub(crate) weight: Vec<f64>,
+    /// Map points, world frame, map units, `[N]`.
+    pub points: Vec<Vector3<f64>>,
+    /// Lines: `(a, b, c)` of unit normal in pixels. Points: `(u, v, 1)`. `[N]`.
+    pub observed: Vec<Vector3<f64>>,
+    /// Anchor of each line, `[N]`; `First` for all where there are none.
+    pub anchor: Vec<Anchor>,
+    /// Log likelihood ratio of each without `σ`, `e` and `log r`, `[N]`.
+    pub worth: Vec<f64>,
+    /// Probability that each is right before geometry is asked, `[N]`: how often it is drawn.
+    pub weight: Vec<f64>,
     /// Logarithm of how crowded the query is where each was observed, 0 where its matches are spread evenly: what
     /// [`Self::worth`] would be less by if wrong matches were as the query shows them. For the evidence alone.
-    pub(crate) crowding: Vec<f64>,
+    pub crowding: Vec<f64>,
 }
 
 /// One correspondence under one pose.
@@ -97,8 +98,9 @@ impl Residual {
 }
 
 impl<'a> Matches<'a> {
-    /// The problem must have passed its check.
-    pub(crate) fn new(problem: &'a PoseProblem, expected_inlier_ratio: f64) -> Self {
+    /// The problem must have passed [`PoseProblem::check`]. Where it brings no prior, each correspondence is taken to be
+    /// right with probability `expected_inlier_ratio`.
+    pub fn new(problem: &'a PoseProblem, expected_inlier_ratio: f64) -> Self {
         let camera = problem.camera;
         let n = problem.points.len();
         let area = f64::from(camera.width) * f64::from(camera.height);
@@ -146,7 +148,7 @@ impl<'a> Matches<'a> {
     }
 
     /// The same correspondences as this pose could have seen them: those it could not are worth nothing.
-    pub(crate) fn as_seen_from(&self, pose: &CameraFromWorld) -> Self {
+    pub fn as_seen_from(&self, pose: &CameraFromWorld) -> Self {
         let mut seen = self.clone();
         if self.seen_from.is_some() {
             for (i, worth) in seen.worth.iter_mut().enumerate() {
@@ -175,49 +177,55 @@ impl<'a> Matches<'a> {
     }
 
     /// The same correspondences seen by a camera with a focal length so many times as long.
-    pub(crate) fn with_focal(&self, factor: f64) -> Self {
+    pub fn with_focal(&self, factor: f64) -> Self {
         let mut zoomed = self.clone();
         zoomed.camera.focal = self.camera.focal.map(|f| f * factor);
         zoomed
     }
 
     /// How much of a correspondence's worth is left from where this pose sees it, 0 to 1.
-    pub(crate) fn visibility(&self, i: usize, pose: &CameraFromWorld) -> f64 {
+    pub fn visibility(&self, i: usize, pose: &CameraFromWorld) -> f64 {
         let Some(seen_from) = self.seen_from else { return 1.0 };
         let center = pose.rotation().inverse() * -pose.translation();
         visibility(&self.points[i], &seen_from[i], &center, self.camera.focal[0])
     }
 
-    pub(crate) fn len(&self) -> usize {
+    /// How many correspondences there are.
+    pub fn len(&self) -> usize {
         self.points.len()
     }
 
+    /// True when there is none.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
     /// How many keypoints these correspondences belong to.
-    pub(crate) fn keypoints_among(&self, correspondences: impl Iterator<Item = usize>) -> usize {
+    pub fn keypoints_among(&self, correspondences: impl Iterator<Item = usize>) -> usize {
         let mut seen = vec![false; self.keypoints];
         correspondences.filter(|&i| !std::mem::replace(&mut seen[self.keypoint[i]], true)).count()
     }
 
     /// Residuals of one correspondence: two for points, one for lines.
-    pub(crate) const fn residuals(&self) -> usize {
+    pub const fn residuals(&self) -> usize {
         self.observations.residuals()
     }
 
     /// What the squared residual is divided by in the likelihood, for unit noise.
-    pub(crate) const fn freedom(&self) -> f64 {
+    pub const fn freedom(&self) -> f64 {
         match self.observations {
             Correspondences::Points { .. } => POINT_FREEDOM,
             Correspondences::Lines { .. } | Correspondences::Anchored { .. } => LINE_FREEDOM,
         }
     }
 
-    /// `−log σ` as often as the noise enters, for [`Self::worth`].
-    pub(crate) fn noise_term(&self, noise: f64) -> f64 {
+    /// `−log σ` as often as the noise (pixels) enters, for [`Self::worth`].
+    pub fn noise_term(&self, noise: f64) -> f64 {
         -(self.residuals() as f64) * noise.ln()
     }
 
     /// Margin of the gates, pixels.
-    pub(crate) fn margin(&self) -> f64 {
+    pub fn margin(&self) -> f64 {
         MARGIN * f64::from(self.camera.width)
     }
 
@@ -297,8 +305,8 @@ impl<'a> Matches<'a> {
         Some(residual)
     }
 
-    /// Squared distance in pixels; `None` behind the camera.
-    pub(crate) fn squared_error(&self, i: usize, pose: &CameraFromWorld) -> Option<f64> {
+    /// Squared distance of the projection from what was observed, pixels squared; `None` behind the camera.
+    pub fn squared_error(&self, i: usize, pose: &CameraFromWorld) -> Option<f64> {
         self.project(i, pose).map(|(_, pixel)| self.squared_distance(i, &pixel))
     }
 
@@ -313,19 +321,19 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// The log likelihood ratio; `None` where nothing can have been seen.
+    /// The log likelihood ratio at this scale of the noise, pixels; `None` where nothing can have been seen.
     pub(crate) fn log_likelihood_ratio(&self, i: usize, pose: &CameraFromWorld, noise: f64) -> Option<f64> {
         self.log_likelihood_ratio_at(i, &(pose.rotation() * self.points[i] + pose.translation()), noise)
     }
 
     /// That of all correspondences, `[N]`; `−∞` where nothing can have been seen.
-    pub(crate) fn log_likelihood_ratios(&self, pose: &CameraFromWorld, noise: f64) -> Vec<f64> {
+    pub fn log_likelihood_ratios(&self, pose: &CameraFromWorld, noise: f64) -> Vec<f64> {
         let of = |i| self.log_likelihood_ratio(i, pose, noise).unwrap_or(f64::NEG_INFINITY);
         (0..self.len()).map(of).collect()
     }
 
-    /// The same for a correspondence whose point is at `p` in the camera frame.
-    pub(crate) fn log_likelihood_ratio_at(&self, i: usize, p: &Vector3<f64>, noise: f64) -> Option<f64> {
+    /// The same for a correspondence whose point is at `p` in the camera frame, map units.
+    pub fn log_likelihood_ratio_at(&self, i: usize, p: &Vector3<f64>, noise: f64) -> Option<f64> {
         let pixel = self.pixel(p)?;
         if !self.admits(i, &pixel) {
             return None;

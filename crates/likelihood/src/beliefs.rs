@@ -18,7 +18,7 @@ const FREEDOM: f64 = 4.0;
 
 /// Everything known; an empty one changes nothing.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Beliefs {
+pub struct Beliefs {
     /// Unit vectors in the camera and in the world, standard deviation in radians.
     gravity: Option<(Vector3<f64>, Vector3<f64>, f64)>,
     /// Middle and standard deviation, map units.
@@ -46,7 +46,7 @@ impl Term {
 
 impl Beliefs {
     /// Of a problem that has passed its check.
-    pub(crate) fn of(problem: &PoseProblem) -> Self {
+    pub fn of(problem: &PoseProblem) -> Self {
         Self {
             gravity: problem
                 .gravity
@@ -56,17 +56,17 @@ impl Beliefs {
     }
 
     /// Whether nothing is known.
-    pub(crate) const fn is_empty(&self) -> bool {
+    pub const fn is_empty(&self) -> bool {
         self.gravity.is_none() && self.position.is_none()
     }
 
     /// Minus the log likelihood of the pose, 0 at the most likely one.
-    pub(crate) fn loss(&self, pose: &CameraFromWorld) -> f64 {
+    pub fn loss(&self, pose: &CameraFromWorld) -> f64 {
         self.terms(pose).map(|term| term.loss()).sum()
     }
 
     /// Adds loss and derivatives at the pose.
-    pub(crate) fn add_to(&self, pose: &CameraFromWorld, system: &mut System) {
+    pub fn add_to(&self, pose: &CameraFromWorld, system: &mut System) {
         for term in self.terms(pose) {
             let weighted = term.jacobian.transpose() * term.weight();
             system.loss += term.loss();
@@ -76,7 +76,7 @@ impl Beliefs {
     }
 
     /// What it tells about the six numbers of the pose.
-    pub(crate) fn information(&self, pose: &CameraFromWorld) -> Matrix6<f64> {
+    pub fn information(&self, pose: &CameraFromWorld) -> Matrix6<f64> {
         let mut system = System::empty();
         self.add_to(pose, &mut system);
         system.hessian

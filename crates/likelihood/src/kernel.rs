@@ -18,16 +18,22 @@ const COARSE: usize = 1024;
 
 /// Which score, with its scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Scale {
+pub enum Scale {
     /// Inlier threshold, pixels.
-    Msac { threshold: f64 },
+    Msac {
+        /// Pixels.
+        threshold: f64,
+    },
     /// Scale of the noise, pixels.
-    Likelihood { noise: f64 },
+    Likelihood {
+        /// Pixels.
+        noise: f64,
+    },
 }
 
 /// All correspondences, ready to be scored.
 #[derive(Debug, Clone)]
-pub(crate) struct Kernel {
+pub struct Kernel {
     scale: Scale,
     lanes: PoseLanes,
     /// The most promising correspondences alone, when there are many: enough to descend on.
@@ -43,7 +49,8 @@ pub(crate) struct Kernel {
 }
 
 impl Kernel {
-    pub(crate) fn new(matches: &Matches<'_>, scale: Scale) -> Self {
+    /// Of these correspondences as they are; they may change afterwards without it.
+    pub fn new(matches: &Matches<'_>, scale: Scale) -> Self {
         let camera = &matches.camera;
         let center = median_point(&matches.points);
         let [cx, cy] = camera.principal;
@@ -120,9 +127,9 @@ impl Kernel {
         }
     }
 
-    /// Cost of a pose, lower is better; see [`crate::PoseEstimate::score`]. Any value not below `best` may be a
-    /// value at which the sum was given up.
-    pub(crate) fn cost(&self, pose: &CameraFromWorld, best: f64) -> f64 {
+    /// Cost of a pose, lower is better: MSAC in units of whole outliers, between 0 and `N`, or minus the sum of the
+    /// positive log likelihood ratios. Any value not below `best` may be a value at which the sum was given up.
+    pub fn cost(&self, pose: &CameraFromWorld, best: f64) -> f64 {
         let rows = self.scaled_rows(pose);
         match self.scale {
             Scale::Msac { threshold } => {
@@ -137,15 +144,15 @@ impl Kernel {
         }
     }
 
-    /// Cost under the likelihood at another noise than the kernel's own.
-    pub(crate) fn cost_at(&self, pose: &CameraFromWorld, noise: f64) -> f64 {
+    /// Cost under the likelihood at another noise than the kernel's own, pixels.
+    pub fn cost_at(&self, pose: &CameraFromWorld, noise: f64) -> f64 {
         let (k, shift) = self.at_noise(noise);
         let rows = self.scaled_rows(pose);
         -f64::from(self.lanes.likelihood(self.backend, &rows, k, shift, f32::NEG_INFINITY))
     }
 
     /// Log likelihood ratio of each correspondence at this noise, `[N]`; `−∞` where nothing can have been seen.
-    pub(crate) fn likelihoods(&self, pose: &CameraFromWorld, noise: f64) -> Vec<f64> {
+    pub fn likelihoods(&self, pose: &CameraFromWorld, noise: f64) -> Vec<f64> {
         let (k, shift) = self.at_noise(noise);
         let mut lanes = Vec::with_capacity(self.order.len());
         self.lanes.each_likelihood(self.backend, &self.scaled_rows(pose), k, shift, &mut lanes);
@@ -159,12 +166,12 @@ impl Kernel {
     }
 
     /// The soft likelihood at this noise with its derivatives, and the noise that the correspondences show there.
-    pub(crate) fn linearize(&self, pose: &CameraFromWorld, noise: f64) -> (System, f64) {
+    pub fn linearize(&self, pose: &CameraFromWorld, noise: f64) -> (System, f64) {
         self.linearize_on(&self.lanes, pose, noise)
     }
 
     /// The same on the most promising correspondences alone.
-    pub(crate) fn linearize_coarsely(&self, pose: &CameraFromWorld, noise: f64) -> System {
+    pub fn linearize_coarsely(&self, pose: &CameraFromWorld, noise: f64) -> System {
         self.linearize_on(self.coarse.as_ref().unwrap_or(&self.lanes), pose, noise).0
     }
 
@@ -210,7 +217,7 @@ impl Kernel {
 
 /// The members by what they are worth, most first. Equal ones come in an order that has nothing to do with theirs: any
 /// beginning of the list is a fair sample.
-pub(crate) fn promising_first(matches: &Matches<'_>, members: impl Iterator<Item = usize>) -> Vec<usize> {
+pub fn promising_first(matches: &Matches<'_>, members: impl Iterator<Item = usize>) -> Vec<usize> {
     let mixed = |i: usize| (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(23);
     let mut members: Vec<usize> = members.collect();
     members.sort_unstable_by(|&i, &j| {
@@ -242,7 +249,7 @@ fn block(matches: &Matches<'_>, members: &[usize], center: &Vector3<f64>, scale:
 }
 
 /// Median of each coordinate: a few wild map points do not move it.
-pub(crate) fn median_point(points: &[Vector3<f64>]) -> Vector3<f64> {
+pub fn median_point(points: &[Vector3<f64>]) -> Vector3<f64> {
     Vector3::from_fn(|k, _| {
         let mut values: Vec<f64> = points.iter().map(|p| p[k]).collect();
         let middle = values.len() / 2;

@@ -20,7 +20,7 @@
 //! - a focal length that was estimated is a seventh number, and what it leaves open is in `C`.
 
 use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
 use crate::beliefs::Beliefs;
 use crate::information::{NEGLIGIBLE, Symmetric6, infinite};
@@ -33,19 +33,22 @@ type Matrix7 = SMatrix<f64, 7, 7>;
 const LEAST_SHARE: f64 = 0.2;
 
 /// An estimate whose covariance is asked for.
-pub(crate) struct Estimated<'a> {
-    pub(crate) matches: &'a Matches<'a>,
-    pub(crate) beliefs: &'a Beliefs,
-    pub(crate) pose: &'a CameraFromWorld,
+pub struct Estimated<'a> {
+    /// The correspondences, as the pose sees them.
+    pub matches: &'a Matches<'a>,
+    /// What is known beside them.
+    pub beliefs: &'a Beliefs,
+    /// The pose.
+    pub pose: &'a CameraFromWorld,
     /// Log likelihood ratios at the pose, `[N]`.
-    pub(crate) likelihoods: &'a [f64],
+    pub likelihoods: &'a [f64],
     /// Scale of the noise, pixels.
-    pub(crate) noise: f64,
+    pub noise: f64,
     /// Standard deviation that the logarithm of the focal length had before; `None` when it was not estimated.
-    pub(crate) focal_sd: Option<f64>,
+    pub focal_sd: Option<f64>,
     /// A direction of translation that the matches leave free, a unit vector of the camera frame, and the standard deviation
     /// that stands for knowing nothing, map units.
-    pub(crate) free: Option<(Vector3<f64>, f64)>,
+    pub free: Option<(Vector3<f64>, f64)>,
 }
 
 /// One match that has a say.
@@ -59,11 +62,26 @@ struct Say {
 
 impl Estimated<'_> {
     /// Covariance of the pose; infinite on the diagonal when a direction is left free.
-    pub(crate) fn covariance(&self) -> Symmetric6 {
+    pub fn covariance(&self) -> Symmetric6 {
+        self.held_and_shaken().and_then(|(held, shaken)| sandwich(&held, &shaken)).unwrap_or_else(infinite)
+    }
+
+    /// Its inverse; where a direction is left free, what is known about the others. 0 when the matches are too few to show
+    /// their noise.
+    pub fn information(&self) -> Matrix6<f64> {
+        let Some((held, shaken)) = self.held_and_shaken() else { return Matrix6::zeros() };
+        let covariance = sandwich(&held, &shaken).map(|c| Matrix6::from_fn(|i, j| c[i][j]));
+        covariance
+            .and_then(|c| c.try_inverse())
+            .unwrap_or_else(|| held.fixed_view::<6, 6>(0, 0).clone_owned())
+    }
+
+    /// `H` and what stands between its inverses; `None` when the matches are too few.
+    fn held_and_shaken(&self) -> Option<(Matrix7, Matrix7)> {
         let rows = self.matches.residuals();
         let says = self.says();
         let agreeing: f64 = says.iter().map(|say| say.right).sum();
-        let Some(variance) = self.variance(&says, agreeing) else { return infinite() };
+        let variance = self.variance(&says, agreeing)?;
         let mean = says.iter().map(|say| say.right * say.map_variance).sum::<f64>() / agreeing;
         let (mut held, mut shaken) = (Matrix7::zeros(), Matrix7::zeros());
         for say in &says {
@@ -82,7 +100,7 @@ impl Estimated<'_> {
             shift += direction * direction.transpose() / (sd * sd);
         }
         known[(6, 6)] = self.focal_sd.map_or(1.0, |sd| sd.powi(-2));
-        sandwich(&(held + known), &(shaken + known)).unwrap_or_else(infinite)
+        Some((held + known, shaken + known))
     }
 
     fn says(&self) -> Vec<Say> {
@@ -154,13 +172,13 @@ fn sandwich(held: &Matrix7, shaken: &Matrix7) -> Option<Symmetric6> {
 }
 
 /// The covariance of a pose that may be off by so much beside its noise: the square of the shift is added.
-pub(crate) fn with_shift(covariance: &Symmetric6, shift: &[f64; 6]) -> Symmetric6 {
+pub fn with_shift(covariance: &Symmetric6, shift: &[f64; 6]) -> Symmetric6 {
     std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] + shift[i] * shift[j]))
 }
 
 /// The covariance with nothing known along one direction of translation, a unit vector of the camera frame: infinite on
 /// the diagonal wherever that direction has a part, and nothing said beside it.
-pub(crate) fn free_along(covariance: &Symmetric6, direction: &Vector3<f64>) -> Symmetric6 {
+pub fn free_along(covariance: &Symmetric6, direction: &Vector3<f64>) -> Symmetric6 {
     /// Parts below this are rounding.
     const PART: f64 = 1e-9;
     let free = |k: usize| k >= 3 && direction[k - 3].abs() > PART;

@@ -7,33 +7,44 @@ use crate::matches::{Matches, Residual};
 
 /// What is minimised over the chosen correspondences.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Loss {
+pub enum Loss {
     /// `½ e²`.
     Squared,
     /// `½ min(e², τ²)`: what MSAC scores.
-    Truncated { threshold: f64 },
+    Truncated {
+        /// `τ`, pixels.
+        threshold: f64,
+    },
     /// `−log(1 + exp(llr))`: the likelihood of "right or wrong, whichever", with the `log r` of anchored lines.
-    Likelihood { noise: f64 },
+    Likelihood {
+        /// Scale of the noise, pixels.
+        noise: f64,
+    },
 }
 
 /// A pose and the loss at it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Refined {
-    pub(crate) pose: CameraFromWorld,
-    pub(crate) loss: f64,
+pub struct Refined {
+    /// The pose.
+    pub pose: CameraFromWorld,
+    /// What it costs.
+    pub loss: f64,
 }
 
-/// Gauss–Newton system `H δ = −g` at one pose.
-pub(crate) struct System {
-    pub(crate) loss: f64,
-    pub(crate) gradient: Vector6<f64>,
-    pub(crate) hessian: Matrix6<f64>,
+/// Gauss–Newton system `H δ = −g` at one pose, over the six numbers of [`CameraFromWorld::perturbed`].
+pub struct System {
+    /// The loss there.
+    pub loss: f64,
+    /// `g`, its derivative.
+    pub gradient: Vector6<f64>,
+    /// `H`, symmetric.
+    pub hessian: Matrix6<f64>,
 }
 
 /// Minimises the loss over the correspondences `active`, at most `steps` accepted or refused steps.
 ///
 /// Never returns a pose with a larger loss than the start's.
-pub(crate) fn refine(
+pub fn refine(
     matches: &Matches<'_>,
     active: &[usize],
     loss: Loss,
@@ -47,7 +58,7 @@ pub(crate) fn refine(
 /// step gains less than this share of the loss.
 ///
 /// Never returns a pose with a larger loss than the start's.
-pub(crate) fn descend(
+pub fn descend(
     objective: impl Fn(&CameraFromWorld) -> System,
     start: &CameraFromWorld,
     steps: usize,
@@ -96,12 +107,9 @@ fn reorthonormalized(pose: &CameraFromWorld) -> CameraFromWorld {
     CameraFromWorld::new(rotation, *pose.translation())
 }
 
-pub(crate) fn linearize(
-    matches: &Matches<'_>,
-    active: &[usize],
-    loss: Loss,
-    pose: &CameraFromWorld,
-) -> System {
+/// Loss and derivatives over the correspondences `active` at a pose. Those that the pose cannot have seen count as certainly
+/// wrong.
+pub fn linearize(matches: &Matches<'_>, active: &[usize], loss: Loss, pose: &CameraFromWorld) -> System {
     let mut system = System::empty();
     let gated = matches!(loss, Loss::Likelihood { .. });
     let noise_term = match loss {
@@ -152,7 +160,7 @@ fn loss_out_of_sight(loss: Loss) -> f64 {
 
 impl System {
     /// Of no correspondence.
-    pub(crate) fn empty() -> Self {
+    pub fn empty() -> Self {
         Self { loss: 0.0, gradient: Vector6::zeros(), hessian: Matrix6::zeros() }
     }
 

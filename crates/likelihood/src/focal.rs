@@ -36,7 +36,7 @@ const GAIN_A_LINE: f64 = 0.06;
 
 /// What is to be thought of a calibrated focal length.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Verdict {
+pub enum Verdict {
     /// Nothing speaks against it.
     Fine,
     /// Another, at another pose, would explain the matches better, by too little to change it.
@@ -47,16 +47,28 @@ pub(crate) enum Verdict {
 
 impl Verdict {
     /// What another focal length must gain before the given one is called wrong, when so many matches agree.
-    pub(crate) fn least_gain(observations: &Correspondences, agreeing: usize) -> f64 {
-        let of_a_match = match observations {
+    pub fn least_gain(observations: &Correspondences, agreeing: usize) -> f64 {
+        Self::least_gain_of([(observations, agreeing)])
+    }
+
+    /// The same when so many matches agree in each of several images.
+    pub fn least_gain_of<'a>(images: impl IntoIterator<Item = (&'a Correspondences, usize)>) -> f64 {
+        let of_a_match = |observations: &Correspondences| match observations {
             Correspondences::Points { .. } => GAIN_A_POINT,
             Correspondences::Lines { .. } | Correspondences::Anchored { .. } => GAIN_A_LINE,
         };
-        LEAST_GAIN + of_a_match * agreeing as f64
+        let each =
+            images.into_iter().map(|(observations, agreeing)| of_a_match(observations) * agreeing as f64);
+        LEAST_GAIN + each.sum::<f64>()
+    }
+
+    /// Whether a linearized step of the logarithm of the focal length gains so much that it is worth looking there.
+    pub fn is_worth_a_look(gain: f64, log_step: f64) -> bool {
+        gain > LEAST_GAIN && log_step.abs() > LEAST_CHANGE
     }
 
     /// Of what another focal length gains, and what it must gain to be estimated ([`Self::least_gain`]).
-    pub(crate) fn of(gain: f64, other: &Zoomed, least_gain: f64) -> Self {
+    pub fn of(gain: f64, other: &Zoomed, least_gain: f64) -> Self {
         let change = other.factor.ln().abs();
         if gain > least_gain && change > LEAST_WRONG {
             Self::Wrong
@@ -68,7 +80,7 @@ impl Verdict {
     }
 
     /// The focal length that a doubt is about, over the given one: one that differs by so much that the pose may be wrong.
-    pub(crate) fn doubted(&self) -> Option<f64> {
+    pub fn doubted(&self) -> Option<f64> {
         match self {
             Self::Suspicious(other) if other.factor.ln().abs() > LEAST_WRONG => Some(other.factor),
             Self::Suspicious(_) | Self::Fine | Self::Wrong => None,
@@ -84,7 +96,7 @@ const STEPS: usize = 25;
 
 impl FocalKnowledge {
     /// Standard deviation of the logarithm of the true focal length over the given one, where it is estimated.
-    pub(crate) const fn sd(self) -> f64 {
+    pub const fn sd(self) -> f64 {
         match self {
             // Estimated only when it is known to be wrong; then nothing is known.
             Self::Calibrated | Self::Unknown => 0.3,
@@ -95,29 +107,37 @@ impl FocalKnowledge {
 
 /// A pose with a focal length over the given one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Zoomed {
-    pub(crate) pose: CameraFromWorld,
-    pub(crate) factor: f64,
+pub struct Zoomed {
+    /// The pose.
+    pub pose: CameraFromWorld,
+    /// The focal length over the given one.
+    pub factor: f64,
 }
 
 /// What is minimised: the soft likelihood over chosen correspondences, what is known beside them, and of the focal length.
-pub(crate) struct ZoomObjective<'a> {
+pub struct ZoomObjective<'a> {
     /// With the focal length as given.
-    pub(crate) matches: &'a Matches<'a>,
-    pub(crate) beliefs: Beliefs,
+    pub matches: &'a Matches<'a>,
+    /// What is known beside them.
+    pub beliefs: Beliefs,
     /// The correspondences that may be right.
-    pub(crate) active: Vec<usize>,
-    pub(crate) noise: f64,
+    pub active: Vec<usize>,
+    /// Scale of the noise, pixels.
+    pub noise: f64,
     /// Standard deviation of the logarithm of the focal length.
-    pub(crate) sd: f64,
+    pub sd: f64,
 }
 
-struct System7 {
+/// Gauss–Newton system `H δ = −g` over the six numbers of a pose and the logarithm of the focal length.
+pub struct ZoomSystem {
     /// Correspondences that are likelier right than wrong.
-    agreeing: usize,
-    loss: f64,
-    gradient: Vector7,
-    hessian: Matrix7,
+    pub agreeing: usize,
+    /// The loss there.
+    pub loss: f64,
+    /// `g`, its derivative.
+    pub gradient: SVector<f64, 7>,
+    /// `H`, symmetric.
+    pub hessian: SMatrix<f64, 7, 7>,
 }
 
 impl ZoomObjective<'_> {
@@ -125,11 +145,11 @@ impl ZoomObjective<'_> {
     ///
     /// One linearized step tells whether to look; what is there is then refined, because the matches that a wrong focal
     /// length lost come back only on the way.
-    pub(crate) fn verdict(&self, pose: &CameraFromWorld) -> Verdict {
+    pub fn verdict(&self, pose: &CameraFromWorld) -> Verdict {
         let given = Zoomed { pose: *pose, factor: 1.0 };
         let system = self.linearize(&given);
         let Some(step) = solved(&system, 0.0) else { return Verdict::Fine };
-        if -0.5 * step.dot(&system.gradient) <= LEAST_GAIN || step[6].abs() <= LEAST_CHANGE {
+        if !Verdict::is_worth_a_look(-0.5 * step.dot(&system.gradient), step[6]) {
             return Verdict::Fine;
         }
         let other = self.refine(&given);
@@ -138,7 +158,7 @@ impl ZoomObjective<'_> {
     }
 
     /// Levenberg–Marquardt from a start; never a larger loss than the start's.
-    pub(crate) fn refine(&self, start: &Zoomed) -> Zoomed {
+    pub fn refine(&self, start: &Zoomed) -> Zoomed {
         let mut at = *start;
         let mut system = self.linearize(&at);
         let mut damping = 1e-4;
@@ -162,10 +182,11 @@ impl ZoomObjective<'_> {
         at
     }
 
-    fn linearize(&self, at: &Zoomed) -> System7 {
+    /// Loss and derivatives at a pose and focal length.
+    pub fn linearize(&self, at: &Zoomed) -> ZoomSystem {
         let zoomed = self.matches.with_focal(at.factor);
         let mut system =
-            System7 { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
+            ZoomSystem { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
         let scale = zoomed.freedom() * self.noise * self.noise;
         let noise_term = zoomed.noise_term(self.noise);
         for &i in &self.active {
@@ -200,7 +221,7 @@ impl ZoomObjective<'_> {
     }
 }
 
-fn solved(system: &System7, damping: f64) -> Option<Vector7> {
+fn solved(system: &ZoomSystem, damping: f64) -> Option<Vector7> {
     let mut h = system.hessian;
     for k in 0..7 {
         h[(k, k)] += damping * h[(k, k)].max(1e-12);
@@ -210,7 +231,13 @@ fn solved(system: &System7, damping: f64) -> Option<Vector7> {
 }
 
 fn moved(at: &Zoomed, step: &Vector7) -> Option<Zoomed> {
-    let log = at.factor.ln() + step[6].clamp(-0.2, 0.2);
     let pose = at.pose.perturbed(&[step[0], step[1], step[2], step[3], step[4], step[5]]);
-    (log.abs() <= LARGEST_CHANGE).then(|| Zoomed { pose, factor: log.exp() })
+    stretched(at.factor, step[6]).map(|factor| Zoomed { pose, factor })
+}
+
+/// A focal length over the given one after a step of its logarithm, of which no more than a fifth is taken at once; `None`
+/// where no focal length is looked for any more.
+pub fn stretched(factor: f64, log_step: f64) -> Option<f64> {
+    let log = factor.ln() + log_step.clamp(-0.2, 0.2);
+    (log.abs() <= LARGEST_CHANGE).then(|| log.exp())
 }

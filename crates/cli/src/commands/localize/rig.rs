@@ -1,0 +1,222 @@
+//! `veiloc localize --rig`: the sealed queries of a session to one pose.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Serialize;
+use veiloc_eval::results::PoseDocument;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_localize::{LocalizeError, LocalizeOptions, RigLocalization, localize_rig};
+use veiloc_map::MapFile;
+use veiloc_query::SealedFrame;
+use veiloc_robust::State;
+
+use super::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
+use crate::commands::rig_file;
+use crate::exit::{Exit, Failure, Outcome};
+use crate::ui::Ui;
+
+/// What became of a session.
+#[derive(Serialize)]
+struct RigDocument {
+    version: u32,
+    map: String,
+    rig: String,
+    /// What the answer is worth.
+    state: &'static str,
+    /// Map to rig.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rig_from_world: Option<PoseDocument>,
+    /// Where the rig's origin is in the map, map units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    center: Option<[f64; 3]>,
+    /// Standard deviation of that in its least certain direction, map units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    position_sd: Option<f64>,
+    /// As that of a query, of the rig's axes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    covariance: Option<[[f64; 6]; 6]>,
+    trusted: bool,
+    doubts: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    confidence: Option<ConfidenceDocument>,
+    frames: Vec<FrameDocument>,
+    hypotheses: usize,
+    ms: BTreeMap<&'static str, f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<ErrorDocument>,
+}
+
+/// One frame of it.
+#[derive(Serialize)]
+struct FrameDocument {
+    query: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cam_from_world: Option<PoseDocument>,
+    inliers: usize,
+    matches: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    noise_px: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    focal_scale: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    odometry_deviation: Option<f64>,
+}
+
+pub(super) fn run(
+    map_path: &Path,
+    rig: &Path,
+    options: &LocalizeOptions,
+    trusted_only: bool,
+    json: bool,
+    ui: &Ui,
+) -> Outcome {
+    let map = MapFile::open(map_path)?;
+    let named = rig_file::read(rig)?;
+    let (files, frames): (Vec<String>, Vec<SealedFrame>) =
+        named.into_iter().map(|named| (named.file, named.sealed)).unzip();
+    let document = match localize_rig(&frames, &map, options) {
+        Ok(found) if trusted_only && found.state != State::Trusted => {
+            withheld(found_rig(map_path, rig, &files, &found))
+        }
+        Ok(found) => found_rig(map_path, rig, &files, &found),
+        Err(LocalizeError::Frame { frame, source }) => {
+            let file = files.get(frame).map_or("", String::as_str);
+            return Err(Failure::refused(format!("{}: frame {frame} ({file}): {source}", rig.display())));
+        }
+        Err(error) => {
+            let kind = match error {
+                LocalizeError::EmptyMap => NoPoseKind::EmptyMap,
+                _ => NoPoseKind::NoPose,
+            };
+            lost_rig(map_path, rig, &files, not_localized(kind, &error))
+        }
+    };
+    if json {
+        ui.json(&document)?;
+    } else {
+        ui.print(text(&document));
+    }
+    Ok(match (document.rig_from_world.is_some(), document.trusted) {
+        (true, true) => Exit::Success,
+        (true, false) => Exit::Doubtful,
+        (false, _) => Exit::Refused,
+    })
+}
+
+fn found_rig(map: &Path, rig: &Path, files: &[String], found: &RigLocalization) -> RigDocument {
+    let c = found.rig_from_world.center().coords;
+    // A document's pose is a quaternion and a translation, whatever the frame.
+    let pose = CameraFromWorld::new(*found.rig_from_world.rotation(), *found.rig_from_world.translation());
+    let frames = files.iter().zip(&found.frames).map(|(file, frame)| FrameDocument {
+        query: file.clone(),
+        cam_from_world: Some(PoseDocument::of(&frame.cam_from_world)),
+        inliers: frame.inliers,
+        matches: frame.matches,
+        noise_px: frame.noise_px,
+        focal_scale: Some(frame.focal_scale),
+        odometry_deviation: Some(frame.odometry_deviation),
+    });
+    RigDocument {
+        state: name_of(found.state),
+        rig_from_world: Some(PoseDocument::of(&pose)),
+        center: Some([c.x, c.y, c.z]),
+        position_sd: Some(found.confidence.center_sd),
+        covariance: Some(found.covariance),
+        trusted: found.confidence.is_trusted(),
+        doubts: found.confidence.doubts().iter().map(ToString::to_string).collect(),
+        confidence: Some(ConfidenceDocument::of(&found.confidence)),
+        frames: frames.collect(),
+        hypotheses: found.hypotheses,
+        ms: [
+            ("retrieve", found.times.retrieve_ms),
+            ("match", found.times.match_ms),
+            ("pose", found.times.pose_ms),
+        ]
+        .into(),
+        ..empty(map, rig)
+    }
+}
+
+/// The same without its poses, and everything that is said of them but what speaks against them.
+fn withheld(document: RigDocument) -> RigDocument {
+    let message = format!(
+        "its pose is withheld: {}; take images from elsewhere in the place",
+        document.doubts.join("; ")
+    );
+    let frames = document.frames.into_iter().map(|frame| FrameDocument { cam_from_world: None, ..frame });
+    RigDocument {
+        rig_from_world: None,
+        center: None,
+        position_sd: None,
+        covariance: None,
+        frames: frames.collect(),
+        error: Some(ErrorDocument::NotLocalized { kind: NoPoseKind::Withheld, message }),
+        ..document
+    }
+}
+
+fn lost_rig(map: &Path, rig: &Path, files: &[String], error: ErrorDocument) -> RigDocument {
+    let frame = |file: &String| FrameDocument {
+        query: file.clone(),
+        cam_from_world: None,
+        inliers: 0,
+        matches: 0,
+        noise_px: None,
+        focal_scale: None,
+        odometry_deviation: None,
+    };
+    RigDocument { frames: files.iter().map(frame).collect(), error: Some(error), ..empty(map, rig) }
+}
+
+fn empty(map: &Path, rig: &Path) -> RigDocument {
+    RigDocument {
+        version: 1,
+        map: map.display().to_string(),
+        rig: rig.display().to_string(),
+        state: name_of(State::NotFound),
+        rig_from_world: None,
+        center: None,
+        position_sd: None,
+        covariance: None,
+        trusted: false,
+        doubts: Vec::new(),
+        confidence: None,
+        frames: Vec::new(),
+        hypotheses: 0,
+        ms: BTreeMap::new(),
+        error: None,
+    }
+}
+
+/// A line for the rig, and one for each frame.
+fn text(document: &RigDocument) -> String {
+    use std::fmt::Write as _;
+    let state = document.state;
+    let mut text = match (&document.center, &document.error) {
+        (Some([x, y, z]), _) => {
+            let sd = document.position_sd.unwrap_or(f64::INFINITY);
+            let total: f64 = document.ms.values().sum();
+            let doubts =
+                if document.trusted { String::new() } else { format!("  {}", document.doubts.join("; ")) };
+            format!(
+                "{}  {state}  at ({x:.3}, {y:.3}, {z:.3}) ± {sd:.4}  {total:.0} ms{doubts}\n",
+                document.rig
+            )
+        }
+        (None, error) => {
+            let why = error.as_ref().map_or("not localized", ErrorDocument::message);
+            return format!("{}  {state}  {why}\n", document.rig);
+        }
+    };
+    let width = document.frames.iter().map(|f| f.query.chars().count()).max().unwrap_or(0);
+    for frame in &document.frames {
+        let deviation = frame.odometry_deviation.unwrap_or(0.0);
+        let _ = writeln!(
+            text,
+            "  {:<width$}  {} of {} matches agree, {deviation:.1} deviations from its odometry",
+            frame.query, frame.inliers, frame.matches
+        );
+    }
+    text
+}

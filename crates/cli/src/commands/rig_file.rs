@@ -1,0 +1,104 @@
+//! `rig.json`: the sealed queries of a session and where on the device each image was taken.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use veiloc_geometry::CameraFromRig;
+use veiloc_query::{RigMessage, SealedFrame, SealedQuery};
+
+use crate::exit::Failure;
+use crate::files;
+
+/// Bytes of a rig file at most: far more than so many frames need.
+const MOST_BYTES: u64 = 1 << 20;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RigFile {
+    frames: Vec<FrameEntry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FrameEntry {
+    /// The sealed query, relative to the rig file.
+    query: PathBuf,
+    /// Rig to camera, map units.
+    cam_from_rig: PoseEntry,
+    /// About each axis, degrees.
+    rotation_sd_deg: f64,
+    /// Along each axis, map units.
+    translation_sd: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PoseEntry {
+    /// Hamilton quaternion `w x y z`.
+    q: [f64; 4],
+    t: [f64; 3],
+}
+
+/// One frame that was read.
+pub(super) struct NamedFrame {
+    /// As the rig file names it.
+    pub(super) file: String,
+    pub(super) sealed: SealedFrame,
+}
+
+/// Reads a rig file and the queries it names.
+pub(super) fn read(path: &Path) -> Result<Vec<NamedFrame>, Failure> {
+    let refused = |what: String, help: &str| Failure::with_help(format!("{}: {what}", path.display()), help);
+    let form = "a rig file is {\"frames\": [{\"query\": \"a.vquery\", \"cam_from_rig\": {\"q\": [w, x, y, z], \"t\": [x, y, z]}, \
+                \"rotation_sd_deg\": …, \"translation_sd\": …}, …]}";
+    if std::fs::metadata(path).is_ok_and(|m| m.len() > MOST_BYTES) {
+        return Err(refused(format!("longer than {MOST_BYTES} bytes"), form));
+    }
+    let bytes = files::read(path)?;
+    let file: RigFile =
+        serde_json::from_slice(&bytes).map_err(|e| refused(format!("no rig file: {e}"), form))?;
+    let count = file.frames.len();
+    if !(1..=RigMessage::MOST_FRAMES).contains(&count) {
+        let help = "a session has 1 to 32 frames; localize a longer one in parts";
+        return Err(refused(format!("{count} frames"), help));
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    file.frames.into_iter().enumerate().map(|(k, entry)| entry.read(path, folder, k)).collect()
+}
+
+impl FrameEntry {
+    fn read(self, rig: &Path, folder: &Path, index: usize) -> Result<NamedFrame, Failure> {
+        let file = self.query.display().to_string();
+        let refused = |what: String, help: &str| {
+            Failure::with_help(format!("{}: frame {index} ({file}): {what}", rig.display()), help)
+        };
+        let PoseEntry { q, t } = self.cam_from_rig;
+        let cam_from_rig = CameraFromRig::from_quaternion(q, t).ok_or_else(|| {
+            refused(
+                "cam_from_rig is no pose".to_owned(),
+                "give a quaternion `w x y z` that is not 0, and finite numbers",
+            )
+        })?;
+        for (what, value) in
+            [("rotation_sd_deg", self.rotation_sd_deg), ("translation_sd", self.translation_sd)]
+        {
+            if !(value.is_finite() && value >= 0.0) {
+                let help = "give a standard deviation, or 0 for a frame that is fixed to the rig";
+                return Err(refused(format!("{what} is {value}"), help));
+            }
+        }
+        let bytes = std::fs::read(folder.join(&self.query)).map_err(|e| {
+            refused(e.to_string(), "paths are relative to the rig file; check that the file may be read")
+        })?;
+        let query = SealedQuery::decode(&bytes).map_err(|e| {
+            refused(e.to_string(), "seal the image again with `veiloc seal`, and use the file unchanged")
+        })?;
+        let sealed = SealedFrame {
+            query,
+            cam_from_rig,
+            rotation_sd_deg: self.rotation_sd_deg,
+            translation_sd: self.translation_sd,
+        };
+        Ok(NamedFrame { file, sealed })
+    }
+}

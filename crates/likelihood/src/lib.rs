@@ -1,0 +1,37 @@
+//! What a camera pose costs: correspondences, their likelihood and its derivatives, covariance.
+//!
+//! This room looks at one pose at a time and searches for none; `veiloc-robust` does. A [`PoseProblem`] is what is known,
+//! [`Matches`] are its correspondences with what each is worth (the likelihood is stated there), [`Kernel`] is the fast sum
+//! over all of them, [`refine`] and [`descend`] go downhill from a start, [`ZoomObjective`] does so with the focal length as
+//! a seventh number, and [`Estimated`] says how firmly the end is held.
+//!
+//! Units: pixels in the image (COLMAP's convention), map units in the world; a step of a pose is that of
+//! [`veiloc_geometry::CameraFromWorld::perturbed`], radians before map units. A likelihood is a natural logarithm.
+//!
+//! Nothing is drawn at random here: equal input gives equal results.
+#![forbid(unsafe_code)]
+
+mod beliefs;
+mod clutter;
+mod covariance;
+mod error;
+mod focal;
+mod information;
+mod kernel;
+mod matches;
+pub mod prior;
+mod problem;
+mod refine;
+#[cfg(test)]
+mod test_data;
+mod visibility;
+
+pub use beliefs::Beliefs;
+pub use covariance::{Estimated, free_along, with_shift};
+pub use error::ProblemError;
+pub use focal::{Verdict, ZoomObjective, ZoomSystem, Zoomed, stretched};
+pub use information::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
+pub use kernel::{Kernel, Scale, median_point, promising_first};
+pub use matches::Matches;
+pub use problem::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};
+pub use refine::{Loss, Refined, System, descend, linearize, refine};
