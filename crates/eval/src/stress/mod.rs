@@ -151,7 +151,8 @@ fn under_each(
     Ok(results)
 }
 
-/// What a query shows under a stress, and its camera.
+/// What a query of a session shows under a stress, and what the device takes its camera to be: one device took all of
+/// them, and is mistaken in one way.
 pub(crate) fn shown_under(
     stress: Stress,
     query: &PosedQuery,
@@ -160,7 +161,9 @@ pub(crate) fn shown_under(
 ) -> Result<(Features, Intrinsics), EvalError> {
     let image = load_gray(&query.path).map_err(veiloc_obfuscation::ExtractError::from)?;
     let worse = degraded(&image, stress, &query.name, seed);
-    extracted(worse.as_ref().unwrap_or(&image), query, map)
+    let (features, camera) = extracted(worse.as_ref().unwrap_or(&image), query, map)?;
+    let camera = mistaken(&camera, stress, "the device", seed).unwrap_or(camera);
+    Ok((features, camera))
 }
 
 fn extracted(

@@ -37,8 +37,8 @@ pub(crate) struct Args {
     /// Queries farther apart than this are not of one walk, map units.
     #[arg(long, default_value_t = 0.5, value_name = "T")]
     reach: f64,
-    /// What all queries are put under, as in `eval stress`: none, dark, motion, half-hidden, low-resolution, sparse-map or
-    /// few-keypoints.
+    /// What all queries are put under, as in `eval stress`: none, dark, motion, half-hidden, side-hidden, low-resolution,
+    /// sparse-map, few-keypoints or focal-N.
     #[arg(long, default_value_t = Stress::None, value_name = "STRESS")]
     stress: Stress,
     /// Keep the map that was built.
