@@ -94,7 +94,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
     };
     let input = Input::new(&place.posed, &place.images).with_names(&names);
     let PlaceMap { file: map, summary, .. } =
-        &PlaceMap::build(&input, &place.build, true, place.keep_map.as_deref(), progress)?;
+        &PlaceMap::build(&input, &place.build, true, place.keep_map.as_deref(), None, progress)?;
     progress.start("Extracting queries", queries.len());
     let mut shown: Vec<(Features, Intrinsics)> = Vec::with_capacity(queries.len());
     for query in &queries {

@@ -76,6 +76,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         thresholds: args.report.thresholds.clone(),
         localize: args.matching.options(&args.pose),
         negatives: None,
+        gravity_sd_deg: None,
         seed: args.pose.run.seed,
     };
     let evaluation = RigEvaluation {
