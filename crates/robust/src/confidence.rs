@@ -40,9 +40,9 @@ const CHANCE_LOG_EVIDENCE: f64 = 0.0;
 const LEAST_MARGIN: f64 = 8.0;
 
 /// Largest standard deviation of a trusted camera centre, as a share of the distance to what it sees.
-const LOOSEST: f64 = 0.1;
+const LOOSEST: f64 = 0.05;
 
-/// Largest standard deviation of a trusted orientation, degrees.
+/// Largest standard deviation of a trusted orientation, degrees: one that is 2° wrong is then two deviations off.
 const LOOSEST_ROTATION_DEG: f64 = 1.0;
 
 /// Least log evidence that the poorer side of the dividing line must give for where the camera is along the ray of the
@@ -74,7 +74,8 @@ pub struct Confidence {
     pub distance: f64,
     /// Standard deviation of the orientation about its least certain axis, degrees.
     pub rotation_sd_deg: f64,
-    /// The same by the matches alone.
+    /// The same by the matches alone and by the estimator's own covariance: a map's calibration, which stands for what all
+    /// queries share, does not enter.
     pub held_rotation_deg: f64,
     /// A focal length over the given one that would explain the matches better, by too little to be believed; `None` where
     /// nothing speaks against the given one, or another was estimated.
@@ -126,7 +127,7 @@ pub enum Doubt {
     LooselyHeld {
         /// The larger of [`Confidence::center_sd_relative`] and [`Confidence::held_relative`].
         center_sd_relative: f64,
-        /// The larger of [`Confidence::rotation_sd_deg`] and [`Confidence::held_rotation_deg`].
+        /// [`Confidence::held_rotation_deg`].
         rotation_sd_deg: f64,
     },
     /// The matches would rather have another focal length.
@@ -189,8 +190,8 @@ impl Confidence {
     }
 
     /// The same pose under another covariance, and another one by the matches alone, both in the chart of
-    /// [`CameraFromWorld::perturbed`]: how firmly it is held is told anew, the evidence stays, and what nothing holds stays
-    /// free.
+    /// [`CameraFromWorld::perturbed`]: how firmly it is held is told anew, the evidence and [`Self::held_rotation_deg`] stay,
+    /// and what nothing holds stays free.
     #[must_use]
     pub fn with_covariances(self, covariance: &[[f64; 6]; 6], by_matches: &[[f64; 6]; 6]) -> Self {
         let is_held = self.center_sd.is_finite();
@@ -201,7 +202,6 @@ impl Confidence {
             center_sd_relative: center_sd / self.distance,
             held_relative: sd(by_matches) / self.distance,
             rotation_sd_deg: rotation_sd_degrees(covariance),
-            held_rotation_deg: rotation_sd_degrees(by_matches),
             ..self
         }
     }
@@ -219,7 +219,7 @@ impl Confidence {
         let one_sided =
             self.sides.filter(|s| s[0].min(s[1]) < FEWEST_A_SIDE || self.center_sd == f64::INFINITY);
         let center_sd_relative = self.center_sd_relative.max(self.held_relative);
-        let rotation_sd_deg = self.rotation_sd_deg.max(self.held_rotation_deg);
+        let rotation_sd_deg = self.held_rotation_deg;
         let is_firm = center_sd_relative <= LOOSEST && rotation_sd_deg <= LOOSEST_ROTATION_DEG;
         if one_sided.is_none() && !is_firm {
             doubts.push(Doubt::LooselyHeld { center_sd_relative, rotation_sd_deg });
@@ -251,7 +251,7 @@ pub(crate) fn assess(
         center_sd: 0.0,
         center_sd_relative: 0.0,
         held_relative: 0.0,
-        held_rotation_deg: 0.0,
+        held_rotation_deg: rotation_sd_degrees(covariance),
         distance: typical_distance(matches, pose, inliers),
         rotation_sd_deg: 0.0,
         other_focal: None,

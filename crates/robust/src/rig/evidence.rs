@@ -16,6 +16,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use veiloc_geometry::deviations::rotation_sd_degrees;
 use veiloc_geometry::nalgebra::{Matrix6, Vector3, Vector6};
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
@@ -255,7 +256,7 @@ impl Verdict {
             center_sd: 0.0,
             center_sd_relative: 0.0,
             held_relative: 0.0,
-            held_rotation_deg: 0.0,
+            held_rotation_deg: rotation_sd_degrees(&self.by_matches),
             distance: median(&mut distances),
             rotation_sd_deg: 0.0,
             other_focal: None,
