@@ -57,7 +57,7 @@ for part in $parts; do
         cp "$out/demo/place.vmap" "$out/rendered.vmap"
         for name in redkitchen herzjesu lund-door rendered; do
             veiloc eval negatives --map "$out/$name.vmap" --images "$VEILOC_DATA/training-photos" --half final \
-                --schemes points,random-lines,coordinate-permutation,dcl
+                --schemes points,random-lines,dcl
         done
         echo
         echo "# Queries of one place asked of the other one's map"

@@ -224,6 +224,7 @@ fn info_tells_what_is_in_the_map() {
             "bytes_per_point",
             "cameras",
             "descriptors",
+            "down",
             "file",
             "format_version",
             "global",
