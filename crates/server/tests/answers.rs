@@ -4,10 +4,10 @@ mod common;
 
 use common::http::Request;
 use common::{Files, OPERATOR, PHONE, Running, truth};
-use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::{CameraFromRig, CameraFromWorld};
 use veiloc_localize::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
-use veiloc_query::{Answer, AnswerDocument, Profile, SealedQuery};
+use veiloc_query::{Answer, AnswerDocument, Profile, RigMessage, SealedFrame, SealedQuery};
 
 #[test]
 fn a_sealed_query_gets_the_pose_the_library_finds() {
@@ -278,6 +278,18 @@ fn operators_see_how_it_is_doing() {
     }
 }
 
+/// A session of one image, which is the rig.
+fn session_of_one(files: &Files) -> Vec<u8> {
+    let query = SealedQuery::decode(&files.place.sealed(&truth())).expect("own bytes");
+    let frame = SealedFrame {
+        query,
+        cam_from_rig: CameraFromRig::identity(),
+        rotation_sd_deg: 0.0,
+        translation_sd: 0.0,
+    };
+    RigMessage { frames: vec![frame] }.encode()
+}
+
 /// Every address of the document answers, and every field of an answer is in it.
 #[test]
 fn the_openapi_document_is_true() {
@@ -286,12 +298,14 @@ fn the_openapi_document_is_true() {
     let document = server.get("/v1/openapi.json", "").json();
     assert!(document["openapi"].as_str().is_some_and(|v| v.starts_with("3.1")), "{}", document["openapi"]);
     let paths = document["paths"].as_object().expect("paths");
-    assert_eq!(paths.len(), 7);
+    assert_eq!(paths.len(), 8);
     for (path, methods) in paths {
         for method in methods.as_object().expect("methods").keys() {
             let path = path.replace("{name}", "place");
             let request = match method.as_str() {
                 "get" => Request::get(&path),
+                "post" if path.ends_with("-rig") => Request::post(&path, &session_of_one(&files))
+                    .header("content-type", "application/octet-stream"),
                 "post" => Request::localize(&files.place.sealed(&truth())),
                 other => panic!("{other} is not used here"),
             };

@@ -148,7 +148,7 @@ fn l8_nothing_of_a_query_is_ever_told() {
     drop(server);
     let logged = log.text();
     assert!(logged.lines().count() >= 15, "every request left its line:\n{logged}");
-    assert!(logged.contains("sealed query read") && logged.contains("wrong-profile"), "{logged}");
+    assert!(logged.contains("sealed queries read") && logged.contains("wrong-profile"), "{logged}");
     assert_eq!(holds_the_mark(&logged), None, "in the log:\n{logged}");
     assert_eq!(holds_the_mark(&told), None, "in answers or metrics:\n{told}");
     for token in [PHONE, OPERATOR] {

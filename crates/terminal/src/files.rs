@@ -38,10 +38,10 @@ pub fn stdin() -> std::io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// [`write`], or stdout when the path is `-`.
+/// [`write()`], or stdout when the path is `-`.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_or_print(path: &Path, bytes: &[u8], ui: &Ui) -> Result<(), Failure> {
     if is_standard(path) {
         ui.print_bytes(bytes);
