@@ -9,6 +9,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{SMatrix, SVector};
 
 use crate::beliefs::Beliefs;
+use crate::descent::{Patience, levenberg_marquardt};
 use crate::matches::Matches;
 use crate::problem::{Correspondences, FocalKnowledge};
 use crate::refine::System;
@@ -95,9 +96,6 @@ impl Verdict {
 /// The focal length stays within this factor of the one given, in the logarithm: 2.
 const LARGEST_CHANGE: f64 = std::f64::consts::LN_2;
 
-/// Steps of the refinement.
-const STEPS: usize = 25;
-
 impl FocalKnowledge {
     /// Standard deviation of the logarithm of the true focal length over the given one, where it is estimated.
     pub const fn sd(self) -> f64 {
@@ -163,27 +161,10 @@ impl ZoomObjective<'_> {
 
     /// Levenberg–Marquardt from a start; never a larger loss than the start's.
     pub fn refine(&self, start: &Zoomed) -> Zoomed {
-        let mut at = *start;
-        let mut system = self.linearize(&at);
-        let mut damping = 1e-4;
-        for _ in 0..STEPS {
-            let next = solved(&system, damping).and_then(|step| moved(&at, &step));
-            let there = next.map(|next| (next, self.linearize(&next)));
-            let Some((next, there)) = there.filter(|(_, there)| there.loss < system.loss) else {
-                damping *= 10.0;
-                if damping > 1e8 {
-                    break;
-                }
-                continue;
-            };
-            let gained = system.loss - there.loss;
-            (at, system) = (next, there);
-            damping = (damping * 0.1).max(1e-10);
-            if gained <= 1e-9 * (1.0 + system.loss.abs()) {
-                break;
-            }
-        }
-        at
+        let step = |at: &Zoomed, here: &ZoomSystem, damping| {
+            Some((moved(at, &solved(here, damping)?)?, f64::INFINITY))
+        };
+        levenberg_marquardt(*start, Patience::OF_FOCAL, |at| self.linearize(at), |here| here.loss, step).at
     }
 
     /// Loss and derivatives at a pose and focal length.

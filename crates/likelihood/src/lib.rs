@@ -14,6 +14,7 @@
 mod beliefs;
 mod clutter;
 mod covariance;
+mod descent;
 mod error;
 mod focal;
 mod information;
@@ -28,6 +29,7 @@ mod visibility;
 
 pub use beliefs::Beliefs;
 pub use covariance::{Estimated, free_along, with_shift};
+pub use descent::{Descended, Patience, levenberg_marquardt};
 pub use error::ProblemError;
 pub use focal::{Verdict, ZoomObjective, ZoomSystem, Zoomed, stretched};
 pub use information::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};

@@ -3,6 +3,7 @@
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 
+use crate::descent::{Descended, Patience, levenberg_marquardt};
 use crate::matches::{Matches, Residual};
 
 /// What is minimised over the chosen correspondences.
@@ -64,31 +65,13 @@ pub fn descend(
     steps: usize,
     least_gain: f64,
 ) -> Refined {
-    let mut pose = *start;
-    let mut system = objective(&pose);
-    let mut damping = 1e-4;
-    for _ in 0..steps {
-        let step = damped_step(&system, damping);
-        // What the quadratic model promises; when that is too little, this is the last step.
-        let promised = step.map_or(f64::INFINITY, |step| -0.5 * step.dot(&system.gradient));
-        let last = promised <= least_gain * (1.0 + system.loss.abs());
-        let next = step.map(|step| pose.perturbed(&step.into()));
-        let there = next.map(|next| (next, objective(&next))).filter(|(_, there)| there.loss < system.loss);
-        let Some((next, there)) = there else {
-            damping *= 10.0;
-            if last || damping > 1e8 {
-                break;
-            }
-            continue;
-        };
-        let gained = system.loss - there.loss;
-        (pose, system) = (next, there);
-        damping = (damping * 0.1).max(1e-10);
-        if last || gained <= least_gain * (1.0 + system.loss.abs()) {
-            break;
-        }
-    }
-    Refined { pose: reorthonormalized(&pose), loss: system.loss }
+    let step = |pose: &CameraFromWorld, system: &System, damping| {
+        let step = damped_step(system, damping)?;
+        Some((pose.perturbed(&step.into()), -0.5 * step.dot(&system.gradient)))
+    };
+    let Descended { at: pose, here } =
+        levenberg_marquardt(*start, Patience { steps, least_gain }, objective, |here| here.loss, step);
+    Refined { pose: reorthonormalized(&pose), loss: here.loss }
 }
 
 fn damped_step(system: &System, damping: f64) -> Option<Vector6<f64>> {

@@ -37,6 +37,7 @@ mod localizer;
 pub mod matching;
 pub mod retrieval;
 mod rig;
+mod verdict;
 
 pub use correspondences::{MatchedObservations, observe_matches};
 pub use error::LocalizeError;

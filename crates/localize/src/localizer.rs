@@ -7,18 +7,18 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::MatchOptions;
 use veiloc_geometry::CameraFromWorld;
-use veiloc_map::{Calibration, MapFile, MapView};
+use veiloc_map::{MapFile, MapView};
 use veiloc_query::{CoarseGravity, SealedQuery};
 use veiloc_robust::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_robust::{
-    Confidence, FocalKnowledge, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, State,
-    estimate_pose,
+    Confidence, FocalKnowledge, Gravity, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
 };
 
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
 use crate::matching::{PointMatch, match_points};
 use crate::retrieval::{Retrieved, retrieve};
+use crate::verdict::{Own, Verdict};
 
 /// How to localize.
 #[derive(Debug, Clone)]
@@ -81,7 +81,7 @@ pub struct Localization {
     /// The pose in the map.
     pub cam_from_world: CameraFromWorld,
     /// Covariance of the pose in the chart of [`CameraFromWorld::perturbed`]: radians, then map units. Calibrated by the
-    /// map's self-test, or by [`Calibration::unmeasured`] where it had none.
+    /// map's self-test, or by [`veiloc_map::Calibration::unmeasured`] where it had none.
     pub covariance: [[f64; 6]; 6],
     /// The estimator's own covariance, in the same chart: what the noise of keypoints and map points alone comes to.
     pub own_covariance: [[f64; 6]; 6],
@@ -245,19 +245,13 @@ pub fn localize_matched(
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)
         .map_err(|source| LocalizeError::NoPose { source, correspondences: problem.points.len() })?;
-    let calibration = map
-        .file()
-        .self_test()
-        .and_then(|test| test.of_scheme(query.scheme()))
-        .map_or_else(|| Calibration::unmeasured(estimate.confidence.distance), |test| test.calibration);
-    let covariance = calibration.apply(&estimate.covariance);
-    let by_matches = calibration.apply(&estimate.covariance_by_matches);
-    let confidence = estimate.confidence.with_covariances(&covariance, &by_matches);
-    let state = confidence.state();
-    if state == State::NotFound {
-        let source = PoseError::Chance { log_evidence: confidence.log_evidence };
-        return Err(LocalizeError::NoPose { source, correspondences: problem.points.len() });
-    }
+    let own = Own {
+        covariance: &estimate.covariance,
+        by_matches: &estimate.covariance_by_matches,
+        confidence: estimate.confidence,
+    };
+    let Verdict { covariance, confidence, state } =
+        own.in_map(map.file(), query.scheme(), problem.points.len())?;
     let agreeing = match_of.iter().zip(&estimate.inliers).filter_map(|(m, agrees)| agrees.then_some(*m));
     Ok(Localization {
         cam_from_world: estimate.cam_from_world,

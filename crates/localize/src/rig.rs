@@ -5,12 +5,13 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
-use veiloc_map::{Calibration, MapFile};
-use veiloc_query::SealedFrame;
-use veiloc_robust::{Confidence, PoseError, RigFrame, State, estimate_rig_pose};
+use veiloc_map::MapFile;
+use veiloc_query::{Scheme, SealedFrame};
+use veiloc_robust::{Confidence, RigFrame, State, estimate_rig_pose};
 
 use crate::error::LocalizeError;
 use crate::localizer::{LocalizeOptions, MatchedQuery, StageTimes, distinct, match_query};
+use crate::verdict::{Own, Verdict};
 
 /// Where the rig was.
 #[derive(Debug, Clone)]
@@ -112,17 +113,13 @@ pub fn localize_rig(
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_rig_pose(&rig, &options.pose, &mut rng)
         .map_err(|source| LocalizeError::NoPose { source, correspondences })?;
-    let measured = frames.first().zip(map.self_test()).and_then(|(f, test)| test.of_scheme(f.query.scheme()));
-    let calibration = measured
-        .map_or_else(|| Calibration::unmeasured(estimate.confidence.distance), |test| test.calibration);
-    let covariance = calibration.apply(&estimate.covariance);
-    let by_matches = calibration.apply(&estimate.covariance_by_matches);
-    let confidence = estimate.confidence.with_covariances(&covariance, &by_matches);
-    let state = confidence.state();
-    if state == State::NotFound {
-        let source = PoseError::Chance { log_evidence: confidence.log_evidence };
-        return Err(LocalizeError::NoPose { source, correspondences });
-    }
+    let own = Own {
+        covariance: &estimate.covariance,
+        by_matches: &estimate.covariance_by_matches,
+        confidence: estimate.confidence,
+    };
+    let scheme = frames.first().map_or_else(Scheme::default, |frame| frame.query.scheme());
+    let Verdict { covariance, confidence, state } = own.in_map(map, scheme, correspondences)?;
     let told = estimate.frames.iter().zip(&asked).map(|(found, asked)| FrameLocalization {
         cam_from_world: found.cam_from_world,
         inliers: found.inlier_keypoints,

@@ -59,6 +59,7 @@ mod pose_estimate;
 mod radial;
 pub mod ransac;
 mod rig;
+mod rivals;
 mod sampler;
 mod search;
 

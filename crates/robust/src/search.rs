@@ -7,10 +7,11 @@ use std::borrow::Cow;
 
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
+use veiloc_geometry::nalgebra::{Matrix6, Vector3};
 
 use crate::minimal::Minimal;
 use crate::ransac::Estimator;
+use crate::rivals::margin;
 use veiloc_likelihood::{
     Beliefs, Estimated, Kernel, Loss, Matches, NEGLIGIBLE, Scale, Symmetric6, System, Zoomed, descend,
     inverse_or_infinite, linearize, refine,
@@ -49,9 +50,6 @@ pub(crate) const FINAL_STEPS: usize = 25;
 
 /// A step of it that gains less than this share ends it.
 pub(crate) const FINAL_GAIN: f64 = 1e-9;
-
-/// Squared Mahalanobis distance from which on another pose is another answer, not the same one found again.
-pub(crate) const ELSEWHERE: f64 = 400.0;
 
 /// One problem under one score.
 pub(crate) struct Search<'a> {
@@ -299,23 +297,8 @@ impl<'a> Search<'a> {
     /// By how much the pose beats the best optimum that was met elsewhere; infinite when none was. The matches alone decide:
     /// what is known beside them may choose between two poses, and does not make the choice sure.
     pub(crate) fn margin(&self, pose: &CameraFromWorld, covariance: &Symmetric6) -> f64 {
-        let covariance = Matrix6::from_fn(|i, j| covariance[i][j]);
-        let Some(factor) = covariance.iter().all(|c| c.is_finite()).then(|| covariance.cholesky()).flatten()
-        else {
-            return f64::INFINITY;
-        };
         let own = self.cost(pose, f64::INFINITY) - self.beliefs.loss(pose);
-        let elsewhere = |other: &CameraFromWorld| {
-            let turn = (other.rotation() * pose.rotation().inverse()).scaled_axis();
-            let shift = other.translation() - Rotation3::from_scaled_axis(turn) * pose.translation();
-            let step = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
-            !(step.dot(&factor.solve(&step)) < ELSEWHERE)
-        };
-        self.optima
-            .iter()
-            .filter(|(other, _)| elsewhere(other))
-            .map(|(_, cost)| (cost - own).max(0.0))
-            .fold(f64::INFINITY, f64::min)
+        margin(&self.optima, pose, own, covariance)
     }
 }
 

@@ -13,7 +13,7 @@ use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector6};
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 
 use super::odometry::{Pull, Tie};
-use veiloc_likelihood::System;
+use veiloc_likelihood::{Patience, System, levenberg_marquardt};
 
 /// Where a rig and its frames are.
 #[derive(Debug, Clone)]
@@ -94,35 +94,13 @@ pub(super) fn descend(
         let loss = systems.iter().map(|s| s.loss).sum::<f64>() + pulls.iter().map(|p| p.loss).sum::<f64>();
         Linearized { systems, pulls, loss }
     };
-    let mut poses = start.clone();
-    let mut here = linearize(&poses);
-    let mut damping = 1e-4;
-    for _ in 0..steps {
-        let step = damped_step(ties, &here, damping);
-        let last =
-            step.as_ref().map_or(f64::INFINITY, |s| s.promised) <= least_gain * (1.0 + here.loss.abs());
-        let next = step.map(|step| poses.moved(ties, &step));
-        let there = next
-            .map(|next| {
-                let there = linearize(&next);
-                (next, there)
-            })
-            .filter(|(_, there)| there.loss < here.loss);
-        let Some((next, there)) = there else {
-            damping *= 10.0;
-            if last || damping > 1e8 {
-                break;
-            }
-            continue;
-        };
-        let gained = here.loss - there.loss;
-        (poses, here) = (next, there);
-        damping = (damping * 0.1).max(1e-10);
-        if last || gained <= least_gain * (1.0 + here.loss.abs()) {
-            break;
-        }
-    }
-    poses.reorthonormalized(ties)
+    let step = |poses: &Poses, here: &Linearized, damping| {
+        let step = damped_step(ties, here, damping)?;
+        Some((poses.moved(ties, &step), step.promised))
+    };
+    let patience = Patience { steps, least_gain };
+    let found = levenberg_marquardt(start.clone(), patience, linearize, |here| here.loss, step);
+    found.at.reorthonormalized(ties)
 }
 
 fn damped_step(ties: &[Tie], here: &Linearized, damping: f64) -> Option<Step> {

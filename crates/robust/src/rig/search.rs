@@ -1,15 +1,15 @@
 //! The search for a rig: hypotheses from each frame, carried to the rig by its odometry, scored on all frames.
 
 use rand::Rng;
-use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 
 use super::frame::Frame;
 use super::joint::{Poses, descend};
 use super::odometry::Tie;
 use crate::ransac::Estimator;
+use crate::rivals::margin;
 use crate::sampler::WeightedSampler;
-use crate::search::{COARSE_GAIN, ELSEWHERE, LADDER, LADDER_STEPS};
+use crate::search::{COARSE_GAIN, LADDER, LADDER_STEPS};
 use veiloc_likelihood::Symmetric6;
 
 /// Gain of a frame from which on more of it counts less, natural logarithm: many frames that agree outvote one that
@@ -125,21 +125,8 @@ impl<'a> RigSearch<'a> {
     /// By how much the poses beat the best optimum that was met elsewhere; infinite when none was. The search must have
     /// been settled.
     pub(super) fn margin(&self, poses: &Poses, covariance: &Symmetric6) -> f64 {
-        let covariance = Matrix6::from_fn(|i, j| covariance[i][j]);
-        let Some(factor) = covariance.iter().all(|c| c.is_finite()).then(|| covariance.cholesky()).flatten()
-        else {
-            return f64::INFINITY;
-        };
         let own = self.settled_cost(poses) - self.disbelief(&poses.cams);
-        let elsewhere = |other: &RigFromWorld| {
-            let step = Vector6::from(poses.rig.step_to(other));
-            !(step.dot(&factor.solve(&step)) < ELSEWHERE)
-        };
-        self.optima
-            .iter()
-            .filter(|(other, _)| elsewhere(other))
-            .map(|(_, cost)| (cost - own).max(0.0))
-            .fold(f64::INFINITY, f64::min)
+        margin(&self.optima, &poses.rig, own, covariance)
     }
 
     /// Noise of a frame's matches at a step of the ladder: what the odometry adds is descended into as well.

@@ -14,7 +14,9 @@
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Cholesky, Const, Matrix6, SMatrix, SVector, Vector6};
-use veiloc_likelihood::{FocalKnowledge, Verdict, ZoomObjective, ZoomSystem, Zoomed, stretched};
+use veiloc_likelihood::{
+    FocalKnowledge, Patience, Verdict, ZoomObjective, ZoomSystem, Zoomed, levenberg_marquardt, stretched,
+};
 
 use super::frame::Frame;
 use super::joint::{Poses, Step};
@@ -23,9 +25,6 @@ use super::polish::{PolishedRig, polish};
 use super::search::RigSearch;
 use crate::focal_search::{JUMP_HANDICAP, JUMPS, MOST_JUMPS, PLENTY, ROUNDS};
 use crate::options::PoseOptions;
-
-/// Steps of the refinement.
-const STEPS: usize = 25;
 
 /// A camera that took one frame or more: what is given of it is the same for all of them.
 #[derive(Debug, Clone)]
@@ -281,33 +280,13 @@ impl RigZoom<'_> {
 
     /// Levenberg–Marquardt from a start; never a larger loss than the start's.
     fn refine(&self, start: (Poses, f64)) -> (Poses, f64) {
-        let mut at = start;
-        let mut here = self.linearize(&at.0, at.1);
-        let mut damping = 1e-4;
-        for _ in 0..STEPS {
-            let next = self.solved(&here, damping).and_then(|step| {
-                let factor = stretched(at.1, step.log_focal)?;
-                Some((at.0.moved(self.ties, &step.poses), factor))
-            });
-            let there = next.map(|next| {
-                let there = self.linearize(&next.0, next.1);
-                (next, there)
-            });
-            let Some((next, there)) = there.filter(|(_, there)| there.loss < here.loss) else {
-                damping *= 10.0;
-                if damping > 1e8 {
-                    break;
-                }
-                continue;
-            };
-            let gained = here.loss - there.loss;
-            (at, here) = (next, there);
-            damping = (damping * 0.1).max(1e-10);
-            if gained <= 1e-9 * (1.0 + here.loss.abs()) {
-                break;
-            }
-        }
-        at
+        let step = |(poses, factor): &(Poses, f64), here: &Linearized, damping| {
+            let step = self.solved(here, damping)?;
+            let factor = stretched(*factor, step.log_focal)?;
+            Some(((poses.moved(self.ties, &step.poses), factor), f64::INFINITY))
+        };
+        let look = |(poses, factor): &(Poses, f64)| self.linearize(poses, *factor);
+        levenberg_marquardt(start, Patience::OF_FOCAL, look, |here| here.loss, step).at
     }
 
     fn linearize(&self, poses: &Poses, factor: f64) -> Linearized {

@@ -1,18 +1,12 @@
 //! `veiloc eval rig`: sessions of several images on a place with known poses.
 
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
 
 use veiloc_eval::stress::Stress;
-use veiloc_eval::{RigEvaluation, SceneEvaluation, evaluate_rig};
-use veiloc_map::colmap::read_posed;
+use veiloc_eval::{RigEvaluation, evaluate_rig};
 
-use crate::commands::eval::place::PlaceArgs;
-use crate::commands::eval::report::ReportArgs;
-use crate::commands::localization_args::{MatchArgs, PoseArgs};
-use crate::commands::map::ExtractionArgs;
+use crate::commands::eval::scene::SceneArgs;
 use crate::exit::{Failure, Outcome};
-use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -24,7 +18,7 @@ use crate::ui::Ui;
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
-    place: PlaceArgs,
+    scene: SceneArgs,
     /// Images of a session, a row of the table each.
     #[arg(long, value_delimiter = ',', default_value = "1,2,4,8", value_name = "N,…")]
     frames: Vec<NonZeroUsize>,
@@ -41,46 +35,18 @@ pub(crate) struct Args {
     /// sparse-map, few-keypoints or focal-N.
     #[arg(long, default_value_t = Stress::None, value_name = "STRESS")]
     stress: Stress,
-    /// Keep the map that was built.
-    #[arg(long, value_name = "FILE")]
-    keep_map: Option<PathBuf>,
-    #[command(flatten)]
-    extraction: ExtractionArgs,
-    #[command(flatten)]
-    report: ReportArgs,
-    #[command(flatten)]
-    pose: PoseArgs,
-    #[command(flatten)]
-    matching: MatchArgs,
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let scores = args.report.scores(&args.pose.engine);
+    let scores = args.scene.report.scores(&args.scene.pose.engine);
     if scores.iter().any(|score| *score != veiloc_robust::ScoreKind::Likelihood) {
         return Err(Failure::with_help(
             "sessions are localized with the likelihood only",
             "leave --score and --scores away",
         ));
     }
-    let queries = lists::read_with_cameras(&args.place.query_list)?;
-    let place = SceneEvaluation {
-        posed: read_posed(&args.place.posed)?,
-        images: args.place.images.clone(),
-        map_list: lists::read_list(&args.place.map_list)?,
-        query_list: queries.iter().map(|q| q.name.clone()).collect(),
-        query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
-        keep_map: args.keep_map.clone(),
-        build: args.extraction.options(),
-        schemes: args.report.schemes.clone(),
-        scores,
-        thresholds: args.report.thresholds.clone(),
-        localize: args.matching.options(&args.pose),
-        negatives: None,
-        gravity_sd_deg: None,
-        seed: args.pose.run.seed,
-    };
     let evaluation = RigEvaluation {
-        place,
+        place: args.scene.evaluation()?,
         frames: args.frames.iter().map(|n| n.get()).collect(),
         rotation_sd_deg: args.rotation_noise,
         translation_sd: args.translation_noise,
@@ -91,5 +57,5 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(map) = &result.map {
         ui.say(format!("map: {} images, {} points", map.images, map.points));
     }
-    args.report.finish(&result, ui)
+    args.scene.report.finish(&result, ui)
 }

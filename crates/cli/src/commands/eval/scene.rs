@@ -21,22 +21,53 @@ use crate::ui::Ui;
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
+    gravity: GravityArgs,
+    #[command(flatten)]
+    negatives: NegativeArgs,
+}
+
+/// A place, how its map is built, and how queries are localized in it: what `eval scene` and `eval rig` start from.
+#[derive(clap::Args)]
+pub(super) struct SceneArgs {
+    #[command(flatten)]
     place: PlaceArgs,
     /// Keep the map that was built.
     #[arg(long, value_name = "FILE")]
     keep_map: Option<PathBuf>,
     #[command(flatten)]
-    gravity: GravityArgs,
-    #[command(flatten)]
-    negatives: NegativeArgs,
-    #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
-    report: ReportArgs,
+    pub(super) report: ReportArgs,
     #[command(flatten)]
-    pose: PoseArgs,
+    pub(super) pose: PoseArgs,
     #[command(flatten)]
     matching: MatchArgs,
+}
+
+impl SceneArgs {
+    /// What they ask for, without gravity and negatives.
+    pub(super) fn evaluation(&self) -> Result<SceneEvaluation, Failure> {
+        // What a device knows of its lens may be better than the model, so the list's cameras are used where there are any.
+        let queries = lists::read_with_cameras(&self.place.query_list)?;
+        Ok(SceneEvaluation {
+            posed: read_posed(&self.place.posed)?,
+            images: self.place.images.clone(),
+            map_list: lists::read_list(&self.place.map_list)?,
+            query_list: queries.iter().map(|q| q.name.clone()).collect(),
+            query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
+            keep_map: self.keep_map.clone(),
+            build: self.extraction.options(),
+            schemes: self.report.schemes.clone(),
+            scores: self.report.scores(&self.pose.engine),
+            thresholds: self.report.thresholds.clone(),
+            localize: self.matching.options(&self.pose),
+            gravity_sd_deg: None,
+            negatives: None,
+            seed: self.pose.run.seed,
+        })
+    }
 }
 
 /// Queries that must not be localized.
@@ -73,23 +104,10 @@ impl NegativeArgs {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    // What a device knows of its lens may be better than the model, so the list's cameras are used where there are any.
-    let queries = lists::read_with_cameras(&args.place.query_list)?;
     let evaluation = SceneEvaluation {
-        posed: read_posed(&args.place.posed)?,
-        images: args.place.images.clone(),
-        map_list: lists::read_list(&args.place.map_list)?,
-        query_list: queries.iter().map(|q| q.name.clone()).collect(),
-        query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
-        keep_map: args.keep_map.clone(),
-        build: args.extraction.options(),
-        schemes: args.report.schemes.clone(),
-        scores: args.report.scores(&args.pose.engine),
-        thresholds: args.report.thresholds.clone(),
-        localize: args.matching.options(&args.pose),
         gravity_sd_deg: args.gravity.sd_deg,
         negatives: args.negatives.negatives()?,
-        seed: args.pose.run.seed,
+        ..args.scene.evaluation()?
     };
     let result = evaluate_scene(&evaluation, &Stages::new(ui))?;
     if let Some(map) = &result.map {
@@ -103,5 +121,5 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             map.build_seconds / map.images.max(1) as f64,
         ));
     }
-    args.report.finish(&result, ui)
+    args.scene.report.finish(&result, ui)
 }
