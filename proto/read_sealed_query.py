@@ -1,4 +1,4 @@
-"""Reads a sealed query of version 1, 2 or 3 with nothing but docs/wire-format.md and Python's standard library, and prints what it tells.
+"""Reads a sealed query of version 1 to 4 with nothing but docs/wire-format.md and Python's standard library, and prints what it tells.
 
 python3 proto/read_sealed_query.py FILE.vquery [ROWS]
 
@@ -21,6 +21,7 @@ NAMES = {
     + ["positions", "descriptors", "global"],
 }
 NAMES[3] = NAMES[2] + ["focal_known", "gravity"]
+NAMES[4] = NAMES[3] + ["layout", "turn_x", "turn_y", "turn_z"]
 KNOWN = {1: "calibrated", 2: "from EXIF", 3: "unknown"}
 
 
@@ -52,9 +53,56 @@ def fields(data):
     return found
 
 
+def cross(a, b):
+    return tuple(a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3))
+
+
+def unit(v):
+    norm = math.sqrt(sum(x * x for x in v))
+    return tuple(x / norm for x in v)
+
+
+def anchors(message):
+    """Direction of each anchor, and the directions of the angles 0 and a quarter turn about it, in the camera's axes."""
+    height, focal = 32 * message["camera_height"], 2 ** (message["camera_focal"] / 4)
+    layout, found = message["layout"], []
+    if not layout:
+        delta, s = math.radians(message["dividing_angle"] / 100), message["anchor_distance"] / 100
+        places = [(-math.cos(delta) * s / 2, -math.sin(delta) * s / 2), (math.cos(delta) * s / 2, math.sin(delta) * s / 2)]
+        found = [unit((x * height / focal, y * height / focal, 1)) for x, y in places]
+    else:
+        for k in range(layout[0]):
+            x, y = struct.unpack_from("<hh", layout, 2 + 4 * k)
+            if x == -32768:
+                found.append((math.cos(math.radians(y / 100)), math.sin(math.radians(y / 100)), 0))
+            else:
+                found.append(unit((x / 1000 * height / focal, y / 1000 * height / focal, 1)))
+    turn = [struct.unpack("<i", struct.pack("<I", message["turn_" + axis]))[0] / 1e6 for axis in "xyz"]
+    angle = math.sqrt(sum(x * x for x in turn))
+
+    def turned(v):
+        if angle == 0:
+            return v
+        axis = unit(turn)
+        along, across = sum(a * x for a, x in zip(axis, v)), cross(axis, v)
+        return tuple(
+            math.cos(angle) * x + math.sin(angle) * c + (1 - math.cos(angle)) * along * a
+            for x, c, a in zip(v, across, axis)
+        )
+
+    frames = []
+    for d in found:
+        start = (0, 1, 0) if abs(d[2]) > 0.995 else (0, 0, 1)
+        along = sum(a * b for a, b in zip(d, start))
+        zero = unit(tuple(b - along * a for a, b in zip(d, start)))
+        frames.append([turned(v) for v in (d, zero, cross(d, zero))])
+    return frames
+
+
 def rows(message):
     """What each row tells, as the document words it."""
     bits, scheme = message["angle_bits"], message["scheme"]
+    frames = anchors(message) if message["version"] == 4 else []
     width, height = 32 * message["camera_width"], 32 * message["camera_height"]
     packed, at = int.from_bytes(message["positions"], "big"), 8 * len(message["positions"])
 
@@ -70,7 +118,12 @@ def rows(message):
         return (take(bits) + 0.5) * math.pi / 2**bits
 
     for _ in range(message["rows"]):
-        if scheme in (1, 3):
+        if frames:
+            d, zero, quarter = frames[take(1 if len(frames) == 2 else 2)]
+            phi = (take(bits + 1) + 0.5) * math.pi / 2**bits
+            inward = tuple(math.cos(phi) * a + math.sin(phi) * b for a, b in zip(zero, quarter))
+            yield *cross(d, inward), *inward
+        elif scheme in (1, 3):
             yield length() + width / 2, length() + height / 2
         elif scheme == 2:
             theta, offset = angle(), length()

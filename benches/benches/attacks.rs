@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use veiloc_attacks::{ClosedFormOptions, NeighbourLists, Observation, closed_form, lift, prior_only};
 use veiloc_geometry::nalgebra::{DMatrix, DVector};
-use veiloc_geometry::{DualAnchors, Pixel};
+use veiloc_geometry::{Pencils, Pixel};
 
 fn main() {
     divan::main();
@@ -28,7 +28,7 @@ fn sent(scheme: &str, keypoints: &[Pixel]) -> Vec<Observation> {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     match scheme {
         "random-lines" => lift::random_lines(keypoints, &mut rng),
-        "dcl" => lift::dual_convergent(keypoints, &DualAnchors::vertical(640, 480)),
+        "dcl" => lift::dual_convergent(keypoints, &Pencils::paper(640, 480)),
         _ => lift::coordinate_permutation(keypoints, &mut rng),
     }
 }

@@ -9,7 +9,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-use veiloc_geometry::{CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine, Point3, Rigid3};
+use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, PixelLine, Point3, Rigid3};
 use veiloc_robust::{
     AnchoredSolver, Correspondences, Gravity, PoseOptions, PoseProblem, ScoreKind, estimate_pose,
 };
@@ -47,12 +47,12 @@ fn problem(scheme: &str, upright: bool) -> PoseProblem {
         points.push(lift(rng, &truth, seen));
         pixels.push(Pixel::new(p.u + rng.random_range(-0.9..0.9), p.v + rng.random_range(-0.9..0.9)));
     }
-    let dcl = DualAnchors::vertical(640, 480);
+    let dcl = Pencils::paper(640, 480);
     let observations = match scheme {
         "points" => Correspondences::Points { pixels },
         "dcl" => Correspondences::Anchored {
-            anchors: dcl,
             lines: pixels.iter().map(|p| (dcl.anchor_of(*p), dcl.angle_of(dcl.anchor_of(*p), *p))).collect(),
+            pencils: dcl,
         },
         _ => Correspondences::Lines {
             lines: pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..3.0))).collect(),

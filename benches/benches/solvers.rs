@@ -11,7 +11,7 @@ use std::cell::Cell;
 
 use divan::Bencher;
 use veiloc_benches::samples::{FIVE_AND_ONE, Layout, Lines, Sample, Samples, THREE_AND_THREE};
-use veiloc_geometry::nalgebra::{Rotation3, Vector2, Vector3};
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_solvers::{ArrayVec, GravityAlignment, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p};
 
 const SAMPLES: usize = 8192;
@@ -82,21 +82,21 @@ fn u4lp_sample(bencher: Bencher, kind: &str) {
 #[divan::bench(sample_size = 1024)]
 fn p6lp_dual_radial_sample(bencher: Bencher) {
     let prepare = |s: &Sample| {
-        let directions = first(&s.half_lines).map(|h| h.direction);
-        (s.half_lines[0].origin, directions, s.half_lines[5], s.points)
+        let inward = first(&s.half_planes).map(|h| h.inward);
+        (s.half_planes[0].axis, inward, s.half_planes[5], s.points)
     };
-    each(bencher, FIVE_AND_ONE, prepare, |(anchor, directions, sixth, points)| {
-        p6lp_dual_radial(anchor, directions, sixth, points, &mut ArrayVec::new())
+    each(bencher, FIVE_AND_ONE, prepare, |(anchor, inward, sixth, points)| {
+        p6lp_dual_radial(anchor, inward, sixth, points, &mut ArrayVec::new())
     });
 }
 
 #[divan::bench(sample_size = 1024)]
 fn p5lp_radial_sample(bencher: Bencher) {
     let prepare = |s: &Sample| {
-        let ray = s.half_lines[0].origin.homogeneous();
+        let ray = s.half_planes[0].axis;
         let turn = Rotation3::rotation_between(&ray, &Vector3::z()).expect("not opposite");
-        let turned = |v: Vector2<f64>| (turn * Vector3::new(v.x, v.y, 0.0)).xy();
-        (first(&s.half_lines).map(|h| turned(h.direction)), first(&s.points))
+        let turned = |v: Vector3<f64>| (turn * v).xy();
+        (first(&s.half_planes).map(|h| turned(h.inward)), first(&s.points))
     };
     each(bencher, FIVE_AND_ONE, prepare, |(directions, points)| {
         p5lp_radial(directions, points, &mut ArrayVec::new())

@@ -8,9 +8,9 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 use veiloc_geometry::{
-    CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine, PlaneLine, PlanePoint, Point3, Rigid3,
+    CameraFromWorld, Pencils, Pinhole, Pixel, PixelLine, PlaneLine, PlanePoint, Point3, Rigid3,
 };
-use veiloc_solvers::HalfLine;
+use veiloc_solvers::HalfPlane;
 
 /// How the map points and the image lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,8 +45,8 @@ pub struct Sample {
     pub bearings: [Vector3<f64>; 6],
     /// The lines through the keypoints.
     pub lines: [PlaneLine; 6],
-    /// The same as half-lines from their anchors (meaningful for anchored lines only).
-    pub half_lines: [HalfLine; 6],
+    /// The same as half-planes about their anchors (meaningful for anchored lines only).
+    pub half_planes: [HalfPlane; 6],
     /// The map points.
     pub points: [Point3<World>; 6],
     /// Down in the camera frame.
@@ -99,9 +99,9 @@ impl Samples {
     }
 
     fn line(&mut self, i: usize, pixel: Pixel, crossing: Pixel) -> (PixelLine, Pixel) {
-        let dcl = DualAnchors::vertical(640, 480);
+        let dcl = Pencils::paper(640, 480);
         let anchor = dcl.anchor_of(pixel);
-        let origin = dcl.position(anchor);
+        let origin = dcl.position(anchor).expect("at the edge of the image");
         let line = match (self.layout, self.lines) {
             (Layout::NearConcurrent, _) if i < 5 => {
                 let mut off = || self.rng.random_range(-0.05..0.05);
@@ -110,7 +110,7 @@ impl Samples {
             }
             (_, Lines::Random) => None,
             (_, Lines::Anchored(_) | Lines::AnchoredAnywhere) => {
-                Some(dcl.line(anchor, dcl.angle_of(anchor, pixel)))
+                dcl.line(anchor, dcl.angle_of(anchor, pixel))
             }
         };
         let any = PixelLine::through(pixel, self.rng.random_range(0.0..std::f64::consts::PI));
@@ -124,7 +124,7 @@ impl Iterator for Samples {
     fn next(&mut self) -> Option<Sample> {
         let truth = self.pose();
         let crossing = self.pixel(0);
-        let mut half_lines = [HalfLine { origin: PlanePoint::new(0.0, 0.0), direction: Vector2::zeros() }; 6];
+        let mut half_planes = [HalfPlane { axis: Vector3::zeros(), inward: Vector3::zeros() }; 6];
         let mut points = [Point3::new(0.0, 0.0, 0.0); 6];
         let mut bearings = [Vector3::zeros(); 6];
         let lines = std::array::from_fn(|i| {
@@ -135,12 +135,12 @@ impl Iterator for Samples {
             bearings[i] = at.bearing();
             let (line, origin) = self.line(i, pixel, crossing);
             let origin = self.camera.unproject(origin);
-            half_lines[i] = HalfLine { origin, direction: Vector2::new(at.x - origin.x, at.y - origin.y) };
+            half_planes[i] = HalfPlane::of_half_line(origin, Vector2::new(at.x - origin.x, at.y - origin.y));
             line.back_project(&self.camera)
         });
         let down_in_world = self.pose().rotation() * Vector3::y();
         let down_in_camera = truth.rotation() * down_in_world;
-        Some(Sample { truth, bearings, lines, half_lines, points, down_in_camera, down_in_world })
+        Some(Sample { truth, bearings, lines, half_planes, points, down_in_camera, down_in_world })
     }
 }
 

@@ -109,7 +109,7 @@ fn main() -> Result<(), Failure> {
     // Six lines of one anchor determine no pose: nobody would draw them.
     let drawn = |s: &Sample| {
         family.lines != Lines::AnchoredAnywhere
-            || !s.half_lines.iter().all(|h| h.origin == s.half_lines[0].origin)
+            || !s.half_planes.iter().all(|h| h.axis == s.half_planes[0].axis)
     };
     let samples: Vec<Sample> = Samples::new(1000 + number as u64, family.layout, family.lines)
         .filter(drawn)
@@ -144,11 +144,11 @@ fn solve(solver: Solver, samples: &[Sample], passes: usize) -> (f64, Vec<[f64; 1
         }),
         Solver::DualRadial => {
             let made = samples.iter().map(|s| {
-                let directions = first::<_, 5>(&s.half_lines).map(|h| h.direction);
-                (s.half_lines[0].origin, directions, s.half_lines[5], s.points)
+                let inward = first::<_, 5>(&s.half_planes).map(|h| h.inward);
+                (s.half_planes[0].axis, inward, s.half_planes[5], s.points)
             });
-            run(made, passes, |(anchor, directions, sixth, points), out| {
-                p6lp_dual_radial(anchor, directions, sixth, points, out);
+            run(made, passes, |(anchor, inward, sixth, points), out| {
+                p6lp_dual_radial(anchor, inward, sixth, points, out);
             })
         }
         Solver::Radial => {
@@ -274,11 +274,11 @@ fn gravity(s: &Sample) -> GravityAlignment {
 
 /// The rotation that makes the ray of the first match's anchor the optical axis.
 fn turn_of(s: &Sample) -> Rotation3<f64> {
-    Rotation3::rotation_between(&s.half_lines[0].origin.homogeneous(), &Vector3::z()).expect("not opposite")
+    Rotation3::rotation_between(&s.half_planes[0].axis, &Vector3::z()).expect("not opposite")
 }
 
 /// Where the first five half-lines lead in that turned camera.
 fn directions(s: &Sample) -> [Vector2<f64>; 5] {
     let turn = turn_of(s);
-    first::<_, 5>(&s.half_lines).map(|h| (turn * Vector3::new(h.direction.x, h.direction.y, 0.0)).xy())
+    first::<_, 5>(&s.half_planes).map(|h| (turn * h.inward).xy())
 }

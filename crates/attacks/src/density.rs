@@ -140,7 +140,7 @@ mod tests {
     use crate::{lift, prior_only};
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-    use veiloc_geometry::DualAnchors;
+    use veiloc_geometry::Pencils;
 
     fn crowd(n: usize, rng: &mut ChaCha8Rng) -> Vec<Pixel> {
         // Most keypoints in the lower third.
@@ -162,7 +162,7 @@ mod tests {
         counts.add(&own);
         counts.subtract(&own);
         assert_eq!(counts, before);
-        let sent = lift::dual_convergent(&victim, &DualAnchors::vertical(640, 480));
+        let sent = lift::dual_convergent(&victim, &Pencils::paper(640, 480));
         let mean = |guess: Vec<Pixel>| errors_px(guess, &victim).iter().sum::<f64>() / 1000.0;
         let (learned, even) =
             (mean(counts.density().guess(&sent, 640, 480)), mean(prior_only(&sent, 640, 480)));

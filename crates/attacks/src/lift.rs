@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 use rand::Rng;
 use rand::seq::SliceRandom;
-use veiloc_geometry::{DualAnchors, Pixel, PixelLine};
+use veiloc_geometry::{Pencils, Pixel, PixelLine};
 
 use crate::observation::Observation;
 
@@ -40,7 +40,7 @@ pub fn coordinate_permutation(keypoints: &[Pixel], rng: &mut impl Rng) -> Vec<Ob
 }
 
 /// Dual Convergent Lines: each keypoint joined to the anchor of its side.
-pub fn dual_convergent(keypoints: &[Pixel], anchors: &DualAnchors) -> Vec<Observation> {
+pub fn dual_convergent(keypoints: &[Pixel], anchors: &Pencils) -> Vec<Observation> {
     keypoints
         .iter()
         .map(|&p| {
@@ -63,7 +63,7 @@ mod tests {
             let points: Vec<Pixel> = (0..n)
                 .map(|_| Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0)))
                 .collect();
-            let dcl = dual_convergent(&points, &DualAnchors::vertical(640, 480));
+            let dcl = dual_convergent(&points, &Pencils::paper(640, 480));
             let schemes = [random_lines(&points, &mut rng), coordinate_permutation(&points, &mut rng), dcl];
             for sent in schemes {
                 assert_eq!(sent.len(), n);

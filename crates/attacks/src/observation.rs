@@ -1,7 +1,7 @@
 //! What an attacker holds of one keypoint.
 
 use veiloc_geometry::nalgebra::Vector2;
-use veiloc_geometry::{Anchor, DualAnchors, Pixel, PixelLine};
+use veiloc_geometry::{Anchor, Pencils, Pixel, PixelLine};
 use veiloc_query::Observations;
 
 /// What one sealed row tells about the position of its keypoint.
@@ -25,9 +25,14 @@ pub enum Observation {
 }
 
 impl Observation {
-    /// The half-line of Dual Convergent Lines with this anchor and angle (as [`DualAnchors::angle_of`]).
-    pub fn anchored(anchors: &DualAnchors, anchor: Anchor, angle: f64) -> Self {
-        Self::HalfLine { anchor: anchors.position(anchor), direction: anchors.ray_direction(anchor, angle) }
+    /// The half-line of Dual Convergent Lines with this anchor and angle (as [`Pencils::angle_of`]).
+    ///
+    /// # Panics
+    /// When the half-plane does not meet the image plane, or begins infinitely far away: no layout of the wire does that.
+    pub fn anchored(pencils: &Pencils, anchor: Anchor, angle: f64) -> Self {
+        let line = pencils.along(anchor, angle).expect("it meets the image plane");
+        let position = pencils.position(anchor).expect("anchors lie in or about the image");
+        Self::HalfLine { anchor: position, direction: line.direction }
     }
 
     /// The candidates of a position that kept one of its coordinates: the vertical line, then the horizontal one.
@@ -44,8 +49,8 @@ impl Observation {
             Observations::Points(pixels) => pixels.iter().copied().map(Self::Known).collect(),
             Observations::Lines(lines) => lines.iter().copied().map(Self::Line).collect(),
             Observations::EitherLine(pairs) => pairs.iter().copied().map(Self::EitherLine).collect(),
-            Observations::Anchored { anchors, lines } => {
-                lines.iter().map(|l| Self::anchored(anchors, l.anchor, l.angle)).collect()
+            Observations::Anchored { pencils, lines } => {
+                lines.iter().map(|l| Self::anchored(pencils, l.anchor, l.angle)).collect()
             }
         }
     }
@@ -83,14 +88,14 @@ mod tests {
     #[test]
     fn what_is_sent_is_read_as_it_is() {
         let p = Pixel::new(100.0, 200.0);
-        let anchors = DualAnchors::vertical(640, 480);
-        let anchor = anchors.anchor_of(p);
-        let lines = vec![AnchoredLine { anchor, angle: anchors.angle_of(anchor, p) }];
+        let pencils = Pencils::paper(640, 480);
+        let anchor = pencils.anchor_of(p);
+        let lines = vec![AnchoredLine { anchor, angle: pencils.angle_of(anchor, p) }];
         let sent = [
             Observations::Points(vec![p]),
             Observations::Lines(vec![PixelLine::through(p, 1.0)]),
             Observations::EitherLine(vec![[PixelLine::through(p, 0.0), PixelLine::through(p, 1.5)]]),
-            Observations::Anchored { anchors, lines },
+            Observations::Anchored { pencils, lines },
         ];
         for sent in sent {
             let read = Observation::of_sent(&sent);

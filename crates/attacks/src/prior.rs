@@ -126,24 +126,31 @@ mod tests {
     use super::*;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-    use veiloc_geometry::{Anchor, DualAnchors};
+    use veiloc_geometry::{Anchor, Layout, Pencils};
 
     /// The mean of evenly spread keypoints whose observation is nearly the given one, found by drawing.
     #[test]
     fn half_line_answers_the_mean_of_keypoints_in_a_thin_wedge() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         for s in [1.0, 2.0] {
-            let anchors = DualAnchors::new(640, 480, std::f64::consts::FRAC_PI_2, s).expect("finite");
-            for phi in [0.15, 0.3, 0.5] {
+            let pencils = Pencils::of_image(
+                [640, 480],
+                &Layout::halves(std::f64::consts::FRAC_PI_2, s).expect("finite"),
+            );
+            let start = pencils.position(Anchor::FIRST).expect("about the image");
+            for phi in [0.15_f64, 0.3, 0.5] {
+                // Left of straight down.
+                let ahead = Pixel::new(start.u - 200.0 * phi.sin(), start.v + 200.0 * phi.cos());
+                let angle = pencils.angle_of(Anchor::FIRST, ahead);
                 let (mut sum, mut n) = (0.0, 0);
                 for _ in 0..400_000 {
                     let p = Pixel::new(rng.random_range(0.0..320.0), rng.random_range(0.0..480.0));
-                    if (anchors.angle_of(Anchor::First, p) - phi).abs() < 0.02 {
-                        sum += p.distance(&anchors.position(Anchor::First));
+                    if (pencils.angle_of(Anchor::FIRST, p) - angle).abs() < 0.02 {
+                        sum += p.distance(&start);
                         n += 1;
                     }
                 }
-                let observation = Observation::anchored(&anchors, Anchor::First, phi);
+                let observation = Observation::anchored(&pencils, Anchor::FIRST, angle);
                 let answer = KnownSegment::of(&observation, 640, 480)[0].expect("one").expected();
                 let drawn = sum / f64::from(n);
                 assert!((answer - drawn).abs() < 5.0, "s {s} φ {phi}: {answer} against {drawn}");

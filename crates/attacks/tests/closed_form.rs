@@ -6,7 +6,7 @@ use veiloc_attacks::{
     AttackError, ClosedFormOptions, ErrorSummary, Extent, KnownSegment, NeighbourLists, Observation,
     bits_over_prior, closed_form, errors_px, lift, prior_only,
 };
-use veiloc_geometry::{DualAnchors, Pixel, PixelLine};
+use veiloc_geometry::{Layout, Pencils, Pixel, PixelLine};
 
 const SIZE: (u32, u32) = (640, 480);
 
@@ -43,11 +43,11 @@ fn no_point_of_the_segment_is_better_than_the_answer() {
     let truth = uniform(300, 2);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let lists = NeighbourLists::nearest(&truth, 12);
-    let anchors = DualAnchors::new(640, 480, 0.9, 1.3).expect("finite");
+    let pencils = Pencils::of_image([640, 480], &Layout::halves(0.9, 1.3).expect("finite"));
     let schemes = [
         lift::random_lines(&truth, &mut rng),
         lift::coordinate_permutation(&truth, &mut rng),
-        lift::dual_convergent(&truth, &anchors),
+        lift::dual_convergent(&truth, &pencils),
         // Two lines in any direction: nothing in the sweep may lean on right angles.
         truth
             .iter()
@@ -106,9 +106,9 @@ fn proposition_1_weighted_average_of_crossings() {
 
 #[test]
 fn one_anchor_answers_the_anchor() {
-    let anchors = DualAnchors::vertical(640, 480);
+    let pencils = Pencils::paper(640, 480);
     let left: Vec<Pixel> = uniform(200, 6).into_iter().map(|p| Pixel::new(p.u / 2.2, p.v)).collect();
-    let sent = lift::dual_convergent(&left, &anchors);
+    let sent = lift::dual_convergent(&left, &pencils);
     for answer in attack(&sent, &NeighbourLists::nearest(&left, 20)) {
         assert!(answer.pixel.distance(&Pixel::new(320.0, 0.0)) < 1e-9 && answer.determined);
     }
@@ -152,7 +152,7 @@ fn the_papers_synthetic_scene() {
     let schemes = [
         lift::random_lines(&truth, &mut rng),
         lift::coordinate_permutation(&truth, &mut rng),
-        lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480)),
+        lift::dual_convergent(&truth, &Pencils::paper(640, 480)),
     ];
     let rows = schemes.map(|sent| {
         let attacked = errors_px(attack(&sent, &lists).iter().map(|a| a.pixel), &truth);
@@ -192,7 +192,10 @@ fn ends_of_neighbours_and_known_positions_count_exactly() {
     };
     let schemes = [
         with_known(lift::random_lines(&truth, &mut rng)),
-        with_known(lift::dual_convergent(&truth, &DualAnchors::new(640, 480, 2.1, 2.0).expect("finite"))),
+        with_known(lift::dual_convergent(
+            &truth,
+            &Pencils::of_image([640, 480], &Layout::halves(2.1, 2.0).expect("finite")),
+        )),
     ];
     for sent in &schemes {
         for extent in [Extent::Line, Extent::HalfLine, Extent::Segment] {
@@ -226,15 +229,15 @@ fn ends_of_neighbours_and_known_positions_count_exactly() {
 #[test]
 fn without_the_own_anchor_the_answer_is_other_rays_or_the_guess() {
     let truth = uniform(600, 14);
-    let anchors = DualAnchors::vertical(640, 480);
-    let sent = lift::dual_convergent(&truth, &anchors);
+    let pencils = Pencils::paper(640, 480);
+    let sent = lift::dual_convergent(&truth, &pencils);
     let lists = NeighbourLists::nearest(&truth, 20);
     let answers = closed_form(&sent, &lists, 640, 480, &ClosedFormOptions::informed()).expect("lists fit");
     let guess = prior_only(&sent, 640, 480);
     let mut alone = 0;
     for i in 0..truth.len() {
-        let side = anchors.anchor_of(truth[i]);
-        if lists.of(i).iter().all(|&j| anchors.anchor_of(truth[j as usize]) == side) {
+        let side = pencils.anchor_of(truth[i]);
+        if lists.of(i).iter().all(|&j| pencils.anchor_of(truth[j as usize]) == side) {
             alone += 1;
             assert!(!answers[i].determined && answers[i].pixel.distance(&guess[i]) < 1e-9);
         }

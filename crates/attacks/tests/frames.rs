@@ -8,7 +8,7 @@ use veiloc_attacks::{
     several_frames,
 };
 use veiloc_geometry::frames::World;
-use veiloc_geometry::{CameraFromWorld, DualAnchors, Pinhole, Pixel, PlanePoint, Point3};
+use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, PlanePoint, Point3};
 
 const CAMERA: Pinhole = Pinhole { width: 640, height: 480, focal: [500.0, 500.0], principal: [320.0, 240.0] };
 
@@ -48,8 +48,8 @@ impl Scene {
         }
         let bytes: Vec<u8> = (0..200 * 16).map(|_| rng.random()).collect();
         let descriptors = vec![Descriptors::new(&bytes, 16).expect("whole"); frames];
-        let anchors = DualAnchors::vertical(640, 480);
-        let lines = pixels.iter().map(|p| lift::dual_convergent(p, &anchors)).collect();
+        let pencils = Pencils::paper(640, 480);
+        let lines = pixels.iter().map(|p| lift::dual_convergent(p, &pencils)).collect();
         Self { poses, pixels, lines, descriptors }
     }
 

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
     AttackError, ErrorSummary, GraphOptions, NeighbourLists, Observation, errors_px, graph, lift, prior_only,
 };
-use veiloc_geometry::{DualAnchors, Pixel, PixelLine};
+use veiloc_geometry::{Layout, Pencils, Pixel, PixelLine};
 
 fn uniform(n: usize, seed: u64) -> Vec<Pixel> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -36,9 +36,9 @@ fn attacked(sent: &[Observation], lists: &NeighbourLists, truth: &[Pixel]) -> (E
 
 #[test]
 fn half_lines_with_true_neighbours_hide_little() {
-    let anchors = DualAnchors::vertical(640, 480);
+    let pencils = Pencils::paper(640, 480);
     for (truth, mean, median) in [(uniform(1500, 4), 4.0, 3.0), (crowds(1500, 5), 6.0, 5.0)] {
-        let sent = lift::dual_convergent(&truth, &anchors);
+        let sent = lift::dual_convergent(&truth, &pencils);
         let guess = ErrorSummary::of(&errors_px(prior_only(&sent, 640, 480), &truth));
         let (found, false_share) = attacked(&sent, &NeighbourLists::nearest(&truth, 20), &truth);
         assert!(guess.mean_px > 55.0, "{guess:?}");
@@ -53,7 +53,10 @@ fn a_fifth_of_false_neighbours_changes_little() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let lists = NeighbourLists::nearest(&truth, 20).corrupted(0.2, &mut rng);
     let schemes = [
-        lift::dual_convergent(&truth, &DualAnchors::new(640, 480, 0.7, 1.5).expect("finite")),
+        lift::dual_convergent(
+            &truth,
+            &Pencils::of_image([640, 480], &Layout::halves(0.7, 1.5).expect("finite")),
+        ),
         lift::random_lines(&truth, &mut rng),
         lift::coordinate_permutation(&truth, &mut rng),
     ];
@@ -69,7 +72,7 @@ fn neighbours_drawn_by_lot_teach_nothing() {
     let truth = uniform(600, 7);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let lists = NeighbourLists::nearest(&truth, 20).corrupted(1.0, &mut rng);
-    let sent = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let sent = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let (found, false_share) = attacked(&sent, &lists, &truth);
     assert!(found.mean_px > 60.0, "an attack cannot know what nobody told it: {found:?}");
     assert!(false_share > 0.5, "{false_share}");
@@ -78,7 +81,7 @@ fn neighbours_drawn_by_lot_teach_nothing() {
 #[test]
 fn known_positions_stand_still_and_help() {
     let truth = uniform(400, 8);
-    let sent = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let sent = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let known: Vec<Observation> = sent
         .iter()
         .zip(&truth)
@@ -105,7 +108,7 @@ fn known_positions_stand_still_and_help() {
 #[test]
 fn equal_generators_give_equal_answers_and_bad_input_no_panic() {
     let truth = uniform(300, 9);
-    let sent = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let sent = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let lists = NeighbourLists::nearest(&truth, 10);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
@@ -141,7 +144,7 @@ fn positions_from_elsewhere_carry_the_layout_past_many_false_neighbours() {
     let truth = uniform(600, 9);
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let lists = NeighbourLists::nearest(&truth, 20).corrupted(0.5, &mut rng);
-    let sent = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let sent = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let mut off = || rng.random_range(-20.0..20.0);
     let begin: Vec<Pixel> = truth.iter().map(|p| Pixel::new(p.u + off(), p.v + off())).collect();
     let median = |options: &GraphOptions| {
@@ -164,7 +167,7 @@ fn rows_of_one_place_do_not_blind_the_attack() {
     for i in (0..700).step_by(3) {
         truth.extend(std::iter::repeat_n(truth[i], rng.random_range(1..5)));
     }
-    let sent = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let sent = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let (found, _) = attacked(&sent, &NeighbourLists::nearest(&truth, 20), &truth);
     assert!(found.median_px < 2.4 && found.under_5px > 0.87, "{found:?}");
 }

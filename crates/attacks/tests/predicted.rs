@@ -6,7 +6,7 @@ use veiloc_attacks::{
     AttackError, Descriptors, ErrorSummary, KnownImage, NeighbourLists, NeighbourPredictor, Observation,
     errors_px, lift, prior_only, transfer,
 };
-use veiloc_geometry::{DualAnchors, Pixel};
+use veiloc_geometry::{Pencils, Pixel};
 
 const DIMENSION: usize = 16;
 
@@ -77,7 +77,7 @@ fn a_map_image_of_the_same_place_gives_positions_and_neighbours() {
     let map = [known(image(6, 1.0)), known((seen, noisy))];
     let query = Descriptors::new(&bytes, DIMENSION).expect("whole");
     let found = transfer(&query, &map, (640, 480), 1, 20).expect("the same dimension");
-    let sent = lift::dual_convergent(&keypoints, &DualAnchors::vertical(640, 480));
+    let sent = lift::dual_convergent(&keypoints, &Pencils::paper(640, 480));
     let median = |answers: Vec<Pixel>| ErrorSummary::of(&errors_px(answers, &keypoints)).median_px;
     let (attack, guess) = (median(found.projected(&sent, 640, 480)), median(prior_only(&sent, 640, 480)));
     assert!(attack < 12.0 && guess > 50.0, "{attack}, guess {guess}");

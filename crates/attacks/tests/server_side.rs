@@ -7,7 +7,7 @@ use veiloc_attacks::{
     LineNeighbours, NeighbourLists, Observation, closed_form, errors_px, graph, guided_transfer, iterative,
     lift, server_side, transfer,
 };
-use veiloc_geometry::{DualAnchors, Pixel};
+use veiloc_geometry::{Pencils, Pixel};
 
 fn uniform(n: usize, seed: u64) -> Vec<Pixel> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -16,7 +16,7 @@ fn uniform(n: usize, seed: u64) -> Vec<Pixel> {
 
 /// Half-lines, of which every `each`-th keypoint is known.
 fn partly_known(truth: &[Pixel], each: usize) -> Vec<Observation> {
-    let sent = lift::dual_convergent(truth, &DualAnchors::vertical(640, 480));
+    let sent = lift::dual_convergent(truth, &Pencils::paper(640, 480));
     let known = |(i, (o, p)): (usize, (&Observation, &Pixel))| {
         if i % each == 0 { Observation::Known(*p) } else { *o }
     };
@@ -74,7 +74,7 @@ fn on_a_grid_the_iterative_attack_is_exact() {
         .map(|i| Pixel::new(17.0 + f64::from(i % 20) * 30.0, 13.0 + f64::from(i / 20) * 30.0))
         .collect();
     let hidden = |i: usize| i % 20 % 3 == 1 && i / 20 % 3 == 1 && i % 20 < 19 && i / 20 < 14;
-    let lines = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let lines = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let sent: Vec<Observation> =
         (0..300).map(|i| if hidden(i) { lines[i] } else { Observation::Known(truth[i]) }).collect();
     let answers = iterative(&sent, &NeighbourLists::nearest(&truth, 8), 640, 480).expect("lists fit");
@@ -90,7 +90,7 @@ fn what_has_just_been_estimated_counts_as_known() {
         Pixel::new(115.0, 120.0),
         Pixel::new(150.0, 130.0),
     ];
-    let lines = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let lines = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let sent = [Observation::Known(truth[0]), Observation::Known(truth[1]), lines[2], lines[3]];
     // The third knows both, the fourth one of them and the third.
     let lists = NeighbourLists::from_lists(&[vec![], vec![], vec![0, 1, 0, 2], vec![1, 2]]).expect("valid");
@@ -113,7 +113,7 @@ fn all_known_none_known_and_no_neighbours() {
     let found = server_side(&all, &lists, 640, 480, LineNeighbours::LeftOut).expect("lists fit");
     assert!(found.iter().zip(&truth).all(|(f, t)| f.pixel == *t));
 
-    let none = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let none = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let plain = closed_form(&none, &lists, 640, 480, &ClosedFormOptions::default()).expect("lists fit");
     assert_eq!(server_side(&none, &lists, 640, 480, LineNeighbours::LeftOut).as_ref(), Ok(&plain));
     let plain: Vec<Pixel> = plain.iter().map(|p| p.pixel).collect();
@@ -141,7 +141,7 @@ fn known_positions_carry_the_graph_through_false_neighbours() {
         ErrorSummary::of(&errors).median_px
     };
     let with = median(&partly_known(&truth, 3));
-    let without = median(&lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480)));
+    let without = median(&lift::dual_convergent(&truth, &Pencils::paper(640, 480)));
     assert!(with < 10.0 && with < 0.3 * without, "{with}, without {without}");
 }
 
@@ -186,7 +186,7 @@ fn a_warped_map_tells_apart_what_looks_alike() {
 #[test]
 fn without_inliers_there_is_no_flow_and_nothing_is_answered() {
     let (truth, query, map) = alike(1);
-    let none = lift::dual_convergent(&truth, &DualAnchors::vertical(640, 480));
+    let none = lift::dual_convergent(&truth, &Pencils::paper(640, 480));
     let options = GuidedOptions::default();
     let ask =
         |sent: &[Observation], map: &[KnownImage]| guided_transfer(&query, sent, map, (640, 480), &options);

@@ -9,17 +9,17 @@
 //! - A 2D line is homogeneous and of unit normal, so that its product with a point is a signed distance.
 #![forbid(unsafe_code)]
 
-pub mod anchors;
 pub mod deviations;
 pub mod frames;
 mod intrinsics;
 mod line;
+pub mod pencils;
 mod pixel;
 
-pub use anchors::{Anchor, DualAnchors};
 pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3};
 pub use intrinsics::{CameraModel, Intrinsics, IntrinsicsError, Pinhole};
 pub use line::{PixelLine, PlaneLine};
+pub use pencils::{Anchor, AnchorPlace, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};
 pub use pixel::{Pixel, PlanePoint};
 
 /// The linear algebra library behind the types of this crate, so that callers use the same version.

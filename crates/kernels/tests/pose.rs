@@ -4,20 +4,34 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_kernels::Backend;
 use veiloc_kernels::pose::{
-    Block, CameraRows, Group, Image, LANES, Observed, PoseLanes, RadialBlock, RadialLanes,
+    Block, CameraRows, Group, Image, LANES, Observed, Partition, PoseLanes, RadialBlock, RadialLanes, Sectors,
 };
 
 const KINDS: [Observed; 3] = [Observed::Points, Observed::Lines, Observed::Anchored];
 const IMAGE: Image = Image { middle: [3.0, -2.0], half: [320.0, 240.0], margin: 6.4 };
 const FOCAL: [f32; 2] = [510.0, 525.0];
-const ANCHORS: [[f32; 2]; 2] = [[0.0, -240.0], [0.0, 240.0]];
-/// The first group is seen left of the middle, the second right of it.
-const SIDES: [[f32; 3]; 2] = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]];
+/// One in the image, one far away.
+const ANCHORS: [[f32; 3]; 2] = [[0.0, -240.0, 1.0], [9e4, 4e4, -0.2]];
+/// Stripes of about 100 pixels.
+const STRIPES: Sectors = Sectors {
+    zero: [0.1, 0.0, 500.0],
+    quarter: [-0.9, 0.4, 3.0],
+    per_radian: 30.0 / 6.283_185_5,
+    shift: 0.3,
+    margin: 0.06,
+};
+const PARTITION: Partition = Partition { pencils: 2.0, own: STRIPES, across: None };
+/// A checkerboard.
+const BOARD: Partition = Partition {
+    across: Some(Sectors { quarter: [0.4, 0.9, -7.0], per_radian: 22.0 / 6.283_185_5, ..STRIPES }),
+    ..PARTITION
+};
 
 struct Problem {
     lanes: PoseLanes,
     /// Group and values `x y z a b c worth` of each correspondence.
     all: Vec<(usize, [f64; 7])>,
+    partition: Partition,
 }
 
 fn problem(rng: &mut ChaCha8Rng, observed: Observed, sizes: [usize; 2]) -> Problem {
@@ -54,9 +68,22 @@ fn problem(rng: &mut ChaCha8Rng, observed: Observed, sizes: [usize; 2]) -> Probl
             }
             all.push((group, [x, y, z, a, b, c, worth].map(f64::from)));
         }
-        groups.push(Group::new(blocks, ANCHORS[group], SIDES[group], 6.3));
+        groups.push(Group::new(blocks, ANCHORS[group], group, 12.0));
     }
-    Problem { lanes: PoseLanes::new(observed, groups, IMAGE), all }
+    let partition = if rng.random_bool(0.5) { PARTITION } else { BOARD };
+    Problem { lanes: PoseLanes::new(observed, groups, IMAGE, Some(partition)), all, partition }
+}
+
+/// Whether a pencil may have been seen there.
+fn admits(partition: &Partition, group: usize, u: f64, v: f64) -> bool {
+    let position = |s: &Sectors| {
+        let on = |f: &[f32; 3]| f64::from(f[0]) * u + f64::from(f[1]) * v + f64::from(f[2]);
+        on(&s.quarter).atan2(on(&s.zero)) * f64::from(s.per_radian) + f64::from(s.shift)
+    };
+    let ends = |s: &Sectors| [-1.0, 1.0].map(|sign| (position(s) + sign * f64::from(s.margin)).floor());
+    let across = partition.across.as_ref().map_or([0.0; 2], ends);
+    let of_group = |a: f64, b: f64| (a + b).rem_euclid(2.0) == group as f64;
+    ends(&partition.own).iter().any(|a| across.iter().any(|b| of_group(*a, *b)))
 }
 
 /// Rows of a small motion `[R | t]`.
@@ -77,7 +104,12 @@ struct Seen {
     radius: f64,
 }
 
-fn see(observed: Observed, group: usize, c: &[f64; 7], rows: &[[f64; 4]; 3]) -> Seen {
+fn see(
+    (observed, partition): (Observed, &Partition),
+    group: usize,
+    c: &[f64; 7],
+    rows: &[[f64; 4]; 3],
+) -> Seen {
     let p = rows.map(|r| r[0] * c[0] + r[1] * c[1] + r[2] * c[2] + r[3]);
     let (u, v) = (f64::from(FOCAL[0]) * p[0] / p[2], f64::from(FOCAL[1]) * p[1] / p[2]);
     let squared = match observed {
@@ -87,8 +119,9 @@ fn see(observed: Observed, group: usize, c: &[f64; 7], rows: &[[f64; 4]; 3]) -> 
     let inside = (u - 3.0).abs() <= 326.4 && (v + 2.0).abs() <= 246.4;
     let (mut radius, mut own) = (1.0, true);
     if observed == Observed::Anchored {
-        radius = (u - f64::from(ANCHORS[group][0])).hypot(v - f64::from(ANCHORS[group][1]));
-        own = f64::from(SIDES[group][0]) * u >= -6.4;
+        let [x, y, w] = ANCHORS[group].map(f64::from);
+        radius = (w * u - x).hypot(w * v - y);
+        own = admits(partition, group, u, v);
     }
     Seen { front: p[2] > 0.0, visible: p[2] > 0.0 && inside && own, squared, radius }
 }
@@ -109,8 +142,11 @@ fn scores_agree_with_their_twins_on_every_backend() {
             let problem = problem(&mut rng, observed, sizes);
             for _ in 0..10 {
                 let rows = motion(&mut rng);
-                let seen: Vec<Seen> =
-                    problem.all.iter().map(|(g, c)| see(observed, *g, c, &wide(&rows))).collect();
+                let seen: Vec<Seen> = problem
+                    .all
+                    .iter()
+                    .map(|(g, c)| see((observed, &problem.partition), *g, c, &wide(&rows)))
+                    .collect();
                 let pairs = || problem.all.iter().zip(&seen);
                 let likelihood: f64 =
                     pairs().filter(|(_, s)| s.visible).map(|((_, c), s)| llr(c, s, 0.1, 0.3).max(0.0)).sum();
@@ -185,7 +221,7 @@ fn normal_equations_agree_with_finite_differences() {
         let rows = motion(&mut rng);
         let loss = |rows: &[[f64; 4]; 3]| -> f64 {
             let of = |(g, c): &(usize, [f64; 7])| {
-                let seen = see(observed, *g, c, rows);
+                let seen = see((observed, &problem.partition), *g, c, rows);
                 if seen.visible { -llr(c, &seen, k, shift).exp().ln_1p() } else { 0.0 }
             };
             problem.all.iter().map(of).sum()
@@ -239,7 +275,7 @@ fn the_gauss_newton_matrix_is_the_sum_of_its_parts() {
         let camera = CameraRows { rows: motion(&mut rng), focal: FOCAL };
         let rows = wide(&camera.rows);
         let (_, c) = problem.all[0];
-        if !see(observed, 0, &c, &rows).visible {
+        if !see((observed, &problem.partition), 0, &c, &rows).visible {
             continue;
         }
         let residuals = |rows: &[[f64; 4]; 3]| -> [f64; 2] {
@@ -261,7 +297,7 @@ fn the_gauss_newton_matrix_is_the_sum_of_its_parts() {
             let (plus, minus) = (at(h), at(-h));
             [0, 1].map(|i| (plus[i] - minus[i]) / (2.0 * h))
         };
-        let seen = see(observed, 0, &c, &rows);
+        let seen = see((observed, &problem.partition), 0, &c, &rows);
         let right = 1.0 / (1.0 + (-llr(&c, &seen, 0.1, 0.0)).exp());
         let weight = right * 6.0 * 0.1 / (1.0 + 0.1 * seen.squared);
         let found = problem.lanes.normal_equations(Backend::best(), &camera, 0.1, 0.0);

@@ -6,7 +6,7 @@
 //! query's own matches, as a histogram that is smoothed and mixed with the even spread.
 
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_geometry::{Anchor, Pinhole};
+use veiloc_geometry::{Arc, Pinhole};
 
 use crate::problem::Correspondences;
 
@@ -16,7 +16,7 @@ const EVEN: f64 = 0.15;
 /// So many evenly spread matches more: few matches tell little of how they are spread.
 const EVEN_MATCHES: f64 = 8.0;
 
-/// Bins of the half circle; smoothed over five of them, which is 7°.
+/// Bins of a half circle; smoothed over five of them, which is 7°.
 const ANGLE_BINS: usize = 128;
 
 /// Bins along the longer side of the image; smoothed over five of them.
@@ -42,12 +42,12 @@ pub(crate) fn crowding(observations: &Correspondences, camera: &Pinhole) -> Vec<
         Correspondences::Lines { lines } => {
             of_lines(&lines.iter().map(|l| *l.coefficients()).collect::<Vec<_>>(), size)
         }
-        Correspondences::Anchored { lines, .. } => {
+        Correspondences::Anchored { pencils, lines } => {
             let mut density = vec![1.0; lines.len()];
-            for anchor in Anchor::BOTH {
+            for anchor in pencils.anchors() {
                 let of_anchor = || lines.iter().enumerate().filter(|(_, line)| line.0 == anchor);
                 let angles: Vec<f64> = of_anchor().map(|(_, line)| line.1).collect();
-                for ((i, _), at) in of_anchor().zip(of_angles(&angles)) {
+                for ((i, _), at) in of_anchor().zip(of_angles(&angles, &pencils.arc(anchor))) {
                     density[i] = at;
                 }
             }
@@ -57,13 +57,11 @@ pub(crate) fn crowding(observations: &Correspondences, camera: &Pinhole) -> Vec<
     density.into_iter().map(f64::ln).collect()
 }
 
-/// Density over the half circle at each of these angles, relative to the even one, `[N]`.
-fn of_angles(angles: &[f64]) -> Vec<f64> {
-    let bin = |angle: f64| {
-        let share = (angle / std::f64::consts::PI).rem_euclid(1.0);
-        ((share * ANGLE_BINS as f64) as usize).min(ANGLE_BINS - 1)
-    };
-    let mut counts = vec![0.0; ANGLE_BINS];
+/// Density over the arc in which an image is seen at each of these angles, relative to the even one, `[N]`.
+fn of_angles(angles: &[f64], arc: &Arc) -> Vec<f64> {
+    let bins = ((arc.length / std::f64::consts::PI * ANGLE_BINS as f64).ceil() as usize).max(1);
+    let bin = |angle: f64| ((arc.share(angle) * bins as f64) as usize).min(bins - 1);
+    let mut counts = vec![0.0; bins];
     for &angle in angles {
         counts[bin(angle)] += 1.0;
     }
@@ -177,11 +175,13 @@ fn mixed(count: f64, expected: f64, all: f64) -> f64 {
 mod tests {
     use super::*;
 
+    const HALF: Arc = Arc { from: 0.0, length: std::f64::consts::PI };
+
     #[test]
     fn an_even_spread_is_one_everywhere() {
         let angles: Vec<f64> =
             (0..4096).map(|i| (f64::from(i) + 0.5) / 4096.0 * std::f64::consts::PI).collect();
-        assert!(of_angles(&angles).iter().all(|d| (d - 1.0).abs() < 1e-6));
+        assert!(of_angles(&angles, &HALF).iter().all(|d| (d - 1.0).abs() < 1e-6));
         let pixels: Vec<[f64; 2]> =
             (0..480 * 640).step_by(7).map(|i| [f64::from(i % 640) + 0.5, f64::from(i / 640) + 0.5]).collect();
         assert!(of_pixels(&pixels, [640.0, 480.0]).iter().all(|d| (d - 1.0).abs() < 0.2));
@@ -191,7 +191,7 @@ mod tests {
     fn a_crowd_is_dense_and_a_loner_is_not() {
         let mut angles = vec![1.0; 99];
         angles.push(2.5);
-        let density = of_angles(&angles);
+        let density = of_angles(&angles, &HALF);
         assert!(density[0] > 15.0, "{}", density[0]);
         assert!(density[99] > EVEN && density[99] < 1.3, "{}", density[99]);
         let mut pixels = vec![[100.0, 100.0]; 99];
@@ -202,9 +202,9 @@ mod tests {
 
     #[test]
     fn ends_and_strange_values_stay_inside() {
-        assert!(of_angles(&[]).is_empty());
+        assert!(of_angles(&[], &HALF).is_empty());
         for angle in [-1.0, 0.0, std::f64::consts::PI, 1e9, f64::NAN] {
-            assert!(of_angles(&[angle])[0].is_finite());
+            assert!(of_angles(&[angle], &HALF)[0].is_finite());
         }
         for pixel in [[-5.0, -5.0], [1e9, 1e9], [f64::NAN, 3.0], [640.0, 480.0]] {
             assert!(of_pixels(&[pixel], [640.0, 480.0])[0].is_finite());

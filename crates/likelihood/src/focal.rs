@@ -84,6 +84,11 @@ impl Verdict {
         }
     }
 
+    /// Whether nothing is known that another focal length would change much.
+    pub fn is_near(&self) -> bool {
+        *self != Self::Wrong && self.doubted().is_none()
+    }
+
     /// The focal length that a doubt is about, over the given one: one that differs by so much that the pose may be wrong.
     pub fn doubted(&self) -> Option<f64> {
         match self {
@@ -154,30 +159,34 @@ impl ZoomObjective<'_> {
         if !Verdict::is_worth_a_look(-0.5 * step.dot(&system.gradient), step[6]) {
             return Verdict::Fine;
         }
-        let other = self.refine(&given);
+        let other = self.descend(&given, Patience { steps: 12, least_gain: 1e-6 });
         let gain = system.loss - self.linearize(&other).loss;
         Verdict::of(gain, &other, Verdict::least_gain(self.matches.observations, system.agreeing))
     }
 
     /// Levenberg–Marquardt from a start; never a larger loss than the start's.
     pub fn refine(&self, start: &Zoomed) -> Zoomed {
+        self.descend(start, Patience::OF_FOCAL)
+    }
+
+    fn descend(&self, start: &Zoomed, patience: Patience) -> Zoomed {
         let step = |at: &Zoomed, here: &ZoomSystem, damping| {
             Some((moved(at, &solved(here, damping)?)?, f64::INFINITY))
         };
-        levenberg_marquardt(*start, Patience::OF_FOCAL, |at| self.linearize(at), |here| here.loss, step).at
+        levenberg_marquardt(*start, patience, |at| self.linearize(at), |here| here.loss, step).at
     }
 
     /// Loss and derivatives at a pose and focal length.
     pub fn linearize(&self, at: &Zoomed) -> ZoomSystem {
-        let zoomed = self.matches.with_focal(at.factor);
+        let (matches, camera) = (self.matches, self.matches.zoomed_camera(at.factor));
         let mut system =
             ZoomSystem { agreeing: 0, loss: 0.0, gradient: Vector7::zeros(), hessian: Matrix7::zeros() };
-        let scale = zoomed.freedom() * self.noise * self.noise;
-        let noise_term = zoomed.noise_term(self.noise);
+        let scale = matches.freedom() * self.noise * self.noise;
+        let noise_term = matches.noise_term(self.noise);
         for &i in &self.active {
-            let Some(residual) = zoomed.residual(i, &at.pose, true) else { continue };
+            let Some(residual) = matches.residual_of(&camera, i, &at.pose, true) else { continue };
             let squared = residual.squared();
-            let llr = zoomed.worth[i] + noise_term + residual.log_radius - 3.0 * (squared / scale).ln_1p();
+            let llr = matches.worth[i] + noise_term + residual.log_radius - 3.0 * (squared / scale).ln_1p();
             let right = 1.0 / (1.0 + (-llr).exp());
             let weight = 6.0 * right / (scale + squared);
             system.agreeing += usize::from(llr > 0.0);
@@ -185,7 +194,7 @@ impl ZoomObjective<'_> {
             let column = |six: &[f64; 6], seventh: f64| {
                 Vector7::from([six[0], six[1], six[2], six[3], six[4], six[5], seventh])
             };
-            for row in 0..zoomed.residuals() {
+            for row in 0..matches.residuals() {
                 let j = column(&residual.jacobian[row], residual.by_log_focal[row]);
                 system.gradient += j * (weight * residual.error[row]);
                 system.hessian += j * j.transpose() * weight;

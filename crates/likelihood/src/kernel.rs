@@ -5,9 +5,11 @@
 //! [`Matches::log_likelihood_ratio`], which the tests hold this against.
 
 use veiloc_geometry::nalgebra::{Matrix6, RowVector3, Vector3, Vector6};
-use veiloc_geometry::{Anchor, CameraFromWorld, Pixel};
+use veiloc_geometry::{Anchor, CameraFromWorld, Pencils, Pixel, PlacedSectors};
 use veiloc_kernels::Backend;
-use veiloc_kernels::pose::{Block, CameraRows, Group, Image, LANES, Observed, PoseLanes, ScaledRows};
+use veiloc_kernels::pose::{
+    Block, CameraRows, Group, Image, LANES, Observed, Partition, PoseLanes, ScaledRows, Sectors,
+};
 
 use crate::matches::Matches;
 use crate::problem::Correspondences;
@@ -56,19 +58,17 @@ impl Kernel {
         let [cx, cy] = camera.principal;
         let (w, h) = (f64::from(camera.width), f64::from(camera.height));
         let margin = matches.margin();
-        let group = |anchor: Option<Anchor>, position: Pixel, side: [f64; 3], members: &[usize]| {
-            let corners =
-                [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]].map(|[u, v]| Pixel::new(u, v).distance(&position));
-            let farthest = (corners.into_iter().fold(0.0, f64::max) + 2.0 * margin).ln();
-            let blocks = members.chunks(LANES).map(|chunk| block(matches, chunk, &center, &scale)).collect();
-            let extra =
-                if anchor.is_some() && matches!(scale, Scale::Likelihood { .. }) { farthest } else { 0.0 };
-            Group::new(
-                blocks,
-                [(position.u - cx) as f32, (position.v - cy) as f32],
-                [side[0] as f32, side[1] as f32, (side[2] + side[0] * cx + side[1] * cy) as f32],
-                extra as f32,
-            )
+        let blocks = |members: &[usize]| -> Vec<Block> {
+            members.chunks(LANES).map(|chunk| block(matches, chunk, &center, &scale)).collect()
+        };
+        let anchored = |pencils: &Pencils, anchor: Anchor, members: &[usize]| {
+            let at = pencils.homogeneous(anchor);
+            let from_principal = [at.x - cx * at.z, at.y - cy * at.z, at.z].map(|x| x as f32);
+            let extra = match scale {
+                Scale::Likelihood { .. } => log_farthest(matches, pencils, anchor),
+                Scale::Msac { .. } => 0.0,
+            };
+            Group::new(blocks(members), from_principal, anchor.index(), extra as f32)
         };
         // Members of each group, the most promising first: then poor poses are dropped sooner.
         let members = |anchor: Option<Anchor>| -> Vec<usize> {
@@ -77,24 +77,21 @@ impl Kernel {
         };
         let all: Vec<Vec<usize>> = match matches.observations {
             Correspondences::Points { .. } | Correspondences::Lines { .. } => vec![members(None)],
-            Correspondences::Anchored { .. } => Anchor::BOTH.map(|a| members(Some(a))).into(),
+            Correspondences::Anchored { pencils, .. } => {
+                pencils.anchors().map(|a| members(Some(a))).collect()
+            }
         };
         let groups = |share: f64| -> Vec<Group> {
             let first = |members: &Vec<usize>| (members.len() as f64 * share).ceil() as usize;
             match matches.observations {
                 Correspondences::Points { .. } | Correspondences::Lines { .. } => {
-                    vec![group(None, Pixel::new(0.0, 0.0), [0.0; 3], &all[0][..first(&all[0])])]
+                    vec![Group::new(blocks(&all[0][..first(&all[0])]), [0.0; 3], 0, 0.0)]
                 }
-                Correspondences::Anchored { anchors, .. } => {
-                    let at = |u, v| anchors.signed_side(Pixel::new(u, v));
-                    let side = [at(1.0, 0.0) - at(0.0, 0.0), at(0.0, 1.0) - at(0.0, 0.0), at(0.0, 0.0)];
-                    let of = |a: Anchor| {
-                        let members = &all[a.index()];
-                        let side = side.map(|s| a.sign() * s);
-                        group(Some(a), anchors.position(a), side, &members[..first(members)])
-                    };
-                    Anchor::BOTH.map(of).into()
-                }
+                Correspondences::Anchored { pencils, .. } => pencils
+                    .anchors()
+                    .zip(&all)
+                    .map(|(anchor, members)| anchored(pencils, anchor, &members[..first(members)]))
+                    .collect(),
             }
         };
         let observed = match matches.observations {
@@ -112,11 +109,15 @@ impl Kernel {
             half: [(w / 2.0) as f32, (h / 2.0) as f32],
             margin: margin as f32,
         };
+        let partition = match matches.observations {
+            Correspondences::Anchored { pencils, .. } => Some(partition(pencils, [cx, cy], margin)),
+            Correspondences::Points { .. } | Correspondences::Lines { .. } => None,
+        };
+        let lanes = |share: f64| PoseLanes::new(observed, groups(share), image, partition);
         Self {
             scale,
-            lanes: PoseLanes::new(observed, groups(1.0), image),
-            coarse: (matches.len() > 2 * COARSE)
-                .then(|| PoseLanes::new(observed, groups(COARSE as f64 / matches.len() as f64), image)),
+            lanes: lanes(1.0),
+            coarse: (matches.len() > 2 * COARSE).then(|| lanes(COARSE as f64 / matches.len() as f64)),
             order,
             center,
             focal: camera.focal,
@@ -248,6 +249,31 @@ fn block(matches: &Matches<'_>, members: &[usize], center: &Vector3<f64>, scale:
     block
 }
 
+/// Logarithm of the largest distance from an anchor at which a projection may count.
+pub fn log_farthest(matches: &Matches<'_>, pencils: &Pencils, anchor: Anchor) -> f64 {
+    let (w, h) = (f64::from(matches.camera.width), f64::from(matches.camera.height));
+    let corners =
+        [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]].map(|[u, v]| pencils.distance(anchor, Pixel::new(u, v)));
+    (corners.into_iter().fold(0.0, f64::max) + 2.0 * matches.margin()).ln()
+}
+
+/// The sectors for pixels relative to the principal point.
+fn partition(pencils: &Pencils, principal: [f64; 2], margin: f64) -> Partition {
+    let sectors = |sectors: &PlacedSectors| {
+        let moved =
+            |f: &Vector3<f64>| [f.x, f.y, f.z + f.x * principal[0] + f.y * principal[1]].map(|x| x as f32);
+        Sectors {
+            zero: moved(&sectors.zero),
+            quarter: moved(&sectors.quarter),
+            per_radian: (sectors.count / std::f64::consts::TAU) as f32,
+            shift: sectors.shift as f32,
+            margin: pencils.in_sectors(sectors, margin) as f32,
+        }
+    };
+    let (own, across) = pencils.sectors();
+    Partition { pencils: pencils.len() as f32, own: sectors(own), across: across.map(sectors) }
+}
+
 /// Median of each coordinate: a few wild map points do not move it.
 pub fn median_point(points: &[Vector3<f64>]) -> Vector3<f64> {
     Vector3::from_fn(|k, _| {
@@ -265,11 +291,19 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::nalgebra::Rotation3;
-    use veiloc_geometry::{DualAnchors, Pinhole, Pixel, Point3, Rigid3};
+    use veiloc_geometry::{AnchorPlace, Layout, Pinhole, Pixel, Point3, Rigid3};
 
     fn problem(rng: &mut ChaCha8Rng, kind: usize, n: usize) -> PoseProblem {
         let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
-        let anchors = DualAnchors::new(640, 480, 1.2, 1.0).expect("finite");
+        // The paper's layout, and a checkerboard with an anchor far away.
+        let board = |axis, shift| veiloc_geometry::Sectors { axis, count: 30, shift };
+        let at = [AnchorPlace::At([0.2, -0.4]), AnchorPlace::Toward(0.3)];
+        let layout = if rng.random_bool(0.5) {
+            Layout::halves(1.2, 1.0)
+        } else {
+            Layout::new(&at, board(0.9, 0.4), Some(board(-0.6, 0.0)))
+        };
+        let pencils = Pencils::of_image([640, 480], &layout.expect("it closes"));
         let pixels: Vec<Pixel> =
             (0..n).map(|_| Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0))).collect();
         let points = pixels
@@ -280,7 +314,7 @@ mod tests {
                 Point3::from_vector(camera.unproject(noisy).homogeneous() * depth)
             })
             .collect();
-        let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
+        let observations = observe(kind, pixels, &pencils, || rng.random_range(0.0..3.0));
         let prior = Some((0..n).map(|_| rng.random_range(0.0..1.0)).collect());
         PoseProblem { prior, ..PoseProblem::new(camera, observations, (0..n).collect(), points) }
     }

@@ -33,7 +33,7 @@ pub use descent::{Descended, Patience, levenberg_marquardt};
 pub use error::ProblemError;
 pub use focal::{Verdict, ZoomObjective, ZoomSystem, Zoomed, stretched};
 pub use information::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
-pub use kernel::{Kernel, Scale, median_point, promising_first};
+pub use kernel::{Kernel, Scale, log_farthest, median_point, promising_first};
 pub use matches::Matches;
 pub use problem::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};
 pub use refine::{Loss, Refined, System, descend, linearize, refine};

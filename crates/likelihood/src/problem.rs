@@ -2,7 +2,7 @@
 
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_geometry::{Anchor, DualAnchors, Pinhole, Pixel, PixelLine, Point3};
+use veiloc_geometry::{Anchor, Pencils, Pinhole, Pixel, PixelLine, Point3};
 
 use crate::error::ProblemError;
 
@@ -19,11 +19,11 @@ pub enum Correspondences {
         /// `[N]`, in undistorted pixels.
         lines: Vec<PixelLine>,
     },
-    /// Dual Convergent Lines: half-lines from one of two anchors.
+    /// Dual Convergent Lines: half-planes about one of the anchors.
     Anchored {
-        /// Where the anchors are.
-        anchors: DualAnchors,
-        /// `[N]`, anchor and angle as [`DualAnchors::angle_of`] measures it.
+        /// Where the anchors are, and what is joined to which.
+        pencils: Pencils,
+        /// `[N]`, anchor and angle as [`Pencils::angle_of`] measures it.
         lines: Vec<(Anchor, f64)>,
     },
 }
@@ -197,7 +197,14 @@ impl PoseProblem {
             Correspondences::Lines { lines } => {
                 lines.iter().position(|l| !l.coefficients().iter().all(|c| c.is_finite()))
             }
-            Correspondences::Anchored { lines, .. } => lines.iter().position(|(_, angle)| !angle.is_finite()),
+            Correspondences::Anchored { pencils, lines } => {
+                let is_line = |anchor: Anchor, angle: f64| {
+                    anchor.index() < pencils.len()
+                        && angle.is_finite()
+                        && pencils.line(anchor, angle).is_some()
+                };
+                lines.iter().position(|(anchor, angle)| !is_line(*anchor, *angle))
+            }
         };
         if let Some(index) = bad {
             return Err(ProblemError::NotFinite { what: "observation", index });

@@ -177,7 +177,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-    use veiloc_geometry::{DualAnchors, Pinhole, Pixel, Point3, Rigid3};
+    use veiloc_geometry::{Pencils, Pinhole, Pixel, Point3, Rigid3};
 
     const LOSSES: [Loss; 3] =
         [Loss::Squared, Loss::Truncated { threshold: 4.0 }, Loss::Likelihood { noise: 2.0 }];
@@ -185,7 +185,7 @@ mod tests {
     /// Exact observations from the identity pose, well inside the image.
     fn exact(rng: &mut ChaCha8Rng, kind: usize) -> PoseProblem {
         let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
-        let anchors = DualAnchors::vertical(640, 480);
+        let pencils = Pencils::paper(640, 480);
         let pixels: Vec<Pixel> = (0..60)
             .map(|_| Pixel::new(rng.random_range(60.0..580.0), rng.random_range(60.0..420.0)))
             .collect();
@@ -193,7 +193,7 @@ mod tests {
             .iter()
             .map(|p| Point3::from_vector(camera.unproject(*p).homogeneous() * rng.random_range(2.0..6.0)))
             .collect();
-        let observations = observe(kind, pixels, anchors, || rng.random_range(0.0..3.0));
+        let observations = observe(kind, pixels, &pencils, || rng.random_range(0.0..3.0));
         let keypoints = (0..60).collect();
         PoseProblem::new(camera, observations, keypoints, points)
     }

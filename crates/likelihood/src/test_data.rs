@@ -1,6 +1,6 @@
 //! Observations of given pixels, for the unit tests of this crate.
 
-use veiloc_geometry::{DualAnchors, Pixel, PixelLine};
+use veiloc_geometry::{Pencils, Pixel, PixelLine};
 
 use crate::problem::Correspondences;
 
@@ -8,7 +8,7 @@ use crate::problem::Correspondences;
 pub(crate) fn observe(
     kind: usize,
     pixels: Vec<Pixel>,
-    anchors: DualAnchors,
+    pencils: &Pencils,
     mut angle: impl FnMut() -> f64,
 ) -> Correspondences {
     match kind {
@@ -17,8 +17,8 @@ pub(crate) fn observe(
             Correspondences::Lines { lines: pixels.iter().map(|p| PixelLine::through(*p, angle())).collect() }
         }
         _ => {
-            let line = |p: &Pixel| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p));
-            Correspondences::Anchored { anchors, lines: pixels.iter().map(line).collect() }
+            let line = |p: &Pixel| (pencils.anchor_of(*p), pencils.angle_of(pencils.anchor_of(*p), *p));
+            Correspondences::Anchored { pencils: pencils.clone(), lines: pixels.iter().map(line).collect() }
         }
     }
 }

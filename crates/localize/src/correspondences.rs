@@ -37,9 +37,9 @@ pub fn observe_matches(observations: &Observations, rows: &[usize]) -> MatchedOb
             let lines: Vec<PixelLine> = rows.iter().flat_map(|&r| pairs[r]).collect();
             (Correspondences::Lines { lines }, (0..rows.len()).flat_map(|i| [i, i]).collect())
         }
-        Observations::Anchored { anchors, lines } => (
+        Observations::Anchored { pencils, lines } => (
             Correspondences::Anchored {
-                anchors: *anchors,
+                pencils: pencils.clone(),
                 lines: rows.iter().map(|&r| (lines[r].anchor, lines[r].angle)).collect(),
             },
             once(),

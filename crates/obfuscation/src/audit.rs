@@ -6,8 +6,8 @@
 use rand::{CryptoRng, Rng};
 use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
-use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_query::{AngleBits, Observations, Profile, Scheme, SealedQuery};
+use veiloc_geometry::{Intrinsics, Pinhole, Pixel};
+use veiloc_query::{AngleBits, AngleForm, LayoutTurn, Observations, Profile, Scheme, SealedQuery};
 
 use crate::decoy;
 use crate::lift::{Places, dither, lift, select};
@@ -83,15 +83,24 @@ pub fn obfuscate_points(
     }
     let places = Places::new(points.iter().copied());
     let dithered: Vec<Pixel> = places.pixels.iter().map(|p| dither(*p, rng)).collect();
-    let rows = lift(&dithered, [width, height], *scheme, angle_bits, rng).map_err(|e| match e {
+    // Of a bare image the focal length is not known, and taken to be the longer side.
+    let focal = f64::from(width.max(height).max(1));
+    let principal = [width, height].map(|side| 0.5 * f64::from(side));
+    let camera = Pinhole { width: width.max(1), height: height.max(1), focal: [focal; 2], principal };
+    let turn = LayoutTurn::default();
+    let rows = lift(&dithered, &camera, *scheme, turn, angle_bits, rng).map_err(|e| match e {
         SealError::TooFar { index: place } => {
             SealError::TooFar { index: places.of.iter().position(|p| *p == place).unwrap_or(place) }
         }
         other => other,
     })?;
     let rows = select(&rows, places.of.iter().copied());
+    let form = match scheme {
+        Scheme::Dcl(layout) => AngleForm::needed(*layout, turn),
+        Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => AngleForm::HalfCircle,
+    };
     Ok(rows
-        .observations(*scheme, angle_bits, [width, height])
+        .observations(*scheme, form, angle_bits, &camera, turn)
         .expect("the rows were lifted under this scheme"))
 }
 

@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 
 use rand::Rng;
 use rand::seq::SliceRandom;
-use veiloc_geometry::{DualAnchors, Pixel};
-use veiloc_query::{AnchoredRow, AngleBits, LineRow, PositionRow, Rows, Scheme};
+use veiloc_geometry::{Pencils, Pinhole, Pixel};
+use veiloc_query::{
+    AnchoredRow, AngleBits, AngleForm, DclLayout, LayoutTurn, LineRow, PositionRow, Rows, Scheme,
+};
 
 use crate::SealError;
 
@@ -44,17 +46,22 @@ pub(crate) fn dither<R: Rng + ?Sized>(pixel: Pixel, rng: &mut R) -> Pixel {
     Pixel::new(pixel.u + step(), pixel.v + step())
 }
 
-/// One row per place. `dithered` are positions in an image of this size.
+/// One row per place. `dithered` are positions in an image of this camera, whose principal point is the image's centre;
+/// `turn` is how the layout of `dcl` is turned against it.
 ///
 /// The error names the index of a place.
+///
+/// # Panics
+/// For a camera without size or focal length.
 pub(crate) fn lift<R: Rng + ?Sized>(
     dithered: &[Pixel],
-    size: [u32; 2],
+    camera: &Pinhole,
     scheme: Scheme,
+    turn: LayoutTurn,
     bits: AngleBits,
     rng: &mut R,
 ) -> Result<Rows, SealError> {
-    let center = [f64::from(size[0]) / 2.0, f64::from(size[1]) / 2.0];
+    let center = [f64::from(camera.width) / 2.0, f64::from(camera.height) / 2.0];
     let from_center = |p: &Pixel| [p.u - center[0], p.v - center[1]];
     let positions = |places: &[[f64; 2]]| each(places, |&[u, v]| PositionRow::new(u, v));
     match scheme {
@@ -75,15 +82,29 @@ pub(crate) fn lift<R: Rng + ?Sized>(
             Ok(Rows::CoordinatePermutation(positions(&places)?))
         }
         Scheme::Dcl(layout) => {
-            let anchors = layout.anchors(size[0], size[1]);
-            Ok(Rows::Dcl(dithered.iter().map(|&pixel| anchored(&anchors, bits, pixel)).collect()))
+            let form = AngleForm::needed(layout, turn);
+            let row: &dyn Fn(&Pixel) -> AnchoredRow =
+                if let (AngleForm::HalfCircle, DclLayout::Halves(halves)) = (form, layout) {
+                    let anchors = halves.anchors(camera.width, camera.height);
+                    &move |p| {
+                        let anchor = anchors.anchor_of(*p);
+                        AnchoredRow::new(form, bits, anchor, anchors.angle_of(anchor, *p))
+                    }
+                } else {
+                    let pencils = pencils(layout, camera, turn);
+                    &move |p| {
+                        let anchor = pencils.anchor_of(*p);
+                        AnchoredRow::new(form, bits, anchor, pencils.angle_of(anchor, *p))
+                    }
+                };
+            Ok(Rows::Dcl(dithered.iter().map(row).collect()))
         }
     }
 }
 
-fn anchored(anchors: &DualAnchors, bits: AngleBits, pixel: Pixel) -> AnchoredRow {
-    let anchor = anchors.anchor_of(pixel);
-    AnchoredRow::new(bits, anchor, anchors.angle_of(anchor, pixel))
+/// The pencils of a layout in the device's camera.
+pub(crate) fn pencils(layout: DclLayout, camera: &Pinhole, turn: LayoutTurn) -> Pencils {
+    layout.pencils(camera, turn).expect("the camera has a size and a focal length")
 }
 
 /// Rows of all places, or the first that has none.

@@ -3,11 +3,13 @@
 use rand::CryptoRng;
 use rand::seq::SliceRandom;
 use veiloc_features::Features;
-use veiloc_geometry::{Anchor, DualAnchors, Intrinsics, Pixel};
-use veiloc_query::{CanonicalCamera, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass};
+use veiloc_geometry::{Intrinsics, Pencils, Pixel};
+use veiloc_query::{
+    CanonicalCamera, LayoutTurn, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass,
+};
 
 use crate::decoy;
-use crate::lift::{Places, dither, lift, select};
+use crate::lift::{Places, dither, lift, pencils, select};
 use crate::{SealError, SealOptions};
 
 /// Keypoints nearer than this to an anchor, pixels, have no useful angle and are dropped.
@@ -21,7 +23,7 @@ const ANCHOR_CLEARANCE: f64 = 1.0;
 ///    that camera's image, or within one pixel of an anchor are dropped.
 /// 2. The strongest are kept, as many as the largest size class not above the count, the profile's limit and the
 ///    device's; below the smallest class the rest is filled with decoys made of the rows that are sent (L5).
-/// 3. Position, dithered by up to half a pixel (L2); side, line, code (L1, L9). Features with one position share
+/// 3. Position, dithered by up to half a pixel (L2); anchor, line, code (L1, L9). Features with one position share
 ///    one dither and one line (L7).
 /// 4. Rows are shuffled (L3); strength, scale and orientation have been left behind (L4).
 ///
@@ -41,7 +43,7 @@ const ANCHOR_CLEARANCE: f64 = 1.0;
 /// `rng`: [`crate::device_rng`] on a device; tests pass a seeded generator.
 ///
 /// # Errors
-/// [`SealError`]: no usable keypoint, all on one side of the dividing line (dcl), a position that is not finite, a
+/// [`SealError`]: no usable keypoint, all of one anchor (dcl), a position that is not finite, a
 /// camera that is not possible, descriptors of another kind than the profile's, a profile that asks for more than the
 /// device gives, or too few keypoints of a kind that has no decoys.
 pub fn seal(
@@ -85,16 +87,17 @@ pub(crate) fn seal_frame<T>(
     check(&features, profile)?;
     let (scheme, angle_bits) = (options.scheme(), options.angle_bits());
     let canonical = CanonicalCamera::for_intrinsics(camera)?;
-    let size = [canonical.width(), canonical.height()];
-    let anchors = match scheme {
-        Scheme::Dcl(layout) => Some(layout.anchors(size[0], size[1])),
+    let (size, pinhole) = ([canonical.width(), canonical.height()], canonical.pinhole());
+    let turn = LayoutTurn::default();
+    let pencils = match scheme {
+        Scheme::Dcl(layout) => Some(pencils(layout, &pinhole, turn)),
         Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => None,
     };
 
     let mut usable = strongest_first(&features)
         .into_iter()
         .filter_map(|source| {
-            let pixel = reproject(features.keypoints[source].pixel, camera, canonical, anchors.as_ref())?;
+            let pixel = reproject(features.keypoints[source].pixel, camera, canonical, pencils.as_ref())?;
             Some(Kept { source, pixel })
         })
         .take(options.most(profile))
@@ -108,19 +111,20 @@ pub(crate) fn seal_frame<T>(
     let mut places = Places::new(usable.iter().map(|kept| kept.pixel));
     let real_places = places.pixels.len();
     let decoys = rows - usable.len();
-    let clear = |pixel| in_image(pixel, canonical, anchors.as_ref());
+    let clear = |pixel| in_image(pixel, canonical, pencils.as_ref());
     decoy::add_places(&mut places, usable.len(), decoys, size, clear, rng);
     let mut descriptors = features.descriptors.select(usable.iter().map(|kept| kept.source));
     decoy::add_descriptors(&mut descriptors, decoys, rng)?;
 
     let dithered: Vec<Pixel> = places.pixels.iter().map(|p| dither(*p, rng)).collect();
-    if let Some(anchors) = &anchors {
-        let first = dithered[..real_places].iter().filter(|p| anchors.anchor_of(**p) == Anchor::First);
-        if [0, real_places].contains(&first.count()) {
+    if let Some(pencils) = &pencils {
+        let mut of = dithered[..real_places].iter().map(|p| pencils.anchor_of(*p));
+        let first = of.next();
+        if of.all(|anchor| Some(anchor) == first) {
             return Err(SealError::OneSided { keypoints: usable.len() });
         }
     }
-    let lifted = lift(&dithered, size, scheme, angle_bits, rng)?;
+    let lifted = lift(&dithered, &pinhole, scheme, turn, angle_bits, rng)?;
 
     let mut order: Vec<usize> = (0..rows).collect();
     order.shuffle(rng);
@@ -132,6 +136,7 @@ pub(crate) fn seal_frame<T>(
         descriptors: descriptors.select(order.iter().copied()),
         image_global: None,
         hints: options.hints(),
+        turn,
     };
     let query = SealedQuery::new(profile, parts)?;
     let seen = look(&Hidden { kept: &usable, places: &places, order: &order });
@@ -172,15 +177,15 @@ fn reproject(
     pixel: Pixel,
     camera: &Intrinsics,
     canonical: CanonicalCamera,
-    anchors: Option<&DualAnchors>,
+    pencils: Option<&Pencils>,
 ) -> Option<Pixel> {
     let pixel = canonical.pinhole().project(camera.unproject(pixel)?);
-    in_image(pixel, canonical, anchors).then_some(pixel)
+    in_image(pixel, canonical, pencils).then_some(pixel)
 }
 
-fn in_image(pixel: Pixel, canonical: CanonicalCamera, anchors: Option<&DualAnchors>) -> bool {
+fn in_image(pixel: Pixel, canonical: CanonicalCamera, pencils: Option<&Pencils>) -> bool {
     canonical.pinhole().contains(pixel, 0.0)
-        && anchors.is_none_or(|anchors| {
-            Anchor::BOTH.iter().all(|a| anchors.position(*a).distance(&pixel) > ANCHOR_CLEARANCE)
+        && pencils.is_none_or(|pencils| {
+            pencils.anchors().all(|anchor| pencils.distance(anchor, pixel) > ANCHOR_CLEARANCE)
         })
 }

@@ -10,9 +10,11 @@ use common::{angles, camera, correlation, features_at, options, profile, rng, un
 use rand::Rng;
 use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
-use veiloc_geometry::{Anchor, DualAnchors, Intrinsics, Pixel, PixelLine};
+use veiloc_geometry::{Anchor, Intrinsics, Pixel, PixelLine};
 use veiloc_obfuscation::{SealError, SealOptions, obfuscate_points, seal, seal_with_truth};
-use veiloc_query::{AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Observations, Scheme};
+use veiloc_query::{
+    AngleBits, CanonicalCamera, CoarseGravity, DualAnchors, FocalKnowledge, Observations, Scheme,
+};
 
 const LINE_SCHEMES: [&str; 3] = ["random-lines", "coordinate-permutation", "dcl"];
 

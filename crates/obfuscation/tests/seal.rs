@@ -20,8 +20,9 @@ fn off(observations: &Observations, row: usize, pixel: Pixel) -> f64 {
         Observations::EitherLine(lines) => {
             lines[row].iter().map(|l| l.signed_distance(pixel).abs()).fold(f64::INFINITY, f64::min)
         }
-        Observations::Anchored { anchors, lines } => {
-            anchors.line(lines[row].anchor, lines[row].angle).signed_distance(pixel).abs()
+        Observations::Anchored { pencils, lines } => {
+            let line = pencils.line(lines[row].anchor, lines[row].angle).expect("it meets the image");
+            line.signed_distance(pixel).abs()
         }
     }
 }

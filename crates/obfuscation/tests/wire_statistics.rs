@@ -8,9 +8,9 @@ mod common;
 
 use common::{angles, camera, correlation, features_at, options, profile, rng, uniform_pixels};
 use rand::Rng;
-use veiloc_geometry::{Anchor, DualAnchors, Pixel};
+use veiloc_geometry::{Anchor, Pixel};
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
-use veiloc_query::{Observations, SealedQuery};
+use veiloc_query::{DualAnchors, Observations, SealedQuery};
 
 const ROWS: usize = 256;
 

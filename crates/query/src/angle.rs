@@ -1,10 +1,10 @@
-//! Angles over the half circle as small codes (rule L2).
+//! Angles as small codes (rule L2).
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use crate::QueryError;
 
-/// How many bits an angle over the half circle has on the wire: 6 to 16.
+/// How many bits an angle over the half circle has on the wire: 6 to 16. One over the whole circle has one more.
 ///
 /// A code stands for the middle of its interval: `angle = (code + 1/2) · π / 2^bits`. Fewer bits put more pixels
 /// on the same line and cost accuracy of the pose; 12 bits are an error of at most 0.0004 rad, a fifth of a pixel
@@ -57,6 +57,22 @@ impl AngleBits {
         (angle / PI * levels).floor().clamp(0.0, levels - 1.0) as u16
     }
 
+    /// The number of codes of the whole circle.
+    pub const fn levels_of_circle(self) -> u32 {
+        2 << self.0
+    }
+
+    /// The code over the whole circle of an angle, radians of any turn.
+    pub fn code_on_circle(self, angle: f64) -> u32 {
+        let levels = f64::from(self.levels_of_circle());
+        (angle.rem_euclid(TAU) / TAU * levels).floor().clamp(0.0, levels - 1.0) as u32
+    }
+
+    /// The angle in the middle of the interval of such a code, radians in `(0, 2π)`.
+    pub fn angle_on_circle(self, code: u32) -> f64 {
+        (f64::from(code) + 0.5) * TAU / f64::from(self.levels_of_circle())
+    }
+
     /// The angle in the middle of the interval of a code, radians in `(0, π)`.
     pub fn angle_of(self, code: u16) -> f64 {
         (f64::from(code) + 0.5) * PI / f64::from(self.levels())
@@ -86,6 +102,19 @@ mod tests {
                 let angle = PI * f64::from(i) / 1000.0;
                 assert!((bits.angle_of(bits.code_of(angle)) - angle).abs() <= half_step * (1.0 + 1e-9));
             }
+        }
+    }
+
+    #[test]
+    fn codes_of_the_circle_round_trip_and_wrap() {
+        for bits in AngleBits::MIN..=AngleBits::MAX {
+            let bits = AngleBits::new(bits).expect("allowed");
+            let levels = bits.levels_of_circle();
+            for code in (0..levels).step_by(7).chain([levels - 1]) {
+                let angle = bits.angle_on_circle(code);
+                assert_eq!([angle, angle + TAU, angle - TAU].map(|a| bits.code_on_circle(a)), [code; 3]);
+            }
+            assert_eq!(bits.code_on_circle(-1e-300), levels - 1);
         }
     }
 

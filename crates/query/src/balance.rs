@@ -1,7 +1,5 @@
 //! Whether a query can fix a pose at all, as far as a device can tell before it sends it.
 
-use veiloc_geometry::Anchor;
-
 use crate::{Observations, SealedQuery};
 
 /// Fewest rows on each side of the dividing line that are worth sending.
@@ -24,12 +22,13 @@ pub struct Lopsided {
 }
 
 impl SealedQuery {
-    /// Rows of the first and of the second anchor; `None` for schemes without anchors. Decoys count as what they stand
-    /// for: they are made to lie where the real ones do.
-    pub fn sides(&self) -> Option<[usize; 2]> {
+    /// Rows of each anchor; `None` for schemes without anchors. Decoys count as what they stand for: they are made to lie
+    /// where the real ones do.
+    pub fn sides(&self) -> Option<Vec<usize>> {
         match self.observations() {
-            Observations::Anchored { lines, .. } => {
-                Some(Anchor::BOTH.map(|anchor| lines.iter().filter(|line| line.anchor == anchor).count()))
+            Observations::Anchored { pencils, lines } => {
+                let rows = |anchor| lines.iter().filter(|line| line.anchor == anchor).count();
+                Some(pencils.anchors().map(rows).collect())
             }
             Observations::Points(_) | Observations::Lines(_) | Observations::EitherLine(_) => None,
         }
@@ -42,8 +41,12 @@ impl SealedQuery {
     /// [`Lopsided`] with the counts.
     pub fn check_sides(&self) -> Result<(), Lopsided> {
         match self.sides() {
-            Some([a, b]) if a.min(b) < LEAST_A_SIDE => Err(Lopsided { few: a.min(b), all: self.len() }),
-            _ => Ok(()),
+            Some(rows) => {
+                // Lines of one anchor leave a direction free that any others hold.
+                let few = self.len() - rows.into_iter().max().unwrap_or(0);
+                if few < LEAST_A_SIDE { Err(Lopsided { few, all: self.len() }) } else { Ok(()) }
+            }
+            None => Ok(()),
         }
     }
 }

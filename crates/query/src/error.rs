@@ -133,6 +133,13 @@ pub enum QueryError {
         /// `s` given.
         s: f64,
     },
+    /// A layout of sectors that is none, or that the wire cannot tell.
+    #[error(
+        "this is no layout of dcl; write axis=DEGREES,sectors=COUNT,anchors=X/Y+X/Y: COUNT a multiple of the number of anchors \
+         and at most 120, two to four anchors at most 20 image heights from the centre, or @DEGREES for one at infinity; \
+         shift=SHARE of a sector, from 0 to below 1, and across=DEGREES/COUNT/SHARE may be added"
+    )]
+    SectorLayout,
     /// A direction of gravity that is none, or one known too badly to be told.
     #[error(
         "gravity is X,Y,Z or X,Y,Z,SD_DEG: the direction in which things fall in the camera's axes, of any length but zero, \
@@ -198,7 +205,7 @@ impl QueryError {
                 "sealed with another profile than the map's; get the profile of this map and seal anew"
             }
             Self::SchemeSyntax { .. } => "no such scheme",
-            Self::PositionHint | Self::Gravity => return self.to_string(),
+            Self::PositionHint | Self::Gravity | Self::SectorLayout => return self.to_string(),
             Self::Layout { .. } => "dividing line or anchor distance out of range",
             Self::Focal { .. } => "a focal length that is not between 16 and 32768 pixels",
             Self::ImageSize { .. } => "an image larger than 8192 x 8192 pixels once its distortion is undone",

@@ -1,48 +1,38 @@
-//! Where Dual Convergent Lines puts its dividing line and anchors, in numbers both sides read alike.
+//! Where Dual Convergent Lines puts its anchors and what it joins to which, in numbers both sides read alike.
 
 use std::f64::consts::PI;
 
-use veiloc_geometry::DualAnchors;
+use veiloc_geometry::nalgebra::Rotation3;
+use veiloc_geometry::{Layout, Pencils, Pinhole};
 
-use crate::QueryError;
+use crate::sector_layout::SectorLayout;
+use crate::{DualAnchors, LayoutTurn, QueryError};
 
-/// Dividing line and anchor distance of Dual Convergent Lines.
+/// A layout of Dual Convergent Lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DclLayout {
+    /// Two halves: the paper's.
+    Halves(HalvesLayout),
+    /// Sectors and two to four anchors anywhere.
+    Sectors(SectorLayout),
+}
+
+/// Dividing line and anchor distance of two halves.
 ///
 /// Stored as small whole numbers, hundredths of a degree and hundredths of half the image's height, so that
 /// device and server compute with exactly the same anchors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct DclLayout {
+pub struct HalvesLayout {
     /// Direction of the dividing line from the `u` axis towards `v`, 1/100 degree, `0..18000`.
     angle_code: u16,
     /// `s`, 1/100, from 10 to 2000.
     distance_code: u16,
 }
 
-impl DclLayout {
-    /// The paper's default: vertical midline, anchors in the middle of the top and bottom edge (`s = 1`).
-    pub const VERTICAL: Self = Self { angle_code: Self::QUARTER_TURN, distance_code: 100 };
-    /// Horizontal midline, `s = 1`: the first anchor to the left of the centre serves the lower half.
-    pub const HORIZONTAL: Self = Self { angle_code: 0, distance_code: 100 };
-
+impl HalvesLayout {
     const QUARTER_TURN: u16 = 9_000;
     const HALF_TURN: u16 = 18_000;
     const DISTANCES: std::ops::RangeInclusive<u16> = 10..=2_000;
-
-    /// A dividing line through the centre at `degrees` from the `u` axis towards `v` (90 is vertical), in
-    /// `[0, 180)`, and anchors `s·H/2` from the centre, `s` from 0.1 to 20. Both are rounded to hundredths.
-    ///
-    /// # Errors
-    /// [`QueryError::Layout`] for other numbers.
-    pub fn new(degrees: f64, s: f64) -> Result<Self, QueryError> {
-        let refuse = || QueryError::Layout { degrees, s };
-        if !(degrees.is_finite() && s.is_finite() && (0.0..180.0).contains(&degrees) && s <= 21.0 && s > 0.0)
-        {
-            return Err(refuse());
-        }
-        let angle = (degrees * 100.0).round() as u16;
-        Self::from_codes((angle % Self::HALF_TURN).into(), ((s * 100.0).round() as u16).into())
-            .map_err(|_| refuse())
-    }
 
     /// From the numbers on the wire.
     ///
@@ -80,11 +70,68 @@ impl DclLayout {
         f64::from(self.distance_code) / 100.0
     }
 
-    /// The anchors for an image of this size.
+    /// The anchors for an image of this size, as versions 1 to 3 of the wire tell angles of lines.
     pub fn anchors(self, width: u32, height: u32) -> DualAnchors {
-        let angle = PI * (f64::from(self.angle_code) / f64::from(Self::HALF_TURN));
-        DualAnchors::new(width, height, angle, self.s())
+        DualAnchors::new(width, height, self.radians(), self.s())
             .expect("both codes are in range, so s > 0 and finite")
+    }
+
+    fn radians(self) -> f64 {
+        PI * (f64::from(self.angle_code) / f64::from(Self::HALF_TURN))
+    }
+}
+
+impl DclLayout {
+    /// The paper's default: vertical midline, anchors in the middle of the top and bottom edge (`s = 1`).
+    pub const VERTICAL: Self =
+        Self::Halves(HalvesLayout { angle_code: HalvesLayout::QUARTER_TURN, distance_code: 100 });
+    /// Horizontal midline, `s = 1`: the first anchor to the left of the centre serves the lower half.
+    pub const HORIZONTAL: Self = Self::Halves(HalvesLayout { angle_code: 0, distance_code: 100 });
+
+    /// Two halves: a dividing line through the centre at `degrees` from the `u` axis towards `v` (90 is vertical), in
+    /// `[0, 180)`, and anchors `s·H/2` from the centre, `s` from 0.1 to 20. Both are rounded to hundredths.
+    ///
+    /// # Errors
+    /// [`QueryError::Layout`] for other numbers.
+    pub fn halves(degrees: f64, s: f64) -> Result<Self, QueryError> {
+        let refuse = || QueryError::Layout { degrees, s };
+        if !(degrees.is_finite() && s.is_finite() && (0.0..180.0).contains(&degrees) && s <= 21.0 && s > 0.0)
+        {
+            return Err(refuse());
+        }
+        let angle = (degrees * 100.0).round() as u16;
+        HalvesLayout::from_codes(
+            (angle % HalvesLayout::HALF_TURN).into(),
+            ((s * 100.0).round() as u16).into(),
+        )
+        .map(Self::Halves)
+        .map_err(|_| refuse())
+    }
+
+    /// How many anchors there are.
+    pub const fn anchors(&self) -> usize {
+        match self {
+            Self::Halves(_) => 2,
+            Self::Sectors(sectors) => sectors.anchors(),
+        }
+    }
+
+    /// Anchors and sectors in real numbers.
+    pub fn layout(self) -> Layout {
+        match self {
+            Self::Halves(halves) => {
+                Layout::halves(halves.radians(), halves.s()).expect("both codes are in range")
+            }
+            Self::Sectors(sectors) => sectors.layout(),
+        }
+    }
+
+    /// Its pencils in an image of this camera, whose principal point is taken to be the image's centre; `None` unless size and
+    /// focal length are positive.
+    pub fn pencils(self, camera: &Pinhole, turn: LayoutTurn) -> Option<Pencils> {
+        let size = [camera.width, camera.height];
+        let turn: Rotation3<f64> = turn.cam_from_layout();
+        Pencils::new(size, camera.mean_focal(), &self.layout(), &turn)
     }
 }
 
@@ -101,25 +148,32 @@ mod tests {
 
     use super::*;
 
+    fn anchors(layout: DclLayout) -> DualAnchors {
+        let DclLayout::Halves(halves) = layout else { panic!("two halves") };
+        halves.anchors(640, 480)
+    }
+
     #[test]
     fn anchors_of_the_named_layouts() {
-        assert_eq!(DclLayout::VERTICAL.anchors(640, 480), DualAnchors::vertical(640, 480));
-        let horizontal = DclLayout::HORIZONTAL.anchors(640, 480);
-        assert_eq!(horizontal.position(Anchor::First), Pixel::new(80.0, 240.0));
-        assert_eq!(horizontal.position(Anchor::Second), Pixel::new(560.0, 240.0));
-        assert_eq!(horizontal.anchor_of(Pixel::new(10.0, 470.0)), Anchor::First);
+        assert_eq!(anchors(DclLayout::VERTICAL), DualAnchors::vertical(640, 480));
+        let horizontal = anchors(DclLayout::HORIZONTAL);
+        assert_eq!(horizontal.position(Anchor::FIRST), Pixel::new(80.0, 240.0));
+        assert_eq!(horizontal.position(Anchor::SECOND), Pixel::new(560.0, 240.0));
+        assert_eq!(horizontal.anchor_of(Pixel::new(10.0, 470.0)), Anchor::FIRST);
     }
 
     #[test]
     fn numbers_are_rounded_once_and_kept() {
-        let layout = DclLayout::new(30.004, 2.0).expect("allowed");
+        let DclLayout::Halves(layout) = DclLayout::halves(30.004, 2.0).expect("allowed") else {
+            panic!("two halves")
+        };
         assert_eq!((layout.degrees(), layout.s()), (30.0, 2.0));
-        assert_eq!(DclLayout::new(179.999, 1.0).expect("allowed"), DclLayout::HORIZONTAL);
-        assert_eq!(DclLayout::new(90.0, 1.0).expect("allowed"), DclLayout::default());
+        assert_eq!(DclLayout::halves(179.999, 1.0).expect("allowed"), DclLayout::HORIZONTAL);
+        assert_eq!(DclLayout::halves(90.0, 1.0).expect("allowed"), DclLayout::default());
         for (degrees, s) in
             [(180.0, 1.0), (-1.0, 1.0), (f64::NAN, 1.0), (90.0, 0.0), (90.0, 21.0), (90.0, f64::INFINITY)]
         {
-            assert!(DclLayout::new(degrees, s).is_err(), "{degrees} {s}");
+            assert!(DclLayout::halves(degrees, s).is_err(), "{degrees} {s}");
         }
     }
 }

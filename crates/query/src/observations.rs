@@ -1,6 +1,6 @@
 //! What a sealed query tells about where its keypoints are.
 
-use veiloc_geometry::{Anchor, DualAnchors, Pixel, PixelLine};
+use veiloc_geometry::{Anchor, Pencils, Pixel, PixelLine};
 
 /// What is known about the position of each keypoint, `[N]` in the order of the rows.
 #[derive(Clone, PartialEq)]
@@ -12,21 +12,21 @@ pub enum Observations {
     /// Two lines, the horizontal and then the vertical one, of which one goes through the keypoint:
     /// `coordinate-permutation`.
     EitherLine(Vec<[PixelLine; 2]>),
-    /// A half-line from one of two anchors: `dcl`.
+    /// A half-plane about one of the anchors: `dcl`.
     Anchored {
-        /// Where the anchors are.
-        anchors: DualAnchors,
+        /// Where the anchors are, and what is joined to which.
+        pencils: Pencils,
         /// `[N]`
         lines: Vec<AnchoredLine>,
     },
 }
 
-/// A half-line of Dual Convergent Lines.
+/// A line of Dual Convergent Lines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AnchoredLine {
-    /// Where it starts.
+    /// Which pencil it is of.
     pub anchor: Anchor,
-    /// Its angle, as [`DualAnchors::angle_of`]: radians in `(0, π)`.
+    /// Its angle, as [`Pencils::angle_of`]: radians in `[0, 2π)`.
     pub angle: f64,
 }
 

@@ -163,7 +163,7 @@ impl Profile {
     pub(crate) fn id_for(&self, version: WireVersion, wish: Wish) -> Option<ProfileId> {
         let form = match version {
             WireVersion::V1 => Form::V1(wish),
-            WireVersion::V2 | WireVersion::V3 => Form::V2,
+            WireVersion::V2 | WireVersion::V3 | WireVersion::V4 => Form::V2,
         };
         self.encode_as(form).map(|bytes| ProfileId::of(&bytes))
     }

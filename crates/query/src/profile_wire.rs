@@ -64,7 +64,7 @@ impl Profile {
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
         let profile = match version_of(WHAT, bytes, MAX_BYTES, &WireVersion::OF_PROFILES)? {
             WireVersion::V1 => version_1(message(WHAT, bytes)?)?,
-            WireVersion::V2 | WireVersion::V3 => version_2(message(WHAT, bytes)?)?,
+            WireVersion::V2 | WireVersion::V3 | WireVersion::V4 => version_2(message(WHAT, bytes)?)?,
         };
         if profile.encode() != bytes {
             return Err(QueryError::NotCanonical { what: WHAT });

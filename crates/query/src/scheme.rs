@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::{DclLayout, QueryError};
+use crate::{DclLayout, HalvesLayout, QueryError, SectorLayout};
 
 /// An obfuscation scheme.
 ///
@@ -14,8 +14,9 @@ use crate::{DclLayout, QueryError};
 /// | `coordinate-permutation` | a position with one of its two coordinates exchanged with another keypoint's | Pan et al., 2023 |
 /// | `dcl` | one of two anchors and the angle of the line to it | Dual Convergent Lines, CVPR 2026 |
 ///
-/// As text: the names above; `dcl` may be followed by a colon and, separated by commas, `vertical`, `horizontal` or
-/// `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in half image heights).
+/// As text: the names above; `dcl` may be followed by a colon and a layout. That is `paper`; or, separated by commas,
+/// `vertical`, `horizontal` or `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in half image heights); or a
+/// [`SectorLayout`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Scheme {
     /// Positions as they are.
@@ -59,7 +60,7 @@ impl Scheme {
             Self::Points => "Keypoint positions sent openly: no protection.",
             Self::RandomLines => "Each keypoint replaced by a line through it in a random direction.",
             Self::CoordinatePermutation => "Keypoints swap one coordinate with a random partner.",
-            Self::Dcl(_) => "Each keypoint replaced by the half-line that joins it to one of two anchors.",
+            Self::Dcl(_) => "Each keypoint replaced by the half-line that joins it to one of few anchors.",
         }
     }
 
@@ -68,17 +69,51 @@ impl Scheme {
         !matches!(self, Self::Points)
     }
 
-    /// `(scheme, dividing_angle, anchor_distance)` as on the wire.
+    /// `(scheme, dividing_angle, anchor_distance)` as on the wire; the latter two are 0 for a layout of sectors.
     pub(crate) const fn codes(self) -> (u32, u32, u32) {
         match self {
             Self::Points => (1, 0, 0),
             Self::RandomLines => (2, 0, 0),
             Self::CoordinatePermutation => (3, 0, 0),
-            Self::Dcl(layout) => {
-                let (angle, distance) = layout.codes();
+            Self::Dcl(DclLayout::Halves(halves)) => {
+                let (angle, distance) = halves.codes();
                 (4, angle, distance)
             }
+            Self::Dcl(DclLayout::Sectors(_)) => (4, 0, 0),
         }
+    }
+
+    /// The bytes of a layout of sectors, empty for all others.
+    pub(crate) fn layout_bytes(self) -> Vec<u8> {
+        match self {
+            Self::Dcl(DclLayout::Sectors(sectors)) => sectors.pack(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// The reverse, of version 4: `layout` are the bytes of a layout of sectors, empty where it has two halves.
+    pub(crate) fn with_layout(
+        scheme: u32,
+        angle: u32,
+        distance: u32,
+        layout: &[u8],
+    ) -> Result<Self, QueryError> {
+        if scheme != 4 {
+            return Err(QueryError::Field {
+                field: "scheme",
+                value: scheme,
+                allowed: "4 (dcl) in version 4",
+            });
+        }
+        if layout.is_empty() {
+            return Self::from_codes(scheme, angle, distance);
+        }
+        for (field, value) in [("dividing_angle", angle), ("anchor_distance", distance)] {
+            if value != 0 {
+                return Err(QueryError::Field { field, value, allowed: "0, because the layout has sectors" });
+            }
+        }
+        SectorLayout::unpack(layout).map(|sectors| Self::Dcl(DclLayout::Sectors(sectors)))
     }
 
     pub(crate) fn from_codes(scheme: u32, angle: u32, distance: u32) -> Result<Self, QueryError> {
@@ -86,7 +121,7 @@ impl Scheme {
             1 => Self::Points,
             2 => Self::RandomLines,
             3 => Self::CoordinatePermutation,
-            4 => return DclLayout::from_codes(angle, distance).map(Self::Dcl),
+            4 => return HalvesLayout::from_codes(angle, distance).map(|h| Self::Dcl(DclLayout::Halves(h))),
             _ => {
                 return Err(QueryError::Field {
                     field: "scheme",
@@ -125,6 +160,10 @@ impl FromStr for Scheme {
             ("random-lines", None) => Ok(Self::RandomLines),
             ("coordinate-permutation", None) => Ok(Self::CoordinatePermutation),
             ("dcl", None) => Ok(Self::default()),
+            ("dcl", Some("paper")) => Ok(Self::Dcl(DclLayout::VERTICAL)),
+            ("dcl", Some(layout)) if layout.contains("sectors=") => {
+                layout.parse().map(|sectors| Self::Dcl(DclLayout::Sectors(sectors)))
+            }
             ("dcl", Some(layout)) => {
                 let (mut degrees, mut s) = (None, None);
                 for part in layout.split(',').map(str::trim) {
@@ -139,7 +178,7 @@ impl FromStr for Scheme {
                         return Err(refuse());
                     }
                 }
-                DclLayout::new(degrees.unwrap_or(90.0), s.unwrap_or(1.0)).map(Self::Dcl)
+                DclLayout::halves(degrees.unwrap_or(90.0), s.unwrap_or(1.0)).map(Self::Dcl)
             }
             _ => Err(refuse()),
         }
@@ -150,17 +189,24 @@ impl fmt::Display for Scheme {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())?;
         let Self::Dcl(layout) = self else { return Ok(()) };
+        let layout = match layout {
+            own if *own == DclLayout::default() => return Ok(()),
+            DclLayout::Sectors(sectors) => return write!(f, ":{sectors}"),
+            DclLayout::Halves(halves) => halves,
+        };
         let (angle, distance) = layout.codes();
         let mut separator = ":";
         if angle == 0 {
             write!(f, "{separator}horizontal")?;
             separator = ",";
-        } else if angle != DclLayout::VERTICAL.codes().0 {
+        } else if angle != 9_000 {
             write!(f, "{separator}angle={}", layout.degrees())?;
             separator = ",";
         }
         if distance != 100 {
             write!(f, "{separator}s={}", layout.s())?;
+        } else if angle == 9_000 {
+            f.write_str(":paper")?;
         }
         Ok(())
     }
@@ -182,10 +228,13 @@ mod tests {
             "dcl:s=2",
             "dcl:horizontal,s=0.5",
             "dcl:angle=12.34,s=20",
+            "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0",
         ] {
             assert_eq!(text.parse::<Scheme>().expect(text).to_string(), text);
         }
-        assert_eq!("dcl:vertical".parse::<Scheme>().expect("known").to_string(), "dcl");
+        for text in ["dcl:vertical", "dcl:paper"] {
+            assert_eq!(text.parse::<Scheme>().expect("known"), Scheme::Dcl(DclLayout::VERTICAL));
+        }
     }
 
     #[test]
@@ -213,6 +262,13 @@ mod tests {
         for scheme in Scheme::ALL {
             let (a, b, c) = scheme.codes();
             assert_eq!(Scheme::from_codes(a, b, c).expect("own codes"), scheme);
+        }
+        for text in ["dcl:s=2", "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0"] {
+            let scheme: Scheme = text.parse().expect("a layout");
+            let ((a, b, c), bytes) = (scheme.codes(), scheme.layout_bytes());
+            assert_eq!(Scheme::with_layout(a, b, c, &bytes).expect("own codes"), scheme);
+            assert!(Scheme::with_layout(1, 0, 0, &[]).is_err());
+            assert!(bytes.is_empty() || Scheme::with_layout(a, 1, c, &bytes).is_err());
         }
         for (a, b, c) in [(0, 0, 0), (5, 0, 0), (1, 1, 0), (2, 0, 1), (4, 0, 0), (4, 18_000, 100)] {
             assert!(Scheme::from_codes(a, b, c).is_err(), "{a} {b} {c}");

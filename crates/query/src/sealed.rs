@@ -5,8 +5,8 @@ use veiloc_geometry::Pinhole;
 
 use crate::profile::Wish;
 use crate::{
-    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, Observations, Profile, ProfileId,
-    QueryError, Rows, Scheme, SizeClass, WireVersion,
+    AngleBits, AngleForm, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Observations,
+    Profile, ProfileId, QueryError, Rows, Scheme, SizeClass, WireVersion,
 };
 
 /// What a device sends to be localized.
@@ -29,6 +29,7 @@ pub struct SealedQuery {
     pub(crate) global: GlobalDescriptor,
     pub(crate) profile_id: ProfileId,
     pub(crate) hints: Hints,
+    pub(crate) turn: LayoutTurn,
 }
 
 /// What a sealed query is put together from. Row `i` of `rows` and of `descriptors` are one keypoint's.
@@ -48,11 +49,12 @@ pub struct QueryParts {
     pub image_global: Option<GlobalDescriptor>,
     /// What the device says of its camera.
     pub hints: Hints,
+    /// How the layout is turned against the camera.
+    pub turn: LayoutTurn,
 }
 
 impl SealedQuery {
-    /// Puts a query together from obfuscated rows: with a profile of version 1 in version 1, because whoever gave it may
-    /// read nothing else, with one of version 2 in version 3.
+    /// Puts a query together from obfuscated rows, in [`Self::version_for`].
     ///
     /// The order of the rows and the making of the codes are the caller's duty (rules L2, L3, L9); clients use
     /// `veiloc_obfuscation::seal`. With a vocabulary the global descriptor is made here, from the descriptors that are
@@ -61,10 +63,10 @@ impl SealedQuery {
     /// # Errors
     /// [`QueryError::Mismatch`] when rows are not of the scheme, when descriptors or global descriptor are not the
     /// profile's, when there are not as many descriptors as rows, or when that number is no [`SizeClass`];
-    /// [`QueryError::Row`] for a row outside the image; [`QueryError::Unsayable`] for gravity or a focal length that is not
-    /// calibrated, with a profile of version 1.
+    /// [`QueryError::Row`] for a row outside the image; [`QueryError::Unsayable`] for gravity, a focal length that is not
+    /// calibrated, or a layout of sectors or of a session, with a profile of version 1.
     pub fn new(profile: &Profile, parts: QueryParts) -> Result<Self, QueryError> {
-        let QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global, hints } = parts;
+        let QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global, hints, turn } = parts;
         let mismatch =
             |what, expected: String, actual: String| QueryError::Mismatch { what, expected, actual };
         if !rows.belong_to(scheme) {
@@ -80,7 +82,8 @@ impl SealedQuery {
         if SizeClass::from_rows(rows.len()).is_none() {
             return Err(mismatch("rows", "a size class".to_owned(), rows.len().to_string()));
         }
-        rows.check([camera.width(), camera.height()], angle_bits)?;
+        let version = Self::version_for(profile, scheme, turn)?;
+        rows.check(scheme, AngleForm::of(version), angle_bits, &camera.pinhole(), turn)?;
         let model = profile.global_model();
         let told = image_global.as_ref().map_or_else(|| "none".to_owned(), |g| format!("{} codes", g.len()));
         let global = match (model.of_rows(descriptors.view()), image_global) {
@@ -94,15 +97,36 @@ impl SealedQuery {
                 return Err(mismatch("global descriptor of the image", expected, told));
             }
         };
-        let version = match profile.version() {
-            WireVersion::V1 => WireVersion::V1,
-            WireVersion::V2 | WireVersion::V3 => WireVersion::V3,
-        };
         sayable(hints, version)?;
         let profile_id = profile
             .id_for(version, Wish { scheme, angle_bits })
             .expect("a profile can be written in its own version");
-        Ok(Self { version, scheme, angle_bits, camera, rows, descriptors, global, profile_id, hints })
+        Ok(Self { version, scheme, angle_bits, camera, rows, descriptors, global, profile_id, hints, turn })
+    }
+
+    /// The version that queries sealed with a profile are written in: version 1 with one of version 1, because whoever gave it
+    /// may read nothing else; with one of version 2 version 4 where it takes that to say the layout, and version 3 otherwise.
+    ///
+    /// # Errors
+    /// [`QueryError::Unsayable`] for a layout that version 1 has no place for.
+    pub fn version_for(
+        profile: &Profile,
+        scheme: Scheme,
+        turn: LayoutTurn,
+    ) -> Result<WireVersion, QueryError> {
+        let is_plain = match scheme {
+            Scheme::Dcl(layout) => AngleForm::needed(layout, turn) == AngleForm::HalfCircle,
+            Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => turn.is_none(),
+        };
+        match (profile.version(), is_plain) {
+            (WireVersion::V1, true) => Ok(WireVersion::V1),
+            (WireVersion::V1, false) => {
+                let what = "this layout; seal as dcl:paper, each image for itself";
+                Err(QueryError::Unsayable { what, version: 1 })
+            }
+            (WireVersion::V2 | WireVersion::V3 | WireVersion::V4, true) => Ok(WireVersion::V3),
+            (WireVersion::V2 | WireVersion::V3 | WireVersion::V4, false) => Ok(WireVersion::V4),
+        }
     }
 
     /// The same query in version 2, for services that read no newer one. It is still one seal of one image: rows and
@@ -115,6 +139,7 @@ impl SealedQuery {
         match self.version {
             WireVersion::V1 => Err(QueryError::Unsayable { what: "the profile of version 1", version: 2 }),
             WireVersion::V2 | WireVersion::V3 => Ok(Self { version: WireVersion::V2, ..self }),
+            WireVersion::V4 => Err(QueryError::Unsayable { what: "this layout", version: 2 }),
         }
     }
 
@@ -168,6 +193,11 @@ impl SealedQuery {
         self.hints.gravity
     }
 
+    /// How the layout of `dcl` is turned against the camera; not at all but in later frames of a session.
+    pub const fn turn(&self) -> LayoutTurn {
+        self.turn
+    }
+
     /// For retrieval; made as the profile's [`GlobalModel`](veiloc_descriptor::GlobalModel) says.
     pub const fn global(&self) -> &GlobalDescriptor {
         &self.global
@@ -181,7 +211,13 @@ impl SealedQuery {
     /// What is known of each row's position.
     pub fn observations(&self) -> Observations {
         self.rows
-            .observations(self.scheme, self.angle_bits, [self.camera.width(), self.camera.height()])
+            .observations(
+                self.scheme,
+                AngleForm::of(self.version),
+                self.angle_bits,
+                &self.camera.pinhole(),
+                self.turn,
+            )
             .expect("the constructors refuse rows of another scheme")
     }
 }
@@ -190,7 +226,7 @@ impl SealedQuery {
 fn sayable(hints: Hints, version: WireVersion) -> Result<(), QueryError> {
     let refused = |what| Err(QueryError::Unsayable { what, version: version.number() });
     match (version, hints) {
-        (WireVersion::V3, _) => Ok(()),
+        (WireVersion::V3 | WireVersion::V4, _) => Ok(()),
         (_, Hints { gravity: Some(_), .. }) => refused("which way is down"),
         (_, Hints { focal: FocalKnowledge::Calibrated, .. }) => Ok(()),
         (_, Hints { focal: FocalKnowledge::Exif | FocalKnowledge::Unknown, .. }) => {

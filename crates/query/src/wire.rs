@@ -69,10 +69,10 @@ pub(crate) struct ProfileMessage {
     pub vocabulary: Option<Vec<u8>>,
 }
 
-/// Version 3, and version 2, which lacks the last two fields.
+/// Version 4, version 3, which lacks the last four fields, and version 2, which lacks two more.
 #[derive(Clone, PartialEq, Message)]
 #[prost(skip_debug)]
-pub(crate) struct SealedQueryMessageV3 {
+pub(crate) struct SealedQueryMessageV4 {
     #[prost(fixed32, optional, tag = "1")]
     pub version: Option<u32>,
     #[prost(bytes = "vec", optional, tag = "2")]
@@ -111,6 +111,14 @@ pub(crate) struct SealedQueryMessageV3 {
     pub focal_known: Option<u32>,
     #[prost(fixed32, optional, tag = "19")]
     pub gravity: Option<u32>,
+    #[prost(bytes = "vec", optional, tag = "20")]
+    pub layout: Option<Vec<u8>>,
+    #[prost(fixed32, optional, tag = "21")]
+    pub turn_x: Option<u32>,
+    #[prost(fixed32, optional, tag = "22")]
+    pub turn_y: Option<u32>,
+    #[prost(fixed32, optional, tag = "23")]
+    pub turn_z: Option<u32>,
 }
 
 #[derive(Clone, PartialEq, Message)]

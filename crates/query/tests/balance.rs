@@ -3,8 +3,8 @@
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
 use veiloc_query::{
-    AnchoredRow, AngleBits, CanonicalCamera, Hints, LEAST_A_SIDE, LineRow, Lopsided, Profile, QueryParts,
-    Rows, SealedQuery,
+    AnchoredRow, AngleBits, AngleForm, CanonicalCamera, Hints, LEAST_A_SIDE, LayoutTurn, LineRow, Lopsided,
+    Profile, QueryParts, Rows, SealedQuery,
 };
 
 fn query(scheme: &str, rows: Rows) -> SealedQuery {
@@ -21,6 +21,7 @@ fn query(scheme: &str, rows: Rows) -> SealedQuery {
         descriptors,
         image_global: None,
         hints: Hints::default(),
+        turn: LayoutTurn::default(),
     };
     SealedQuery::new(&Profile::vlad(words), parts).expect("parts fit")
 }
@@ -28,7 +29,14 @@ fn query(scheme: &str, rows: Rows) -> SealedQuery {
 /// So many rows of the second anchor, the others of the first.
 fn dcl(second: usize) -> SealedQuery {
     let bits = AngleBits::default();
-    let row = |i| AnchoredRow::new(bits, if i < second { Anchor::Second } else { Anchor::First }, 1.0);
+    let row = |i| {
+        AnchoredRow::new(
+            AngleForm::HalfCircle,
+            bits,
+            if i < second { Anchor::SECOND } else { Anchor::FIRST },
+            1.0,
+        )
+    };
     query("dcl", Rows::Dcl((0..256).map(row).collect()))
 }
 
@@ -37,7 +45,7 @@ fn both_sides_are_counted() {
     for second in [0, 1, LEAST_A_SIDE - 1, LEAST_A_SIDE, 128, 256 - LEAST_A_SIDE, 256 - LEAST_A_SIDE + 1, 256]
     {
         let query = dcl(second);
-        assert_eq!(query.sides(), Some([256 - second, second]));
+        assert_eq!(query.sides(), Some(vec![256 - second, second]));
         let few = second.min(256 - second);
         let expected = if few < LEAST_A_SIDE { Err(Lopsided { few, all: 256 }) } else { Ok(()) };
         assert_eq!(query.check_sides(), expected, "{second}");

@@ -4,7 +4,7 @@ mod common;
 
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_query::{
-    AngleBits, CanonicalCamera, Hints, Profile, QueryParts, Rows, Scheme, SealedQuery, SizeClass,
+    AngleBits, CanonicalCamera, Hints, LayoutTurn, Profile, QueryParts, Rows, Scheme, SealedQuery, SizeClass,
 };
 
 /// Length of a sealed query for a vocabulary of 64 words, by making one.
@@ -43,6 +43,7 @@ fn the_sum_of_the_lengths_is_right() {
         descriptors,
         image_global: None,
         hints: Hints::default(),
+        turn: LayoutTurn::default(),
     };
     let query = SealedQuery::new(&profile, parts).expect("parts fit");
     assert_eq!(query.encode().len(), length(Scheme::Points, SizeClass::Rows256));

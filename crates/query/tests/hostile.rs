@@ -4,8 +4,8 @@ mod common;
 
 use proptest::prelude::*;
 use veiloc_query::{
-    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, Profile, QueryError, QueryParts, Rows,
-    Scheme, SealedQuery, SizeClass, WireVersion,
+    AnchoredRow, AngleBits, AngleForm, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn,
+    Profile, QueryError, QueryParts, Rows, Scheme, SealedQuery, SizeClass, WireVersion,
 };
 
 fn sealed(scheme: Scheme) -> Vec<u8> {
@@ -82,7 +82,7 @@ fn hints() -> Vec<Hints> {
 fn what_a_device_says_of_its_camera() {
     let bits = AngleBits::default();
     let [v1, v2, _] = common::profiles(Scheme::default(), bits);
-    let row = veiloc_query::AnchoredRow::new(bits, veiloc_geometry::Anchor::First, 1.0);
+    let row = AnchoredRow::new(AngleForm::HalfCircle, bits, veiloc_geometry::Anchor::FIRST, 1.0);
     let seal = |profile: &Profile, hints| {
         let query = common::query_with(profile, Scheme::default(), bits, 256, 3);
         let parts = QueryParts {
@@ -93,6 +93,7 @@ fn what_a_device_says_of_its_camera() {
             descriptors: query.descriptors().to_owned(),
             image_global: None,
             hints,
+            turn: LayoutTurn::default(),
         };
         SealedQuery::new(profile, parts)
     };
@@ -330,7 +331,7 @@ fn parts_that_do_not_fit_are_refused() {
     let bits = AngleBits::default();
     let profile = common::profile(Scheme::default(), bits);
     let camera = CanonicalCamera::from_codes(36, 20, 15).expect("allowed");
-    let row = veiloc_query::AnchoredRow::new(bits, veiloc_geometry::Anchor::First, 1.0);
+    let row = AnchoredRow::new(AngleForm::HalfCircle, bits, veiloc_geometry::Anchor::FIRST, 1.0);
     let descriptors = |n: usize| {
         veiloc_descriptor::Descriptors::new(profile.descriptor_kind(), vec![1; n * 128]).expect("whole rows")
     };
@@ -349,6 +350,7 @@ fn parts_that_do_not_fit_are_refused() {
             descriptors,
             image_global: None,
             hints: Hints::default(),
+            turn: LayoutTurn::default(),
         };
         let error = SealedQuery::new(&profile, parts);
         assert!(matches!(error, Err(QueryError::Mismatch { what: w, .. }) if w == what), "{error:?}");

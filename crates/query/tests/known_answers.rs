@@ -1,4 +1,4 @@
-//! Versions 1 to 3 of the wire format, pinned: these files must be read, and written back byte for byte, for ever.
+//! Versions 1 to 4 of the wire format, pinned: these files must be read, and written back byte for byte, for ever.
 //!
 //! The files were made once by `cargo run -p veiloc-query --example known_answers`. The hashes and the meaning of
 //! the rows below come from `proto/read_sealed_query.py`, a reader written from `docs/wire-format.md` alone.
@@ -7,7 +7,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use sha2::{Digest, Sha256};
-use veiloc_query::{FocalKnowledge, Observations, Profile, ProfileId, SealedQuery};
+use veiloc_query::{FocalKnowledge, Observations, Profile, ProfileId, SealedQuery, WireVersion};
 
 /// File, SHA-256 of its bytes, profile it was sealed with, and the numbers the Python reader prints for rows
 /// 0, 1 and 255: a position, a line `(a, b, c)`, or an anchor and a direction.
@@ -189,6 +189,34 @@ const KNOWN_ANSWERS: [KnownAnswer; 19] = [
     },
 ];
 
+/// The same of version 4: a row is the unit normal of its half-plane and the direction that leads into it from the anchor.
+const KNOWN_ANSWERS_4: [KnownAnswer; 4] = [
+    KnownAnswer {
+        file: "v4-stripes",
+        sha256: "",
+        profile_id: "79aa18e6486e5b6928205eda0541b6c1",
+        rows: [&[], &[], &[]],
+    },
+    KnownAnswer {
+        file: "v4-board",
+        sha256: "",
+        profile_id: "79aa18e6486e5b6928205eda0541b6c1",
+        rows: [&[], &[], &[]],
+    },
+    KnownAnswer {
+        file: "v4-session",
+        sha256: "",
+        profile_id: "79aa18e6486e5b6928205eda0541b6c1",
+        rows: [&[], &[], &[]],
+    },
+    KnownAnswer {
+        file: "v4-halves",
+        sha256: "",
+        profile_id: "79aa18e6486e5b6928205eda0541b6c1",
+        rows: [&[], &[], &[]],
+    },
+];
+
 /// What queries of version 3 say of their camera: file, how well the focal length is known, and, as the Python reader
 /// prints it, which way is down and the deviation.
 const HINTS: [(&str, FocalKnowledge, Option<[f64; 4]>); 3] = [
@@ -218,7 +246,7 @@ fn hex(bytes: impl AsRef<[u8]>) -> String {
 
 #[test]
 fn every_version_is_read_and_written_for_ever() {
-    for known in KNOWN_ANSWERS {
+    for known in KNOWN_ANSWERS.iter().chain(&KNOWN_ANSWERS_4) {
         let bytes = read(&format!("{}.vquery", known.file));
         assert_eq!(hex(Sha256::digest(&bytes)), known.sha256, "{} was changed", known.file);
         let query = SealedQuery::decode(&bytes).unwrap_or_else(|e| panic!("{}: {e}", known.file));
@@ -228,7 +256,7 @@ fn every_version_is_read_and_written_for_ever() {
         assert_eq!((camera.width, camera.height, camera.focal), (640, 480, [512.0; 2]));
         let observations = query.observations();
         for (row, expected) in ROWS.into_iter().zip(known.rows) {
-            let told = meaning(&observations, row);
+            let told = meaning(query.version(), &observations, row);
             assert_eq!(told.len(), expected.len(), "{} row {row}", known.file);
             for (a, b) in told.iter().zip(expected) {
                 assert!((a - b).abs() < 1e-8, "{} row {row}: {told:?}", known.file);
@@ -282,7 +310,7 @@ fn queries_of_both_versions_belong_to_one_map() {
     let own = Profile::decode(&read("v2-own-kind.profile")).expect("version 2");
     assert_eq!(v1.to_v2(), v2);
     assert_eq!(v2.to_v1(v1.wish().expect("version 1 has one")), Some(v1.clone()));
-    for known in KNOWN_ANSWERS {
+    for known in KNOWN_ANSWERS.iter().chain(&KNOWN_ANSWERS_4) {
         let query = SealedQuery::decode(&read(&format!("{}.vquery", known.file))).expect("known");
         let belongs = !known.file.ends_with("own-kind");
         for profile in [&v1, &v2] {
@@ -292,18 +320,23 @@ fn queries_of_both_versions_belong_to_one_map() {
     }
 }
 
-fn meaning(observations: &Observations, row: usize) -> Vec<f64> {
+fn meaning(version: WireVersion, observations: &Observations, row: usize) -> Vec<f64> {
     match observations {
+        Observations::Anchored { pencils, lines } if version == WireVersion::V4 => {
+            let ([d, zero, quarter], (sin, cos)) =
+                (pencils.frame(lines[row].anchor), lines[row].angle.sin_cos());
+            let inward = zero * cos + quarter * sin;
+            d.cross(&inward).iter().chain(&inward).copied().collect()
+        }
         Observations::Points(pixels) => vec![pixels[row].u, pixels[row].v],
         Observations::Lines(lines) => lines[row].coefficients().iter().copied().collect(),
         Observations::EitherLine(lines) => {
             let sent = lines[row][0].intersection(&lines[row][1]).expect("they are at right angles");
             vec![sent.u, sent.v]
         }
-        Observations::Anchored { anchors, lines } => {
-            let position = anchors.position(lines[row].anchor);
-            let direction = anchors.ray_direction(lines[row].anchor, lines[row].angle);
-            vec![position.u, position.v, direction.x, direction.y]
+        Observations::Anchored { pencils, lines } => {
+            let line = pencils.along(lines[row].anchor, lines[row].angle).expect("it meets the image");
+            vec![line.origin.u, line.origin.v, line.direction.x, line.direction.y]
         }
     }
 }

@@ -4,7 +4,10 @@ mod common;
 
 use prost_reflect::prost::Message;
 use prost_reflect::{DescriptorPool, DynamicMessage, Value};
-use veiloc_query::{AngleBits, CoarseGravity, FocalKnowledge, Hints, Profile, Scheme, SealedQuery};
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_query::{
+    AngleBits, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Profile, Scheme, SealedQuery,
+};
 
 fn pool() -> DescriptorPool {
     let proto = concat!(env!("CARGO_MANIFEST_DIR"), "/../../proto");
@@ -14,6 +17,7 @@ fn pool() -> DescriptorPool {
         "veiloc/v2/sealed_query.proto",
         "veiloc/v2/profile.proto",
         "veiloc/v3/sealed_query.proto",
+        "veiloc/v4/sealed_query.proto",
     ];
     let set = protox::compile(files, [proto]).expect("the schema compiles");
     DescriptorPool::from_file_descriptor_set(set).expect("the schema is complete")
@@ -156,6 +160,26 @@ fn version_2_is_what_its_schema_says() {
     }
 }
 
+#[test]
+fn version_4_is_what_its_schema_says() {
+    let turn = LayoutTurn::new(&Rotation3::from_scaled_axis(Vector3::new(0.5, -0.25, 0.0))).expect("finite");
+    for (scheme, turn, distance, layout, code) in [
+        ("dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0", LayoutTurn::default(), 0, 26, 0),
+        ("dcl:horizontal,s=2", turn, 200, 0, 500_000),
+    ] {
+        let scheme: Scheme = scheme.parse().expect("a scheme");
+        let query = common::query_turned(turn, &common::profile_v2(), scheme, 5);
+        let message = reread("veiloc.v4.SealedQuery", &query.encode());
+        for (field, value) in [("version", 4), ("scheme", 4), ("anchor_distance", distance), ("turn_x", code)]
+        {
+            assert_eq!(number(&message, field), value, "{field}");
+        }
+        let bytes = message.get_field_by_name("layout").expect("in the schema");
+        assert_eq!(bytes.as_bytes().expect("bytes").len(), layout);
+        assert_eq!(SealedQuery::decode(&message.encode_to_vec()).expect("unchanged"), query);
+    }
+}
+
 /// L4 and L6, said of the schema: a field for any of these would be a leak, so their absence is pinned.
 #[test]
 fn the_schema_has_these_fields_and_no_more() {
@@ -208,6 +232,9 @@ fn the_schema_has_these_fields_and_no_more() {
     let mut v3 = names("veiloc.v2.SealedQuery");
     v3.extend(["focal_known".to_owned(), "gravity".to_owned()]);
     assert_eq!(names("veiloc.v3.SealedQuery"), v3);
+    let mut v4 = v3;
+    v4.extend(["layout", "turn_x", "turn_y", "turn_z"].map(str::to_owned));
+    assert_eq!(names("veiloc.v4.SealedQuery"), v4);
     // No scheme and no angle bits: an operator has no field to wish for less protection in.
     assert_eq!(
         names("veiloc.v2.Profile"),

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use veiloc_geometry::{Anchor, Pixel, PixelLine};
+use veiloc_geometry::{Pixel, PixelLine};
 use veiloc_query::Observations;
 
 use super::data::{QueryPanel, SchemePanel};
@@ -185,30 +185,34 @@ pub(super) fn sent(panel: &SchemePanel) -> (String, String) {
             );
             (format!("<path class=\"lines1\" d=\"{}\"/>", strokes(crosses)), note)
         }
-        Observations::Anchored { anchors, lines } => {
+        Observations::Anchored { pencils, lines } => {
+            let [w, h] = pencils.size();
             let mut drawn = String::new();
-            for (anchor, class) in [(Anchor::First, "lines1"), (Anchor::Second, "lines2")] {
-                let from = anchors.position(anchor);
-                let rays =
-                    lines.iter().step_by(some(lines.len())).filter(|l| l.anchor == anchor).filter_map(|l| {
-                        let d = anchors.ray_direction(anchor, l.angle);
-                        // As far as the image's border.
-                        let ends = chord(&anchors.line(anchor, l.angle), panel.size)?;
-                        let far = ends.into_iter().max_by(|a, b| {
-                            let along = |p: &Pixel| (p.vector() - from.vector()).dot(&d);
-                            along(a).total_cmp(&along(b))
-                        })?;
-                        Some([from, far])
+            for anchor in pencils.anchors() {
+                // Where a row can come from.
+                let of_anchor = lines.iter().step_by(some(lines.len())).filter(|l| l.anchor == anchor);
+                let stretches = of_anchor
+                    .filter_map(|l| Some((pencils.along(anchor, l.angle)?, l)))
+                    .flat_map(|(line, l)| {
+                        pencils
+                            .spans(anchor, l.angle)
+                            .into_iter()
+                            .map(move |s| [line.at(s.near), line.at(s.far)])
                     });
-                let _ = write!(drawn, "<path class=\"{class}\" d=\"{}\"/>", strokes(rays));
-                let _ = write!(
-                    drawn,
-                    "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"{:.1}\" style=\"fill:var(--{})\"/>",
-                    from.u,
-                    from.v,
-                    0.012 * f64::from(w.max(h)),
-                    if anchor == Anchor::First { "first" } else { "second" }
-                );
+                // Two colours tell neighbouring pencils apart.
+                let (class, colour) =
+                    if anchor.index().is_multiple_of(2) { ("lines1", "first") } else { ("lines2", "second") };
+                let _ = write!(drawn, "<path class=\"{class}\" d=\"{}\"/>", strokes(stretches));
+                let in_sight = |p: &Pixel| (p.u - w / 2.0).abs() <= w && (p.v - h / 2.0).abs() <= h;
+                if let Some(from) = pencils.position(anchor).filter(in_sight) {
+                    let _ = write!(
+                        drawn,
+                        "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"{:.1}\" style=\"fill:var(--{colour})\"/>",
+                        from.u,
+                        from.v,
+                        0.012 * w.max(h),
+                    );
+                }
             }
             (drawn, format!("{} The discs are the anchors.", remark(lines.len(), "half-lines")))
         }

@@ -9,7 +9,7 @@ use veiloc_attacks::{
     ClosedFormOptions, ErrorSummary, NeighbourLists, Observation, bits_over_prior, closed_form, errors_px,
     lift, prior_only,
 };
-use veiloc_geometry::{CameraFromWorld, DualAnchors, Intrinsics, Pixel, PixelLine};
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Pencils, Pixel, PixelLine};
 use veiloc_query::{AnchoredLine, Observations};
 use veiloc_synth::{PathOptions, Place, RenderOptions};
 
@@ -97,7 +97,7 @@ fn sample() -> Report {
     let camera: Intrinsics = "PINHOLE,640,480,525,525,320,240".parse().expect("valid");
     let view = place.render(&path.queries[7], &camera, &RenderOptions::default());
     let truth = corners(&view.gray());
-    let anchors = DualAnchors::vertical(SIZE.0, SIZE.1);
+    let pencils = Pencils::paper(SIZE.0, SIZE.1);
     let random: Vec<PixelLine> =
         truth.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..std::f64::consts::PI))).collect();
     let permuted = lift::coordinate_permutation(&truth, &mut rng);
@@ -105,21 +105,17 @@ fn sample() -> Report {
     let anchored = truth
         .iter()
         .map(|p| AnchoredLine {
-            anchor: anchors.anchor_of(*p),
-            angle: anchors.angle_of(anchors.anchor_of(*p), *p),
+            anchor: pencils.anchor_of(*p),
+            angle: pencils.angle_of(pencils.anchor_of(*p), *p),
         })
         .collect();
     let seen: Vec<Observation> = random.iter().map(|l| Observation::Line(*l)).collect();
     let (mut schemes, mut attacks) = (Vec::new(), Vec::new());
+    let halves = lift::dual_convergent(&truth, &pencils);
     for (panel, rows) in [
         attack("random-lines", Observations::Lines(random), &seen, &truth),
         attack("coordinate-permutation", Observations::EitherLine(pairs), &permuted, &truth),
-        attack(
-            "dcl",
-            Observations::Anchored { anchors, lines: anchored },
-            &lift::dual_convergent(&truth, &anchors),
-            &truth,
-        ),
+        attack("dcl", Observations::Anchored { pencils, lines: anchored }, &halves, &truth),
     ] {
         schemes.push(panel);
         attacks.extend(rows);

@@ -23,6 +23,7 @@ use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
+use crate::half_planes::direction;
 use veiloc_likelihood::{Correspondences, Matches, Symmetric6};
 
 /// Least natural logarithm of the evidence of a trusted pose from lines: once in three million by chance. Of 1,550
@@ -45,11 +46,10 @@ const LOOSEST: f64 = 0.05;
 /// Largest standard deviation of a trusted orientation, degrees: one that is 2° wrong is then two deviations off.
 const LOOSEST_ROTATION_DEG: f64 = 1.0;
 
-/// Least log evidence that the poorer side of the dividing line must give for where the camera is along the ray of the
-/// richer one's anchor.
+/// Least log evidence that the other anchors' lines must give for where the camera is along the ray of the richest anchor.
 const LEAST_SIDE_EVIDENCE: f64 = 2.5;
 
-/// Fewest keypoints that must agree on each side of the dividing line.
+/// Fewest keypoints that must agree beside those of the richest anchor.
 const FEWEST_A_SIDE: usize = 4;
 
 /// What speaks for and against an estimated pose.
@@ -80,7 +80,7 @@ pub struct Confidence {
     /// A focal length over the given one that would explain the matches better, by too little to be believed; `None` where
     /// nothing speaks against the given one, or another was estimated.
     pub other_focal: Option<f64>,
-    /// Keypoints that agree on each anchor's side; `None` without anchors.
+    /// Keypoints that agree of the anchor that has most of them, and of all others; `None` without anchors.
     pub sides: Option<[usize; 2]>,
 }
 
@@ -164,8 +164,8 @@ impl fmt::Display for Doubt {
             Self::OneSided { sides: [a, b] } => {
                 write!(
                     f,
-                    "agreeing keypoints lie on one side of the dividing line ({a} and {b}), and nothing says how far \
-                     along its anchor's ray the camera is"
+                    "the agreeing lines run through one anchor ({a}, and {b} through others), and nothing says how far \
+                     along its ray the camera is"
                 )
             }
         }
@@ -256,7 +256,7 @@ pub(crate) fn assess(
         rotation_sd_deg: 0.0,
         other_focal: None,
         sides: matches!(matches.observations, Correspondences::Anchored { .. })
-            .then(|| sides(matches, inliers)),
+            .then(|| richest(matches, inliers).1),
     };
     confidence.with_covariances(covariance, covariance)
 }
@@ -291,27 +291,22 @@ pub(crate) fn free_direction(
     likelihoods: &[f64],
     covariance: &Symmetric6,
 ) -> Option<(Vector3<f64>, f64)> {
-    let Correspondences::Anchored { anchors, .. } = matches.observations else { return None };
-    let agreeing = sides(matches, inliers);
-    let (rich, poor) = if agreeing[0] >= agreeing[1] {
-        (Anchor::First, Anchor::Second)
-    } else {
-        (Anchor::Second, Anchor::First)
-    };
-    let ray = matches.camera.unproject(anchors.position(rich)).homogeneous().normalize();
+    let Correspondences::Anchored { pencils, .. } = matches.observations else { return None };
+    let (rich, [_, others]) = richest(matches, inliers);
+    let ray = direction(matches, pencils, rich).normalize();
     let distance = typical_distance(matches, pose, inliers);
     let shift = Matrix3::from_fn(|i, j| covariance[3 + i][3 + j]);
     let sd = ray.dot(&(shift * ray)).max(0.0).sqrt();
-    // What the poorer side says for this place along the ray, against all others within the distance of the scene.
+    // What the others say for this place along the ray, against all others within the distance of the scene.
     let mut gains = gains(matches, likelihoods);
     for (i, keypoint) in matches.keypoint.iter().enumerate() {
-        if matches.anchor[i] != poor {
+        if matches.anchor[i] == rich {
             gains[*keypoint] = 0.0;
         }
     }
     let places = (2.0 * distance / ((std::f64::consts::TAU).sqrt() * sd)).max(1.0);
     let evidence = gains.iter().sum::<f64>() - places.ln();
-    let is_held = agreeing[poor.index()] >= FEWEST_A_SIDE && evidence >= LEAST_SIDE_EVIDENCE;
+    let is_held = others >= FEWEST_A_SIDE && evidence >= LEAST_SIDE_EVIDENCE;
     (!is_held).then_some((ray, distance))
 }
 
@@ -322,11 +317,16 @@ fn typical_distance(matches: &Matches<'_>, pose: &CameraFromWorld, inliers: &[us
     median(&mut distances)
 }
 
-/// Distinct keypoints among the inliers of each anchor.
-fn sides(matches: &Matches<'_>, inliers: &[usize]) -> [usize; 2] {
-    Anchor::BOTH.map(|anchor| {
-        matches.keypoints_among(inliers.iter().copied().filter(|&i| matches.anchor[i] == anchor))
-    })
+/// The anchor with most distinct keypoints among the inliers, the first of equals; how many it has, and how many all others.
+fn richest(matches: &Matches<'_>, inliers: &[usize]) -> (Anchor, [usize; 2]) {
+    let keypoints = |of_anchor: &dyn Fn(Anchor) -> bool| {
+        matches.keypoints_among(inliers.iter().copied().filter(|&i| of_anchor(matches.anchor[i])))
+    };
+    let richest = Anchor::first(Anchor::MOST)
+        .rev()
+        .max_by_key(|anchor| keypoints(&|a| a == *anchor))
+        .unwrap_or(Anchor::FIRST);
+    (richest, [keypoints(&|a| a == richest), keypoints(&|a| a != richest)])
 }
 
 fn log_evidence(matches: &Matches<'_>, likelihoods: &[f64], covariance: &Matrix6<f64>) -> f64 {

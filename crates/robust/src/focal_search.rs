@@ -23,7 +23,8 @@ pub(crate) const MOST_JUMPS: usize = 4;
 /// Log likelihood by which a jump must be better than what a small change must gain: it may have found another optimum.
 pub(crate) const JUMP_HANDICAP: f64 = 2.5;
 
-/// Log likelihood from which on a pose whose focal length is found fine is no false optimum of a wrong one: those had 350.
+/// Log likelihood from which on a pose whose focal length is found fine, or nearly, is no false optimum of a wrong one: those
+/// had 350.
 pub(crate) const PLENTY: f64 = 800.0;
 
 /// Rounds of estimating the focal length at the noise that the inliers show, and the noise again.
@@ -156,7 +157,7 @@ impl<'a> Settled<'a> {
                 }
             }
             let cost = settled.search.cost(&settled.polished.pose, f64::INFINITY);
-            if settled.verdict == Verdict::Fine && cost < -PLENTY {
+            if settled.verdict.is_near() && cost < -PLENTY {
                 break;
             }
             let Some((there, gain)) = settled.best_jump(seen, cost) else { break };

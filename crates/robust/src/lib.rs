@@ -21,15 +21,16 @@
 //! A camera at the origin, and sixty keypoints of which it told no more than a line each:
 //! ```
 //! use rand::SeedableRng;
-//! use veiloc_geometry::{CameraFromWorld, DualAnchors, Pinhole, Pixel, Point3};
+//! use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, Point3};
 //! use veiloc_robust::{Correspondences, PoseOptions, PoseProblem, estimate_pose};
 //!
 //! let camera = Pinhole { width: 640, height: 480, focal: [525.0; 2], principal: [320.0, 240.0] };
-//! let anchors = DualAnchors::vertical(640, 480);
+//! let pencils = Pencils::paper(640, 480);
 //! let pixel = |i: u32| Pixel::new(f64::from(i * 97 % 640) + 0.5, f64::from(i * 53 % 480) + 0.5);
 //! let depth = |i: u32| 2.0 + 0.7 * f64::from(i % 5);
-//! let line = |p: Pixel| (anchors.anchor_of(p), anchors.angle_of(anchors.anchor_of(p), p));
-//! let observations = Correspondences::Anchored { anchors, lines: (0..60).map(|i| line(pixel(i))).collect() };
+//! let line = |p: Pixel| (pencils.anchor_of(p), pencils.angle_of(pencils.anchor_of(p), p));
+//! let lines = (0..60).map(|i| line(pixel(i))).collect();
+//! let observations = Correspondences::Anchored { pencils, lines };
 //! let keypoints = (0..60).collect(); // each has one correspondence
 //! let points = (0..60)
 //!     .map(|i| Point3::from_vector(camera.unproject(pixel(i)).homogeneous() * depth(i)))
@@ -52,7 +53,7 @@ mod error;
 mod estimate;
 mod focal_search;
 mod given;
-mod half_lines;
+mod half_planes;
 mod minimal;
 mod options;
 mod pose_estimate;

@@ -4,12 +4,12 @@ use rand::Rng;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, CameraFromWorld, PixelLine, PlaneLine, PlanePoint, Point3};
-use veiloc_solvers::{ArrayVec, GravityAlignment, HalfLine, p3p, p6lp, p6lp_dual_radial, u4lp, up2p};
+use veiloc_solvers::{ArrayVec, GravityAlignment, HalfPlane, p3p, p6lp, p6lp_dual_radial, u4lp, up2p};
 
-use crate::half_lines::half_lines;
+use crate::half_planes::half_planes;
 use crate::options::AnchoredSolver;
 use crate::radial::RadialVote;
-use crate::sampler::{SplitSampler, WeightedSampler, draw};
+use crate::sampler::{SplitSampler, WeightedSampler, draw, pick};
 use veiloc_likelihood::{Correspondences, Gravity, Matches};
 
 /// One way from correspondences to hypotheses.
@@ -23,10 +23,19 @@ pub(crate) enum Minimal {
     P6lp { sampler: LineSampler, lines: Vec<PlaneLine> },
     /// Four lines and the vertical, for anchored ones never all of one anchor.
     U4lp { sampler: LineSampler, lines: Vec<PlaneLine>, gravity: GravityAlignment },
-    /// Five anchored lines of one side and one of the other.
-    DualRadial { sides: [WeightedSampler; 2], first: f64, lines: Vec<HalfLine> },
-    /// Five anchored lines of one side and a vote of the other.
+    /// Five lines of one anchor and one of any other.
+    DualRadial { sides: Vec<FiveAndOne>, planes: Vec<HalfPlane> },
+    /// Five lines of one anchor and a vote of the others.
     Radial(Box<RadialVote>),
+}
+
+/// Lines of one anchor, and those of all others.
+#[derive(Debug, Clone)]
+pub(crate) struct FiveAndOne {
+    five: WeightedSampler,
+    one: WeightedSampler,
+    /// How often they are drawn from; over all anchors these sum to 1.
+    share: f64,
 }
 
 /// Where lines are drawn from.
@@ -34,7 +43,7 @@ pub(crate) enum Minimal {
 pub(crate) enum LineSampler {
     /// All alike.
     Any(WeightedSampler),
-    /// Of both anchors.
+    /// Never all of the anchor that has most.
     Split(SplitSampler),
 }
 
@@ -60,59 +69,76 @@ impl Minimal {
             (Correspondences::Lines { .. }, Some(gravity)) => {
                 Self::U4lp { sampler: LineSampler::Any(all()), lines: planes(matches), gravity }
             }
-            (Correspondences::Anchored { .. }, Some(gravity)) if has_both_sides(matches) => {
-                let sampler = LineSampler::Split(SplitSampler::new(both_sides(matches), 4));
+            (Correspondences::Anchored { .. }, Some(gravity)) if matches.anchors_seen() > 1 => {
+                let sampler = LineSampler::Split(SplitSampler::new(richest_and_rest(matches), 4));
                 Self::U4lp { sampler, lines: planes(matches), gravity }
             }
-            (Correspondences::Anchored { anchors, .. }, _) => match anchored {
+            (Correspondences::Anchored { pencils, lines }, _) => match anchored {
                 AnchoredSolver::RadialVote => match RadialVote::new(matches, noise) {
                     Some(vote) => Self::Radial(Box::new(vote)),
                     None => Self::six_anchored(matches),
                 },
                 AnchoredSolver::P6lp => Self::six_anchored(matches),
                 AnchoredSolver::DualRadial => {
-                    let sides = both_sides(matches);
-                    let share = [0, 1].map(|s| sides[s].expected_share());
-                    let chance = [0, 1].map(|s: usize| {
-                        let possible = sides[s].len() >= 5 && sides[1 - s].len() >= 1;
-                        if possible { share[s].powi(5) * share[1 - s] } else { 0.0 }
-                    });
-                    if chance == [0.0; 2] {
+                    let mut sides: Vec<FiveAndOne> = pencils
+                        .anchors()
+                        .map(|anchor| {
+                            let of = |is_own| sampler(matches, |i| (matches.anchor[i] == anchor) == is_own);
+                            let (five, one) = (of(true), of(false));
+                            let possible = five.len() >= 5 && one.len() >= 1;
+                            let chance = five.expected_share().powi(5) * one.expected_share();
+                            FiveAndOne { five, one, share: if possible { chance } else { 0.0 } }
+                        })
+                        .collect();
+                    let total: f64 = sides.iter().map(|side| side.share).sum();
+                    if !(total > 0.0) {
                         return Self::six_anchored(matches);
                     }
-                    let first = chance[0] / (chance[0] + chance[1]);
-                    Self::DualRadial { sides, first, lines: half_lines(matches, anchors) }
+                    for side in &mut sides {
+                        side.share /= total;
+                    }
+                    Self::DualRadial { sides, planes: half_planes(matches, pencils, lines) }
                 }
             },
         }
     }
 
     fn six_anchored(matches: &Matches<'_>) -> Self {
-        let sampler = LineSampler::Split(SplitSampler::new(both_sides(matches), 6));
+        let sampler = LineSampler::Split(SplitSampler::new(richest_and_rest(matches), 6));
         Self::P6lp { sampler, lines: planes(matches) }
     }
 
     /// Probability that a sample consists of correspondences from this list.
     pub(crate) fn hit_probability(&self, matches: &Matches<'_>, agreeing: &[usize]) -> f64 {
-        let mut weight = [0.0; 2];
+        // Of each anchor, and of all.
+        let mut weight = [0.0; Anchor::MOST];
         for &i in agreeing {
             weight[matches.anchor[i].index()] += matches.weight[i];
         }
-        let any = |sampler: &WeightedSampler, size| ((weight[0] + weight[1]) / sampler.total()).powi(size);
+        let all: f64 = weight.iter().sum();
+        let any = |sampler: &WeightedSampler, size| (all / sampler.total()).powi(size);
         let lines = |sampler: &LineSampler, size| match sampler {
             LineSampler::Any(sampler) => any(sampler, size),
-            LineSampler::Split(split) => split.hit_probability(weight),
+            LineSampler::Split(split) => {
+                let richest = weight[matches.richest_anchor().index()];
+                split.hit_probability([richest, all - richest])
+            }
         };
         match self {
             Self::P3p { sampler, .. } => any(sampler, 3),
             Self::Up2p { sampler, .. } => any(sampler, 2),
             Self::P6lp { sampler, .. } => lines(sampler, 6),
             Self::U4lp { sampler, .. } => lines(sampler, 4),
-            Self::DualRadial { sides, first, .. } => {
-                let share = [0, 1].map(|s| weight[s] / sides[s].total().max(f64::MIN_POSITIVE));
-                first * share[0].powi(5) * share[1] + (1.0 - first) * share[1].powi(5) * share[0]
-            }
-            Self::Radial(vote) => vote.hit_probability(weight),
+            Self::DualRadial { sides, .. } => sides
+                .iter()
+                .zip(weight)
+                .map(|(side, own)| {
+                    let share =
+                        |weight: f64, of: &WeightedSampler| weight / of.total().max(f64::MIN_POSITIVE);
+                    side.share * share(own, &side.five).powi(5) * share(all - own, &side.one)
+                })
+                .sum(),
+            Self::Radial(vote) => vote.hit_probability(&weight),
         }
     }
 
@@ -148,15 +174,17 @@ impl Minimal {
                 u4lp(&sample.map(|i| lines[i]), &points(matches, &sample), gravity, &mut poses);
                 models.extend(poses);
             }
-            Self::DualRadial { sides, first, lines } => {
-                let five = usize::from(rng.random::<f64>() >= *first);
-                let next =
-                    |rng: &mut R, drawn: usize| sides[if drawn < 5 { five } else { 1 - five }].draw(rng);
+            Self::DualRadial { sides, planes } => {
+                let chosen = pick(rng, sides.iter().map(|side| side.share));
+                let Some(FiveAndOne { five, one, .. }) = chosen.and_then(|chosen| sides.get(chosen)) else {
+                    return;
+                };
+                let next = |rng: &mut R, drawn: usize| if drawn < 5 { five.draw(rng) } else { one.draw(rng) };
                 let Some(sample) = draw::<6, _>(matches, rng, next) else { return };
                 let mut poses = ArrayVec::new();
-                let [a, b, c, d, e, sixth] = sample.map(|i| lines[i]);
-                let directions = [a, b, c, d, e].map(|line| line.direction);
-                p6lp_dual_radial(&a.origin, &directions, &sixth, &points(matches, &sample), &mut poses);
+                let [a, b, c, d, e, sixth] = sample.map(|i| planes[i]);
+                let inward = [a, b, c, d, e].map(|plane| plane.inward);
+                p6lp_dual_radial(&a.axis, &inward, &sixth, &points(matches, &sample), &mut poses);
                 models.extend(poses);
             }
             Self::Radial(vote) => vote.hypothesize(matches, rng, models),
@@ -184,16 +212,15 @@ fn points<const K: usize>(matches: &Matches<'_>, sample: &[usize; K]) -> [Point3
     sample.map(|i| Point3::from_vector(matches.points[i]))
 }
 
-/// Whether each anchor has a line to draw.
-fn has_both_sides(matches: &Matches<'_>) -> bool {
-    Anchor::BOTH.iter().all(|anchor| matches.anchor.contains(anchor))
+fn sampler(matches: &Matches<'_>, belongs: impl Fn(usize) -> bool) -> WeightedSampler {
+    let members = (0..matches.len()).filter(|&i| belongs(i));
+    WeightedSampler::new(members.map(|i| (i, matches.weight[i])))
 }
 
-fn both_sides(matches: &Matches<'_>) -> [WeightedSampler; 2] {
-    Anchor::BOTH.map(|anchor| {
-        let members = (0..matches.len()).filter(|&i| matches.anchor[i] == anchor);
-        WeightedSampler::new(members.map(|i| (i, matches.weight[i])))
-    })
+/// The lines of the anchor that has most, and all others: a sample of both is never degenerate.
+fn richest_and_rest(matches: &Matches<'_>) -> [WeightedSampler; 2] {
+    let richest = matches.richest_anchor();
+    [true, false].map(|is_own| sampler(matches, |i| (matches.anchor[i] == richest) == is_own))
 }
 
 fn bearings(matches: &Matches<'_>) -> Vec<Vector3<f64>> {

@@ -55,6 +55,20 @@ impl WeightedSampler {
     }
 }
 
+/// Which of these shares, which sum to 1, is drawn; `None` when there is none.
+pub(crate) fn pick<R: Rng + ?Sized>(rng: &mut R, shares: impl Iterator<Item = f64>) -> Option<usize> {
+    let mut target = rng.random::<f64>();
+    let mut last = None;
+    for (k, share) in shares.enumerate().filter(|(_, share)| *share > 0.0) {
+        last = Some(k);
+        target -= share;
+        if target < 0.0 {
+            break;
+        }
+    }
+    last
+}
+
 /// Samples of `size` from two lists, never all from one: how many of the first is drawn in proportion to the chance
 /// that all of them are right.
 #[derive(Debug, Clone)]
@@ -81,16 +95,7 @@ impl SplitSampler {
 
     /// How many of the next sample come from the first list; `None` when no split is possible.
     pub(crate) fn draw_split<R: Rng + ?Sized>(&self, rng: &mut R) -> Option<usize> {
-        let mut target = rng.random::<f64>();
-        let mut last = None;
-        for (k, &chance) in self.chances.iter().enumerate().filter(|(_, c)| **c > 0.0) {
-            last = Some(k);
-            target -= chance;
-            if target < 0.0 {
-                break;
-            }
-        }
-        last
+        pick(rng, self.chances.iter().copied())
     }
 
     /// The list that the next entry comes from when so many are drawn already.

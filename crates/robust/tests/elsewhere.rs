@@ -6,7 +6,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::{CAMERA, Scheme, Setup, problem};
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_geometry::{CameraFromRig, DualAnchors, Pixel, PixelLine, Point3};
+use veiloc_geometry::{CameraFromRig, Pencils, Pixel, PixelLine, Point3};
 use veiloc_robust::{
     Correspondences, PoseOptions, PoseProblem, RigFrame, SeenFrom, State, estimate_pose, estimate_rig_pose,
 };
@@ -29,15 +29,15 @@ fn texture(scheme: Scheme, rng: &mut ChaCha8Rng) -> PoseProblem {
             lines: pixels.iter().map(|p| PixelLine::through(*p, rng.random_range(0.0..3.0))).collect(),
         },
         Scheme::Dcl => {
-            let anchors = DualAnchors::vertical(CAMERA.width, CAMERA.height);
-            let line = |p: &Pixel| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p));
+            let pencils = Pencils::paper(CAMERA.width, CAMERA.height);
+            let line = |p: &Pixel| (pencils.anchor_of(*p), pencils.angle_of(pencils.anchor_of(*p), *p));
             let mut lines: Vec<_> = pixels.iter().map(line).collect();
             // A few on the other side, so that it is not refused for being one-sided.
             for k in 0..40 {
                 lines[15 * k] =
                     line(&Pixel::new(rng.random_range(400.0..600.0), rng.random_range(10.0..470.0)));
             }
-            Correspondences::Anchored { anchors, lines }
+            Correspondences::Anchored { pencils, lines }
         }
     };
     PoseProblem::new(CAMERA, observations, (0..600).collect(), points)

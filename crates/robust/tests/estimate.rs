@@ -272,20 +272,20 @@ fn doubts_say_what_is_wrong() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let setup = Setup { scheme: Scheme::Dcl, right: 200, wrong: 0, noise: 0.5 };
     let (full, _) = problem(&setup, &mut rng);
-    let Correspondences::Anchored { anchors, lines } = full.observations.clone() else { unreachable!() };
-    let second: Vec<usize> = (0..200).filter(|&i| lines[i].0 == Anchor::Second).collect();
+    let Correspondences::Anchored { pencils, lines } = full.observations.clone() else { unreachable!() };
+    let second: Vec<usize> = (0..200).filter(|&i| lines[i].0 == Anchor::SECOND).collect();
     let keep: Vec<usize> =
-        (0..200).filter(|i| lines[*i].0 == Anchor::First || second[..2].contains(i)).collect();
+        (0..200).filter(|i| lines[*i].0 == Anchor::FIRST || second[..2].contains(i)).collect();
     let mut lopsided = full.clone();
     lopsided.keypoints.clone_from(&keep);
     lopsided.points = keep.iter().map(|&i| full.points[i]).collect();
     lopsided.observations =
-        Correspondences::Anchored { anchors, lines: keep.iter().map(|&i| lines[i]).collect() };
+        Correspondences::Anchored { pencils, lines: keep.iter().map(|&i| lines[i]).collect() };
     let estimate = estimate_pose(&lopsided, &PoseOptions::default(), &mut rng).expect("a pose");
     assert_eq!(estimate.confidence.sides.map(|s| s[1] <= 2), Some(true));
     let doubts = estimate.confidence.doubts();
     assert!(doubts.iter().any(|d| matches!(d, Doubt::OneSided { .. })), "{doubts:?}");
-    assert!(doubts.iter().any(|d| d.to_string().contains("one side of the dividing line")));
+    assert!(doubts.iter().any(|d| d.to_string().contains("run through one anchor")));
 }
 
 /// The step with `from.perturbed(step) = to`, for small differences.
@@ -364,7 +364,7 @@ fn bad_input_is_refused_with_the_facts() {
     let mut p = fresh(Scheme::Dcl, 7);
     if let Correspondences::Anchored { lines, .. } = &mut p.observations {
         for line in lines {
-            line.0 = Anchor::Second;
+            line.0 = Anchor::SECOND;
         }
     }
     let refused = solve(&p).expect_err("one-sided");

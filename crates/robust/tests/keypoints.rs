@@ -49,9 +49,10 @@ fn keypoints_that_share_a_code_each_count() {
     let (mut problem, truth) = right(Scheme::Dcl, 60);
     let before = confidence(&problem, &truth).log_evidence;
     repeat(&mut problem, &(0..12).collect::<Vec<_>>());
-    let Correspondences::Anchored { anchors, lines } = &problem.observations else { unreachable!() };
+    let Correspondences::Anchored { pencils, lines } = &problem.observations else { unreachable!() };
     for i in 0..12 {
-        let (anchor, seen) = (anchors.position(lines[i].0), projection(&truth, &problem.points[i]));
+        let anchor = pencils.position(lines[i].0).expect("at the edge");
+        let seen = projection(&truth, &problem.points[i]);
         let nearer = Pixel::new(0.3 * anchor.u + 0.7 * seen.u, 0.3 * anchor.v + 0.7 * seen.v);
         problem.points[60 + i] = lift(&truth, nearer, 2.5);
     }

@@ -13,10 +13,10 @@ use veiloc_robust::{Correspondences, PoseOptions, PoseProblem, State, estimate_p
 /// The lines of the first anchor, and so many of the second's.
 fn one_sided(rng: &mut ChaCha8Rng, others: usize) -> (PoseProblem, CameraFromWorld) {
     let (full, truth) = problem(&Setup { scheme: Scheme::Dcl, right: 200, wrong: 200, noise: 0.5 }, rng);
-    let Correspondences::Anchored { anchors, lines } = full.observations else { unreachable!() };
+    let Correspondences::Anchored { pencils, lines } = full.observations else { unreachable!() };
     let mut left = others;
     let mut keep = |i: &usize| {
-        let second = lines[*i].0 == Anchor::Second;
+        let second = lines[*i].0 == Anchor::SECOND;
         if second && left > 0 {
             left -= 1;
             return true;
@@ -24,7 +24,7 @@ fn one_sided(rng: &mut ChaCha8Rng, others: usize) -> (PoseProblem, CameraFromWor
         !second
     };
     let keep: Vec<usize> = (0..lines.len()).filter(|i| keep(i)).collect();
-    let observations = Correspondences::Anchored { anchors, lines: keep.iter().map(|&i| lines[i]).collect() };
+    let observations = Correspondences::Anchored { pencils, lines: keep.iter().map(|&i| lines[i]).collect() };
     let points = keep.iter().map(|&i| full.points[i]).collect();
     (PoseProblem::new(CAMERA, observations, (0..keep.len()).collect(), points), truth)
 }
@@ -39,8 +39,9 @@ fn one_anchor_gives_a_partial_pose_that_says_so() {
             assert_eq!(found.confidence.state(), State::Doubtful, "{others} {seed}");
             assert!(found.cam_from_world.rotation_error_degrees(&truth) < 0.5, "{others} {seed}");
             let free = Vector3::from(found.free_direction.expect("a free direction"));
-            let Correspondences::Anchored { anchors, .. } = &problem.observations else { unreachable!() };
-            let ray = CAMERA.unproject(anchors.position(Anchor::First)).homogeneous().normalize();
+            let Correspondences::Anchored { pencils, .. } = &problem.observations else { unreachable!() };
+            let at = pencils.position(Anchor::FIRST).expect("at the edge");
+            let ray = CAMERA.unproject(at).homogeneous().normalize();
             assert!((truth.rotation() * free).dot(&ray).abs() > 0.999, "{others} {seed}");
             let off = found.cam_from_world.center().coords - truth.center().coords;
             assert!((off - free * free.dot(&off)).norm() < 0.05, "{others} {seed}: {off}");

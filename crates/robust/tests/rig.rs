@@ -30,8 +30,8 @@ fn first(problem: &PoseProblem, count: usize) -> PoseProblem {
     let observations = match &problem.observations {
         Correspondences::Points { pixels } => Correspondences::Points { pixels: pixels[..count].to_vec() },
         Correspondences::Lines { lines } => Correspondences::Lines { lines: lines[..count].to_vec() },
-        Correspondences::Anchored { anchors, lines } => {
-            Correspondences::Anchored { anchors: *anchors, lines: lines[..count].to_vec() }
+        Correspondences::Anchored { pencils, lines } => {
+            Correspondences::Anchored { pencils: pencils.clone(), lines: lines[..count].to_vec() }
         }
     };
     let (keypoints, points) = (problem.keypoints[..count].to_vec(), problem.points[..count].to_vec());
@@ -221,13 +221,13 @@ fn frames_too_poor_for_a_pose_help_one_that_is_not() {
 
 /// Lines too few for a sample, or all of one anchor.
 fn poor(problem: &PoseProblem) -> PoseProblem {
-    let Correspondences::Anchored { anchors, lines } = &problem.observations else {
+    let Correspondences::Anchored { pencils, lines } = &problem.observations else {
         return first(problem, 5);
     };
-    let kept: Vec<usize> = (0..lines.len()).filter(|&i| lines[i].0 == Anchor::First).collect();
+    let kept: Vec<usize> = (0..lines.len()).filter(|&i| lines[i].0 == Anchor::FIRST).collect();
     let lines = kept.iter().map(|&i| lines[i]).collect();
     let points = kept.iter().map(|&i| problem.points[i]).collect();
-    let observations = Correspondences::Anchored { anchors: *anchors, lines };
+    let observations = Correspondences::Anchored { pencils: pencils.clone(), lines };
     PoseProblem::new(problem.camera, observations, kept, points)
 }
 

@@ -5,7 +5,7 @@
 //! | [`p3p`] | three points | 0–4 | Persson and Nordberg 2018; Ding et al. 2023 |
 //! | [`p5lp_radial`] | five half-lines from one image point | 0–4, up to the depth along that point's ray | Kukelova et al. 2013 |
 //! | [`p6lp`] | six line–point pairs | 0–8 | Speciale et al. 2019; Kukelova et al. 2016 |
-//! | [`p6lp_dual_radial`] | five half-lines of one anchor, one of another | 0–4 | `p5lp_radial`, then one linear equation |
+//! | [`p6lp_dual_radial`] | five half-planes of one anchor, one of another | 0–4 | `p5lp_radial`, then one linear equation |
 //! | [`up2p`] | two points and the vertical | 0–2 | Kukelova et al. 2010 |
 //! | [`u4lp`] | four line–point pairs and the vertical | 0–2 | Speciale et al. 2019 |
 //!
@@ -34,7 +34,7 @@
 
 mod conics;
 mod gravity;
-mod half_line;
+mod half_plane;
 mod p3p;
 mod p5lp_radial;
 mod p6lp;
@@ -47,7 +47,7 @@ mod up2p;
 /// Where solvers put their solutions.
 pub use arrayvec::ArrayVec;
 pub use gravity::GravityAlignment;
-pub use half_line::HalfLine;
+pub use half_plane::HalfPlane;
 pub use p3p::p3p;
 pub use p5lp_radial::{RadialPose, p5lp_radial};
 pub use p6lp::p6lp;

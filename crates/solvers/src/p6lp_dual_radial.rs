@@ -1,17 +1,17 @@
-//! The pose of a calibrated camera from five half-lines of one anchor and one of another.
+//! The pose of a calibrated camera from five half-planes of one anchor and one of another.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use veiloc_geometry::frames::World;
-use veiloc_geometry::{CameraFromWorld, PlanePoint, Point3};
+use veiloc_geometry::{CameraFromWorld, Point3};
 
-use crate::half_line::HalfLine;
+use crate::half_plane::HalfPlane;
 use crate::p5lp_radial::p5lp_radial;
 
 /// Sine of the angle between the first anchor's ray and the sixth line's plane below which the depth is free.
 const FREE_DEPTH: f64 = 1e-9;
 
-/// Absolute camera pose from six half-lines, five of which begin in one image point (calibrated, minimal).
+/// Absolute camera pose from six half-planes, five of which begin at one axis (calibrated, minimal).
 ///
 /// The five observe a 1D radial camera about the ray `a` of their anchor, which tells everything but the depth `τ`
 /// along that ray; the sixth, of another anchor, tells the depth:
@@ -21,14 +21,14 @@ const FREE_DEPTH: f64 = 1e-9;
 /// ```
 ///
 /// # Input
-/// - `anchor`: `a`, where the five begin, on the z = 1 image plane.
-/// - `directions[i]`: where the half-line of `points[i]` leads from there, on the same plane, any length.
-/// - `sixth`: the half-line of `points[5]`, with its own origin.
+/// - `anchor`: `a`, the direction at which the five begin, in the camera frame, any length: ahead, beside or behind.
+/// - `inward[i]`: where the half-plane of `points[i]` leads from there, in the camera frame, any length.
+/// - `sixth`: the half-plane of `points[5]`, with its own axis.
 /// - `points[i]`: `X_i` in the world frame, map units. They are centred and scaled inside.
 ///
 /// # Output
 /// Appends 0 to 4 poses to `out`, as long as it has room, and returns how many. All six points are in front of the
-/// camera and on their half-lines. Order is unspecified but the same for the same input. Never panics; non-finite input
+/// camera and in their half-planes. Order is unspecified but the same for the same input. Never panics; non-finite input
 /// gives 0 poses.
 ///
 /// # Degenerate samples
@@ -37,7 +37,7 @@ const FREE_DEPTH: f64 = 1e-9;
 ///
 /// # Method and cost
 /// [`p5lp_radial`] in the camera turned so that `a` is its optical axis, then one division a pose. No polynomial of
-/// degree eight is solved and wrong hypotheses rarely survive six half-line tests, which is why this is cheaper than
+/// degree eight is solved and wrong hypotheses rarely survive six half-plane tests, which is why this is cheaper than
 /// `p6lp` both here and in the scoring that follows. No allocation, no randomness. Runtime: see
 /// `benches/benches/solvers.rs`.
 ///
@@ -45,9 +45,9 @@ const FREE_DEPTH: f64 = 1e-9;
 /// The radial camera: Kukelova, Bujnak and Pajdla, ICCV 2013 (see [`p5lp_radial`]). The lines of Dual Convergent Lines
 /// as two radial cameras: this project.
 pub fn p6lp_dual_radial(
-    anchor: &PlanePoint,
-    directions: &[Vector2<f64>; 5],
-    sixth: &HalfLine,
+    anchor: &Vector3<f64>,
+    inward: &[Vector3<f64>; 5],
+    sixth: &HalfPlane,
     points: &[Point3<World>; 6],
     out: &mut ArrayVec<CameraFromWorld, 4>,
 ) -> usize {
@@ -58,11 +58,9 @@ pub fn p6lp_dual_radial(
     if !(slope.abs() > FREE_DEPTH * normal.norm()) {
         return 0;
     }
-    // A direction of the image plane, seen in the turned camera, across its optical axis.
-    let turned: [Vector2<f64>; 5] = std::array::from_fn(|i| {
-        let v = directions[i];
-        Vector2::new(axes[(0, 0)] * v.x + axes[(1, 0)] * v.y, axes[(0, 1)] * v.x + axes[(1, 1)] * v.y)
-    });
+    // Seen in the turned camera, across its optical axis.
+    let turned: [Vector2<f64>; 5] =
+        std::array::from_fn(|i| Vector2::new(axes.column(0).dot(&inward[i]), axes.column(1).dot(&inward[i])));
     let [x1, x2, x3, x4, x5, last] = *points;
     let mut radial = ArrayVec::new();
     p5lp_radial(&turned, &[x1, x2, x3, x4, x5], &mut radial);
@@ -86,11 +84,12 @@ pub fn p6lp_dual_radial(
     appended
 }
 
-/// Axes of the camera turned so that the image point is its principal point, as columns seen in the camera.
-fn axes_about(anchor: &PlanePoint) -> Option<Matrix3<f64>> {
-    let ray = anchor.homogeneous();
-    let z = ray / ray.norm();
-    // The least turn from (0, 0, 1), by Rodrigues' formula written out; z.z > 0, so nothing is divided by zero.
+/// Axes of the camera turned so that a direction, or its opposite, is its optical axis, as columns seen in the camera.
+fn axes_about(direction: &Vector3<f64>) -> Option<Matrix3<f64>> {
+    // An axis has no sign; ahead, so that nothing below is divided by zero.
+    let ahead = if direction.z < 0.0 { -direction } else { *direction };
+    let z = ahead / ahead.norm();
+    // The least turn from (0, 0, 1), by Rodrigues' formula written out.
     let k = 1.0 / (1.0 + z.z);
     let axes = Matrix3::new(
         1.0 - z.x * z.x * k,

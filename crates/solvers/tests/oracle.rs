@@ -4,7 +4,7 @@ use serde_json::Value;
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 use veiloc_geometry::{CameraFromWorld, PlaneLine, PlanePoint, Point3};
 use veiloc_solvers::{
-    ArrayVec, GravityAlignment, HalfLine, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p,
+    ArrayVec, GravityAlignment, HalfPlane, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p,
 };
 
 /// A pose as the fixture has it; `t` has two numbers for radial ones.
@@ -130,8 +130,9 @@ fn p6lp_dual_radial_agrees_with_poselibs_p6lp() {
         let points = array(&problem["points"], |[x, y, z]| Point3::new(x, y, z));
         let [first, second] = array(&problem["anchors"], |[x, y]| PlanePoint::new(x, y));
         let [a, b, c, d, e, last] = array(&problem["directions"], |v: [f64; 2]| Vector2::from(v));
-        let sixth = HalfLine { origin: second, direction: last };
-        p6lp_dual_radial(&first, &[a, b, c, d, e], &sixth, &points, &mut out);
+        let sixth = HalfPlane::of_half_line(second, last);
+        let inward = [a, b, c, d, e].map(|v| HalfPlane::of_half_line(first, v).inward);
+        p6lp_dual_radial(&first.homogeneous(), &inward, &sixth, &points, &mut out);
         plain(&out)
     });
 }

@@ -6,13 +6,12 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::*;
 use veiloc_geometry::nalgebra::{Rotation3, Vector2, Vector3};
-use veiloc_geometry::{Anchor, DualAnchors, Point3};
+use veiloc_geometry::{Anchor, Point3};
 use veiloc_solvers::{ArrayVec, p5lp_radial};
 
 /// The rotation that makes an anchor's ray the optical axis.
 fn turn_of(anchor: Anchor) -> Rotation3<f64> {
-    let ray = CAMERA.unproject(DualAnchors::vertical(640, 480).position(anchor)).bearing();
-    Rotation3::rotation_between(&ray, &Vector3::z()).expect("not opposite")
+    Rotation3::rotation_between(&ray_of(anchor), &Vector3::z()).expect("not opposite")
 }
 
 #[test]
@@ -58,9 +57,9 @@ fn the_true_pose_is_found_for_five_lines_of_one_anchor() {
 fn hopeless_samples_give_no_pose() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let truth = random_pose(&mut rng);
-    let pairs: [_; 5] = std::array::from_fn(|_| random_match_on(&mut rng, &truth, Anchor::First));
+    let pairs: [_; 5] = std::array::from_fn(|_| random_match_on(&mut rng, &truth, Anchor::FIRST));
     let directions =
-        pairs.map(|(pixel, _)| (turn_of(Anchor::First) * CAMERA.unproject(pixel).bearing()).xy());
+        pairs.map(|(pixel, _)| (turn_of(Anchor::FIRST) * CAMERA.unproject(pixel).bearing()).xy());
     let points = pairs.map(|(_, point)| point);
     let none = |u: &[Vector2<f64>; 5], x: &[Point3<_>; 5]| p5lp_radial(u, x, &mut ArrayVec::new()) == 0;
     assert!(!none(&directions, &points));

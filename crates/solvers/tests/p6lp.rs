@@ -48,7 +48,7 @@ fn found_share(
 fn anchored(split: usize) -> impl FnMut(&mut ChaCha8Rng, &CameraFromWorld) -> Sample {
     move |rng, truth| {
         let pairs: [_; 6] = std::array::from_fn(|i| {
-            let anchor = if i < split { Anchor::First } else { Anchor::Second };
+            let anchor = if i < split { Anchor::FIRST } else { Anchor::SECOND };
             random_match_on(rng, truth, anchor)
         });
         (pairs.map(|(pixel, _)| dcl_line(pixel)), pairs.map(|(_, point)| point))

@@ -7,39 +7,38 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use support::*;
 use veiloc_geometry::frames::World;
-use veiloc_geometry::nalgebra::{Vector2, Vector3};
-use veiloc_geometry::{Anchor, CameraFromWorld, DualAnchors, Pixel, PlaneLine, PlanePoint, Point3};
-use veiloc_solvers::{ArrayVec, HalfLine, p6lp, p6lp_dual_radial};
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_geometry::{Anchor, CameraFromWorld, Pixel, PlaneLine, Point3};
+use veiloc_solvers::{ArrayVec, HalfPlane, p6lp, p6lp_dual_radial};
 
-/// Five half-lines of one anchor and one of the other, with their points.
+/// Five half-planes of one anchor and one of the other, with their points.
 struct Sample {
-    anchor: PlanePoint,
-    directions: [Vector2<f64>; 5],
-    sixth: HalfLine,
+    anchor: Vector3<f64>,
+    inward: [Vector3<f64>; 5],
+    sixth: HalfPlane,
     points: [Point3<World>; 6],
 }
 
 impl Sample {
     fn solve(&self) -> ArrayVec<CameraFromWorld, 4> {
         let mut poses = ArrayVec::new();
-        let appended =
-            p6lp_dual_radial(&self.anchor, &self.directions, &self.sixth, &self.points, &mut poses);
+        let appended = p6lp_dual_radial(&self.anchor, &self.inward, &self.sixth, &self.points, &mut poses);
         assert_eq!(appended, poses.len());
         poses
     }
 
-    fn half_lines(&self) -> [HalfLine; 6] {
-        let of = |i: usize| HalfLine { origin: self.anchor, direction: self.directions[i] };
+    fn half_planes(&self) -> [HalfPlane; 6] {
+        let of = |i: usize| HalfPlane { axis: self.anchor, inward: self.inward[i] };
         [of(0), of(1), of(2), of(3), of(4), self.sixth]
     }
 }
 
-/// The half-line from an anchor through a pixel, its direction of any length.
-fn half_line(rng: &mut ChaCha8Rng, anchor: Anchor, pixel: Pixel) -> HalfLine {
-    let origin = CAMERA.unproject(DualAnchors::vertical(640, 480).position(anchor));
-    let through = CAMERA.unproject(pixel);
-    let direction = Vector2::new(through.x - origin.x, through.y - origin.y) * rng.random_range(0.1..10.0);
-    HalfLine { origin, direction }
+/// The half-plane of an anchor that a pixel lies in, its directions of any length and either sign of the axis.
+fn half_plane(rng: &mut ChaCha8Rng, anchor: Anchor, pixel: Pixel) -> HalfPlane {
+    let sign = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+    let axis = ray_of(anchor) * (sign * rng.random_range(0.1..10.0));
+    let inward = CAMERA.unproject(pixel).homogeneous() * rng.random_range(0.1..10.0);
+    HalfPlane { axis, inward }
 }
 
 fn sample(
@@ -47,11 +46,10 @@ fn sample(
     anchor: Anchor,
     mut pair: impl FnMut(&mut ChaCha8Rng, Anchor) -> (Pixel, Point3<World>),
 ) -> Sample {
-    let pairs: [_; 6] = std::array::from_fn(|i| pair(rng, if i < 5 { anchor } else { anchor.other() }));
-    let directions = std::array::from_fn(|i| half_line(rng, anchor, pairs[i].0).direction);
-    let sixth = half_line(rng, anchor.other(), pairs[5].0);
-    let anchor = CAMERA.unproject(DualAnchors::vertical(640, 480).position(anchor));
-    Sample { anchor, directions, sixth, points: pairs.map(|(_, point)| point) }
+    let pairs: [_; 6] = std::array::from_fn(|i| pair(rng, if i < 5 { anchor } else { other(anchor) }));
+    let inward = std::array::from_fn(|i| half_plane(rng, anchor, pairs[i].0).inward);
+    let sixth = half_plane(rng, other(anchor), pairs[5].0);
+    Sample { anchor: ray_of(anchor), inward, sixth, points: pairs.map(|(_, point)| point) }
 }
 
 /// The shares of samples whose true pose came out to 1e-5, and to 1e-2, after checking every pose.
@@ -70,7 +68,7 @@ fn found_shares(
         for pose in &poses {
             let r = pose.rotation().matrix();
             assert!((r * r.transpose()).is_identity(1e-9));
-            for (half, point) in sample.half_lines().iter().zip(&sample.points) {
+            for (half, point) in sample.half_planes().iter().zip(&sample.points) {
                 let p = pose.transform(point).coords;
                 let n = half.normal().normalize();
                 assert!(n.dot(&p).abs() < 1e-5 * (1.0 + p.norm()), "{name}: {}", n.dot(&p));
@@ -112,7 +110,7 @@ fn near_degenerate_samples_still_give_valid_poses() {
     });
     assert!(share >= 0.98 && coarse >= 0.999, "{share} {coarse}");
     let [_, coarse] = found_shares("close together", 23, 20_000, |rng, truth, anchor| {
-        let center = if anchor == Anchor::First { 160.0 } else { 480.0 };
+        let center = if anchor == Anchor::FIRST { 160.0 } else { 480.0 };
         let mut off = || rng.random_range(-4.0..4.0);
         let pixel = Pixel::new(center + off(), 240.0 + off());
         (pixel, lift(truth, pixel, rng.random_range(3.0..5.0)))
@@ -121,13 +119,13 @@ fn near_degenerate_samples_still_give_valid_poses() {
 }
 
 #[test]
-fn its_poses_are_those_of_p6lp_on_the_half_lines() {
+fn its_poses_are_those_of_p6lp_in_the_half_planes() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let (mut missing, mut compared) = (0, 0);
     for _ in 0..10_000 {
         let truth = random_pose(&mut rng);
-        let sample = sample(&mut rng, Anchor::First, |rng, anchor| random_match_on(rng, &truth, anchor));
-        let halves = sample.half_lines();
+        let sample = sample(&mut rng, Anchor::FIRST, |rng, anchor| random_match_on(rng, &truth, anchor));
+        let halves = sample.half_planes();
         let lines = halves.map(|h| PlaneLine::from_normal(h.normal()).expect("a line"));
         let mut all = ArrayVec::new();
         p6lp(&lines, &sample.points, &mut all);
@@ -150,7 +148,7 @@ fn moving_turning_and_scaling_the_world_moves_the_pose_along() {
     let (mut near, mut total) = (0, 0);
     for _ in 0..2000 {
         let truth = random_pose(&mut rng);
-        let mut sample = sample(&mut rng, Anchor::Second, |rng, anchor| random_match_on(rng, &truth, anchor));
+        let mut sample = sample(&mut rng, Anchor::SECOND, |rng, anchor| random_match_on(rng, &truth, anchor));
         let plain = sample.solve();
         let (turn, scale) = (random_rotation(&mut rng), 10.0_f64.powf(rng.random_range(-2.0..2.0)));
         let shift = Vector3::from_fn(|_, _| rng.random_range(-5.0..5.0));
@@ -176,20 +174,20 @@ fn hopeless_samples_give_no_pose() {
         let truth = random_pose(&mut rng);
         let good = || {
             let mut rng = ChaCha8Rng::seed_from_u64(7);
-            sample(&mut rng, Anchor::First, |rng, anchor| random_match_on(rng, &truth, anchor))
+            sample(&mut rng, Anchor::FIRST, |rng, anchor| random_match_on(rng, &truth, anchor))
         };
         assert!(!good().solve().is_empty());
         let mut bad = good();
-        bad.sixth.direction = Vector2::new(0.0, -1.0);
-        assert!(bad.solve().is_empty(), "the sixth along the dividing line");
+        bad.sixth.inward = ray_of(Anchor::FIRST);
+        assert!(bad.solve().is_empty(), "the sixth through both anchors");
         let mut bad = good();
-        bad.sixth.direction = -bad.sixth.direction;
+        bad.sixth.inward = -bad.sixth.inward;
         assert!(bad.solve().iter().all(|p| difference(p, &truth) > 1e-3), "the other half of the sixth");
         let mut bad = good();
-        bad.sixth.direction = Vector2::zeros();
+        bad.sixth.inward = Vector3::zeros();
         assert!(bad.solve().is_empty(), "no direction");
         let mut bad = good();
-        bad.anchor = PlanePoint::new(f64::NAN, 0.0);
+        bad.anchor = Vector3::new(f64::NAN, 0.0, 1.0);
         assert!(bad.solve().is_empty(), "NaN anchor");
         let mut bad = good();
         bad.points[5] = Point3::new(f64::NAN, 0.0, 0.0);

@@ -71,7 +71,7 @@ fn random_lines(rng: &mut ChaCha8Rng, truth: &CameraFromWorld) -> Sample {
 fn anchored(split: usize) -> impl FnMut(&mut ChaCha8Rng, &CameraFromWorld) -> Sample {
     move |rng, truth| {
         let pairs: [_; 4] = std::array::from_fn(|i| {
-            random_match_on(rng, truth, if i < split { Anchor::First } else { Anchor::Second })
+            random_match_on(rng, truth, if i < split { Anchor::FIRST } else { Anchor::SECOND })
         });
         (pairs.map(|(pixel, _)| dcl_line(pixel)), pairs.map(|(_, point)| point))
     }

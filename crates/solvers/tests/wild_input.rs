@@ -6,7 +6,7 @@ use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 use veiloc_geometry::{CameraFromWorld, PlaneLine, PlanePoint, Point3};
 use veiloc_solvers::{
-    ArrayVec, GravityAlignment, HalfLine, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p,
+    ArrayVec, GravityAlignment, HalfPlane, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p,
 };
 
 /// Numbers of a sample: mostly plain, some special, huge, tiny, or equal to one another.
@@ -103,11 +103,11 @@ fn nothing_breaks_a_solver() {
         returned[1] += check("p6lp", &out, appended);
 
         let mut out = ArrayVec::new();
-        let sixth =
-            HalfLine { origin: PlanePoint::new(wild.number(), wild.number()), direction: wild.plane() };
-        let anchor = PlanePoint::new(wild.number(), wild.number());
+        let sixth = HalfPlane::of_half_line(PlanePoint::new(wild.number(), wild.number()), wild.plane());
+        let anchor = wild.bearing();
+        let inward = [(); 5].map(|()| wild.bearing());
         let directions = [(); 5].map(|()| wild.plane());
-        let appended = p6lp_dual_radial(&anchor, &directions, &sixth, &wild.points(), &mut out);
+        let appended = p6lp_dual_radial(&anchor, &inward, &sixth, &wild.points(), &mut out);
         returned[2] += check("p6lp_dual_radial", &out, appended);
 
         let mut out = ArrayVec::new();

@@ -105,23 +105,23 @@ fn together(lists: &NeighbourLists, i: usize, j: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use veiloc_geometry::{DualAnchors, Pixel};
+    use veiloc_geometry::{Pencils, Pixel};
 
     #[test]
     fn rows_of_one_place_are_one_and_equal_lines_elsewhere_are_not() {
-        let anchors = DualAnchors::vertical(640, 480);
+        let pencils = Pencils::paper(640, 480);
         // Two corners of a strip of keypoints; 3 and 4 repeat 0; 20 lies on the line of 0, farther out.
         let mut pixels: Vec<Pixel> = (0..40).map(|i| Pixel::new(20.0 + 15.0 * f64::from(i), 100.0)).collect();
         pixels[3] = pixels[0];
         pixels[4] = pixels[0];
-        let anchor = anchors.anchor_of(pixels[0]);
+        let anchor = pencils.anchor_of(pixels[0]);
         let line = |p: Pixel| {
-            Observation::anchored(&anchors, anchors.anchor_of(p), anchors.angle_of(anchors.anchor_of(p), p))
+            Observation::anchored(&pencils, pencils.anchor_of(p), pencils.angle_of(pencils.anchor_of(p), p))
         };
         let lists = NeighbourLists::nearest(&pixels, 6);
         let mut sent: Vec<Observation> = pixels.iter().map(|&p| line(p)).collect();
         sent[10] = sent[0];
-        assert_eq!(anchors.anchor_of(pixels[10]), anchor);
+        assert_eq!(pencils.anchor_of(pixels[10]), anchor);
         let places = Places::of(&sent, &lists);
         assert_eq!(places.first.len(), 38);
         assert_eq!((places.of[3], places.of[4]), (places.of[0], places.of[0]));

@@ -200,7 +200,7 @@ fn crossing_spread(observations: &[Observation], neighbours: &NeighbourLists) ->
 
 #[cfg(test)]
 mod tests {
-    use veiloc_geometry::{DualAnchors, PixelLine};
+    use veiloc_geometry::{Pencils, PixelLine};
 
     use super::*;
 
@@ -221,11 +221,11 @@ mod tests {
 
     #[test]
     fn lines_of_one_anchor_cross_in_one_place_and_others_do_not() {
-        let anchors = DualAnchors::vertical(640, 480);
+        let pencils = Pencils::paper(640, 480);
         let ray = |u: f64, v: f64| {
             let p = Pixel::new(u, v);
-            let anchor = anchors.anchor_of(p);
-            Observation::anchored(&anchors, anchor, anchors.angle_of(anchor, p))
+            let anchor = pencils.anchor_of(p);
+            Observation::anchored(&pencils, anchor, pencils.angle_of(anchor, p))
         };
         let sent = [ray(100.0, 200.0), ray(120.0, 220.0), ray(90.0, 260.0), ray(330.0, 240.0)];
         let lists = NeighbourLists::from_lists(&[vec![1, 2], vec![1], vec![0, 3], vec![]]).expect("lists");

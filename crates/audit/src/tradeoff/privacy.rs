@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
     Descriptors, GraphOptions, NeighbourLists, NeighbourPredictor, Transfer, errors_px, graph, prior_only,
 };
-use veiloc_geometry::{Anchor, Pixel};
+use veiloc_geometry::{Anchor, PencilLine, Pixel};
 use veiloc_query::Observations;
 
 use super::sent::Sent;
@@ -99,15 +99,16 @@ fn shape_errors(sent: &Sent, answers: &[Pixel], truth: &[Pixel]) -> Vec<f64> {
     let Observations::Anchored { lines, .. } = &sent.observed else {
         return errors_px(answers.iter().copied(), truth);
     };
+    // Answers move along their line, away from the anchor.
+    let placed: Vec<Option<PencilLine>> =
+        lines.iter().map(|line| sent.pencils.along(line.anchor, line.angle)).collect();
+    let along = |i: usize, p: Pixel| {
+        placed[i].map_or(f64::NAN, |line| line.direction.dot(&(p.vector() - line.origin.vector())))
+    };
     let scale = Anchor::BOTH.map(|anchor| {
-        let origin = sent.anchors.position(anchor);
         let mut ratios: Vec<(f64, f64)> = (0..truth.len())
             .filter(|i| lines[*i].anchor == anchor)
-            .map(|i| {
-                let along = sent.anchors.ray_direction(anchor, lines[i].angle);
-                let at = |p: Pixel| along.dot(&(p.vector() - origin.vector()));
-                (at(truth[i]), at(answers[i]))
-            })
+            .map(|i| (along(i, truth[i]), along(i, answers[i])))
             .filter(|(_, answer)| *answer > 1e-6)
             .map(|(truth, answer)| (truth / answer, answer))
             .collect();
@@ -120,8 +121,8 @@ fn shape_errors(sent: &Sent, answers: &[Pixel], truth: &[Pixel]) -> Vec<f64> {
         });
         middle.map_or(1.0, |r| r.0)
     });
-    let scaled = answers.iter().zip(lines).map(|(p, line)| {
-        let (origin, by) = (sent.anchors.position(line.anchor), scale[line.anchor.index()]);
+    let scaled = answers.iter().zip(lines).zip(&placed).map(|((p, line), placed)| {
+        let (Some(PencilLine { origin, .. }), by) = (placed, scale[line.anchor.index()]) else { return *p };
         Pixel::new(origin.u + by * (p.u - origin.u), origin.v + by * (p.v - origin.v))
     });
     errors_px(scaled, truth)
@@ -142,8 +143,8 @@ mod tests {
             .truth
             .iter()
             .map(|p| {
-                let anchor = sent.anchors.anchor_of(*p);
-                let (o, by) = (sent.anchors.position(anchor), scale[anchor.index()]);
+                let anchor = sent.pencils.anchor_of(*p);
+                let (o, by) = (sent.pencils.position(anchor).expect("at the edge"), scale[anchor.index()]);
                 Pixel::new(o.u + by * (p.u - o.u), o.v + by * (p.v - o.v))
             })
             .collect();

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use rand::Rng;
 use rand::seq::SliceRandom;
 use veiloc_attacks::{KnownSegment, Observation};
-use veiloc_geometry::{Anchor, DualAnchors, Pixel};
+use veiloc_geometry::{Anchor, Pencils, Pixel};
 
 use super::variant::{Keep, Variant};
 
@@ -20,7 +20,7 @@ pub(super) fn select(
     variant: &Variant,
     keypoints: &[Pixel],
     size: (u32, u32),
-    anchors: &DualAnchors,
+    pencils: &Pencils,
     ratios: Option<&[f64]>,
     rng: &mut impl Rng,
 ) -> Vec<usize> {
@@ -33,11 +33,11 @@ pub(super) fn select(
             (Some(limit), Some(ratios)) => ratios[*i] <= limit,
             _ => true,
         };
-        let clear = Anchor::BOTH.iter().all(|a| anchors.position(*a).distance(&p) > ANCHOR_CLEARANCE);
+        let clear = Anchor::BOTH.iter().all(|a| pencils.distance(*a, p) > ANCHOR_CLEARANCE);
         known
             && clear
-            && anchors.signed_side(p).abs() >= variant.gap
-            && (variant.crop >= 1.0 || along(anchors, p, size) <= crop[anchors.anchor_of(p).index()])
+            && pencils.clearance(p) >= variant.gap
+            && (variant.crop >= 1.0 || along(pencils, p, size) <= crop[pencils.anchor_of(p).index()])
     };
     let order: Vec<usize> = match variant.keep {
         Keep::Random(_) => shuffled,
@@ -64,11 +64,11 @@ pub(super) fn select(
 }
 
 /// How far out on its half-line a keypoint is, as a share of the way from the anchor to the image's border.
-fn along(anchors: &DualAnchors, p: Pixel, size: (u32, u32)) -> f64 {
-    let anchor = anchors.anchor_of(p);
-    let ray = Observation::anchored(anchors, anchor, anchors.angle_of(anchor, p));
+fn along(pencils: &Pencils, p: Pixel, size: (u32, u32)) -> f64 {
+    let anchor = pencils.anchor_of(p);
+    let ray = Observation::anchored(pencils, anchor, pencils.angle_of(anchor, p));
     let far = KnownSegment::of(&ray, size.0, size.1)[0].map_or(f64::INFINITY, |s| s.far);
-    anchors.position(anchor).distance(&p) / far
+    pencils.distance(anchor, p) / far
 }
 
 #[cfg(test)]
@@ -90,9 +90,9 @@ mod tests {
 
     fn selected(text: &str, ratios: Option<&[f64]>, seed: u64) -> Vec<usize> {
         let variant: Variant = text.parse().expect("well written");
-        let anchors = DualAnchors::vertical(SIZE.0, SIZE.1);
+        let pencils = Pencils::paper(SIZE.0, SIZE.1);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        select(&variant, &keypoints(), SIZE, &anchors, ratios, &mut rng)
+        select(&variant, &keypoints(), SIZE, &pencils, ratios, &mut rng)
     }
 
     #[test]
@@ -142,13 +142,13 @@ mod tests {
 
     #[test]
     fn a_crop_is_the_side_of_the_image_scaled_about_its_anchor() {
-        let (all, anchors) = (keypoints(), DualAnchors::vertical(SIZE.0, SIZE.1));
+        let (all, pencils) = (keypoints(), Pencils::paper(SIZE.0, SIZE.1));
         for seed in 0..20 {
             let kept = selected("crop=0.5", None, seed);
             for anchor in Anchor::BOTH {
-                let own = |i: &usize| anchors.anchor_of(all[*i]) == anchor;
+                let own = |i: &usize| pencils.anchor_of(all[*i]) == anchor;
                 // The image's half, scaled by λ about (320, 0) or (320, 480): |u − 320| ≤ 320 λ, |v − v0| ≤ 480 λ.
-                let v0 = anchors.position(anchor).v;
+                let v0 = pencils.position(anchor).expect("at the edge").v;
                 let least = |i: usize| ((all[i].u - 320.0).abs() / 320.0).max((all[i].v - v0).abs() / 480.0);
                 let inside = kept.iter().copied().filter(own).map(least).fold(0.0, f64::max);
                 let outside =

@@ -6,7 +6,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{KnownSegment, Observation};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
-use veiloc_geometry::{DualAnchors, Pixel};
+use veiloc_geometry::{Pencils, Pixel};
 use veiloc_obfuscation::{audit, obfuscate_points};
 use veiloc_query::{Observations, Scheme};
 use veiloc_synth::problems::normal;
@@ -31,7 +31,7 @@ pub(super) struct Sent {
     /// The same as an attacker reads it.
     pub(super) observations: Vec<Observation>,
     /// Where the anchors are.
-    pub(super) anchors: DualAnchors,
+    pub(super) pencils: Pencils,
     /// The scheme, dividing line drawn.
     pub(super) scheme: Scheme,
 }
@@ -51,13 +51,13 @@ impl Sent {
         let Scheme::Dcl(layout) = scheme else {
             return Err(AuditError::Options(format!("{scheme} has no anchors")));
         };
-        let anchors = layout.anchors(size.0, size.1);
-        let kept = select(variant, &image.keypoints, size, &anchors, ratios, &mut rng("selection"));
+        let pencils = Pencils::of_image([size.0, size.1], &layout.layout());
+        let kept = select(variant, &image.keypoints, size, &pencils, ratios, &mut rng("selection"));
         let mut truth: Vec<Pixel> = kept.iter().map(|i| image.keypoints[*i]).collect();
         let (bytes, dimension) = data::descriptors(image)?;
         let mut rows: Vec<u8> =
             kept.iter().flat_map(|i| &bytes[i * dimension..(i + 1) * dimension]).copied().collect();
-        let mut moved = across(&truth, &anchors, variant.noise, &mut rng("noise"));
+        let mut moved = across(&truth, &pencils, variant.noise, &mut rng("noise"));
         let count = (variant.decoys / 100.0 * kept.len() as f64).round() as usize;
         if count > 0 {
             let kind = DescriptorKind::ROOT_SIFT;
@@ -79,7 +79,7 @@ impl Sent {
         let observed = obfuscate_points(&moved, size.0, size.1, &scheme, variant.bits, &mut rng("sent"))
             .map_err(|source| AuditError::Seal { name: image.name.clone(), source })?;
         let observations = Observation::of_sent(&observed);
-        Ok(Self { kept, truth, descriptors: (rows, dimension), observed, observations, anchors, scheme })
+        Ok(Self { kept, truth, descriptors: (rows, dimension), observed, observations, pencils, scheme })
     }
 
     /// Expected mean square error across the line that `variant` adds to a keypoint's own, pixels squared: its noise, and
@@ -99,7 +99,7 @@ impl Sent {
 
 /// Moves keypoints across their half-lines by normal noise; keypoints of one position together, none over the dividing
 /// line.
-fn across(pixels: &[Pixel], anchors: &DualAnchors, noise: f64, rng: &mut impl Rng) -> Vec<Pixel> {
+fn across(pixels: &[Pixel], pencils: &Pencils, noise: f64, rng: &mut impl Rng) -> Vec<Pixel> {
     if noise == 0.0 {
         return pixels.to_vec();
     }
@@ -108,13 +108,14 @@ fn across(pixels: &[Pixel], anchors: &DualAnchors, noise: f64, rng: &mut impl Rn
         .iter()
         .map(|&p| {
             *drawn.entry([p.u.to_bits(), p.v.to_bits()]).or_insert_with(|| {
-                let anchor = anchors.anchor_of(p);
-                let along = anchors.ray_direction(anchor, anchors.angle_of(anchor, p));
+                let anchor = pencils.anchor_of(p);
+                let Some(line) = pencils.line(anchor, pencils.angle_of(anchor, p)) else { return p };
+                let along = line.direction();
                 let step = noise * normal(rng);
                 [step, -step]
                     .map(|s| Pixel::new(p.u - s * along.y, p.v + s * along.x))
                     .into_iter()
-                    .find(|q| anchors.anchor_of(*q) == anchor)
+                    .find(|q| pencils.anchor_of(*q) == anchor)
                     .unwrap_or(p)
             })
         })

@@ -90,7 +90,7 @@ impl Variant {
             DividingLine::Random => rng.random_range(0.0..180.0),
         };
         // `s` was checked when the variant was read, and every direction is allowed.
-        Scheme::Dcl(DclLayout::new(degrees, self.s).unwrap_or_default())
+        Scheme::Dcl(DclLayout::halves(degrees, self.s).unwrap_or_default())
     }
 }
 

@@ -23,7 +23,7 @@ pub(crate) fn observation_noise(
     bits: AngleBits,
 ) -> f64 {
     let rounding = match &problem.observations {
-        Correspondences::Anchored { anchors, lines } => {
+        Correspondences::Anchored { pencils, lines } => {
             let step = std::f64::consts::PI / f64::from(bits.levels());
             let squared_radii: Vec<f64> = lines
                 .iter()
@@ -32,7 +32,7 @@ pub(crate) fn observation_noise(
                 .filter(|(_, chosen)| **chosen)
                 .filter_map(|(((anchor, _), point), _)| {
                     let seen = PlanePoint::from_camera_point(&truth.transform(point))?;
-                    Some(problem.camera.project(seen).distance(&anchors.position(*anchor)).powi(2))
+                    Some(pencils.distance(*anchor, problem.camera.project(seen)).powi(2))
                 })
                 .collect();
             let mean = squared_radii.iter().sum::<f64>() / squared_radii.len().max(1) as f64;
@@ -80,8 +80,9 @@ mod tests {
                         match &sent.observations {
                             Correspondences::Points { pixels } => pixels[i].u - exact.u,
                             Correspondences::Lines { lines } => lines[i].signed_distance(exact),
-                            Correspondences::Anchored { anchors, lines } => {
-                                anchors.line(lines[i].0, lines[i].1).signed_distance(exact)
+                            Correspondences::Anchored { pencils, lines } => {
+                                let line = pencils.line(lines[i].0, lines[i].1).expect("in sight");
+                                line.signed_distance(exact)
                             }
                         }
                     })

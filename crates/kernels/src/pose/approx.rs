@@ -1,4 +1,4 @@
-//! Logarithm and exponential that the compiler can turn into vector instructions, the same on every machine.
+//! Logarithm, exponential and arc tangent that the compiler can turn into vector instructions, the same on every machine.
 
 /// Natural logarithm of a positive normal number, to about 1e-5; zero gives about −88, anything else something finite.
 ///
@@ -32,6 +32,32 @@ pub(super) fn exp_of_negative(x: f32) -> f32 {
     p * power
 }
 
+/// Angle of `(x, y)` from the `x` axis in `[−π, π]`, to about 1e-5; something finite or NaN where there is none.
+///
+/// Polynomial of degree eleven for the octant, the rest by symmetry.
+#[inline(always)]
+pub(super) fn atan2(y: f32, x: f32) -> f32 {
+    let (ax, ay) = (x.abs(), y.abs());
+    let steep = ay > ax;
+    let t = if steep { ax / ay } else { ay / ax };
+    let s = t * t;
+    let p = (((((-0.011_721_2 * s + 0.052_653_32) * s - 0.116_432_87) * s + 0.193_543_46) * s
+        - 0.332_623_47)
+        * s
+        + 0.999_977_26)
+        * t;
+    let p = if steep { std::f32::consts::FRAC_PI_2 - p } else { p };
+    let p = if x < 0.0 { std::f32::consts::PI - p } else { p };
+    if y < 0.0 { -p } else { p }
+}
+
+/// A number less the nearest integer, for numbers below a million.
+#[inline(always)]
+pub(super) fn beside_integer(x: f32) -> f32 {
+    // Adding 1.5 · 2²³ rounds to the nearest integer.
+    x - ((x + 12_582_912.0) - 12_582_912.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -44,6 +70,20 @@ mod tests {
             x *= 1.0007;
         }
         assert!(ln(0.0) < -80.0 && ln(0.0).is_finite());
+    }
+
+    #[test]
+    fn the_arc_tangent_agrees_with_the_library() {
+        for i in 0..20_000 {
+            let angle = (i as f32 * 0.000_31) - 3.1;
+            for radius in [1e-3, 1.0, 700.0] {
+                let (y, x) = (angle.sin() * radius, angle.cos() * radius);
+                assert!((atan2(y, x) - y.atan2(x)).abs() < 2e-5, "{y} {x}");
+            }
+        }
+        for (x, beside) in [(2.25, 0.25), (-3.75, 0.25), (0.4, 0.4), (7.6, -0.4)] {
+            assert!((beside_integer(x) - beside).abs() < 1e-6, "{x}");
+        }
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! How correspondences lie in memory: blocks of sixteen, one array a quantity.
 
+use super::approx::{atan2, beside_integer};
+
 /// Correspondences in a block.
 pub const LANES: usize = 16;
 
@@ -51,22 +53,22 @@ pub struct Group {
     pub(super) blocks: Vec<Block>,
     /// Most that the blocks from here on can bring to a score, `[blocks + 1]`.
     pub(super) most: Vec<f32>,
-    pub(super) anchor: [f32; 2],
-    pub(super) side: [f32; 3],
+    pub(super) anchor: [f32; 3],
+    pub(super) index: f32,
 }
 
 impl Group {
-    /// A group with its anchor (pixels from the principal point) and side: points may project where
-    /// `side · (u, v, 1)` is not below minus the margin. Both count for anchored correspondences only.
+    /// A group with its anchor, `(x, y, w)` with distances `‖w (u, v) − (x, y)‖`, and the number of its pencil. Both count for
+    /// anchored correspondences only.
     ///
     /// `extra` is the most that a likelihood gains over `worth`: the largest possible `log r` for anchored
     /// correspondences, 0 for others. Poor poses are dropped soonest when the blocks begin with what is worth most.
-    pub fn new(blocks: Vec<Block>, anchor: [f32; 2], side: [f32; 3], extra: f32) -> Self {
+    pub fn new(blocks: Vec<Block>, anchor: [f32; 3], index: usize, extra: f32) -> Self {
         let mut most = vec![0.0_f32; blocks.len() + 1];
         for (k, block) in blocks.iter().enumerate().rev() {
             most[k] = most[k + 1] + block.worth.iter().map(|w| (w + extra).max(0.0)).sum::<f32>();
         }
-        Self { blocks, most, anchor, side }
+        Self { blocks, most, anchor, index: index as f32 }
     }
 }
 
@@ -88,7 +90,7 @@ pub struct Image {
     pub middle: [f32; 2],
     /// Half its size.
     pub half: [f32; 2],
-    /// How far outside it, or over the dividing line, a projection may lie.
+    /// How far outside it a projection may lie.
     pub margin: f32,
 }
 
@@ -100,17 +102,76 @@ impl Image {
     }
 }
 
+/// A family of sectors about an axis; functionals act on `(u, v, 1)`, pixels from the principal point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sectors {
+    /// Gives the cosine of the angle about the axis, times anything positive.
+    pub zero: [f32; 3],
+    /// Gives the sine, times the same.
+    pub quarter: [f32; 3],
+    /// Sectors in a radian.
+    pub per_radian: f32,
+    /// Where the first begins, in sectors.
+    pub shift: f32,
+    /// How far over its border a projection may lie, in sectors.
+    pub margin: f32,
+}
+
+impl Sectors {
+    /// Where a projection lies, in sectors.
+    #[inline(always)]
+    pub(super) fn position(&self, u: f32, v: f32) -> f32 {
+        let on = |f: &[f32; 3]| f[0] * u + f[1] * v + f[2];
+        atan2(on(&self.quarter), on(&self.zero)) * self.per_radian + self.shift
+    }
+}
+
+/// Which pencil a projection belongs to: `⌊own⌋ + ⌊across⌋` modulo their number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Partition {
+    /// Number of pencils.
+    pub pencils: f32,
+    /// The sectors.
+    pub own: Sectors,
+    /// The second family.
+    pub across: Option<Sectors>,
+}
+
+impl Partition {
+    /// Whether a pencil may have been seen there.
+    #[inline(always)]
+    pub(super) fn admits<const ACROSS: bool>(&self, index: f32, u: f32, v: f32) -> bool {
+        let position = self.own.position(u, v) - index - 0.5;
+        let reach = (0.5 + self.own.margin) / self.pencils;
+        let within = |sector: f32| beside_integer((position + sector) / self.pencils).abs() <= reach;
+        match &self.across {
+            Some(across) if ACROSS => {
+                let (position, margin) = (across.position(u, v), across.margin);
+                let floor = |x: f32| (x - 0.5) - beside_integer(x - 0.5);
+                within(floor(position + margin)) | within(floor(position - margin))
+            }
+            _ => within(0.0),
+        }
+    }
+}
+
 /// All correspondences of a problem, ready to be scored.
 #[derive(Debug, Clone)]
 pub struct PoseLanes {
     pub(super) observed: Observed,
     pub(super) groups: Vec<Group>,
     pub(super) image: Image,
+    pub(super) partition: Option<Partition>,
 }
 
 impl PoseLanes {
-    /// Correspondences of one kind in their groups.
-    pub fn new(observed: Observed, groups: Vec<Group>, image: Image) -> Self {
-        Self { observed, groups, image }
+    /// Correspondences of one kind in their groups. Anchored ones need a partition.
+    pub fn new(observed: Observed, groups: Vec<Group>, image: Image, partition: Option<Partition>) -> Self {
+        Self { observed, groups, image, partition }
+    }
+
+    /// The partition of anchored correspondences, and whether it has a second family of sectors.
+    pub(super) fn crossed(&self) -> bool {
+        self.partition.is_some_and(|p| p.across.is_some())
     }
 }

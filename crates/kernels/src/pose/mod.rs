@@ -17,11 +17,11 @@
 //! |---|---|---|
 //! | points | `(u − a)² + (v − b)²` | 1 |
 //! | lines | `(a u + b v + c)²` | 1 |
-//! | anchored | `(a u + b v + c)²` | squared distance of `(u, v)` from the group's anchor |
+//! | anchored | `(a u + b v + c)²` | squared distance of `(u, v)` from the group's anchor, times any number |
 //!
 //! - truncated: `Σ max(0, worth − k e²)` over points in front of the camera;
 //! - likelihood: `llr = worth + shift + ½ log(r² / (1 + k e²)⁶)`, a Student t distribution's logarithm, summed where
-//!   it is positive over points that project into the image and on their group's side.
+//!   it is positive over points that project into the image and, anchored ones, into a sector of their group's pencil.
 
 mod approx;
 mod layout;
@@ -29,7 +29,7 @@ mod normal;
 mod radial;
 mod score;
 
-pub use layout::{Block, Group, Image, LANES, Lanes, NEVER, Observed, PoseLanes};
+pub use layout::{Block, Group, Image, LANES, Lanes, NEVER, Observed, Partition, PoseLanes, Sectors};
 pub use normal::{CameraRows, NormalEquations};
 pub use radial::{RadialBlock, RadialLanes};
 pub use score::ScaledRows;

@@ -80,12 +80,15 @@ fn avx512(lanes: &PoseLanes, camera: &CameraRows, k: f32, shift: f32) -> NormalE
 const POINTS: u8 = 0;
 const LINES: u8 = 1;
 const ANCHORED: u8 = 2;
+/// Anchored, with a second family of sectors.
+const CROSSED: u8 = 3;
 
 #[inline(always)]
 fn choose(lanes: &PoseLanes, camera: &CameraRows, k: f32, shift: f32) -> NormalEquations {
     match lanes.observed {
         Observed::Points => equations::<POINTS>(lanes, camera, k, shift),
         Observed::Lines => equations::<LINES>(lanes, camera, k, shift),
+        Observed::Anchored if lanes.crossed() => equations::<CROSSED>(lanes, camera, k, shift),
         Observed::Anchored => equations::<ANCHORED>(lanes, camera, k, shift),
     }
 }
@@ -159,10 +162,15 @@ fn lane<const OBSERVED: u8>(
     };
     let squared = e0 * e0 + e1 * e1;
     let (mut du, mut dv, mut radius) = (0.0, 0.0, 1.0);
-    if OBSERVED == ANCHORED {
-        (du, dv) = (u - group.anchor[0], v - group.anchor[1]);
+    if OBSERVED >= ANCHORED {
+        let [x, y, w] = group.anchor;
+        (du, dv) = (w * u - x, w * v - y);
         radius = du * du + dv * dv;
-        visible &= group.side[0] * u + group.side[1] * v + group.side[2] >= -lanes.image.margin;
+        visible &= match &lanes.partition {
+            Some(partition) if OBSERVED == CROSSED => partition.admits::<true>(group.index, u, v),
+            Some(partition) => partition.admits::<false>(group.index, u, v),
+            None => true,
+        };
         visible &= radius > 1e-6;
     }
     let s = 1.0 + k * squared;
@@ -198,8 +206,9 @@ fn lane<const OBSERVED: u8>(
         let (a, b) = (block.a[l], block.b[l]);
         chart(first, a * ux, b * vy, a * uz + b * vz);
     }
-    if OBSERVED == ANCHORED {
-        let (ru, rv) = (pick(du / radius), pick(dv / radius));
+    if OBSERVED >= ANCHORED {
+        let w = group.anchor[2];
+        let (ru, rv) = (pick(w * du / radius), pick(w * dv / radius));
         chart(second, ru * ux, rv * vy, ru * uz + rv * vz);
         weights.radial[l] = pick(right);
     }
@@ -218,7 +227,7 @@ fn add<const OBSERVED: u8>(first: &[Lanes; 6], second: &[Lanes; 6], weights: &We
                 scaled[1][l] = weights.weight[l] * second[i][l];
                 sums.gradient[i][l] += scaled[1][l] * weights.residual[1][l];
             }
-            if OBSERVED == ANCHORED {
+            if OBSERVED >= ANCHORED {
                 sums.gradient[i][l] -= weights.radial[l] * second[i][l];
             }
         }

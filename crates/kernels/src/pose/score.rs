@@ -16,6 +16,8 @@ pub type ScaledRows = [[f32; 4]; 3];
 const POINTS: u8 = 0;
 const LINES: u8 = 1;
 const ANCHORED: u8 = 2;
+/// Anchored, with a second family of sectors.
+const CROSSED: u8 = 3;
 
 /// One score of one pose.
 #[derive(Clone, Copy)]
@@ -87,6 +89,7 @@ fn choose_each(task: Task<'_>, out: &mut Vec<f32>) {
     match task.lanes.observed {
         Observed::Points => each::<POINTS>(task, out),
         Observed::Lines => each::<LINES>(task, out),
+        Observed::Anchored if task.lanes.crossed() => each::<CROSSED>(task, out),
         Observed::Anchored => each::<ANCHORED>(task, out),
     }
 }
@@ -134,6 +137,7 @@ fn choose<const LIKELIHOOD: bool>(task: Task<'_>) -> f32 {
     match task.lanes.observed {
         Observed::Points => sum::<POINTS, LIKELIHOOD>(task),
         Observed::Lines => sum::<LINES, LIKELIHOOD>(task),
+        Observed::Anchored if task.lanes.crossed() => sum::<CROSSED, LIKELIHOOD>(task),
         Observed::Anchored => sum::<ANCHORED, LIKELIHOOD>(task),
     }
 }
@@ -212,10 +216,15 @@ fn likelihood<const OBSERVED: u8>(task: &Task<'_>, group: &Group, block: &Block,
     let image: &Image = &task.lanes.image;
     let mut visible = (z > 0.0) & (z < FARTHEST) & image.holds(u, v);
     let mut radius = 1.0;
-    if OBSERVED == ANCHORED {
-        let (du, dv) = (u - group.anchor[0], v - group.anchor[1]);
+    if OBSERVED >= ANCHORED {
+        let [x, y, w] = group.anchor;
+        let (du, dv) = (w * u - x, w * v - y);
         radius = du * du + dv * dv;
-        visible &= group.side[0] * u + group.side[1] * v + group.side[2] >= -image.margin;
+        visible &= match &task.lanes.partition {
+            Some(partition) if OBSERVED == CROSSED => partition.admits::<true>(group.index, u, v),
+            Some(partition) => partition.admits::<false>(group.index, u, v),
+            None => true,
+        };
     }
     let s = 1.0 + task.k * squared;
     let cube = s * s * s;

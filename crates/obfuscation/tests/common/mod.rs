@@ -7,7 +7,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_obfuscation::SealOptions;
-use veiloc_query::{Observations, Profile, Scheme};
+use veiloc_query::{AnchoredLine, DualAnchors, Observations, Profile, Scheme};
 
 pub(crate) fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
@@ -72,10 +72,18 @@ pub(crate) fn correlation(pairs: &[(f64, f64)]) -> f64 {
     sxy / (sxx * syy).sqrt()
 }
 
-/// `(anchor index, angle)` of each row of a dcl query.
+/// `(anchor index, angle)` of each row of a dcl query of the default layout, the angle as the wire tells it.
 pub(crate) fn angles(observations: &Observations) -> Vec<(usize, f64)> {
     match observations {
-        Observations::Anchored { lines, .. } => lines.iter().map(|l| (l.anchor.index(), l.angle)).collect(),
+        Observations::Anchored { pencils, lines } => {
+            let [width, height] = pencils.size().map(|side| side as u32);
+            let anchors = DualAnchors::vertical(width, height);
+            let angle = |l: &AnchoredLine| {
+                let line = pencils.along(l.anchor, l.angle).expect("it meets the image");
+                anchors.angle_of(l.anchor, line.at(100.0))
+            };
+            lines.iter().map(|l| (l.anchor.index(), angle(l))).collect()
+        }
         other => panic!("{other:?} are not of dcl"),
     }
 }

@@ -7,10 +7,11 @@ use veiloc_descriptor::{
     DescriptorKind, Descriptors, Encoding, GlobalDescriptor, GlobalModel, NamedGlobal, Vocabulary,
 };
 use veiloc_geometry::Anchor;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_query::{
-    AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, AnswerVersion,
-    CanonicalCamera, CoarseGravity, DoubtKind, FocalKnowledge, Hints, LineRow, PositionRow, Profile,
-    QueryParts, Rows, Scheme, SealedQuery, WireVersion, Wish,
+    AnchoredRow, AngleBits, AngleForm, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes,
+    AnswerVersion, CanonicalCamera, CoarseGravity, DoubtKind, FocalKnowledge, Hints, LayoutTurn, LineRow,
+    PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery, WireVersion, Wish,
 };
 
 /// Numbers straight from the generator, so that the known answers do not depend on how a library draws ranges.
@@ -74,8 +75,24 @@ pub(crate) fn query_with(
     query_saying(Hints::default(), profile, scheme, bits, count, seed)
 }
 
+/// A later frame of a session: the layout is turned against its camera.
+pub(crate) fn query_turned(turn: LayoutTurn, profile: &Profile, scheme: Scheme, seed: u64) -> SealedQuery {
+    query_made((Hints::default(), turn), profile, scheme, AngleBits::default(), 256, seed)
+}
+
 pub(crate) fn query_saying(
     hints: Hints,
+    profile: &Profile,
+    scheme: Scheme,
+    bits: AngleBits,
+    count: usize,
+    seed: u64,
+) -> SealedQuery {
+    query_made((hints, LayoutTurn::default()), profile, scheme, bits, count, seed)
+}
+
+fn query_made(
+    (hints, turn): (Hints, LayoutTurn),
     profile: &Profile,
     scheme: Scheme,
     bits: AngleBits,
@@ -102,10 +119,15 @@ pub(crate) fn query_saying(
             };
             Rows::RandomLines((0..count).map(|_| line(&mut draw)).collect())
         }
-        Scheme::Dcl(_) => {
+        Scheme::Dcl(layout) => {
+            let form = AngleForm::needed(layout, turn);
             let row = |draw: &mut Draw| {
-                let anchor = Anchor::BOTH[draw.below(2) as usize];
-                AnchoredRow::new(bits, anchor, bits.angle_of(draw.below(bits.levels()) as u16))
+                let anchor = Anchor::new(draw.below(layout.anchors() as u32) as usize).expect("one of few");
+                let angle = match form {
+                    AngleForm::HalfCircle => bits.angle_of(draw.below(bits.levels()) as u16),
+                    AngleForm::Circle => bits.angle_on_circle(draw.below(bits.levels_of_circle())),
+                };
+                AnchoredRow::new(form, bits, anchor, angle)
             };
             Rows::Dcl((0..count).map(|_| row(&mut draw)).collect())
         }
@@ -117,7 +139,7 @@ pub(crate) fn query_saying(
         let codes = (0..profile.global_model().global_len()).map(|_| draw.below(100) as i8 - 50);
         GlobalDescriptor::new(codes.collect())
     });
-    let parts = QueryParts { camera, scheme, angle_bits: bits, rows, descriptors, image_global, hints };
+    let parts = QueryParts { camera, scheme, angle_bits: bits, rows, descriptors, image_global, hints, turn };
     SealedQuery::new(profile, parts).expect("parts fit")
 }
 
@@ -130,11 +152,12 @@ pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
         let query = match version {
             WireVersion::V1 => query_with(&profile(scheme, bits), scheme, bits, 256, 1),
             WireVersion::V2 => in_version_2(query_with(&profile_v2(), scheme, bits, 256, 1)),
-            WireVersion::V3 => query_with(&profile_v2(), scheme, bits, 256, 1),
+            WireVersion::V3 | WireVersion::V4 => query_with(&profile_v2(), scheme, bits, 256, 1),
         };
         (format!("v{}-{}", version.number(), name.replace([':', '=', ','], "-")), query)
     };
-    let mut all: Vec<_> = WireVersion::ALL.iter().flat_map(|v| schemes.map(|name| of(*v, name))).collect();
+    let older = [WireVersion::V1, WireVersion::V2, WireVersion::V3];
+    let mut all: Vec<_> = older.iter().flat_map(|v| schemes.map(|name| of(*v, name))).collect();
     let dcl = |profile: &Profile, hints| {
         query_saying(hints, profile, Scheme::default(), AngleBits::default(), 256, 1)
     };
@@ -147,6 +170,22 @@ pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
         all.push((name.to_owned(), dcl(&profile_v2(), Hints { focal, gravity })));
     }
     all.push(("v3-own-kind".to_owned(), dcl(&own_profile(), Hints::default())));
+    let paper = || "dcl:paper".parse().expect("a layout");
+    let turn =
+        LayoutTurn::new(&Rotation3::from_scaled_axis(Vector3::new(0.125, -0.5, 0.0625))).expect("finite");
+    for (name, scheme, turn) in [
+        ("v4-stripes", "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0", LayoutTurn::default()),
+        (
+            "v4-board",
+            "dcl:axis=90,sectors=21,shift=0.5,across=0/12/0.25,anchors=@90+@0+0/-20",
+            LayoutTurn::default(),
+        ),
+        ("v4-session", "dcl:axis=115,sectors=22,anchors=0.23/-0.33+-0.88/-0.47", turn),
+    ] {
+        let scheme = scheme.parse().expect("a layout");
+        all.push((name.to_owned(), query_turned(turn, &profile_v2(), scheme, 1)));
+    }
+    all.push(("v4-halves".to_owned(), query_turned(turn, &profile_v2(), paper(), 1)));
     all
 }
 

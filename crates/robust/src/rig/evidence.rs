@@ -266,7 +266,8 @@ impl Verdict {
     }
 }
 
-/// Different map points that agree on each anchor's side, over all frames; `None` where no frame has anchors.
+/// Different map points that agree with the anchor that has most of them and with all others, over all frames; `None` where no
+/// frame has anchors.
 fn sides(witnesses: &[Witness<'_>]) -> Option<[usize; 2]> {
     let anchored: Vec<(&Matches<'_>, &[usize])> = witnesses
         .iter()
@@ -276,15 +277,17 @@ fn sides(witnesses: &[Witness<'_>]) -> Option<[usize; 2]> {
     if anchored.is_empty() {
         return None;
     }
-    Some(Anchor::BOTH.map(|anchor| {
-        let of_side = |m: &Matches<'_>, i: &usize| m.anchor[*i] == anchor;
+    let different = |of: &dyn Fn(Anchor) -> bool| {
         let mut points = BTreeSet::new();
         let mut keypoints = 0;
         for (matches, inliers) in &anchored {
-            let side: Vec<usize> = inliers.iter().copied().filter(|i| of_side(matches, i)).collect();
+            let side: Vec<usize> = inliers.iter().copied().filter(|&i| of(matches.anchor[i])).collect();
             points.extend(side.iter().map(|&i| key(&matches.points[i])));
             keypoints += matches.keypoints_among(side.into_iter());
         }
         points.len().min(keypoints)
-    }))
+    };
+    let own = |anchor: Anchor| different(&|a| a == anchor);
+    let richest = Anchor::first(Anchor::MOST).rev().max_by_key(|a| own(*a))?;
+    Some([own(richest), different(&|a| a != richest)])
 }

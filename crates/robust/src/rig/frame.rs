@@ -1,6 +1,6 @@
 //! One frame of a rig, ready to be searched.
 
-use veiloc_geometry::{Anchor, CameraFromWorld, Pixel};
+use veiloc_geometry::CameraFromWorld;
 
 use super::RigFrame;
 use crate::confidence::median;
@@ -10,7 +10,8 @@ use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::sampler::WeightedSampler;
 use crate::search::Search;
 use veiloc_likelihood::{
-    Beliefs, Correspondences, FocalKnowledge, Matches, ProblemError, Scale, System, median_point,
+    Beliefs, Correspondences, FocalKnowledge, Matches, ProblemError, Scale, System, log_farthest,
+    median_point,
 };
 
 /// A frame that shows something.
@@ -121,11 +122,8 @@ impl<'a> Frame<'a> {
 /// An upper bound of what any pose gains at this noise.
 fn most_gain(matches: &Matches<'_>, noise: f64) -> f64 {
     let log_farthest = match matches.observations {
-        Correspondences::Anchored { anchors, .. } => {
-            let (w, h) = (f64::from(matches.camera.width), f64::from(matches.camera.height));
-            let corners = [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]].map(|[u, v]| Pixel::new(u, v));
-            let far = Anchor::BOTH.iter().flat_map(|a| corners.map(|c| c.distance(&anchors.position(*a))));
-            (far.fold(0.0, f64::max) + 2.0 * matches.margin()).ln()
+        Correspondences::Anchored { pencils, .. } => {
+            pencils.anchors().map(|a| log_farthest(matches, pencils, a)).fold(f64::NEG_INFINITY, f64::max)
         }
         Correspondences::Points { .. } | Correspondences::Lines { .. } => 0.0,
     };

@@ -139,7 +139,7 @@ impl SettledRig {
                 }
             }
             let cost = search.raw_cost(&self.polished.poses);
-            if self.lenses[lens].verdict == Verdict::Fine && cost < -PLENTY {
+            if self.lenses[lens].verdict.is_near() && cost < -PLENTY {
                 break;
             }
             let Some((poses, factor, gain)) = self.best_jump(search, lens, cost) else { break };

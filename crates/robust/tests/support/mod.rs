@@ -3,7 +3,7 @@
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-use veiloc_geometry::{CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine, Point3, Rigid3};
+use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, PixelLine, Point3, Rigid3};
 use veiloc_robust::{Correspondences, PoseProblem};
 
 pub(crate) const CAMERA: Pinhole =
@@ -62,9 +62,9 @@ pub(crate) fn seen_from(truth: &CameraFromWorld, setup: &Setup, rng: &mut ChaCha
                 .collect(),
         },
         Scheme::Dcl => {
-            let anchors = DualAnchors::vertical(640, 480);
-            let of = |p: &Pixel| (anchors.anchor_of(*p), anchors.angle_of(anchors.anchor_of(*p), *p));
-            Correspondences::Anchored { anchors, lines: pixels.iter().map(of).collect() }
+            let pencils = Pencils::paper(640, 480);
+            let of = |p: &Pixel| (pencils.anchor_of(*p), pencils.angle_of(pencils.anchor_of(*p), *p));
+            Correspondences::Anchored { lines: pixels.iter().map(of).collect(), pencils: pencils.clone() }
         }
     };
     let keypoints = (0..points.len()).collect();

@@ -7,7 +7,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 use veiloc_geometry::frames::World;
-use veiloc_geometry::{CameraFromWorld, DualAnchors, Intrinsics, Pinhole, Pixel, PixelLine, Point3};
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Pencils, Pinhole, Pixel, PixelLine, Point3};
 use veiloc_robust::Correspondences;
 use veiloc_robust::prior::Evidence;
 
@@ -29,9 +29,9 @@ pub(crate) fn obfuscate(query: &Query, scheme: &str, rng: &mut ChaCha8Rng) -> Co
     if scheme == "points" {
         return Correspondences::Points { pixels: query.pixels.clone() };
     }
-    let anchors = DualAnchors::vertical(query.camera.width, query.camera.height);
+    let pencils = Pencils::paper(query.camera.width, query.camera.height);
     let step = std::f64::consts::PI / 4096.0;
-    let quantized = |angle: f64| ((angle / step).floor().clamp(0.0, 4095.0) + 0.5) * step;
+    let quantized = |angle: f64| ((angle / step).floor() + 0.5) * step;
     let mut known = BTreeMap::new();
     let drawn: Vec<(Pixel, f64)> = query
         .pixels
@@ -50,10 +50,11 @@ pub(crate) fn obfuscate(query: &Query, scheme: &str, rng: &mut ChaCha8Rng) -> Co
         };
     }
     let anchored = |p: Pixel| {
-        let anchor = anchors.anchor_of(p);
-        (anchor, quantized(anchors.angle_of(anchor, p)))
+        let anchor = pencils.anchor_of(p);
+        (anchor, quantized(pencils.angle_of(anchor, p)))
     };
-    Correspondences::Anchored { anchors, lines: drawn.iter().map(|(p, _)| anchored(*p)).collect() }
+    let lines = drawn.iter().map(|(p, _)| anchored(*p)).collect();
+    Correspondences::Anchored { pencils, lines }
 }
 
 /// All queries of a file.

@@ -5,7 +5,7 @@ use rand::Rng;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use veiloc_geometry::{
-    Anchor, CameraFromWorld, DualAnchors, Pinhole, Pixel, PixelLine, PlaneLine, Point3, Rigid3,
+    Anchor, CameraFromWorld, Pencils, Pinhole, Pixel, PixelLine, PlaneLine, Point3, Rigid3,
 };
 
 /// A 640 × 480 camera such as those of the data sets.
@@ -50,9 +50,20 @@ pub(crate) fn random_line(rng: &mut impl Rng, pixel: Pixel) -> PlaneLine {
 
 /// The line that Dual Convergent Lines give this pixel.
 pub(crate) fn dcl_line(pixel: Pixel) -> PlaneLine {
-    let dcl = DualAnchors::vertical(640, 480);
+    let dcl = Pencils::paper(640, 480);
     let anchor = dcl.anchor_of(pixel);
-    dcl.line(anchor, dcl.angle_of(anchor, pixel)).back_project(&CAMERA)
+    dcl.line(anchor, dcl.angle_of(anchor, pixel)).expect("it meets the image").back_project(&CAMERA)
+}
+
+/// The direction of an anchor of the paper's layout in the camera.
+pub(crate) fn ray_of(anchor: Anchor) -> Vector3<f64> {
+    let position = Pencils::paper(640, 480).position(anchor).expect("at the image's edge");
+    CAMERA.unproject(position).homogeneous()
+}
+
+/// The other of the two.
+pub(crate) fn other(anchor: Anchor) -> Anchor {
+    Anchor::BOTH[1 - anchor.index()]
 }
 
 /// A match whose pixel lies on the given anchor's side.
@@ -61,7 +72,7 @@ pub(crate) fn random_match_on(
     pose: &CameraFromWorld,
     anchor: Anchor,
 ) -> (Pixel, Point3<World>) {
-    let dcl = DualAnchors::vertical(640, 480);
+    let dcl = Pencils::paper(640, 480);
     loop {
         let (pixel, point) = random_match(rng, pose);
         if dcl.anchor_of(pixel) == anchor {

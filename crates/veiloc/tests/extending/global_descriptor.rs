@@ -7,7 +7,8 @@ use std::path::Path;
 
 use veiloc::device::{Extractor, Sift, load_gray};
 use veiloc::query::{
-    AngleBits, CanonicalCamera, Hints, PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery, SizeClass,
+    AngleBits, CanonicalCamera, Hints, LayoutTurn, PositionRow, Profile, QueryParts, Rows, Scheme,
+    SealedQuery, SizeClass,
 };
 use veiloc::server::{BuildOptions, Input, LocalizeOptions, MapFile, build, localize, write_map};
 use veiloc_descriptor::{GlobalDescriptor, GlobalModel, NamedGlobal};
@@ -63,6 +64,7 @@ fn a_map_with_another_global_descriptor_retrieves_and_localizes() {
         descriptors: features.descriptors.clone(),
         image_global,
         hints: Hints::default(),
+        turn: LayoutTurn::default(),
     };
     assert!(SealedQuery::new(map.profile(), parts(None)).is_err(), "the map's comes from the image");
     let query = SealedQuery::new(map.profile(), parts(Some(thumbnail(path)))).expect("it fits");

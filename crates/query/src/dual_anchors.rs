@@ -1,4 +1,5 @@
-//! The two anchors of Dual Convergent Lines: where they are, which keypoint belongs to which, and the angle of a line.
+//! The two anchors of Dual Convergent Lines as versions 1 to 3 of the wire tell lines of them: by an angle in the image over
+//! the half circle.
 //!
 //! The image is cut by a **dividing line** through its centre. Both anchors lie on that line, at the distance
 //! `s·H/2` from the centre, one on either side. With `d` the unit direction of the dividing line, the first anchor
@@ -10,48 +11,8 @@
 //! direction towards the image's centre, turning into the anchor's own side. The half circle is all there is,
 //! because the keypoint is known to lie on the anchor's side: a line of DCL is a half-line.
 
-use nalgebra::Vector2;
-
-use crate::line::PixelLine;
-use crate::pixel::Pixel;
-
-/// One of the two anchors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Anchor {
-    /// `a1`: at the top of the image for a vertical dividing line.
-    First,
-    /// `a2`: at the bottom of the image for a vertical dividing line.
-    Second,
-}
-
-impl Anchor {
-    /// Both, in order.
-    pub const BOTH: [Self; 2] = [Self::First, Self::Second];
-
-    /// 0 for the first, 1 for the second.
-    pub const fn index(self) -> usize {
-        match self {
-            Self::First => 0,
-            Self::Second => 1,
-        }
-    }
-
-    /// 1 for the first, −1 for the second: what [`DualAnchors::signed_side`] has on its own side.
-    pub const fn sign(self) -> f64 {
-        match self {
-            Self::First => 1.0,
-            Self::Second => -1.0,
-        }
-    }
-
-    /// The other one.
-    pub const fn other(self) -> Self {
-        match self {
-            Self::First => Self::Second,
-            Self::Second => Self::First,
-        }
-    }
-}
+use veiloc_geometry::nalgebra::Vector2;
+use veiloc_geometry::{Anchor, Pixel};
 
 /// The anchors and dividing line of one image size.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,11 +56,6 @@ impl DualAnchors {
         Pixel::new(p.x, p.y)
     }
 
-    /// The line that divides the image.
-    pub fn dividing_line(&self) -> PixelLine {
-        PixelLine::through(Pixel::new(self.center.x, self.center.y), self.direction.y.atan2(self.direction.x))
-    }
-
     /// Distance of a pixel from the dividing line, positive on the first anchor's side.
     pub fn signed_side(&self, pixel: Pixel) -> f64 {
         cross(self.direction, pixel.vector() - self.center)
@@ -107,7 +63,7 @@ impl DualAnchors {
 
     /// The anchor a keypoint at this pixel is joined to.
     pub fn anchor_of(&self, pixel: Pixel) -> Anchor {
-        if self.signed_side(pixel) >= 0.0 { Anchor::First } else { Anchor::Second }
+        if self.signed_side(pixel) >= 0.0 { Anchor::FIRST } else { Anchor::SECOND }
     }
 
     /// The angle `φ ∈ [0, π]` of the half-line from `anchor` to a pixel on its side.
@@ -127,17 +83,8 @@ impl DualAnchors {
         d * cos + n * sin
     }
 
-    /// The whole line that contains the half-line with angle `φ` from `anchor`.
-    pub fn line(&self, anchor: Anchor, angle: f64) -> PixelLine {
-        let v = self.ray_direction(anchor, angle);
-        PixelLine::through(self.position(anchor), v.y.atan2(v.x))
-    }
-
     fn toward_center(&self, anchor: Anchor) -> Vector2<f64> {
-        match anchor {
-            Anchor::First => self.direction,
-            Anchor::Second => -self.direction,
-        }
+        if anchor == Anchor::FIRST { self.direction } else { -self.direction }
     }
 }
 
@@ -153,11 +100,11 @@ mod tests {
     fn the_default_is_the_papers() {
         let dcl = DualAnchors::vertical(640, 480);
         assert_eq!(dcl, DualAnchors::new(640, 480, std::f64::consts::FRAC_PI_2, 1.0).expect("finite"));
-        assert_eq!(dcl.position(Anchor::First), Pixel::new(320.0, 0.0));
-        assert_eq!(dcl.position(Anchor::Second), Pixel::new(320.0, 480.0));
-        assert_eq!(dcl.anchor_of(Pixel::new(10.0, 300.0)), Anchor::First);
-        assert_eq!(dcl.anchor_of(Pixel::new(600.0, 300.0)), Anchor::Second);
-        assert_eq!(dcl.anchor_of(Pixel::new(320.0, 123.0)), Anchor::First);
+        assert_eq!(dcl.position(Anchor::FIRST), Pixel::new(320.0, 0.0));
+        assert_eq!(dcl.position(Anchor::SECOND), Pixel::new(320.0, 480.0));
+        assert_eq!(dcl.anchor_of(Pixel::new(10.0, 300.0)), Anchor::FIRST);
+        assert_eq!(dcl.anchor_of(Pixel::new(600.0, 300.0)), Anchor::SECOND);
+        assert_eq!(dcl.anchor_of(Pixel::new(320.0, 123.0)), Anchor::FIRST);
     }
 
     #[test]
@@ -173,7 +120,6 @@ mod tests {
                     let r = x.distance(&dcl.position(anchor));
                     let p = dcl.position(anchor).vector() + dcl.ray_direction(anchor, phi) * r;
                     assert!((p - x.vector()).norm() < 1e-9);
-                    assert!(dcl.line(anchor, phi).signed_distance(x).abs() < 1e-9);
                 }
             }
         }
