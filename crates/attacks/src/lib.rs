@@ -58,7 +58,10 @@ pub use closed_form::{ClosedFormOptions, Extent, Reach, Recovered, closed_form};
 pub use density::{Density, PlaceCounts};
 pub use error::AttackError;
 pub use features::{Descriptors, KnownImage};
-pub use frames::{Frame, FramesOptions, Sighted, mutual_matches, several_frames};
+pub use frames::{
+    Frame, FramesOptions, RestingOptions, Sighted, most_telling, mutual_matches, resting_camera,
+    several_frames,
+};
 pub use graph::{GraphAnswer, GraphOptions, graph};
 pub use metrics::{ErrorSummary, bits_over_prior, errors_px};
 pub use neighbours::NeighbourLists;

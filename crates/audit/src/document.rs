@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::attacks::Attack;
 use super::neighbours::Neighbours;
+use super::options::FrameChoice;
 use veiloc_eval::text_table::{TextTable, percent};
 
 /// The document that `veiloc attack --json` prints.
@@ -28,6 +29,9 @@ pub struct AttackDocument {
     /// What the server knew that attacked, one entry per scheme; absent when no server did.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub server: Vec<ServerSummary>,
+    /// Which frames attacks of several put together: `turn`, those that tell most, or `nearest`; absent when none did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub choice: Option<FrameChoice>,
     /// Seed of every random choice.
     pub seed: u64,
     /// One entry per scheme, attack and share of replaced neighbours.

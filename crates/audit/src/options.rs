@@ -30,6 +30,11 @@ pub struct AttackEvaluation {
     pub server: Option<ServerKnowledge>,
     /// How many frames of a file an attack that needs several puts together, the attacked one included; once each.
     pub frames: Vec<usize>,
+    /// Which frames of the file those are.
+    pub choice: FrameChoice,
+    /// How much a detector errs from frame to frame of a camera at rest, standard deviation along each axis, pixels; 0
+    /// for seals of one image.
+    pub resting_noise_px: f64,
     /// Bits of a line's angle, as a device sends them.
     pub angle_bits: AngleBits,
     /// Seed of obfuscation, corruption and starts.
@@ -51,10 +56,23 @@ impl Default for AttackEvaluation {
             corrupt: vec![0.0],
             server: None,
             frames: Vec::new(),
+            choice: FrameChoice::default(),
+            resting_noise_px: 0.0,
             angle_bits: AngleBits::default(),
             seed: 0,
         }
     }
+}
+
+/// Which frames of a place an attack of several puts together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FrameChoice {
+    /// Those whose lines tell most about the attacked frame's positions: turned much, moved little.
+    #[default]
+    Turn,
+    /// Those with most matches.
+    Nearest,
 }
 
 /// On which keypoints errors are measured.
@@ -65,6 +83,8 @@ pub enum Measured {
     Hidden,
     /// All, the known ones with the positions the server has for them.
     All,
+    /// Those whose position the server knows from its map, and is not told: what lines tell of them.
+    Matched,
 }
 
 /// What the server brings.

@@ -74,7 +74,7 @@ pub(super) fn rows(evaluation: &AttackEvaluation) -> Vec<Row> {
         };
         push(Attack::PRIOR, 0.0, None);
         for &attack in evaluation.attacks.iter().filter(|a| **a != Attack::PRIOR) {
-            if attack.needs.frames {
+            if attack.needs.frames || attack.needs.seals {
                 evaluation.frames.iter().for_each(|frames| push(attack, 0.0, Some(*frames)));
             } else if attack.needs.neighbours {
                 evaluation.corrupt.iter().for_each(|corrupt| push(attack, *corrupt, None));

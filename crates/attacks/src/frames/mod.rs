@@ -1,28 +1,35 @@
 //! Several sealed queries of one place, their poses known: what keeps still is triangulated from lines alone.
 //!
 //! # What may be expected
-//! A keypoint's line and the camera's centre span a **plane** in space, and the keypoint's 3D point lies in it: one
-//! equation for three unknowns.
-//! - **Two frames**: two planes meet in a line. It lies in the first plane and so projects onto the first line: *every*
-//!   position on the line remains possible. Only limits cut it: in front of both cameras, inside both images, on the
-//!   anchor's side of each, and within the depths that the map has there.
-//! - **Three frames** fix the point. Any three planes do, also those of wrong matches: nothing is left to notice it by.
-//! - **Four** leave the first check.
-//! - **Cameras that do not turn** fix nothing, however many: all planes of one anchor hold the direction of its ray,
-//!   `Rᵀ K⁻¹ a`, and planes that share a direction meet in a line along it. It takes a turn between the frames, or a
-//!   point that changes sides and so belongs to the other anchor. Lines of any other direction do not have that.
+//! A keypoint's line and the camera's centre span a **plane** in space, and the keypoint's 3D point lies in it.
+//! - **A camera that turns and hardly moves** gives every matched keypoint away with two frames: both planes pass
+//!   through nearly the same centre, and meet in the viewing ray of the keypoint whatever its depth.
+//! - **A camera that moves**: two planes meet in a line in space, which projects onto the first line, each position at
+//!   a depth of its own. What is known of depth is then what is known of the position.
+//! - **Three frames in general position** fix the point; a fourth tells right matches from wrong ones.
+//! - **Cameras that move and do not turn** fix nothing, however many: all planes of one anchor hold the direction of
+//!   its ray, `Rᵀ K⁻¹ a`, and planes that share a direction meet in a line along it. A point that changes sides
+//!   belongs to the other anchor, and is fixed. Lines of any other direction do not have that.
+//! - **A camera that rests** tells by the scatter of the angles, which is that of the noise over the distance from the
+//!   anchor: [`resting_camera`].
 //!
 //! # How
-//! Along the own line (parameter `t`, pixels) each other frame's plane says at which depth `z` the point must be, in
-//! closed form. The sweep goes along `t`, tries the depths that the frames propose, and keeps for each `t` the
-//! likeliest, counting each frame as right within the noise or wrong with some probability. That gives a likelihood of
-//! `t`; its maximum is refined by least squares over `(t, z)` where the frames fix it, and where they do not the
-//! answer is the mean of `t`.
+//! For each position `t` along the own line the likelihood of all other frames' lines is integrated over depth, with
+//! a prior that is log-uniform within the scene's limits and may be sharpened by the map points that the server sees
+//! around ([`FramesOptions::beside`]). Each frame counts as right within the noise or as wrong with some probability,
+//! within the integral. A maximum over depth in place of the integral, among the depths at which the planes say the
+//! point lies, is blind to the camera that turns: that depth, `−n·t / n·R b`, is zero for every position when `t` is.
 //!
-//! An answer is **believed** when more frames agree than any choice of two matches could bring about by chance
-//! ([`Sighted::is_believed`]), and when they fix it.
+//! That times the guess's density is the posterior of `t`. The answer is its median, which has the smallest expected
+//! error, and where half of it lies within some pixels the maximum, refined by least squares over position and depth.
+//! An answer is **believed** when the posterior puts it within 10 px with 90 %, and more frames agree than any choice of
+//! two matches could bring about by chance ([`Sighted::is_believed`]).
 
+mod choice;
+mod depth;
 mod place;
+mod resting;
+mod sight;
 mod tracks;
 
 use rayon::prelude::*;
@@ -32,7 +39,11 @@ use crate::error::AttackError;
 use crate::features::Descriptors;
 use crate::observation::Observation;
 
-use place::{Own, Sight};
+pub use choice::most_telling;
+use depth::DepthPrior;
+use place::Own;
+pub use resting::{RestingOptions, resting_camera};
+use sight::Sight;
 pub use tracks::mutual_matches;
 
 /// One sealed query, and what the server found out about it.
@@ -59,14 +70,29 @@ pub struct FramesOptions {
     pub noise_px: f64,
     /// Probability that a match is wrong.
     pub wrong: f64,
-    /// Depths that the attacked frame may have, map units.
+    /// Depths that the attacked frame may have, map units: positive, finite.
     pub depths: [f64; 2],
+    /// Where the attacked frame shows map points, pixels, and at which depths, map units.
+    pub known: Vec<(Pixel, f64)>,
 }
 
 impl FramesOptions {
     /// With the depths of the scene as the server's map has them around the query, map units.
     pub const fn with_depths(depths: [f64; 2]) -> Self {
-        Self { ratio: 0.9, noise_px: 2.0, wrong: 0.2, depths }
+        Self { ratio: 0.9, noise_px: 2.0, wrong: 0.2, depths, known: Vec::new() }
+    }
+
+    /// Whether the depths are depths.
+    fn check(&self) -> Result<(), AttackError> {
+        let [least, most] = self.depths;
+        // Written so that NaN is refused.
+        if least > 0.0 && most >= least && most.is_finite() { Ok(()) } else { Err(AttackError::Depths) }
+    }
+
+    /// With map points that the server sees in the attacked frame: a keypoint among them is likely as deep.
+    #[must_use]
+    pub fn beside(self, known: Vec<(Pixel, f64)>) -> Self {
+        Self { known, ..self }
     }
 }
 
@@ -79,9 +105,10 @@ pub struct Sighted {
     pub matched: usize,
     /// Of these, those that agree with the answer.
     pub agreeing: usize,
-    /// Standard deviation of the answer along its line as the agreeing frames fix it, pixels; infinite where they do
-    /// not.
+    /// Root of the expected squared error of the answer, by the posterior, pixels; infinite where there is none.
     pub sigma_px: f64,
+    /// Probability that the answer is within 10 px, by the posterior.
+    pub within: f64,
     /// Expected number of such agreements among wrong matches.
     pub by_chance: f64,
 }
@@ -89,20 +116,28 @@ pub struct Sighted {
 impl Sighted {
     /// Known beforehand.
     const fn given(pixel: Pixel) -> Self {
-        Self { pixel: Some(pixel), matched: 0, agreeing: 0, sigma_px: 0.0, by_chance: 0.0 }
+        Self { pixel: Some(pixel), matched: 0, agreeing: 0, sigma_px: 0.0, within: 1.0, by_chance: 0.0 }
     }
 
-    const UNSEEN: Self =
-        Self { pixel: None, matched: 0, agreeing: 0, sigma_px: f64::INFINITY, by_chance: f64::INFINITY };
+    const UNSEEN: Self = Self {
+        pixel: None,
+        matched: 0,
+        agreeing: 0,
+        sigma_px: f64::INFINITY,
+        within: 0.0,
+        by_chance: f64::INFINITY,
+    };
 
-    /// Whether wrong matches would hardly agree as much, and the frames fix the place to some pixels.
+    /// Whether wrong matches would hardly agree as much, and the posterior is sure to some pixels.
     pub fn is_believed(&self) -> bool {
-        self.by_chance < MOST_BY_CHANCE && self.sigma_px < MOST_SIGMA
+        self.by_chance < MOST_BY_CHANCE && self.within >= LEAST_WITHIN
     }
 }
 
 const MOST_BY_CHANCE: f64 = 0.1;
-const MOST_SIGMA: f64 = 10.0;
+const LEAST_WITHIN: f64 = 0.9;
+/// What [`Sighted::within`] counts as near, pixels.
+const NEAR_PX: f64 = 10.0;
 
 /// Recovers the keypoints of the first frame from the lines of all: `[N]` of the first frame (module docs).
 ///
@@ -111,12 +146,13 @@ const MOST_SIGMA: f64 = 10.0;
 ///
 /// # Errors
 /// [`AttackError::TooFewFrames`] for fewer than two frames, [`AttackError::FrameDescriptors`] and
-/// [`AttackError::Dimensions`] when a frame's descriptors do not fit.
+/// [`AttackError::Dimensions`] when a frame's descriptors do not fit, [`AttackError::Depths`] when the depths are none.
 pub fn several_frames(frames: &[Frame<'_>], options: &FramesOptions) -> Result<Vec<Sighted>, AttackError> {
     let [first, others @ ..] = frames else { return Err(AttackError::TooFewFrames { frames: 0 }) };
     if others.is_empty() {
         return Err(AttackError::TooFewFrames { frames: 1 });
     }
+    options.check()?;
     for (frame, f) in frames.iter().enumerate() {
         let (observations, descriptors) = (f.observations.len(), f.descriptors.len());
         if observations != descriptors {
@@ -128,6 +164,8 @@ pub fn several_frames(frames: &[Frame<'_>], options: &FramesOptions) -> Result<V
         .map(|o| mutual_matches(first.descriptors, o.descriptors, options.ratio))
         .collect::<Result<_, _>>()?;
     let views: Vec<Sight> = others.iter().map(|o| Sight::new(first, o)).collect();
+    let camera = &first.camera;
+    let depths = DepthPrior::new(options.depths, &options.known, camera.width, camera.height);
     let answer = |i: usize| {
         if let Observation::Known(pixel) = first.observations[i] {
             return Sighted::given(pixel);
@@ -139,7 +177,7 @@ pub fn several_frames(frames: &[Frame<'_>], options: &FramesOptions) -> Result<V
             .filter_map(|((view, matches), frame)| matches[i].map(|j| (view, &frame.observations[j])))
             .filter(|(_, o)| !matches!(o, Observation::Known(_)))
             .collect();
-        if seen.is_empty() { Sighted::UNSEEN } else { Own::new(first, i).sighted(&seen, options) }
+        if seen.is_empty() { Sighted::UNSEEN } else { Own::new(first, i).sighted(&seen, &depths, options) }
     };
     Ok((0..first.observations.len()).into_par_iter().map(answer).collect())
 }

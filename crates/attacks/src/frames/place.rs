@@ -1,76 +1,28 @@
-//! Where on its own line a keypoint is, by the lines of other frames.
+//! Where on its own line a keypoint is, by the lines of other frames: the integral over its depth.
 
-use veiloc_geometry::nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
 use veiloc_geometry::{Pinhole, Pixel};
 
-use super::{Frame, FramesOptions, Sighted};
+use super::depth::DepthPrior;
+use super::sight::{Crossing, Plane, Said, Sight};
+use super::{Frame, FramesOptions, NEAR_PX, Sighted};
 use crate::observation::Observation;
 use crate::prior::KnownSegment;
 
-/// Another frame as the attacked one sees it: `x_other = rotation · x + translation` from camera to camera.
-pub(super) struct Sight {
-    rotation: Matrix3<f64>,
-    translation: Vector3<f64>,
-    camera: Pinhole,
-}
-
-impl Sight {
-    pub(super) fn new(first: &Frame<'_>, other: &Frame<'_>) -> Self {
-        let relative = other.cam_from_world.compose(&first.cam_from_world.inverse());
-        Self {
-            rotation: *relative.rotation().matrix(),
-            translation: *relative.translation(),
-            camera: other.camera,
-        }
-    }
-}
-
-/// One frame's line of the keypoint.
-struct Plane<'a> {
-    sight: &'a Sight,
-    /// `(a, b, c)` of unit normal, pixels.
-    line: Vector3<f64>,
-    /// Where a half-line begins, and whereto it runs.
-    half: Option<(Pixel, Vector2<f64>)>,
-}
-
-impl Plane<'_> {
-    /// The depth in the attacked frame at which the viewing ray `b` (z = 1) meets the plane.
-    fn depth(&self, b: Vector3<f64>) -> f64 {
-        let normal = self.normal();
-        -normal.dot(&self.sight.translation) / normal.dot(&(self.sight.rotation * b))
-    }
-
-    /// `Kᵀ l`.
-    fn normal(&self) -> Vector3<f64> {
-        let (c, l) = (&self.sight.camera, &self.line);
-        Vector3::new(c.focal[0] * l.x, c.focal[1] * l.y, c.principal[0] * l.x + c.principal[1] * l.y + l.z)
-    }
-
-    /// Signed distance of the projection from the line, pixels; `None` behind the camera, outside the image or on
-    /// the wrong side of the anchor.
-    fn distance(&self, x: Vector3<f64>) -> Option<f64> {
-        let seen = self.sight.rotation * x + self.sight.translation;
-        if seen.z <= 1e-9 {
-            return None;
-        }
-        let c = &self.sight.camera;
-        let at = Pixel::new(
-            c.focal[0] * seen.x / seen.z + c.principal[0],
-            c.focal[1] * seen.y / seen.z + c.principal[1],
-        );
-        let ahead =
-            self.half.is_none_or(|(anchor, direction)| direction.dot(&(at.vector() - anchor.vector())) > 0.0);
-        (ahead && c.contains(at, MARGIN)).then(|| self.line.x * at.u + self.line.y * at.v + self.line.z)
-    }
-}
-
-/// Pixels that a projection may lie outside the image.
-const MARGIN: f64 = 3.0;
-/// Step of the sweep along the line, pixels.
-const STEP: f64 = 1.5;
+/// Step of the sweep along the line, in standard deviations of the noise, and its bounds, pixels.
+const STEP: f64 = 0.6;
+const STEPS: [f64; 2] = [0.25, 1.5];
+/// Step over depth, in standard deviations of the noise by which it moves a projection: a sum over such steps is the
+/// integral of a Gaussian to a part in a thousand.
+const FINE: f64 = 0.8;
+/// Standard deviations beyond which a frame is wrong, whatever else: steps may come as near as that at once.
+const BEYOND: f64 = 5.0;
 /// Standard deviations within which a frame agrees.
 const AGREES: f64 = 2.5;
+/// Half of the probability within this many pixels: sharp, the maximum is refined.
+const SHARP: f64 = 6.0;
+const ROUNDS: usize = 10;
+const LONGEST: f64 = 10.0;
 
 /// The attacked keypoint.
 pub(super) struct Own {
@@ -78,13 +30,15 @@ pub(super) struct Own {
     segments: [Option<KnownSegment>; 2],
 }
 
-/// A point of the own line at a depth, and how likely that is.
+/// A position on the own line.
 #[derive(Clone, Copy)]
-struct Hypothesis {
+struct Node {
     segment: KnownSegment,
     t: f64,
-    z: f64,
-    log: f64,
+    /// Probability, up to a factor common to all, of this position and its part of the line.
+    weight: f64,
+    /// The likeliest depth there, its logarithm.
+    log_depth: f64,
 }
 
 impl Own {
@@ -98,138 +52,218 @@ impl Own {
         Vector3::new(p.x, p.y, 1.0)
     }
 
-    pub(super) fn sighted(&self, seen: &[(&Sight, &Observation)], options: &FramesOptions) -> Sighted {
-        let frames: Vec<Vec<Plane<'_>>> = seen.iter().map(|(s, o)| planes(s, o)).collect();
+    pub(super) fn sighted(
+        &self,
+        seen: &[(&Sight, &Observation)],
+        depths: &DepthPrior,
+        options: &FramesOptions,
+    ) -> Sighted {
+        let frames: Vec<Vec<Plane<'_>>> = seen.iter().map(|(s, o)| s.planes(o)).collect();
         let matched = frames.len();
-        let sweep: Vec<Hypothesis> =
-            self.segments.iter().flatten().flat_map(|s| self.sweep(s, &frames, options)).collect();
-        let Some(best) = sweep.iter().copied().reduce(|a, b| if b.log > a.log { b } else { a }) else {
-            return Sighted::UNSEEN;
+        let nodes: Vec<Node> =
+            self.segments.iter().flatten().flat_map(|s| self.sweep(s, &frames, depths, options)).collect();
+        let total: f64 = nodes.iter().map(|n| n.weight).sum();
+        let best = nodes.iter().copied().reduce(|a, b| if b.weight > a.weight { b } else { a });
+        let Some(best) = best.filter(|_| total > 0.0 && total.is_finite()) else { return Sighted::UNSEEN };
+        let middle = self.median(&nodes, total);
+        let near = |p: Pixel, within: f64| {
+            let inside = |n: &&Node| n.segment.at(n.t).distance(&p) <= within;
+            nodes.iter().filter(inside).map(|n| n.weight).sum::<f64>() / total
         };
-        let refined = self.refine(best, &frames, options);
-        if let Some((t, agreeing, sigma_px)) = refined.filter(|r| r.2 < SHARP) {
-            let by_chance = by_chance(matched, agreeing, self.camera.width, options);
-            return Sighted { pixel: Some(best.segment.at(t)), matched, agreeing, sigma_px, by_chance };
+        let (mut t, mut log_depth) = (best.t, best.log_depth);
+        let mut pixel = middle;
+        if near(middle, SHARP) > 0.5 && best.segment.at(best.t).distance(&middle) < SHARP {
+            (t, log_depth) = self.refined(&best, &frames, depths, options);
+            pixel = best.segment.at(t);
         }
-        // Not fixed: the mean, which errs least whatever is true.
-        let (mut sum, mut weight) = (Vector2::zeros(), 0.0);
-        for h in &sweep {
-            let w = (h.log - best.log).exp();
-            sum += w * h.segment.at(h.t).vector();
-            weight += w;
+        let variance = nodes.iter().map(|n| n.weight * n.segment.at(n.t).distance(&pixel).powi(2));
+        let x = self.ray(best.segment.at(t));
+        let agreeing = frames.iter().filter(|f| agrees(f, x, log_depth, options)).count();
+        Sighted {
+            pixel: Some(pixel),
+            matched,
+            agreeing,
+            sigma_px: (variance.sum::<f64>() / total).sqrt(),
+            within: near(pixel, NEAR_PX),
+            by_chance: by_chance(matched, agreeing, self.camera.width, options),
         }
-        let mean = sum / weight;
-        let agreeing = refined.map_or(0, |r| r.1);
-        let sigma_px = refined.map_or(f64::INFINITY, |r| r.2);
-        let pixel = Some(Pixel::new(mean.x, mean.y));
-        Sighted { pixel, matched, agreeing, sigma_px, by_chance: f64::INFINITY }
     }
 
-    /// For each step along the segment the likeliest depth that a frame proposes.
+    /// The position with as much probability on either side of it, which has the smallest expected error of all; of two
+    /// segments the geometric median.
+    fn median(&self, nodes: &[Node], total: f64) -> Pixel {
+        if self.segments.iter().flatten().count() == 1 {
+            let mut sum = 0.0;
+            for n in nodes {
+                let before = sum;
+                sum += n.weight;
+                if sum >= 0.5 * total {
+                    // Within the node's own part of the line, so that steps do not show.
+                    let part = (n.segment.far - n.segment.near) / nodes.len() as f64;
+                    let share = ((0.5 * total - before) / n.weight).clamp(0.0, 1.0);
+                    return n.segment.at(n.t + part * (share - 0.5));
+                }
+            }
+        }
+        let mut at = Vector2::zeros();
+        for round in 0..40 {
+            let (mut sum, mut weight) = (Vector2::zeros(), 0.0);
+            for n in nodes {
+                let p = n.segment.at(n.t).vector();
+                let w = n.weight / if round == 0 { 1.0 } else { (p - at).norm().max(0.5) };
+                sum += w * p;
+                weight += w;
+            }
+            at = sum / weight;
+        }
+        Pixel::new(at.x, at.y)
+    }
+
+    /// The posterior along one segment.
     fn sweep(
         &self,
         segment: &KnownSegment,
         frames: &[Vec<Plane<'_>>],
+        depths: &DepthPrior,
         options: &FramesOptions,
-    ) -> Vec<Hypothesis> {
+    ) -> Vec<Node> {
         if segment.is_empty() {
             return Vec::new();
         }
-        let steps = ((segment.far - segment.near) / STEP).ceil().max(1.0) as usize;
-        let mut all = Vec::with_capacity(steps);
-        for step in 0..steps {
-            let t = segment.near + (segment.far - segment.near) * (step as f64 + 0.5) / steps as f64;
-            let ray = self.ray(segment.at(t));
-            let prior = if segment.radial { t.max(1e-3).ln() } else { 0.0 };
-            let proposed = frames.iter().flatten().map(|p| p.depth(ray));
-            let [least, most] = options.depths;
-            let best = proposed
-                .filter(|z| *z >= least && *z <= most)
-                .map(|z| (log_likelihood(ray * z, frames, options), z))
-                .max_by(|a, b| a.0.total_cmp(&b.0));
-            // No frame has a depth for it within the limits: they are all wrong, whatever the depth.
-            let (log, z) =
-                best.unwrap_or((frames.len() as f64 * options.wrong.ln(), f64::midpoint(least, most)));
-            all.push(Hypothesis { segment: *segment, t, z, log: log + prior });
-        }
-        all
+        let length = segment.far - segment.near;
+        let step = (STEP * options.noise_px).clamp(STEPS[0], STEPS[1]);
+        let steps = (length / step).ceil().max(1.0) as usize;
+        let part = length / steps as f64;
+        // Two candidate lines are as likely as each other, whatever their lengths.
+        let share = if segment.radial { 1.0 } else { part / length.max(1e-9) };
+        let mut crossings: Vec<Crossing<'_, '_>> = Vec::with_capacity(frames.len());
+        let node = |step: usize| {
+            let t = segment.near + part * (step as f64 + 0.5);
+            let pixel = segment.at(t);
+            let ray = self.ray(pixel);
+            crossings.clear();
+            crossings.extend(frames.iter().flatten().map(|p| p.along(ray)));
+            let prior = if segment.radial { t.max(1e-3) } else { share };
+            let (likelihood, log_depth) = over_depth(&crossings, frames, depths, pixel, options);
+            Node { segment: *segment, t, weight: prior * likelihood, log_depth }
+        };
+        (0..steps).map(node).collect()
     }
 
-    /// Least squares over `t` and `ln z` on the frames that agree: the new `t`, how many agree, and the standard
-    /// deviation of `t`, which is infinite when they do not fix it. `None` when none agrees.
-    fn refine(
+    /// Least squares over `t` and the logarithm of depth on the frames that agree with the node.
+    fn refined(
         &self,
-        start: Hypothesis,
+        start: &Node,
         frames: &[Vec<Plane<'_>>],
+        depths: &DepthPrior,
         options: &FramesOptions,
-    ) -> Option<(f64, usize, f64)> {
-        let (mut t, mut log_z) = (start.t, start.z.ln());
-        let at = |t: f64, log_z: f64| self.ray(start.segment.at(t)) * log_z.exp();
-        let limit = AGREES * options.noise_px;
-        let mut answer = None;
+    ) -> (f64, f64) {
+        let segment = start.segment;
+        let (mut t, mut s) = (start.t, start.log_depth);
         for _ in 0..ROUNDS {
-            let x = at(t, log_z);
-            let agreeing: Vec<(&Plane<'_>, f64)> =
-                frames.iter().filter_map(|p| nearest(p, x)).filter(|a| a.1.abs() <= limit).collect();
-            if agreeing.is_empty() {
-                return answer;
-            }
             let (mut normal, mut gradient) = (Matrix2::zeros(), Vector2::zeros());
-            for (plane, e) in &agreeing {
-                // Both ways, so that a direction in which nothing changes is seen as such.
-                let slope = |back: Vector3<f64>, forth: Vector3<f64>, step: f64| {
-                    let ends = plane.distance(back).zip(plane.distance(forth));
-                    ends.map(|(back, forth)| (forth - back) / (2.0 * step))
-                };
-                let by_t = slope(at(t - 0.1, log_z), at(t + 0.1, log_z), 0.1);
-                let by_z = slope(at(t, log_z - 1e-3), at(t, log_z + 1e-3), 1e-3);
-                // At the edge of sight nothing is said: half a gradient would pass for knowledge.
-                let Some(j) = by_t.zip(by_z).map(|(t, z)| Vector2::new(t, z)) else { continue };
-                normal += j * j.transpose();
-                gradient += j * *e;
+            for planes in frames {
+                let ray = |t: f64| self.ray(segment.at(t));
+                let Some((plane, said)) = nearest(planes, ray(t), s) else { continue };
+                if said.distance.abs() > AGREES * options.noise_px {
+                    continue;
+                }
+                let at = |t: f64| plane.along(ray(t)).at((-s).exp()).distance;
+                let j = Vector2::new((at(t + 0.1) - at(t - 0.1)) / 0.2, said.speed);
+                if j.iter().all(|x| x.is_finite()) {
+                    normal += j * j.transpose();
+                    gradient += j * said.distance;
+                }
             }
-            // The variance of t once z is free: the Schur complement.
-            let [tt, tz, zz] = [normal[(0, 0)], normal[(0, 1)], normal[(1, 1)]];
-            let information = if zz > 0.0 { tt - tz * tz / zz } else { 0.0 };
-            let fixed = information > 1e-6 * tt.max(1e-12) && agreeing.len() > 1;
-            let sigma = if fixed { options.noise_px / information.sqrt() } else { f64::INFINITY };
-            answer = Some((t, agreeing.len(), sigma));
-            if !fixed {
-                return answer;
+            // Where depth moves nothing, it stays.
+            normal += Matrix2::new(1e-9, 0.0, 0.0, 1e-6 * options.noise_px.powi(2));
+            let Some(mut step) = normal.try_inverse().map(|inverse| inverse * gradient) else { break };
+            // At a limit of depth only the position is left to move.
+            if (s <= depths.limits[0] && step.y >= 0.0) || (s >= depths.limits[1] && step.y <= 0.0) {
+                step = Vector2::new(gradient.x / normal[(0, 0)], 0.0);
             }
-            let Some(step) = normal.try_inverse().map(|inverse| inverse * gradient) else { return answer };
-            t = (t - step.x.clamp(-LONGEST, LONGEST)).clamp(start.segment.near, start.segment.far);
-            log_z = (log_z - step.y.clamp(-0.2, 0.2)).clamp(options.depths[0].ln(), options.depths[1].ln());
+            let moved = (t - step.x.clamp(-LONGEST, LONGEST)).clamp(segment.near, segment.far);
+            if (moved - start.t).abs() > 2.0 * SHARP {
+                // Left the maximum it was sent to refine.
+                return (start.t, start.log_depth);
+            }
+            t = moved;
+            s = (s - step.y.clamp(-0.2, 0.2)).clamp(depths.limits[0], depths.limits[1]);
         }
-        answer
+        (t, s)
     }
 }
 
-/// Of a point in the attacked camera's frame, each frame right within the noise or wrong.
-fn log_likelihood(x: Vector3<f64>, frames: &[Vec<Plane<'_>>], options: &FramesOptions) -> f64 {
-    let right = |e: f64| (1.0 - options.wrong) * (-0.5 * (e / options.noise_px).powi(2)).exp();
-    let one = |planes: &Vec<Plane<'_>>| (nearest(planes, x).map_or(0.0, |e| right(e.1)) + options.wrong).ln();
-    frames.iter().map(one).sum()
+/// The likelihood of all frames' lines, integrated over depth with its prior, for one position of the attacked frame;
+/// and the logarithm of the likeliest depth. Relative to all matches being wrong.
+///
+/// Trapezoids between depths whose distance follows the planes: no projection moves by more than a share of the noise
+/// while its plane is near, and none leaps over its plane.
+fn over_depth(
+    crossings: &[Crossing<'_, '_>],
+    frames: &[Vec<Plane<'_>>],
+    depths: &DepthPrior,
+    pixel: Pixel,
+    options: &FramesOptions,
+) -> (f64, f64) {
+    let sigma = options.noise_px;
+    let peak = (1.0 - options.wrong) / (sigma * (2.0 * std::f64::consts::PI).sqrt());
+    let bins = depths.at(pixel);
+    let [first, last] = depths.limits;
+    let longest = depths.longest_step();
+    let (mut sum, mut best, mut best_depth) = (0.0, -1.0, first);
+    let (mut s, mut step, mut before) = (first, 0.0, 0.0);
+    loop {
+        let reciprocal = (-s).exp();
+        let mut next = longest;
+        let mut value = 1.0;
+        let mut all = crossings.iter();
+        for planes in frames {
+            let mut right = 0.0;
+            for crossing in all.by_ref().take(planes.len()) {
+                let Said { distance, speed, spread } = crossing.at(reciprocal);
+                let far = distance.abs();
+                if far.is_finite() && speed != 0.0 {
+                    next = next.min((far - BEYOND * sigma).max(FINE * sigma) / speed.abs());
+                }
+                if far < BEYOND * sigma {
+                    right += spread * (-0.5 * (far / sigma).powi(2)).exp();
+                }
+            }
+            value *= options.wrong + peak * right;
+        }
+        value *= depths.density(bins, s);
+        sum += 0.5 * step * (before + value);
+        if value > best {
+            (best, best_depth) = (value, s);
+        }
+        if s >= last {
+            // Depth known to be one number.
+            return (if last > first { sum } else { value }, best_depth);
+        }
+        step = next.max(SHORTEST).min(last - s);
+        s = if step >= last - s { last } else { s + step };
+        before = value;
+    }
 }
 
-const ROUNDS: usize = 8;
-const LONGEST: f64 = 10.0;
-/// A place fixed less well than this, pixels, is answered by the mean along the line.
-const SHARP: f64 = 40.0;
+/// Shortest step over the logarithm of depth: a plane that runs through the camera itself would ask for ever shorter
+/// ones.
+const SHORTEST: f64 = 1e-3;
 
-fn planes<'a>(sight: &'a Sight, observation: &Observation) -> Vec<Plane<'a>> {
-    let half = match *observation {
-        Observation::HalfLine { anchor, direction } => Some((anchor, direction)),
-        _ => None,
-    };
-    let lines = observation.lines().into_iter().flatten();
-    lines.map(|line| Plane { sight, line: *line.coefficients(), half }).collect()
+/// Of a frame's candidate lines that which is nearest to where the ray's point is seen.
+fn nearest<'a, 'b>(
+    planes: &'a [Plane<'b>],
+    ray: Vector3<f64>,
+    log_depth: f64,
+) -> Option<(&'a Plane<'b>, Said)> {
+    let said =
+        planes.iter().map(|p| (p, p.along(ray).at((-log_depth).exp()))).filter(|(_, s)| s.spread > 0.0);
+    said.min_by(|a, b| a.1.distance.abs().total_cmp(&b.1.distance.abs()))
 }
 
-/// Of a frame's candidate lines the one nearest to where `x` is seen, and how far off it is, pixels.
-fn nearest<'a, 'b>(planes: &'a [Plane<'b>], x: Vector3<f64>) -> Option<(&'a Plane<'b>, f64)> {
-    let all = planes.iter().filter_map(|p| p.distance(x).map(|e| (p, e)));
-    all.min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+fn agrees(planes: &[Plane<'_>], ray: Vector3<f64>, log_depth: f64, options: &FramesOptions) -> bool {
+    nearest(planes, ray, log_depth).is_some_and(|(_, s)| s.distance.abs() <= AGREES * options.noise_px)
 }
 
 /// Expected number of agreements of so many among wrong matches: each choice of two fixes a place, and each of the

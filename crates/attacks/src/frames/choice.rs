@@ -1,0 +1,125 @@
+//! Which of many frames of a place tell most about one of them: turn against motion.
+//!
+//! A frame that turned and hardly moved moves a projection across its line when the keypoint moves along its own, and not
+//! when its depth changes; one that moved and did not turn mixes the two. What a set of frames tells about a keypoint's
+//! position `t`, with its depth open, is the Schur complement of the Fisher information of `(t, ln depth)`:
+//!
+//! ```text
+//! I = Σ_f J_f J_fᵀ / σ² + diag(0, 1 / var(ln depth)),    J_f = ∂(distance from the line of f) / ∂(t, ln depth)
+//! bits = ½ log₂(1 + var(t) · (I_tt − I_tz² / I_zz))
+//! ```
+//!
+//! summed over the attacked frame's keypoints at the guess and the middle depth. Frames are taken one after another,
+//! each the one that adds most bits to those before it.
+
+use rayon::prelude::*;
+use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
+
+use super::sight::Sight;
+use super::tracks::mutual_matches;
+use super::{Frame, FramesOptions};
+use crate::error::AttackError;
+use crate::observation::Observation;
+use crate::prior::KnownSegment;
+
+/// One keypoint of the attacked frame: its position's variance by the guess, and the information so far.
+struct Held {
+    variance: f64,
+    information: Matrix2<f64>,
+}
+
+impl Held {
+    fn bits(&self, added: &Matrix2<f64>) -> f64 {
+        let i = self.information + added;
+        let about_t = i[(0, 0)] - i[(0, 1)] * i[(0, 1)] / i[(1, 1)];
+        0.5 * (1.0 + self.variance * about_t.max(0.0)).log2()
+    }
+}
+
+/// Which `count` of the other frames to attack the first with, the most telling first (module docs): indices into
+/// `others`, fewer where there are fewer. Of equals the first.
+///
+/// # Errors
+/// [`AttackError::Dimensions`] when descriptors do not fit, [`AttackError::Depths`] when the depths are none.
+pub fn most_telling(
+    first: &Frame<'_>,
+    others: &[Frame<'_>],
+    count: usize,
+    options: &FramesOptions,
+) -> Result<Vec<usize>, AttackError> {
+    options.check()?;
+    let [low, high] = options.depths.map(f64::ln);
+    let depth_variance = ((high - low).powi(2) / 12.0).max(1e-12);
+    let segments: Vec<Option<KnownSegment>> =
+        first.observations.iter().map(|o| segment(o, first.camera.width, first.camera.height)).collect();
+    let mut held: Vec<Held> = segments
+        .iter()
+        .map(|s| Held {
+            variance: s.map_or(0.0, |s| (s.far - s.near).powi(2) / 12.0),
+            information: Matrix2::new(0.0, 0.0, 0.0, 1.0 / depth_variance),
+        })
+        .collect();
+    // [others][N], zero where it tells nothing.
+    let told: Vec<Vec<Matrix2<f64>>> = others
+        .par_iter()
+        .map(|other| {
+            let matches = mutual_matches(first.descriptors, other.descriptors, options.ratio)?;
+            let sight = Sight::new(first, other);
+            let middle = (-f64::midpoint(low, high)).exp();
+            let one = |(segment, j): (&Option<KnownSegment>, &Option<usize>)| {
+                let seen = segment
+                    .zip(*j)
+                    .map(|(s, j)| information(first, &s, &sight, &other.observations[j], middle, options));
+                seen.unwrap_or_else(Matrix2::zeros)
+            };
+            Ok(segments.iter().zip(&matches).map(one).collect())
+        })
+        .collect::<Result<_, AttackError>>()?;
+    let mut left: Vec<usize> = (0..others.len()).collect();
+    let mut chosen = Vec::new();
+    while chosen.len() < count && !left.is_empty() {
+        let bits = |f: usize| held.iter().zip(&told[f]).map(|(h, i)| h.bits(i)).sum::<f64>();
+        let gains: Vec<f64> = left.par_iter().map(|f| bits(*f)).collect();
+        let best = (0..left.len()).fold(0, |best, k| if gains[k] > gains[best] { k } else { best });
+        let f = left.remove(best);
+        held.iter_mut().zip(&told[f]).for_each(|(h, i)| h.information += i);
+        chosen.push(f);
+    }
+    Ok(chosen)
+}
+
+/// The segment of a keypoint that is to be found; the longer of two.
+fn segment(observation: &Observation, width: u32, height: u32) -> Option<KnownSegment> {
+    if let Observation::Known(_) = observation {
+        return None;
+    }
+    let all = KnownSegment::of(observation, width, height).into_iter().flatten().filter(|s| !s.is_empty());
+    all.max_by(|a, b| (a.far - a.near).total_cmp(&(b.far - b.near)))
+}
+
+/// What another frame's line tells, with the share of matches that are right, at the guess.
+fn information(
+    first: &Frame<'_>,
+    segment: &KnownSegment,
+    sight: &Sight,
+    observation: &Observation,
+    reciprocal: f64,
+    options: &FramesOptions,
+) -> Matrix2<f64> {
+    let ray = |t: f64| {
+        let p = first.camera.unproject(segment.at(t));
+        Vector3::new(p.x, p.y, 1.0)
+    };
+    let t = segment.expected();
+    let mut sum = Matrix2::zeros();
+    let planes = sight.planes(observation);
+    for plane in &planes {
+        let at = |t: f64| plane.along(ray(t)).at(reciprocal);
+        let slope = (at(t + 0.5).distance - at(t - 0.5).distance) / 1.0;
+        let j = Vector2::new(slope, at(t).speed);
+        if j.iter().all(|x| x.is_finite()) {
+            sum += j * j.transpose() / planes.len() as f64;
+        }
+    }
+    sum * ((1.0 - options.wrong) / options.noise_px.powi(2))
+}
