@@ -68,7 +68,7 @@ pub struct AttackSummary {
     pub attack: Attack,
     /// Percent of the neighbours that were replaced by keypoints drawn at random.
     pub corrupt: f64,
-    /// Frames of one place that the attack had, the attacked one included; absent for attacks on one image.
+    /// Frames of one place, or seals of one image, that the attack had, the attacked one included; absent for attacks on one image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<usize>,
     /// Images.

@@ -110,20 +110,23 @@ impl<'a> Server<'a> {
                 });
             }
         }
-        let hidden = observations.iter().map(|o| !matches!(o, Observation::Known(_)));
+        let position = |o: &Observation| match o {
+            Observation::Known(p) => Some(*p),
+            _ => None,
+        };
+        let known: Vec<Option<Pixel>> = observations.iter().map(position).collect();
         let measured = match (private, self.knowledge.measured) {
             (Some(inside), _) => inside,
-            (None, Measured::Hidden) => hidden.collect(),
+            (None, Measured::Hidden) => known.iter().map(Option::is_none).collect(),
             (None, Measured::All) => vec![true; observations.len()],
             (None, Measured::Matched) => {
-                let matched = hidden.map(|hidden| !hidden).collect();
                 observations.clone_from(&lines);
                 // A known point would tell of its own keypoint.
-                pose.iter_mut().for_each(|pose| pose.known.clear());
-                matched
+                pose.iter_mut().for_each(|pose: &mut Posed| pose.known.clear());
+                known.iter().map(Option::is_some).collect()
             }
         };
-        Ok(View { observed, sent: lines, observations, measured, pose })
+        Ok(View { observed, sent: lines, observations, known, measured, pose })
     }
 }
 
@@ -242,11 +245,8 @@ impl Tally {
         self.posed += usize::from(view.pose.is_some());
         self.keypoints += truth.len();
         self.measured += view.measured.iter().filter(|m| **m).count();
-        let known = view.observations.iter().zip(truth).filter_map(|(o, t)| match o {
-            Observation::Known(p) => Some(p.distance(t)),
-            _ => None,
-        });
-        self.errors.extend(known);
+        let errors = view.known.iter().zip(truth).filter_map(|(k, t)| k.map(|p| p.distance(t)));
+        self.errors.extend(errors);
     }
 
     /// # Errors

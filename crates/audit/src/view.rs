@@ -10,8 +10,10 @@ pub(crate) struct View {
     pub(crate) observed: Observations,
     /// `[N]`: the same as an attacker reads it, nothing else.
     pub(crate) sent: Vec<Observation>,
-    /// `[N]`: the same with the positions of the inliers.
+    /// `[N]`: the same with the positions of the inliers, as far as the attack is told them.
     pub(crate) observations: Vec<Observation>,
+    /// `[N]`: the positions of the inliers, whether the attack is told them or not.
+    pub(crate) known: Vec<Option<Pixel>>,
     /// `[N]`: whether the errors of a keypoint count.
     pub(crate) measured: Vec<bool>,
     /// The camera and its pose, where one was found, and what the map tells of depth.

@@ -9,13 +9,15 @@
 //! bits = ½ log₂(1 + var(t) · (I_tt − I_tz² / I_zz))
 //! ```
 //!
-//! summed over the attacked frame's keypoints at the guess and the middle depth. Frames are taken one after another,
-//! each the one that adds most bits to those before it.
+//! summed over the attacked frame's keypoints at the guess and the middle depth, and weighted by the share of right
+//! matches: a frame that turned far has more wrong ones. Keypoints that the map knows tell that share, since the server
+//! sees whether the lines they are matched with run through their map points. Frames are taken one after another, each
+//! the one that adds most bits to those before it.
 
 use rayon::prelude::*;
 use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::sight::Sight;
+use super::sight::{Plane, Sight};
 use super::tracks::mutual_matches;
 use super::{Frame, FramesOptions};
 use crate::error::AttackError;
@@ -65,11 +67,13 @@ pub fn most_telling(
         .map(|other| {
             let matches = mutual_matches(first.descriptors, other.descriptors, options.ratio)?;
             let sight = Sight::new(first, other);
+            let right = share_of_right(first, other, &sight, &matches, options);
+            let weight = right / options.noise_px.powi(2);
             let middle = (-f64::midpoint(low, high)).exp();
             let one = |(segment, j): (&Option<KnownSegment>, &Option<usize>)| {
                 let seen = segment
                     .zip(*j)
-                    .map(|(s, j)| information(first, &s, &sight, &other.observations[j], middle, options));
+                    .map(|(s, j)| information(first, &s, &sight, &other.observations[j], middle) * weight);
                 seen.unwrap_or_else(Matrix2::zeros)
             };
             Ok(segments.iter().zip(&matches).map(one).collect())
@@ -97,14 +101,42 @@ fn segment(observation: &Observation, width: u32, height: u32) -> Option<KnownSe
     all.max_by(|a, b| (a.far - a.near).total_cmp(&(b.far - b.near)))
 }
 
-/// What another frame's line tells, with the share of matches that are right, at the guess.
+/// Matches of known keypoints that are thought of before the first is seen: as many as this, right as the options say.
+const SUPPOSED: f64 = 10.0;
+/// Standard deviations within which a line runs through a map point.
+const THROUGH: f64 = 3.0;
+
+/// Share of the matches that are right, by those of keypoints whose map points the server sees.
+fn share_of_right(
+    first: &Frame<'_>,
+    other: &Frame<'_>,
+    sight: &Sight,
+    matches: &[Option<usize>],
+    options: &FramesOptions,
+) -> f64 {
+    let (mut right, mut all) = (SUPPOSED * (1.0 - options.wrong), SUPPOSED);
+    for (own, j) in first.observations.iter().zip(matches) {
+        let (Observation::Known(pixel), Some(j)) = (own, j) else { continue };
+        let same = options.known.iter().find(|k| k.0.distance(pixel) < 1e-9);
+        let Some((_, depth)) = same else { continue };
+        let p = first.camera.unproject(*pixel);
+        let through = |plane: &Plane<'_>| {
+            let said = plane.along(Vector3::new(p.x, p.y, 1.0)).at(depth.recip());
+            said.spread > 0.0 && said.distance.abs() <= THROUGH * options.noise_px
+        };
+        all += 1.0;
+        right += f64::from(u8::from(sight.planes(&other.observations[*j]).iter().any(through)));
+    }
+    right / all
+}
+
+/// What another frame's line tells at the guess, were it right: pixels and noise of one.
 fn information(
     first: &Frame<'_>,
     segment: &KnownSegment,
     sight: &Sight,
     observation: &Observation,
     reciprocal: f64,
-    options: &FramesOptions,
 ) -> Matrix2<f64> {
     let ray = |t: f64| {
         let p = first.camera.unproject(segment.at(t));
@@ -121,5 +153,5 @@ fn information(
             sum += j * j.transpose() / planes.len() as f64;
         }
     }
-    sum * ((1.0 - options.wrong) / options.noise_px.powi(2))
+    sum
 }

@@ -79,7 +79,7 @@ pub struct FramesOptions {
 impl FramesOptions {
     /// With the depths of the scene as the server's map has them around the query, map units.
     pub const fn with_depths(depths: [f64; 2]) -> Self {
-        Self { ratio: 0.9, noise_px: 2.0, wrong: 0.2, depths, known: Vec::new() }
+        Self { ratio: 0.9, noise_px: 1.4, wrong: 0.2, depths, known: Vec::new() }
     }
 
     /// Whether the depths are depths.
