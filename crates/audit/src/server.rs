@@ -122,7 +122,9 @@ impl<'a> Server<'a> {
             (None, Measured::Matched) => {
                 observations.clone_from(&lines);
                 // A known point would tell of its own keypoint.
-                pose.iter_mut().for_each(|pose: &mut Posed| pose.known.clear());
+                if let Some(pose) = &mut pose {
+                    pose.known.clear();
+                }
                 known.iter().map(Option::is_some).collect()
             }
         };
