@@ -9,14 +9,15 @@
 //! bits = ½ log₂(1 + var(t) · (I_tt − I_tz² / I_zz))
 //! ```
 //!
-//! summed over the attacked frame's keypoints at the guess and the middle depth, and weighted by the share of right
-//! matches: a frame that turned far has more wrong ones. Keypoints that the map knows tell that share, since the server
+//! summed over the attacked frame's keypoints at the guess and what is known of depth there, and times the share of
+//! right matches: a frame that turned far has more wrong ones. Keypoints that the map knows tell that share, since the server
 //! sees whether the lines they are matched with run through their map points. Frames are taken one after another, each
 //! the one that adds most bits to those before it.
 
 use rayon::prelude::*;
 use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
 
+use super::depth::DepthPrior;
 use super::sight::{Plane, Sight};
 use super::tracks::mutual_matches;
 use super::{Frame, FramesOptions};
@@ -50,43 +51,51 @@ pub fn most_telling(
     options: &FramesOptions,
 ) -> Result<Vec<usize>, AttackError> {
     options.check()?;
-    let [low, high] = options.depths.map(f64::ln);
-    let depth_variance = ((high - low).powi(2) / 12.0).max(1e-12);
+    let depths = DepthPrior::new(options.depths, &options.known, first.camera.width, first.camera.height);
     let segments: Vec<Option<KnownSegment>> =
         first.observations.iter().map(|o| segment(o, first.camera.width, first.camera.height)).collect();
+    // [N]: logarithm and variance of depth at the guess.
+    let worth: Vec<[f64; 2]> =
+        segments.iter().map(|s| s.map_or([0.0, 1.0], |s| depths.worth(s.at(s.expected())))).collect();
     let mut held: Vec<Held> = segments
         .iter()
-        .map(|s| Held {
+        .zip(&worth)
+        .map(|(s, [_, variance])| Held {
             variance: s.map_or(0.0, |s| (s.far - s.near).powi(2) / 12.0),
-            information: Matrix2::new(0.0, 0.0, 0.0, 1.0 / depth_variance),
+            information: Matrix2::new(0.0, 0.0, 0.0, 1.0 / variance.max(1e-12)),
         })
         .collect();
     // [others][N], zero where it tells nothing.
-    let told: Vec<Vec<Matrix2<f64>>> = others
+    let told: Vec<(f64, Vec<Matrix2<f64>>)> = others
         .par_iter()
         .map(|other| {
             let matches = mutual_matches(first.descriptors, other.descriptors, options.ratio)?;
             let sight = Sight::new(first, other);
             let right = share_of_right(first, other, &sight, &matches, options);
-            let weight = right / options.noise_px.powi(2);
-            let middle = (-f64::midpoint(low, high)).exp();
-            let one = |(segment, j): (&Option<KnownSegment>, &Option<usize>)| {
-                let seen = segment
-                    .zip(*j)
-                    .map(|(s, j)| information(first, &s, &sight, &other.observations[j], middle) * weight);
+            let one = |((segment, j), [depth, _]): ((&Option<KnownSegment>, &Option<usize>), &[f64; 2])| {
+                let seen = segment.zip(*j).map(|(s, j)| {
+                    information(first, &s, &sight, &other.observations[j], (-depth).exp())
+                        / options.noise_px.powi(2)
+                });
                 seen.unwrap_or_else(Matrix2::zeros)
             };
-            Ok(segments.iter().zip(&matches).map(one).collect())
+            Ok((right, segments.iter().zip(&matches).zip(&worth).map(one).collect()))
         })
         .collect::<Result<_, AttackError>>()?;
     let mut left: Vec<usize> = (0..others.len()).collect();
     let mut chosen = Vec::new();
     while chosen.len() < count && !left.is_empty() {
-        let bits = |f: usize| held.iter().zip(&told[f]).map(|(h, i)| h.bits(i)).sum::<f64>();
-        let gains: Vec<f64> = left.par_iter().map(|f| bits(*f)).collect();
+        let nothing = Matrix2::zeros();
+        let gain = |f: usize| {
+            let (right, information) = &told[f];
+            let more = held.iter().zip(information).map(|(h, i)| h.bits(i) - h.bits(&nothing));
+            right * more.sum::<f64>()
+        };
+        let gains: Vec<f64> = left.par_iter().map(|f| gain(*f)).collect();
         let best = (0..left.len()).fold(0, |best, k| if gains[k] > gains[best] { k } else { best });
         let f = left.remove(best);
-        held.iter_mut().zip(&told[f]).for_each(|(h, i)| h.information += i);
+        let (right, information) = &told[f];
+        held.iter_mut().zip(information).for_each(|(h, i)| h.information += i * *right);
         chosen.push(f);
     }
     Ok(chosen)

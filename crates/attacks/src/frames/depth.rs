@@ -68,6 +68,26 @@ impl DepthPrior {
     }
 }
 
+impl DepthPrior {
+    /// Of the logarithm of depth at a place: the median, and the variance of a Gaussian of the same entropy, which is
+    /// what a density with a peak is worth.
+    pub(super) fn worth(&self, pixel: Pixel) -> [f64; 2] {
+        let [low, high] = self.limits;
+        let length = (high - low).max(1e-9);
+        let Some(bins) = self.at(pixel) else { return [f64::midpoint(low, high), length * length / 12.0] };
+        let width = length / BINS as f64;
+        let (mut sum, mut median, mut entropy) = (0.0, low, 0.0);
+        for (b, density) in bins.iter().enumerate() {
+            if sum < 0.5 {
+                median = low + (b as f64 + 0.5) * width;
+            }
+            sum += density * width;
+            entropy -= width * density * density.max(1e-300).ln();
+        }
+        [median, (2.0 * entropy - 1.0).exp() / (2.0 * std::f64::consts::PI)]
+    }
+}
+
 /// The density in the middle of each bin, in a cell.
 fn around(center: Pixel, known: &[(Pixel, f64)], limits: [f64; 2]) -> Vec<f64> {
     let length = limits[1] - limits[0];
