@@ -1,14 +1,11 @@
 //! One attack on one image: what the attacker holds, and what they answer.
 
-use veiloc_attacks::{
-    Density, KnownImage, NeighbourLists, Observation, RestingOptions, Sighted, Transfer, prior_only,
-    resting_camera,
-};
+use veiloc_attacks::{Density, KnownImage, NeighbourLists, Observation, Transfer, prior_only};
 use veiloc_geometry::Pixel;
+use veiloc_sightings::{RestingOptions, Sighted, resting_camera};
 
 use crate::error::AuditError;
-use crate::options::FrameChoice;
-use crate::sightings::sighted;
+use crate::sightings::{FrameChoice, sighted};
 use crate::view::View;
 
 /// What an attacker holds of one image. `[N]`: one entry a keypoint, in the order of the rows.

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::attacks::Attack;
 use super::neighbours::Neighbours;
-use super::options::FrameChoice;
+use super::sightings::FrameChoice;
 use veiloc_eval::text_table::{TextTable, percent};
 
 /// The document that `veiloc attack --json` prints.

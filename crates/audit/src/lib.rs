@@ -36,5 +36,6 @@ pub use findings::{
 };
 pub use neighbours::{NeighbourSource, Neighbours};
 pub use observer::{AttackObserver, AttackTrial, ImageGroup, Stage};
-pub use options::{AttackEvaluation, FrameChoice, Measured, ServerKnowledge};
+pub use options::{AttackEvaluation, Measured, ServerKnowledge};
 pub use run::{attack_groups, evaluate_attacks};
+pub use sightings::FrameChoice;

@@ -6,6 +6,7 @@ use veiloc_query::{AngleBits, Scheme};
 
 use crate::attacks::Attack;
 use crate::neighbours::NeighbourSource;
+use crate::sightings::FrameChoice;
 
 /// What to attack, and how.
 #[derive(Debug, Clone)]
@@ -62,17 +63,6 @@ impl Default for AttackEvaluation {
             seed: 0,
         }
     }
-}
-
-/// Which frames of a place an attack of several puts together.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum FrameChoice {
-    /// Those whose lines tell most about the attacked frame's positions: turned much, moved little.
-    #[default]
-    Turn,
-    /// Those with most matches.
-    Nearest,
 }
 
 /// On which keypoints errors are measured.

@@ -6,10 +6,10 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    Density, KnownImage, NeighbourLists, Observation, PlaceCounts, RestingOptions, Transfer, bits_over_prior,
-    errors_px,
+    Density, KnownImage, NeighbourLists, Observation, PlaceCounts, Transfer, bits_over_prior, errors_px,
 };
 use veiloc_query::{Observations, Scheme};
+use veiloc_sightings::RestingOptions;
 
 use super::attacks::Attack;
 use super::attempt::Attempt;

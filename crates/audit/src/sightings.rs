@@ -1,11 +1,20 @@
 //! Several frames of one file, as a server that has localized them all puts them together.
 
-use veiloc_attacks::{
-    AttackError, Frame, FramesOptions, KnownImage, Sighted, most_telling, mutual_matches, several_frames,
-};
+use veiloc_attacks::{AttackError, KnownImage, mutual_matches};
+use veiloc_sightings::{Frame, FramesOptions, Sighted, most_telling, several_frames};
 
-use super::options::FrameChoice;
 use super::view::View;
+
+/// Which frames of a place an attack of several puts together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FrameChoice {
+    /// Those whose lines tell most about the attacked frame's positions: turned much, moved little.
+    #[default]
+    Turn,
+    /// Those with most matches.
+    Nearest,
+}
 
 /// Ratio of descriptor distances below which a match counts when frames are chosen by matches.
 const RATIO: f64 = 0.9;

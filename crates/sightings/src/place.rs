@@ -1,13 +1,12 @@
 //! Where on its own line a keypoint is, by the lines of other frames: the integral over its depth.
 
+use veiloc_attacks::{KnownSegment, Observation};
 use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
 use veiloc_geometry::{Pinhole, Pixel};
 
-use super::depth::DepthPrior;
-use super::sight::{Crossing, Plane, Said, Sight};
-use super::{Frame, FramesOptions, NEAR_PX, Sighted};
-use crate::observation::Observation;
-use crate::prior::KnownSegment;
+use crate::depth::DepthPrior;
+use crate::frame::{Frame, FramesOptions, NEAR_PX, Sighted};
+use crate::sight::{Crossing, Plane, Said, Sight};
 
 /// Step of the sweep along the line, in standard deviations of the noise, and its bounds, pixels.
 const STEP: f64 = 0.6;
@@ -25,7 +24,7 @@ const ROUNDS: usize = 10;
 const LONGEST: f64 = 10.0;
 
 /// The attacked keypoint.
-pub(super) struct Own {
+pub(crate) struct Own {
     camera: Pinhole,
     segments: [Option<KnownSegment>; 2],
 }
@@ -42,7 +41,7 @@ struct Node {
 }
 
 impl Own {
-    pub(super) fn new(first: &Frame<'_>, i: usize) -> Self {
+    pub(crate) fn new(first: &Frame<'_>, i: usize) -> Self {
         let camera = first.camera;
         Self { camera, segments: KnownSegment::of(&first.observations[i], camera.width, camera.height) }
     }
@@ -52,7 +51,7 @@ impl Own {
         Vector3::new(p.x, p.y, 1.0)
     }
 
-    pub(super) fn sighted(
+    pub(crate) fn sighted(
         &self,
         seen: &[(&Sight, &Observation)],
         depths: &DepthPrior,

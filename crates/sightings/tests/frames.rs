@@ -4,12 +4,14 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    AttackError, Descriptors, ErrorSummary, Frame, FramesOptions, Observation, RestingOptions, Sighted,
-    bits_over_prior, lift, most_telling, prior_only, resting_camera, several_frames,
+    AttackError, Descriptors, ErrorSummary, Observation, bits_over_prior, lift, prior_only,
 };
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, DualAnchors, Pinhole, Pixel, PlanePoint, Point3};
 use veiloc_query::AngleBits;
+use veiloc_sightings::{
+    Frame, FramesOptions, RestingOptions, Sighted, most_telling, resting_camera, several_frames,
+};
 
 const CAMERA: Pinhole = Pinhole { width: 640, height: 480, focal: [500.0, 500.0], principal: [320.0, 240.0] };
 

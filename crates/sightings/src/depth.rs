@@ -17,9 +17,9 @@ const SPREAD: [f64; 2] = [0.03, 0.15];
 const REACH: f64 = 40.0;
 
 /// Density of the logarithm of depth, by place in the attacked image.
-pub(super) struct DepthPrior {
+pub(crate) struct DepthPrior {
     /// Logarithms of the limits.
-    pub(super) limits: [f64; 2],
+    pub(crate) limits: [f64; 2],
     columns: usize,
     rows: usize,
     /// `[rows, columns, BINS]`, `None` where nothing is known.
@@ -28,7 +28,7 @@ pub(super) struct DepthPrior {
 
 impl DepthPrior {
     /// `limits`: least and greatest depth; `known`: position and depth of map points in the attacked frame.
-    pub(super) fn new(limits: [f64; 2], known: &[(Pixel, f64)], width: u32, height: u32) -> Self {
+    pub(crate) fn new(limits: [f64; 2], known: &[(Pixel, f64)], width: u32, height: u32) -> Self {
         let limits = limits.map(f64::ln);
         let cells = |side: u32| (f64::from(side) / CELL).ceil().max(1.0) as usize;
         let (columns, rows) = (cells(width), cells(height));
@@ -46,19 +46,19 @@ impl DepthPrior {
     }
 
     /// Longest step along the logarithm of depth that follows the density.
-    pub(super) fn longest_step(&self) -> f64 {
+    pub(crate) fn longest_step(&self) -> f64 {
         if self.density.is_some() { (self.limits[1] - self.limits[0]) / BINS as f64 } else { 0.25 }
     }
 
     /// The densities at a place, `[BINS]`; `None` for the log-uniform one.
-    pub(super) fn at(&self, pixel: Pixel) -> Option<&[f64]> {
+    pub(crate) fn at(&self, pixel: Pixel) -> Option<&[f64]> {
         let cell = |x: f64, count: usize| ((x / CELL).max(0.0) as usize).min(count - 1);
         let from = (cell(pixel.v, self.rows) * self.columns + cell(pixel.u, self.columns)) * BINS;
         self.density.as_ref().map(|d| &d[from..from + BINS])
     }
 
     /// Of the logarithm of a depth, by the densities of [`Self::at`]; 1 where depth is one number.
-    pub(super) fn density(&self, bins: Option<&[f64]>, log_depth: f64) -> f64 {
+    pub(crate) fn density(&self, bins: Option<&[f64]>, log_depth: f64) -> f64 {
         let length = self.limits[1] - self.limits[0];
         let Some(bins) = bins else { return if length > 0.0 { 1.0 / length } else { 1.0 } };
         let at = ((log_depth - self.limits[0]) / length * BINS as f64 - 0.5).clamp(0.0, (BINS - 1) as f64);
@@ -71,7 +71,7 @@ impl DepthPrior {
 impl DepthPrior {
     /// Of the logarithm of depth at a place: the median, and the variance of a Gaussian of the same entropy, which is
     /// what a density with a peak is worth.
-    pub(super) fn worth(&self, pixel: Pixel) -> [f64; 2] {
+    pub(crate) fn worth(&self, pixel: Pixel) -> [f64; 2] {
         let [low, high] = self.limits;
         let length = (high - low).max(1e-9);
         let Some(bins) = self.at(pixel) else { return [f64::midpoint(low, high), length * length / 12.0] };

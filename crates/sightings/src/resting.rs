@@ -12,20 +12,17 @@
 //!
 //! Exact for half-lines of one anchor. Where the lines of a keypoint have another direction (random lines, a permuted
 //! position, a keypoint at the border of two anchors) they cross in it, and it is answered by
-//! [`several_frames`](super::several_frames)' posterior for cameras at one place.
+//! `several_frames`' posterior for cameras at one place.
 
 use rayon::prelude::*;
+use veiloc_attacks::{AttackError, Descriptors, KnownSegment, Observation};
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{CameraFromWorld, Pinhole};
 
-use super::depth::DepthPrior;
-use super::place::Own;
-use super::sight::Sight;
-use super::{Frame, FramesOptions, NEAR_PX, Sighted};
-use crate::error::AttackError;
-use crate::features::Descriptors;
-use crate::observation::Observation;
-use crate::prior::KnownSegment;
+use crate::depth::DepthPrior;
+use crate::frame::{Frame, FramesOptions, NEAR_PX, Sighted};
+use crate::place::Own;
+use crate::sight::Sight;
 
 /// What is known of the codes.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -15,15 +15,12 @@
 //! the one that adds most bits to those before it.
 
 use rayon::prelude::*;
+use veiloc_attacks::{AttackError, KnownSegment, Observation, mutual_matches};
 use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::depth::DepthPrior;
-use super::sight::{Plane, Sight};
-use super::tracks::mutual_matches;
-use super::{Frame, FramesOptions};
-use crate::error::AttackError;
-use crate::observation::Observation;
-use crate::prior::KnownSegment;
+use crate::depth::DepthPrior;
+use crate::frame::{Frame, FramesOptions};
+use crate::sight::{Plane, Sight};
 
 /// One keypoint of the attacked frame: its position's variance by the guess, and the information so far.
 struct Held {

@@ -1,20 +1,20 @@
 //! Another frame's line of a keypoint, as the attacked frame sees it: a plane that the viewing ray meets, or holds.
 
+use veiloc_attacks::Observation;
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 use veiloc_geometry::{Pinhole, Pixel};
 
-use super::Frame;
-use crate::observation::Observation;
+use crate::frame::Frame;
 
 /// Another frame as the attacked one sees it: `x_other = rotation · x + translation` from camera to camera.
-pub(super) struct Sight {
+pub(crate) struct Sight {
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
     camera: Pinhole,
 }
 
 impl Sight {
-    pub(super) fn new(first: &Frame<'_>, other: &Frame<'_>) -> Self {
+    pub(crate) fn new(first: &Frame<'_>, other: &Frame<'_>) -> Self {
         let relative = other.cam_from_world.compose(&first.cam_from_world.inverse());
         Self {
             rotation: *relative.rotation().matrix(),
@@ -24,7 +24,7 @@ impl Sight {
     }
 
     /// The line or lines of one keypoint of that frame.
-    pub(super) fn planes(&self, observation: &Observation) -> Vec<Plane<'_>> {
+    pub(crate) fn planes(&self, observation: &Observation) -> Vec<Plane<'_>> {
         let half = match *observation {
             Observation::HalfLine { anchor, direction } => Some((anchor, direction)),
             _ => None,
@@ -46,7 +46,7 @@ impl Sight {
 }
 
 /// One candidate line of the keypoint in another frame.
-pub(super) struct Plane<'a> {
+pub(crate) struct Plane<'a> {
     sight: &'a Sight,
     /// `Kᵀ l` of the line of unit normal: the plane in that frame, pixels.
     normal: Vector3<f64>,
@@ -64,7 +64,7 @@ pub(super) struct Plane<'a> {
 const MARGIN: f64 = 3.0;
 
 /// A plane and a viewing ray of the attacked frame: all that does not depend on depth.
-pub(super) struct Crossing<'a, 'b> {
+pub(crate) struct Crossing<'a, 'b> {
     plane: &'a Plane<'b>,
     /// `rotation · ray`.
     seen: Vector3<f64>,
@@ -73,20 +73,20 @@ pub(super) struct Crossing<'a, 'b> {
 }
 
 /// What a plane says of one depth along a ray.
-pub(super) struct Said {
+pub(crate) struct Said {
     /// Signed distance of the projection from the line, pixels; not finite behind the camera.
-    pub(super) distance: f64,
+    pub(crate) distance: f64,
     /// How it changes with the logarithm of depth, pixels.
-    pub(super) speed: f64,
+    pub(crate) speed: f64,
     /// Density of the sent line where the projection is right, over its density where the match is wrong, times
     /// the noise and `√2π`, at distance zero: pixels. Zero where the frame could not have sent this line: behind
     /// the camera, outside the image, behind the anchor.
-    pub(super) spread: f64,
+    pub(crate) spread: f64,
 }
 
 impl<'b> Plane<'b> {
     /// With the ray `(x, y, 1)` of the attacked camera.
-    pub(super) fn along(&self, ray: Vector3<f64>) -> Crossing<'_, 'b> {
+    pub(crate) fn along(&self, ray: Vector3<f64>) -> Crossing<'_, 'b> {
         let seen = self.sight.rotation * ray;
         Crossing { plane: self, seen, off: self.normal.dot(&seen) }
     }
@@ -98,7 +98,7 @@ impl Crossing<'_, '_> {
     /// A line's density is taken over what is sent of it. Of a half-line that is an angle: noise of `σ` pixels at
     /// distance `r` from the anchor spreads over `σ/r` radians, wrong matches over the half circle, so `spread` is
     /// `π r`. Of other lines it is an offset, and wrong matches spread over the image.
-    pub(super) fn at(&self, reciprocal: f64) -> Said {
+    pub(crate) fn at(&self, reciprocal: f64) -> Said {
         let (plane, sight) = (self.plane, self.plane.sight);
         let seen = self.seen + sight.translation * reciprocal;
         if seen.z <= 1e-9 {
