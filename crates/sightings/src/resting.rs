@@ -77,7 +77,6 @@ pub fn resting_camera(
     let answer = |i: usize| {
         let rows: Vec<Observation> = seals.iter().map(|s| s[i]).collect();
         match pencil(&rows) {
-            _ if matches!(rows[0], Observation::Known(_)) => crossing(&rows, width, height, options),
             Some(angles) => scattered(&rows[0], &angles, width, height, options),
             None => crossing(&rows, width, height, options),
         }
@@ -182,7 +181,7 @@ fn scattered(
     if segment.is_empty() {
         return Sighted::UNSEEN;
     }
-    // A cell that rounding made too narrow for its neighbour's centre would say that nothing is possible.
+    // Angles that are not rounded are cells so narrow that nothing changes across them.
     let half = (0.5 * options.cell).max(1e-7);
     let across = Across::new(segment.direction, options);
     // Equal codes once.
@@ -213,7 +212,7 @@ fn scattered(
                 codes.iter().map(of).product::<f64>()
             };
             let likelihood = step * (0..ANGLES).map(one).sum::<f64>();
-            // Codes were scaled by none of this: r is the guess's density.
+            // Of evenly spread keypoints a wedge holds the more, the farther out.
             (r, r * likelihood)
         })
         .collect();
@@ -234,7 +233,7 @@ fn scattered(
     let within =
         posterior.iter().filter(|p| (p.0 - answer).abs() <= NEAR_PX).map(|p| p.1).sum::<f64>() / total;
     let others = angles.len() - 1;
-    // Whether rows are of one keypoint is not what the scatter tells: nothing is left to chance, nothing is proven.
+    // Rows are told to be of one keypoint: agreement is no evidence of it, and no chance is counted.
     Sighted {
         pixel: Some(segment.at(answer)),
         matched: others,
