@@ -23,6 +23,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("selftest", &["features", "geometry", "localize", "map", "mapping", "obfuscation", "query"]),
     ("server", &["geometry", "query", "map", "localize", "robust"]),
     ("attacks", &["descriptor", "geometry", "query"]),
+    ("sightings", &["attacks", "geometry"]),
     ("synth", &["geometry"]),
     ("datasets", &["geometry", "descriptor", "features", "query", "robust"]),
     (
@@ -53,6 +54,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "obfuscation",
             "query",
             "robust",
+            "sightings",
             "synth",
         ],
     ),

@@ -79,6 +79,17 @@ pub enum AttackError {
         /// How many there are.
         frames: usize,
     },
+    /// Several seals of one image have not as many rows.
+    #[error("{rows} rows, where the first seal has {expected}")]
+    Rows {
+        /// How many there are.
+        rows: usize,
+        /// How many the first has.
+        expected: usize,
+    },
+    /// Limits of depth are no interval of positive, finite numbers.
+    #[error("depths must be positive, finite and in order")]
+    Depths,
     /// The training images hold no two keypoints that are neighbours.
     #[error("the training images hold no pair of neighbours")]
     NothingToLearn,

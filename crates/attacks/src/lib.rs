@@ -12,8 +12,9 @@
 //!   `network` also the module `network`, a trained attention network over all descriptors of an image;
 //! - [`transfer`](transfer()): positions and neighbours taken over from map images with similar descriptors;
 //! - [`server_side()`], [`iterative`], [`guided_transfer`]: what a server can do that has found the pose, and so
-//!   knows the keypoints that matched its map;
-//! - [`several_frames`]: several queries of one place triangulated from their lines.
+//!   knows the keypoints that matched its map.
+//!
+//! Several queries of one place put together are attacked in the crate `veiloc-sightings`.
 //!
 //! A large recovery error alone is not privacy: an attack that errs by 300 px where guessing errs by 90 px has only
 //! shown that it is a bad attack. So an attack is always reported beside the guess ([`bits_over_prior`]).
@@ -40,7 +41,6 @@ mod closed_form;
 mod density;
 mod error;
 mod features;
-mod frames;
 mod graph;
 pub mod lift;
 mod metrics;
@@ -52,13 +52,13 @@ mod predictor;
 mod prior;
 mod ranking;
 mod server_side;
+mod tracks;
 mod transfer;
 
 pub use closed_form::{ClosedFormOptions, Extent, Reach, Recovered, closed_form};
 pub use density::{Density, PlaceCounts};
 pub use error::AttackError;
 pub use features::{Descriptors, KnownImage};
-pub use frames::{Frame, FramesOptions, Sighted, mutual_matches, several_frames};
 pub use graph::{GraphAnswer, GraphOptions, graph};
 pub use metrics::{ErrorSummary, bits_over_prior, errors_px};
 pub use neighbours::NeighbourLists;
@@ -66,4 +66,5 @@ pub use observation::Observation;
 pub use predictor::NeighbourPredictor;
 pub use prior::{KnownSegment, prior_only};
 pub use server_side::{Guided, GuidedOptions, LineNeighbours, guided_transfer, iterative, server_side};
+pub use tracks::mutual_matches;
 pub use transfer::{Transfer, transfer};

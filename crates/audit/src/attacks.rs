@@ -43,18 +43,26 @@ pub struct Needs {
     pub pose: bool,
     /// Several frames of one place.
     pub frames: bool,
+    /// Several seals of one image, or frames of a camera at rest.
+    pub seals: bool,
 }
 
 impl Needs {
     /// Nothing: the sealed query alone.
-    pub const NOTHING: Self =
-        Self { neighbours: false, other_images: false, map_images: false, pose: false, frames: false };
+    pub const NOTHING: Self = Self {
+        neighbours: false,
+        other_images: false,
+        map_images: false,
+        pose: false,
+        frames: false,
+        seals: false,
+    };
     /// Neighbours and nothing else.
     pub const NEIGHBOURS: Self = Self { neighbours: true, ..Self::NOTHING };
 
     /// Whether keypoints of one image will do, without descriptors, other images or a server.
     pub const fn one_image(self) -> bool {
-        !(self.other_images || self.map_images || self.pose || self.frames)
+        !(self.other_images || self.map_images || self.pose || self.frames || self.seals)
     }
 }
 
@@ -62,7 +70,7 @@ const OF_SERVER: Needs = Needs { pose: true, ..Needs::NEIGHBOURS };
 const SERVER: &str = "a server that has found the pose";
 
 /// All attacks, weakest first.
-pub const ATTACKS: [Attack; 14] = [
+pub const ATTACKS: [Attack; 15] = [
     Attack::PRIOR,
     Attack {
         name: "learned-prior",
@@ -130,6 +138,13 @@ pub const ATTACKS: [Attack; 14] = [
         holds: "several queries of one place whose poses a server has found",
         needs: Needs { pose: true, frames: true, ..Needs::NOTHING },
         run: |a, _| a.by_frames(),
+    },
+    Attack {
+        name: "resting-camera",
+        words: "scatter of angles from a camera at rest",
+        holds: "several queries of a camera at rest, or of one image",
+        needs: Needs { seals: true, ..Needs::NOTHING },
+        run: |a, _| a.by_scatter(),
     },
 ];
 
@@ -278,7 +293,7 @@ mod tests {
             );
             // Words and flags say the same.
             let needs = attack.needs;
-            let holds = needs.other_images || needs.map_images || needs.pose || needs.frames;
+            let holds = needs.other_images || needs.map_images || needs.pose || needs.frames || needs.seals;
             assert_eq!(holds, !attack.holds.is_empty(), "{attack}");
         }
         assert!("Graph".parse::<Attack>().is_err_and(|e| e.to_string().contains("several-frames")));

@@ -1,10 +1,11 @@
 //! One attack on one image: what the attacker holds, and what they answer.
 
-use veiloc_attacks::{Density, KnownImage, NeighbourLists, Observation, Sighted, Transfer, prior_only};
+use veiloc_attacks::{Density, KnownImage, NeighbourLists, Observation, Transfer, prior_only};
 use veiloc_geometry::Pixel;
+use veiloc_sightings::{RestingOptions, Sighted, resting_camera};
 
 use crate::error::AuditError;
-use crate::sightings::sighted;
+use crate::sightings::{FrameChoice, sighted};
 use crate::view::View;
 
 /// What an attacker holds of one image. `[N]`: one entry a keypoint, in the order of the rows.
@@ -26,6 +27,13 @@ pub struct Attempt<'a> {
     pub own: usize,
     /// How many frames are put together, where the attack needs several.
     pub frames: Option<usize>,
+    /// Which frames those are.
+    pub choice: FrameChoice,
+    /// The image sealed again, or frames of a camera at rest, each `[N]` in the order of the rows, where the attack
+    /// needs them: one fewer than [`Self::frames`].
+    pub seals: &'a [Vec<Observation>],
+    /// What is known of the codes of such seals.
+    pub codes: RestingOptions,
     /// Name of the image, for messages.
     pub(crate) name: &'a str,
     /// The images of the place as a server sees them that has localized them.
@@ -60,6 +68,19 @@ impl Attempt<'_> {
         positions.unwrap_or_else(|| self.guess())
     }
 
+    /// What the scatter of several seals' angles tells; the guess where it tells nothing.
+    pub(crate) fn by_scatter(&self) -> Result<Answers, AuditError> {
+        let seals: Vec<&[Observation]> =
+            std::iter::once(self.observations).chain(self.seals.iter().map(Vec::as_slice)).collect();
+        let found = resting_camera(&seals, self.size, &self.codes)?;
+        Ok(found
+            .iter()
+            .zip(self.guess())
+            .map(|(s, guess)| s.pixel.unwrap_or(guess))
+            .collect::<Vec<_>>()
+            .into())
+    }
+
     /// What several frames tell about the image; the guess where they tell nothing.
     pub(crate) fn by_frames(&self) -> Result<Answers, AuditError> {
         let frames = self.frames.unwrap_or(0);
@@ -71,7 +92,7 @@ impl Attempt<'_> {
             )));
         }
         let guess = self.guess();
-        let Some(found) = sighted(self.views, self.images, self.own, frames)? else {
+        let Some(found) = sighted(self.views, self.images, self.own, frames, self.choice)? else {
             return Ok(Answers { believed: Some(vec![false; guess.len()]), pixels: guess });
         };
         Ok(Answers {

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::attacks::Attack;
 use super::neighbours::Neighbours;
+use super::sightings::FrameChoice;
 use veiloc_eval::text_table::{TextTable, percent};
 
 /// The document that `veiloc attack --json` prints.
@@ -28,6 +29,9 @@ pub struct AttackDocument {
     /// What the server knew that attacked, one entry per scheme; absent when no server did.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub server: Vec<ServerSummary>,
+    /// Which frames attacks of several put together: `turn`, those that tell most, or `nearest`; absent when none did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub choice: Option<FrameChoice>,
     /// Seed of every random choice.
     pub seed: u64,
     /// One entry per scheme, attack and share of replaced neighbours.
@@ -64,7 +68,7 @@ pub struct AttackSummary {
     pub attack: Attack,
     /// Percent of the neighbours that were replaced by keypoints drawn at random.
     pub corrupt: f64,
-    /// Frames of one place that the attack had, the attacked one included; absent for attacks on one image.
+    /// Frames of one place, or seals of one image, that the attack had, the attacked one included; absent for attacks on one image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<usize>,
     /// Images.

@@ -38,3 +38,4 @@ pub use neighbours::{NeighbourSource, Neighbours};
 pub use observer::{AttackObserver, AttackTrial, ImageGroup, Stage};
 pub use options::{AttackEvaluation, Measured, ServerKnowledge};
 pub use run::{attack_groups, evaluate_attacks};
+pub use sightings::FrameChoice;

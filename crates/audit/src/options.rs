@@ -6,6 +6,7 @@ use veiloc_query::{AngleBits, Scheme};
 
 use crate::attacks::Attack;
 use crate::neighbours::NeighbourSource;
+use crate::sightings::FrameChoice;
 
 /// What to attack, and how.
 #[derive(Debug, Clone)]
@@ -30,6 +31,11 @@ pub struct AttackEvaluation {
     pub server: Option<ServerKnowledge>,
     /// How many frames of a file an attack that needs several puts together, the attacked one included; once each.
     pub frames: Vec<usize>,
+    /// Which frames of the file those are.
+    pub choice: FrameChoice,
+    /// How much a detector errs from frame to frame of a camera at rest, standard deviation along each axis, pixels; 0
+    /// for seals of one image.
+    pub resting_noise_px: f64,
     /// Bits of a line's angle, as a device sends them.
     pub angle_bits: AngleBits,
     /// Seed of obfuscation, corruption and starts.
@@ -51,6 +57,8 @@ impl Default for AttackEvaluation {
             corrupt: vec![0.0],
             server: None,
             frames: Vec::new(),
+            choice: FrameChoice::default(),
+            resting_noise_px: 0.0,
             angle_bits: AngleBits::default(),
             seed: 0,
         }
@@ -65,6 +73,8 @@ pub enum Measured {
     Hidden,
     /// All, the known ones with the positions the server has for them.
     All,
+    /// Those whose position the server knows from its map, and is not told: what lines tell of them.
+    Matched,
 }
 
 /// What the server brings.

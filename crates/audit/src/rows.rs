@@ -30,6 +30,10 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), AuditError> {
     if evaluation.k == 0 && evaluation.attacks.iter().any(|a| a.needs.neighbours) {
         return refuse("attacks by neighbours need one neighbour a keypoint at least".to_owned());
     }
+    let several = evaluation.attacks.iter().any(|a| a.needs.frames || a.needs.seals);
+    if let Some(n) = evaluation.frames.iter().find(|n| several && **n < 2) {
+        return refuse(format!("several frames are two at least, not {n}"));
+    }
     let needs = evaluation.attacks.iter().find(|a| a.needs.pose);
     let Some(server) = &evaluation.server else {
         return needs.map_or(Ok(()), |attack| {
@@ -50,10 +54,7 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), AuditError> {
             );
         }
     }
-    match evaluation.frames.iter().find(|n| **n < 2) {
-        Some(n) => refuse(format!("several frames are two at least, not {n}")),
-        None => Ok(()),
-    }
+    Ok(())
 }
 
 /// Rows of the table, scheme by scheme, the guess first.
@@ -74,7 +75,7 @@ pub(super) fn rows(evaluation: &AttackEvaluation) -> Vec<Row> {
         };
         push(Attack::PRIOR, 0.0, None);
         for &attack in evaluation.attacks.iter().filter(|a| **a != Attack::PRIOR) {
-            if attack.needs.frames {
+            if attack.needs.frames || attack.needs.seals {
                 evaluation.frames.iter().for_each(|frames| push(attack, 0.0, Some(*frames)));
             } else if attack.needs.neighbours {
                 evaluation.corrupt.iter().for_each(|corrupt| push(attack, *corrupt, None));

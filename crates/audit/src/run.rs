@@ -9,6 +9,7 @@ use veiloc_attacks::{
     Density, KnownImage, NeighbourLists, Observation, PlaceCounts, Transfer, bits_over_prior, errors_px,
 };
 use veiloc_query::{Observations, Scheme};
+use veiloc_sightings::RestingOptions;
 
 use super::attacks::Attack;
 use super::attempt::Attempt;
@@ -17,7 +18,7 @@ use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, kn
 use super::observer::{AttackObserver, AttackTrial, ImageGroup, Progress};
 use super::options::AttackEvaluation;
 use super::rows::{Row, check, rows, summary};
-use super::server::{Server, Tally, send};
+use super::server::{Server, Tally, send, send_again};
 use super::view::View;
 use crate::error::AuditError;
 use veiloc_datasets::json_lines;
@@ -150,6 +151,7 @@ pub fn attack_groups(
         precision: told.map(|t| t.0),
         chance: told.map(|t| t.1),
         server,
+        choice: several.then_some(evaluation.choice),
         seed: evaluation.seed,
         attacks: rows.iter().map(|row| summary(row, images)).collect(),
     })
@@ -167,6 +169,12 @@ fn seen(
         views.insert(scheme.to_string(), of_scheme.collect::<Result<_, _>>()?);
     }
     Ok(views)
+}
+
+/// What whoever reads several seals knows of their codes.
+fn codes(evaluation: &AttackEvaluation) -> RestingOptions {
+    let cell = std::f64::consts::PI / f64::from(evaluation.angle_bits.levels());
+    RestingOptions::of_one_image(cell).with_noise(evaluation.resting_noise_px)
 }
 
 fn attack_image(
@@ -196,6 +204,12 @@ fn attack_image(
         }
         let Some(sent) = &mut sent else { continue };
         let corrupted = held.neighbours.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
+        let seals: Vec<Vec<Observation>> = if row.attack.needs.seals {
+            let more = 1..row.frames.unwrap_or(1);
+            more.map(|k| send_again(evaluation, image, row.scheme, k)).collect::<Result<_, _>>()?
+        } else {
+            Vec::new()
+        };
         let started = Instant::now();
         let attempt = Attempt {
             observations: &sent.observations,
@@ -206,6 +220,9 @@ fn attack_image(
             images: held.images,
             own: held.own,
             frames: row.frames,
+            choice: evaluation.choice,
+            seals: &seals,
+            codes: codes(evaluation),
             name: &image.name,
             views: held.views.get(&name).map_or(&[], Vec::as_slice),
         };

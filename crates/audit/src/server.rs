@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use rand::SeedableRng;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{ErrorSummary, Observation};
 use veiloc_geometry::{Pixel, PlanePoint};
@@ -79,11 +79,13 @@ impl<'a> Server<'a> {
             let prior = matched.prior();
             let mut best: BTreeMap<usize, (f64, Pixel)> = BTreeMap::new();
             let mut depths = Vec::new();
+            let mut seen_points = Vec::new();
             for (i, m) in match_of.iter().enumerate().filter(|(i, _)| found.inliers[*i]) {
                 let seen = found.cam_from_world.transform(&input.points[i]);
                 let Some(plane) = PlanePoint::from_camera_point(&seen) else { continue };
                 depths.push(seen.depth());
                 let (weight, at) = (prior.as_ref().map_or(0.0, |p| p[*m]), input.camera.project(plane));
+                seen_points.push((at, seen.depth()));
                 let row = matched.keypoint_of_match[*m];
                 let entry = best.entry(row).or_insert((weight, at));
                 if weight > entry.0 {
@@ -104,16 +106,29 @@ impl<'a> Server<'a> {
                     camera: input.camera,
                     cam_from_world: found.cam_from_world,
                     depths: [NEARER * least, FARTHER * most],
+                    known: seen_points,
                 });
             }
         }
-        let hidden = observations.iter().map(|o| !matches!(o, Observation::Known(_)));
+        let position = |o: &Observation| match o {
+            Observation::Known(p) => Some(*p),
+            _ => None,
+        };
+        let known: Vec<Option<Pixel>> = observations.iter().map(position).collect();
         let measured = match (private, self.knowledge.measured) {
             (Some(inside), _) => inside,
-            (None, Measured::Hidden) => hidden.collect(),
+            (None, Measured::Hidden) => known.iter().map(Option::is_none).collect(),
             (None, Measured::All) => vec![true; observations.len()],
+            (None, Measured::Matched) => {
+                observations.clone_from(&lines);
+                // A known point would tell of its own keypoint.
+                if let Some(pose) = &mut pose {
+                    pose.known.clear();
+                }
+                known.iter().map(Option::is_some).collect()
+            }
         };
-        Ok(View { observed, sent: lines, observations, measured, pose })
+        Ok(View { observed, sent: lines, observations, known, measured, pose })
     }
 }
 
@@ -129,6 +144,39 @@ pub(super) fn send(
     let (width, height) = (image.width, image.height);
     obfuscate_points(&image.keypoints, width, height, &scheme, evaluation.angle_bits, &mut rng)
         .map_err(|source| AuditError::Seal { name: image.name.clone(), source })
+}
+
+/// What another seal of the image tells, or a frame of the same camera at rest: as many rows, in the same order.
+pub(super) fn send_again(
+    evaluation: &AttackEvaluation,
+    image: &KeypointImage,
+    scheme: Scheme,
+    number: usize,
+) -> Result<Vec<Observation>, AuditError> {
+    let again = format!("sent again {number}");
+    let seed = seed_for(evaluation.seed, &[&image.name, &scheme.to_string(), &again]);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let (width, height) = (image.width, image.height);
+    // A keypoint that the noise would carry out of the image stays in it.
+    let inside = |x: f64, side: u32| x.clamp(1e-3, f64::from(side) - 1e-3);
+    let seen: Vec<Pixel> = image
+        .keypoints
+        .iter()
+        .map(|p| {
+            let [du, dv] = gaussian_pair(&mut rng).map(|z| z * evaluation.resting_noise_px);
+            Pixel::new(inside(p.u + du, width), inside(p.v + dv, height))
+        })
+        .collect();
+    let sent = obfuscate_points(&seen, width, height, &scheme, evaluation.angle_bits, &mut rng)
+        .map_err(|source| AuditError::Seal { name: image.name.clone(), source })?;
+    Ok(Observation::of_sent(&sent))
+}
+
+/// Two independent numbers of the standard normal distribution.
+fn gaussian_pair(rng: &mut ChaCha8Rng) -> [f64; 2] {
+    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
+    let (sin, cos) = (std::f64::consts::TAU * rng.random::<f64>()).sin_cos();
+    [radius * cos, radius * sin]
 }
 
 /// Keypoints of the two files that are nearer than this in both coordinates are one, pixels.
@@ -199,11 +247,8 @@ impl Tally {
         self.posed += usize::from(view.pose.is_some());
         self.keypoints += truth.len();
         self.measured += view.measured.iter().filter(|m| **m).count();
-        let known = view.observations.iter().zip(truth).filter_map(|(o, t)| match o {
-            Observation::Known(p) => Some(p.distance(t)),
-            _ => None,
-        });
-        self.errors.extend(known);
+        let errors = view.known.iter().zip(truth).filter_map(|(k, t)| k.map(|p| p.distance(t)));
+        self.errors.extend(errors);
     }
 
     /// # Errors

@@ -1,18 +1,26 @@
 //! Several frames of one file, as a server that has localized them all puts them together.
 
-use veiloc_attacks::{
-    AttackError, Frame, FramesOptions, KnownImage, Sighted, mutual_matches, several_frames,
-};
+use veiloc_attacks::{AttackError, KnownImage, mutual_matches};
+use veiloc_sightings::{Frame, FramesOptions, Sighted, most_telling, several_frames};
 
 use super::view::View;
 
-/// Ratio of descriptor distances below which a match counts when frames are chosen.
+/// Which frames of a place an attack of several puts together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FrameChoice {
+    /// Those whose lines tell most about the attacked frame's positions: turned much, moved little.
+    #[default]
+    Turn,
+    /// Those with most matches.
+    Nearest,
+}
+
+/// Ratio of descriptor distances below which a match counts when frames are chosen by matches.
 const RATIO: f64 = 0.9;
 
-/// What the `frames` frames nearest to image `own` tell about its keypoints, itself among them, all with their poses
+/// What `frames` frames, image `own` and others of the choice, tell about the keypoints of `own`, all with their poses
 /// as the server found them: `[N]`; `None` when it, or every other, has none.
-///
-/// The nearest are those with most matches: the server goes by descriptors, as for its own map.
 ///
 /// `views`, `images`: `[images]` of the file.
 pub(super) fn sighted(
@@ -20,9 +28,10 @@ pub(super) fn sighted(
     images: &[KnownImage],
     own: usize,
     frames: usize,
+    choice: FrameChoice,
 ) -> Result<Option<Vec<Sighted>>, AttackError> {
     let frame = |i: usize| {
-        let pose = views[i].pose?;
+        let pose = views[i].pose.as_ref()?;
         let observations = if i == own { &views[i].observations } else { &views[i].sent };
         Some(Frame {
             camera: pose.camera,
@@ -31,18 +40,28 @@ pub(super) fn sighted(
             descriptors: images[i].descriptors(),
         })
     };
-    let Some((first, pose)) = frame(own).zip(views[own].pose) else { return Ok(None) };
-    let mut others: Vec<(usize, usize)> = Vec::new();
-    for i in (0..views.len()).filter(|i| *i != own && views[*i].pose.is_some()) {
-        let matches = mutual_matches(first.descriptors, images[i].descriptors(), RATIO)?;
-        others.push((matches.iter().flatten().count(), i));
-    }
-    // Stable: equal counts stay in the order of the file.
-    others.sort_by_key(|o| std::cmp::Reverse(o.0));
-    let chosen = others.iter().take(frames.saturating_sub(1)).filter_map(|o| frame(o.1));
-    let all: Vec<Frame<'_>> = std::iter::once(first).chain(chosen).collect();
-    if all.len() < 2 {
+    let Some((first, pose)) = frame(own).zip(views[own].pose.as_ref()) else { return Ok(None) };
+    let others: Vec<Frame<'_>> = (0..views.len()).filter(|i| *i != own).filter_map(frame).collect();
+    if others.is_empty() {
         return Ok(None);
     }
-    several_frames(&all, &FramesOptions::with_depths(pose.depths)).map(Some)
+    let options = FramesOptions::with_depths(pose.depths).beside(pose.known.clone());
+    let count = frames.saturating_sub(1);
+    let chosen = match choice {
+        FrameChoice::Turn => most_telling(&first, &others, count, &options)?,
+        FrameChoice::Nearest => nearest(&first, &others, count)?,
+    };
+    let all: Vec<Frame<'_>> = std::iter::once(first).chain(chosen.into_iter().map(|i| others[i])).collect();
+    several_frames(&all, &options).map(Some)
+}
+
+/// Those with most matches: the server goes by descriptors, as for its own map. Equal counts stay in their order.
+fn nearest(first: &Frame<'_>, others: &[Frame<'_>], count: usize) -> Result<Vec<usize>, AttackError> {
+    let mut counted: Vec<(usize, usize)> = Vec::with_capacity(others.len());
+    for (i, other) in others.iter().enumerate() {
+        let matches = mutual_matches(first.descriptors, other.descriptors, RATIO)?;
+        counted.push((matches.iter().flatten().count(), i));
+    }
+    counted.sort_by_key(|o| std::cmp::Reverse(o.0));
+    Ok(counted.into_iter().take(count).map(|o| o.1).collect())
 }

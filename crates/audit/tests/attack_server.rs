@@ -9,12 +9,12 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_audit::AuditError;
 use veiloc_audit::{
-    Attack, AttackDocument, AttackEvaluation, AttackSummary, Measured, NeighbourSource, ServerKnowledge,
-    evaluate_attacks,
+    Attack, AttackDocument, AttackEvaluation, AttackSummary, FrameChoice, Measured, NeighbourSource,
+    ServerKnowledge, evaluate_attacks,
 };
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, PlanePoint, Point3};
-use veiloc_query::AngleBits;
+use veiloc_query::{AngleBits, Scheme};
 
 const POINTS: usize = 500;
 const FOCAL: f64 = 500.0;
@@ -111,6 +111,8 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEv
             measured: Measured::Hidden,
         }),
         frames: vec![3],
+        choice: FrameChoice::default(),
+        resting_noise_px: 0.0,
         angle_bits: AngleBits::default(),
         seed: 0,
     }
@@ -163,6 +165,57 @@ fn a_server_knows_its_inliers_and_recovers_others() {
     assert!(row(&all, named("iterative"), None).mean_px < mean(named("iterative")));
 }
 
+/// What the map knows is judged as well: by the lines of the frames alone, without the positions.
+#[test]
+fn matched_keypoints_are_attacked_from_lines_alone() {
+    let (_folder, [keypoints, problems]) = files(6, Matches::Right);
+    let mut asked = evaluation(&keypoints, &problems, &[named("several-frames")]);
+    asked.frames = vec![2, 6];
+    asked.server.as_mut().expect("set").measured = Measured::Matched;
+    let document = run(&asked).expect("attacked");
+    let server = &document.server[0];
+    assert!((server.measured - server.known).abs() < 1e-9 && server.known > 0.4, "{server:?}");
+    // Guessed as if nothing were known of them, and found by the frames.
+    let guess = row(&document, Attack::PRIOR, None);
+    let [two, six] = [2, 6].map(|n| row(&document, named("several-frames"), Some(n)));
+    assert!(guess.median_px > 50.0, "{guess:?}");
+    assert!(two.bits_over_prior > 0.3 && six.median_px < 0.1 * guess.median_px, "{two:?} {six:?}");
+
+    // By turn against motion more is told than by matches, of which all frames have as many.
+    assert_eq!(document.choice, Some(FrameChoice::Turn));
+    asked.choice = FrameChoice::Nearest;
+    let nearest = run(&asked).expect("attacked");
+    assert_eq!(nearest.choice, Some(FrameChoice::Nearest));
+    let near = row(&nearest, named("several-frames"), Some(2));
+    assert!(near.bits_over_prior < two.bits_over_prior, "{near:?} {two:?}");
+}
+
+/// No server, no map: the angles of one image sealed again and again.
+#[test]
+fn seals_of_one_image_tell_by_their_scatter() {
+    let (_folder, [keypoints, problems]) = files(2, Matches::Right);
+    let mut asked = evaluation(&keypoints, &problems, &[named("resting-camera")]);
+    asked.server = None;
+    asked.frames = vec![2, 8, 32];
+    let bits = |asked: &AttackEvaluation| {
+        let document = run(asked).expect("attacked");
+        assert_eq!(document.choice, None);
+        [2, 8, 32].map(|n| row(&document, named("resting-camera"), Some(n)).bits_over_prior)
+    };
+    let [two, eight, many] = bits(&asked);
+    assert!(two > 0.1 && eight > two + 0.4 && many > eight + 0.5, "{two} {eight} {many}");
+    // New frames: the detector's noise is added to the dither, and is as wide at any distance too.
+    asked.resting_noise_px = 0.4;
+    let [_, frames, _] = bits(&asked);
+    assert!(frames > 0.3 && frames < eight, "{frames} {eight}");
+    // Random lines cross.
+    asked.schemes = vec![Scheme::RandomLines];
+    asked.resting_noise_px = 0.0;
+    let document = run(&asked).expect("attacked");
+    let crossed = row(&document, named("resting-camera"), Some(2));
+    assert!(crossed.median_px < 3.0, "{crossed:?}");
+}
+
 #[test]
 fn a_private_region_is_in_no_match() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
@@ -209,6 +262,7 @@ fn what_makes_no_sense_together_is_refused() {
     check(named("iterative"), "needs its matches", |e| e.server = None);
     check(named("iterative"), "one neighbour", |e| e.k = 0);
     check(named("several-frames"), "two at least", |e| e.frames = vec![1]);
+    check(named("resting-camera"), "two at least", |e| e.frames = vec![1]);
     check(named("several-frames"), "has 2 images", |e| e.frames = vec![3]);
     check(named("guided-transfer"), "nothing can be transferred", |e| {
         e.server.as_mut().expect("set").private = Some(0.1);

@@ -12,6 +12,7 @@
 #![forbid(unsafe_code)]
 
 mod beliefs;
+mod by_anchor;
 mod clutter;
 mod covariance;
 mod descent;

@@ -211,23 +211,6 @@ impl<'a> Matches<'a> {
         self.points.is_empty()
     }
 
-    /// The anchor that has most correspondences, the first of equals.
-    pub fn richest_anchor(&self) -> Anchor {
-        let counts = self.count_by_anchor();
-        Anchor::first(Anchor::MOST).rev().max_by_key(|a| counts[a.index()]).unwrap_or(Anchor::FIRST)
-    }
-
-    /// How many anchors have any.
-    pub fn anchors_seen(&self) -> usize {
-        self.count_by_anchor().iter().filter(|count| **count > 0).count()
-    }
-
-    fn count_by_anchor(&self) -> [usize; Anchor::MOST] {
-        let mut counts = [0; Anchor::MOST];
-        self.anchor.iter().for_each(|a| counts[a.index()] += 1);
-        counts
-    }
-
     /// How many keypoints these correspondences belong to.
     pub fn keypoints_among(&self, correspondences: impl Iterator<Item = usize>) -> usize {
         let mut seen = vec![false; self.keypoints];

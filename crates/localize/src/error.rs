@@ -10,7 +10,7 @@ use veiloc_robust::PoseError;
 pub enum LocalizeError {
     /// The query was sealed for another map, or for an older state of this one's profile.
     #[error(
-        "{source}; export this map's profile again with `veiloc map profile`, and seal a new image with it"
+        "{source}; export this map's profile again with `veiloc map profile`, move on, and seal an image from there with it"
     )]
     WrongProfile {
         /// Which profile was found, and which expected.

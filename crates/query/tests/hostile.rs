@@ -3,6 +3,7 @@
 mod common;
 
 use proptest::prelude::*;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_query::{
     AnchoredRow, AngleBits, AngleForm, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn,
     Profile, QueryError, QueryParts, Rows, Scheme, SealedQuery, SizeClass, WireVersion,
@@ -12,13 +13,75 @@ fn sealed(scheme: Scheme) -> Vec<u8> {
     common::query(scheme, AngleBits::default(), 256, 3).encode()
 }
 
-/// The same in version 1, in version 2, in version 2 with descriptors of another kind, and both in version 3.
-fn sealed_in_all(scheme: Scheme) -> [Vec<u8>; 5] {
+/// The same in version 1, in version 2, in version 2 with descriptors of another kind, both in version 3, and for dcl two of
+/// version 4: stripes, and a later frame of a session.
+fn sealed_in_all(scheme: Scheme) -> Vec<Vec<u8>> {
     let bits = AngleBits::default();
     let [v1, sift, own] =
         common::profiles(scheme, bits).map(|p| common::query_with(&p, scheme, bits, 256, 3));
     let older = |query: &SealedQuery| common::in_version_2(query.clone());
-    [v1.encode(), older(&sift).encode(), older(&own).encode(), sift.encode(), own.encode()]
+    let mut all = vec![v1.encode(), older(&sift).encode(), older(&own).encode(), sift.encode(), own.encode()];
+    if matches!(scheme, Scheme::Dcl(_)) {
+        all.extend(version_4().map(|query| query.encode()));
+    }
+    all
+}
+
+fn version_4() -> [SealedQuery; 2] {
+    let profile = common::profile_v2();
+    let stripes = "dcl:axis=67,sectors=21,anchors=-0.12/-0.49+1.5/0+@30".parse().expect("a layout");
+    let turn = LayoutTurn::new(&Rotation3::from_scaled_axis(Vector3::new(0.1, -0.4, 0.0))).expect("finite");
+    let paper = "dcl:paper".parse().expect("a layout");
+    [(stripes, LayoutTurn::default()), (paper, turn)]
+        .map(|(scheme, turn)| common::query_turned(turn, &profile, scheme, 3))
+}
+
+/// Layouts and turns are read as written; numbers that no layout has are named, and what version 3 can say is not said in
+/// version 4.
+#[test]
+fn layouts_of_version_4() {
+    let [stripes, session] = version_4();
+    for query in [&stripes, &session] {
+        let read = SealedQuery::decode(&query.encode()).expect("own bytes");
+        assert_eq!((&read, read.version(), read.turn()), (query, WireVersion::V4, query.turn()));
+        assert_eq!(read.observations(), query.observations());
+        assert!(query.clone().in_version_2().is_err());
+        assert!(!format!("{read:?} {:?}", read.turn()).contains('.'), "L8");
+    }
+    // The message ends with the layout (2 + 1 + 26 bytes behind gravity) and three turns of 2 + 4 bytes.
+    let (bytes, layout) = (stripes.encode(), stripes.encode().len() - 18 - 26);
+    let with = |at: usize, value: u8| {
+        let mut bytes = bytes.clone();
+        bytes[at] = value;
+        SealedQuery::decode(&bytes)
+    };
+    for (at, value) in [(layout, 1), (layout, 5), (layout + 1, 2), (layout + 20, 20), (layout + 21, 100)] {
+        assert_eq!(with(at, value), Err(QueryError::SectorLayout), "{at} {value}");
+    }
+    // An unused anchor that is not zero.
+    assert!(matches!(with(layout + 14, 1), Err(QueryError::NotCanonical { .. })));
+    assert!(matches!(with(bytes.len() - 1, 0x7F), Err(QueryError::Field { field: "turn", .. })));
+    // Two halves that are not turned belong into version 3.
+    let mut plain = session.encode();
+    let end = plain.len();
+    for at in [end - 16, end - 10, end - 4] {
+        plain[at..at + 4].fill(0);
+    }
+    assert!(matches!(SealedQuery::decode(&plain), Err(QueryError::NotCanonical { .. })));
+    // A row of an anchor that this layout of three has not.
+    let profile = common::profile_v2();
+    let mut found = 0;
+    for at in 0..stripes.encode().len() {
+        found += usize::from(matches!(with(at, 0xFF), Err(QueryError::Row { .. })));
+    }
+    assert!(found > 100, "{found}");
+    // What has no dcl has no version 4, and version 1 no such layout.
+    let wish = common::profile(Scheme::default(), AngleBits::default());
+    for query in [&stripes, &session] {
+        let refused = SealedQuery::version_for(&wish, query.scheme(), query.turn());
+        assert!(matches!(refused, Err(QueryError::Unsayable { version: 1, .. })));
+        assert_eq!(SealedQuery::version_for(&profile, query.scheme(), query.turn()), Ok(WireVersion::V4));
+    }
 }
 
 #[test]
@@ -146,7 +209,9 @@ fn what_a_device_says_of_its_camera() {
 
 #[test]
 fn every_truncation_and_every_extension_is_refused() {
-    for (scheme, bytes) in Scheme::ALL.into_iter().flat_map(|s| sealed_in_all(s).map(|bytes| (s, bytes))) {
+    for (scheme, bytes) in
+        Scheme::ALL.into_iter().flat_map(|s| sealed_in_all(s).into_iter().map(move |bytes| (s, bytes)))
+    {
         let cuts = (0..200).chain((200..bytes.len()).step_by(97)).chain([bytes.len() - 1]);
         for cut in cuts {
             assert!(SealedQuery::decode(&bytes[..cut]).is_err(), "{scheme} cut at {cut}");
@@ -172,11 +237,12 @@ fn there_is_one_form_only() {
         assert!(matches!(SealedQuery::decode(&repeated), Err(QueryError::NotCanonical { .. })));
         let reordered = [&bytes[5..], &bytes[..5]].concat();
         assert!(matches!(SealedQuery::decode(&reordered), Err(QueryError::NotCanonical { .. })));
-        let unknown = [&bytes[..], &[0xA5, 0x01, 1, 2, 3, 4]].concat();
+        let unknown = [&bytes[..], &[0xF5, 0x01, 1, 2, 3, 4]].concat();
         assert!(matches!(SealedQuery::decode(&unknown), Err(QueryError::NotCanonical { .. })));
     }
     // A whole message of one version behind one of the other: the fields of both, and the form of neither.
-    let [v1, v2, ..] = sealed_in_all(Scheme::default());
+    let all = sealed_in_all(Scheme::default());
+    let [v1, v2, ..] = all.as_slice() else { unreachable!() };
     assert!(SealedQuery::decode(&[&v1[..], &v2[..]].concat()).is_err());
     assert!(SealedQuery::decode(&[&v2[..], &v1[..]].concat()).is_err());
 }
@@ -270,9 +336,9 @@ fn wrong_numbers_are_named() {
             "{name} = {value}: {error:?}"
         );
     }
-    for found in [0, 4, u32::MAX] {
+    for found in [0, 5, u32::MAX] {
         let other = with_field(&sealed(Scheme::default()), 1, found);
-        let refused = QueryError::Version { what: "sealed query", found, supported: 3 };
+        let refused = QueryError::Version { what: "sealed query", found, supported: 4 };
         assert_eq!(SealedQuery::decode(&other), Err(refused));
     }
     // One version's fields under the other's number.
@@ -373,11 +439,11 @@ proptest! {
     #[test]
     fn damaged_messages_are_refused_or_read_unchanged(
         scheme in 0..4_usize,
-        form in 0..5_usize,
+        form in 0..7_usize,
         flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
         head in any::<bool>(),
     ) {
-        let mut bytes = sealed_in_all(Scheme::ALL[scheme])[form].clone();
+        let mut bytes = sealed_in_all(Scheme::ALL[scheme]).into_iter().cycle().nth(form).expect("endless");
         for (index, value) in flips {
             let range = if head { 80 } else { bytes.len() };
             bytes[index.index(range)] = value;

@@ -48,12 +48,16 @@ pub(crate) enum Problem {
     #[error("{0}")]
     Version(String),
     #[error(
-        "the query was sealed for another map or with an old profile; fetch the profile and seal a new image"
+        "the query was sealed for another map or with an old profile; fetch the profile, move on, and seal an image from \
+         there: several of one spot tell more than one"
     )]
     WrongProfile,
     #[error("{0}")]
     BadWish(&'static str),
-    #[error("no pose is supported by the query{0}; ask from elsewhere in the place")]
+    #[error(
+        "no pose is supported by the query{0}; move on by a step or more before the next image: several of one spot tell \
+         more than one"
+    )]
     NotLocalized(&'static str),
     #[error("the map is empty; its operator must add images")]
     EmptyMap,

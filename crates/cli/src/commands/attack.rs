@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use veiloc_audit::{
-    Attack, AttackEvaluation, Measured, NeighbourSource, ServerKnowledge, attacks_table, evaluate_attacks,
+    Attack, AttackEvaluation, FrameChoice, Measured, NeighbourSource, ServerKnowledge, attacks_table,
+    evaluate_attacks,
 };
 use veiloc_query::{AngleBits, Scheme};
 
@@ -30,7 +31,7 @@ pub(crate) struct Args {
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-image, closed-form-informed,
     /// closed-form-consensus, transfer (positions of matches in the file's other images), graph, transfer-graph; and
     /// of a server that knows the pose (--known): server-side and iterative (the paper's), server-side-points,
-    /// guided-transfer, several-frames.
+    /// guided-transfer, several-frames; and of whoever has several seals of one image: resting-camera.
     #[arg(
         long,
         value_delimiter = ',',
@@ -81,9 +82,17 @@ pub(super) struct AdversaryArgs {
     /// With --known: on which keypoints errors are measured.
     #[arg(long, value_enum, default_value = "hidden", requires = "known", conflicts_with = "private")]
     measure: MeasureOn,
-    /// How many frames of a file several-frames puts together, the attacked one included; several for a curve.
+    /// How many frames of a file several-frames puts together, the attacked one included, and how many seals
+    /// resting-camera; several for a curve.
     #[arg(long, value_delimiter = ',', default_value = "3", value_name = "N,…")]
     frames: Vec<usize>,
+    /// Which frames of the file several-frames puts together.
+    #[arg(long, value_enum, default_value = "turn")]
+    choose: Choose,
+    /// Of resting-camera: how much the detector errs from frame to frame, standard deviation along each axis, pixels;
+    /// 0 for seals of one image.
+    #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = noise)]
+    resting_noise: f64,
     /// Bits of a line's angle, as a profile sets them.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u8).range(6..=16))]
     angle_bits: u8,
@@ -105,6 +114,15 @@ enum Source {
     Transferred,
 }
 
+/// Which frames of a place are put together.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Choose {
+    /// Those whose lines tell most of positions: turned much, moved little.
+    Turn,
+    /// Those with most matches.
+    Nearest,
+}
+
 /// On which keypoints errors are measured.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum MeasureOn {
@@ -112,6 +130,8 @@ enum MeasureOn {
     Hidden,
     /// All, the known ones with the positions the server has for them.
     All,
+    /// Those whose position the server knows from its map, which the attack is not told.
+    Matched,
 }
 
 impl AdversaryArgs {
@@ -144,9 +164,15 @@ impl AdversaryArgs {
                 measured: match self.measure {
                     MeasureOn::Hidden => Measured::Hidden,
                     MeasureOn::All => Measured::All,
+                    MeasureOn::Matched => Measured::Matched,
                 },
             }),
             frames: self.frames.clone(),
+            choice: match self.choose {
+                Choose::Turn => FrameChoice::Turn,
+                Choose::Nearest => FrameChoice::Nearest,
+            },
+            resting_noise_px: self.resting_noise,
             angle_bits: AngleBits::new(self.angle_bits)?,
             seed: self.seed,
         })
@@ -165,6 +191,16 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     stage.finish();
     args.json.print(&attacks_table(&document), &document, ui)?;
     Ok(Exit::Success)
+}
+
+/// A number of pixels that noise may have.
+fn noise(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    if (0.0..=20.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("a number from 0 to 20 is expected".to_owned())
+    }
 }
 
 /// A number from 0 to 100.

@@ -333,7 +333,7 @@ fn found_query(file: String, found: &Localization) -> Query {
 /// The same without its pose, and everything that is said of the pose but what speaks against it.
 fn withheld(query: Query) -> Query {
     let message = format!(
-        "its pose is withheld: {}; take an image from elsewhere in the place",
+        "its pose is withheld: {}; move on by a step or more before the next image",
         query.doubts.join("; ")
     );
     Query {

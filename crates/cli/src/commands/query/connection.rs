@@ -94,9 +94,13 @@ pub(super) fn failure(error: ClientError) -> Failure {
             "check the address and that the service runs; for a certificate of its own give --ca"
         }
         ClientError::Busy { .. } => "try again later",
-        ClientError::NotLocalized(_) => "take an image from elsewhere in the place",
+        ClientError::NotLocalized(_) => {
+            "move on by a step or more before the next image; several images of one spot tell more than one, most of \
+             all when the camera only turns"
+        }
         ClientError::WrongProfile(_) => {
-            "the map was exchanged meanwhile; take a new image, this one must not be sealed twice"
+            "the map was exchanged meanwhile; this image must not be sealed twice: move on by a step or more and take \
+             another, since several images of one spot tell more than one"
         }
         ClientError::Refused(refusal) if refusal.name == "unauthenticated" => {
             "give a token with --token-file or in VEILOC_TOKEN"
