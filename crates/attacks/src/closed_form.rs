@@ -142,7 +142,7 @@ pub fn closed_form(
             }
             let candidates = KnownSegment::of(&observations[i], width, height);
             let solve = |segment: KnownSegment| sweep.solve(&segment, neighbours.of(i), &places, options);
-            let answers: Vec<Recovered> = candidates.into_iter().flatten().map(solve).collect();
+            let answers: Vec<Recovered> = candidates.into_iter().map(solve).collect();
             best(&answers)
         })
         .collect())
@@ -242,9 +242,9 @@ fn minimum(
     if sum.a > PARALLEL * neighbours.max(1) as f64 {
         return ((-sum.b / sum.a).max(piece.0).min(piece.1), true);
     }
-    // Flat: the anchor of a half-line, otherwise the middle of what is in the image.
-    let t = if segment.radial {
-        if options.other_anchor_only { segment.expected() } else { 0.0 }
+    // Flat: the anchor where the line begins, otherwise the middle of what is in the image.
+    let t = if segment.anchor.is_some() {
+        if options.other_anchor_only || segment.growth[0] != 0.0 { segment.expected() } else { 0.0 }
     } else if segment.is_empty() {
         segment.expected()
     } else {

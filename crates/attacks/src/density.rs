@@ -8,7 +8,7 @@
 use veiloc_geometry::Pixel;
 
 use crate::observation::Observation;
-use crate::prior::KnownSegment;
+use crate::prior::{KnownSegment, mean};
 
 const COLUMNS: usize = 48;
 const ROWS: usize = 36;
@@ -101,35 +101,35 @@ impl Density {
         self.cells[cell(p.v, height, ROWS) * COLUMNS + cell(p.u, width, COLUMNS)]
     }
 
-    /// The expected distance from a segment's origin.
-    fn expected(&self, segment: &KnownSegment, width: u32, height: u32) -> f64 {
+    /// The expected distance from a segment's origin, and how likely the segment is, up to one factor for the observation.
+    fn expected(&self, segment: &KnownSegment, width: u32, height: u32) -> (f64, f64) {
         if segment.is_empty() {
-            return segment.expected();
+            return (segment.expected(), 1.0);
         }
         let length = segment.far - segment.near;
         let (mut sum, mut weights) = (0.0, 0.0);
         for k in 0..SAMPLES {
             let t = segment.near + length * (k as f64 + 0.5) / SAMPLES as f64;
-            let widening = if segment.radial { t } else { 1.0 };
-            let w = widening * self.at(segment.at(t), width, height);
+            let w = segment.likelihood(t) * self.at(segment.at(t), width, height);
             sum += w * t;
             weights += w;
         }
-        if weights > 0.0 { sum / weights } else { segment.expected() }
+        let expected = if weights > 0.0 { sum / weights } else { segment.expected() };
+        (expected, weights * length / SAMPLES as f64)
     }
 
     /// The expected position of each keypoint when nothing is known but its own observation and this density: as
     /// [`crate::prior_only`], which takes keypoints to be spread evenly.
     pub fn guess(&self, observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
-        let point = |s: KnownSegment| s.at(self.expected(&s, width, height));
-        observations
-            .iter()
-            .map(|o| match KnownSegment::of(o, width, height).map(|s| s.map(point)) {
-                [Some(a), Some(b)] => Pixel::new(f64::midpoint(a.u, b.u), f64::midpoint(a.v, b.v)),
-                [Some(a), None] | [None, Some(a)] => a,
-                [None, None] => Pixel::new(f64::NAN, f64::NAN),
+        let guess = |o: &Observation| {
+            mean(&KnownSegment::of(o, width, height), |segment| {
+                let (expected, weight) = self.expected(segment, width, height);
+                // Which of two lines was kept is a coin's choice; which stretch of one line, the keypoint's.
+                let share = if segment.anchor.is_some() { weight } else { segment.share };
+                (segment.at(expected), share.max(f64::MIN_POSITIVE))
             })
-            .collect()
+        };
+        observations.iter().map(guess).collect()
     }
 }
 

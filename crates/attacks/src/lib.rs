@@ -62,7 +62,7 @@ pub use features::{Descriptors, KnownImage};
 pub use graph::{GraphAnswer, GraphOptions, graph};
 pub use metrics::{ErrorSummary, bits_over_prior, errors_px};
 pub use neighbours::NeighbourLists;
-pub use observation::Observation;
+pub use observation::{Observation, PencilRow};
 pub use predictor::NeighbourPredictor;
 pub use prior::{KnownSegment, prior_only};
 pub use server_side::{Guided, GuidedOptions, LineNeighbours, guided_transfer, iterative, server_side};

@@ -1,7 +1,6 @@
 //! What an attacker holds of one keypoint.
 
-use veiloc_geometry::nalgebra::Vector2;
-use veiloc_geometry::{Anchor, Pencils, Pixel, PixelLine};
+use veiloc_geometry::{Anchor, PencilLine, Pencils, Pixel, PixelLine, Span};
 use veiloc_query::Observations;
 
 /// What one sealed row tells about the position of its keypoint.
@@ -9,13 +8,8 @@ use veiloc_query::Observations;
 pub enum Observation {
     /// The keypoint lies on this line: random lines.
     Line(PixelLine),
-    /// The keypoint lies on this half-line: Dual Convergent Lines.
-    HalfLine {
-        /// Where it starts, pixels.
-        anchor: Pixel,
-        /// Its unit direction, away from the anchor, into the anchor's side of the image.
-        direction: Vector2<f64>,
-    },
+    /// The keypoint lies on this line of a pencil, in one of few stretches: Dual Convergent Lines.
+    Pencil(PencilRow),
     /// The keypoint lies on one of these two lines: coordinate permutation, where a sent position `(u, v)` has
     /// kept one of its two coordinates, so the keypoint is somewhere on the vertical line through it or somewhere
     /// on the horizontal one.
@@ -24,15 +18,58 @@ pub enum Observation {
     Known(Pixel),
 }
 
+/// A line of a pencil, and where on it the keypoint may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PencilRow {
+    /// Lines of one anchor meet in it and nowhere else.
+    pub anchor: Anchor,
+    /// The line; its direction leads away from the anchor.
+    pub line: PencilLine,
+    stretches: [Span; PencilRow::MOST],
+    count: usize,
+}
+
+impl PencilRow {
+    /// Stretches that are told apart: more, of very fine sectors, are joined where the gap between them is smallest.
+    pub const MOST: usize = 8;
+
+    /// Of a line with these stretches, in order.
+    pub fn new(anchor: Anchor, line: PencilLine, mut spans: Vec<Span>) -> Self {
+        while spans.len() > Self::MOST {
+            let gap = |k: &usize| spans[k + 1].near - spans[*k].far;
+            let closest = (0..spans.len() - 1).min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+            spans[closest].far = spans.remove(closest + 1).far;
+        }
+        let mut stretches = [Span { near: 0.0, far: 0.0 }; Self::MOST];
+        stretches[..spans.len()].copy_from_slice(&spans);
+        Self { anchor, line, stretches, count: spans.len() }
+    }
+
+    /// Where the keypoint may be, in order; empty when the line misses the image.
+    pub fn stretches(&self) -> &[Span] {
+        &self.stretches[..self.count]
+    }
+
+    /// Where the line begins, when that is not too far away.
+    pub fn begins(&self) -> Option<Pixel> {
+        (self.line.offset == 0.0).then_some(self.line.origin)
+    }
+
+    /// Whether a pixel near the line is in one of its stretches, or at most `margin` pixels beside one.
+    pub fn holds(&self, pixel: Pixel, margin: f64) -> bool {
+        let t = self.line.direction.dot(&(pixel.vector() - self.line.origin.vector()));
+        self.stretches().iter().any(|s| s.near - margin <= t && t <= s.far + margin)
+    }
+}
+
 impl Observation {
-    /// The half-line of Dual Convergent Lines with this anchor and angle (as [`Pencils::angle_of`]).
+    /// The line of Dual Convergent Lines with this anchor and angle (as [`Pencils::angle_of`]).
     ///
     /// # Panics
-    /// When the half-plane does not meet the image plane, or begins infinitely far away: no layout of the wire does that.
+    /// When the half-plane does not meet the image plane: what comes from the wire does.
     pub fn anchored(pencils: &Pencils, anchor: Anchor, angle: f64) -> Self {
         let line = pencils.along(anchor, angle).expect("it meets the image plane");
-        let position = pencils.position(anchor).expect("anchors lie in or about the image");
-        Self::HalfLine { anchor: position, direction: line.direction }
+        Self::Pencil(PencilRow::new(anchor, line, pencils.spans(anchor, angle)))
     }
 
     /// The candidates of a position that kept one of its coordinates: the vertical line, then the horizontal one.
@@ -60,8 +97,8 @@ impl Observation {
     pub fn lines(&self) -> [Option<PixelLine>; 2] {
         match *self {
             Self::Line(line) => [Some(line), None],
-            Self::HalfLine { anchor, direction } => {
-                [Some(PixelLine::through(anchor, direction.y.atan2(direction.x))), None]
+            Self::Pencil(PencilRow { line, .. }) => {
+                [Some(PixelLine::through(line.origin, line.direction.y.atan2(line.direction.x))), None]
             }
             Self::EitherLine([a, b]) => [Some(a), Some(b)],
             Self::Known(_) => [None, None],

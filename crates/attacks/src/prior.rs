@@ -4,67 +4,102 @@
 //! which has the smallest mean squared error of all bets.
 //! - **Line in a random direction:** every keypoint on it is as likely, the direction having been drawn without
 //!   looking: uniform along the chord in the image, so the chord's middle.
-//! - **Half-line from an anchor:** a wedge of angle `dφ` holds the area `r dr dφ` at distance `r`, so far keypoints
-//!   are likelier in proportion to `r`; between the distances `a` and `b` where the half-line is in the image the
-//!   expected distance is `⅔ (b³ − a³)/(b² − a²)`. The half-line is on its anchor's own side by construction.
+//! - **Line of a pencil:** a wedge of angle `dφ` holds the area `r dr dφ` at distance `r` from the anchor, so far keypoints
+//!   are likelier in proportion to `r`; between the distances `a` and `b` the expected distance is `⅔ (b³ − a³)/(b² − a²)`.
+//!   Where the anchor's sectors leave several stretches, each is as likely as the area of its part of the wedge.
 //! - **Either of two lines:** the mean of what each would say, both being as likely.
 //! - **Known position:** itself.
 
 use veiloc_geometry::nalgebra::Vector2;
-use veiloc_geometry::{Pixel, PixelLine};
+use veiloc_geometry::{Anchor, Pixel, PixelLine};
 
-use crate::observation::Observation;
+use crate::observation::{Observation, PencilRow};
 
-/// The part of a line or half-line that lies in the image: `origin + t · direction`, `near ≤ t ≤ far`, pixels.
+/// A part of a line in which the keypoint may be: `origin + t · direction`, `near ≤ t ≤ far`, pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownSegment {
-    /// The anchor of a half-line; of a line, its point nearest to the image's centre.
+    /// The anchor, for a line that begins there; of others, the point nearest to the image's centre.
     pub origin: Pixel,
     /// Unit direction; zero for a known position.
     pub direction: Vector2<f64>,
-    /// Where the image begins. `near > far` when the line misses the image.
+    /// Where it begins. `near > far` when the line misses the image.
     pub near: f64,
     /// Where it ends.
     pub far: f64,
-    /// Whether likelihood grows with the distance from `origin` (a half-line from an anchor).
-    pub radial: bool,
+    /// The anchor, for a line of a pencil.
+    pub anchor: Option<Anchor>,
+    /// How likely a keypoint is at `t`, up to one factor for the observation: the first plus `t` times the second.
+    pub growth: [f64; 2],
+    /// How likely the keypoint is in this segment and not in another of the same observation.
+    pub share: f64,
 }
 
 impl KnownSegment {
-    /// The candidates of an observation: one, or two for a permuted position.
-    pub fn of(observation: &Observation, width: u32, height: u32) -> [Option<Self>; 2] {
-        match *observation {
-            Observation::Line(line) => [Some(Self::of_line(&line, width, height)), None],
-            Observation::EitherLine([a, b]) => {
-                [Some(Self::of_line(&a, width, height)), Some(Self::of_line(&b, width, height))]
+    /// The candidates of an observation: one, two for a permuted position, and one for each stretch of a line of a pencil.
+    pub fn of(observation: &Observation, width: u32, height: u32) -> Vec<Self> {
+        match observation {
+            Observation::Line(line) => vec![Self::of_line(line, width, height)],
+            Observation::EitherLine(lines) => {
+                lines.iter().map(|l| Self { share: 0.5, ..Self::of_line(l, width, height) }).collect()
             }
-            Observation::HalfLine { anchor, direction } => {
-                [Some(Self::clipped(anchor, direction, 0.0, true, width, height)), None]
-            }
-            Observation::Known(pixel) => [Some(Self::point(pixel)), None],
+            Observation::Pencil(row) => Self::of_row(row),
+            Observation::Known(pixel) => vec![Self::point(*pixel)],
+        }
+    }
+
+    /// All of its line from the first candidate to the last; `None` for one of two lines.
+    pub fn hull(observation: &Observation, width: u32, height: u32) -> Option<Self> {
+        let candidates = Self::of(observation, width, height);
+        match (observation, candidates.as_slice()) {
+            (Observation::EitherLine(_), _) => None,
+            (_, [first, .., last]) => Some(Self { far: last.far, share: 1.0, ..*first }),
+            (_, [only]) => Some(*only),
+            (_, []) => None,
         }
     }
 
     /// A position that is known: a segment without length.
     fn point(pixel: Pixel) -> Self {
-        Self { origin: pixel, direction: Vector2::zeros(), near: 0.0, far: 0.0, radial: false }
+        Self {
+            origin: pixel,
+            direction: Vector2::zeros(),
+            near: 0.0,
+            far: 0.0,
+            anchor: None,
+            growth: [1.0, 0.0],
+            share: 1.0,
+        }
+    }
+
+    fn of_row(row: &PencilRow) -> Vec<Self> {
+        let line = &row.line;
+        let whole = Self {
+            origin: line.origin,
+            direction: line.direction,
+            near: 1.0,
+            far: 0.0,
+            anchor: Some(row.anchor),
+            growth: [line.offset, line.slope],
+            share: 1.0,
+        };
+        if row.stretches().is_empty() {
+            return vec![whole];
+        }
+        let mut all: Vec<Self> =
+            row.stretches().iter().map(|s| Self { near: s.near, far: s.far, ..whole }).collect();
+        let total: f64 = all.iter().map(Self::mass).sum();
+        for segment in &mut all {
+            segment.share =
+                if total > 0.0 { segment.mass() / total } else { 1.0 / row.stretches().len() as f64 };
+        }
+        all
     }
 
     fn of_line(line: &PixelLine, width: u32, height: u32) -> Self {
         let center = Pixel::new(f64::from(width) / 2.0, f64::from(height) / 2.0);
         let origin = line.closest_point(center);
-        Self::clipped(origin, line.direction(), f64::NEG_INFINITY, false, width, height)
-    }
-
-    fn clipped(
-        origin: Pixel,
-        direction: Vector2<f64>,
-        begin: f64,
-        radial: bool,
-        width: u32,
-        height: u32,
-    ) -> Self {
-        let (mut near, mut far) = (begin, f64::INFINITY);
+        let direction = line.direction();
+        let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
         let axes = [(origin.u, direction.x, f64::from(width)), (origin.v, direction.y, f64::from(height))];
         for (at, step, size) in axes {
             if step.abs() > 1e-12 {
@@ -75,7 +110,17 @@ impl KnownSegment {
                 far = f64::NEG_INFINITY;
             }
         }
-        Self { origin, direction, near, far, radial }
+        Self { origin, direction, near, far, anchor: None, growth: [1.0, 0.0], share: 1.0 }
+    }
+
+    /// How likely a keypoint is at `t`, up to one factor for the observation.
+    pub fn likelihood(&self, t: f64) -> f64 {
+        (self.growth[0] + self.growth[1] * t).max(0.0)
+    }
+
+    /// The integral of [`Self::likelihood`].
+    fn mass(&self) -> f64 {
+        (self.far - self.near) * self.likelihood(f64::midpoint(self.near, self.far))
     }
 
     /// The position at distance `t` from the origin.
@@ -95,30 +140,33 @@ impl KnownSegment {
             return 0.0;
         }
         let (a, b) = (self.near, self.far);
-        if self.radial && a + b > 0.0 {
-            2.0 / 3.0 * (a * a + a * b + b * b) / (a + b)
-        } else {
-            f64::midpoint(a, b)
-        }
+        let middle = f64::midpoint(a, b);
+        let mass = self.mass();
+        // ∫ t (g₀ + g₁ t) dt over ∫ (g₀ + g₁ t) dt: the middle, and what the growth adds.
+        if mass > 0.0 { middle + self.growth[1] * (b - a).powi(3) / (12.0 * mass) } else { middle }
     }
+}
+
+/// The mean of what the candidates of an observation say, each by its share.
+pub(crate) fn mean(candidates: &[KnownSegment], at: impl Fn(&KnownSegment) -> (Pixel, f64)) -> Pixel {
+    let (mut sum, mut weight) = (Vector2::zeros(), 0.0);
+    for segment in candidates {
+        let (pixel, share) = at(segment);
+        sum += pixel.vector() * share;
+        weight += share;
+    }
+    Pixel::new(sum.x / weight, sum.y / weight)
 }
 
 /// The expected position of each keypoint when nothing is known but its own observation (module docs).
 ///
 /// `width`, `height`: the image, pixels. A line that misses the image answers its point nearest to the centre,
-/// a half-line its anchor.
+/// a line of a pencil its anchor.
 pub fn prior_only(observations: &[Observation], width: u32, height: u32) -> Vec<Pixel> {
-    observations
-        .iter()
-        .map(|o| {
-            let points = KnownSegment::of(o, width, height).map(|s| s.map(|s| s.at(s.expected())));
-            match points {
-                [Some(a), Some(b)] => Pixel::new(f64::midpoint(a.u, b.u), f64::midpoint(a.v, b.v)),
-                [Some(a), None] | [None, Some(a)] => a,
-                [None, None] => Pixel::new(f64::NAN, f64::NAN),
-            }
-        })
-        .collect()
+    let guess = |o: &Observation| {
+        mean(&KnownSegment::of(o, width, height), |segment| (segment.at(segment.expected()), segment.share))
+    };
+    observations.iter().map(guess).collect()
 }
 
 #[cfg(test)]
@@ -126,7 +174,7 @@ mod tests {
     use super::*;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-    use veiloc_geometry::{Anchor, Layout, Pencils};
+    use veiloc_geometry::{AnchorPlace, Layout, Pencils, Sectors, Span};
 
     /// The mean of evenly spread keypoints whose observation is nearly the given one, found by drawing.
     #[test]
@@ -151,11 +199,59 @@ mod tests {
                     }
                 }
                 let observation = Observation::anchored(&pencils, Anchor::FIRST, angle);
-                let answer = KnownSegment::of(&observation, 640, 480)[0].expect("one").expected();
+                let answer = KnownSegment::of(&observation, 640, 480)[0].expected();
                 let drawn = sum / f64::from(n);
                 assert!((answer - drawn).abs() < 5.0, "s {s} φ {phi}: {answer} against {drawn}");
             }
         }
+    }
+
+    /// Stripes with anchors outside the image and at infinity: the mean of drawn keypoints whose angle is nearly the same, and
+    /// each of them in one of the stretches.
+    #[test]
+    fn stripes_answer_the_mean_of_keypoints_in_a_thin_wedge() {
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let sectors = Sectors { axis: 1.17, count: 24, shift: 0.3 };
+        let mut several = 0;
+        for place in [AnchorPlace::At([0.2, -0.3]), AnchorPlace::At([1.5, 0.4]), AnchorPlace::Toward(0.4)] {
+            let layout = Layout::new(&[place, AnchorPlace::Toward(1.6)], sectors, None).expect("it closes");
+            let pencils = Pencils::of_image([640, 480], &layout);
+            let near = 0.003;
+            for seen in [Pixel::new(200.0, 150.0), Pixel::new(330.0, 300.0), Pixel::new(500.0, 90.0)] {
+                let angle = pencils.angle_of(Anchor::FIRST, seen);
+                let observation = Observation::anchored(&pencils, Anchor::FIRST, angle);
+                let segments = KnownSegment::of(&observation, 640, 480);
+                several += usize::from(segments.len() > 1);
+                let (mut sum, mut n) = (Vector2::zeros(), 0.0);
+                for _ in 0..600_000 {
+                    let p = Pixel::new(rng.random_range(0.0..640.0), rng.random_range(0.0..480.0));
+                    let is_near = (pencils.angle_of(Anchor::FIRST, p) - angle).abs() < near;
+                    if is_near && pencils.anchor_of(p) == Anchor::FIRST {
+                        (sum, n) = (sum + p.vector(), n + 1.0);
+                        let Observation::Pencil(row) = observation else { panic!("a pencil") };
+                        assert!(row.holds(p, 6.0), "{p:?} {segments:?}");
+                    }
+                }
+                let (drawn, answer) = (sum / n, prior_only(&[observation], 640, 480)[0]);
+                assert!(n > 100.0 && (answer.vector() - drawn).norm() < 14.0, "{place:?} {answer:?} {drawn}");
+            }
+        }
+        assert!(several >= 3, "{several}");
+    }
+
+    #[test]
+    fn many_stretches_are_joined_where_they_are_closest() {
+        let line = Pencils::paper(640, 480).along(Anchor::FIRST, 0.3).expect("in sight");
+        let ends =
+            [[0.0, 1.0], [5.0, 6.0], [6.5, 7.0], [9.0, 10.0], [20.0, 21.0], [30.0, 31.0], [40.0, 41.0]];
+        let mut spans: Vec<Span> = ends.iter().map(|[near, far]| Span { near: *near, far: *far }).collect();
+        spans.extend([Span { near: 43.0, far: 44.0 }, Span { near: 60.0, far: 61.0 }]);
+        let row = PencilRow::new(Anchor::FIRST, line, spans);
+        assert_eq!(row.stretches().len(), PencilRow::MOST);
+        assert_eq!(row.stretches()[1], Span { near: 5.0, far: 7.0 });
+        assert!(
+            row.holds(line.at(6.2), 0.0) && !row.holds(line.at(8.0), 0.5) && row.holds(line.at(8.0), 1.5)
+        );
     }
 
     #[test]

@@ -86,7 +86,6 @@ impl Transfer {
             let Some(position) = position else { return guess };
             KnownSegment::of(o, width, height)
                 .iter()
-                .flatten()
                 .filter(|s| !s.is_empty())
                 .map(|s| {
                     let t = s.direction.dot(&(position.vector() - s.origin.vector()));

@@ -64,7 +64,6 @@ fn no_point_of_the_segment_is_better_than_the_answer() {
         for i in 0..truth.len() {
             let found = KnownSegment::of(&sent[i], 640, 480)
                 .into_iter()
-                .flatten()
                 .map(|segment| {
                     let f = |t: f64| cost(sent, lists.of(i), segment.at(t));
                     f(search(&f, segment.near, segment.far))
@@ -171,8 +170,8 @@ fn the_papers_synthetic_scene() {
 
 /// Distance to what an observation allows, ends included, by projection.
 fn distance_with_ends(observation: &Observation, extent: Extent, x: Pixel) -> f64 {
-    let Some(mut s) = KnownSegment::of(observation, SIZE.0, SIZE.1)[0] else { return f64::NAN };
-    if extent == Extent::HalfLine && s.radial {
+    let Some(mut s) = KnownSegment::hull(observation, SIZE.0, SIZE.1) else { return f64::NAN };
+    if extent == Extent::HalfLine && s.anchor.is_some() {
         (s.near, s.far) = (0.0, f64::INFINITY);
     } else if extent != Extent::Segment {
         (s.near, s.far) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -203,7 +202,7 @@ fn ends_of_neighbours_and_known_positions_count_exactly() {
             options.extent = extent;
             let answers = closed_form(sent, &lists, 640, 480, &options).expect("lists fit");
             for (i, answer) in answers.iter().enumerate() {
-                let segment = KnownSegment::of(&sent[i], 640, 480)[0].expect("one");
+                let segment = KnownSegment::hull(&sent[i], 640, 480).expect("one line");
                 if let Observation::Known(p) = sent[i] {
                     assert_eq!(answer.pixel, p);
                     continue;

@@ -42,13 +42,13 @@ fn the_papers_attack_is_the_least_squares_of_its_equation() {
         let answers = server_side(&sent, &lists, 640, 480, lines).expect("lists fit");
         let mut compared = 0;
         for (i, o) in sent.iter().enumerate() {
-            let Observation::HalfLine { anchor, direction } = *o else {
+            let Observation::Pencil(row) = *o else {
                 assert_eq!(answers[i].pixel, truth[i]);
                 continue;
             };
             let any = lists.of(i).iter().any(|j| known(*j));
             let counts = |j: u32| lines == LineNeighbours::Count || !any || known(j);
-            let at = |t: f64| Pixel::new(anchor.u + t * direction.x, anchor.v + t * direction.y);
+            let at = |t: f64| row.line.at(t);
             let f = |t: f64| -> f64 {
                 lists
                     .of(i)

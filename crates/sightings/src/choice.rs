@@ -103,7 +103,7 @@ fn segment(observation: &Observation, width: u32, height: u32) -> Option<KnownSe
     if let Observation::Known(_) = observation {
         return None;
     }
-    let all = KnownSegment::of(observation, width, height).into_iter().flatten().filter(|s| !s.is_empty());
+    let all = KnownSegment::of(observation, width, height).into_iter().filter(|s| !s.is_empty());
     all.max_by(|a, b| (a.far - a.near).total_cmp(&(b.far - b.near)))
 }
 

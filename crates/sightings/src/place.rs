@@ -26,7 +26,7 @@ const LONGEST: f64 = 10.0;
 /// The attacked keypoint.
 pub(crate) struct Own {
     camera: Pinhole,
-    segments: [Option<KnownSegment>; 2],
+    segments: Vec<KnownSegment>,
 }
 
 /// A position on the own line.
@@ -60,7 +60,7 @@ impl Own {
         let frames: Vec<Vec<Plane<'_>>> = seen.iter().map(|(s, o)| s.planes(o)).collect();
         let matched = frames.len();
         let nodes: Vec<Node> =
-            self.segments.iter().flatten().flat_map(|s| self.sweep(s, &frames, depths, options)).collect();
+            self.segments.iter().flat_map(|s| self.sweep(s, &frames, depths, options)).collect();
         let total: f64 = nodes.iter().map(|n| n.weight).sum();
         let best = nodes.iter().copied().reduce(|a, b| if b.weight > a.weight { b } else { a });
         let Some(best) = best.filter(|_| total > 0.0 && total.is_finite()) else { return Sighted::UNSEEN };
@@ -91,7 +91,7 @@ impl Own {
     /// The position with as much probability on either side of it, which has the smallest expected error of all; of two
     /// segments the geometric median.
     fn median(&self, nodes: &[Node], total: f64) -> Pixel {
-        if self.segments.iter().flatten().count() == 1 {
+        if self.segments.len() == 1 {
             let mut sum = 0.0;
             for n in nodes {
                 let before = sum;
@@ -134,7 +134,7 @@ impl Own {
         let steps = (length / step).ceil().max(1.0) as usize;
         let part = length / steps as f64;
         // Two candidate lines are as likely as each other, whatever their lengths.
-        let share = if segment.radial { 1.0 } else { part / length.max(1e-9) };
+        let share = part / length.max(1e-9);
         let mut crossings: Vec<Crossing<'_, '_>> = Vec::with_capacity(frames.len());
         let node = |step: usize| {
             let t = segment.near + part * (step as f64 + 0.5);
@@ -142,7 +142,7 @@ impl Own {
             let ray = self.ray(pixel);
             crossings.clear();
             crossings.extend(frames.iter().flatten().map(|p| p.along(ray)));
-            let prior = if segment.radial { t.max(1e-3) } else { share };
+            let prior = if segment.anchor.is_some() { part * segment.likelihood(t).max(1e-3) } else { share };
             let (likelihood, log_depth) = over_depth(&crossings, frames, depths, pixel, options);
             Node { segment: *segment, t, weight: prior * likelihood, log_depth }
         };

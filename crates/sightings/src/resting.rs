@@ -15,7 +15,7 @@
 //! `several_frames`' posterior for cameras at one place.
 
 use rayon::prelude::*;
-use veiloc_attacks::{AttackError, Descriptors, KnownSegment, Observation};
+use veiloc_attacks::{AttackError, Descriptors, KnownSegment, Observation, PencilRow};
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{CameraFromWorld, Pinhole};
 
@@ -77,23 +77,26 @@ pub fn resting_camera(
     let answer = |i: usize| {
         let rows: Vec<Observation> = seals.iter().map(|s| s[i]).collect();
         match pencil(&rows) {
-            Some(angles) => scattered(&rows[0], &angles, width, height, options),
+            Some((row, angles)) => scattered(&row, &angles, width, height, options),
             None => crossing(&rows, width, height, options),
         }
     };
     Ok((0..own.len()).into_par_iter().map(answer).collect())
 }
 
-/// The angles of half-lines of one anchor, about the first; `None` when they are not that.
-fn pencil(rows: &[Observation]) -> Option<Vec<f64>> {
-    let Observation::HalfLine { anchor: first, direction: own } = rows[0] else { return None };
+/// The first row and the angles of all about it, where they are lines of one anchor; `None` when they are not. Lines of an
+/// anchor that is infinitely far are parallel: they do not scatter by the place of the keypoint, and cross nowhere.
+fn pencil(rows: &[Observation]) -> Option<(PencilRow, Vec<f64>)> {
+    let Observation::Pencil(first) = rows[0] else { return None };
+    let own = first.line.direction;
     let angle = |row: &Observation| match row {
-        Observation::HalfLine { anchor, direction } if *anchor == first => {
-            Some((own.x * direction.y - own.y * direction.x).atan2(own.dot(direction)))
+        Observation::Pencil(row) if row.anchor == first.anchor => {
+            let direction = row.line.direction;
+            Some((own.x * direction.y - own.y * direction.x).atan2(own.dot(&direction)))
         }
         _ => None,
     };
-    rows.iter().map(angle).collect()
+    Some((first, rows.iter().map(angle).collect::<Option<_>>()?))
 }
 
 /// Distribution across the line of what moves a keypoint.
@@ -170,17 +173,11 @@ impl Across {
 const TABLE: usize = 512;
 
 /// The posterior of the distance by the scatter of the angles.
-fn scattered(
-    own: &Observation,
-    angles: &[f64],
-    width: u32,
-    height: u32,
-    options: &RestingOptions,
-) -> Sighted {
-    let [Some(segment), _] = KnownSegment::of(own, width, height) else { return Sighted::UNSEEN };
-    if segment.is_empty() {
+fn scattered(row: &PencilRow, angles: &[f64], width: u32, height: u32, options: &RestingOptions) -> Sighted {
+    let segment = KnownSegment::hull(&Observation::Pencil(*row), width, height);
+    let Some(segment) = segment.filter(|s| !s.is_empty() && row.begins().is_some()) else {
         return Sighted::UNSEEN;
-    }
+    };
     // Angles that are not rounded are cells so narrow that nothing changes across them.
     let half = (0.5 * options.cell).max(1e-7);
     let across = Across::new(segment.direction, options);
@@ -213,7 +210,7 @@ fn scattered(
             };
             let likelihood = step * (0..ANGLES).map(one).sum::<f64>();
             // Of evenly spread keypoints a wedge holds the more, the farther out.
-            (r, r * likelihood)
+            (r, if row.holds(segment.at(r), 0.0) { r * likelihood } else { 0.0 })
         })
         .collect();
     let total: f64 = posterior.iter().map(|p| p.1).sum();

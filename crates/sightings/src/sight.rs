@@ -1,7 +1,7 @@
 //! Another frame's line of a keypoint, as the attacked frame sees it: a plane that the viewing ray meets, or holds.
 
-use veiloc_attacks::Observation;
-use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
+use veiloc_attacks::{Observation, PencilRow};
+use veiloc_geometry::nalgebra::{Matrix3, Vector3};
 use veiloc_geometry::{Pinhole, Pixel};
 
 use crate::frame::Frame;
@@ -25,8 +25,8 @@ impl Sight {
 
     /// The line or lines of one keypoint of that frame.
     pub(crate) fn planes(&self, observation: &Observation) -> Vec<Plane<'_>> {
-        let half = match *observation {
-            Observation::HalfLine { anchor, direction } => Some((anchor, direction)),
+        let row = match *observation {
+            Observation::Pencil(row) => Some(row),
             _ => None,
         };
         let lines: Vec<_> = observation.lines().into_iter().flatten().collect();
@@ -39,7 +39,7 @@ impl Sight {
                 c.principal[0] * line.x + c.principal[1] * line.y + line.z,
             );
             let across = line.x.abs() * f64::from(c.width) + line.y.abs() * f64::from(c.height);
-            Plane { sight: self, normal, by_depth: normal.dot(&self.translation), half, share, across }
+            Plane { sight: self, normal, by_depth: normal.dot(&self.translation), row, share, across }
         };
         lines.iter().map(|line| plane(line.coefficients())).collect()
     }
@@ -52,8 +52,8 @@ pub(crate) struct Plane<'a> {
     normal: Vector3<f64>,
     /// `normal · translation`.
     by_depth: f64,
-    /// Where a half-line begins, and whereto it runs.
-    half: Option<(Pixel, Vector2<f64>)>,
+    /// Of a pencil: where it begins, and where on it the keypoint may be.
+    row: Option<PencilRow>,
     /// Probability that it is this line: one over their number.
     share: f64,
     /// The image's extent across the line, pixels.
@@ -80,7 +80,7 @@ pub(crate) struct Said {
     pub(crate) speed: f64,
     /// Density of the sent line where the projection is right, over its density where the match is wrong, times
     /// the noise and `√2π`, at distance zero: pixels. Zero where the frame could not have sent this line: behind
-    /// the camera, outside the image, behind the anchor.
+    /// the camera, outside the image, behind the anchor, in another anchor's sectors.
     pub(crate) spread: f64,
 }
 
@@ -112,11 +112,13 @@ impl Crossing<'_, '_> {
             c.focal[0] * seen.x / seen.z + c.principal[0],
             c.focal[1] * seen.y / seen.z + c.principal[1],
         );
-        let spread = match plane.half {
+        let spread = match &plane.row {
             _ if !c.contains(at, MARGIN) => 0.0,
-            Some((anchor, direction)) => {
-                std::f64::consts::PI * direction.dot(&(at.vector() - anchor.vector())).max(0.0)
-            }
+            Some(row) if !row.holds(at, MARGIN) => 0.0,
+            Some(row) => match row.begins() {
+                Some(anchor) => std::f64::consts::PI * at.distance(&anchor),
+                None => plane.across,
+            },
             None => plane.share * plane.across,
         };
         Said { distance, speed, spread }

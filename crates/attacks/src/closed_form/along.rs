@@ -7,8 +7,8 @@
 //! - **either of two lines** is as far as the nearer, which changes where `d₁ = ±d₂`: at most two breaks;
 //! - a **known point** is one quadratic, `t² − 2 t vᵀ(p − o) + |p − o|²`.
 
-use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::Vector2;
+use veiloc_geometry::{Anchor, Pixel};
 
 use crate::closed_form::Extent;
 use crate::observation::Observation;
@@ -46,7 +46,7 @@ impl Quadratic {
 #[derive(Clone, Copy)]
 pub(super) enum Place {
     /// A line `(a, b, c)` of unit normal and, where it has ends, its segment.
-    Line { line: [f64; 3], ends: Option<KnownSegment>, anchor: Option<Pixel> },
+    Line { line: [f64; 3], ends: Option<KnownSegment>, anchor: Option<Anchor> },
     /// One of two lines.
     Either([[f64; 3]; 2]),
     /// A point.
@@ -61,14 +61,19 @@ impl Place {
             (_, Some(a), Some(b)) => Self::Either([a, b]),
             (observation, line, _) => {
                 let anchor = match observation {
-                    Observation::HalfLine { anchor, .. } => Some(anchor),
+                    Observation::Pencil(row) => Some(row.anchor),
                     _ => None,
                 };
-                let known = KnownSegment::of(&observation, width, height)[0];
+                // Several stretches of one line count from the first to the last.
+                let known = KnownSegment::hull(&observation, width, height);
                 let ends = match extent {
                     Extent::Line => None,
                     Extent::HalfLine if anchor.is_none() => None,
-                    Extent::HalfLine => known.map(|s| KnownSegment { near: 0.0, far: f64::INFINITY, ..s }),
+                    Extent::HalfLine => known.filter(|s| s.growth[0] == 0.0).map(|s| KnownSegment {
+                        near: 0.0,
+                        far: f64::INFINITY,
+                        ..s
+                    }),
                     Extent::Segment => known.filter(|s| !s.is_empty()),
                 };
                 Self::Line { line: line.unwrap_or([f64::NAN; 3]), ends, anchor }
@@ -76,14 +81,9 @@ impl Place {
         }
     }
 
-    /// Whether this is a half-line that begins where `segment` does: such lines meet in the anchor and nowhere else.
+    /// Whether this is a line of the pencil of `segment`: such lines meet in the anchor and nowhere else.
     pub(super) fn shares_anchor(&self, segment: &KnownSegment) -> bool {
-        match self {
-            Self::Line { anchor: Some(anchor), .. } => {
-                segment.radial && anchor.distance(&segment.origin) < 1e-6
-            }
-            _ => false,
-        }
+        matches!(self, Self::Line { anchor: Some(anchor), .. } if segment.anchor == Some(*anchor))
     }
 }
 
@@ -108,7 +108,7 @@ impl Pieces {
             Place::Either([a, b]) => Self::of_either(slope(*a, o, v), slope(*b, o, v)),
             Place::Line { line, ends, .. } => {
                 let mut along = slope(*line, o, v);
-                if place.shares_anchor(segment) {
+                if place.shares_anchor(segment) && segment.growth[0] == 0.0 {
                     along[1] = 0.0; // the same anchor: it crosses there and nowhere else
                 }
                 let middle = Quadratic::of_line(along);

@@ -148,7 +148,7 @@ fn lay_out(
     rng: &mut impl Rng,
 ) -> Result<GraphAnswer, AttackError> {
     let edges = Edges::believed(neighbours);
-    let candidates: Vec<[Option<KnownSegment>; 2]> =
+    let candidates: Vec<Vec<KnownSegment>> =
         observations.iter().map(|o| KnownSegment::of(o, width, height)).collect();
     let crossed = closed_form(observations, &edges.lists(), width, height, &ClosedFormOptions::informed())?;
     let crossed: Vec<Pixel> = crossed.iter().map(|r| r.pixel).collect();
@@ -185,17 +185,14 @@ fn lay_out(
     Ok(best.map_or(GraphAnswer { pixels: crossed, false_share: edges.doubted, cost: f64::INFINITY }, |b| b.0))
 }
 
-/// Of two candidate segments the one nearer to a position.
-fn nearest_candidate(candidates: &[Option<KnownSegment>; 2], near: Pixel) -> KnownSegment {
+/// Of the candidate segments the one nearest to a position.
+fn nearest_candidate(candidates: &[KnownSegment], near: Pixel) -> KnownSegment {
     let distance = |s: &KnownSegment| {
         let rail = Rail::of(s);
         (rail.at(rail.nearest(near.vector())) - near.vector()).norm()
     };
-    let [first, second] = candidates;
-    let first = first.unwrap_or_else(|| {
-        KnownSegment::of(&Observation::Known(near), 0, 0)[0].expect("a known position is a segment")
-    });
-    second.filter(|s| distance(s) < distance(&first)).unwrap_or(first)
+    let nearest = candidates.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    nearest.copied().unwrap_or_else(|| KnownSegment::of(&Observation::Known(near), 0, 0)[0])
 }
 
 /// The layout of least stress among several starts, then with lengths that follow the density found.

@@ -80,8 +80,17 @@ fn bits(observation: &Observation) -> [u64; 5] {
         })
     });
     let extra = match *observation {
-        Observation::HalfLine { anchor, direction } => {
-            return [1, anchor.u.to_bits(), anchor.v.to_bits(), direction.x.to_bits(), direction.y.to_bits()];
+        // Those of one line have one angle, and so all else.
+        Observation::Pencil(row) => {
+            let (origin, direction) = (row.line.origin, row.line.direction);
+            let anchor = 8 + row.anchor.index() as u64;
+            return [
+                anchor,
+                origin.u.to_bits(),
+                origin.v.to_bits(),
+                direction.x.to_bits(),
+                direction.y.to_bits(),
+            ];
         }
         Observation::Known(pixel) => return [2, pixel.u.to_bits(), pixel.v.to_bits(), 0, 0],
         Observation::Line(_) => 3,

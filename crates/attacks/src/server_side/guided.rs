@@ -116,7 +116,7 @@ fn one(
     let mut none = 0.0;
     for view in views {
         let first = candidates.len();
-        for segment in segments.iter().flatten().filter(|s| !s.is_empty()) {
+        for segment in segments.iter().filter(|s| !s.is_empty()) {
             view.near(i, segment, options.gate, similarities, &mut candidates);
         }
         // One of the candidates is right with the probability of repetition, each as likely before it is looked at.

@@ -83,7 +83,7 @@ fn nearest_to(
 ) -> Pixel {
     let (sum, count) = points.fold((Vector2::zeros(), 0.0), |(s, n), p| (s + p.vector(), n + 1.0));
     let mean = sum / count;
-    let feet = KnownSegment::of(observation, width, height).into_iter().flatten().map(|s| {
+    let feet = KnownSegment::of(observation, width, height).into_iter().map(|s| {
         let foot = s.at(s.direction.dot(&(mean - s.origin.vector())));
         ((foot.vector() - mean).norm(), foot)
     });

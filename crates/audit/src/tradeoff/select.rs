@@ -67,7 +67,7 @@ pub(super) fn select(
 fn along(pencils: &Pencils, p: Pixel, size: (u32, u32)) -> f64 {
     let anchor = pencils.anchor_of(p);
     let ray = Observation::anchored(pencils, anchor, pencils.angle_of(anchor, p));
-    let far = KnownSegment::of(&ray, size.0, size.1)[0].map_or(f64::INFINITY, |s| s.far);
+    let far = KnownSegment::hull(&ray, size.0, size.1).map_or(f64::INFINITY, |s| s.far);
     pencils.distance(anchor, p) / far
 }
 

@@ -89,7 +89,7 @@ impl Sent {
         let squares: Vec<f64> = self
             .observations
             .iter()
-            .filter_map(|o| KnownSegment::of(o, size.0, size.1)[0])
+            .filter_map(|o| KnownSegment::hull(o, size.0, size.1))
             .map(|s| s.expected().powi(2))
             .collect();
         let rounding = squares.iter().sum::<f64>() / squares.len().max(1) as f64 * step * step / 12.0;
