@@ -119,7 +119,7 @@ pub enum QueryError {
     /// Unknown scheme name.
     #[error(
         "{text:?} is no scheme; use points, random-lines, coordinate-permutation, or dcl, \
-         which may have `:horizontal`, `:angle=DEGREES` and `,s=NUMBER`"
+         which may have `:horizontal`, `:angle=DEGREES` and `:s=NUMBER`, or a layout of sectors"
     )]
     SchemeSyntax {
         /// What was given, at most 80 characters.
@@ -135,7 +135,7 @@ pub enum QueryError {
     },
     /// A layout of sectors that is none, or that the wire cannot tell.
     #[error(
-        "this is no layout of dcl; write axis=DEGREES,sectors=COUNT,anchors=X/Y+X/Y: COUNT a multiple of the number of anchors \
+        "this is no layout of dcl; write axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y: COUNT a multiple of the number of anchors \
          and at most 120, two to four anchors at most 20 image heights from the centre, or @DEGREES for one at infinity; \
          shift=SHARE of a sector, from 0 to below 1, and across=DEGREES/COUNT/SHARE may be added"
     )]

@@ -14,7 +14,7 @@ use crate::{DclLayout, HalvesLayout, QueryError, SectorLayout};
 /// | `coordinate-permutation` | a position with one of its two coordinates exchanged with another keypoint's | Pan et al., 2023 |
 /// | `dcl` | one of two anchors and the angle of the line to it | Dual Convergent Lines, CVPR 2026 |
 ///
-/// As text: the names above; `dcl` may be followed by a colon and a layout. That is `paper`; or, separated by commas,
+/// As text: the names above; `dcl` may be followed by a colon and a layout. That is `paper`; or, separated by colons or commas,
 /// `vertical`, `horizontal` or `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in half image heights); or a
 /// [`SectorLayout`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -166,7 +166,7 @@ impl FromStr for Scheme {
             }
             ("dcl", Some(layout)) => {
                 let (mut degrees, mut s) = (None, None);
-                for part in layout.split(',').map(str::trim) {
+                for part in layout.split([':', ',']).map(str::trim) {
                     let (slot, value) = match part.split_once('=') {
                         None if part == "vertical" => (&mut degrees, 90.0),
                         None if part == "horizontal" => (&mut degrees, 0.0),
@@ -228,7 +228,7 @@ mod tests {
             "dcl:s=2",
             "dcl:horizontal,s=0.5",
             "dcl:angle=12.34,s=20",
-            "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0",
+            "dcl:axis=67:sectors=20:anchors=-0.12/-0.49+1.5/0",
         ] {
             assert_eq!(text.parse::<Scheme>().expect(text).to_string(), text);
         }

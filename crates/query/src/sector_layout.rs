@@ -12,7 +12,7 @@ use crate::QueryError;
 /// Places of anchors are thousandths of the image's height from its centre, or a direction in hundredths of a degree for an
 /// anchor at infinity; sectors have their axis in hundredths of a degree and begin at a hundredth of a sector.
 ///
-/// As text: `axis=DEGREES,sectors=COUNT,anchors=X/Y+X/Y` with `X/Y` heights right and down of the centre, or `@DEGREES` for an
+/// As text: `axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y` (or with commas) with `X/Y` heights right and down of the centre, or `@DEGREES` for an
 /// anchor at infinity; `shift=SHARE` moves the sectors, `across=DEGREES/COUNT/SHARE` adds a second family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct SectorLayout {
@@ -180,14 +180,14 @@ impl fmt::Display for SectorLayout {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let degrees = |code: u16| f64::from(code) / 100.0;
         let share = |code: u8| f64::from(code) / f64::from(SECTOR);
-        write!(f, "axis={},sectors={}", degrees(self.sectors.axis), self.sectors.count)?;
+        write!(f, "axis={}:sectors={}", degrees(self.sectors.axis), self.sectors.count)?;
         if self.sectors.shift > 0 {
-            write!(f, ",shift={}", share(self.sectors.shift))?;
+            write!(f, ":shift={}", share(self.sectors.shift))?;
         }
         if let Some(across) = self.across {
-            write!(f, ",across={}/{}/{}", degrees(across.axis), across.count, share(across.shift))?;
+            write!(f, ":across={}/{}/{}", degrees(across.axis), across.count, share(across.shift))?;
         }
-        f.write_str(",anchors=")?;
+        f.write_str(":anchors=")?;
         for (k, place) in self.anchors[..self.anchors()].iter().enumerate() {
             if k > 0 {
                 f.write_str("+")?;
@@ -210,7 +210,7 @@ impl FromStr for SectorLayout {
             |text: &str| text.trim().parse::<f64>().ok().filter(|x| x.is_finite()).ok_or_else(refuse);
         let whole = |text: &str| text.trim().parse::<u16>().map_err(|_| refuse());
         let (mut axis, mut count, mut shift, mut across, mut anchors) = (None, None, None, None, None);
-        for part in text.split(',') {
+        for part in text.split([':', ',']) {
             let (name, value) = part.split_once('=').ok_or_else(refuse)?;
             let again = match name.trim() {
                 "axis" => axis.replace(number(value)?).is_some(),
@@ -254,10 +254,10 @@ mod tests {
     use super::*;
 
     const TEXTS: [&str; 4] = [
-        "axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0",
-        "axis=115,sectors=22,shift=0.5,anchors=@90+@0",
-        "axis=12.34,sectors=21,anchors=0/0+0.5/0.25+@45",
-        "axis=90,sectors=16,shift=0.5,across=0/12/0.25,anchors=@90+@0+0/-20+20/0.001",
+        "axis=67:sectors=20:anchors=-0.12/-0.49+1.5/0",
+        "axis=115:sectors=22:shift=0.5:anchors=@90+@0",
+        "axis=12.34:sectors=21:anchors=0/0+0.5/0.25+@45",
+        "axis=90:sectors=16:shift=0.5:across=0/12/0.25:anchors=@90+@0+0/-20+20/0.001",
     ];
 
     #[test]
@@ -268,6 +268,7 @@ mod tests {
             let bytes = layout.pack();
             assert_eq!(bytes.len(), SectorLayout::BYTES);
             assert_eq!(SectorLayout::unpack(&bytes).expect(text), layout);
+            assert_eq!(text.replace(':', ",").parse(), Ok(layout));
             assert_eq!(SectorLayout::new(&layout.layout()).expect(text), layout);
         }
     }
