@@ -5,7 +5,7 @@ use rand::seq::SliceRandom;
 use veiloc_features::Features;
 use veiloc_geometry::{Intrinsics, Pencils, Pixel};
 use veiloc_query::{
-    CanonicalCamera, LayoutTurn, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass,
+    CanonicalCamera, LayoutTurn, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass, Window,
 };
 
 use crate::decoy;
@@ -20,7 +20,7 @@ const ANCHOR_CLEARANCE: f64 = 1.0;
 /// The scheme is that of `options`, whatever a profile says.
 ///
 /// 1. Each keypoint is undistorted and re-projected into the canonical camera (L6). Those without a ray, outside
-///    that camera's image, or within one pixel of an anchor are dropped.
+///    its window (L11), or within one pixel of an anchor are dropped.
 /// 2. The strongest are kept, as many as the largest size class not above the count, the profile's limit and the
 ///    device's; below the smallest class the rest is filled with decoys made of the rows that are sent (L5).
 /// 3. Position, dithered by up to half a pixel (L2); anchor, line, code (L1, L9). Features with one position share
@@ -87,6 +87,7 @@ pub(crate) fn seal_frame<T>(
     check(&features, profile)?;
     let (scheme, angle_bits) = (options.scheme(), options.angle_bits());
     let canonical = CanonicalCamera::for_intrinsics(camera)?;
+    let window = canonical.window(camera);
     let (size, pinhole) = ([canonical.width(), canonical.height()], canonical.pinhole());
     let turn = LayoutTurn::default();
     let pencils = match scheme {
@@ -97,7 +98,8 @@ pub(crate) fn seal_frame<T>(
     let mut usable = strongest_first(&features)
         .into_iter()
         .filter_map(|source| {
-            let pixel = reproject(features.keypoints[source].pixel, camera, canonical, pencils.as_ref())?;
+            let pixel =
+                reproject(features.keypoints[source].pixel, camera, canonical, &window, pencils.as_ref())?;
             Some(Kept { source, pixel })
         })
         .take(options.most(profile))
@@ -111,7 +113,7 @@ pub(crate) fn seal_frame<T>(
     let mut places = Places::new(usable.iter().map(|kept| kept.pixel));
     let real_places = places.pixels.len();
     let decoys = rows - usable.len();
-    let clear = |pixel| in_image(pixel, canonical, pencils.as_ref());
+    let clear = |pixel| in_window(pixel, &window, pencils.as_ref());
     decoy::add_places(&mut places, usable.len(), decoys, size, clear, rng);
     let mut descriptors = features.descriptors.select(usable.iter().map(|kept| kept.source));
     decoy::add_descriptors(&mut descriptors, decoys, rng)?;
@@ -177,14 +179,15 @@ fn reproject(
     pixel: Pixel,
     camera: &Intrinsics,
     canonical: CanonicalCamera,
+    window: &Window,
     pencils: Option<&Pencils>,
 ) -> Option<Pixel> {
     let pixel = canonical.pinhole().project(camera.unproject(pixel)?);
-    in_image(pixel, canonical, pencils).then_some(pixel)
+    in_window(pixel, window, pencils).then_some(pixel)
 }
 
-fn in_image(pixel: Pixel, canonical: CanonicalCamera, pencils: Option<&Pencils>) -> bool {
-    canonical.pinhole().contains(pixel, 0.0)
+fn in_window(pixel: Pixel, window: &Window, pencils: Option<&Pencils>) -> bool {
+    window.contains(pixel)
         && pencils.is_none_or(|pencils| {
             pencils.anchors().all(|anchor| pencils.distance(anchor, pixel) > ANCHOR_CLEARANCE)
         })

@@ -10,6 +10,10 @@ use crate::QueryError;
 /// Intrinsics are a fingerprint: calibrated to a hundredth of a pixel they tell devices of one model apart. So the
 /// device undoes its distortion, turns each keypoint into a ray and projects the ray into this camera. The ray is
 /// the same, nothing is lost by the rounding of the focal length; only the unit "pixel" changes, by at most 9 %.
+///
+/// Where the device's own image ends would be a fingerprint too: keypoints lie up to there, and so do the extreme angles of
+/// lines. So each side is rounded inwards, to a multiple of 16 pixels, and what lies beyond is dropped ([`Window`], rule
+/// L11).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct CanonicalCamera {
     /// `k`, quarter octaves.
@@ -28,8 +32,7 @@ impl CanonicalCamera {
     /// Steps of the ladder that are allowed: focal lengths of 16 to 32768 pixels.
     pub const FOCAL_STEPS: std::ops::RangeInclusive<u8> = 16..=60;
 
-    /// The camera for images of a device: the nearest focal length, and the smallest image that covers all that
-    /// the device's image shows once its distortion is undone.
+    /// The camera for images of a device: the nearest focal length, and the image that holds its [`Self::window`].
     ///
     /// # Errors
     /// [`QueryError::Focal`] and [`QueryError::ImageSize`] for cameras this list does not reach, which in practice
@@ -42,9 +45,8 @@ impl CanonicalCamera {
             return Err(QueryError::Focal { focal });
         }
         let focal_step = step as u8;
-        let [half_width, half_height] = half_extent(device);
-        let blocks = |half: f64| (2.0 * half * focal_of(focal_step) / f64::from(Self::BLOCK)).ceil();
-        let (width, height) = (blocks(half_width), blocks(half_height));
+        let [left, right, top, bottom] = sides(device, focal_of(focal_step));
+        let (width, height) = (left.max(right), top.max(bottom));
         let allowed = 1.0..=f64::from(Self::MAX_BLOCKS);
         if !(allowed.contains(&width) && allowed.contains(&height)) {
             return Err(QueryError::ImageSize {
@@ -53,6 +55,13 @@ impl CanonicalCamera {
             });
         }
         Ok(Self { focal_step, width_blocks: width as u16, height_blocks: height as u16 })
+    }
+
+    /// Where in this camera's image keypoints of a device may be, for the device it was made for.
+    pub fn window(self, device: &Intrinsics) -> Window {
+        let [left, right, top, bottom] = sides(device, self.focal()).map(|side| side * SIDE);
+        let (u, v) = (f64::from(self.width()) / 2.0, f64::from(self.height()) / 2.0);
+        Window { u: [u - left, u + right], v: [v - top, v + bottom] }
     }
 
     /// From the numbers on the wire: step of the focal length, width and height in units of 32 pixels.
@@ -115,15 +124,44 @@ fn focal_of(step: u8) -> f64 {
     f64::from(1_u32 << (step / 4).min(31)) * QUARTERS[usize::from(step % 4)]
 }
 
-/// Largest `|x|` and `|y|` on the plane `z = 1` of what the image shows, sampled over border and inside (inside,
-/// because a border beyond the fold of a distortion has no ray).
-fn half_extent(device: &Intrinsics) -> [f64; 2] {
+/// A rectangle in the image of a canonical camera, whose sides are multiples of 16 pixels from its centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Window {
+    u: [f64; 2],
+    v: [f64; 2],
+}
+
+impl Window {
+    /// Whether a pixel lies in it, border included.
+    pub fn contains(&self, pixel: Pixel) -> bool {
+        (self.u[0]..=self.u[1]).contains(&pixel.u) && (self.v[0]..=self.v[1]).contains(&pixel.v)
+    }
+}
+
+/// Steps of a side of a window, pixels.
+const SIDE: f64 = CanonicalCamera::BLOCK as f64 / 2.0;
+
+/// How far a rectangle reaches from the optical axis that the device shows all of, in whole steps at this focal length: left,
+/// right, up and down. Sampled over the image, because a border beyond the fold of a distortion has no ray.
+fn sides(device: &Intrinsics, focal: f64) -> [f64; 4] {
     const SAMPLES: u32 = 32;
     let at = |i: u32, size: u32| f64::from(size) * f64::from(i) / f64::from(SAMPLES);
-    (0..=SAMPLES)
-        .flat_map(|i| (0..=SAMPLES).map(move |j| (i, j)))
-        .filter_map(|(i, j)| device.unproject(Pixel::new(at(i, device.width), at(j, device.height))))
-        .fold([0.0; 2], |[x, y], p: PlanePoint| [f64::max(x, p.x.abs()), f64::max(y, p.y.abs())])
+    let ray = |i: u32, j: u32| device.unproject(Pixel::new(at(i, device.width), at(j, device.height)));
+    // How far one line of samples reaches; of the lines whose ends are seen, that which reaches least.
+    let reach = |seen: &dyn Fn(u32, u32) -> Option<PlanePoint>, of: &dyn Fn(PlanePoint) -> f64| {
+        let line = |j: u32| {
+            let is_whole = seen(0, j).is_some() && seen(SAMPLES, j).is_some();
+            let most = (0..=SAMPLES).filter_map(|i| seen(i, j)).map(of).reduce(f64::max)?;
+            Some((is_whole, most))
+        };
+        let lines: Vec<(bool, f64)> = (0..=SAMPLES).filter_map(line).collect();
+        let any_whole = lines.iter().any(|line| line.0);
+        lines.iter().filter(|line| line.0 || !any_whole).map(|line| line.1).fold(f64::INFINITY, f64::min)
+    };
+    let (row, column) = (|i: u32, j: u32| ray(i, j), |i: u32, j: u32| ray(j, i));
+    let all =
+        [reach(&row, &|p| -p.x), reach(&row, &|p| p.x), reach(&column, &|p| -p.y), reach(&column, &|p| p.y)];
+    all.map(|side| if side.is_finite() { (side * focal / SIDE).floor() } else { 0.0 })
 }
 
 #[cfg(test)]
@@ -131,11 +169,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn covers_the_image_and_keeps_the_scale() {
+    fn holds_what_the_image_shows_and_keeps_the_scale() {
         for (text, focal, width, height) in [
-            ("SIMPLE_PINHOLE,640,480,525.5,320,240", 512.0, 640, 480),
-            ("PINHOLE,1536,1024,1379.74,1382.08,760.6,503.7", 1_448.154_687_870_049, 1632, 1120),
-            ("OPENCV,1000,800,900,905,510,390,-0.15,0.05,0.001,-0.0007", 861.077_929_219_003_7, 1056, 864),
+            ("SIMPLE_PINHOLE,640,480,525.5,320,240", 512.0, 608, 448),
+            ("PINHOLE,1536,1024,1379.74,1382.08,760.6,503.7", 1_448.154_687_870_049, 1600, 1088),
+            ("OPENCV,1000,800,900,905,510,390,-0.15,0.05,0.001,-0.0007", 861.077_929_219_003_7, 992, 800),
         ] {
             let device: Intrinsics = text.parse().expect("valid");
             let camera = CanonicalCamera::for_intrinsics(&device).expect("ordinary");
@@ -143,14 +181,20 @@ mod tests {
             assert_eq!((camera.width(), camera.height()), (width, height), "{text}");
             let (a, b, c) = camera.codes();
             assert_eq!(CanonicalCamera::from_codes(a, b, c).expect("own codes"), camera);
-            let pinhole = camera.pinhole();
+            // The window lies in both images, and no more than a step and what distortion bends is lost.
+            let (pinhole, window) = (camera.pinhole(), camera.window(&device));
             for i in 0..=50 {
                 let t = f64::from(i) / 50.0;
+                let between = |[a, b]: [f64; 2], t: f64| a + t * (b - a);
                 for (u, v) in [(t, 0.0), (t, 1.0), (0.0, t), (1.0, t)] {
-                    let pixel = Pixel::new(u * f64::from(device.width), v * f64::from(device.height));
-                    let ray = device.unproject(pixel).expect("unfolded");
-                    assert!(pinhole.contains(pinhole.project(ray), 0.0), "{text} {pixel:?}");
+                    let corner = Pixel::new(between(window.u, u), between(window.v, v));
+                    assert!(pinhole.contains(corner, 0.0) && window.contains(corner), "{text} {corner:?}");
+                    let shown = device.project(pinhole.unproject(corner));
+                    assert!(device.pinhole().contains(shown, 1e-6), "{text} {corner:?} {shown:?}");
                 }
+                let edge = device.unproject(Pixel::new(0.0, t * f64::from(device.height))).expect("unfolded");
+                let outside = pinhole.project(edge).u;
+                assert!((-80.0..window.u[0] + 1e-9).contains(&outside), "{text} {outside}");
             }
         }
     }
@@ -160,6 +204,24 @@ mod tests {
         for step in CanonicalCamera::FOCAL_STEPS {
             let expected = 2_f64.powf(f64::from(step) / 4.0);
             assert!((focal_of(step) / expected - 1.0).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn lenses_of_one_model_have_one_window() {
+        let window = |text: &str| {
+            let device: Intrinsics = text.parse().expect("valid");
+            let camera = CanonicalCamera::for_intrinsics(&device).expect("ordinary");
+            (camera.codes(), camera.window(&device))
+        };
+        let one = window("SIMPLE_PINHOLE,640,480,525.5,320,240");
+        for other in [
+            "SIMPLE_PINHOLE,640,480,525.5,320,243",
+            "SIMPLE_PINHOLE,640,480,525.5,318,240",
+            "SIMPLE_PINHOLE,640,480,520.2,320,240",
+            "SIMPLE_RADIAL,640,480,525.5,320,240,-0.01",
+        ] {
+            assert_eq!(window(other), one, "{other}");
         }
     }
 

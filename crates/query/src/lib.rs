@@ -87,7 +87,7 @@ pub use answer::{
 };
 pub use answer_document::{AnswerDocument, ConfidenceDocument, DoubtDocument, PoseDocument, StageDocument};
 pub use balance::{LEAST_A_SIDE, Lopsided};
-pub use camera::CanonicalCamera;
+pub use camera::{CanonicalCamera, Window};
 pub use dual_anchors::DualAnchors;
 pub use error::QueryError;
 pub use gravity::CoarseGravity;

@@ -125,6 +125,7 @@ fn across(pixels: &[Pixel], pencils: &Pencils, noise: f64, rng: &mut impl Rng) -
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use veiloc_query::{AnchoredLine, DualAnchors};
 
     /// 400 keypoints with descriptors drawn at random; two of them at one position.
     pub(in crate::tradeoff) fn image() -> KeypointImage {
@@ -163,12 +164,16 @@ pub(super) mod tests {
     #[test]
     fn codes_are_as_coarse_as_asked_for() {
         for bits in [6, 9, 12] {
-            let Observations::Anchored { lines, .. } = sent(&format!("bits={bits}")).observed else {
+            let Observations::Anchored { pencils, lines } = sent(&format!("bits={bits}")).observed else {
                 unreachable!("dcl sends half-lines")
             };
             let step = std::f64::consts::PI / f64::from(1_u32 << bits);
-            let code = |angle: f64| angle / step - 0.5;
-            assert!(lines.iter().all(|l| (code(l.angle) - code(l.angle).round()).abs() < 1e-6), "{bits}");
+            let anchors = DualAnchors::vertical(640, 480);
+            let code = |l: &AnchoredLine| {
+                let line = pencils.along(l.anchor, l.angle).expect("in sight");
+                anchors.angle_of(l.anchor, line.at(100.0)) / step - 0.5
+            };
+            assert!(lines.iter().all(|l| (code(l) - code(l).round()).abs() < 1e-6), "{bits}");
         }
     }
 
