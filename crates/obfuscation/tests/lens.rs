@@ -1,7 +1,6 @@
 //! L11, the image's end: keypoints lie up to the border of the device's own image, and the extreme angles tell where that is,
 //! and with it which lens took the image. Told by the angles that are sent, of two lenses of one model.
 
-
 mod common;
 
 use common::*;

@@ -49,11 +49,16 @@ fn a_map_with_another_global_descriptor_retrieves_and_localizes() {
     let image = veiloc::device::Image::from(load_gray(path).expect("rendered"));
     let camera = CanonicalCamera::for_intrinsics(&place.camera).expect("ordinary");
     let size = SizeClass::for_count(512).rows();
-    let features = Sift::default().extract(&image, size).expect("extracted");
-    assert_eq!(features.keypoints.len(), size, "a textured room");
-    let pinhole = camera.pinhole();
-    let rows = features.keypoints.iter().map(|k| {
-        let p = pinhole.project(place.camera.unproject(k.pixel).expect("a ray"));
+    let features = Sift::default().extract(&image, 2 * size).expect("extracted");
+    // As sealing does: what lies beyond the window is dropped.
+    let (pinhole, window) = (camera.pinhole(), camera.window(&place.camera));
+    let seen =
+        |i: usize| pinhole.project(place.camera.unproject(features.keypoints[i].pixel).expect("a ray"));
+    let kept: Vec<usize> =
+        (0..features.keypoints.len()).filter(|i| window.contains(seen(*i))).take(size).collect();
+    assert_eq!(kept.len(), size, "a textured room");
+    let rows = kept.iter().map(|i| {
+        let p = seen(*i);
         PositionRow::new(p.u - pinhole.principal[0], p.v - pinhole.principal[1]).expect("in the image")
     });
     let parts = |image_global| QueryParts {
@@ -61,7 +66,7 @@ fn a_map_with_another_global_descriptor_retrieves_and_localizes() {
         scheme: Scheme::Points,
         angle_bits: AngleBits::default(),
         rows: Rows::Points(rows.clone().collect()),
-        descriptors: features.descriptors.clone(),
+        descriptors: features.descriptors.select(kept.iter().copied()),
         image_global,
         hints: Hints::default(),
         turn: LayoutTurn::default(),
