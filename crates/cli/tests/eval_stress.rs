@@ -54,15 +54,14 @@ fn every_stress_has_its_rows_and_none_comes_first() {
         assert_eq!((&none["recall"]["0.25/2"], &none["trusted_wrong"]), (&1.0.into(), &0.into()), "{none}");
         assert_eq!(none["floor"]["recall"]["0.25/2"], 1.0, "{none}");
     }
-    // Stress takes matches away; the dark leaves what there is on so plain a place, give or take one in fifty.
+    // Each stress takes matches away.
     let matches = |stress: &str| -> u64 {
         let own =
             list(&result, "queries").iter().filter(|q| q["stress"] == stress && q["scheme"] == "points");
         own.filter_map(|q| q["matches"].as_u64()).sum()
     };
     for stress in &expected[1..] {
-        let most = if *stress == "dark" { matches("none") * 51 / 50 } else { matches("none") };
-        assert!(matches(stress) < most, "{stress}: {} of {}", matches(stress), matches("none"));
+        assert!(matches(stress) < matches("none"), "{stress}: {} of {}", matches(stress), matches("none"));
     }
     assert!(matches("few-keypoints") <= 256 * QUERIES as u64);
 }

@@ -70,6 +70,9 @@ pub fn extract_loaded(
     Ok((image.features, camera.resized(image.size.0, image.size.1)))
 }
 
+/// One keypoint in so many is extracted beyond what is sent: the window leaves out at most a ninth of an image of 640 x 480.
+const SPARE: u32 = 6;
+
 /// What the profile asks for, within what the device allows.
 fn asked<'a>(
     extractors: &'a Extractors,
@@ -78,6 +81,10 @@ fn asked<'a>(
 ) -> Result<(&'a dyn Extractor, Limits), ExtractError> {
     let bounded = options.bounded(profile)?;
     let extractor = extractors.of_kind(profile.descriptor_kind())?;
-    let limits = Limits { max_keypoints: bounded.max_keypoints as usize, max_side: bounded.max_image_side };
+    // Some lie beyond the window and are dropped when they are sealed (rule L11): without spare ones an image would fall a
+    // size class.
+    let spare = bounded.max_keypoints / SPARE;
+    let limits =
+        Limits { max_keypoints: (bounded.max_keypoints + spare) as usize, max_side: bounded.max_image_side };
     Ok((extractor, limits))
 }

@@ -72,7 +72,7 @@ fn seal_some(
     seal_with_truth(features, &camera, profile, &options("dcl"), rng).expect("both sides have some")
 }
 
-/// Images of 100 keypoints drawn from real ones, sealed: 100 real rows and 156 decoys each.
+/// Images of 100 keypoints drawn from real ones, sealed: those within the window, and decoys up to 256 rows.
 fn sealed_rows(folder: &Path) -> Vec<Row> {
     let mut rng = rng(1);
     let mut rows = Vec::new();
@@ -246,9 +246,11 @@ fn decoys_cost_in_retrieval_what_the_document_says(data: &Path) {
             };
             for (right, (image, chosen)) in images.iter().zip(&chosen).enumerate() {
                 let n = (DRAWS * images.len()) as f64;
-                let (query, _) = seal_some(image, chosen, &profile, &mut rng);
+                let (query, truth) = seal_some(image, chosen, &profile, &mut rng);
                 with_decoys += found(query.global(), right) / n;
-                let real = image.features.descriptors.select(chosen.iter().copied());
+                // Those that are sent: at the image's border some are dropped.
+                let sent = truth.source.iter().flatten().map(|source| chosen[*source]);
+                let real = image.features.descriptors.select(sent);
                 plain += found(&vocabulary.aggregate(real.view()), right) / n;
             }
         }

@@ -16,7 +16,7 @@ fn every_wrong_request_is_told_what_is_wrong() {
     let query = files.place.sealed(&truth());
     let other = Place::new(2).sealed(&truth());
     let mut next_version = query.clone();
-    next_version[1] = 4;
+    next_version[1] = 5;
     let mut cut = query.clone();
     cut.truncate(query.len() / 2);
     let longer = [&query[..], &[0x7D, 1, 2, 3, 4]].concat();
