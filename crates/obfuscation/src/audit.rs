@@ -95,10 +95,7 @@ pub fn obfuscate_points(
         other => other,
     })?;
     let rows = select(&rows, places.of.iter().copied());
-    let form = match scheme {
-        Scheme::Dcl(layout) => AngleForm::needed(*layout, turn),
-        Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => AngleForm::HalfCircle,
-    };
+    let form = AngleForm::of_scheme(*scheme, turn);
     Ok(rows
         .observations(*scheme, form, angle_bits, &camera, turn)
         .expect("the rows were lifted under this scheme"))

@@ -83,6 +83,17 @@ impl AngleForm {
         }
     }
 
+    /// The same of a scheme; those without anchors need no more than the half circle, unless something is turned.
+    pub fn of_scheme(scheme: Scheme, turn: LayoutTurn) -> Self {
+        match scheme {
+            Scheme::Dcl(layout) => Self::needed(layout, turn),
+            Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation if turn.is_none() => {
+                Self::HalfCircle
+            }
+            Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => Self::Circle,
+        }
+    }
+
     /// Of queries of this version.
     pub const fn of(version: WireVersion) -> Self {
         match version {

@@ -114,10 +114,7 @@ impl SealedQuery {
         scheme: Scheme,
         turn: LayoutTurn,
     ) -> Result<WireVersion, QueryError> {
-        let is_plain = match scheme {
-            Scheme::Dcl(layout) => AngleForm::needed(layout, turn) == AngleForm::HalfCircle,
-            Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => turn.is_none(),
-        };
+        let is_plain = AngleForm::of_scheme(scheme, turn) == AngleForm::HalfCircle;
         match (profile.version(), is_plain) {
             (WireVersion::V1, true) => Ok(WireVersion::V1),
             (WireVersion::V1, false) => {
