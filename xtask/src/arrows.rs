@@ -26,6 +26,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("sightings", &["attacks", "geometry"]),
     ("synth", &["geometry"]),
     ("datasets", &["geometry", "descriptor", "features", "query", "robust"]),
+    ("results", &["geometry", "query", "robust"]),
     (
         "eval",
         &[
@@ -37,6 +38,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "mapping",
             "obfuscation",
             "query",
+            "results",
             "robust",
             "selftest",
             "synth",
@@ -53,6 +55,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "geometry",
             "obfuscation",
             "query",
+            "results",
             "robust",
             "sightings",
             "synth",
@@ -74,7 +77,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "selftest",
         ],
     ),
-    ("report", &["attacks", "audit", "eval", "geometry", "query"]),
+    ("report", &["attacks", "audit", "eval", "geometry", "query", "results"]),
     (
         "demo",
         &[
@@ -89,6 +92,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "obfuscation",
             "query",
             "report",
+            "results",
             "synth",
         ],
     ),
@@ -109,6 +113,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "obfuscation",
             "query",
             "report",
+            "results",
             "robust",
             "selftest",
             "server",

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::attacks::Attack;
 use super::neighbours::Neighbours;
 use super::sightings::FrameChoice;
-use veiloc_eval::text_table::{TextTable, percent};
+use veiloc_results::text_table::{TextTable, percent};
 
 /// The document that `veiloc attack --json` prints.
 #[derive(Debug, Clone, Default, Serialize)]

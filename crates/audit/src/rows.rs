@@ -8,7 +8,7 @@ use super::document::AttackSummary;
 use super::neighbours::NeighbourSource;
 use super::options::AttackEvaluation;
 use crate::error::AuditError;
-use veiloc_eval::metrics::median;
+use veiloc_results::metrics::median;
 
 /// One row being filled.
 pub(super) struct Row {

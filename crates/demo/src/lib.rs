@@ -21,10 +21,10 @@ use veiloc_map::colmap::read_posed;
 use veiloc_mapping::BuildOptions;
 
 use veiloc_audit::AttackDocument;
-use veiloc_eval::metrics::Threshold;
-use veiloc_eval::results::Evaluation;
 use veiloc_eval::{SceneEvaluation, evaluate_scene};
 use veiloc_features::Progress;
+use veiloc_results::Evaluation;
+use veiloc_results::metrics::Threshold;
 
 pub use error::DemoError;
 pub use options::DemoOptions;

@@ -4,8 +4,8 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_map::{MapFile, PointId};
 
 use veiloc_audit::Attack;
-use veiloc_eval::results::{Evaluation, SchemeSummary};
 use veiloc_report::{Card, Report, TopView, TopViewScheme};
+use veiloc_results::{Evaluation, SchemeSummary};
 
 use crate::attack::Attacked;
 use crate::options::DemoOptions;

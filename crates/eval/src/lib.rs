@@ -7,28 +7,22 @@
 //! - [`evaluate_rig`]: the same for sessions of several images with simulated odometry.
 //! - [`evaluate_poses`]: the pose engine alone, on problems made by [`make_problems`] or by others.
 //! - [`crb`]: errors over the Cramér–Rao bound, on synthetic scenes.
-//! - [`metrics`], [`results`], [`text_table`]: what is counted, the JSON documents, the tables for people.
+//!
+//! What is counted, the JSON documents and the tables for people are in `veiloc-results`.
 #![forbid(unsafe_code)]
 
-mod chi_squared;
-mod coverage;
 pub mod crb;
 mod error;
-mod hypotheses;
 mod make_problems;
-pub mod metrics;
 pub mod negatives;
 mod poses;
-pub mod results;
 mod rig;
 mod road;
 mod scene;
 mod scores;
 pub mod stress;
-pub mod text_table;
 
 pub use error::EvalError;
-pub use hypotheses::{Hypotheses, HypothesesError};
 pub use make_problems::{MadeProblem, ProblemSource, make_problems};
 pub use poses::{
     GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses, pose_problem,

@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use veiloc_eval::results::{Evaluation, SchemeSummary};
-use veiloc_eval::{
-    Hypotheses, Negatives, PoseEvaluation, Recipe, SceneEvaluation, evaluate_poses, evaluate_scene,
-};
+use veiloc_eval::{Negatives, PoseEvaluation, Recipe, SceneEvaluation, evaluate_poses, evaluate_scene};
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::colmap::read_posed;
 use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
+use veiloc_results::Hypotheses;
+use veiloc_results::{Evaluation, SchemeSummary};
 use veiloc_robust::ScoreKind;
 use veiloc_testdata::real_data_test;
 

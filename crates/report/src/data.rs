@@ -5,7 +5,7 @@ use veiloc_geometry::{CameraFromWorld, Pixel};
 use veiloc_query::Observations;
 
 use veiloc_audit::AttackSummary;
-use veiloc_eval::results::SchemeSummary;
+use veiloc_results::SchemeSummary;
 
 /// Everything on the page, in its order. Any list may be empty; its section is then left out.
 #[derive(Debug, Clone, Default)]

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use super::format::{degrees, escape, length, milliseconds, percent, pixels, scheme_words};
 use veiloc_audit::{Attack, AttackSummary, capital};
-use veiloc_eval::results::{STAGES, SchemeSummary};
+use veiloc_results::{STAGES, SchemeSummary};
 
 pub(super) fn localization(rows: &[SchemeSummary]) -> String {
     if rows.is_empty() {

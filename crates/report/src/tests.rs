@@ -15,7 +15,7 @@ use veiloc_synth::{PathOptions, Place, RenderOptions};
 
 use super::*;
 use veiloc_audit::{Attack, AttackSummary};
-use veiloc_eval::results::SchemeSummary;
+use veiloc_results::SchemeSummary;
 
 const SIZE: (u32, u32) = (640, 480);
 

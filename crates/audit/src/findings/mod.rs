@@ -22,7 +22,7 @@ use crate::error::AuditError;
 use crate::{
     AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, NeighbourSource, Stage, attack_groups,
 };
-use veiloc_eval::metrics::median;
+use veiloc_results::metrics::median;
 
 pub use conclusion::{conclusion, findings};
 pub use data::{Audit, AuditDocument, AuditOptions, AuditPart, Part};

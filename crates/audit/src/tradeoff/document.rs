@@ -8,8 +8,9 @@ use veiloc_attacks::ErrorSummary;
 use super::data::Query;
 use super::privacy::Judgement;
 use super::variant::Variant;
-use veiloc_eval::metrics::median;
-use veiloc_eval::results::{QueryResult, SchemeSummary, finite};
+use veiloc_results::metrics::finite;
+use veiloc_results::metrics::median;
+use veiloc_results::{QueryResult, SchemeSummary};
 
 /// The document that `veiloc eval tradeoff --json` prints.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -9,7 +9,7 @@ use super::sent::Sent;
 use veiloc_datasets::Problem;
 use veiloc_datasets::seed_for;
 use veiloc_eval::pose_problem;
-use veiloc_eval::results::QueryResult;
+use veiloc_results::QueryResult;
 
 /// Estimates the pose from the matches whose keypoints were sent.
 pub(super) fn localize(

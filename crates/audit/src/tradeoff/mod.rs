@@ -29,8 +29,8 @@ use privacy::{Attackers, Judgement};
 use sent::Sent;
 use veiloc_datasets::json_lines;
 use veiloc_datasets::{KeypointImage, read_keypoints};
-use veiloc_eval::metrics::Threshold;
-use veiloc_eval::results::{QueryResult, summarize};
+use veiloc_results::metrics::Threshold;
+use veiloc_results::{QueryResult, summarize};
 
 pub use document::{AttackFigures, LocalizationFigures, TradeoffDocument, VariantFigures};
 

@@ -1,7 +1,7 @@
 //! The figures as two tables for people: what attackers get, and what localization keeps.
 
 use super::document::{AttackFigures, TradeoffDocument, VariantFigures};
-use veiloc_eval::text_table::{TextTable, percent};
+use veiloc_results::text_table::{TextTable, percent};
 
 /// Privacy, then localization, a row a variant; the number is that of the plot.
 pub fn tradeoff_table(document: &TradeoffDocument) -> String {

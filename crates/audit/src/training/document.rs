@@ -3,7 +3,7 @@
 use serde::Serialize;
 use veiloc_attacks::network::{CurvePoint, TrainingOptions};
 
-use veiloc_eval::text_table::{TextTable, percent};
+use veiloc_results::text_table::{TextTable, percent};
 
 /// The document that `veiloc train neighbours --json` writes.
 #[derive(Debug, Clone, Serialize)]

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use veiloc_audit::attacks_table;
 use veiloc_demo::{DemoOptions, run_demo};
-use veiloc_eval::results::table;
+use veiloc_results::table;
 
 use crate::exit::{Exit, Outcome};
 use crate::stages::Stages;

@@ -1,7 +1,7 @@
 //! Options of localization that `localize` and `eval` share, each with its meaning and why the default.
 
-use veiloc_eval::Hypotheses;
 use veiloc_localize::LocalizeOptions;
+use veiloc_results::Hypotheses;
 use veiloc_robust::{AnchoredSolver, PoseOptions, ScoreKind};
 
 /// How one pose is estimated.

@@ -6,11 +6,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use veiloc_eval::results::PoseDocument;
 use veiloc_geometry::Point3;
 use veiloc_localize::{GravityUse, Localization, LocalizeError, LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_query::{PositionHint, SealedQuery};
+use veiloc_results::PoseDocument;
 use veiloc_robust::{Confidence, PositionPrior, State};
 
 use crate::commands::localization_args::{MatchArgs, PoseArgs};

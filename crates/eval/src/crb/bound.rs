@@ -5,7 +5,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 use veiloc_synth::problems::normal;
 
-use crate::metrics::PoseError;
+use veiloc_results::metrics::PoseError;
 
 /// Errors of `draws` poses from the normal distribution around the truth with this Fisher information, in the chart of
 /// [`CameraFromWorld::perturbed`]; `None` when the information leaves a direction free.
@@ -29,10 +29,10 @@ pub(crate) fn predicted_errors<R: Rng>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chi_squared::cumulative;
-    use crate::metrics::median;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
+    use veiloc_results::chi_squared::cumulative;
+    use veiloc_results::metrics::median;
     use veiloc_synth::problems::random_pose;
 
     /// Draws cover as often as they should, and the median error of one coordinate is the normal's: 0.6745 σ.

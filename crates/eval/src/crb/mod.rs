@@ -22,11 +22,11 @@ use veiloc_features::Progress;
 use veiloc_query::{AngleBits, Scheme};
 use veiloc_robust::PoseOptions;
 
-use crate::coverage::{NormalizedError, shares};
 use crate::error::EvalError;
-use crate::metrics::{PoseError, mean, median};
-use crate::results::finite;
 use trial::Trial;
+use veiloc_results::coverage::{NormalizedError, shares};
+use veiloc_results::metrics::finite;
+use veiloc_results::metrics::{PoseError, mean, median};
 
 pub use scene::{SceneError, SyntheticScene};
 pub use table::table;

@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 
 use super::{BoundCell, BoundEvaluation};
-use crate::coverage::REGIONS;
-use crate::metrics::mean;
-use crate::results::finite;
-use crate::text_table::TextTable;
+use veiloc_results::coverage::REGIONS;
+use veiloc_results::metrics::finite;
+use veiloc_results::metrics::mean;
+use veiloc_results::text_table::TextTable;
 
 /// Both tables, with a line that says how to read each.
 pub fn table(document: &BoundEvaluation) -> String {
@@ -111,8 +111,8 @@ fn number(value: Option<f64>, digits: usize) -> String {
 mod tests {
     use super::*;
     use crate::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound};
-    use crate::text_table::WIDTH;
     use veiloc_query::Scheme;
+    use veiloc_results::text_table::WIDTH;
 
     #[test]
     fn table_holds_every_cell() {

@@ -8,11 +8,11 @@ use veiloc_robust::{PoseEstimate, PoseProblem, estimate_pose, fisher_information
 use veiloc_synth::problems::PointProblem;
 
 use super::{Condition, SyntheticEvaluation, bound, noise};
-use crate::coverage::NormalizedError;
-use crate::metrics::PoseError;
 use crate::poses::{pose_problem, runs_through};
 use veiloc_datasets::Problem;
 use veiloc_datasets::seed_for;
+use veiloc_results::coverage::NormalizedError;
+use veiloc_results::metrics::PoseError;
 
 /// Draws from the bound a problem: many problems make the median smooth, not many draws of one.
 const DRAWS: usize = 16;

@@ -8,8 +8,9 @@ use veiloc_query::Scheme;
 use veiloc_robust::State;
 
 use super::camera::CameraSource;
-use crate::results::{as_text, finite};
 use crate::road::Answer;
+use veiloc_results::metrics::finite;
+use veiloc_results::state::as_text;
 
 /// What came of images of elsewhere.
 #[derive(Debug, Default, Serialize)]

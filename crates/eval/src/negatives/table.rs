@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use veiloc_robust::State;
 
 use super::document::{NegativeRow, Negatives};
-use crate::text_table::TextTable;
+use veiloc_results::text_table::TextTable;
 
 /// Trusted negatives that are named; all are in the document.
 const NAMED: usize = 20;
@@ -57,8 +57,8 @@ pub fn table(negatives: &Negatives) -> String {
 mod tests {
     use super::super::document::tests::negative;
     use super::*;
-    use crate::text_table::WIDTH;
     use veiloc_query::Scheme;
+    use veiloc_results::text_table::WIDTH;
 
     fn negatives(queries: Vec<super::super::Negative>) -> Negatives {
         let row = NegativeRow::of(Scheme::default(), &queries.iter().collect::<Vec<_>>());

@@ -22,13 +22,13 @@ use veiloc_query::{AngleBits, Observations, Scheme};
 use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
 
 use crate::error::EvalError;
-use crate::hypotheses::Hypotheses;
-use crate::metrics::Threshold;
-use crate::results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
 use crate::scores::{DEFAULT_SCORE, scores_or_default};
 use veiloc_datasets::json_lines;
 use veiloc_datasets::problems::{Problem, read_problems};
 use veiloc_datasets::seed_for;
+use veiloc_results::Hypotheses;
+use veiloc_results::metrics::Threshold;
+use veiloc_results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
 
 pub(crate) use floor::{ORACLE_RADIUS_PX, runs_through, truly_right};
 pub(crate) use gravity::mean_down;

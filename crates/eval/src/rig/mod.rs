@@ -19,11 +19,11 @@ use veiloc_query::{Scheme, SealedFrame, SealedQuery};
 use veiloc_robust::{ScoreKind, State};
 
 use crate::error::EvalError;
-use crate::results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
 use crate::road::{PlaceMap, PosedQuery, queries_of_place, send};
 use crate::scene::{SceneEvaluation, folder_name};
 use crate::stress::sparse::thinned;
 use crate::stress::{Stress, sealed_under, shown_under};
+use veiloc_results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
 use walk::{odometry, session};
 
 /// What to evaluate.

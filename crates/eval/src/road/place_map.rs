@@ -10,7 +10,7 @@ use veiloc_mapping::{BuildOptions, Input, build};
 use veiloc_selftest::{SelfTestOptions, is_testable, self_test};
 
 use crate::error::EvalError;
-use crate::results::MapSummary;
+use veiloc_results::MapSummary;
 
 /// A map that was built, written and opened again, as a server has it.
 pub(crate) struct PlaceMap {

@@ -21,10 +21,10 @@ use veiloc_robust::{ScoreKind, State};
 pub use options::{Negatives, SceneEvaluation};
 
 use crate::error::EvalError;
-use crate::results::{Evaluation, NegativeSummary, QueryResult, QueryUncertainty, Variant, summarize};
 use crate::road::{PlaceMap, PosedQuery, Upright, ask, queries_of_place, send};
 use crate::scores::scores_or_default;
 use negatives::localize_negatives;
+use veiloc_results::{Evaluation, NegativeSummary, QueryResult, QueryUncertainty, Variant, summarize};
 
 /// Builds the map and localizes every query under every scheme and score.
 ///
@@ -89,7 +89,7 @@ pub(crate) fn folder_name(images: &Path) -> String {
     }
 }
 
-type Results = (Vec<crate::results::SchemeSummary>, Vec<QueryResult>);
+type Results = (Vec<veiloc_results::SchemeSummary>, Vec<QueryResult>);
 
 /// Seals each query once a scheme, and again with gravity where that is asked for; localizes it with every score.
 fn localize_all(

@@ -9,9 +9,9 @@ use veiloc_robust::State;
 
 use super::options::{Negatives, SceneEvaluation};
 use crate::error::EvalError;
-use crate::results::NegativeResult;
 use crate::road::{PosedQuery, ask, posed_queries, send};
 use crate::scores::scores_or_default;
+use veiloc_results::NegativeResult;
 
 impl Negatives {
     /// The queries; refused when they are of the very place that is evaluated.

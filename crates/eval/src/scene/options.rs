@@ -10,7 +10,7 @@ use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
 use veiloc_robust::ScoreKind;
 
-use crate::metrics::Threshold;
+use veiloc_results::metrics::Threshold;
 
 /// What to evaluate.
 #[derive(Debug, Clone)]

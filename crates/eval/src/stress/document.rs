@@ -10,9 +10,11 @@ use veiloc_robust::State;
 use super::from_truth::{ErrorDocument, FromTruth};
 use super::kind::Stress;
 use super::options::StressEvaluation;
-use crate::metrics::{PoseError, Threshold, median, recall};
-use crate::results::{MapSummary, QueryUncertainty, as_text, finite};
 use crate::road::{Answer, PosedQuery};
+use veiloc_results::metrics::finite;
+use veiloc_results::metrics::{PoseError, Threshold, median, recall};
+use veiloc_results::state::as_text;
+use veiloc_results::{MapSummary, QueryUncertainty};
 
 /// The document that `eval stress --json` prints.
 #[derive(Debug, Clone, Serialize)]

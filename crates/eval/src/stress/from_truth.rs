@@ -7,9 +7,9 @@ use veiloc_map::MapFile;
 use veiloc_query::SealedQuery;
 use veiloc_robust::{PoseError as NoPose, PoseEstimate, optimize_pose, refine_pose};
 
-use crate::metrics::PoseError;
 use crate::poses::truly_right;
 use crate::road::Sent;
+use veiloc_results::metrics::PoseError;
 
 /// Errors of one query from its true pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

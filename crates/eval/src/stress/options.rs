@@ -10,8 +10,8 @@ use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
 
 use super::kind::Stress;
-use crate::metrics::Threshold;
 use crate::poses::ORACLE_RADIUS_PX;
+use veiloc_results::metrics::Threshold;
 
 /// What to evaluate: every stress with every scheme.
 #[derive(Debug, Clone)]

@@ -1,7 +1,7 @@
 //! The table of stresses for people; what was found from the true pose stands below where it does not fit beside.
 
 use super::document::{StressDocument, StressRow, TruthSummary};
-use crate::text_table::{TextTable, side_by_side};
+use veiloc_results::text_table::{TextTable, side_by_side};
 
 /// Columns that tell rows apart: stress and scheme.
 const NAMES: usize = 2;
@@ -68,7 +68,7 @@ fn number(value: Option<f64>, digits: usize) -> String {
 mod tests {
     use super::super::document::tests::{evaluation, query};
     use super::*;
-    use crate::text_table::WIDTH;
+    use veiloc_results::text_table::WIDTH;
     use veiloc_robust::State;
 
     #[test]

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::Hypotheses;
 use veiloc_eval::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, table};
 use veiloc_query::{AngleBits, Scheme};
 use veiloc_report::plots;
+use veiloc_results::Hypotheses;
 
 use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{EngineArgs, positive};

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::{GravitySource, Hypotheses, PoseEvaluation, Recipe, evaluate_poses};
+use veiloc_eval::{GravitySource, PoseEvaluation, Recipe, evaluate_poses};
 use veiloc_query::AngleBits;
+use veiloc_results::Hypotheses;
 
 use crate::commands::eval::report::ReportArgs;
 use crate::commands::localization_args::{EngineArgs, RunArgs, positive};

@@ -1,8 +1,8 @@
 //! What the evaluations of `veiloc eval` compare, and how they tell the result.
 
-use veiloc_eval::metrics::Threshold;
-use veiloc_eval::results::{Evaluation, table};
 use veiloc_query::Scheme;
+use veiloc_results::metrics::Threshold;
+use veiloc_results::{Evaluation, table};
 use veiloc_robust::ScoreKind;
 
 use crate::commands::json_args::JsonArgs;

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use veiloc_audit::tradeoff::{TradeoffEvaluation, Variant, evaluate_tradeoff, tradeoff_table};
-use veiloc_eval::metrics::Threshold;
 use veiloc_report::plots;
+use veiloc_results::metrics::Threshold;
 
 use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{EngineArgs, RunArgs};

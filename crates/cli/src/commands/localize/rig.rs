@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Serialize;
-use veiloc_eval::results::PoseDocument;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localize::{LocalizeError, LocalizeOptions, RigLocalization, localize_rig};
 use veiloc_map::MapFile;
 use veiloc_query::SealedFrame;
+use veiloc_results::PoseDocument;
 use veiloc_robust::State;
 
 use super::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};

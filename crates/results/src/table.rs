@@ -3,8 +3,8 @@
 
 use std::fmt::Write as _;
 
-use super::{SchemeSummary, SeedSummary};
 use crate::coverage::REGIONS;
+use crate::document::{SchemeSummary, SeedSummary};
 use crate::hypotheses::Hypotheses;
 use crate::text_table::{TextTable, side_by_side};
 
@@ -203,8 +203,8 @@ fn number(value: Option<f64>, digits: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::NegativeSummary;
-    use crate::results::summary::{summarize, tests::query};
+    use crate::document::NegativeSummary;
+    use crate::summary::{summarize, tests::query};
     use crate::text_table::WIDTH;
 
     fn row(errors: &[(u64, Option<(f64, f64)>)]) -> SchemeSummary {

@@ -4,7 +4,7 @@
 ///
 /// The regularized lower incomplete gamma function `P(k/2, x/2)`, by its series for small `x` and by its continued
 /// fraction (Lentz) for large, accurate to about 1e-13. 0 for `x ≤ 0`; NaN for NaN.
-pub(crate) fn cumulative(degrees: u32, x: f64) -> f64 {
+pub fn cumulative(degrees: u32, x: f64) -> f64 {
     let (a, x) = (f64::from(degrees) / 2.0, x / 2.0);
     if x.is_nan() {
         return f64::NAN;

@@ -6,9 +6,8 @@ use serde::Serialize;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 
-use super::{QueryResult, finite};
 use crate::coverage::{NormalizedError, shares};
-use crate::metrics::median;
+use crate::metrics::{finite, median};
 
 /// The error of a pose against the covariance it came with.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -56,10 +55,8 @@ pub struct TrustedUncertainty {
 }
 
 impl TrustedUncertainty {
-    /// Of those queries of a row whose pose is trusted; `None` when there are none, or their errors are not known.
-    pub(super) fn of(queries: &[&QueryResult]) -> Option<Self> {
-        let trusted = queries.iter().filter(|q| q.trusted == Some(true));
-        let each: Vec<QueryUncertainty> = trusted.filter_map(|q| q.uncertainty).collect();
+    /// Of these poses, each of which is trusted; `None` when there are none.
+    pub fn of(each: &[QueryUncertainty]) -> Option<Self> {
         if each.is_empty() {
             return None;
         }
@@ -76,7 +73,6 @@ impl TrustedUncertainty {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::summary::tests::query;
 
     fn diagonal(value: f64) -> [[f64; 6]; 6] {
         std::array::from_fn(|i| std::array::from_fn(|j| if i == j { value } else { 0.0 }))
@@ -97,24 +93,18 @@ mod tests {
     }
 
     #[test]
-    fn only_trusted_poses_are_covered() {
-        let with = |rotation: f64, region: f64| {
-            let mut q = query(0, Some((rotation, 0.01)));
-            q.uncertainty = Some(QueryUncertainty {
-                position_sd: Some(0.01),
-                rotation_sd_deg: Some(0.1),
-                center_error_over_sd: Some(2.0 * region),
-                center_region: region,
-                pose_region: 0.95,
-            });
-            q
+    fn shares_of_poses_are_counted() {
+        let with = |region: f64| QueryUncertainty {
+            position_sd: Some(0.01),
+            rotation_sd_deg: Some(0.1),
+            center_error_over_sd: Some(2.0 * region),
+            center_region: region,
+            pose_region: 0.95,
         };
-        // Of the first three, the last one is not trusted; the fourth has no pose.
-        let queries = [with(0.1, 0.3), with(0.1, 0.7), with(0.9, 0.2), query(0, None)];
-        let row = TrustedUncertainty::of(&queries.iter().collect::<Vec<_>>()).expect("two are trusted");
+        let row = TrustedUncertainty::of(&[with(0.3), with(0.7)]).expect("two");
         assert_eq!((row.coverage["50"], row.coverage["90"], row.coverage["99"]), (0.5, 1.0, 1.0));
         assert_eq!((row.coverage_pose["90"], row.coverage_pose["99"]), (0.0, 1.0));
         assert_eq!(row.center_error_over_sd, Some(1.0));
-        assert_eq!(TrustedUncertainty::of(&[&queries[2], &queries[3]]), None);
+        assert_eq!(TrustedUncertainty::of(&[]), None);
     }
 }

@@ -1,10 +1,5 @@
 //! What `veiloc eval pose` and `veiloc eval scene` found: the stable JSON document.
 
-mod state;
-mod summary;
-mod table;
-mod uncertainty;
-
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -12,12 +7,9 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_query::Scheme;
 use veiloc_robust::{ScoreKind, State};
 
-use crate::metrics::PoseError;
-
-pub(crate) use state::{as_text, as_text_if_any};
-pub use summary::summarize;
-pub use table::{STAGES, table};
-pub use uncertainty::{QueryUncertainty, TrustedUncertainty};
+use crate::metrics::{PoseError, finite};
+use crate::state::as_text_if_any;
+use crate::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
 /// The document that `eval pose --json` and `eval scene --json` print.
 #[derive(Debug, Clone, Serialize)]
@@ -140,7 +132,7 @@ pub struct NegativeSummary {
 
 impl NegativeSummary {
     /// The negatives of one row.
-    pub(crate) fn of(results: &[NegativeResult]) -> Self {
+    pub fn of(results: &[NegativeResult]) -> Self {
         Self {
             queries: results.len(),
             localized: results.iter().filter(|r| r.localized).count(),
@@ -296,12 +288,7 @@ impl QueryResult {
         }
     }
 
-    fn is_localized(&self) -> bool {
+    pub(crate) fn is_localized(&self) -> bool {
         self.rotation_error_deg.is_some()
     }
-}
-
-/// JSON has no infinity: a number that is not finite becomes null.
-pub fn finite(value: f64) -> Option<f64> {
-    value.is_finite().then_some(value)
 }

@@ -8,27 +8,23 @@ use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3, Vec
 use crate::chi_squared;
 
 /// The regions that are looked at: what they should hold, percent.
-pub(crate) const REGIONS: [u32; 3] = [50, 90, 99];
+pub const REGIONS: [u32; 3] = [50, 90, 99];
 
 /// Squared errors of a pose in units of its covariance; infinite where the covariance is none, or there is no pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct NormalizedError {
+pub struct NormalizedError {
     /// Of the whole pose: chi-squared with six degrees of freedom if the covariance is right.
-    pub(crate) pose: f64,
+    pub pose: f64,
     /// Of the camera centre: three degrees of freedom.
-    pub(crate) center: f64,
+    pub center: f64,
 }
 
 impl NormalizedError {
     /// Of a query without a pose.
-    pub(crate) const NOT_LOCALIZED: Self = Self { pose: f64::INFINITY, center: f64::INFINITY };
+    pub const NOT_LOCALIZED: Self = Self { pose: f64::INFINITY, center: f64::INFINITY };
 
     /// Of an estimate with its covariance in the chart of [`CameraFromWorld::perturbed`].
-    pub(crate) fn of(
-        estimate: &CameraFromWorld,
-        covariance: &[[f64; 6]; 6],
-        truth: &CameraFromWorld,
-    ) -> Self {
+    pub fn of(estimate: &CameraFromWorld, covariance: &[[f64; 6]; 6], truth: &CameraFromWorld) -> Self {
         Self {
             pose: normalized_error(estimate, covariance, truth),
             center: normalized_center_error(estimate, &estimate.center_covariance(covariance), truth),
@@ -36,18 +32,18 @@ impl NormalizedError {
     }
 
     /// The smallest region of the pose's covariance that holds the true pose: its probability, 0 to 1.
-    pub(crate) fn pose_region(&self) -> f64 {
+    pub fn pose_region(&self) -> f64 {
         chi_squared::cumulative(6, self.pose)
     }
 
     /// The same of the camera centre.
-    pub(crate) fn center_region(&self) -> f64 {
+    pub fn center_region(&self) -> f64 {
         chi_squared::cumulative(3, self.center)
     }
 }
 
 /// Of truths that lie in regions of these probabilities, the share within each of [`REGIONS`], by its percentage.
-pub(crate) fn shares(regions: &[f64]) -> BTreeMap<String, f64> {
+pub fn shares(regions: &[f64]) -> BTreeMap<String, f64> {
     REGIONS
         .iter()
         .map(|percent| {

@@ -4,8 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use veiloc_robust::State;
 
-use super::{QueryResult, SchemeSummary, SeedSummary, TrustedUncertainty, finite};
-use crate::metrics::{PoseError, Threshold, mean, median, recall};
+use crate::document::{QueryResult, SchemeSummary, SeedSummary};
+use crate::metrics::{PoseError, Threshold, finite, mean, median, recall};
+use crate::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
 /// Sums up the queries of one row: one scheme, estimated in one way, under any number of seeds.
 pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSummary {
@@ -30,6 +31,8 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
     let trusted_wrong = queries.iter().filter(|q| q.trusted == Some(true) && wrong(q)).count();
     let asked = queries.iter().any(|q| q.state.is_some());
     let count = |state| asked.then(|| queries.iter().filter(|q| q.state == Some(state)).count());
+    let trusted = queries.iter().filter(|q| q.trusted == Some(true));
+    let uncertainties: Vec<QueryUncertainty> = trusted.filter_map(|q| q.uncertainty).collect();
     let first = queries.first();
     SchemeSummary {
         scheme: first.map(|q| q.scheme.clone()).unwrap_or_default(),
@@ -44,7 +47,7 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
         median_rotation_deg: all.median_rotation_deg,
         median_translation: all.median_translation,
         recall: all.recall,
-        uncertainty: TrustedUncertainty::of(queries),
+        uncertainty: TrustedUncertainty::of(&uncertainties),
         mean_inlier_ratio: finite(mean(&ratios)),
         median_hypotheses: finite(median(&drawn)),
         sealed_bytes: bytes.get(bytes.len() / 2).copied(),
@@ -84,7 +87,7 @@ fn median_ms(queries: &[&QueryResult]) -> BTreeMap<String, f64> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::results::Variant;
+    use crate::document::Variant;
 
     pub(crate) fn query(seed: u64, error: Option<(f64, f64)>) -> QueryResult {
         QueryResult {
@@ -143,5 +146,25 @@ pub(crate) mod tests {
         assert_eq!(seeds, [(7, 2, 0.5), (8, 2, 1.0)]);
         assert_eq!(s.per_seed[1].median_translation, Some(0.03));
         assert_eq!(s.per_seed[0].median_ms["pose"], 12.0);
+    }
+
+    #[test]
+    fn only_trusted_poses_are_covered() {
+        let with = |rotation: f64, region: f64| {
+            let uncertainty = QueryUncertainty {
+                position_sd: Some(0.01),
+                rotation_sd_deg: Some(0.1),
+                center_error_over_sd: Some(2.0 * region),
+                center_region: region,
+                pose_region: 0.95,
+            };
+            QueryResult { uncertainty: Some(uncertainty), ..query(0, Some((rotation, 0.01))) }
+        };
+        // Of the first three, the last one is not trusted; the fourth has no pose.
+        let queries = [with(0.1, 0.3), with(0.1, 0.7), with(0.9, 0.2), query(0, None)];
+        let queries: Vec<&QueryResult> = queries.iter().collect();
+        let row = summarize(&queries, &[]).uncertainty.expect("two are trusted");
+        assert_eq!((row.coverage["50"], row.center_error_over_sd), (0.5, Some(1.0)));
+        assert_eq!(summarize(&queries[2..], &[]).uncertainty, None);
     }
 }

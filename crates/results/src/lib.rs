@@ -1,0 +1,27 @@
+//! What an evaluation found: the figures that are counted, the JSON documents, and the tables for people.
+//!
+//! - [`Evaluation`] and what it is made of: the document of `eval pose` and `eval scene`; [`summarize`], [`table()`].
+//! - [`metrics`]: pose errors, recall, medians. [`coverage`]: errors against covariances. [`chi_squared`].
+//! - [`text_table`]: tables that fit a terminal.
+//! - [`Hypotheses`]: how many samples a search may draw, as people write it.
+#![forbid(unsafe_code)]
+
+pub mod chi_squared;
+pub mod coverage;
+mod document;
+mod hypotheses;
+pub mod metrics;
+pub mod state;
+mod summary;
+mod table;
+pub mod text_table;
+mod uncertainty;
+
+pub use document::{
+    Evaluation, MapSummary, NegativeResult, NegativeSummary, PoseDocument, QueryResult, SchemeSummary,
+    SeedSummary, Variant,
+};
+pub use hypotheses::{Hypotheses, HypothesesError};
+pub use summary::summarize;
+pub use table::{STAGES, table};
+pub use uncertainty::{QueryUncertainty, TrustedUncertainty};
