@@ -49,7 +49,6 @@ const ARROWS: &[(&str, &[&str])] = &[
         &[
             "attacks",
             "datasets",
-            "descriptor",
             "eval",
             "features",
             "geometry",
@@ -58,6 +57,22 @@ const ARROWS: &[(&str, &[&str])] = &[
             "results",
             "robust",
             "sightings",
+        ],
+    ),
+    (
+        "tradeoff",
+        &[
+            "attacks",
+            "audit",
+            "datasets",
+            "descriptor",
+            "eval",
+            "features",
+            "geometry",
+            "obfuscation",
+            "query",
+            "results",
+            "robust",
             "synth",
         ],
     ),
@@ -77,7 +92,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "selftest",
         ],
     ),
-    ("report", &["attacks", "audit", "eval", "geometry", "query", "results"]),
+    ("report", &["attacks", "audit", "eval", "geometry", "query", "results", "tradeoff"]),
     (
         "demo",
         &[
@@ -118,6 +133,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "selftest",
             "server",
             "terminal",
+            "tradeoff",
         ],
     ),
 ];

@@ -2,7 +2,6 @@
 //!
 //! - [`evaluate_attacks`] runs attacks (the table [`ATTACKS`]) on files of keypoints; [`AttackDocument`] is what they found.
 //! - [`run_audit`] does so for an audit: with everything a page draws, and conclusions in sentences.
-//! - [`tradeoff`]: variants of dcl between privacy and recall.
 //! - `training` (feature `network`): the network that predicts neighbours.
 //!
 //! Nothing here is for devices or servers: it knows the truth, to judge attacks by.
@@ -21,7 +20,6 @@ mod rows;
 mod run;
 mod server;
 mod sightings;
-pub mod tradeoff;
 #[cfg(feature = "network")]
 pub mod training;
 mod view;

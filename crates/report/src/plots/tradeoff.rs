@@ -4,7 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::{COLORS, Fault, PlotError, fault};
-use veiloc_audit::tradeoff::{TradeoffDocument, VariantFigures};
+use veiloc_tradeoff::variants::{TradeoffDocument, VariantFigures};
 
 /// Width and height of a panel, pixels.
 const PANEL: (u32, u32) = (470, 400);

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use veiloc_audit::tradeoff::{TradeoffEvaluation, Variant, evaluate_tradeoff, tradeoff_table};
 use veiloc_report::plots;
 use veiloc_results::metrics::Threshold;
+use veiloc_tradeoff::variants::{TradeoffEvaluation, Variant, evaluate_tradeoff, tradeoff_table};
 
 use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::{EngineArgs, RunArgs};

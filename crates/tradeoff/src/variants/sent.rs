@@ -14,7 +14,7 @@ use veiloc_synth::problems::normal;
 use super::data;
 use super::select::select;
 use super::variant::Variant;
-use crate::error::AuditError;
+use veiloc_audit::AuditError;
 use veiloc_datasets::KeypointImage;
 use veiloc_datasets::seed_for;
 
@@ -128,7 +128,7 @@ pub(super) mod tests {
     use veiloc_query::{AnchoredLine, DualAnchors};
 
     /// 400 keypoints with descriptors drawn at random; two of them at one position.
-    pub(in crate::tradeoff) fn image() -> KeypointImage {
+    pub(in crate::variants) fn image() -> KeypointImage {
         let mut image = veiloc_datasets::synthetic_image(400, 4);
         image.keypoints[7] = image.keypoints[8];
         let mut rng = ChaCha8Rng::seed_from_u64(9);

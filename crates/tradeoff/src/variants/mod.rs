@@ -23,10 +23,10 @@ use veiloc_attacks::{Descriptors, KnownImage, NeighbourPredictor, Transfer, tran
 use veiloc_features::Progress;
 use veiloc_robust::PoseOptions;
 
-use crate::error::AuditError;
 use data::{Data, Query};
 use privacy::{Attackers, Judgement};
 use sent::Sent;
+use veiloc_audit::AuditError;
 use veiloc_datasets::json_lines;
 use veiloc_datasets::{KeypointImage, read_keypoints};
 use veiloc_results::metrics::Threshold;

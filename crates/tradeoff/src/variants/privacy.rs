@@ -9,7 +9,7 @@ use veiloc_geometry::{Anchor, PencilLine, Pixel};
 use veiloc_query::Observations;
 
 use super::sent::Sent;
-use crate::error::AuditError;
+use veiloc_audit::AuditError;
 use veiloc_datasets::KeypointImage;
 use veiloc_datasets::seed_for;
 

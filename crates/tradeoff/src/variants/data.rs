@@ -6,7 +6,7 @@ use std::path::Path;
 use veiloc_attacks::KnownImage;
 use veiloc_geometry::Pixel;
 
-use crate::error::AuditError;
+use veiloc_audit::AuditError;
 use veiloc_datasets::{KeypointImage, read_keypoints};
 use veiloc_datasets::{Problem, read_problems};
 

@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 use veiloc_audit::AuditError;
-use veiloc_audit::tradeoff::{
+use veiloc_tradeoff::variants::{
     TradeoffDocument, TradeoffEvaluation, Variant, evaluate_tradeoff, tradeoff_table,
 };
 
