@@ -11,8 +11,9 @@ use veiloc_query::{AngleBits, AngleForm, LayoutTurn, Observations, Profile, Sche
 
 use crate::decoy;
 use crate::lift::{Places, dither, lift, select};
-use crate::seal::seal_frame;
-use crate::{DeviceLimits, SealError, SealOptions};
+use crate::rule::FrameRule;
+use crate::seal::{Hidden, seal_frame};
+use crate::{DeviceLimits, Orientation, SealError, SealOptions, Session};
 
 /// What a sealed query hides. `[N]` each, in the order of its rows.
 #[derive(Clone, PartialEq)]
@@ -41,10 +42,34 @@ pub fn seal_with_truth(
     options: &SealOptions,
     rng: &mut impl CryptoRng,
 ) -> Result<(SealedQuery, SealTruth), SealError> {
-    seal_frame(features, camera, profile, options, rng, |hidden| SealTruth {
-        source: hidden.order.iter().map(|&row| hidden.kept.get(row).map(|kept| kept.source)).collect(),
-        pixels: hidden.order.iter().map(|&row| hidden.places.pixels[hidden.places.of[row]]).collect(),
-    })
+    seal_frame(features, camera, profile, options, &FrameRule::default(), rng, SealTruth::of)
+}
+
+impl Session {
+    /// As [`Session::seal`], and returns what was hidden. For the audit and for evaluation only.
+    ///
+    /// # Errors
+    /// As [`Session::seal`].
+    pub fn seal_with_truth(
+        &mut self,
+        features: Features,
+        camera: &Intrinsics,
+        profile: &Profile,
+        options: &SealOptions,
+        held: &Orientation,
+        rng: &mut impl CryptoRng,
+    ) -> Result<(SealedQuery, SealTruth), SealError> {
+        self.seal_and(features, (camera, profile), options, held, rng, SealTruth::of)
+    }
+}
+
+impl SealTruth {
+    fn of(hidden: &Hidden<'_>) -> Self {
+        Self {
+            source: hidden.order.iter().map(|&row| hidden.kept.get(row).map(|kept| kept.source)).collect(),
+            pixels: hidden.order.iter().map(|&row| hidden.places.pixels[hidden.places.of[row]]).collect(),
+        }
+    }
 }
 
 /// How an evaluation seals under any scheme, `points` too, as many keypoints as the profile asks for.
@@ -88,12 +113,13 @@ pub fn obfuscate_points(
     let principal = [width, height].map(|side| 0.5 * f64::from(side));
     let camera = Pinhole { width: width.max(1), height: height.max(1), focal: [focal; 2], principal };
     let turn = LayoutTurn::default();
-    let rows = lift(&dithered, &camera, *scheme, turn, angle_bits, rng).map_err(|e| match e {
-        SealError::TooFar { index: place } => {
-            SealError::TooFar { index: places.of.iter().position(|p| *p == place).unwrap_or(place) }
-        }
-        other => other,
-    })?;
+    let rows =
+        lift(&dithered, &camera, *scheme, &FrameRule::default(), angle_bits, rng).map_err(|e| match e {
+            SealError::TooFar { index: place } => {
+                SealError::TooFar { index: places.of.iter().position(|p| *p == place).unwrap_or(place) }
+            }
+            other => other,
+        })?;
     let rows = select(&rows, places.of.iter().copied());
     let form = AngleForm::of_scheme(*scheme, turn);
     Ok(rows

@@ -80,6 +80,35 @@ pub enum SealError {
         /// Usable keypoints.
         keypoints: usize,
     },
+    /// The layout of a session would have to be put somewhere new once too often.
+    #[error(
+        "{starts} images of this place were sealed with anchors of their own, and {most} is the most: the lines of more cross in \
+         the keypoints. Tell how the camera was held (an orientation), or go to another place and begin another session"
+    )]
+    TooManyStarts {
+        /// How many there were.
+        starts: u32,
+        /// How many are allowed.
+        most: u32,
+    },
+    /// A scheme without anchors in a session whose anchors stay in the world.
+    #[error("the scheme {scheme} has no anchors that could stay in the world; seal as dcl")]
+    SessionScheme {
+        /// Its name.
+        scheme: &'static str,
+    },
+    /// Frames of one session must have one layout and one camera.
+    #[error("another {what} than that of the session's frames before; begin another session")]
+    SessionChanged {
+        /// What is not as before.
+        what: &'static str,
+    },
+    /// Anchors are tied to gravity, and the frame does not tell it.
+    #[error("the session's anchors are tied to gravity, and the frame does not say which way is down")]
+    NoGravity,
+    /// An orientation that is no rotation.
+    #[error("the orientation is no rotation of finite numbers")]
+    NoOrientation,
     /// The operating system gave no random numbers.
     #[error("the operating system gave no random numbers ({reason}); without them nothing can be sealed")]
     NoEntropy {

@@ -40,10 +40,13 @@ mod camera;
 mod decoy;
 mod error;
 mod extract;
+mod grid;
 mod lift;
 mod options;
 mod rng;
+mod rule;
 mod seal;
+mod session;
 
 #[cfg(feature = "ground-truth")]
 #[doc(inline)]
@@ -54,3 +57,4 @@ pub use extract::{ExtractError, extract, extract_loaded, extract_with};
 pub use options::{DeviceLimits, SealOptions};
 pub use rng::device_rng;
 pub use seal::seal;
+pub use session::{Orientation, Session, SessionAnchors, SessionOptions};

@@ -6,10 +6,11 @@ use rand::Rng;
 use rand::seq::SliceRandom;
 use veiloc_geometry::{Pencils, Pinhole, Pixel};
 use veiloc_query::{
-    AnchoredRow, AngleBits, AngleForm, DclLayout, LayoutTurn, LineRow, PositionRow, Rows, Scheme,
+    AnchoredRow, AngleBits, AngleForm, DclLayout, DualAnchors, LayoutTurn, LineRow, PositionRow, Rows, Scheme,
 };
 
 use crate::SealError;
+use crate::rule::FrameRule;
 
 /// Positions without repetition, and which of them each keypoint has.
 ///
@@ -47,7 +48,7 @@ pub(crate) fn dither<R: Rng + ?Sized>(pixel: Pixel, rng: &mut R) -> Pixel {
 }
 
 /// One row per place. `dithered` are positions in an image of this camera, whose principal point is the image's centre;
-/// `turn` is how the layout of `dcl` is turned against it.
+/// `rule` says how the layout of `dcl` is turned against it, and on what grid angles are told.
 ///
 /// The error names the index of a place.
 ///
@@ -57,7 +58,7 @@ pub(crate) fn lift<R: Rng + ?Sized>(
     dithered: &[Pixel],
     camera: &Pinhole,
     scheme: Scheme,
-    turn: LayoutTurn,
+    rule: &FrameRule,
     bits: AngleBits,
     rng: &mut R,
 ) -> Result<Rows, SealError> {
@@ -82,23 +83,52 @@ pub(crate) fn lift<R: Rng + ?Sized>(
             Ok(Rows::CoordinatePermutation(positions(&places)?))
         }
         Scheme::Dcl(layout) => {
-            let form = AngleForm::needed(layout, turn);
-            let row: &dyn Fn(&Pixel) -> AnchoredRow =
-                if let (AngleForm::HalfCircle, DclLayout::Halves(halves)) = (form, layout) {
-                    let anchors = halves.anchors(camera.width, camera.height);
-                    &move |p| {
-                        let anchor = anchors.anchor_of(*p);
-                        AnchoredRow::new(form, bits, anchor, anchors.angle_of(anchor, *p))
-                    }
-                } else {
-                    let pencils = pencils(layout, camera, turn);
-                    &move |p| {
-                        let anchor = pencils.anchor_of(*p);
-                        AnchoredRow::new(form, bits, anchor, pencils.angle_of(anchor, *p))
-                    }
-                };
-            Ok(Rows::Dcl(dithered.iter().map(row).collect()))
+            let lifter = DclLift::new(layout, camera, rule, bits);
+            Ok(Rows::Dcl(dithered.iter().map(|p| lifter.row(*p)).collect()))
         }
+    }
+}
+
+/// What makes a row of `dcl` of a position.
+struct DclLift<'a> {
+    pencils: Pencils,
+    rule: &'a FrameRule,
+    bits: AngleBits,
+    form: AngleForm,
+    /// How angles are told over the half circle.
+    half_lines: Option<DualAnchors>,
+    height: f64,
+}
+
+impl<'a> DclLift<'a> {
+    fn new(layout: DclLayout, camera: &Pinhole, rule: &'a FrameRule, bits: AngleBits) -> Self {
+        let form = AngleForm::needed(layout, rule.turn);
+        let half_lines = match (form, layout) {
+            (AngleForm::HalfCircle, DclLayout::Halves(halves)) => {
+                Some(halves.anchors(camera.width, camera.height))
+            }
+            _ => None,
+        };
+        let pencils = pencils(layout, camera, rule.turn);
+        Self { pencils, rule, bits, form, half_lines, height: f64::from(camera.height) }
+    }
+
+    fn row(&self, pixel: Pixel) -> AnchoredRow {
+        let anchor = match &self.half_lines {
+            Some(anchors) => anchors.anchor_of(pixel),
+            None => self.pencils.anchor_of(pixel),
+        };
+        let angle = || self.pencils.angle_of(anchor, pixel);
+        let on_grid = self.rule.grid.as_ref().map(|grid| grid.middle(anchor, angle()));
+        let angle = match &self.half_lines {
+            Some(anchors) => {
+                // Any pixel of the half-plane has the angle of its half-line.
+                let line = on_grid.and_then(|angle| self.pencils.along(anchor, angle));
+                anchors.angle_of(anchor, line.map_or(pixel, |line| line.at(self.height)))
+            }
+            None => on_grid.unwrap_or_else(angle),
+        };
+        AnchoredRow::new(self.form, self.bits, anchor, angle)
     }
 }
 

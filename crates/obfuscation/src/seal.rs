@@ -5,11 +5,12 @@ use rand::seq::SliceRandom;
 use veiloc_features::Features;
 use veiloc_geometry::{Intrinsics, Pencils, Pixel};
 use veiloc_query::{
-    CanonicalCamera, LayoutTurn, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass, Window,
+    CanonicalCamera, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass, Window,
 };
 
 use crate::decoy;
 use crate::lift::{Places, dither, lift, pencils, select};
+use crate::rule::FrameRule;
 use crate::{SealError, SealOptions};
 
 /// Keypoints nearer than this to an anchor, pixels, have no useful angle and are dropped.
@@ -53,7 +54,8 @@ pub fn seal(
     options: &SealOptions,
     rng: &mut impl CryptoRng,
 ) -> Result<SealedQuery, SealError> {
-    seal_frame(features, camera, profile, options, rng, |_| ()).map(|(query, ())| query)
+    seal_frame(features, camera, profile, options, &FrameRule::default(), rng, |_| ())
+        .map(|(query, ())| query)
 }
 
 /// A keypoint that is kept.
@@ -80,6 +82,7 @@ pub(crate) fn seal_frame<T>(
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
+    rule: &FrameRule,
     rng: &mut impl CryptoRng,
     look: impl FnOnce(&Hidden<'_>) -> T,
 ) -> Result<(SealedQuery, T), SealError> {
@@ -89,17 +92,18 @@ pub(crate) fn seal_frame<T>(
     let canonical = CanonicalCamera::for_intrinsics(camera)?;
     let window = canonical.window(camera);
     let (size, pinhole) = ([canonical.width(), canonical.height()], canonical.pinhole());
-    let turn = LayoutTurn::default();
+    let turn = rule.turn;
     let pencils = match scheme {
         Scheme::Dcl(layout) => Some(pencils(layout, &pinhole, turn)),
         Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => None,
     };
+    let clear = |pixel| in_window(pixel, &window, pencils.as_ref(), rule.band);
 
     let mut usable = strongest_first(&features)
         .into_iter()
         .filter_map(|source| {
             let pixel =
-                reproject(features.keypoints[source].pixel, camera, canonical, &window, pencils.as_ref())?;
+                reproject(features.keypoints[source].pixel, camera, canonical).filter(|p| clear(*p))?;
             Some(Kept { source, pixel })
         })
         .take(options.most(profile))
@@ -113,12 +117,15 @@ pub(crate) fn seal_frame<T>(
     let mut places = Places::new(usable.iter().map(|kept| kept.pixel));
     let real_places = places.pixels.len();
     let decoys = rows - usable.len();
-    let clear = |pixel| in_window(pixel, &window, pencils.as_ref());
     decoy::add_places(&mut places, usable.len(), decoys, size, clear, rng);
     let mut descriptors = features.descriptors.select(usable.iter().map(|kept| kept.source));
     decoy::add_descriptors(&mut descriptors, decoys, rng)?;
 
-    let dithered: Vec<Pixel> = places.pixels.iter().map(|p| dither(*p, rng)).collect();
+    // On the grid of a session angles repeat, and what is dithered would not.
+    let dithered: Vec<Pixel> = match rule.grid {
+        Some(_) => places.pixels.clone(),
+        None => places.pixels.iter().map(|p| dither(*p, rng)).collect(),
+    };
     if let Some(pencils) = &pencils {
         let mut of = dithered[..real_places].iter().map(|p| pencils.anchor_of(*p));
         let first = of.next();
@@ -126,7 +133,7 @@ pub(crate) fn seal_frame<T>(
             return Err(SealError::OneSided { keypoints: usable.len() });
         }
     }
-    let lifted = lift(&dithered, &pinhole, scheme, turn, angle_bits, rng)?;
+    let lifted = lift(&dithered, &pinhole, scheme, rule, angle_bits, rng)?;
 
     let mut order: Vec<usize> = (0..rows).collect();
     order.shuffle(rng);
@@ -175,20 +182,15 @@ fn strongest_first(features: &Features) -> Vec<usize> {
     order
 }
 
-fn reproject(
-    pixel: Pixel,
-    camera: &Intrinsics,
-    canonical: CanonicalCamera,
-    window: &Window,
-    pencils: Option<&Pencils>,
-) -> Option<Pixel> {
-    let pixel = canonical.pinhole().project(camera.unproject(pixel)?);
-    in_window(pixel, window, pencils).then_some(pixel)
+fn reproject(pixel: Pixel, camera: &Intrinsics, canonical: CanonicalCamera) -> Option<Pixel> {
+    Some(canonical.pinhole().project(camera.unproject(pixel)?))
 }
 
-fn in_window(pixel: Pixel, window: &Window, pencils: Option<&Pencils>) -> bool {
+/// `band`: radians about the axis of sectors.
+fn in_window(pixel: Pixel, window: &Window, pencils: Option<&Pencils>, band: f64) -> bool {
     window.contains(pixel)
         && pencils.is_none_or(|pencils| {
             pencils.anchors().all(|anchor| pencils.distance(anchor, pixel) > ANCHOR_CLEARANCE)
+                && (band <= 0.0 || pencils.clearance(pixel) >= band * pencils.camera().mean_focal())
         })
 }

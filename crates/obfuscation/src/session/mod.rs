@@ -1,0 +1,206 @@
+//! Sessions: frames of one device and one place that share their anchors in the world (rule L10).
+//!
+//! Two lines of one keypoint from anchors that turn with the camera meet in the keypoint. Where the anchors are directions
+//! held fixed in the **world**, every plane of a keypoint holds the same direction through every camera centre, and no number
+//! of frames fixes it. So the first frame of a session says where its layout is, and every later one turns the layout into its
+//! camera by the orientation that the device measured against the first ([`Orientation`]).
+//!
+//! What a session adds to [`crate::seal`]:
+//! - **The layout stays in the world**, anchors and sectors ([`SessionAnchors`]); the query tells how it is turned.
+//! - **A band** along the borders of sectors is left out: what lies there may belong to another anchor in the next frame, and
+//!   two lines of two anchors cross in the keypoint ([`SessionOptions::band_deg`]).
+//! - **Angles are told on a grid** that is fixed with the anchors, in place of a dither drawn anew: a keypoint that is seen again
+//!   at its angle is told by the same code, and does not scatter ([`SessionOptions::step`]).
+//!
+//! A frame without orientation can share nothing with others: it starts anew, and a session starts only so often
+//! ([`SessionOptions::most_starts`]).
+
+mod options;
+mod orientation;
+
+use rand::CryptoRng;
+use veiloc_features::Features;
+use veiloc_geometry::Intrinsics;
+use veiloc_geometry::nalgebra::Rotation3;
+use veiloc_query::{CanonicalCamera, LayoutTurn, Profile, Scheme, SealedQuery};
+
+pub use options::{SessionAnchors, SessionOptions};
+pub use orientation::Orientation;
+
+use crate::grid::AngleGrid;
+use crate::rule::FrameRule;
+use crate::seal::{Hidden, seal_frame};
+use crate::{SealError, SealOptions};
+
+/// What the frames of one place share: held by the device, and by nobody else.
+///
+/// One session belongs to one place: whoever goes elsewhere begins another.
+///
+/// ```
+/// # use rand::Rng;
+/// # use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+/// # use veiloc_features::{Features, Keypoint};
+/// # use veiloc_geometry::Pixel;
+/// use veiloc_obfuscation::{Orientation, SealOptions, Session, SessionOptions, device_rng};
+/// # let kind = DescriptorKind::ROOT_SIFT;
+/// # let profile = veiloc_query::Profile::vlad(Vocabulary::new(Descriptors::new(kind, vec![20; 2 * 128])?)?);
+/// # let features = || -> Features {
+/// #     let place = |i: u32| Pixel::new(f64::from(20 + i * 97 % 600), f64::from(20 + i * 61 % 440));
+/// #     let keypoints = (0..300).map(|i| Keypoint { pixel: place(i), scale: 2.0, orientation: 0.0, response: 1.0 });
+/// #     let bytes = (0..300 * 128_u32).map(|i| (i * 31 % 90) as u8).collect();
+/// #     Features { keypoints: keypoints.collect(), descriptors: Descriptors::new(kind, bytes).expect("rows") }
+/// # };
+///
+/// let camera = "SIMPLE_RADIAL,640,480,525,320,240,-0.01".parse()?;
+/// let (options, mut rng) = (SealOptions::default(), device_rng()?);
+/// let mut session = Session::new(SessionOptions::default(), &mut rng);
+/// // How the device held its camera, against any frame that stays in the world: from its gyroscope or odometry.
+/// for quaternion in [[1.0, 0.0, 0.0, 0.0], [0.995, 0.0, 0.0998, 0.0]] {
+///     let held = Orientation::from_quaternion(quaternion).ok_or("no rotation")?;
+///     let sealed = session.seal(features(), &camera, &profile, &options, &held, &mut rng)?;
+///     assert_eq!(sealed.scheme().to_string(), "dcl");
+/// }
+/// assert_eq!((session.frames(), session.starts()), (2, 1));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, PartialEq)]
+pub struct Session {
+    options: SessionOptions,
+    key: [u8; 32],
+    start: Option<Start>,
+    frames: u32,
+    starts: u32,
+}
+
+/// Where the layout was put, and what has to stay the same for it to stay there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Start {
+    scheme: Scheme,
+    /// Places of anchors are told in heights of its image.
+    camera: CanonicalCamera,
+    layout_from_world: Rotation3<f64>,
+}
+
+impl Session {
+    /// One that has not begun. Its key is drawn from `rng`: [`crate::device_rng`] on a device.
+    pub fn new(options: SessionOptions, rng: &mut impl CryptoRng) -> Self {
+        let mut key = [0; 32];
+        rng.fill_bytes(&mut key);
+        Self { options, key, start: None, frames: 0, starts: 0 }
+    }
+
+    /// Seals the next frame: as [`crate::seal`], with the layout where the session has it.
+    ///
+    /// `held`: how the device held the camera. Without an orientation in the world the frame starts anew.
+    ///
+    /// Nothing of the session changes when this fails.
+    ///
+    /// # Errors
+    /// [`SealError`] as of [`crate::seal`]; [`SealError::TooManyStarts`] when the layout would have to be put elsewhere once
+    /// more; [`SealError::SessionScheme`] for a scheme without anchors where they are to stay in the world;
+    /// [`SealError::SessionChanged`] for another layout or camera than the frames before;
+    /// [`SealError::NoGravity`] when anchors are tied to gravity and the frame that starts does not tell it.
+    pub fn seal(
+        &mut self,
+        features: Features,
+        camera: &Intrinsics,
+        profile: &Profile,
+        options: &SealOptions,
+        held: &Orientation,
+        rng: &mut impl CryptoRng,
+    ) -> Result<SealedQuery, SealError> {
+        self.seal_and(features, (camera, profile), options, held, rng, |_| ()).map(|(query, ())| query)
+    }
+
+    /// Frames that were sealed.
+    pub const fn frames(&self) -> u32 {
+        self.frames
+    }
+
+    /// How often the layout was put somewhere new.
+    pub const fn starts(&self) -> u32 {
+        self.starts
+    }
+
+    /// How it was set up.
+    pub const fn options(&self) -> &SessionOptions {
+        &self.options
+    }
+
+    /// Seals, and lets `look` see what is hidden.
+    pub(crate) fn seal_and<T>(
+        &mut self,
+        features: Features,
+        (camera, profile): (&Intrinsics, &Profile),
+        options: &SealOptions,
+        held: &Orientation,
+        rng: &mut impl CryptoRng,
+        look: impl FnOnce(&Hidden<'_>) -> T,
+    ) -> Result<(SealedQuery, T), SealError> {
+        let (turn, start, starts) = self.place(camera, options, held)?;
+        let in_world = self.options.anchors != SessionAnchors::Image;
+        let rule = FrameRule {
+            turn,
+            band: if in_world { self.options.band_deg.to_radians() } else { 0.0 },
+            grid: (in_world && self.options.step > 0.0)
+                .then(|| AngleGrid::new(&self.key, starts, self.options.step)),
+        };
+        let sealed = seal_frame(features, camera, profile, options, &rule, rng, look)?;
+        self.frames += 1;
+        (self.start, self.starts) = (start, starts);
+        Ok(sealed)
+    }
+
+    /// How the layout is turned against the camera of the next frame, and where the session will stand with it.
+    fn place(
+        &self,
+        camera: &Intrinsics,
+        options: &SealOptions,
+        held: &Orientation,
+    ) -> Result<(LayoutTurn, Option<Start>, u32), SealError> {
+        let scheme = options.scheme();
+        let canonical = CanonicalCamera::for_intrinsics(camera)?;
+        if let (Some(start), Some(cam_from_world)) = (&self.start, held.cam_from_world()) {
+            if start.scheme != scheme {
+                return Err(SealError::SessionChanged { what: "scheme or layout" });
+            }
+            if start.camera != canonical {
+                return Err(SealError::SessionChanged { what: "camera" });
+            }
+            let turn = turn(&(cam_from_world * start.layout_from_world.inverse()))?;
+            return Ok((turn, self.start, self.starts));
+        }
+        if let Some(most) = self.options.most_starts.filter(|most| self.starts >= *most) {
+            return Err(SealError::TooManyStarts { starts: self.starts, most });
+        }
+        let is_dcl = matches!(scheme, Scheme::Dcl(_));
+        let cam_from_layout = match self.options.anchors {
+            SessionAnchors::Image => Rotation3::identity(),
+            SessionAnchors::World | SessionAnchors::Gravity if !is_dcl => {
+                return Err(SealError::SessionScheme { scheme: scheme.name() });
+            }
+            SessionAnchors::World => Rotation3::identity(),
+            SessionAnchors::Gravity => held.levelled().ok_or(SealError::NoGravity)?,
+        };
+        let turn = turn(&cam_from_layout)?;
+        let stays = self.options.anchors != SessionAnchors::Image;
+        let start = held.cam_from_world().filter(|_| stays).map(|cam_from_world| Start {
+            scheme,
+            camera: canonical,
+            // As it is told, so that later frames are turned against the very same.
+            layout_from_world: turn.cam_from_layout().inverse() * cam_from_world,
+        });
+        Ok((turn, start, self.starts + 1))
+    }
+}
+
+fn turn(cam_from_layout: &Rotation3<f64>) -> Result<LayoutTurn, SealError> {
+    LayoutTurn::new(cam_from_layout).ok_or(SealError::NoOrientation)
+}
+
+// The key and the orientations are secrets.
+impl std::fmt::Debug for Session {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Session({} frames, {} starts)", self.frames, self.starts)
+    }
+}

@@ -1,0 +1,68 @@
+//! How a session is set up.
+
+/// What the anchors of a session are tied to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum SessionAnchors {
+    /// The image: every frame for itself, as [`crate::seal`] does. Two frames of one place may give keypoints away.
+    Image,
+    /// The world: they stay where the first frame of the session has them.
+    #[default]
+    World,
+    /// The world and gravity: the layout of the first frame is levelled first, its `y` axis down and its `z` axis where the camera
+    /// looks, as far as that is level. An anchor at infinity in the direction 90° is then the vertical in every session.
+    Gravity,
+}
+
+/// How a session is set up. [`Self::default`] is what devices use.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct SessionOptions {
+    /// What the anchors are tied to. Default [`SessionAnchors::World`].
+    pub anchors: SessionAnchors,
+    /// Keypoints nearer to a border of sectors than this, degrees about the sectors' axis, are left out, for they may cross it
+    /// until the next frame: by the error of the orientation, by the detector's noise, by parallax. Default 0.5: that is twice what
+    /// a phone's gyroscope errs by between frames, and 4 pixels of a camera with a focal length of 500.
+    pub band_deg: f64,
+    /// Width of the cells that angles are told on, radians; 0 tells them as [`crate::seal`] does, dithered anew in each frame, so
+    /// that those of a resting camera scatter. Default 0.004.
+    pub step: f64,
+    /// How often the layout may be put somewhere new in one session; `None` for evaluations: any number. Default 2, an image and
+    /// one retry.
+    pub most_starts: Option<u32>,
+}
+
+impl Default for SessionOptions {
+    fn default() -> Self {
+        Self { anchors: SessionAnchors::World, band_deg: 0.5, step: 0.004, most_starts: Some(2) }
+    }
+}
+
+impl SessionOptions {
+    /// The same with anchors tied to something else.
+    #[must_use]
+    pub const fn with_anchors(mut self, anchors: SessionAnchors) -> Self {
+        self.anchors = anchors;
+        self
+    }
+
+    /// The same with another band, degrees.
+    #[must_use]
+    pub const fn with_band_deg(mut self, band_deg: f64) -> Self {
+        self.band_deg = band_deg;
+        self
+    }
+
+    /// The same with other cells, radians; 0 for none.
+    #[must_use]
+    pub const fn with_step(mut self, step: f64) -> Self {
+        self.step = step;
+        self
+    }
+
+    /// The same with another number of starts.
+    #[must_use]
+    pub const fn with_most_starts(mut self, most: Option<u32>) -> Self {
+        self.most_starts = most;
+        self
+    }
+}

@@ -1,0 +1,97 @@
+//! How a device held its camera.
+
+use veiloc_geometry::nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+
+/// How a device held its camera during a frame, as far as it knows. Never sent: a query says how its layout is turned against the
+/// camera, which is the difference to the session's first frame.
+///
+/// Camera axes: `x` right, `y` down, `z` forward, of the image as its pixels are stored.
+#[derive(Clone, Copy, PartialEq, Default)]
+pub struct Orientation {
+    cam_from_world: Option<Rotation3<f64>>,
+    /// Unit length.
+    down: Option<Vector3<f64>>,
+}
+
+impl Orientation {
+    /// Nothing is known.
+    pub const fn unknown() -> Self {
+        Self { cam_from_world: None, down: None }
+    }
+
+    /// The rotation from a frame that stays in the world during the session, any one, to the camera; `None` when it is not finite.
+    pub fn in_world(cam_from_world: Rotation3<f64>) -> Option<Self> {
+        let is_finite = cam_from_world.matrix().iter().all(|x| x.is_finite());
+        is_finite.then_some(Self { cam_from_world: Some(cam_from_world), down: None })
+    }
+
+    /// The same as a Hamilton quaternion `[w, x, y, z]` of any length; `None` when it is zero or not finite.
+    pub fn from_quaternion([w, x, y, z]: [f64; 4]) -> Option<Self> {
+        let quaternion = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9)?;
+        Self::in_world(quaternion.to_rotation_matrix())
+    }
+
+    /// The same, and the direction in which things fall, in the camera's axes, of any length; `None` when it has no direction.
+    pub fn with_down(self, down: [f64; 3]) -> Option<Self> {
+        let down = Vector3::from(down).try_normalize(1e-9).filter(|d| d.iter().all(|x| x.is_finite()))?;
+        Some(Self { down: Some(down), ..self })
+    }
+
+    /// Rotation from the world to the camera.
+    pub const fn cam_from_world(&self) -> Option<&Rotation3<f64>> {
+        self.cam_from_world.as_ref()
+    }
+
+    /// Rotation to the camera from a level frame: `y` down, `z` where the camera looks as far as that is level, or where the upper
+    /// end of its image points when it looks at the ground.
+    pub(super) fn levelled(&self) -> Option<Rotation3<f64>> {
+        let down = self.down?;
+        // Looking at the ground the image's upper end points ahead, looking at the sky its lower end.
+        let ahead = if down.z.abs() < MOST_STEEP { Vector3::z() } else { Vector3::y() * -down.z.signum() };
+        let ahead = (ahead - down * down.dot(&ahead)).try_normalize(1e-9)?;
+        Some(Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[down.cross(&ahead), down, ahead])))
+    }
+}
+
+/// Cosine between the direction of sight and the vertical from which on the latter says nothing of where the camera looks.
+const MOST_STEEP: f64 = 0.9;
+
+// How somebody held a device has no place in a log.
+impl std::fmt::Debug for Orientation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Orientation")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_levelled_frame_has_the_vertical_and_looks_ahead() {
+        for (x, y, z) in
+            [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (-0.9, 1.0, 0.2), (1.5, 0.4, 3.0), (-1.5, 0.0, 1.0)]
+        {
+            // The camera in a world whose y axis is down.
+            let cam_from_world = Rotation3::from_euler_angles(x, y, z);
+            let down = cam_from_world * Vector3::y();
+            let held = Orientation::in_world(cam_from_world).expect("finite");
+            let held = held.with_down((down * 9.81).into()).expect("a direction");
+            let cam_from_level = held.levelled().expect("a direction");
+            assert!((cam_from_level.matrix().determinant() - 1.0).abs() < 1e-9);
+            assert!((cam_from_level * Vector3::y() - down).norm() < 1e-9);
+            let ahead = cam_from_level * Vector3::z();
+            let seen = if down.z.abs() < 0.9 { ahead.z } else { -ahead.y * down.z.signum() };
+            assert!(seen > 0.0, "{x} {y} {z}: {ahead}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_direction_is_refused() {
+        assert!(Orientation::from_quaternion([0.0; 4]).is_none());
+        assert!(Orientation::from_quaternion([f64::NAN, 0.0, 0.0, 1.0]).is_none());
+        assert!(Orientation::unknown().with_down([0.0; 3]).is_none());
+        assert!(Orientation::unknown().with_down([f64::INFINITY, 0.0, 0.0]).is_none());
+        assert!(Orientation::unknown().levelled().is_none());
+    }
+}
