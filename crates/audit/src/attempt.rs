@@ -70,9 +70,9 @@ impl Attempt<'_> {
 
     /// What the scatter of several seals' angles tells; the guess where it tells nothing.
     pub(crate) fn by_scatter(&self) -> Result<Answers, AuditError> {
-        let seals: Vec<&[Observation]> =
-            std::iter::once(self.observations).chain(self.seals.iter().map(Vec::as_slice)).collect();
-        let found = resting_camera(&seals, self.size, &self.codes)?;
+        let others: Vec<Vec<Option<Observation>>> =
+            self.seals.iter().map(|seal| seal.iter().copied().map(Some).collect()).collect();
+        let found = resting_camera(self.observations, &others, self.size, &self.codes)?;
         Ok(found
             .iter()
             .zip(self.guess())

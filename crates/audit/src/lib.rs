@@ -35,5 +35,6 @@ pub use findings::{
 pub use neighbours::{NeighbourSource, Neighbours};
 pub use observer::{AttackObserver, AttackTrial, ImageGroup, Stage};
 pub use options::{AttackEvaluation, Measured, ServerKnowledge};
+pub use private::person;
 pub use run::{attack_groups, evaluate_attacks};
 pub use sightings::FrameChoice;

@@ -11,7 +11,7 @@ const UPRIGHT: f64 = 2.5;
 
 /// Which keypoints lie in an upright ellipse around one of them, drawn at random, that holds this share of all, rounded
 /// up: `[N]`.
-pub(super) fn person(keypoints: &[Pixel], share: f64, rng: &mut impl Rng) -> Vec<bool> {
+pub fn person(keypoints: &[Pixel], share: f64, rng: &mut impl Rng) -> Vec<bool> {
     let mut inside = vec![false; keypoints.len()];
     if keypoints.is_empty() {
         return inside;

@@ -17,7 +17,7 @@ mod make_problems;
 pub mod negatives;
 mod poses;
 mod rig;
-mod road;
+pub mod road;
 mod scene;
 mod scores;
 pub mod stress;
@@ -27,5 +27,5 @@ pub use make_problems::{MadeProblem, ProblemSource, make_problems};
 pub use poses::{
     GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses, pose_problem,
 };
-pub use rig::{RigEvaluation, evaluate_rig};
+pub use rig::{RigEvaluation, evaluate_rig, walk_of};
 pub use scene::{Negatives, SceneEvaluation, evaluate_scene};

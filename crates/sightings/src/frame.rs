@@ -31,12 +31,15 @@ pub struct FramesOptions {
     pub depths: [f64; 2],
     /// Where the attacked frame shows map points, pixels, and at which depths, map units.
     pub known: Vec<(Pixel, f64)>,
+    /// `[N]`: the keypoints of the attacked frame that are asked for; the others are answered as if no frame showed them.
+    /// All when none.
+    pub asked: Option<Vec<bool>>,
 }
 
 impl FramesOptions {
     /// With the depths of the scene as the server's map has them around the query, map units.
     pub const fn with_depths(depths: [f64; 2]) -> Self {
-        Self { ratio: 0.9, noise_px: 1.4, wrong: 0.2, depths, known: Vec::new() }
+        Self { ratio: 0.9, noise_px: 1.4, wrong: 0.2, depths, known: Vec::new(), asked: None }
     }
 
     /// Whether the depths are depths.
@@ -44,6 +47,12 @@ impl FramesOptions {
         let [least, most] = self.depths;
         // Written so that NaN is refused.
         if least > 0.0 && most >= least && most.is_finite() { Ok(()) } else { Err(AttackError::Depths) }
+    }
+
+    /// Of these keypoints of the attacked frame alone, `[N]`.
+    #[must_use]
+    pub fn asking(self, asked: Vec<bool>) -> Self {
+        Self { asked: Some(asked), ..self }
     }
 
     /// With map points that the server sees in the attacked frame: a keypoint among them is likely as deep.

@@ -58,6 +58,10 @@ pub fn several_frames(frames: &[Frame<'_>], options: &FramesOptions) -> Result<V
         return Err(AttackError::TooFewFrames { frames: 1 });
     }
     options.check()?;
+    let rows = first.observations.len();
+    if let Some(asked) = options.asked.as_ref().filter(|asked| asked.len() != rows) {
+        return Err(AttackError::Rows { rows: asked.len(), expected: rows });
+    }
     for (frame, f) in frames.iter().enumerate() {
         let (observations, descriptors) = (f.observations.len(), f.descriptors.len());
         if observations != descriptors {
@@ -74,6 +78,9 @@ pub fn several_frames(frames: &[Frame<'_>], options: &FramesOptions) -> Result<V
     let answer = |i: usize| {
         if let Observation::Known(pixel) = first.observations[i] {
             return Sighted::given(pixel);
+        }
+        if options.asked.as_ref().is_some_and(|asked| !asked[i]) {
+            return Sighted::UNSEEN;
         }
         let seen: Vec<(&Sight, &Observation)> = views
             .iter()

@@ -45,6 +45,12 @@ impl RestingOptions {
         Self { cell, dither_px: 0.5, noise_px: 0.0, wrong: 0.01 }
     }
 
+    /// Codes that nothing dithers.
+    #[must_use]
+    pub const fn without_dither(self) -> Self {
+        Self { dither_px: 0.0, ..self }
+    }
+
     /// Frames of a camera at rest, whose detector errs by so many pixels along each axis from frame to frame.
     #[must_use]
     pub const fn with_noise(self, noise_px: f64) -> Self {
@@ -57,17 +63,17 @@ const DISTANCES: usize = 64;
 /// Angles over which it is integrated.
 const ANGLES: usize = 96;
 
-/// Recovers keypoints from several lines of each, of one camera at rest: `[N]`. `seals`: each `[N]`, row `i` of each of
-/// the same keypoint, the attacked one first.
+/// Recovers keypoints from several lines of each, of one camera at rest: `[N]`. `own`: `[N]`, the attacked frame; `others`:
+/// each `[N]`, what it sent of the keypoint of row `i`, where it shows it.
 ///
 /// # Errors
-/// [`AttackError::TooFewFrames`] for fewer than two, [`AttackError::Rows`] when they have not as many rows.
+/// [`AttackError::TooFewFrames`] for no others, [`AttackError::Rows`] when they have not as many rows.
 pub fn resting_camera(
-    seals: &[&[Observation]],
+    own: &[Observation],
+    others: &[Vec<Option<Observation>>],
     (width, height): (u32, u32),
     options: &RestingOptions,
 ) -> Result<Vec<Sighted>, AttackError> {
-    let [own, others @ ..] = seals else { return Err(AttackError::TooFewFrames { frames: 0 }) };
     if others.is_empty() {
         return Err(AttackError::TooFewFrames { frames: 1 });
     }
@@ -75,7 +81,11 @@ pub fn resting_camera(
         return Err(AttackError::Rows { rows: other.len(), expected: own.len() });
     }
     let answer = |i: usize| {
-        let rows: Vec<Observation> = seals.iter().map(|s| s[i]).collect();
+        let rows: Vec<Observation> =
+            std::iter::once(own[i]).chain(others.iter().filter_map(|o| o[i])).collect();
+        if rows.len() < 2 {
+            return Sighted::UNSEEN;
+        }
         match pencil(&rows) {
             Some((row, angles)) => scattered(&row, &angles, width, height, options),
             None => crossing(&rows, width, height, options),

@@ -261,9 +261,8 @@ fn a_camera_at_rest_is_not_believed_and_its_scatter_tells() {
     let cell = std::f64::consts::PI / f64::from(AngleBits::default().levels());
     let of = |seals: usize, noise: f64| {
         let all: Vec<Vec<Observation>> = (0..seals).map(|k| scene.sealed(0, noise, 100 + k as u64)).collect();
-        let rows: Vec<&[Observation]> = all.iter().map(Vec::as_slice).collect();
         let options = RestingOptions::of_one_image(cell).with_noise(noise);
-        let found = resting_camera(&rows, (640, 480), &options).expect("they fit");
+        let found = resting_camera(&all[0], &shown(&all[1..]), (640, 480), &options).expect("they fit");
         let errors = scene.errors(&found);
         // The posterior's own word for its error is right.
         let told: f64 = found.iter().map(|s| s.sigma_px.powi(2)).sum::<f64>();
@@ -296,12 +295,22 @@ fn seals_of_crossing_lines_give_keypoints_away() {
     let mut rng = ChaCha8Rng::seed_from_u64(52);
     let seals = [0, 1].map(|_| lift::random_lines(&scene.pixels[0], &mut rng));
     let options = RestingOptions::of_one_image(0.0);
-    let found = resting_camera(&[&seals[0], &seals[1]], (640, 480), &options).expect("they fit");
+    let found = resting_camera(&seals[0], &shown(&seals[1..]), (640, 480), &options).expect("they fit");
     assert!(ErrorSummary::of(&scene.errors(&found)).median_px < 0.1);
-    let refused = resting_camera(&[&seals[0], &seals[1][1..]], (640, 480), &options);
+    let refused = resting_camera(&seals[0], &shown(&[seals[1][1..].to_vec()]), (640, 480), &options);
     assert_eq!(refused, Err(AttackError::Rows { rows: 199, expected: 200 }));
-    let alone = resting_camera(&[&seals[0]], (640, 480), &options);
+    let alone = resting_camera(&seals[0], &[], (640, 480), &options);
     assert_eq!(alone, Err(AttackError::TooFewFrames { frames: 1 }));
+    // What no other frame shows has no answer, and takes nothing from the others.
+    let mut partly = shown(&seals[1..]);
+    partly[0][3] = None;
+    let some = resting_camera(&seals[0], &partly, (640, 480), &options).expect("they fit");
+    assert_eq!((some[3].pixel, some[4]), (None, found[4]));
+}
+
+/// Rows that the other frames show all of.
+fn shown(seals: &[Vec<Observation>]) -> Vec<Vec<Option<Observation>>> {
+    seals.iter().map(|rows| rows.iter().copied().map(Some).collect()).collect()
 }
 
 /// Of a pool: the frame that turned on the spot before those that walked, and then one that adds to it.

@@ -1,9 +1,11 @@
 //! What a variant costs and what it leaks: the same images localized and attacked, side by side.
 //!
 //! - [`variants`]: variants of dcl (fewer keypoints, coarser angles, decoys) between privacy and recall.
+//! - [`sessions`]: what several frames of one place give away, by what their anchors are tied to.
 //!
 //! It measures with the attacks of `attacks` and the road of `eval`, and has neither of its own. Nothing here is for
 //! devices or servers: it knows the truth, to judge attacks and poses by.
 #![forbid(unsafe_code)]
 
+pub mod sessions;
 pub mod variants;

@@ -24,7 +24,8 @@ use crate::scene::{SceneEvaluation, folder_name};
 use crate::stress::sparse::thinned;
 use crate::stress::{Stress, sealed_under, shown_under};
 use veiloc_results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
-use walk::{odometry, session};
+use walk::odometry;
+pub use walk::walk_of;
 
 /// What to evaluate.
 #[derive(Debug, Clone)]
@@ -80,7 +81,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let longest = evaluation.frames.iter().copied().max().unwrap_or(1);
     let newest: Vec<usize> =
-        (0..queries.len()).filter(|&i| session(&poses, i, longest, evaluation.reach).is_some()).collect();
+        (0..queries.len()).filter(|&i| walk_of(&poses, i, longest, evaluation.reach).is_some()).collect();
     if newest.is_empty() {
         return Err(EvalError::DataSet(format!(
             "no {longest} queries of the list follow each other within {} map units; list them in the order in which \
@@ -116,7 +117,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
             .collect();
         for &frames in &evaluation.frames {
             let row = newest.iter().map(|&i| {
-                let images = session(&poses, i, frames, evaluation.reach).unwrap_or_default();
+                let images = walk_of(&poses, i, frames, evaluation.reach).unwrap_or_default();
                 let result = localize_session(evaluation, map, &queries, &sealed, &images, *scheme);
                 progress.advance(1);
                 result

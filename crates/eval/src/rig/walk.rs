@@ -16,12 +16,7 @@ pub(super) struct Step {
 /// The images of the session that ends with image `newest`, oldest first: `count` in a row of its walk, those before it or,
 /// where they are too few, those after it, as if the walk had been gone backwards. Walks are runs of the list whose
 /// neighbours are no farther apart than `reach`. `None` when the walk has too few images on both sides.
-pub(super) fn session(
-    poses: &[CameraFromWorld],
-    newest: usize,
-    count: usize,
-    reach: f64,
-) -> Option<Vec<usize>> {
+pub fn walk_of(poses: &[CameraFromWorld], newest: usize, count: usize, reach: f64) -> Option<Vec<usize>> {
     let near = |a: usize, b: usize| poses[a].translation_error(&poses[b]) <= reach;
     let before = (0..newest).rev().take_while(|&i| near(i, i + 1));
     let after = (newest + 1..poses.len()).take_while(|&i| near(i - 1, i));
@@ -80,7 +75,7 @@ mod tests {
     fn sessions_stay_within_their_walk() {
         let level = |x: f64| CameraFromWorld::new(Rotation3::identity(), Vector3::new(x, 0.0, 0.0));
         let poses: Vec<CameraFromWorld> = [0.0, 0.1, 0.2, 5.0, 5.1, 5.2, 5.3].map(level).into();
-        let of = |newest, count| session(&poses, newest, count, 0.5);
+        let of = |newest, count| walk_of(&poses, newest, count, 0.5);
         assert_eq!(of(2, 3), Some(vec![0, 1, 2]));
         assert_eq!(of(6, 2), Some(vec![5, 6]));
         assert_eq!(of(3, 3), Some(vec![5, 4, 3]), "none before it");

@@ -2,13 +2,15 @@
 //! and decoded as if it had crossed a network. No stage is short-cut because truth is at hand.
 
 mod ask;
+mod judge;
 mod place_map;
 mod posed_query;
 mod send;
 mod upright;
 
 pub(crate) use ask::{Answer, ask};
-pub(crate) use place_map::PlaceMap;
-pub(crate) use posed_query::{PosedQuery, posed_queries, queries_of_place};
+pub use judge::localize_one;
+pub use place_map::PlaceMap;
+pub use posed_query::{PosedQuery, posed_queries, queries_of_place};
 pub(crate) use send::{Sent, send};
-pub(crate) use upright::Upright;
+pub use upright::Upright;

@@ -13,11 +13,11 @@ use crate::error::EvalError;
 use veiloc_results::MapSummary;
 
 /// A map that was built, written and opened again, as a server has it.
-pub(crate) struct PlaceMap {
+pub struct PlaceMap {
     /// The map.
-    pub(crate) file: MapFile,
+    pub file: MapFile,
     /// Facts about it.
-    pub(crate) summary: MapSummary,
+    pub summary: MapSummary,
     /// Holds the file, where nobody wants to keep it.
     _folder: TempDir,
 }
@@ -28,7 +28,7 @@ impl PlaceMap {
     ///
     /// # Errors
     /// [`EvalError`] when data is missing or the map cannot be built, written or opened.
-    pub(crate) fn build(
+    pub fn build(
         input: &Input<'_>,
         options: &BuildOptions,
         tested: bool,

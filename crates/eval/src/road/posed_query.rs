@@ -10,18 +10,22 @@ use crate::error::EvalError;
 
 /// An image whose pose is known.
 #[derive(Debug, Clone)]
-pub(crate) struct PosedQuery {
+pub struct PosedQuery {
     /// Its name.
-    pub(crate) name: String,
+    pub name: String,
     /// Its file.
-    pub(crate) path: PathBuf,
+    pub path: PathBuf,
     /// Its camera.
-    pub(crate) camera: Intrinsics,
+    pub camera: Intrinsics,
     /// Where it truly was taken.
-    pub(crate) cam_from_world: CameraFromWorld,
+    pub cam_from_world: CameraFromWorld,
 }
 
-pub(crate) fn posed_queries(
+/// Images of these names with their true poses.
+///
+/// # Errors
+/// [`EvalError::DataSet`], naming the image that has none.
+pub fn posed_queries(
     posed: &PosedImages,
     images: &Path,
     names: &[String],
@@ -46,7 +50,10 @@ pub(crate) fn posed_queries(
 
 /// The queries of a place, none of which may be in its map; cameras that are known better than the model's take the place
 /// of those.
-pub(crate) fn queries_of_place(
+///
+/// # Errors
+/// [`EvalError::DataSet`] for an image without a pose, or in both lists.
+pub fn queries_of_place(
     posed: &PosedImages,
     images: &Path,
     map_list: &[String],

@@ -14,7 +14,7 @@ use crate::poses::mean_down;
 
 /// A world with a vertical, and sensors of some noise.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Upright {
+pub struct Upright {
     down: Down,
     sd_deg: f64,
 }
@@ -25,7 +25,7 @@ impl Upright {
     ///
     /// # Errors
     /// [`EvalError::Options`] for a deviation that no query can tell.
-    pub(crate) fn of(posed: &PosedImages, map_list: &[String], sd_deg: f64) -> Result<Self, EvalError> {
+    pub fn of(posed: &PosedImages, map_list: &[String], sd_deg: f64) -> Result<Self, EvalError> {
         let refused = |e: &dyn std::fmt::Display| EvalError::Options(format!("gravity: {e}"));
         let poses = map_list.iter().filter_map(|name| posed.get(name)).map(|image| &image.cam_from_world);
         let down = Down::new(mean_down(poses).into()).map_err(|e| refused(&e))?;
@@ -34,12 +34,12 @@ impl Upright {
     }
 
     /// What the map is told.
-    pub(crate) const fn down(&self) -> Down {
+    pub const fn down(&self) -> Down {
         self.down
     }
 
     /// Standard deviation about each axis across the direction, degrees.
-    pub(crate) const fn sd_deg(&self) -> f64 {
+    pub const fn sd_deg(&self) -> f64 {
         self.sd_deg
     }
 

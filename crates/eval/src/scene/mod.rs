@@ -10,21 +10,20 @@ use std::path::Path;
 use std::time::Instant;
 
 use veiloc_features::Progress;
-use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_mapping::Input;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
 use veiloc_query::Scheme;
-use veiloc_robust::{ScoreKind, State};
+use veiloc_robust::State;
 
 pub use options::{Negatives, SceneEvaluation};
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, Upright, ask, queries_of_place, send};
+use crate::road::{PlaceMap, PosedQuery, Upright, localize_one, queries_of_place, send};
 use crate::scores::scores_or_default;
 use negatives::localize_negatives;
-use veiloc_results::{Evaluation, NegativeSummary, QueryResult, QueryUncertainty, Variant, summarize};
+use veiloc_results::{Evaluation, NegativeSummary, QueryResult, Variant, summarize};
 
 /// Builds the map and localizes every query under every scheme and score.
 ///
@@ -151,36 +150,4 @@ fn localize_all(
         .map(|results| summarize(&results.iter().collect::<Vec<_>>(), &evaluation.thresholds))
         .collect();
     Ok((summaries, by_recipe.into_iter().flatten().collect()))
-}
-
-fn localize_one(
-    map: &MapFile,
-    bytes: &[u8],
-    query: &PosedQuery,
-    scheme: Scheme,
-    score: ScoreKind,
-    options: &LocalizeOptions,
-) -> QueryResult {
-    let mut options = options.clone();
-    options.pose.score = Some(score);
-    let answer = ask(map, bytes, &options);
-    let mut result = QueryResult::unsolved(&query.name, scheme, score);
-    result.state = Some(answer.state());
-    result.ms.insert("decode".to_owned(), answer.decode_ms);
-    match &answer.found {
-        Ok(found) => {
-            let truth = &query.cam_from_world;
-            result = result.found(&found.cam_from_world, truth);
-            result.uncertainty = Some(QueryUncertainty::of(&found.cam_from_world, &found.covariance, truth));
-            result.inliers = found.inlier_pairs;
-            result.correspondences = found.pairs;
-            result.hypotheses = found.hypotheses;
-            result.trusted = Some(found.state == State::Trusted);
-            result.ms.insert("retrieve".to_owned(), found.times.retrieve_ms);
-            result.ms.insert("match".to_owned(), found.times.match_ms);
-            result.ms.insert("pose".to_owned(), found.times.pose_ms);
-        }
-        Err(error) => result = result.because(error),
-    }
-    result
 }

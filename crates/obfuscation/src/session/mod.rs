@@ -24,7 +24,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_geometry::nalgebra::Rotation3;
 use veiloc_query::{CanonicalCamera, LayoutTurn, Profile, Scheme, SealedQuery};
 
-pub use options::{SessionAnchors, SessionOptions};
+pub use options::{SessionAnchors, SessionAnchorsError, SessionOptions};
 pub use orientation::Orientation;
 
 use crate::grid::AngleGrid;

@@ -1,5 +1,8 @@
 //! How a session is set up.
 
+use std::fmt;
+use std::str::FromStr;
+
 /// What the anchors of a session are tied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum SessionAnchors {
@@ -11,6 +14,32 @@ pub enum SessionAnchors {
     /// The world and gravity: the layout of the first frame is levelled first, its `y` axis down and its `z` axis where the camera
     /// looks, as far as that is level. An anchor at infinity in the direction 90° is then the vertical in every session.
     Gravity,
+}
+
+impl SessionAnchors {
+    /// All of them, with the word that people write.
+    const WORDS: [(Self, &str); 3] =
+        [(Self::Image, "image"), (Self::World, "world"), (Self::Gravity, "gravity")];
+}
+
+impl fmt::Display for SessionAnchors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(Self::WORDS.iter().find(|w| w.0 == *self).map_or("", |w| w.1))
+    }
+}
+
+/// A word that says nothing of what anchors are tied to.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("anchors cannot be tied to {0:?}; write image, world or gravity")]
+pub struct SessionAnchorsError(String);
+
+impl FromStr for SessionAnchors {
+    type Err = SessionAnchorsError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::WORDS.iter().find(|w| w.1 == text.trim());
+        found.map(|w| w.0).ok_or_else(|| SessionAnchorsError(text.to_owned()))
+    }
 }
 
 /// How a session is set up. [`Self::default`] is what devices use.

@@ -10,6 +10,7 @@ mod problems;
 mod report;
 mod rig;
 mod scene;
+mod sessions;
 mod stress;
 mod tradeoff;
 
@@ -27,6 +28,8 @@ pub(crate) enum Command {
     Negatives(Box<negatives::Args>),
     /// Several images in a row together, with simulated odometry: what a session gains over single images.
     Rig(Box<rig::Args>),
+    /// Several frames of one place, attacked together: what a session gives away, by what its anchors are tied to.
+    Sessions(Box<sessions::Args>),
     /// The pose stage alone, on matches that are already there.
     Pose(pose::Args),
     /// Errors on random synthetic problems over what the Cramér–Rao bound allows.
@@ -45,6 +48,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Stress(args) => stress::run(args, ui),
         Command::Negatives(args) => negatives::run(args, ui),
         Command::Rig(args) => rig::run(args, ui),
+        Command::Sessions(args) => sessions::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),
         Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),

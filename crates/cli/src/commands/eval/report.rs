@@ -1,5 +1,6 @@
 //! What the evaluations of `veiloc eval` compare, and how they tell the result.
 
+use serde::Serialize;
 use veiloc_query::Scheme;
 use veiloc_results::metrics::Threshold;
 use veiloc_results::{Evaluation, table};
@@ -7,7 +8,7 @@ use veiloc_robust::ScoreKind;
 
 use crate::commands::json_args::JsonArgs;
 use crate::commands::localization_args::EngineArgs;
-use crate::exit::{Exit, Outcome};
+use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
 /// What `eval scene` and `eval pose` compare and print.
@@ -33,6 +34,11 @@ impl ReportArgs {
             (true, Some(score)) => vec![score],
             (true, None) => Vec::new(),
         }
+    }
+
+    /// Prints another evaluation's table and document.
+    pub(super) fn print(&self, table: &str, document: &impl Serialize, ui: &Ui) -> Result<(), Failure> {
+        self.json.print(table, document, ui)
     }
 
     /// Prints the table and the document; nothing localized at all is a refusal.

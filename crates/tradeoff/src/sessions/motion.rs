@@ -1,0 +1,41 @@
+//! How the frames that a server puts together came about.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// How the frames that a server puts together came about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Motion {
+    /// Those of the walk that tell most: much turn, little motion.
+    Turning,
+    /// One after the other.
+    Walking,
+    /// Of a camera that nobody moved.
+    Resting,
+}
+
+impl Motion {
+    const WORDS: [(Self, &str); 3] =
+        [(Self::Turning, "turning"), (Self::Walking, "walking"), (Self::Resting, "resting")];
+}
+
+impl fmt::Display for Motion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(Self::WORDS.iter().find(|w| w.0 == *self).map_or("", |w| w.1))
+    }
+}
+
+/// A word that is no motion.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is no motion; write turning, walking or resting")]
+pub struct MotionError(String);
+
+impl FromStr for Motion {
+    type Err = MotionError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::WORDS.iter().find(|w| w.1 == text.trim());
+        found.map(|w| w.0).ok_or_else(|| MotionError(text.to_owned()))
+    }
+}
