@@ -15,7 +15,7 @@ use super::align::Pair;
 use crate::rule::{Recalled, Told};
 
 /// Landmarks kept at most: the oldest go. About a megabyte and a half.
-const MOST: usize = 8192;
+pub(super) const MOST: usize = 8192;
 /// What is seen this near to where it was told is at its place, degrees: two pixels of a camera with a focal length of 500,
 /// five times what a detector errs by.
 const SAME_DEG: f64 = 0.25;
@@ -82,13 +82,14 @@ impl Memory {
         clear.collect()
     }
 
-    /// How many of the starts up to now show what these descriptors are of.
-    pub(super) fn overlapping(&self, descriptors: &Descriptors, starts: u32) -> u32 {
+    /// How many of the starts that are remembered show what these descriptors are of.
+    pub(super) fn overlapping(&self, descriptors: &Descriptors) -> u32 {
+        let starts: BTreeSet<u32> = self.landmarks.iter().map(|landmark| landmark.start).collect();
         let shows = |start: &u32| {
             let matched = self.matched(descriptors, *start).by_keypoint;
             matched.iter().flatten().filter(|(_, is_clear)| *is_clear).count() >= OVERLAP
         };
-        (1..=starts).filter(shows).count() as u32
+        starts.into_iter().filter(shows).count() as u32
     }
 
     /// What is to become of each keypoint, and the landmark that says so. `anchor_of`: whose it would be by its place in the image.

@@ -20,6 +20,7 @@
 //! ([`SessionOptions::most_starts`]).
 
 mod align;
+mod bytes;
 mod memory;
 mod options;
 mod orientation;
@@ -30,6 +31,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_query::{CanonicalCamera, LayoutTurn, Profile, Scheme, SealedQuery};
 
+pub use bytes::SessionBytesError;
 pub use options::{SessionAnchors, SessionOptions};
 pub use orientation::Orientation;
 
@@ -191,7 +193,7 @@ impl Session {
             (rows, look(hidden))
         };
         let (query, (rows, looked)) = seal_frame(&features, camera, profile, options, &rule, rng, see)?;
-        self.frames += 1;
+        self.frames = self.frames.saturating_add(1);
         (self.start, self.starts) = (placed.start, placed.starts);
         if remembers {
             let at = (self.starts, self.frames);
@@ -237,7 +239,7 @@ impl Session {
             }
         }
         let starts = if self.options.memory && self.options.anchors != SessionAnchors::Image {
-            self.memory.overlapping(descriptors, self.starts)
+            self.memory.overlapping(descriptors)
         } else {
             self.starts
         };
@@ -259,7 +261,7 @@ impl Session {
         let shared = stays && (held.cam_from_world().is_some() || self.options.memory);
         let start =
             shared.then(|| Start { scheme, camera: canonical, layout_from_world: layout_from(turn, held) });
-        let starts = self.starts + 1;
+        let starts = self.starts.saturating_add(1);
         Ok(Placed { turn, start, starts, seen, matched: self.memory.matched(descriptors, starts) })
     }
 }
