@@ -42,7 +42,7 @@ pub fn seal_with_truth(
     options: &SealOptions,
     rng: &mut impl CryptoRng,
 ) -> Result<(SealedQuery, SealTruth), SealError> {
-    seal_frame(features, camera, profile, options, &FrameRule::default(), rng, SealTruth::of)
+    seal_frame(&features, camera, profile, options, &FrameRule::default(), rng, SealTruth::of)
 }
 
 impl Session {
@@ -113,13 +113,12 @@ pub fn obfuscate_points(
     let principal = [width, height].map(|side| 0.5 * f64::from(side));
     let camera = Pinhole { width: width.max(1), height: height.max(1), focal: [focal; 2], principal };
     let turn = LayoutTurn::default();
-    let rows =
-        lift(&dithered, &camera, *scheme, &FrameRule::default(), angle_bits, rng).map_err(|e| match e {
-            SealError::TooFar { index: place } => {
-                SealError::TooFar { index: places.of.iter().position(|p| *p == place).unwrap_or(place) }
-            }
-            other => other,
-        })?;
+    let rows = lift(&dithered, &camera, *scheme, angle_bits, rng).map_err(|e| match e {
+        SealError::TooFar { index: place } => {
+            SealError::TooFar { index: places.of.iter().position(|p| *p == place).unwrap_or(place) }
+        }
+        other => other,
+    })?;
     let rows = select(&rows, places.of.iter().copied());
     let form = AngleForm::of_scheme(*scheme, turn);
     Ok(rows

@@ -57,4 +57,6 @@ pub use extract::{ExtractError, extract, extract_loaded, extract_with};
 pub use options::{DeviceLimits, SealOptions};
 pub use rng::device_rng;
 pub use seal::seal;
-pub use session::{Orientation, Session, SessionAnchors, SessionAnchorsError, SessionOptions};
+pub use session::{
+    Orientation, Session, SessionAnchors, SessionAnchorsError, SessionBytesError, SessionOptions,
+};

@@ -10,7 +10,8 @@ use veiloc_query::{
 };
 
 use crate::SealError;
-use crate::rule::FrameRule;
+use crate::grid::AngleGrid;
+use crate::rule::{FrameRule, Told};
 
 /// Positions without repetition, and which of them each keypoint has.
 ///
@@ -47,8 +48,8 @@ pub(crate) fn dither<R: Rng + ?Sized>(pixel: Pixel, rng: &mut R) -> Pixel {
     Pixel::new(pixel.u + step(), pixel.v + step())
 }
 
-/// One row per place. `dithered` are positions in an image of this camera, whose principal point is the image's centre;
-/// `rule` says how the layout of `dcl` is turned against it, and on what grid angles are told.
+/// One row per place, of a frame for itself. `dithered` are positions in an image of this camera, whose principal point is the
+/// image's centre.
 ///
 /// The error names the index of a place.
 ///
@@ -58,7 +59,6 @@ pub(crate) fn lift<R: Rng + ?Sized>(
     dithered: &[Pixel],
     camera: &Pinhole,
     scheme: Scheme,
-    rule: &FrameRule,
     bits: AngleBits,
     rng: &mut R,
 ) -> Result<Rows, SealError> {
@@ -83,16 +83,17 @@ pub(crate) fn lift<R: Rng + ?Sized>(
             Ok(Rows::CoordinatePermutation(positions(&places)?))
         }
         Scheme::Dcl(layout) => {
-            let lifter = DclLift::new(layout, camera, rule, bits);
-            Ok(Rows::Dcl(dithered.iter().map(|p| lifter.row(*p)).collect()))
+            let rule = FrameRule::default();
+            let lifter = DclLift::new(layout, camera, &rule, bits);
+            Ok(Rows::Dcl(dithered.iter().map(|p| lifter.row(*p, lifter.told(*p))).collect()))
         }
     }
 }
 
 /// What makes a row of `dcl` of a position.
-struct DclLift<'a> {
+pub(crate) struct DclLift<'a> {
     pencils: Pencils,
-    rule: &'a FrameRule,
+    grid: Option<&'a AngleGrid>,
     bits: AngleBits,
     form: AngleForm,
     /// How angles are told over the half circle.
@@ -101,7 +102,7 @@ struct DclLift<'a> {
 }
 
 impl<'a> DclLift<'a> {
-    fn new(layout: DclLayout, camera: &Pinhole, rule: &'a FrameRule, bits: AngleBits) -> Self {
+    pub(crate) fn new(layout: DclLayout, camera: &Pinhole, rule: &'a FrameRule, bits: AngleBits) -> Self {
         let form = AngleForm::needed(layout, rule.turn);
         let half_lines = match (form, layout) {
             (AngleForm::HalfCircle, DclLayout::Halves(halves)) => {
@@ -110,23 +111,29 @@ impl<'a> DclLift<'a> {
             _ => None,
         };
         let pencils = pencils(layout, camera, rule.turn);
-        Self { pencils, rule, bits, form, half_lines, height: f64::from(camera.height) }
+        Self { pencils, grid: rule.grid.as_ref(), bits, form, half_lines, height: f64::from(camera.height) }
     }
 
-    fn row(&self, pixel: Pixel) -> AnchoredRow {
+    /// What is said of a position.
+    pub(crate) fn told(&self, pixel: Pixel) -> Told {
         let anchor = match &self.half_lines {
             Some(anchors) => anchors.anchor_of(pixel),
             None => self.pencils.anchor_of(pixel),
         };
-        let angle = || self.pencils.angle_of(anchor, pixel);
-        let on_grid = self.rule.grid.as_ref().map(|grid| grid.middle(anchor, angle()));
+        let angle = self.pencils.angle_of(anchor, pixel);
+        Told { anchor, angle: self.grid.map_or(angle, |grid| grid.middle(anchor, angle)) }
+    }
+
+    /// The row that says it. `pixel`: some pixel that was told so.
+    pub(crate) fn row(&self, pixel: Pixel, Told { anchor, angle }: Told) -> AnchoredRow {
         let angle = match &self.half_lines {
             Some(anchors) => {
                 // Any pixel of the half-plane has the angle of its half-line.
-                let line = on_grid.and_then(|angle| self.pencils.along(anchor, angle));
+                let own = self.told(pixel) == Told { anchor, angle } && self.grid.is_none();
+                let line = if own { None } else { self.pencils.along(anchor, angle) };
                 anchors.angle_of(anchor, line.map_or(pixel, |line| line.at(self.height)))
             }
-            None => on_grid.unwrap_or_else(angle),
+            None => angle,
         };
         AnchoredRow::new(self.form, self.bits, anchor, angle)
     }

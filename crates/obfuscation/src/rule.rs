@@ -1,5 +1,6 @@
 //! What a session changes in how one of its frames is sealed.
 
+use veiloc_geometry::Anchor;
 use veiloc_query::LayoutTurn;
 
 use crate::grid::AngleGrid;
@@ -13,4 +14,32 @@ pub(crate) struct FrameRule {
     pub(crate) band: f64,
     /// What angles are told on; without it positions are dithered.
     pub(crate) grid: Option<AngleGrid>,
+    /// By feature of the frame, what was told of it before; all are new when it is empty.
+    pub(crate) recalled: Vec<Recalled>,
+}
+
+impl FrameRule {
+    /// What was told before of a feature.
+    pub(crate) fn recalled(&self, feature: usize) -> Recalled {
+        self.recalled.get(feature).copied().unwrap_or(Recalled::New)
+    }
+}
+
+/// What a row of `dcl` says of a keypoint, before the wire rounds the angle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Told {
+    pub(crate) anchor: Anchor,
+    /// Of its half-plane, `[0, 2π)`.
+    pub(crate) angle: f64,
+}
+
+/// What becomes of a keypoint by what was told of it in earlier frames.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Recalled {
+    /// Nothing that still holds was told of it.
+    New,
+    /// It is where it was, and is told as it was.
+    Same(Told),
+    /// It was told by a line of another anchor, which its new one would cross: it is left out.
+    Crossed,
 }

@@ -5,12 +5,12 @@ use rand::seq::SliceRandom;
 use veiloc_features::Features;
 use veiloc_geometry::{Intrinsics, Pencils, Pixel};
 use veiloc_query::{
-    CanonicalCamera, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass, Window,
+    CanonicalCamera, Profile, QueryError, QueryParts, Rows, Scheme, SealedQuery, SizeClass, Window,
 };
 
 use crate::decoy;
-use crate::lift::{Places, dither, lift, pencils, select};
-use crate::rule::FrameRule;
+use crate::lift::{DclLift, Places, dither, lift, pencils, select};
+use crate::rule::{FrameRule, Recalled, Told};
 use crate::{SealError, SealOptions};
 
 /// Keypoints nearer than this to an anchor, pixels, have no useful angle and are dropped.
@@ -54,7 +54,7 @@ pub fn seal(
     options: &SealOptions,
     rng: &mut impl CryptoRng,
 ) -> Result<SealedQuery, SealError> {
-    seal_frame(features, camera, profile, options, &FrameRule::default(), rng, |_| ())
+    seal_frame(&features, camera, profile, options, &FrameRule::default(), rng, |_| ())
         .map(|(query, ())| query)
 }
 
@@ -63,6 +63,8 @@ pub fn seal(
 pub(crate) struct Kept {
     pub(crate) source: usize,
     pixel: Pixel,
+    /// What is to be repeated of it.
+    told: Option<Told>,
 }
 
 /// What is forgotten when a query is sealed. Only the build for evaluation looks at it.
@@ -72,13 +74,15 @@ pub(crate) struct Hidden<'a> {
     pub(crate) kept: &'a [Kept],
     /// Positions of all rows, before dither.
     pub(crate) places: &'a Places,
+    /// `[places]`: what was told of them, under `dcl`.
+    pub(crate) told: &'a [Told],
     /// `[rows]`: index before the shuffle, real keypoints first.
     pub(crate) order: &'a [usize],
 }
 
 /// Seals, and lets `look` see what is hidden before it is forgotten.
 pub(crate) fn seal_frame<T>(
-    features: Features,
+    features: &Features,
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
@@ -87,7 +91,7 @@ pub(crate) fn seal_frame<T>(
     look: impl FnOnce(&Hidden<'_>) -> T,
 ) -> Result<(SealedQuery, T), SealError> {
     options.bounded(profile)?;
-    check(&features, profile)?;
+    check(features, profile)?;
     let (scheme, angle_bits) = (options.scheme(), options.angle_bits());
     let canonical = CanonicalCamera::for_intrinsics(camera)?;
     let window = canonical.window(camera);
@@ -99,12 +103,17 @@ pub(crate) fn seal_frame<T>(
     };
     let clear = |pixel| in_window(pixel, &window, pencils.as_ref(), rule.band);
 
-    let mut usable = strongest_first(&features)
+    let mut usable = strongest_first(features)
         .into_iter()
         .filter_map(|source| {
-            let pixel =
-                reproject(features.keypoints[source].pixel, camera, canonical).filter(|p| clear(*p))?;
-            Some(Kept { source, pixel })
+            let pixel = reproject(features.keypoints[source].pixel, camera, canonical)?;
+            let (is_sendable, told) = match rule.recalled(source) {
+                Recalled::New => (clear(pixel), None),
+                // Its row is out already; to leave it out now would tell that it came near a border.
+                Recalled::Same(told) => (window.contains(pixel), Some(told)),
+                Recalled::Crossed => (false, None),
+            };
+            is_sendable.then_some(Kept { source, pixel, told })
         })
         .take(options.most(profile))
         .collect::<Vec<_>>();
@@ -126,14 +135,26 @@ pub(crate) fn seal_frame<T>(
         Some(_) => places.pixels.clone(),
         None => places.pixels.iter().map(|p| dither(*p, rng)).collect(),
     };
-    if let Some(pencils) = &pencils {
-        let mut of = dithered[..real_places].iter().map(|p| pencils.anchor_of(*p));
-        let first = of.next();
-        if of.all(|anchor| Some(anchor) == first) {
-            return Err(SealError::OneSided { keypoints: usable.len() });
+    let (lifted, told) = match scheme {
+        Scheme::Dcl(layout) => {
+            let lifter = DclLift::new(layout, &pinhole, rule, angle_bits);
+            let mut told: Vec<Told> = dithered.iter().map(|p| lifter.told(*p)).collect();
+            // Backwards, so that of keypoints that share a place the strongest says it.
+            for (kept, place) in usable.iter().zip(&places.of).rev() {
+                told[*place] = kept.told.unwrap_or(told[*place]);
+            }
+            let mut of = told[..real_places].iter().map(|told| told.anchor);
+            let first = of.next();
+            if of.all(|anchor| Some(anchor) == first) {
+                return Err(SealError::OneSided { keypoints: usable.len() });
+            }
+            let row = |(pixel, told): (&Pixel, &Told)| lifter.row(*pixel, *told);
+            (Rows::Dcl(dithered.iter().zip(&told).map(row).collect()), told)
         }
-    }
-    let lifted = lift(&dithered, &pinhole, scheme, rule, angle_bits, rng)?;
+        Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => {
+            (lift(&dithered, &pinhole, scheme, angle_bits, rng)?, Vec::new())
+        }
+    };
 
     let mut order: Vec<usize> = (0..rows).collect();
     order.shuffle(rng);
@@ -148,11 +169,11 @@ pub(crate) fn seal_frame<T>(
         turn,
     };
     let query = SealedQuery::new(profile, parts)?;
-    let seen = look(&Hidden { kept: &usable, places: &places, order: &order });
+    let seen = look(&Hidden { kept: &usable, places: &places, told: &told, order: &order });
     Ok((query, seen))
 }
 
-fn check(features: &Features, profile: &Profile) -> Result<(), SealError> {
+pub(crate) fn check(features: &Features, profile: &Profile) -> Result<(), SealError> {
     let (keypoints, descriptors) = (features.keypoints.len(), features.descriptors.len());
     if keypoints != descriptors {
         return Err(SealError::Unpaired { keypoints, descriptors });

@@ -131,8 +131,13 @@ fn what_is_seen_again_repeats_itself() {
             assert!(share > 0.99, "{scheme}: {share} of rows of frame {earlier} repeat in frame {later}");
         }
         // Dithered anew hardly any does.
-        let scattered = sealed(scheme, SessionOptions::default().with_step(0.0), &turns(), 2);
+        let forgets = SessionOptions::default().with_memory(false);
+        let scattered = sealed(scheme, forgets.with_step(0.0), &turns(), 2);
         assert!(repeated(&scattered, 1, 2) < 0.5, "{scheme}");
+        // The grid holds what does not move, memory what is dithered.
+        for options in [forgets, SessionOptions::default().with_step(0.0)] {
+            assert!(repeated(&sealed(scheme, options, &turns(), 2), 1, 2) > 0.99, "{scheme}");
+        }
     }
 }
 
@@ -215,12 +220,13 @@ fn attempt(
 }
 
 #[test]
-fn a_session_starts_only_so_often() {
-    let mut session = Session::new(SessionOptions::default(), &mut rng(8));
+fn one_place_sees_only_so_many_starts() {
+    let unknown = Orientation::unknown();
+    let mut session = Session::new(SessionOptions::default().with_memory(false), &mut rng(8));
     for _ in 0..2 {
-        attempt(&mut session, &camera(), "dcl", &Orientation::unknown()).expect("an image and one retry");
+        attempt(&mut session, &camera(), "dcl", &unknown).expect("an image and one retry");
     }
-    let refused = attempt(&mut session, &camera(), "dcl", &Orientation::unknown());
+    let refused = attempt(&mut session, &camera(), "dcl", &unknown);
     assert_eq!(refused, Err(SealError::TooManyStarts { starts: 2, most: 2 }));
     assert_eq!((session.frames(), session.starts()), (2, 2));
 
@@ -229,6 +235,104 @@ fn a_session_starts_only_so_often() {
         attempt(&mut session, &camera(), "dcl", &held(*turn)).expect("oriented frames share one start");
     }
     assert_eq!((session.frames(), session.starts()), (8, 1));
+
+    // With memory the place counts, not the session: what moved within it cannot be told from a turn.
+    let mut session = Session::new(SessionOptions::default(), &mut rng(8));
+    let (profile, mut rng) = (profile(), rng(9));
+    let mut frame = |features| {
+        session.seal(features, &camera(), &profile, &SealOptions::default(), &unknown, &mut rng).map(|_| ())
+    };
+    let moved = |by: f64| {
+        let mut features = features_at(&uniform_pixels(400, 4), 11);
+        for (i, keypoint) in features.keypoints.iter_mut().enumerate() {
+            keypoint.pixel.u += by * (1.0 + (i % 7) as f64);
+        }
+        features
+    };
+    assert_eq!([frame(moved(0.0)), frame(moved(5.0))], [Ok(()), Ok(())]);
+    for elsewhere in [21, 22, 23] {
+        assert_eq!(frame(features_at(&uniform_pixels(400, elsewhere), elsewhere)), Ok(()));
+    }
+    assert_eq!(frame(moved(-5.0)), Err(SealError::TooManyStarts { starts: 2, most: 2 }));
+}
+
+#[test]
+fn a_camera_that_rests_or_turns_needs_no_gyroscope() {
+    let (profile, mut rng) = (profile(), rng(10));
+    let mut session = Session::new(SessionOptions::default(), &mut rng);
+    let mut directions: Vec<Vector3<f64>> = Vec::new();
+    for (k, turn) in turns().iter().enumerate() {
+        // The second frame tells how it was held, which later ones may be compared with.
+        let told = if k == 1 { held(*turn) } else { Orientation::unknown() };
+        let query = session
+            .seal(seen(turn).0, &camera(), &profile, &SealOptions::default(), &told, &mut rng)
+            .expect("a query");
+        directions.push(turn.inverse() * lines(&query).0.frame(Anchor::FIRST)[0]);
+    }
+    assert_eq!((session.frames(), session.starts()), (4, 1));
+    for direction in &directions {
+        assert!(direction.dot(&directions[0]) > 1.0 - 1e-8);
+    }
+}
+
+#[test]
+fn a_gyroscope_that_errs_is_set_right_by_what_is_seen_again() {
+    let direction = |memory: bool| {
+        let (profile, mut rng) = (profile(), rng(10));
+        let mut session = Session::new(SessionOptions::default().with_memory(memory), &mut rng);
+        let [first, later] = [turns()[0], turns()[1]];
+        let error = Rotation3::from_euler_angles(0.0, 0.3_f64.to_radians(), 0.0);
+        let mut seal = |turn: &Rotation3<f64>, told: Rotation3<f64>| {
+            let query = session
+                .seal(seen(turn).0, &camera(), &profile, &SealOptions::default(), &held(told), &mut rng)
+                .expect("a query");
+            turn.inverse() * lines(&query).0.frame(Anchor::FIRST)[0]
+        };
+        seal(&first, first).angle(&seal(&later, error * later)).to_degrees()
+    };
+    assert!(direction(true) < 0.01, "{}", direction(true));
+    assert!(direction(false) > 0.2, "{}", direction(false));
+}
+
+#[test]
+fn what_the_detector_moves_repeats_itself_and_what_changes_its_side_is_left_out() {
+    // Frames of a camera at rest whose detector errs by up to a pixel each way, and whose keypoints creep to the right.
+    let shift = |k: usize, i: usize, by: f64| {
+        let noise = |n: usize| ((n * 7919 + k * 104_729) % 1000) as f64 / 500.0 - 1.0;
+        let creep = if i.is_multiple_of(5) { by * k as f64 } else { 0.0 };
+        [noise(i) + creep, noise(i + 31)]
+    };
+    for scheme in LAYOUTS {
+        let (profile, mut rng) = (profile(), rng(12));
+        let mut session = Session::new(SessionOptions::default(), &mut rng);
+        let mut told = std::collections::BTreeMap::new();
+        let (mut again, mut same) = (0, 0);
+        for k in 0..6 {
+            let mut features = features_at(&uniform_pixels(900, 4), 11);
+            for (i, keypoint) in features.keypoints.iter_mut().enumerate() {
+                let [du, dv] = shift(k, i, 25.0);
+                keypoint.pixel = Pixel::new(keypoint.pixel.u + du, keypoint.pixel.v + dv);
+            }
+            let held = held(turns()[0]);
+            let (query, truth) = session
+                .seal_with_truth(features, &camera(), &profile, &options(scheme), &held, &mut rng)
+                .expect("a query");
+            let (_, lines) = lines(&query);
+            for (source, line) in truth.source.iter().zip(lines) {
+                let Some(source) = source else { continue };
+                let first = *told.entry(*source).or_insert(line);
+                assert_eq!(first.anchor, line.anchor, "{scheme}: keypoint {source} of frame {k}");
+                if k > 1 && !source.is_multiple_of(5) {
+                    again += 1;
+                    same += usize::from((first.angle - line.angle).abs() < 0.0016);
+                }
+            }
+        }
+        assert!(
+            again > 1000 && f64::from(same as u32) > 0.99 * f64::from(again),
+            "{scheme}: {same} of {again}"
+        );
+    }
 }
 
 #[test]

@@ -55,7 +55,8 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
 fn anchors_in_the_world_hold_over_a_session(data: &Path) {
     let document = evaluate_sessions(&kitchen(data), &()).expect("evaluated");
     let bits = |anchors: &str, motion: Motion, frames: usize| {
-        let of = document.rows.iter().filter(|r| r.anchors == anchors && r.motion == motion && r.frames == frames);
+        let of =
+            document.rows.iter().filter(|r| r.anchors == anchors && r.motion == motion && r.frames == frames);
         let all: Vec<f64> = of.filter_map(|r| r.bits_over_prior).collect();
         assert!(all.len() >= 2, "{anchors} {motion} {frames}: {all:?}");
         all.into_iter().fold(f64::NEG_INFINITY, f64::max)

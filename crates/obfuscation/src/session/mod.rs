@@ -12,29 +12,39 @@
 //! - **Angles are told on a grid** that is fixed with the anchors, in place of a dither drawn anew: a keypoint that is seen again
 //!   at its angle is told by the same code, and does not scatter ([`SessionOptions::step`]).
 //!
-//! A frame without orientation can share nothing with others: it starts anew, and a session starts only so often
+//! - **What was told is remembered** and told again by the very same row, or left out where it would belong to another anchor now
+//!   ([`SessionOptions::memory`]).
+//!
+//! A frame without orientation is still of the session when nearly all that is seen again says that the camera rested or turned on
+//! the spot. Otherwise it can share nothing with others and starts anew, and one place sees only so many starts
 //! ([`SessionOptions::most_starts`]).
 
+mod align;
+mod bytes;
+mod memory;
 mod options;
 mod orientation;
 
 use rand::CryptoRng;
-use veiloc_features::Features;
+use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::Intrinsics;
-use veiloc_geometry::nalgebra::Rotation3;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_query::{CanonicalCamera, LayoutTurn, Profile, Scheme, SealedQuery};
 
+pub use bytes::SessionBytesError;
 pub use options::{SessionAnchors, SessionAnchorsError, SessionOptions};
 pub use orientation::Orientation;
 
+use align::refined;
+use memory::{Matched, Memory};
+
 use crate::grid::AngleGrid;
-use crate::rule::FrameRule;
-use crate::seal::{Hidden, seal_frame};
+use crate::lift::pencils;
+use crate::rule::{FrameRule, Recalled};
+use crate::seal::{Hidden, Kept, check, seal_frame};
 use crate::{SealError, SealOptions};
 
 /// What the frames of one place share: held by the device, and by nobody else.
-///
-/// One session belongs to one place: whoever goes elsewhere begins another.
 ///
 /// ```
 /// # use rand::Rng;
@@ -70,15 +80,27 @@ pub struct Session {
     start: Option<Start>,
     frames: u32,
     starts: u32,
+    memory: Memory,
 }
 
 /// Where the layout was put, and what has to stay the same for it to stay there.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, PartialEq)]
 struct Start {
     scheme: Scheme,
     /// Places of anchors are told in heights of its image.
     camera: CanonicalCamera,
-    layout_from_world: Rotation3<f64>,
+    /// As soon as a frame told how the camera was held.
+    layout_from_world: Option<Rotation3<f64>>,
+}
+
+/// What is decided before a frame is sealed.
+struct Placed {
+    turn: LayoutTurn,
+    start: Option<Start>,
+    starts: u32,
+    /// By feature, the direction in which the camera sees it.
+    seen: Vec<Option<Vector3<f64>>>,
+    matched: Matched,
 }
 
 impl Session {
@@ -86,7 +108,7 @@ impl Session {
     pub fn new(options: SessionOptions, rng: &mut impl CryptoRng) -> Self {
         let mut key = [0; 32];
         rng.fill_bytes(&mut key);
-        Self { options, key, start: None, frames: 0, starts: 0 }
+        Self { options, key, start: None, frames: 0, starts: 0, memory: Memory::default() }
     }
 
     /// Seals the next frame: as [`crate::seal`], with the layout where the session has it.
@@ -137,41 +159,92 @@ impl Session {
         rng: &mut impl CryptoRng,
         look: impl FnOnce(&Hidden<'_>) -> T,
     ) -> Result<(SealedQuery, T), SealError> {
-        let (turn, start, starts) = self.place(camera, options, held)?;
+        check(&features, profile)?;
+        let placed = self.place(&features, camera, options, held)?;
+        let cam_from_layout = placed.turn.cam_from_layout();
         let in_world = self.options.anchors != SessionAnchors::Image;
+        let remembers = in_world && self.options.memory;
+        let recalled = match options.scheme() {
+            Scheme::Dcl(layout) if remembers => {
+                let pinhole = CanonicalCamera::for_intrinsics(camera)?.pinhole();
+                let pencils = pencils(layout, &pinhole, placed.turn);
+                let anchor_of = |i: usize| {
+                    let pixel = pinhole.project(camera.unproject(features.keypoints[i].pixel)?);
+                    Some(pencils.anchor_of(pixel))
+                };
+                let (matched, seen) = (&placed.matched, &placed.seen);
+                self.memory.recall(matched, &features.descriptors, seen, &cam_from_layout, anchor_of)
+            }
+            _ => vec![(Recalled::New, None); features.keypoints.len()],
+        };
         let rule = FrameRule {
-            turn,
+            turn: placed.turn,
             band: if in_world { self.options.band_deg.to_radians() } else { 0.0 },
             grid: (in_world && self.options.step > 0.0)
-                .then(|| AngleGrid::new(&self.key, starts, self.options.step)),
+                .then(|| AngleGrid::new(&self.key, placed.starts, self.options.step)),
+            recalled: recalled.iter().map(|(what, _)| *what).collect(),
         };
-        let sealed = seal_frame(features, camera, profile, options, &rule, rng, look)?;
-        self.frames += 1;
-        (self.start, self.starts) = (start, starts);
-        Ok(sealed)
+        let see = |hidden: &Hidden<'_>| {
+            let row = |(kept, place): (&Kept, &usize)| {
+                let direction = cam_from_layout.inverse() * placed.seen[kept.source]?;
+                Some((kept.source, recalled[kept.source].1, direction, *hidden.told.get(*place)?))
+            };
+            let rows: Vec<_> = hidden.kept.iter().zip(&hidden.places.of).filter_map(row).collect();
+            (rows, look(hidden))
+        };
+        let (query, (rows, looked)) = seal_frame(&features, camera, profile, options, &rule, rng, see)?;
+        self.frames = self.frames.saturating_add(1);
+        (self.start, self.starts) = (placed.start, placed.starts);
+        if remembers {
+            let at = (self.starts, self.frames);
+            self.memory.remember(rows.into_iter(), &features.descriptors, at);
+        }
+        Ok((query, looked))
     }
 
     /// How the layout is turned against the camera of the next frame, and where the session will stand with it.
     fn place(
         &self,
+        features: &Features,
         camera: &Intrinsics,
         options: &SealOptions,
         held: &Orientation,
-    ) -> Result<(LayoutTurn, Option<Start>, u32), SealError> {
-        let scheme = options.scheme();
-        let canonical = CanonicalCamera::for_intrinsics(camera)?;
-        if let (Some(start), Some(cam_from_world)) = (&self.start, held.cam_from_world()) {
-            if start.scheme != scheme {
-                return Err(SealError::SessionChanged { what: "scheme or layout" });
-            }
-            if start.camera != canonical {
-                return Err(SealError::SessionChanged { what: "camera" });
-            }
-            let turn = turn(&(cam_from_world * start.layout_from_world.inverse()))?;
-            return Ok((turn, self.start, self.starts));
+    ) -> Result<Placed, SealError> {
+        let (scheme, canonical) = (options.scheme(), CanonicalCamera::for_intrinsics(camera)?);
+        let direction = |k: &Keypoint| camera.unproject(k.pixel).map(|p| p.bearing());
+        let seen: Vec<Option<Vector3<f64>>> = features.keypoints.iter().map(direction).collect();
+        let descriptors = &features.descriptors;
+        if self.memory.descriptors.as_ref().is_some_and(|known| known.kind() != descriptors.kind()) {
+            return Err(SealError::SessionChanged { what: "descriptor kind" });
         }
-        if let Some(most) = self.options.most_starts.filter(|most| self.starts >= *most) {
-            return Err(SealError::TooManyStarts { starts: self.starts, most });
+        if let Some(start) = self.start {
+            let matched = self.memory.matched(descriptors, self.starts);
+            let pairs = self.memory.pairs(&matched, &seen);
+            let measured = held.cam_from_world().zip(start.layout_from_world).map(|(c, l)| c * l.inverse());
+            let cam_from_layout = match measured {
+                Some(measured) => Some(refined(&pairs, measured, self.options.band_deg.to_radians())),
+                None => align::seen(&pairs),
+            };
+            if let Some(cam_from_layout) = cam_from_layout {
+                if start.scheme != scheme {
+                    return Err(SealError::SessionChanged { what: "scheme or layout" });
+                }
+                if start.camera != canonical {
+                    return Err(SealError::SessionChanged { what: "camera" });
+                }
+                let turn = turn(&cam_from_layout)?;
+                let start =
+                    Start { layout_from_world: start.layout_from_world.or(layout_from(turn, held)), ..start };
+                return Ok(Placed { turn, start: Some(start), starts: self.starts, seen, matched });
+            }
+        }
+        let starts = if self.options.memory && self.options.anchors != SessionAnchors::Image {
+            self.memory.overlapping(descriptors)
+        } else {
+            self.starts
+        };
+        if let Some(most) = self.options.most_starts.filter(|most| starts >= *most) {
+            return Err(SealError::TooManyStarts { starts, most });
         }
         let is_dcl = matches!(scheme, Scheme::Dcl(_));
         let cam_from_layout = match self.options.anchors {
@@ -184,14 +257,18 @@ impl Session {
         };
         let turn = turn(&cam_from_layout)?;
         let stays = self.options.anchors != SessionAnchors::Image;
-        let start = held.cam_from_world().filter(|_| stays).map(|cam_from_world| Start {
-            scheme,
-            camera: canonical,
-            // As it is told, so that later frames are turned against the very same.
-            layout_from_world: turn.cam_from_layout().inverse() * cam_from_world,
-        });
-        Ok((turn, start, self.starts + 1))
+        // Nothing shares a start that is not known in the world and not remembered either.
+        let shared = stays && (held.cam_from_world().is_some() || self.options.memory);
+        let start =
+            shared.then(|| Start { scheme, camera: canonical, layout_from_world: layout_from(turn, held) });
+        let starts = self.starts.saturating_add(1);
+        Ok(Placed { turn, start, starts, seen, matched: self.memory.matched(descriptors, starts) })
     }
+}
+
+/// Where the layout is in the world, as its turn is told, so that later frames are turned against the very same.
+fn layout_from(turn: LayoutTurn, held: &Orientation) -> Option<Rotation3<f64>> {
+    held.cam_from_world().map(|cam_from_world| turn.cam_from_layout().inverse() * cam_from_world)
 }
 
 fn turn(cam_from_layout: &Rotation3<f64>) -> Result<LayoutTurn, SealError> {

@@ -53,16 +53,26 @@ pub struct SessionOptions {
     /// a phone's gyroscope errs by between frames, and 4 pixels of a camera with a focal length of 500.
     pub band_deg: f64,
     /// Width of the cells that angles are told on, radians; 0 tells them as [`crate::seal`] does, dithered anew in each frame, so
-    /// that those of a resting camera scatter. Default 0.004.
+    /// that those of a resting camera scatter. Default 0.002: coarser ones cost
+    /// accuracy where images are sharp (decision 0019).
     pub step: f64,
-    /// How often the layout may be put somewhere new in one session; `None` for evaluations: any number. Default 2, an image and
-    /// one retry.
+    /// Whether the device remembers what it told of which keypoint, to tell it the same way again (module docs). Default true; without
+    /// it angles of a resting camera scatter over neighbouring cells.
+    pub memory: bool,
+    /// How often the layout may be put somewhere new at one place; `None` for evaluations: any number. Places are told apart by what
+    /// is remembered; without memory the whole session is one. Default 2, an image and one retry.
     pub most_starts: Option<u32>,
 }
 
 impl Default for SessionOptions {
     fn default() -> Self {
-        Self { anchors: SessionAnchors::World, band_deg: 0.5, step: 0.004, most_starts: Some(2) }
+        Self {
+            anchors: SessionAnchors::World,
+            band_deg: 0.5,
+            step: 0.002,
+            memory: true,
+            most_starts: Some(2),
+        }
     }
 }
 
@@ -85,6 +95,13 @@ impl SessionOptions {
     #[must_use]
     pub const fn with_step(mut self, step: f64) -> Self {
         self.step = step;
+        self
+    }
+
+    /// The same with or without memory.
+    #[must_use]
+    pub const fn with_memory(mut self, memory: bool) -> Self {
+        self.memory = memory;
         self
     }
 

@@ -29,6 +29,8 @@ pub struct SessionsDocument {
     pub band_deg: f64,
     /// Width of the cells that angles of sessions are told on, radians.
     pub step: f64,
+    /// Whether sessions remember what they told of which keypoint.
+    pub memory: bool,
     /// Seed of every random choice.
     pub seed: u64,
     /// What single frames of a session are worth: one entry for each scheme, anchors and errors of orientations.
@@ -47,6 +49,7 @@ impl SessionsDocument {
             private: evaluation.private,
             band_deg: evaluation.session.band_deg,
             step: evaluation.session.step,
+            memory: evaluation.session.memory,
             seed: evaluation.place.seed,
             frames: Vec::new(),
             rows: Vec::new(),

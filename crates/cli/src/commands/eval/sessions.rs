@@ -54,6 +54,9 @@ pub(crate) struct Args {
     /// Width of the cells that sessions tell angles on, radians; 0 dithers each frame anew. Default: as devices do.
     #[arg(long, value_name = "RAD")]
     step: Option<f64>,
+    /// Let sessions forget what they told of which keypoint.
+    #[arg(long)]
+    no_memory: bool,
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -71,7 +74,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         sensor_noise: args.sensor_noise,
         session: default
             .with_band_deg(args.band.unwrap_or(default.band_deg))
-            .with_step(args.step.unwrap_or(default.step)),
+            .with_step(args.step.unwrap_or(default.step))
+            .with_memory(default.memory && !args.no_memory),
     };
     let document = evaluate_sessions(&evaluation, &Stages::new(ui))?;
     ui.say(format!("map: {} images, {} points", document.map.images, document.map.points));
