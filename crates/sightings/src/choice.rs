@@ -47,7 +47,35 @@ pub fn most_telling(
     count: usize,
     options: &FramesOptions,
 ) -> Result<Vec<usize>, AttackError> {
+    let matches: Vec<Vec<Option<usize>>> = others
+        .par_iter()
+        .map(|o| mutual_matches(first.descriptors, o.descriptors, options.ratio))
+        .collect::<Result<_, _>>()?;
+    most_telling_matched(
+        first,
+        others,
+        &matches.iter().map(Vec::as_slice).collect::<Vec<_>>(),
+        count,
+        options,
+    )
+}
+
+/// The same with matches that are already there, as for [`crate::several_matched_frames`]: `[others, N]`.
+///
+/// # Errors
+/// [`AttackError::Depths`] when the depths are none, [`AttackError::Rows`] when the matches do not fit.
+pub fn most_telling_matched(
+    first: &Frame<'_>,
+    others: &[Frame<'_>],
+    matches: &[&[Option<usize>]],
+    count: usize,
+    options: &FramesOptions,
+) -> Result<Vec<usize>, AttackError> {
     options.check()?;
+    let expected = first.observations.len();
+    if let Some(wrong) = matches.iter().find(|m| m.len() != expected) {
+        return Err(AttackError::Rows { rows: wrong.len(), expected });
+    }
     let depths = DepthPrior::new(options.depths, &options.known, first.camera.width, first.camera.height);
     let segments: Vec<Option<KnownSegment>> =
         first.observations.iter().map(|o| segment(o, first.camera.width, first.camera.height)).collect();
@@ -65,10 +93,10 @@ pub fn most_telling(
     // [others][N], zero where it tells nothing.
     let told: Vec<(f64, Vec<Matrix2<f64>>)> = others
         .par_iter()
-        .map(|other| {
-            let matches = mutual_matches(first.descriptors, other.descriptors, options.ratio)?;
+        .zip(matches)
+        .map(|(other, matches)| {
             let sight = Sight::new(first, other);
-            let right = share_of_right(first, other, &sight, &matches, options);
+            let right = share_of_right(first, other, &sight, matches, options);
             let one = |((segment, j), [depth, _]): ((&Option<KnownSegment>, &Option<usize>), &[f64; 2])| {
                 let seen = segment.zip(*j).map(|(s, j)| {
                     information(first, &s, &sight, &other.observations[j], (-depth).exp())
@@ -76,9 +104,9 @@ pub fn most_telling(
                 });
                 seen.unwrap_or_else(Matrix2::zeros)
             };
-            Ok((right, segments.iter().zip(&matches).zip(&worth).map(one).collect()))
+            (right, segments.iter().zip(*matches).zip(&worth).map(one).collect())
         })
-        .collect::<Result<_, AttackError>>()?;
+        .collect();
     let mut left: Vec<usize> = (0..others.len()).collect();
     let mut chosen = Vec::new();
     while chosen.len() < count && !left.is_empty() {

@@ -37,7 +37,7 @@ mod sight;
 use rayon::prelude::*;
 use veiloc_attacks::{AttackError, Observation, mutual_matches};
 
-pub use choice::most_telling;
+pub use choice::{most_telling, most_telling_matched};
 use depth::DepthPrior;
 pub use frame::{Frame, FramesOptions, Sighted};
 use place::Own;
@@ -51,27 +51,43 @@ use sight::Sight;
 ///
 /// # Errors
 /// [`AttackError::TooFewFrames`] for fewer than two frames, [`AttackError::FrameDescriptors`] and
-/// [`AttackError::Dimensions`] when a frame's descriptors do not fit, [`AttackError::Depths`] when the depths are none.
+/// [`AttackError::Dimensions`] when a frame's descriptors do not fit, [`AttackError::Rows`] when
+/// [`FramesOptions::asked`] does not, [`AttackError::Depths`] when the depths are none.
 pub fn several_frames(frames: &[Frame<'_>], options: &FramesOptions) -> Result<Vec<Sighted>, AttackError> {
+    let [first, others @ ..] = frames else { return Err(AttackError::TooFewFrames { frames: 0 }) };
+    let matches: Vec<Vec<Option<usize>>> = others
+        .par_iter()
+        .map(|o| mutual_matches(first.descriptors, o.descriptors, options.ratio))
+        .collect::<Result<_, _>>()?;
+    several_matched_frames(frames, &matches.iter().map(Vec::as_slice).collect::<Vec<_>>(), options)
+}
+
+/// The same with matches that are already there: of each other frame, by row of the first, which of its rows shows the
+/// same keypoint, `[frames - 1, N]`.
+///
+/// # Errors
+/// As [`several_frames`]; [`AttackError::Rows`] also when the matches do not fit.
+pub fn several_matched_frames(
+    frames: &[Frame<'_>],
+    matches: &[&[Option<usize>]],
+    options: &FramesOptions,
+) -> Result<Vec<Sighted>, AttackError> {
     let [first, others @ ..] = frames else { return Err(AttackError::TooFewFrames { frames: 0 }) };
     if others.is_empty() {
         return Err(AttackError::TooFewFrames { frames: 1 });
     }
     options.check()?;
-    let rows = first.observations.len();
-    if let Some(asked) = options.asked.as_ref().filter(|asked| asked.len() != rows) {
-        return Err(AttackError::Rows { rows: asked.len(), expected: rows });
-    }
     for (frame, f) in frames.iter().enumerate() {
         let (observations, descriptors) = (f.observations.len(), f.descriptors.len());
         if observations != descriptors {
             return Err(AttackError::FrameDescriptors { frame, observations, descriptors });
         }
     }
-    let matches: Vec<Vec<Option<usize>>> = others
-        .par_iter()
-        .map(|o| mutual_matches(first.descriptors, o.descriptors, options.ratio))
-        .collect::<Result<_, _>>()?;
+    let expected = first.observations.len();
+    let lengths = matches.iter().map(|m| m.len()).chain(options.asked.as_ref().map(Vec::len));
+    if let Some(rows) = lengths.into_iter().find(|rows| *rows != expected) {
+        return Err(AttackError::Rows { rows, expected });
+    }
     let views: Vec<Sight> = others.iter().map(|o| Sight::new(first, o)).collect();
     let camera = &first.camera;
     let depths = DepthPrior::new(options.depths, &options.known, camera.width, camera.height);
@@ -84,9 +100,9 @@ pub fn several_frames(frames: &[Frame<'_>], options: &FramesOptions) -> Result<V
         }
         let seen: Vec<(&Sight, &Observation)> = views
             .iter()
-            .zip(&matches)
+            .zip(matches)
             .zip(others)
-            .filter_map(|((view, matches), frame)| matches[i].map(|j| (view, &frame.observations[j])))
+            .filter_map(|((view, matches), frame)| Some((view, frame.observations.get(matches[i]?)?)))
             .filter(|(_, o)| !matches!(o, Observation::Known(_)))
             .collect();
         if seen.is_empty() { Sighted::UNSEEN } else { Own::new(first, i).sighted(&seen, &depths, options) }

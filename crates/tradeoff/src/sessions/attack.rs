@@ -2,15 +2,18 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::{AttackError, Observation, errors_px, mutual_matches, prior_only};
+use rayon::prelude::*;
+use veiloc_attacks::{AttackError, Observation, errors_px, prior_only};
 use veiloc_audit::person;
 use veiloc_datasets::seed_for;
+use veiloc_descriptor::{MatchOptions, match_descriptors};
 use veiloc_eval::EvalError;
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::SessionAnchors;
 use veiloc_query::AngleBits;
 use veiloc_sightings::{
-    Frame, FramesOptions, RestingOptions, Sighted, most_telling, resting_camera, several_frames,
+    Frame, FramesOptions, RestingOptions, Sighted, most_telling_matched, resting_camera,
+    several_matched_frames,
 };
 
 use super::SessionsEvaluation;
@@ -62,8 +65,8 @@ pub(super) struct Attacked {
 /// Shares by which nearer and farther depths than those of the matched points are allowed.
 const NEARER: f64 = 0.5;
 const FARTHER: f64 = 2.0;
-/// Ratio of descriptor distances by which rows of frames at rest are matched.
-const RATIO: f64 = 0.9;
+/// Ratio of descriptor distances up to which a match of two frames counts.
+const RATIO: f32 = 0.9;
 
 /// Attacks frame `own` with frames of `others`, in the order of [`super::SessionRow::of`]: by measure, method and number
 /// of frames. Empty where the server does not trust its pose.
@@ -74,24 +77,41 @@ pub(super) fn attack(
     own: usize,
     others: &[usize],
 ) -> Result<Vec<Attacked>, EvalError> {
+    let methods =
+        || Measured::ALL.into_iter().flat_map(|m| Method::of(motion).iter().map(move |by| (m, *by)));
+    let Some(posed) = &seen[own].posed else {
+        return Ok(methods().flat_map(|_| evaluation.frames.iter().map(|_| Attacked::default())).collect());
+    };
+    let others: Vec<Other<'_>> = others
+        .par_iter()
+        .filter_map(|i| seen[*i].posed.as_ref())
+        .map(|other| Other { posed: other, matches: matches(posed, other) })
+        .collect();
+    let name = &seen[own].result.name;
+    let codes = codes(anchors, evaluation);
     let mut all = Vec::new();
-    for measured in Measured::ALL {
-        for method in Method::of(motion) {
-            let of_each = match &seen[own].posed {
-                Some(posed) => {
-                    let others: Vec<&Posed> = others.iter().filter_map(|i| seen[*i].posed.as_ref()).collect();
-                    let name = &seen[own].result.name;
-                    let target = Target::new(evaluation, name, posed, measured);
-                    target
-                        .attacked(&others, motion, *method, &codes(anchors, evaluation), &evaluation.frames)
-                        .map_err(|e| EvalError::DataSet(format!("{name}: {e}")))?
-                }
-                None => evaluation.frames.iter().map(|_| Attacked::default()).collect(),
-            };
-            all.extend(of_each);
-        }
+    for (measured, method) in methods() {
+        let target = Target::new(evaluation, name, posed, measured);
+        let of_each = target.attacked(&others, motion, method, &codes, &evaluation.frames);
+        all.extend(of_each.map_err(|e| EvalError::DataSet(format!("{name}: {e}")))?);
     }
     Ok(all)
+}
+
+/// Another frame, and which of its rows shows the keypoint of a row of the attacked one: `[N]`.
+struct Other<'a> {
+    posed: &'a Posed,
+    matches: Vec<Option<usize>>,
+}
+
+/// By descriptors alone: mutual, and by ratio.
+fn matches(from: &Posed, to: &Posed) -> Vec<Option<usize>> {
+    let options = MatchOptions::default().with_max_ratio(Some(RATIO));
+    let mut matches = vec![None; from.lines.len()];
+    for m in match_descriptors(from.query.descriptors(), to.query.descriptors(), &options) {
+        matches[m.query as usize] = Some(m.database as usize);
+    }
+    matches
 }
 
 /// The attacked frame.
@@ -133,27 +153,25 @@ impl<'a> Target<'a> {
     }
 
     fn frame(&self) -> Frame<'_> {
-        Frame {
-            camera: self.posed.camera,
-            cam_from_world: self.posed.cam_from_world,
-            observations: &self.observations,
-            descriptors: &self.posed.descriptors,
-        }
+        Frame { observations: &self.observations, ..self.posed.frame() }
     }
 
     /// With as many frames as each row says.
     fn attacked(
         &self,
-        others: &[&Posed],
+        others: &[Other<'_>],
         motion: Motion,
         method: Method,
         codes: &RestingOptions,
         counts: &[usize],
     ) -> Result<Vec<Attacked>, AttackError> {
         let longest = counts.iter().copied().max().unwrap_or(2);
-        let frames: Vec<Frame<'_>> = others.iter().map(|o| frame(o)).collect();
+        let frames: Vec<Frame<'_>> = others.iter().map(|o| o.posed.frame()).collect();
+        let matches: Vec<&[Option<usize>]> = others.iter().map(|o| o.matches.as_slice()).collect();
         let chosen: Vec<usize> = match motion {
-            Motion::Turning => most_telling(&self.frame(), &frames, longest - 1, &self.options)?,
+            Motion::Turning => {
+                most_telling_matched(&self.frame(), &frames, &matches, longest - 1, &self.options)?
+            }
             Motion::Walking | Motion::Resting => (0..others.len()).collect(),
         };
         let (width, height) = self.size();
@@ -161,7 +179,7 @@ impl<'a> Target<'a> {
         counts
             .iter()
             .map(|count| {
-                let chosen: Vec<&Posed> = chosen.iter().take(count - 1).map(|i| others[*i]).collect();
+                let chosen: Vec<&Other<'_>> = chosen.iter().take(count - 1).map(|i| &others[*i]).collect();
                 let found = match method {
                     _ if chosen.is_empty() => None,
                     Method::SeveralFrames => Some(self.by_planes(&chosen)?),
@@ -183,28 +201,29 @@ impl<'a> Target<'a> {
             .collect()
     }
 
-    fn by_planes(&self, chosen: &[&Posed]) -> Result<Vec<Sighted>, AttackError> {
+    fn by_planes(&self, chosen: &[&Other<'_>]) -> Result<Vec<Sighted>, AttackError> {
         let all: Vec<Frame<'_>> =
-            std::iter::once(self.frame()).chain(chosen.iter().map(|o| frame(o))).collect();
-        several_frames(&all, &self.options)
+            std::iter::once(self.frame()).chain(chosen.iter().map(|o| o.posed.frame())).collect();
+        let matches: Vec<&[Option<usize>]> = chosen.iter().map(|o| o.matches.as_slice()).collect();
+        several_matched_frames(&all, &matches, &self.options)
     }
 
-    fn by_scatter(&self, chosen: &[&Posed], codes: &RestingOptions) -> Result<Vec<Sighted>, AttackError> {
-        let mut others = Vec::with_capacity(chosen.len());
-        for other in chosen {
-            let matches = mutual_matches(&self.posed.descriptors, &other.descriptors, RATIO)?;
-            others.push(matches.iter().map(|m| m.map(|j| other.lines[j])).collect());
-        }
+    fn by_scatter(&self, chosen: &[&Other<'_>], codes: &RestingOptions) -> Result<Vec<Sighted>, AttackError> {
+        let of = |o: &&Other<'_>| o.matches.iter().map(|m| m.map(|j| o.posed.lines[j])).collect();
+        let others: Vec<Vec<Option<Observation>>> = chosen.iter().map(of).collect();
         resting_camera(&self.observations, &others, self.size(), codes)
     }
 }
 
-fn frame(posed: &Posed) -> Frame<'_> {
-    Frame {
-        camera: posed.camera,
-        cam_from_world: posed.cam_from_world,
-        observations: &posed.lines,
-        descriptors: &posed.descriptors,
+impl Posed {
+    /// As it was sent.
+    fn frame(&self) -> Frame<'_> {
+        Frame {
+            camera: self.camera,
+            cam_from_world: self.cam_from_world,
+            observations: &self.lines,
+            descriptors: &self.descriptors,
+        }
     }
 }
 

@@ -30,6 +30,8 @@ pub(super) struct Posed {
     /// `[N]`: what was sent.
     pub(super) lines: Vec<Observation>,
     pub(super) descriptors: Descriptors,
+    /// What was sent, all of it.
+    pub(super) query: SealedQuery,
     /// `[N]`: where the map point of a row is seen, pixels, and how deep it lies, map units, of those that agree.
     pub(super) known: Vec<Option<(Pixel, f64)>>,
     /// `[N]`: the truth, pixels; `None` of decoys. For judging alone.
@@ -95,6 +97,7 @@ impl Posed {
             known,
             truth: sources.map(|(source, pixel)| source.map(|_| *pixel)).collect(),
             lines,
+            query,
         })
     }
 }
