@@ -9,7 +9,7 @@ use veiloc_mapping::BuildOptions;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_query::Scheme;
 use veiloc_testdata::real_data_test;
-use veiloc_tradeoff::sessions::{Motion, SessionsEvaluation, evaluate_sessions};
+use veiloc_tradeoff::sessions::{Motion, SessionRow, SessionsEvaluation, evaluate_sessions};
 
 fn names(list: &Path, every: usize) -> Vec<String> {
     let text = std::fs::read_to_string(list).expect("a list of the data");
@@ -54,18 +54,23 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
 #[real_data_test]
 fn anchors_in_the_world_hold_over_a_session(data: &Path) {
     let document = evaluate_sessions(&kitchen(data), &()).expect("evaluated");
-    let bits = |anchors: &str, motion: Motion, frames: usize| {
+    println!("{}", veiloc_tradeoff::sessions::table(&document));
+    // The better of the methods, as an attacker would know from images of his own.
+    let bits = |anchors: &str, motion: Motion, asked: &str| {
         let of =
-            document.rows.iter().filter(|r| r.anchors == anchors && r.motion == motion && r.frames == frames);
-        let all: Vec<f64> = of.filter_map(|r| r.bits_over_prior).collect();
-        assert!(all.len() >= 2, "{anchors} {motion} {frames}: {all:?}");
+            |r: &&SessionRow| (&*r.anchors, r.motion, r.asked(), r.frames) == (anchors, motion, asked, 4);
+        let all: Vec<f64> = document.rows.iter().filter(of).filter_map(|r| r.bits_over_prior).collect();
+        assert!(!all.is_empty(), "{anchors} {motion} {asked}");
         all.into_iter().fold(f64::NEG_INFINITY, f64::max)
     };
     for motion in [Motion::Turning, Motion::Walking, Motion::Resting] {
-        let [image, world] = ["image", "world"].map(|anchors| bits(anchors, motion, 4));
+        let [image, world] = ["image", "world"].map(|anchors| bits(anchors, motion, "matched"));
         assert!(image > 0.5, "{motion}: the attack works: {image}");
-        assert!(world < 0.25 && world < image - 0.4, "{motion}: {image} {world}");
-        assert!(bits("image", motion, 2) < image, "{motion}: more frames tell more");
+        // A camera that walks tells how far a keypoint is from the anchor's axis, and one that rests nothing.
+        let most = if motion == Motion::Resting { 0.15 } else { 0.4 };
+        assert!(world < most && world < 0.5 * image, "{motion}: {image} {world}");
+        let private = bits("world", motion, "private");
+        assert!(private < 0.15, "{motion}: {private}");
     }
     for frames in &document.frames {
         assert_eq!(frames.summary.recall["0.05/5"], 1.0, "{}", frames.anchors);

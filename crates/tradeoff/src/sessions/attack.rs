@@ -1,11 +1,7 @@
 //! The attack on one image of a session: with how many frames, on which of its keypoints.
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use veiloc_attacks::{AttackError, Observation, errors_px, prior_only};
-use veiloc_audit::person;
-use veiloc_datasets::seed_for;
 use veiloc_descriptor::{MatchOptions, match_descriptors};
 use veiloc_eval::EvalError;
 use veiloc_geometry::Pixel;
@@ -91,7 +87,7 @@ pub(super) fn attack(
     let codes = codes(anchors, evaluation);
     let mut all = Vec::new();
     for (measured, method) in methods() {
-        let target = Target::new(evaluation, name, posed, measured);
+        let target = Target::new(posed, measured);
         let of_each = target.attacked(&others, motion, method, &codes, &evaluation.frames);
         all.extend(of_each.map_err(|e| EvalError::DataSet(format!("{name}: {e}")))?);
     }
@@ -123,20 +119,13 @@ struct Target<'a> {
 }
 
 impl<'a> Target<'a> {
-    fn new(evaluation: &SessionsEvaluation, name: &str, posed: &'a Posed, measured: Measured) -> Self {
-        let real: Vec<usize> = (0..posed.truth.len()).filter(|i| posed.truth[*i].is_some()).collect();
-        let pixels: Vec<Pixel> = real.iter().filter_map(|i| posed.truth[*i]).collect();
-        // One region of an image, whatever the session.
-        let seed = seed_for(evaluation.place.seed, &[name, "private region"]);
-        let inside = person(&pixels, evaluation.private, &mut ChaCha8Rng::seed_from_u64(seed));
-        let mut private = vec![false; posed.lines.len()];
-        real.iter().zip(inside).for_each(|(row, inside)| private[*row] = inside);
-        let told = |i: usize| posed.known[i].filter(|_| measured == Measured::Private && !private[i]);
+    fn new(posed: &'a Posed, measured: Measured) -> Self {
+        let told = |i: usize| posed.known[i].filter(|_| measured == Measured::Private && !posed.private[i]);
         let observations = (0..posed.lines.len())
             .map(|i| told(i).map_or(posed.lines[i], |(pixel, _)| Observation::Known(pixel)))
             .collect();
         let asked = match measured {
-            Measured::Private => private.clone(),
+            Measured::Private => posed.private.clone(),
             Measured::Matched => {
                 (0..posed.lines.len()).map(|i| posed.known[i].is_some() && posed.truth[i].is_some()).collect()
             }

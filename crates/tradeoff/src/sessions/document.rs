@@ -209,7 +209,7 @@ impl SessionRow {
     }
 
     /// Whose positions were asked for, in a word.
-    pub(super) const fn asked(&self) -> &'static str {
+    pub const fn asked(&self) -> &'static str {
         match self.measured {
             Measured::Private => "private",
             Measured::Matched => "matched",

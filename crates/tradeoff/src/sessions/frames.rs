@@ -2,11 +2,12 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use veiloc_audit::person;
 use veiloc_datasets::seed_for;
 use veiloc_eval::EvalError;
 use veiloc_eval::road::PosedQuery;
 use veiloc_features::{Features, GrayImage, Image, load_gray};
-use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel};
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{ExtractError, extract_loaded};
@@ -21,12 +22,18 @@ pub(super) struct Shown {
     pub(super) camera: Intrinsics,
     /// Where it truly was taken.
     pub(super) cam_from_world: CameraFromWorld,
+    /// `[N]` of the features: whether they are of the private region, which is one whatever is sent of it.
+    pub(super) private: Vec<bool>,
 }
 
 /// A query's own image.
-pub(super) fn shown(query: &PosedQuery, map: &MapFile) -> Result<Shown, EvalError> {
+pub(super) fn shown(query: &PosedQuery, map: &MapFile, private: f64, seed: u64) -> Result<Shown, EvalError> {
     let image = load_gray(&query.path).map_err(ExtractError::from)?;
-    extracted(query, &query.name, image, map)
+    let mut shown = extracted(query, &query.name, image, map)?;
+    let pixels: Vec<Pixel> = shown.features.keypoints.iter().map(|k| k.pixel).collect();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[&query.name, "private region"]));
+    shown.private = person(&pixels, private, &mut rng);
+    Ok(shown)
 }
 
 /// So many frames of a camera at rest: the image itself, and then with new noise of the sensor, grey levels of 255.
@@ -57,5 +64,11 @@ fn extracted(query: &PosedQuery, name: &str, image: GrayImage, map: &MapFile) ->
     let options = options_for(Scheme::default());
     let (features, camera) =
         extract_loaded(Image::from(image), &query.path, &query.camera, map.profile(), &options)?;
-    Ok(Shown { name: name.to_owned(), features, camera, cam_from_world: query.cam_from_world })
+    Ok(Shown {
+        name: name.to_owned(),
+        features,
+        camera,
+        cam_from_world: query.cam_from_world,
+        private: Vec::new(),
+    })
 }

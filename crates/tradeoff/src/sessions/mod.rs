@@ -131,7 +131,7 @@ pub fn evaluate_sessions(
     progress.start("Extracting queries", queries.len());
     let mut walk: Vec<Shown> = Vec::with_capacity(queries.len());
     for query in &queries {
-        walk.push(shown(query, map)?);
+        walk.push(shown(query, map, evaluation.private, place.seed)?);
         progress.advance(1);
     }
     progress.finish();
@@ -161,8 +161,11 @@ pub fn evaluate_sessions(
         let (sealed, starts) = seal(&walk);
         let seen: Vec<Seen> = sealed
             .par_iter()
+            .zip(&walk)
             .zip(&queries)
-            .map(|(sealed, query)| Seen::of(sealed.as_ref(), query, scheme, map, &place.localize))
+            .map(|((sealed, shown), query)| {
+                Seen::of(sealed.as_ref(), shown, query, scheme, map, &place.localize)
+            })
             .collect();
         let results: Vec<QueryResult> = seen.iter().map(|s| s.result.clone()).collect();
         let summary = summarize(&results.iter().collect::<Vec<_>>(), &place.thresholds);
@@ -175,7 +178,10 @@ pub fn evaluate_sessions(
                     let (sealed, _) = seal(&resting[k]);
                     let still: Vec<Seen> = sealed
                         .par_iter()
-                        .map(|s| Seen::of(s.as_ref(), &queries[i], scheme, map, &place.localize))
+                        .zip(&resting[k])
+                        .map(|(s, shown)| {
+                            Seen::of(s.as_ref(), shown, &queries[i], scheme, map, &place.localize)
+                        })
                         .collect();
                     attack(evaluation, (anchors, *motion), &still, 0, &(1..still.len()).collect::<Vec<_>>())?
                 } else {

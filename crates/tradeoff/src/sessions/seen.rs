@@ -14,6 +14,7 @@ use veiloc_results::QueryResult;
 use veiloc_robust::{ScoreKind, State, estimate_pose};
 
 use super::device::Sealed;
+use super::frames::Shown;
 
 /// A frame as the server has it, and how good its pose is.
 pub(super) struct Seen {
@@ -34,13 +35,16 @@ pub(super) struct Posed {
     pub(super) query: SealedQuery,
     /// `[N]`: where the map point of a row is seen, pixels, and how deep it lies, map units, of those that agree.
     pub(super) known: Vec<Option<(Pixel, f64)>>,
-    /// `[N]`: the truth, pixels; `None` of decoys. For judging alone.
+    /// `[N]`: whether a row is of the private region. For judging alone, as the truth.
+    pub(super) private: Vec<bool>,
+    /// `[N]`: the truth, pixels; `None` of decoys.
     pub(super) truth: Vec<Option<Pixel>>,
 }
 
 impl Seen {
     pub(super) fn of(
         sealed: Result<&Sealed, &String>,
+        shown: &Shown,
         query: &PosedQuery,
         scheme: Scheme,
         map: &MapFile,
@@ -50,7 +54,7 @@ impl Seen {
             Ok(sealed) => {
                 let result = localize_one(map, &sealed.bytes, query, scheme, ScoreKind::default(), options);
                 let trusted = result.state == Some(State::Trusted);
-                let posed = if trusted { Posed::of(sealed, map, options) } else { None };
+                let posed = if trusted { Posed::of(sealed, shown, map, options) } else { None };
                 Self { result, posed }
             }
             Err(error) => {
@@ -65,7 +69,7 @@ impl Seen {
 
 impl Posed {
     /// `None` where no pose is found.
-    fn of(sealed: &Sealed, map: &MapFile, options: &LocalizeOptions) -> Option<Self> {
+    fn of(sealed: &Sealed, shown: &Shown, map: &MapFile, options: &LocalizeOptions) -> Option<Self> {
         let query = SealedQuery::decode(&sealed.bytes).ok()?;
         let matched = match_query(&query, map, options).ok()?;
         let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
@@ -95,6 +99,12 @@ impl Posed {
             cam_from_world: found.cam_from_world,
             descriptors: Descriptors::of(query.descriptors()),
             known,
+            private: sealed
+                .truth
+                .source
+                .iter()
+                .map(|source| source.is_some_and(|i| shown.private.get(i) == Some(&true)))
+                .collect(),
             truth: sources.map(|(source, pixel)| source.map(|_| *pixel)).collect(),
             lines,
             query,
