@@ -22,6 +22,13 @@ pub trait Extractor: Send + Sync {
     /// # Errors
     /// [`FeatureError::Extractor`] when it cannot run.
     fn extract(&self, image: &Image, max_keypoints: usize) -> Result<Features, FeatureError>;
+
+    /// How far from a keypoint its descriptor looks, as a multiple of the keypoint's scale.
+    ///
+    /// A descriptor that looks over the image's border shows that it does, and with that where its keypoint is: a device
+    /// leaves it out ([`Features::whole`], rule L11 of docs/privacy.md). 0 keeps all, and is right only for descriptors
+    /// that show nothing of the kind.
+    fn reach(&self) -> f64;
 }
 
 /// [`extract_sift`] as an [`Extractor`].
@@ -40,6 +47,10 @@ impl Extractor for Sift {
         let mut options = self.options.clone();
         options.max_keypoints = max_keypoints;
         Ok(extract_sift(image.gray(), &options))
+    }
+
+    fn reach(&self) -> f64 {
+        crate::sift::REACH
     }
 }
 

@@ -33,6 +33,24 @@ impl std::fmt::Debug for Features {
 }
 
 impl Features {
+    /// Those that look at nothing but the image they were extracted from, of `width` and `height` pixels: the disc of
+    /// `reach` times the scale around the keypoint lies in it.
+    ///
+    /// `reach`: of the extractor that made them ([`Extractor::reach`](crate::Extractor::reach)).
+    #[must_use]
+    pub fn whole(self, (width, height): (u32, u32), reach: f64) -> Self {
+        let inside = |at: f64, radius: f64, size: u32| at >= radius && at + radius <= f64::from(size);
+        let whole = |keypoint: &Keypoint| {
+            let radius = reach * f64::from(keypoint.scale);
+            inside(keypoint.pixel.u, radius, width) && inside(keypoint.pixel.v, radius, height)
+        };
+        let kept: Vec<usize> = (0..self.keypoints.len()).filter(|&i| whole(&self.keypoints[i])).collect();
+        Self {
+            keypoints: kept.iter().map(|&i| self.keypoints[i]).collect(),
+            descriptors: self.descriptors.select(kept),
+        }
+    }
+
     /// The same features with keypoints in an image of another size: `u` times `columns`, `v` times `rows`.
     ///
     /// For an image that was scaled down before extraction, with `columns = old width / new width`. Descriptors stay.

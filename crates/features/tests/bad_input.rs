@@ -248,6 +248,10 @@ impl Extractor for Middle {
         features.descriptors = Descriptors::new(self.kind(), vec![200; 4 * self.rows]).expect("whole rows");
         Ok(features)
     }
+
+    fn reach(&self) -> f64 {
+        0.0
+    }
 }
 
 #[test]

@@ -20,6 +20,9 @@ const DIRECTIONS: usize = 8;
 const CELL_SIDE: f32 = 3.0;
 /// The weight of a gradient falls off with this sigma, in cells.
 const WINDOW: f32 = 2.0;
+/// How far from the keypoint gradients count, whatever its orientation, in sigmas: to the corner of the square of cells
+/// and of half a cell around them.
+pub(super) const REACH: f32 = std::f32::consts::SQRT_2 * CELL_SIDE * (CELLS as f32 + 1.0) / 2.0;
 /// No bin holds more than this share of the length of the whole vector.
 const CLIP: f32 = 0.2;
 
@@ -57,7 +60,7 @@ fn histogram(
     gradients: &mut GradientRow,
 ) -> [f32; DIM] {
     let side = CELL_SIDE * sigma;
-    let reach = std::f32::consts::SQRT_2 * side * (CELLS as f32 + 1.0) / 2.0;
+    let reach = REACH * sigma;
     let (left, right) = inner_range(x, reach, plane.width);
     let (top, bottom) = inner_range(y, reach, plane.height);
     let mut bins = [0.0f32; BINS];

@@ -35,6 +35,9 @@ use extrema::Extremum;
 use gradient::GradientRow;
 use octave::{Octave, SCALES, sigma_of_level};
 
+/// How far from a keypoint its descriptor looks, as a multiple of the keypoint's scale.
+pub(crate) const REACH: f64 = descriptor::REACH as f64;
+
 /// Finds keypoints and describes them, strongest first.
 ///
 /// An image without structure, or too small for any, gives none. Memory: about 25 times the samples of `image` in

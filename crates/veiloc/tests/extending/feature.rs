@@ -49,6 +49,11 @@ impl Extractor for Patches {
         features.descriptors = descriptors;
         Ok(features)
     }
+
+    /// To the corner of the square of samples.
+    fn reach(&self) -> f64 {
+        f64::from(SIDE / 2) * std::f64::consts::SQRT_2
+    }
 }
 
 #[test]

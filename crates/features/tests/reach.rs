@@ -1,0 +1,76 @@
+//! How far a SIFT descriptor looks: not beyond `Extractor::reach`, and nearly as far.
+
+use veiloc_features::{Extractor, Features, GrayImage, Image, Keypoint, Sift};
+use veiloc_geometry::Pixel;
+
+const SIDE: u32 = 240;
+
+/// A texture with keypoints of several scales; beyond `radius` pixels from `centre` it is another one.
+fn texture(centre: Pixel, radius: f64) -> GrayImage {
+    let value = |x: u32, y: u32| {
+        let (u, v) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let other = if (u - centre.u).hypot(v - centre.v) > radius { 1.7 } else { 1.0 };
+        let wave = (0.31 * other * u + 0.07 * v).sin() * (0.11 * u - 0.23 * other * v).cos();
+        (0.5 + 0.2 * (wave + (0.0021 * other * u * v).sin())) as f32
+    };
+    let samples = (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| value(x, y))).collect();
+    GrayImage::new(SIDE, SIDE, samples).expect("finite")
+}
+
+fn features(centre: Pixel, radius: f64) -> Features {
+    Sift::default().extract(&Image::from(texture(centre, radius)), 4096).expect("extracted")
+}
+
+/// The largest difference of a byte between the descriptor of a keypoint and what has its place, scale and orientation
+/// in other features; `None` when nothing has.
+fn difference(here: &Features, index: usize, there: &Features) -> Option<u8> {
+    let wanted = &here.keypoints[index];
+    let same = |k: &Keypoint| {
+        (k.pixel.u - wanted.pixel.u).hypot(k.pixel.v - wanted.pixel.v) < 0.01
+            && (k.scale / wanted.scale - 1.0).abs() < 0.01
+            && (k.orientation - wanted.orientation).abs() < 0.01
+    };
+    let found = there.keypoints.iter().position(same)?;
+    let (a, b) = (here.descriptors.row(index), there.descriptors.row(found));
+    a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max()
+}
+
+#[test]
+fn descriptors_look_as_far_as_their_reach() {
+    let reach = Sift::default().reach();
+    let middle = Pixel::new(120.0, 120.0);
+    let here = features(middle, f64::INFINITY);
+    let (mut looked_at, mut nearer) = (0, 0);
+    for index in 0..here.keypoints.len() {
+        let Keypoint { pixel, scale, .. } = here.keypoints[index];
+        let scale = f64::from(scale);
+        // The blur looks a few scales farther than the gradients that count.
+        let far = (reach + 4.5) * scale;
+        if far + (pixel.u - middle.u).hypot(pixel.v - middle.v) > 100.0 || looked_at == 12 {
+            continue;
+        }
+        looked_at += 1;
+        let beyond = difference(&here, index, &features(pixel, far));
+        assert!(beyond.is_some_and(|d| d <= 1), "{beyond:?} from beyond its reach");
+        // Well inside of it there is something to see.
+        nearer += usize::from(difference(&here, index, &features(pixel, 0.55 * reach * scale)) > Some(3));
+    }
+    assert!(looked_at == 12 && nearer > 8, "{nearer} of {looked_at} look nearly as far as they say");
+}
+
+#[test]
+fn whole_features_are_those_whose_disc_is_in_the_image() {
+    let all = features(Pixel::new(0.0, 0.0), f64::INFINITY);
+    let whole = all.clone().whole((SIDE, SIDE), 10.0);
+    let side = f64::from(SIDE);
+    let inside = |k: &Keypoint| {
+        let radius = 10.0 * f64::from(k.scale);
+        [k.pixel.u, k.pixel.v].iter().all(|at| *at >= radius && *at + radius <= side)
+    };
+    let expected: Vec<usize> = (0..all.keypoints.len()).filter(|i| inside(&all.keypoints[*i])).collect();
+    assert!(!expected.is_empty() && expected.len() < all.keypoints.len(), "{} of them", expected.len());
+    assert_eq!(whole.keypoints, expected.iter().map(|i| all.keypoints[*i]).collect::<Vec<_>>());
+    assert!(whole.descriptors == all.descriptors.select(expected));
+    // Without reach nothing is left out.
+    assert!(all.clone().whole((SIDE, SIDE), 0.0) == all);
+}
