@@ -44,7 +44,7 @@ impl Method {
     /// Those that make sense of frames of this motion.
     pub(super) const fn of(motion: Motion) -> &'static [Self] {
         match motion {
-            Motion::Turning | Motion::Walking => &[Self::SeveralFrames],
+            Motion::Turning | Motion::Walking | Motion::Visiting => &[Self::SeveralFrames],
             Motion::Resting => &[Self::SeveralFrames, Self::RestingCamera],
         }
     }
@@ -158,7 +158,7 @@ impl<'a> Target<'a> {
         let frames: Vec<Frame<'_>> = others.iter().map(|o| o.posed.frame()).collect();
         let matches: Vec<&[Option<usize>]> = others.iter().map(|o| o.matches.as_slice()).collect();
         let chosen: Vec<usize> = match motion {
-            Motion::Turning => {
+            Motion::Turning | Motion::Visiting => {
                 most_telling_matched(&self.frame(), &frames, &matches, longest - 1, &self.options)?
             }
             Motion::Walking | Motion::Resting => (0..others.len()).collect(),

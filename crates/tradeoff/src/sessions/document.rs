@@ -106,7 +106,7 @@ pub struct SessionRow {
     pub scheme: String,
     /// `image`, `world` or `gravity`.
     pub anchors: String,
-    /// `turning`, `walking` or `resting`.
+    /// `turning`, `walking`, `resting` or `visiting`.
     pub motion: Motion,
     /// Frames put together, the attacked one included.
     pub frames: usize,

@@ -6,7 +6,8 @@
 //!
 //! - **turning**: with those frames of the whole walk that tell most about it ([`veiloc_sightings::most_telling`]);
 //! - **walking**: with the frames before it;
-//! - **resting**: with frames of the same image and new noise of the sensor, a session of their own.
+//! - **resting**: with frames of the same image and new noise of the sensor, a session of their own;
+//! - **visiting**: as turning, where every frame is a session of its own, as those of several users are.
 //!
 //! Poses are the server's own, matches are by descriptors, and nothing but sealed bytes is read; truth judges alone.
 //! Attacked are a region like a person, of which the server knows no map point, and the keypoints that the map knows, as
@@ -22,7 +23,7 @@ mod table;
 
 use rayon::prelude::*;
 use veiloc_eval::EvalError;
-use veiloc_eval::road::{PlaceMap, Upright, queries_of_place};
+use veiloc_eval::road::{PlaceMap, PosedQuery, Upright, queries_of_place};
 use veiloc_eval::{SceneEvaluation, walk_of};
 use veiloc_features::Progress;
 use veiloc_geometry::CameraFromWorld;
@@ -32,7 +33,7 @@ use veiloc_query::Scheme;
 use veiloc_results::{QueryResult, summarize};
 
 use attack::{Attacked, attack};
-use device::{Gyroscope, sealed_in_session};
+use device::{Gyroscope, Sealed, sealed_in_session};
 use frames::{Shown, rested, shown};
 use seen::Seen;
 
@@ -158,15 +159,24 @@ pub fn evaluate_sessions(
         let seal = |frames: &[Shown]| {
             sealed_in_session(frames, scheme, anchors, &gyroscope, evaluation, map, &upright)
         };
+        let localized =
+            |sealed: &[Result<Sealed, String>], shown: &[Shown], of: &[&PosedQuery]| -> Vec<Seen> {
+                let frames = sealed.par_iter().zip(shown).zip(of);
+                frames
+                    .map(|((sealed, shown), query)| {
+                        Seen::of(sealed.as_ref(), shown, query, scheme, map, &place.localize)
+                    })
+                    .collect()
+            };
+        let of_walk: Vec<&PosedQuery> = queries.iter().collect();
         let (sealed, starts) = seal(&walk);
-        let seen: Vec<Seen> = sealed
-            .par_iter()
-            .zip(&walk)
-            .zip(&queries)
-            .map(|((sealed, shown), query)| {
-                Seen::of(sealed.as_ref(), shown, query, scheme, map, &place.localize)
-            })
-            .collect();
+        let seen = localized(&sealed, &walk, &of_walk);
+        let visits = if evaluation.motions.contains(&Motion::Visiting) {
+            let alone = walk.iter().flat_map(|frame| seal(std::slice::from_ref(frame)).0);
+            localized(&alone.collect::<Vec<_>>(), &walk, &of_walk)
+        } else {
+            Vec::new()
+        };
         let results: Vec<QueryResult> = seen.iter().map(|s| s.result.clone()).collect();
         let summary = summarize(&results.iter().collect::<Vec<_>>(), &place.thresholds);
         document.frames.push(FramesFigures::new(anchors, &gyroscope, starts, &sealed, summary));
@@ -174,24 +184,22 @@ pub fn evaluate_sessions(
         for motion in &evaluation.motions {
             let mut rows = SessionRow::of(evaluation, scheme, anchors, *motion, &gyroscope);
             for (k, &i) in attacked.iter().enumerate() {
-                let tried = if *motion == Motion::Resting {
-                    let (sealed, _) = seal(&resting[k]);
-                    let still: Vec<Seen> = sealed
-                        .par_iter()
-                        .zip(&resting[k])
-                        .map(|(s, shown)| {
-                            Seen::of(s.as_ref(), shown, &queries[i], scheme, map, &place.localize)
-                        })
-                        .collect();
-                    attack(evaluation, (anchors, *motion), &still, 0, &(1..still.len()).collect::<Vec<_>>())?
-                } else {
-                    let before = walk_of(&poses, i, longest, evaluation.reach).unwrap_or_default();
-                    let others: Vec<usize> = match motion {
+                let all_others = || (0..walk.len()).filter(|j| *j != i).collect::<Vec<_>>();
+                let under = (anchors, *motion);
+                let tried = match motion {
+                    Motion::Resting => {
+                        let (sealed, _) = seal(&resting[k]);
+                        let still = localized(&sealed, &resting[k], &vec![&queries[i]; sealed.len()]);
+                        attack(evaluation, under, &still, 0, &(1..still.len()).collect::<Vec<_>>())?
+                    }
+                    Motion::Walking => {
+                        let before = walk_of(&poses, i, longest, evaluation.reach).unwrap_or_default();
                         // The nearest first.
-                        Motion::Walking => before.iter().rev().copied().filter(|j| *j != i).collect(),
-                        Motion::Turning | Motion::Resting => (0..seen.len()).filter(|j| *j != i).collect(),
-                    };
-                    attack(evaluation, (anchors, *motion), &seen, i, &others)?
+                        let others: Vec<usize> = before.iter().rev().copied().filter(|j| *j != i).collect();
+                        attack(evaluation, under, &seen, i, &others)?
+                    }
+                    Motion::Turning => attack(evaluation, under, &seen, i, &all_others())?,
+                    Motion::Visiting => attack(evaluation, under, &visits, i, &all_others())?,
                 };
                 rows.iter_mut()
                     .zip(&tried)
@@ -211,7 +219,7 @@ fn attacked(evaluation: &SessionsEvaluation, poses: &[CameraFromWorld]) -> Resul
     let has_enough = |i: &usize| {
         evaluation.motions.iter().all(|motion| match motion {
             Motion::Resting => true,
-            Motion::Turning => poses.len() >= longest,
+            Motion::Turning | Motion::Visiting => poses.len() >= longest,
             Motion::Walking => walk_of(poses, *i, longest, evaluation.reach).is_some(),
         })
     };

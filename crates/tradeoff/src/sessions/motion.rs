@@ -13,11 +13,17 @@ pub enum Motion {
     Walking,
     /// Of a camera that nobody moved.
     Resting,
+    /// As turning, each frame in a session of its own: other users, other days.
+    Visiting,
 }
 
 impl Motion {
-    const WORDS: [(Self, &str); 3] =
-        [(Self::Turning, "turning"), (Self::Walking, "walking"), (Self::Resting, "resting")];
+    const WORDS: [(Self, &str); 4] = [
+        (Self::Turning, "turning"),
+        (Self::Walking, "walking"),
+        (Self::Resting, "resting"),
+        (Self::Visiting, "visiting"),
+    ];
 }
 
 impl fmt::Display for Motion {
@@ -28,7 +34,7 @@ impl fmt::Display for Motion {
 
 /// A word that is no motion.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no motion; write turning, walking or resting")]
+#[error("{0:?} is no motion; write turning, walking, resting or visiting")]
 pub struct MotionError(String);
 
 impl FromStr for Motion {
@@ -37,5 +43,19 @@ impl FromStr for Motion {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let found = Self::WORDS.iter().find(|w| w.1 == text.trim());
         found.map(|w| w.0).ok_or_else(|| MotionError(text.to_owned()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Motion;
+
+    #[test]
+    fn motions_read_what_they_print() {
+        for (motion, word) in Motion::WORDS {
+            assert_eq!((word.parse(), motion.to_string()), (Ok(motion), word.to_owned()));
+        }
+        let refused = "flying".parse::<Motion>().expect_err("no motion");
+        assert!(Motion::WORDS.iter().all(|w| refused.to_string().contains(w.1)), "{refused}");
     }
 }

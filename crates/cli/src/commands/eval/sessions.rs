@@ -24,7 +24,8 @@ pub(crate) struct Args {
     #[arg(long, value_delimiter = ',', default_value = "image,world,gravity", value_name = "ANCHORS,…")]
     anchors: Vec<SessionAnchors>,
     /// How the frames that are put together came about: turning (those of the walk that tell most), walking (those before
-    /// the attacked one), resting (the same image with new noise of the sensor).
+    /// the attacked one), resting (the same image with new noise of the sensor), visiting (as turning, each frame in a session
+    /// of its own).
     #[arg(long, value_delimiter = ',', default_value = "turning,walking,resting", value_name = "MOTION,…")]
     motion: Vec<Motion>,
     /// Frames put together, the attacked one included.
