@@ -2,7 +2,7 @@
 """Border bits: what a learner can tell from a sent descriptor about where its keypoint is (rule L11 of docs/privacy.md).
 
 A descriptor whose patch reaches over the image's border may show the border. For each way to treat such keypoints
-(`cut`, `mirrored`, `whole`: crates/obfuscation/examples/sent_rows.rs), images of elsewhere are sealed as a device does.
+(`cut`, `sent`, `whole`: crates/obfuscation/examples/sent_rows.rs), images of elsewhere are sealed as a device does.
 A network learns on the rows of one half of the images, and is judged on the other half, told apart by a hash of their
 names. It is given the 128 bytes of a row and sums, zeros and mirror symmetries of their cells. It answers in which of 17
 zones of the sealed image the keypoint is: nearer to one of the four sides than 8, 16, 32 or 64 pixels, or farther in
@@ -40,7 +40,7 @@ BANDS = [8, 16, 32, 64]
 ZONES = 4 * len(BANDS) + 1
 INSIDE = ZONES - 1
 PLACES = ["redkitchen", "herzjesu"]
-WAYS = ["cut", "mirrored", "whole"]
+WAYS = ["cut", "sent", "whole"]
 
 
 class Rows:

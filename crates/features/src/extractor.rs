@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use veiloc_descriptor::DescriptorKind;
 
-use crate::{FeatureError, Features, Image, SiftOptions, extract_sift};
+use crate::{Border, FeatureError, Features, Image, SiftOptions, extract_sift};
 
 /// Makes features of one kind.
 ///
@@ -50,7 +50,17 @@ impl Extractor for Sift {
     }
 
     fn reach(&self) -> f64 {
-        crate::sift::REACH
+        match self.options.border {
+            Border::Cut => crate::sift::REACH,
+            Border::Mirrored => 0.0,
+        }
+    }
+}
+
+impl Sift {
+    /// As a device describes what it sends: the image's border does not show ([`Border::Mirrored`]).
+    pub fn for_sealing() -> Self {
+        Self { options: SiftOptions { border: Border::Mirrored, ..SiftOptions::default() } }
     }
 }
 
@@ -72,6 +82,11 @@ impl Default for Extractors {
 }
 
 impl Extractors {
+    /// The built-in ones as a device uses them for what it sends ([`Sift::for_sealing`]).
+    pub fn for_sealing() -> Self {
+        Self(vec![Arc::new(Sift::for_sealing())])
+    }
+
     /// These and one more; it takes the place of one with the same name.
     #[must_use]
     pub fn with(mut self, extractor: impl Extractor + 'static) -> Self {

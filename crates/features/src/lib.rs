@@ -45,4 +45,4 @@ pub use input::Image;
 pub use keypoint::{Features, Keypoint};
 pub use load::{MAX_PIXELS, load_gray};
 pub use progress::Progress;
-pub use sift::{SiftOptions, extract_sift};
+pub use sift::{Border, SiftOptions, extract_sift};

@@ -1,4 +1,4 @@
-//! How far a SIFT descriptor looks: not beyond `Extractor::reach`, and nearly as far.
+//! How far a SIFT descriptor looks: not beyond `Extractor::reach`, and nearly as far; and what it sees beyond the border.
 
 use veiloc_features::{Extractor, Features, GrayImage, Image, Keypoint, Sift};
 use veiloc_geometry::Pixel;
@@ -73,4 +73,47 @@ fn whole_features_are_those_whose_disc_is_in_the_image() {
     assert!(whole.descriptors == all.descriptors.select(expected));
     // Without reach nothing is left out.
     assert!(all.clone().whole((SIDE, SIDE), 0.0) == all);
+}
+
+/// A mirrored border is that of the image continued by its mirror image, and changes nothing inside.
+#[test]
+fn sealed_descriptors_are_those_of_the_continued_image() {
+    const MARGIN: u32 = 80;
+    let image = texture(Pixel::new(0.0, 0.0), f64::INFINITY);
+    let mirrored = Sift::for_sealing().extract(&Image::from(image.clone()), 4096).expect("extracted");
+    let cut = Sift::default().extract(&Image::from(image.clone()), 4096).expect("extracted");
+    let at = |x: u32| {
+        let x = (i64::from(x) - i64::from(MARGIN)).rem_euclid(2 * i64::from(SIDE));
+        x.min(2 * i64::from(SIDE) - 1 - x) as usize
+    };
+    let side = SIDE + 2 * MARGIN;
+    let samples = (0..side).flat_map(|y| {
+        let row = image.row(at(y) as u32);
+        (0..side).map(move |x| row[at(x)])
+    });
+    let continued = GrayImage::new(side, side, samples.collect()).expect("finite");
+    let mut there = Sift::default().extract(&Image::from(continued), 40_000).expect("extracted");
+    for keypoint in &mut there.keypoints {
+        keypoint.pixel.u -= f64::from(MARGIN);
+        keypoint.pixel.v -= f64::from(MARGIN);
+    }
+    let reach = Sift::default().reach();
+    let (mut inside, mut over, mut found, mut changed) = (0, 0, 0, 0);
+    for (index, keypoint) in mirrored.keypoints.iter().enumerate() {
+        let (u, v) = (keypoint.pixel.u, keypoint.pixel.v);
+        let nearest = u.min(v).min(f64::from(SIDE) - u).min(f64::from(SIDE) - v);
+        // A sample or two at the border have no neighbour of their own.
+        if nearest > reach * f64::from(keypoint.scale) + 8.0 {
+            inside += 1;
+            assert_eq!(difference(&mirrored, index, &cut), Some(0), "{keypoint:?}");
+        } else if nearest < 0.5 * reach * f64::from(keypoint.scale) {
+            over += 1;
+            // The blur of the scale space sees the border as well, so that some keypoints move.
+            found += usize::from(difference(&mirrored, index, &there).is_some_and(|d| d <= 12));
+            changed += usize::from(difference(&mirrored, index, &cut).is_none_or(|d| d > 12));
+        }
+    }
+    assert!(inside > 20 && over > 20, "{inside} and {over}");
+    assert!(found * 3 > over && changed * 2 > over, "{found} and {changed} of {over}");
+    assert!(Sift::for_sealing().reach() < 1e-9);
 }

@@ -1,13 +1,13 @@
 //! Writes what is sent of images beside where it was in them: what scripts/border.py learns from (rule L11).
 //!
 //! ```text
-//! sent_rows cut|mirrored|whole IMAGE OUT [IMAGE OUT]...
+//! sent_rows cut|sent|whole IMAGE OUT [IMAGE OUT]...
 //! ```
 //!
 //! What becomes of keypoints whose descriptor looks over the image's border:
 //! - `cut`: they stay, described by what the image shows, as OpenCV and COLMAP do;
-//! - `mirrored`: they stay, described by the image continued by its mirror image;
-//! - `whole`: they are left out, which is what a device does.
+//! - `sent`: they stay, described by the image continued by its mirror image, which is what a device does;
+//! - `whole`: they are left out.
 //!
 //! The camera is guessed. A file holds, little endian: `u32` N, width and height of the canonical camera;
 //! `f32` `[N, 2]`, positions in its image (u, v); `u8` `[N, 128]`. Decoys are left out.
@@ -18,23 +18,19 @@ use std::path::Path;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
-use veiloc_features::{
-    Extractor, Features, GrayImage, Image, Limits, Sift, extract_image, guessed_camera, load_gray,
-};
-use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_obfuscation::{SealOptions, extract, seal_with_truth};
+use veiloc_features::{Extractors, Limits, Sift, extract_image, guessed_camera};
+use veiloc_geometry::Pixel;
+use veiloc_obfuscation::{SealOptions, extract, extract_with, seal_with_truth};
 use veiloc_query::Profile;
 
 type Fault = Box<dyn Error>;
 
 /// More than a device extracts before it drops what lies beyond its window.
 const MOST: usize = 4096;
-/// How far a mirrored image goes on, pixels: beyond the patches of all but a few keypoints.
-const MARGIN: u32 = 160;
 
 fn main() -> Result<(), Fault> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let (border, paths) = arguments.split_first().ok_or("cut, mirrored or whole, then images and files")?;
+    let (border, paths) = arguments.split_first().ok_or("cut, sent or whole, then images and files")?;
     for [image, out] in paths.as_chunks::<2>().0 {
         std::fs::write(out, rows(border, Path::new(image))?)?;
     }
@@ -52,9 +48,9 @@ fn rows(border: &str, path: &Path) -> Result<Vec<u8>, Fault> {
             let image = extract_image(path, Some((camera.width, camera.height)), &Sift::default(), most)?;
             (image.features, camera.resized(image.size.0, image.size.1))
         }
-        "mirrored" => mirrored(path, &camera, most)?,
-        "whole" => extract(path, &camera, &profile, &options)?,
-        other => return Err(format!("{other}: cut, mirrored or whole").into()),
+        "sent" => extract(path, &camera, &profile, &options)?,
+        "whole" => extract_with(&Extractors::default(), path, &camera, &profile, &options)?,
+        other => return Err(format!("{other}: cut, sent or whole").into()),
     };
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let (query, truth) = seal_with_truth(features, &camera, &profile, &options, &mut rng)?;
@@ -70,34 +66,4 @@ fn rows(border: &str, path: &Path) -> Result<Vec<u8>, Fault> {
         bytes.extend(query.descriptors().row(row));
     }
     Ok(bytes)
-}
-
-/// Features of the image continued by its own mirror image, those whose keypoints are in it.
-fn mirrored(path: &Path, camera: &Intrinsics, most: Limits) -> Result<(Features, Intrinsics), Fault> {
-    let image = Image::from(load_gray(path)?).limited(most.max_side);
-    let (width, height) = (image.width(), image.height());
-    let inside = |at: u32, size: u32| {
-        let at = (i64::from(at) - i64::from(MARGIN)).rem_euclid(2 * i64::from(size));
-        at.min(2 * i64::from(size) - 1 - at) as usize
-    };
-    let samples = (0..height + 2 * MARGIN).flat_map(|y| {
-        let row = image.gray().row(inside(y, height) as u32);
-        (0..width + 2 * MARGIN).map(move |x| row[inside(x, width)])
-    });
-    let continued = GrayImage::new(width + 2 * MARGIN, height + 2 * MARGIN, samples.collect())?;
-    // Of the whole there are more than of the image.
-    let mut features = Sift::default().extract(&Image::from(continued), 8 * MOST)?;
-    let mut kept = Vec::new();
-    for (index, keypoint) in features.keypoints.iter_mut().enumerate() {
-        keypoint.pixel.u -= f64::from(MARGIN);
-        keypoint.pixel.v -= f64::from(MARGIN);
-        let (u, v) = (keypoint.pixel.u, keypoint.pixel.v);
-        if (0.0..f64::from(width)).contains(&u) && (0.0..f64::from(height)).contains(&v) {
-            kept.push(index);
-        }
-    }
-    kept.truncate(MOST);
-    let keypoints = kept.iter().map(|&index| features.keypoints[index]).collect();
-    let features = Features { keypoints, descriptors: features.descriptors.select(kept) };
-    Ok((features, camera.resized(width, height)))
 }

@@ -25,7 +25,8 @@ pub enum ExtractError {
 /// Features of an image as the profile asks for them, within what the device allows, and the camera of the image they
 /// are in: an image larger than the limit is made smaller first, and its camera with it.
 ///
-/// Keypoints whose descriptors look over the image's border are left out (rule L11).
+/// Descriptors do not show the image's border (rule L11): the image is continued by its mirror image, and with another
+/// extractor keypoints that look over the border are left out.
 ///
 /// # Errors
 /// [`ExtractError`] when the file is no image, or not of the camera's size, or the profile asks for features or limits
@@ -36,7 +37,7 @@ pub fn extract(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), ExtractError> {
-    extract_with(&Extractors::default(), path, camera, profile, options)
+    extract_with(&Extractors::for_sealing(), path, camera, profile, options)
 }
 
 /// As [`extract`], with extractors of one's own.
@@ -67,7 +68,7 @@ pub fn extract_loaded(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), ExtractError> {
-    let extractors = Extractors::default();
+    let extractors = Extractors::for_sealing();
     let (extractor, limits) = asked(&extractors, profile, options)?;
     let size = Some((camera.width, camera.height));
     let image = veiloc_features::extract_loaded(image, path, size, extractor, limits)?;
@@ -79,8 +80,8 @@ fn whole(image: ExtractedImage, extractor: &dyn Extractor, camera: &Intrinsics) 
     (image.features.whole(image.size, extractor.reach()), camera.resized(image.size.0, image.size.1))
 }
 
-/// One keypoint for so many that are sent is extracted beyond them. Of images of 512 pixels, border and window leave out
-/// 15 % of the strongest 2048 in the mean and 31 % at most; larger images lose less.
+/// One keypoint for so many that are sent is extracted beyond them: the window leaves out at most a ninth of an image of
+/// 640 x 480, and a session what it must not tell again.
 const SPARE: u32 = 3;
 
 /// What the profile asks for, within what the device allows.

@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::Pixel;
 
-pub use options::SiftOptions;
+pub use options::{Border, SiftOptions};
 
 use crate::{Features, GrayImage, Keypoint};
 use extrema::Extremum;
@@ -90,6 +90,13 @@ fn strength(extremum: &Extremum, octave: &Octave) -> f32 {
     extremum.response * scale as f32
 }
 
+/// Whether gradients that count for the descriptor lie outside of the image, or have no neighbour on one side.
+fn over_border(extremum: &Extremum, octave: &Octave) -> bool {
+    let reach = descriptor::REACH * sigma_of_level(f64::from(extremum.level)) as f32;
+    let over = |at: f32, size: usize| at - reach < 1.0 || at + reach > size as f32 - 2.0;
+    over(extremum.x, octave.width()) || over(extremum.y, octave.height())
+}
+
 /// One keypoint per dominant direction of an extremum.
 fn describe(
     octave: &Octave,
@@ -98,9 +105,18 @@ fn describe(
     gradients: &mut GradientRow,
 ) -> Vec<(Keypoint, [u8; descriptor::DIM])> {
     let level = (extremum.level.round() as usize).clamp(1, SCALES);
-    let plane = &octave.levels[level];
+    let mut plane = &octave.levels[level];
     let sigma = sigma_of_level(f64::from(extremum.level));
-    let centre = [extremum.x, extremum.y];
+    let mut centre = [extremum.x, extremum.y];
+    let continued;
+    if options.border == Border::Mirrored && over_border(extremum, octave) {
+        // The patch and a sample around it, for gradients at its end.
+        let reach = (descriptor::REACH * sigma as f32).ceil() as usize + 2;
+        let corner = centre.map(|c| c.floor() as isize - reach as isize);
+        continued = plane.mirrored(corner, [2 * reach + 2; 2]);
+        plane = &continued;
+        centre = [centre[0] - corner[0] as f32, centre[1] - corner[1] as f32];
+    }
     let directions = orientation::dominant(plane, centre, sigma as f32, options.max_orientations, gradients);
     let place = |sample: f32| f64::from(sample) * octave.step + octave.offset;
     directions

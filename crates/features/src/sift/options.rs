@@ -17,6 +17,19 @@ pub struct SiftOptions {
     pub max_orientations: usize,
     /// At most this many octaves. Default 16: until the image is smaller than a descriptor.
     pub max_octaves: usize,
+    /// What keypoints near the image's border are described by. Default [`Border::Cut`].
+    pub border: Border,
+}
+
+/// What a keypoint whose patch reaches over the image's border is described by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Border {
+    /// By the gradients inside the image, as OpenCV and COLMAP do: cells outside are empty, and show the border.
+    #[default]
+    Cut,
+    /// By the image continued by its mirror image: what is sent of a device's images, which must not show the border (rule
+    /// L11 of docs/privacy.md).
+    Mirrored,
 }
 
 impl Default for SiftOptions {
@@ -28,6 +41,7 @@ impl Default for SiftOptions {
             edge_threshold: 10.0,
             max_orientations: 2,
             max_octaves: 16,
+            border: Border::Cut,
         }
     }
 }

@@ -39,6 +39,27 @@ impl Plane {
     }
 }
 
+impl Plane {
+    /// The part of `width` columns and `height` rows from column `left` and row `top` on, the grid continued by its own
+    /// mirror image without end. Not of an empty plane.
+    pub(super) fn mirrored(&self, [left, top]: [isize; 2], [width, height]: [usize; 2]) -> Self {
+        let inside = |at: isize, size: usize| {
+            let at = at.rem_euclid(2 * size as isize) as usize;
+            at.min(2 * size - 1 - at)
+        };
+        let mut part = Self::default();
+        part.reshape(width, height);
+        let columns: Vec<usize> = (0..width).map(|x| inside(left + x as isize, self.width)).collect();
+        for (y, row) in part.data.chunks_exact_mut(part.stride).enumerate() {
+            let source = self.row(inside(top + y as isize, self.height));
+            for (sample, &column) in row.iter_mut().zip(&columns) {
+                *sample = source[column];
+            }
+        }
+        part
+    }
+}
+
 /// Every second sample of every second row of `source`, starting with the first.
 pub(super) fn halve(source: &Plane, target: &mut Plane) {
     target.reshape(source.width.div_ceil(2), source.height.div_ceil(2));
