@@ -69,6 +69,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "eval",
             "features",
             "geometry",
+            "map",
             "obfuscation",
             "query",
             "results",
