@@ -15,7 +15,7 @@ pub enum Adversary {
     KnownPose,
     /// The same with the keypoints of all map images.
     KnownPoseAndImages,
-    /// A server that has found the poses of several queries of the place.
+    /// A server that has found the poses of several queries of the place, anchors held in each image; counts as the one before.
     SeveralFrames,
     /// Has several seals of one image.
     SeveralSeals,
@@ -58,15 +58,13 @@ impl Adversary {
     /// Attacks it tries, by their names in [`veiloc_audit::ATTACKS`].
     pub const fn attacks(self) -> &'static [&'static str] {
         match self {
-            Self::LearnedNeighbours | Self::Network => {
-                &["learned-prior", "closed-form-informed", "closed-form-consensus", "graph"]
-            }
+            Self::LearnedNeighbours | Self::Network => &["learned-prior", "closed-form-consensus", "graph"],
             Self::NearbyImages => &["transfer"],
-            Self::KnownPose => &["server-side", "server-side-points", "iterative"],
+            Self::KnownPose => &["server-side-points", "iterative"],
             Self::KnownPoseAndImages => &["guided-transfer"],
             Self::SeveralFrames => &["several-frames"],
             Self::SeveralSeals => &["resting-camera"],
-            Self::TrueNeighbours => &["closed-form-informed", "closed-form-consensus", "graph"],
+            Self::TrueNeighbours => &["closed-form-consensus", "graph"],
         }
     }
 }

@@ -70,10 +70,11 @@ impl Privacy {
         progress: &dyn Progress,
     ) -> Result<(), TradeoffError> {
         let predicted = || NeighbourSource::Predicted { train: keypoints.train.clone() };
-        let knowing = |measured| ServerKnowledge {
+        // What the map shows is known under every layout: what counts is the rest.
+        let knowing = || ServerKnowledge {
             problems: vec![keypoints.problems.clone()],
             private: None,
-            measured,
+            measured: Measured::Hidden,
         };
         let mut attack = AttackEvaluation {
             attacks: adversary.attacks().iter().filter_map(|name| name.parse::<Attack>().ok()).collect(),
@@ -90,11 +91,11 @@ impl Privacy {
             Adversary::NearbyImages | Adversary::TrueNeighbours => {}
             Adversary::KnownPose => {
                 attack.neighbours = predicted();
-                attack.server = Some(knowing(Measured::Hidden));
+                attack.server = Some(knowing());
             }
-            Adversary::KnownPoseAndImages => attack.server = Some(knowing(Measured::Hidden)),
+            Adversary::KnownPoseAndImages => attack.server = Some(knowing()),
             Adversary::SeveralFrames => {
-                attack.server = Some(knowing(Measured::All));
+                attack.server = Some(knowing());
                 images.extend(keypoints.others.iter().cloned());
                 attack.frames = FRAMES.into_iter().filter(|n| *n <= images.len()).collect();
                 if attack.frames.is_empty() {
