@@ -52,7 +52,7 @@ pub struct LayoutRow {
     /// Adversary to what the best of their attacks gains over the guess, bits a keypoint.
     pub bits: BTreeMap<&'static str, f64>,
     /// Whether the guess errs no less than under the paper's layout, and no realistic adversary gains more than
-    /// [`LEEWAY_BITS`] above what they gain there; null when the paper's layout was not judged.
+    /// [`LEEWAY_BITS`] above what they gain there, a loss counting as no gain; null when the paper's layout was not judged.
     pub protects_as_paper: Option<bool>,
     /// The same adversaries in full.
     pub adversaries: Vec<AdversaryFigures>,
@@ -109,8 +109,11 @@ impl LayoutRow {
     /// Whether it protects as well as another row does.
     fn protects_as(&self, other: &Self) -> bool {
         let guess = self.prior_mean_px.zip(other.prior_mean_px).is_some_and(|(own, least)| own >= least);
-        let holds =
-            |a: &AdversaryFigures| other.bits.get(a.adversary).is_some_and(|b| a.bits <= b + LEEWAY_BITS);
+        // One who does worse than the guess takes the guess.
+        let gain = |bits: f64| bits.max(0.0);
+        let holds = |a: &AdversaryFigures| {
+            other.bits.get(a.adversary).is_some_and(|b| gain(a.bits) <= gain(*b) + LEEWAY_BITS)
+        };
         guess && self.adversaries.iter().filter(|a| a.realistic).all(holds)
     }
 }
@@ -175,14 +178,14 @@ pub(super) mod tests {
         let paper = || row(super::super::PAPER, 2.8, 80.0, [-0.1, 4.0]);
         let mut all = document(vec![
             paper(),
-            row("a", 1.4, 80.0, [-0.06, 6.0]),
+            row("a", 1.4, 80.0, [0.04, 6.0]),
             row("b", 1.4, 79.9, [-0.1, 4.0]),
-            row("c", 1.4, 90.0, [-0.04, 4.0]),
+            row("c", 1.4, 90.0, [0.06, 4.0]),
         ]);
         all.compare();
         let says: Vec<_> = all.rows.iter().map(|r| r.protects_as_paper).collect();
         assert_eq!(says, [Some(true), Some(true), Some(false), Some(false)]);
-        assert_eq!(all.rows[1].worst_realistic(), Some(-0.06));
+        assert_eq!(all.rows[1].worst_realistic(), Some(0.04));
         let mut alone = document(vec![row("a", 1.4, 80.0, [0.0, 6.0])]);
         alone.compare();
         assert_eq!(alone.rows[0].protects_as_paper, None);
