@@ -1,6 +1,8 @@
-//! Who attacks, and with what.
+//! Who attacks, with what, and what they gained.
 
 use std::fmt;
+
+use serde::Serialize;
 
 /// Somebody who reads queries. What they gain is that of the best of their attacks, by [`Adversary::attacks`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -75,6 +77,26 @@ impl fmt::Display for Adversary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
+}
+
+/// One adversary on all attacked queries, with the best of their attacks.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AdversaryFigures {
+    /// Who attacks.
+    pub adversary: &'static str,
+    /// Whether there is such a one.
+    pub realistic: bool,
+    /// The best attack.
+    pub attack: String,
+    /// Frames or seals that it had; absent for attacks on one query.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<usize>,
+    /// What it gains over the guess, bits a keypoint.
+    pub bits: f64,
+    /// Its mean error, pixels.
+    pub mean_px: f64,
+    /// Its median error, pixels.
+    pub median_px: f64,
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use veiloc_query::{DclLayout, Scheme};
 use veiloc_results::metrics::finite;
 
 use super::accuracy::{Accuracy, ConditionFigures};
+use super::adversary::AdversaryFigures;
 use super::privacy::Privacy;
 
 /// The document that `veiloc eval layouts --json` prints.
@@ -62,26 +63,6 @@ pub struct LayoutRow {
 
 /// What an adversary may gain above the paper's layout, bits.
 pub const LEEWAY_BITS: f64 = 0.05;
-
-/// One adversary on all attacked queries, with the best of their attacks.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct AdversaryFigures {
-    /// Who attacks.
-    pub adversary: &'static str,
-    /// Whether there is such a one.
-    pub realistic: bool,
-    /// The best attack.
-    pub attack: String,
-    /// Frames or seals that it had; absent for attacks on one query.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub frames: Option<usize>,
-    /// What it gains over the guess, bits a keypoint.
-    pub bits: f64,
-    /// Its mean error, pixels.
-    pub mean_px: f64,
-    /// Its median error, pixels.
-    pub median_px: f64,
-}
 
 impl LayoutRow {
     pub(super) fn of(layout: DclLayout, accuracy: Accuracy, privacy: &Privacy) -> Self {

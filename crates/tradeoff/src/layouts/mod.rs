@@ -21,8 +21,8 @@ use place::Keypoints;
 use privacy::Privacy;
 
 pub use accuracy::ConditionFigures;
-pub use adversary::Adversary;
-pub use document::{AdversaryFigures, LEEWAY_BITS, LayoutRow, LayoutsDocument};
+pub use adversary::{Adversary, AdversaryFigures};
+pub use document::{LEEWAY_BITS, LayoutRow, LayoutsDocument};
 pub use options::LayoutsEvaluation;
 pub use table::layouts_table;
 

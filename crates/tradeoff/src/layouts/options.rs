@@ -37,7 +37,7 @@ impl LayoutsEvaluation {
         "dcl:axis=90:sectors=16:shift=0.5:anchors=@90+@0",
         "dcl:axis=67:sectors=20:anchors=-0.12/-0.49+1.5/0",
         "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47",
-        "dcl:axis=90:sectors=16:shift=0.5:across=0/16/0:anchors=@90+@0",
+        "dcl:axis=138:sectors=24:anchors=-0.62/-0.61+0.92/-1.16",
     ];
 
     /// [`Self::DEFAULT`] on the queries as they are, half hidden, and in a sparse map; four of them are attacked.

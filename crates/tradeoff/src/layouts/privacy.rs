@@ -12,8 +12,7 @@ use veiloc_features::Progress;
 use veiloc_geometry::Pencils;
 use veiloc_query::{DclLayout, Scheme};
 
-use super::adversary::Adversary;
-use super::document::AdversaryFigures;
+use super::adversary::{Adversary, AdversaryFigures};
 use super::options::LayoutsEvaluation;
 use super::place::Keypoints;
 use crate::error::TradeoffError;
