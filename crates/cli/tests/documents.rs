@@ -46,6 +46,11 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval tradeoff",
         "eval tradeoff k.jsonl p.jsonl --variants dcl,first=256 --attacked 1 --corrupt 0 --thresholds 0.1/2 --json",
     ),
+    (
+        "eval layouts",
+        "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
+         --layouts dcl:horizontal --stress none --attacked 1 --json",
+    ),
     ("attack", "attack --synthetic 60 --schemes dcl --attacks closed-form --json"),
     ("attack", "attack k.jsonl --known p.jsonl --images 1 --schemes dcl --attacks server-side --json"),
     (

@@ -1,11 +1,13 @@
 //! Documents of evaluations as SVG.
 
 mod bound;
+mod layouts;
 mod tradeoff;
 #[cfg(feature = "network")]
 mod training;
 
 pub use bound::plot as bound;
+pub use layouts::plot as layouts;
 pub use tradeoff::plot as tradeoff;
 #[cfg(feature = "network")]
 pub use training::plot as training;

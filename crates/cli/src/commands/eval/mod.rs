@@ -3,6 +3,7 @@
 mod crb;
 mod half;
 mod keypoints;
+mod layouts;
 mod negatives;
 mod place;
 mod pose;
@@ -38,6 +39,8 @@ pub(crate) enum Command {
     Problems(problems::Args),
     /// Variants of dcl: what attackers get out of each, and the poses it still gives.
     Tradeoff(tradeoff::Args),
+    /// Layouts of dcl: how exact poses are beside those of points, and what attackers get out of each.
+    Layouts(Box<layouts::Args>),
     /// Keypoints and descriptors of images, as `attack` and the training of predictors read them.
     Keypoints(keypoints::Args),
 }
@@ -53,6 +56,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),
         Command::Tradeoff(args) => tradeoff::run(args, ui),
+        Command::Layouts(args) => layouts::run(args, ui),
         Command::Keypoints(args) => keypoints::run(args, ui),
     }
 }

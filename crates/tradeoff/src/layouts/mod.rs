@@ -1,0 +1,82 @@
+//! `veiloc eval layouts`: layouts of dcl, each judged by its poses beside those of points and by what attackers gain.
+//!
+//! A layout ([`DclLayout`]) says where the anchors are and which of them a keypoint is joined to. Poses come from the whole
+//! road, under hard conditions too; attacks are those of the audit, on the same queries ([`Adversary`]).
+
+mod accuracy;
+mod adversary;
+mod document;
+mod options;
+mod place;
+mod privacy;
+mod table;
+
+use veiloc_eval::stress::{StressQuery, evaluate_stress};
+use veiloc_features::Progress;
+use veiloc_query::{DclLayout, Scheme};
+
+use crate::error::TradeoffError;
+use accuracy::Accuracy;
+use place::Keypoints;
+use privacy::Privacy;
+
+pub use accuracy::ConditionFigures;
+pub use adversary::{Adversary, AdversaryFigures};
+pub use document::{LEEWAY_BITS, LayoutRow, LayoutsDocument};
+pub use options::LayoutsEvaluation;
+pub use table::layouts_table;
+
+/// Judges every layout.
+///
+/// # Errors
+/// [`TradeoffError`] when data is missing, a map cannot be built, or nothing was asked for. A query that is not localized
+/// is a result, not an error.
+pub fn evaluate_layouts(
+    evaluation: &LayoutsEvaluation,
+    progress: &dyn Progress,
+) -> Result<LayoutsDocument, TradeoffError> {
+    evaluation.check()?;
+    let keypoints = Keypoints::of(evaluation, progress)?;
+    let mut stressed = Stressed { place: String::new(), queries: Vec::new() };
+    for seed in evaluation.seeds() {
+        let mut stress = evaluation.stress.clone();
+        stress.schemes = std::iter::once(Scheme::Points)
+            .chain(evaluation.layouts.iter().copied().map(Scheme::Dcl))
+            .collect();
+        stress.seed = seed;
+        let found = evaluate_stress(&stress, progress)?;
+        stressed.place = found.data;
+        stressed.queries.extend(found.queries);
+    }
+    let accuracy = |layout: &DclLayout| Accuracy::of(&stressed.queries, Scheme::Dcl(*layout));
+    let privacy = Privacy::of(evaluation, &keypoints, progress)?;
+    let rows = evaluation.layouts.iter().map(|layout| LayoutRow::of(*layout, accuracy(layout), &privacy));
+    let mut document = LayoutsDocument {
+        version: 1,
+        command: "eval layouts",
+        data: stressed.place,
+        queries: evaluation.stress.query_list.len(),
+        attacked: keypoints.attacked.len(),
+        map_images: keypoints.map.len(),
+        k: evaluation.k,
+        seed: evaluation.stress.seed,
+        seeds: evaluation.seeds,
+        rows: rows.collect(),
+    };
+    document.compare();
+    Ok(document)
+}
+
+/// All queries under all conditions, layouts and seeds.
+struct Stressed {
+    place: String,
+    queries: Vec<StressQuery>,
+}
+
+/// A layout as scripts read it: the paper's is called so, also while it is the default.
+fn name(layout: DclLayout) -> String {
+    if layout == DclLayout::VERTICAL { PAPER.to_owned() } else { Scheme::Dcl(layout).to_string() }
+}
+
+/// The paper's layout.
+const PAPER: &str = "dcl:paper";
