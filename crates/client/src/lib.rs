@@ -7,6 +7,7 @@
 //!   disk, when [`ClientOptions::cache`] says where), [`Client::localize`] asks, [`Client::localize_rig`] for several images
 //!   of one device at once.
 //! - [`seal_image`]: from a file and its camera to the sealed query.
+//! - [`SessionFile`]: several images of one place, sealed so that their lines do not cross in what they show.
 //! - [`ClientError`]: tells apart what an app does different things about: busy, not localized, a map that was exchanged,
 //!   a refusal, the network.
 //! - [`ClientOptions`] and [`RetryPolicy`]: limits, and [`Notice`] for what happens meanwhile.
@@ -74,6 +75,7 @@ mod profile_cache;
 mod refusal;
 mod request;
 mod seal;
+mod session_file;
 mod transport;
 
 pub use client::Client;
@@ -82,8 +84,12 @@ pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy};
 pub use refusal::{Refusal, printable};
 pub use request::LocalizeRequest;
 pub use seal::{SealImageError, SealedImage, seal_image};
+pub use session_file::{SessionFile, SessionFileError};
 pub use veiloc_geometry::{CameraFromRig, Intrinsics};
-pub use veiloc_obfuscation::{KnownCamera, SealOptions};
+pub use veiloc_obfuscation::{
+    KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors, SessionBytesError,
+    SessionOptions,
+};
 pub use veiloc_query::{
     Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, PositionHint,
     Profile, RigMessage, Scheme, SealedFrame, SealedQuery,

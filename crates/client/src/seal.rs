@@ -6,6 +6,8 @@ use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{ExtractError, SealError, SealOptions, device_rng, extract, seal};
 use veiloc_query::{Profile, SealedQuery};
 
+use crate::SessionFileError;
+
 /// An image, sealed.
 #[derive(Debug)]
 pub struct SealedImage {
@@ -29,6 +31,9 @@ pub enum SealImageError {
         /// What is wrong.
         source: SealError,
     },
+    /// The session it is a frame of could not be kept, so it must not be sent.
+    #[error(transparent)]
+    Session(#[from] SessionFileError),
 }
 
 /// Seals an image, JPEG or PNG, for the map of a profile, with random numbers of the operating system.
@@ -38,6 +43,8 @@ pub enum SealImageError {
 ///   `SealOptions::default()` is `dcl`.
 ///
 /// Seal an image once and keep the query until it is answered; two queries of one image give its keypoints away (rule L7).
+/// Where a second image of one place may be needed, seal all of them in one [`crate::SessionFile`] or
+/// [`Session`](veiloc_obfuscation::Session): anchors of two images sealed here cross in what both show (rule L10).
 ///
 /// # Errors
 /// [`SealImageError`]: a file that is no image, a camera that is not this image's, too little texture, a profile that asks for

@@ -91,6 +91,15 @@ pub enum SealError {
         /// How many are allowed.
         most: u32,
     },
+    /// The camera has turned so far from where the session's layout is that what is new lies on one side.
+    #[error(
+        "the camera has turned away from the session's anchors, and of what was not sent before only {few} keypoints lie on one \
+         side of the dividing line; turn on or back, or seal with a layout of sectors"
+    )]
+    TurnedAway {
+        /// How many.
+        few: usize,
+    },
     /// A scheme without anchors in a session whose anchors stay in the world.
     #[error("the scheme {scheme} has no anchors that could stay in the world; seal as dcl")]
     SessionScheme {

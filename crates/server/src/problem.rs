@@ -48,15 +48,15 @@ pub(crate) enum Problem {
     #[error("{0}")]
     Version(String),
     #[error(
-        "the query was sealed for another map or with an old profile; fetch the profile, move on, and seal an image from \
-         there: several of one spot tell more than one"
+        "the query was sealed for another map or with an old profile; fetch the profile, and seal another frame of the same \
+         session with its orientation, or move on first: several images of one spot without a session tell more than one"
     )]
     WrongProfile,
     #[error("{0}")]
     BadWish(&'static str),
     #[error(
-        "no pose is supported by the query{0}; move on by a step or more before the next image: several of one spot tell \
-         more than one"
+        "no pose is supported by the query{0}; send another frame of the same session with its orientation, or move on by a \
+         step or more first: several images of one spot without a session tell more than one"
     )]
     NotLocalized(&'static str),
     #[error("the map is empty; its operator must add images")]

@@ -61,6 +61,11 @@ impl DeviceArgs {
         self.gravity.is_some()
     }
 
+    /// Which way is down, if it was told.
+    pub(crate) const fn gravity(&self) -> Option<CoarseGravity> {
+        self.gravity
+    }
+
     /// Ready to seal with. Warns when positions are sent, and says when a profile wishes for another scheme.
     pub(crate) fn options(&self, profile: &Profile, ui: &Ui) -> Result<SealOptions, Failure> {
         let options = match self.scheme {

@@ -333,7 +333,7 @@ fn found_query(file: String, found: &Localization) -> Query {
 /// The same without its pose, and everything that is said of the pose but what speaks against it.
 fn withheld(query: Query) -> Query {
     let message = format!(
-        "its pose is withheld: {}; move on by a step or more before the next image",
+        "its pose is withheld: {}; send another frame of the same session, or move on by a step or more first",
         query.doubts.join("; ")
     );
     Query {

@@ -13,4 +13,5 @@ pub(crate) mod query;
 mod rig_file;
 pub(crate) mod seal;
 pub(crate) mod serve;
+mod session_args;
 pub(crate) mod train;

@@ -4,12 +4,14 @@ mod batch;
 
 use std::path::{Path, PathBuf};
 
+use veiloc_client::{Orientation, SealImageError, SealedImage, SessionFile, seal_image};
 use veiloc_features::FeatureError;
-use veiloc_obfuscation::{ExtractError, SealOptions, device_rng, extract, seal};
+use veiloc_obfuscation::{ExtractError, SealOptions};
 use veiloc_query::{FocalKnowledge, Profile};
 
 use crate::camera::{CameraArg, CameraSource};
 use crate::commands::device_args::DeviceArgs;
+use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::items::{Fault, FaultKind, SkipArgs};
@@ -19,7 +21,8 @@ use crate::ui::Ui;
 ///
 /// A sealed query holds descriptors and lines, never keypoints; it is all a server gets. Nothing of the file but its
 /// pixels is read, and, where no camera is given, the focal length in its EXIF: no time, no place. Everything random comes from the operating system's generator, so
-/// sealing one image twice gives two different queries; never send both (see docs/privacy.md, rule L7).
+/// sealing one image twice gives two different queries; never send both (see docs/privacy.md, rule L7). Two images of one place
+/// belong in one session (--session).
 ///
 /// Every image is answered for itself: one that cannot be sealed does not stop the others.
 #[derive(clap::Args)]
@@ -42,6 +45,8 @@ pub(crate) struct Args {
     profile: PathBuf,
     #[command(flatten)]
     device: DeviceArgs,
+    #[command(flatten)]
+    session: SessionArgs,
     /// File to write; a folder when it is one, ends in `/`, or there are several images; `-` for stdout. Sub-folders
     /// of a folder given are made in it too.
     #[arg(long, short, value_name = "OUT")]
@@ -56,7 +61,8 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let profile = read_profile(&args.profile)?;
     let options = args.device.options(&profile, ui)?;
-    batch::run(args, &profile, &options, ui)
+    let mut session = args.session.open()?;
+    batch::run(args, &profile, &options, session.as_mut(), ui)
 }
 
 /// One image sealed.
@@ -70,26 +76,42 @@ struct Sealed {
     sent: usize,
 }
 
-/// Seals one image, all a device does with it.
+/// The session that images are frames of, and how the camera was held.
+struct InSession<'a> {
+    file: &'a mut SessionFile,
+    held: Orientation,
+}
+
+/// Seals one image, all a device does with it. What is wrong with the image is a fault of it; a session that cannot be kept ends
+/// the command.
 fn seal_one(
     path: &Path,
     camera: CameraSource,
     profile: &Profile,
     options: &SealOptions,
-) -> Result<Sealed, Fault> {
-    let known = camera.of(path).map_err(|e| match e {
-        FeatureError::NoFocal { .. } => {
-            Fault::new(FaultKind::Unfit, format_args!("{e} (--camera, --camera unknown)"))
+    session: Option<InSession<'_>>,
+) -> Result<Result<Sealed, Fault>, Failure> {
+    let known = match camera.of(path) {
+        Ok(known) => known,
+        Err(e @ FeatureError::NoFocal { .. }) => {
+            return Ok(Err(Fault::new(FaultKind::Unfit, format_args!("{e} (--camera, --camera unknown)"))));
         }
-        _ => Fault::new(FaultKind::Damaged, e),
-    })?;
+        Err(e) => return Ok(Err(Fault::new(FaultKind::Damaged, e))),
+    };
     let options = options.clone().with_focal(known.focal);
-    let (features, camera) = extract(path, &known.intrinsics, profile, &options).map_err(|e| fault_of(&e))?;
-    let found = features.keypoints.len();
-    let mut rng = device_rng().map_err(|e| Fault::new(FaultKind::Unfit, e))?;
-    let query =
-        seal(features, &camera, profile, &options, &mut rng).map_err(|e| Fault::new(FaultKind::Unfit, e))?;
-    Ok(Sealed { focal: known.focal, bytes: query.encode(), found, sent: query.len() })
+    let sealed = match session {
+        Some(InSession { file, held }) => file.seal_image(path, &known.intrinsics, profile, &options, &held),
+        None => seal_image(path, &known.intrinsics, profile, &options),
+    };
+    match sealed {
+        Ok(SealedImage { query, keypoints }) => {
+            let (bytes, sent) = (query.encode(), query.len());
+            Ok(Ok(Sealed { focal: known.focal, bytes, found: keypoints, sent }))
+        }
+        Err(SealImageError::Extract(error)) => Ok(Err(fault_of(&error))),
+        Err(SealImageError::Seal { source, .. }) => Ok(Err(Fault::new(FaultKind::Unfit, source))),
+        Err(SealImageError::Session(error)) => Err(session_args::failure(&error)),
+    }
 }
 
 /// What is wrong with an image that nothing could be extracted from.

@@ -1,7 +1,7 @@
 //! A session as bytes, for the device's own disk: it holds a key and what the frames' keypoints saw, and is sent to nobody.
 //!
 //! # Form
-//! Numbers are little endian; directions and rotations are `f64`. `VSESSION`, version (u32); anchors (u8), band, step (f64), memory
+//! Numbers are little endian; directions and rotations are `f64`. `VSESSION`, version (u32); anchors (u8), band, correction, step (f64), memory
 //! (u8), most starts (u32, all ones for any number); key (32 bytes); frames, starts (u32); 1 or 0 for a start, and if there is one
 //! the scheme as text (u16 length), camera (3 × u32), 1 or 0 for an orientation and its matrix by columns (9 × f64); number of
 //! landmarks (u32), and if there are any the descriptor kind, then of each direction (3 × f64), anchor (u8), angle (f64), start, frame
@@ -50,13 +50,14 @@ impl Session {
         let mut out = Writer(Vec::new());
         out.bytes(MAGIC);
         out.word(VERSION);
-        let SessionOptions { anchors, band_deg, step, memory, most_starts } = self.options;
+        let SessionOptions { anchors, band_deg, most_correction_deg, step, memory, most_starts } =
+            self.options;
         out.byte(match anchors {
             SessionAnchors::Image => 0,
             SessionAnchors::World => 1,
             SessionAnchors::Gravity => 2,
         });
-        out.numbers(&[band_deg, step]);
+        out.numbers(&[band_deg, most_correction_deg, step]);
         out.byte(memory.into());
         out.word(most_starts.unwrap_or(ANY));
         out.bytes(&self.key);
@@ -119,14 +120,21 @@ impl Session {
             2 => SessionAnchors::Gravity,
             _ => return Err(damaged("anchors")),
         };
-        let [band_deg, step] = reader.numbers()?;
-        if !((0.0..=90.0).contains(&band_deg) && (0.0..=1.0).contains(&step)) {
+        let [band_deg, most_correction_deg, step] = reader.numbers()?;
+        let is_angle = |degrees: f64| (0.0..=180.0).contains(&degrees);
+        if !(is_angle(band_deg) && is_angle(most_correction_deg) && (0.0..=1.0).contains(&step)) {
             return Err(damaged("options"));
         }
         let memory = reader.flag()?;
         let most = reader.word()?;
-        let options =
-            SessionOptions { anchors, band_deg, step, memory, most_starts: (most != ANY).then_some(most) };
+        let options = SessionOptions {
+            anchors,
+            band_deg,
+            most_correction_deg,
+            step,
+            memory,
+            most_starts: (most != ANY).then_some(most),
+        };
         let mut key = [0; 32];
         key.copy_from_slice(reader.bytes(32)?);
         let [frames, starts] = [reader.word()?, reader.word()?];

@@ -23,6 +23,8 @@ const SAME_DEG: f64 = 0.25;
 const NEARBY_DEG: f64 = 20.0;
 /// A match this unambiguous tells a turn, and whether two frames show one place.
 const CLEAR_RATIO: f32 = 0.8;
+/// One no more ambiguous than this may be of something that was told: what attackers match by, too.
+const TOLD_RATIO: f32 = 0.9;
 /// So many clear matches are of one place.
 const OVERLAP: usize = 15;
 /// Descriptors of one landmark are nearer than this share of their length.
@@ -50,8 +52,8 @@ pub(super) struct Memory {
 
 /// Keypoints of a frame and the landmarks they are.
 pub(super) struct Matched {
-    /// By keypoint: landmark, and whether no other looks alike.
-    by_keypoint: Vec<Option<(usize, bool)>>,
+    /// By keypoint: landmark, and how near it is beside the second nearest, 0 to 1.
+    by_keypoint: Vec<Option<(usize, f32)>>,
     /// Landmarks of the start that was asked for.
     candidates: Vec<usize>,
 }
@@ -65,8 +67,7 @@ impl Memory {
         if let Some(all) = self.descriptors.as_ref().filter(|all| all.kind() == descriptors.kind()) {
             let database = all.select(candidates.iter().copied());
             for m in match_descriptors(descriptors.view(), database.view(), &MatchOptions::default()) {
-                by_keypoint[m.query as usize] =
-                    Some((candidates[m.database as usize], m.ratio <= CLEAR_RATIO));
+                by_keypoint[m.query as usize] = Some((candidates[m.database as usize], m.ratio));
             }
         }
         Matched { by_keypoint, candidates }
@@ -75,21 +76,37 @@ impl Memory {
     /// Directions of clear matches; `seen` are those of the keypoints in the camera, as far as they have one.
     pub(super) fn pairs(&self, matched: &Matched, seen: &[Option<Vector3<f64>>]) -> Vec<Pair> {
         let clear = matched.by_keypoint.iter().zip(seen).filter_map(|(landmark, camera)| {
-            let (index, is_clear) = (*landmark)?;
-            is_clear.then_some(())?;
+            let (index, _) = landmark.filter(|(_, ratio)| *ratio <= CLEAR_RATIO)?;
             Some(Pair { layout: self.landmarks[index].direction, camera: (*camera)? })
         });
         clear.collect()
     }
 
+    /// All starts that something is remembered of.
+    fn starts(&self) -> BTreeSet<u32> {
+        self.landmarks.iter().map(|landmark| landmark.start).collect()
+    }
+
     /// How many of the starts that are remembered show what these descriptors are of.
     pub(super) fn overlapping(&self, descriptors: &Descriptors) -> u32 {
-        let starts: BTreeSet<u32> = self.landmarks.iter().map(|landmark| landmark.start).collect();
         let shows = |start: &u32| {
             let matched = self.matched(descriptors, *start).by_keypoint;
-            matched.iter().flatten().filter(|(_, is_clear)| *is_clear).count() >= OVERLAP
+            matched.iter().flatten().filter(|(_, ratio)| *ratio <= CLEAR_RATIO).count() >= OVERLAP
         };
-        starts.into_iter().filter(shows).count() as u32
+        self.starts().into_iter().filter(shows).count() as u32
+    }
+
+    /// Which of these descriptors are likely of something that was told by a start before this one, and not by this one, whose
+    /// matches are given.
+    pub(super) fn told_before(&self, descriptors: &Descriptors, start: u32, matched: &Matched) -> Vec<bool> {
+        let mut told = vec![false; descriptors.len()];
+        for earlier in self.starts().into_iter().filter(|s| *s < start) {
+            let earlier = self.matched(descriptors, earlier).by_keypoint;
+            for ((told, landmark), own) in told.iter_mut().zip(earlier).zip(&matched.by_keypoint) {
+                *told |= own.is_none() && landmark.is_some_and(|(_, ratio)| ratio <= TOLD_RATIO);
+            }
+        }
+        told
     }
 
     /// What is to become of each keypoint, and the landmark that says so. `anchor_of`: whose it would be by its place in the image.
@@ -106,8 +123,9 @@ impl Memory {
             let Some(camera) = camera else { return (Recalled::New, None) };
             let direction = cam_from_layout.inverse() * camera;
             let cosine = |landmark: &usize| self.landmarks[*landmark].direction.dot(&direction);
-            let its_own =
-                matched.by_keypoint[i].map(|(landmark, _)| landmark).filter(|l| cosine(l) >= nearby);
+            let own = matched.by_keypoint[i].filter(|(l, _)| cosine(l) >= nearby);
+            // Of ambiguous matches most are wrong, and half of those of another anchor: they would empty a query.
+            let its_own = own.filter(|(_, ratio)| *ratio <= TOLD_RATIO).map(|(landmark, _)| landmark);
             // Another one may have taken its landmark, or it another's.
             let alike = || {
                 let near = matched.candidates.iter().copied().filter(|l| cosine(l) >= same);
@@ -116,7 +134,7 @@ impl Memory {
                     .min_by(|a, b| a.0.total_cmp(&b.0))
                     .map(|(_, landmark)| landmark)
             };
-            let at_its_place = its_own.filter(|l| cosine(l) >= same).or_else(alike);
+            let at_its_place = own.map(|(landmark, _)| landmark).filter(|l| cosine(l) >= same).or_else(alike);
             let what = match (at_its_place, its_own) {
                 (Some(landmark), _) => Recalled::Same(self.landmarks[landmark].told),
                 (None, Some(landmark)) => {

@@ -15,6 +15,9 @@
 //! - **What was told is remembered** and told again by the very same row, or left out where it would belong to another anchor now
 //!   ([`SessionOptions::memory`]).
 //!
+//! Where the camera has turned so far that nearly all keypoints belong to one anchor, the layout is put where it serves again, and
+//! what was told before is left out.
+//!
 //! A frame without orientation is still of the session when nearly all that is seen again says that the camera rested or turned on
 //! the spot. Otherwise it can share nothing with others and starts anew, and one place sees only so many starts
 //! ([`SessionOptions::most_starts`]).
@@ -24,19 +27,20 @@ mod bytes;
 mod memory;
 mod options;
 mod orientation;
+mod place;
 
 use rand::CryptoRng;
-use veiloc_features::{Features, Keypoint};
+use veiloc_features::Features;
 use veiloc_geometry::Intrinsics;
-use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-use veiloc_query::{CanonicalCamera, LayoutTurn, Profile, Scheme, SealedQuery};
+use veiloc_geometry::nalgebra::Rotation3;
+use veiloc_query::{CanonicalCamera, Profile, Scheme, SealedQuery};
 
 pub use bytes::SessionBytesError;
 pub use options::{SessionAnchors, SessionAnchorsError, SessionOptions};
 pub use orientation::Orientation;
 
-use align::refined;
-use memory::{Matched, Memory};
+use memory::Memory;
+use place::place;
 
 use crate::grid::AngleGrid;
 use crate::lift::pencils;
@@ -49,7 +53,7 @@ use crate::{SealError, SealOptions};
 /// ```
 /// # use rand::Rng;
 /// # use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
-/// # use veiloc_features::{Features, Keypoint};
+/// # use veiloc_features::Features;
 /// # use veiloc_geometry::Pixel;
 /// use veiloc_obfuscation::{Orientation, SealOptions, Session, SessionOptions, device_rng};
 /// # let kind = DescriptorKind::ROOT_SIFT;
@@ -93,16 +97,6 @@ struct Start {
     layout_from_world: Option<Rotation3<f64>>,
 }
 
-/// What is decided before a frame is sealed.
-struct Placed {
-    turn: LayoutTurn,
-    start: Option<Start>,
-    starts: u32,
-    /// By feature, the direction in which the camera sees it.
-    seen: Vec<Option<Vector3<f64>>>,
-    matched: Matched,
-}
-
 impl Session {
     /// One that has not begun. Its key is drawn from `rng`: [`crate::device_rng`] on a device.
     pub fn new(options: SessionOptions, rng: &mut impl CryptoRng) -> Self {
@@ -121,6 +115,7 @@ impl Session {
     /// [`SealError`] as of [`crate::seal`]; [`SealError::TooManyStarts`] when the layout would have to be put elsewhere once
     /// more; [`SealError::SessionScheme`] for a scheme without anchors where they are to stay in the world;
     /// [`SealError::SessionChanged`] for another layout or camera than the frames before;
+    /// [`SealError::TurnedAway`] where the layout has to be put anew and hardly anything new is seen;
     /// [`SealError::NoGravity`] when anchors are tied to gravity and the frame that starts does not tell it.
     pub fn seal(
         &mut self,
@@ -160,11 +155,11 @@ impl Session {
         look: impl FnOnce(&Hidden<'_>) -> T,
     ) -> Result<(SealedQuery, T), SealError> {
         check(&features, profile)?;
-        let placed = self.place(&features, camera, options, held)?;
+        let placed = place(self, &features, camera, options, held)?;
         let cam_from_layout = placed.turn.cam_from_layout();
         let in_world = self.options.anchors != SessionAnchors::Image;
         let remembers = in_world && self.options.memory;
-        let recalled = match options.scheme() {
+        let mut recalled = match options.scheme() {
             Scheme::Dcl(layout) if remembers => {
                 let pinhole = CanonicalCamera::for_intrinsics(camera)?.pinhole();
                 let pencils = pencils(layout, &pinhole, placed.turn);
@@ -177,6 +172,9 @@ impl Session {
             }
             _ => vec![(Recalled::New, None); features.keypoints.len()],
         };
+        for (recalled, _) in recalled.iter_mut().zip(&placed.left_out).filter(|(_, left_out)| **left_out) {
+            recalled.0 = Recalled::Crossed;
+        }
         let rule = FrameRule {
             turn: placed.turn,
             band: if in_world { self.options.band_deg.to_radians() } else { 0.0 },
@@ -193,6 +191,10 @@ impl Session {
             (rows, look(hidden))
         };
         let (query, (rows, looked)) = seal_frame(&features, camera, profile, options, &rule, rng, see)?;
+        if placed.turned_away || placed.left_out.contains(&true) {
+            // Kept, such a frame would put the layout where the next one is no better off.
+            query.check_sides().map_err(|lopsided| SealError::TurnedAway { few: lopsided.few })?;
+        }
         self.frames = self.frames.saturating_add(1);
         (self.start, self.starts) = (placed.start, placed.starts);
         if remembers {
@@ -201,78 +203,6 @@ impl Session {
         }
         Ok((query, looked))
     }
-
-    /// How the layout is turned against the camera of the next frame, and where the session will stand with it.
-    fn place(
-        &self,
-        features: &Features,
-        camera: &Intrinsics,
-        options: &SealOptions,
-        held: &Orientation,
-    ) -> Result<Placed, SealError> {
-        let (scheme, canonical) = (options.scheme(), CanonicalCamera::for_intrinsics(camera)?);
-        let direction = |k: &Keypoint| camera.unproject(k.pixel).map(|p| p.bearing());
-        let seen: Vec<Option<Vector3<f64>>> = features.keypoints.iter().map(direction).collect();
-        let descriptors = &features.descriptors;
-        if self.memory.descriptors.as_ref().is_some_and(|known| known.kind() != descriptors.kind()) {
-            return Err(SealError::SessionChanged { what: "descriptor kind" });
-        }
-        if let Some(start) = self.start {
-            let matched = self.memory.matched(descriptors, self.starts);
-            let pairs = self.memory.pairs(&matched, &seen);
-            let measured = held.cam_from_world().zip(start.layout_from_world).map(|(c, l)| c * l.inverse());
-            let cam_from_layout = match measured {
-                Some(measured) => Some(refined(&pairs, measured, self.options.band_deg.to_radians())),
-                None => align::seen(&pairs),
-            };
-            if let Some(cam_from_layout) = cam_from_layout {
-                if start.scheme != scheme {
-                    return Err(SealError::SessionChanged { what: "scheme or layout" });
-                }
-                if start.camera != canonical {
-                    return Err(SealError::SessionChanged { what: "camera" });
-                }
-                let turn = turn(&cam_from_layout)?;
-                let start =
-                    Start { layout_from_world: start.layout_from_world.or(layout_from(turn, held)), ..start };
-                return Ok(Placed { turn, start: Some(start), starts: self.starts, seen, matched });
-            }
-        }
-        let starts = if self.options.memory && self.options.anchors != SessionAnchors::Image {
-            self.memory.overlapping(descriptors)
-        } else {
-            self.starts
-        };
-        if let Some(most) = self.options.most_starts.filter(|most| starts >= *most) {
-            return Err(SealError::TooManyStarts { starts, most });
-        }
-        let is_dcl = matches!(scheme, Scheme::Dcl(_));
-        let cam_from_layout = match self.options.anchors {
-            SessionAnchors::Image => Rotation3::identity(),
-            SessionAnchors::World | SessionAnchors::Gravity if !is_dcl => {
-                return Err(SealError::SessionScheme { scheme: scheme.name() });
-            }
-            SessionAnchors::World => Rotation3::identity(),
-            SessionAnchors::Gravity => held.levelled().ok_or(SealError::NoGravity)?,
-        };
-        let turn = turn(&cam_from_layout)?;
-        let stays = self.options.anchors != SessionAnchors::Image;
-        // Nothing shares a start that is not known in the world and not remembered either.
-        let shared = stays && (held.cam_from_world().is_some() || self.options.memory);
-        let start =
-            shared.then(|| Start { scheme, camera: canonical, layout_from_world: layout_from(turn, held) });
-        let starts = self.starts.saturating_add(1);
-        Ok(Placed { turn, start, starts, seen, matched: self.memory.matched(descriptors, starts) })
-    }
-}
-
-/// Where the layout is in the world, as its turn is told, so that later frames are turned against the very same.
-fn layout_from(turn: LayoutTurn, held: &Orientation) -> Option<Rotation3<f64>> {
-    held.cam_from_world().map(|cam_from_world| turn.cam_from_layout().inverse() * cam_from_world)
-}
-
-fn turn(cam_from_layout: &Rotation3<f64>) -> Result<LayoutTurn, SealError> {
-    LayoutTurn::new(cam_from_layout).ok_or(SealError::NoOrientation)
 }
 
 // The key and the orientations are secrets.

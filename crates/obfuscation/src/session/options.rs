@@ -52,6 +52,9 @@ pub struct SessionOptions {
     /// until the next frame: by the error of the orientation, by the detector's noise, by parallax. Default 0.5: that is twice what
     /// a phone's gyroscope errs by between frames, and 4 pixels of a camera with a focal length of 500.
     pub band_deg: f64,
+    /// How far what is seen again may set an orientation right, degrees. Default 1.5: more than gyroscopes and odometry err by within a
+    /// session, and less than the parallax of a step. Without memory nothing is set right.
+    pub most_correction_deg: f64,
     /// Width of the cells that angles are told on, radians; 0 tells them as [`crate::seal`] does, dithered anew in each frame, so
     /// that those of a resting camera scatter. Default 0.002: coarser ones cost
     /// accuracy where images are sharp (decision 0019).
@@ -69,6 +72,7 @@ impl Default for SessionOptions {
         Self {
             anchors: SessionAnchors::World,
             band_deg: 0.5,
+            most_correction_deg: 1.5,
             step: 0.002,
             memory: true,
             most_starts: Some(2),
@@ -88,6 +92,13 @@ impl SessionOptions {
     #[must_use]
     pub const fn with_band_deg(mut self, band_deg: f64) -> Self {
         self.band_deg = band_deg;
+        self
+    }
+
+    /// The same with orientations set right within another angle, degrees.
+    #[must_use]
+    pub const fn with_most_correction_deg(mut self, most: f64) -> Self {
+        self.most_correction_deg = most;
         self
     }
 

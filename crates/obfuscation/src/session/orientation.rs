@@ -1,6 +1,7 @@
 //! How a device held its camera.
 
 use veiloc_geometry::nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use veiloc_query::CoarseGravity;
 
 /// How a device held its camera during a frame, as far as it knows. Never sent: a query says how its layout is turned against the
 /// camera, which is the difference to the session's first frame.
@@ -44,13 +45,22 @@ impl Orientation {
 
     /// Rotation to the camera from a level frame: `y` down, `z` where the camera looks as far as that is level, or where the upper
     /// end of its image points when it looks at the ground.
+    ///
+    /// Down is rounded as [`CoarseGravity`] is: a query tells how the level frame is turned, and so what the sensor felt, which to
+    /// more digits would tell devices apart (rule L6).
     pub(super) fn levelled(&self) -> Option<Rotation3<f64>> {
-        let down = self.down?;
-        // Looking at the ground the image's upper end points ahead, looking at the sky its lower end.
-        let ahead = if down.z.abs() < MOST_STEEP { Vector3::z() } else { Vector3::y() * -down.z.signum() };
-        let ahead = (ahead - down * down.dot(&ahead)).try_normalize(1e-9)?;
-        Some(Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[down.cross(&ahead), down, ahead])))
+        let down =
+            CoarseGravity::new(self.down?.into(), CoarseGravity::PHONE_SD_DEG).ok()?.in_camera().into();
+        levelled(down)
     }
+}
+
+/// The same of an exact direction.
+fn levelled(down: Vector3<f64>) -> Option<Rotation3<f64>> {
+    // Looking at the ground the image's upper end points ahead, looking at the sky its lower end.
+    let ahead = if down.z.abs() < MOST_STEEP { Vector3::z() } else { Vector3::y() * -down.z.signum() };
+    let ahead = (ahead - down * down.dot(&ahead)).try_normalize(1e-9)?;
+    Some(Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[down.cross(&ahead), down, ahead])))
 }
 
 /// Cosine between the direction of sight and the vertical from which on the latter says nothing of where the camera looks.
@@ -79,7 +89,10 @@ mod tests {
             let held = held.with_down((down * 9.81).into()).expect("a direction");
             let cam_from_level = held.levelled().expect("a direction");
             assert!((cam_from_level.matrix().determinant() - 1.0).abs() < 1e-9);
-            assert!((cam_from_level * Vector3::y() - down).norm() < 1e-9);
+            // To about a degree, that of the rounding.
+            assert!((cam_from_level * Vector3::y()).angle(&down) < 1.0_f64.to_radians());
+            let exact = levelled(down).expect("a direction");
+            assert!((exact * Vector3::y() - down).norm() < 1e-9);
             let ahead = cam_from_level * Vector3::z();
             let seen = if down.z.abs() < 0.9 { ahead.z } else { -ahead.y * down.z.signum() };
             assert!(seen > 0.0, "{x} {y} {z}: {ahead}");

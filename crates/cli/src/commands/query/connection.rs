@@ -95,12 +95,13 @@ pub(super) fn failure(error: ClientError) -> Failure {
         }
         ClientError::Busy { .. } => "try again later",
         ClientError::NotLocalized(_) => {
-            "move on by a step or more before the next image; several images of one spot tell more than one, most of \
-             all when the camera only turns"
+            "send another frame of the same session (--session FILE, with --orientation where the device knows it); without \
+             a session move on by a step or more first, for several images of one spot tell more than one"
         }
         ClientError::WrongProfile(_) => {
-            "the map was exchanged meanwhile; this image must not be sealed twice: move on by a step or more and take \
-             another, since several images of one spot tell more than one"
+            "the map was exchanged meanwhile: send another frame of the same session (--session FILE, with --orientation \
+             where the device knows it); without a session this image must not be sealed twice: move on by a step or more \
+             and take another"
         }
         ClientError::Refused(refusal) if refusal.name == "unauthenticated" => {
             "give a token with --token-file or in VEILOC_TOKEN"

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use veiloc_client::{
-    Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, seal_image,
+    Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, SealImageError,
+    seal_image,
 };
 use veiloc_features::FeatureError;
 
@@ -12,6 +13,7 @@ use super::connection::{Connection, failure};
 use super::session;
 use crate::camera::CameraArg;
 use crate::commands::device_args::DeviceArgs;
+use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
@@ -32,7 +34,7 @@ pub(crate) struct Args {
     /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
     /// with the deviations of that (docs/json.md). One pose of the device for all.
     #[arg(long, value_name = "FILE",
-        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity"])]
+        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "session"])]
     rig: Option<PathBuf>,
     /// Its camera: COLMAP's model name, width, height and parameters, for example
     /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which guesses the
@@ -46,6 +48,8 @@ pub(crate) struct Args {
     connection: Connection,
     #[command(flatten)]
     device: DeviceArgs,
+    #[command(flatten)]
+    session: SessionArgs,
     /// Tell the service where the camera roughly is, in map units, for example from GPS: a middle and a standard deviation
     /// along each axis. Default: it is not told.
     #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
@@ -89,7 +93,17 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
     let client = args.connection.client(ui)?;
     let profile = client.profile(&args.map).map_err(failure)?;
     let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
-    let sealed = seal_image(image, &camera.intrinsics, &profile, &options)?;
+    let sealed = match args.session.open()? {
+        Some(mut file) => {
+            let held = args.session.held(args.device.gravity());
+            file.seal_image(image, &camera.intrinsics, &profile, &options, &held)
+        }
+        None => seal_image(image, &camera.intrinsics, &profile, &options),
+    };
+    let sealed = sealed.map_err(|error| match error {
+        SealImageError::Session(error) => session_args::failure(&error),
+        error => error.into(),
+    })?;
     ui.say(format!(
         "{}: {} keypoints, {} sent as {}, {} bytes",
         image.display(),

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use veiloc_client::SessionFile;
 use veiloc_obfuscation::{KnownCamera, SealOptions};
 use veiloc_query::Profile;
 
-use super::{Args, Sealed, seal_one};
+use super::{Args, InSession, Sealed, seal_one};
 use crate::camera::CameraSource;
 use crate::exit::{Failure, Outcome};
 use crate::files;
@@ -61,7 +62,13 @@ struct Job {
     out: PathBuf,
 }
 
-pub(super) fn run(args: &Args, profile: &Profile, options: &SealOptions, ui: &Ui) -> Outcome {
+pub(super) fn run(
+    args: &Args,
+    profile: &Profile,
+    options: &SealOptions,
+    mut session: Option<&mut SessionFile>,
+    ui: &Ui,
+) -> Outcome {
     let jobs = jobs(args)?;
     let scheme = options.scheme().to_string();
     let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
@@ -70,9 +77,12 @@ pub(super) fn run(args: &Args, profile: &Profile, options: &SealOptions, ui: &Ui
     let mut images = Vec::new();
     for job in &jobs {
         let name = job.item.path.display().to_string();
-        let sealed = match &job.item.fault {
-            Some(fault) => Err(fault.clone()),
-            None => seal_one(&job.item.path, job.camera, profile, options),
+        let sealed = if let Some(fault) = &job.item.fault {
+            Err(fault.clone())
+        } else {
+            let held = args.session.held(args.device.gravity());
+            let session = session.as_deref_mut().map(|file| InSession { file, held });
+            seal_one(&job.item.path, job.camera, profile, options, session)?
         };
         match &sealed {
             Ok(sealed) => {
@@ -148,6 +158,12 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
         return Err(Failure::with_help(
             "--gravity is of one image, and several are given",
             "seal each image in a call of its own, with the direction felt when it was taken",
+        ));
+    }
+    if several && args.session.tells_orientation() {
+        return Err(Failure::with_help(
+            "--orientation is of one image, and several are given",
+            "seal each image in a call of its own, with --session and the orientation it was taken with",
         ));
     }
     if standard && (several || args.json) {

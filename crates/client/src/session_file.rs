@@ -1,0 +1,160 @@
+//! A session that outlives the program: its file on the device, which nobody else can read.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{
+    Orientation, SealOptions, Session, SessionBytesError, SessionOptions, device_rng, extract,
+};
+use veiloc_query::Profile;
+
+use crate::{SealImageError, SealedImage};
+
+/// Most bytes of a session file: those of the most that is remembered, of the longest descriptors.
+const MOST_BYTES: u64 = 8 << 20;
+
+/// A session and its file.
+///
+/// The file is replaced **before** a query is handed out, written beside the old one and synced: a query that was sent is always
+/// remembered, also when the program is stopped. Only its owner may read it (mode 0600 where there are modes); it holds where
+/// keypoints were, and belongs in no backup and no report. While it is open nobody else may open it, by a lock on the file
+/// `.NAME.lock` beside it.
+///
+/// Delete the file to end the session; going elsewhere is no reason to.
+#[derive(Debug)]
+pub struct SessionFile {
+    path: PathBuf,
+    session: Session,
+    /// Held, not read: closing it ends the lock.
+    _lock: File,
+}
+
+/// Why a session file cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SessionFileError {
+    /// It cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Another program has it open.
+    #[error("{}: another program seals with this session; its frames must know of each other", path.display())]
+    Busy {
+        /// The file.
+        path: PathBuf,
+    },
+    /// It is no session, or damaged, or of another version.
+    #[error("{}: {source}", path.display())]
+    Bytes {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: SessionBytesError,
+    },
+    /// It was begun with other options.
+    #[error("{}: the session was begun with other options (anchors, band or cells)", path.display())]
+    Options {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+impl SessionFile {
+    /// Opens a session, or begins one where there is no file. `options`: how it is begun; one that is there must have been begun so,
+    /// `None` takes it as it is, and begins one as [`SessionOptions::default`].
+    ///
+    /// # Errors
+    /// [`SessionFileError`].
+    pub fn open(path: &Path, options: Option<SessionOptions>) -> Result<Self, SessionFileError> {
+        let path = path.to_owned();
+        let io = |source| SessionFileError::Io { path: path.clone(), source };
+        let lock = lock(&path).map_err(io)?;
+        let Some(lock) = lock else { return Err(SessionFileError::Busy { path }) };
+        let session = match read(&path) {
+            Ok(bytes) => {
+                let session = Session::from_bytes(&bytes)
+                    .map_err(|source| SessionFileError::Bytes { path: path.clone(), source })?;
+                if options.is_some_and(|options| options != *session.options()) {
+                    return Err(SessionFileError::Options { path });
+                }
+                session
+            }
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                let mut rng = device_rng().map_err(|e| io(io::Error::other(e.to_string())))?;
+                Session::new(options.unwrap_or_default(), &mut rng)
+            }
+            Err(error) => return Err(io(error)),
+        };
+        Ok(Self { path, session, _lock: lock })
+    }
+
+    /// The session.
+    pub const fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// Seals the next frame, an image, and keeps the session: [`crate::seal_image`] and [`Session::seal`] in one.
+    ///
+    /// `held`: how the device held the camera when it took the image.
+    ///
+    /// # Errors
+    /// [`SealImageError`]; nothing of the session changes then, here and in the file.
+    pub fn seal_image(
+        &mut self,
+        image: &Path,
+        camera: &Intrinsics,
+        profile: &Profile,
+        options: &SealOptions,
+        held: &Orientation,
+    ) -> Result<SealedImage, SealImageError> {
+        let refused = |source| SealImageError::Seal { path: image.to_owned(), source };
+        let (features, camera) = extract(image, camera, profile, options)?;
+        let keypoints = features.keypoints.len();
+        let mut rng = device_rng().map_err(refused)?;
+        let mut next = self.session.clone();
+        let query = next.seal(features, &camera, profile, options, held, &mut rng).map_err(refused)?;
+        write(&self.path, &next.to_bytes())
+            .map_err(|source| SessionFileError::Io { path: self.path.clone(), source })?;
+        self.session = next;
+        Ok(SealedImage { query, keypoints })
+    }
+}
+
+fn read(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "longer than any session"));
+    }
+    Ok(bytes)
+}
+
+/// Beside the old file, then in its place. Temporary files are readable by their owner alone, and stay so.
+fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut new = tempfile::NamedTempFile::new_in(folder)?;
+    new.write_all(bytes)?;
+    new.as_file().sync_all()?;
+    new.persist(path)?;
+    Ok(())
+}
+
+/// The lock file stays: whoever removed it could let two programs lock two files of one name.
+fn lock(path: &Path) -> io::Result<Option<File>> {
+    let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no file name"))?;
+    let mut lock = std::ffi::OsString::from(".");
+    lock.push(name);
+    lock.push(".lock");
+    let file = OpenOptions::new().create(true).truncate(false).write(true).open(path.with_file_name(lock))?;
+    match file.try_lock() {
+        Ok(()) => Ok(Some(file)),
+        Err(std::fs::TryLockError::WouldBlock) => Ok(None),
+        Err(std::fs::TryLockError::Error(error)) => Err(error),
+    }
+}
