@@ -75,6 +75,7 @@ mod profile_cache;
 mod refusal;
 mod request;
 mod seal;
+mod session_error;
 mod session_file;
 mod transport;
 
@@ -84,7 +85,8 @@ pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy};
 pub use refusal::{Refusal, printable};
 pub use request::LocalizeRequest;
 pub use seal::{SealImageError, SealedImage, seal_image};
-pub use session_file::{SessionFile, SessionFileError};
+pub use session_error::SessionFileError;
+pub use session_file::SessionFile;
 pub use veiloc_geometry::{CameraFromRig, Intrinsics};
 pub use veiloc_obfuscation::{
     KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors, SessionBytesError,

@@ -5,12 +5,10 @@ use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{
-    Orientation, SealOptions, Session, SessionBytesError, SessionOptions, device_rng, extract,
-};
+use veiloc_obfuscation::{Orientation, SealOptions, Session, SessionOptions, device_rng, extract};
 use veiloc_query::Profile;
 
-use crate::{SealImageError, SealedImage};
+use crate::{SealImageError, SealedImage, SessionFileError};
 
 /// Most bytes of a session file: those of the most that is remembered, of the longest descriptors.
 const MOST_BYTES: u64 = 8 << 20;
@@ -29,40 +27,6 @@ pub struct SessionFile {
     session: Session,
     /// Held, not read: closing it ends the lock.
     _lock: File,
-}
-
-/// Why a session file cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum SessionFileError {
-    /// It cannot be read or written.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// Another program has it open.
-    #[error("{}: another program seals with this session; its frames must know of each other", path.display())]
-    Busy {
-        /// The file.
-        path: PathBuf,
-    },
-    /// It is no session, or damaged, or of another version.
-    #[error("{}: {source}", path.display())]
-    Bytes {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong.
-        source: SessionBytesError,
-    },
-    /// It was begun with other options.
-    #[error("{}: the session was begun with other options (anchors, band or cells)", path.display())]
-    Options {
-        /// The file.
-        path: PathBuf,
-    },
 }
 
 impl SessionFile {
