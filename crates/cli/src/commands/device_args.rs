@@ -10,8 +10,10 @@ use crate::ui::Ui;
 /// How an image is sealed.
 #[derive(clap::Args)]
 pub(crate) struct DeviceArgs {
-    /// How keypoints are hidden: dcl, dcl:horizontal, dcl:angle=DEGREES, random-lines, coordinate-permutation, or
-    /// points, which sends their positions as they are. The device decides, not the map or the service.
+    /// How keypoints are hidden: dcl, random-lines, coordinate-permutation, or points, which sends their positions as they
+    /// are. The device decides, not the map or the service. dcl is the paper's two halves (dcl:horizontal,
+    /// dcl:angle=DEGREES cut them elsewhere); dcl:axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y joins stripes to anchors of
+    /// your own, more exact and with other leaks (docs/layouts.md).
     #[arg(long, default_value = "dcl")]
     scheme: Scheme,
     /// Send at most N keypoints, the strongest, cut to a size class (256, 512, 1024, 2048, 4096); what is not sent is

@@ -25,16 +25,8 @@ pub(crate) struct SessionArgs {
     orientation: Option<OrientationArg>,
     /// What the session's anchors are tied to, when it begins: world, gravity (--gravity tells it), or image, which protects
     /// several images of one place as little as no session does. Default: world, or as the session was begun.
-    #[arg(long, value_name = "WHAT", requires = "session")]
-    anchors: Option<AnchorsArg>,
-}
-
-/// What anchors are tied to, as people write it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum AnchorsArg {
-    Image,
-    World,
-    Gravity,
+    #[arg(long, value_name = "world|gravity|image", requires = "session")]
+    anchors: Option<SessionAnchors>,
 }
 
 /// A rotation as people write it.
@@ -68,13 +60,7 @@ impl SessionArgs {
     /// The session's file, open; `None` when there is no session.
     pub(crate) fn open(&self) -> Result<Option<SessionFile>, Failure> {
         let Some(path) = &self.session else { return Ok(None) };
-        let options = self.anchors.map(|anchors| {
-            SessionOptions::default().with_anchors(match anchors {
-                AnchorsArg::Image => SessionAnchors::Image,
-                AnchorsArg::World => SessionAnchors::World,
-                AnchorsArg::Gravity => SessionAnchors::Gravity,
-            })
-        });
+        let options = self.anchors.map(|anchors| SessionOptions::default().with_anchors(anchors));
         SessionFile::open(path, options).map(Some).map_err(|error| failure(&error))
     }
 
