@@ -19,8 +19,8 @@ pub(crate) struct SessionArgs {
     session: Option<PathBuf>,
     /// How the camera was held: the rotation from a frame that stays in the world during the session, any one, to the camera (x
     /// right, y down, z forward, of the image as it is stored), from a gyroscope or odometry; a quaternion, or the nine numbers of
-    /// a matrix row by row. Without it a frame is of the session only when what is seen again says that the camera rested or
-    /// turned on the spot.
+    /// a matrix row by row. Default: not known, and a frame is of the session only when what is seen again says that the camera
+    /// rested or turned on the spot.
     #[arg(long, value_name = "QW,QX,QY,QZ", allow_hyphen_values = true, requires = "session")]
     orientation: Option<OrientationArg>,
     /// What the session's anchors are tied to, when it begins: world, gravity (--gravity tells it), or image, which protects
