@@ -53,7 +53,7 @@ use crate::{SealError, SealOptions};
 /// ```
 /// # use rand::Rng;
 /// # use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
-/// # use veiloc_features::Features;
+/// # use veiloc_features::{Features, Keypoint};
 /// # use veiloc_geometry::Pixel;
 /// use veiloc_obfuscation::{Orientation, SealOptions, Session, SessionOptions, device_rng};
 /// # let kind = DescriptorKind::ROOT_SIFT;
