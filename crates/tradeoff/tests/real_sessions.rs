@@ -69,8 +69,10 @@ fn anchors_in_the_world_hold_over_a_session(data: &Path) {
         // A camera that walks tells how far a keypoint is from the anchor's axis, and one that rests nothing.
         let most = if motion == Motion::Resting { 0.15 } else { 0.4 };
         assert!(world < most && world < 0.5 * image, "{motion}: {image} {world}");
-        let private = bits("world", motion, "private");
-        assert!(private < 0.15, "{motion}: {private}");
+        // Beside map points whose depth is known the distance tells more: half as much as without a session.
+        let [image, world] = ["image", "world"].map(|anchors| bits(anchors, motion, "private"));
+        let most = if motion == Motion::Resting { 0.15 } else { 0.6 * image };
+        assert!(world < most, "{motion}: {image} {world}");
     }
     for frames in &document.frames {
         assert_eq!(frames.summary.recall["0.05/5"], 1.0, "{}", frames.anchors);
