@@ -29,6 +29,8 @@ const TOLD_RATIO: f32 = 0.9;
 const OVERLAP: usize = 15;
 /// Descriptors of one landmark are nearer than this share of their length.
 const ALIKE: f32 = 0.7;
+/// Nearer than this share of their length they are of one keypoint, whatever else is near.
+const ITSELF: f32 = 0.35;
 
 /// A keypoint that was told.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,7 +105,9 @@ impl Memory {
         for earlier in self.starts().into_iter().filter(|s| *s < start) {
             let earlier = self.matched(descriptors, earlier).by_keypoint;
             for ((told, landmark), own) in told.iter_mut().zip(earlier).zip(&matched.by_keypoint) {
-                *told |= own.is_none() && landmark.is_some_and(|(_, ratio)| ratio <= TOLD_RATIO);
+                let is_clear = |m: Option<(usize, f32)>| m.is_some_and(|(_, ratio)| ratio <= TOLD_RATIO);
+                // Nearly everything has some nearest neighbour among what this start told: only a clear one says it is it.
+                *told |= !is_clear(*own) && is_clear(landmark);
             }
         }
         told
@@ -144,7 +148,12 @@ impl Memory {
                 }
                 (None, None) => Recalled::New,
             };
-            (what, at_its_place.or(its_own))
+            // What took another's row is remembered for itself, or a later start would not know it.
+            let is_known = |l: &usize| {
+                own.is_some_and(|(own, _)| own == *l)
+                    || self.distance(*l, descriptors, i) < ITSELF * descriptors.kind().norm() as f32
+            };
+            (what, at_its_place.filter(is_known).or(its_own))
         };
         seen.iter().enumerate().map(one).collect()
     }
