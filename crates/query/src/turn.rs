@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_geometry::nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use crate::QueryError;
 
@@ -21,7 +21,8 @@ pub struct LayoutTurn([i32; 3]);
 impl LayoutTurn {
     /// Rounds a rotation `cam_from_layout`; `None` when it is not finite.
     pub fn new(cam_from_layout: &Rotation3<f64>) -> Option<Self> {
-        let vector = cam_from_layout.scaled_axis();
+        // By a quaternion: the angle of a matrix is the arc cosine of its trace, which rounding takes beyond 1 where nothing turned.
+        let vector = UnitQuaternion::from_rotation_matrix(cam_from_layout).scaled_axis();
         let is_finite = cam_from_layout.matrix().iter().chain(&vector).all(|x| x.is_finite());
         is_finite.then(|| {
             let code = |x: f64| ((x * PER_RADIAN).round() as i32).clamp(-LARGEST, LARGEST);
@@ -78,6 +79,10 @@ mod tests {
             assert_eq!(LayoutTurn::from_codes(told.codes()).expect("own codes"), told);
             assert_eq!(told.is_none(), [x, y, z] == [0.0; 3]);
         }
+        // A rotation by nothing whose diagonal is rounded upwards.
+        let nothing = veiloc_geometry::nalgebra::Matrix3::from_diagonal_element(1.0 + 1e-15);
+        let told = LayoutTurn::new(&Rotation3::from_matrix_unchecked(nothing)).expect("finite");
+        assert!(told.is_none());
         assert!(LayoutTurn::from_codes([0, 3_141_594, 0]).is_err());
         assert!(LayoutTurn::from_codes([i32::MIN.cast_unsigned(), 0, 0]).is_err());
         let bad = Rotation3::from_matrix_unchecked(veiloc_geometry::nalgebra::Matrix3::repeat(f64::NAN));
