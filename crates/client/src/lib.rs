@@ -73,6 +73,7 @@ mod error;
 mod options;
 mod profile_cache;
 mod refusal;
+mod replace;
 mod request;
 mod seal;
 mod session_error;

@@ -1,10 +1,10 @@
 //! Profiles kept on disk: one file a map of a service. The hash of its bytes is its version, as the service names it.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest as _, Sha256};
 
+use crate::replace::replace;
 use crate::{ClientOptions, Notice};
 
 /// The folder, if there is one.
@@ -26,19 +26,10 @@ impl ProfileCache {
 
 /// A profile that cannot be kept is fetched again next time: no reason to give up.
 pub(crate) fn keep(file: &Path, bytes: &[u8], options: &ClientOptions) {
-    if let Err(reason) = replace(file, bytes) {
+    let folder = file.parent().unwrap_or(Path::new("."));
+    if let Err(reason) = std::fs::create_dir_all(folder).and_then(|()| replace(file, bytes)) {
         options.tell(&Notice::NotKept { file: file.to_owned(), reason: reason.to_string() });
     }
-}
-
-/// Writes beside the old file, then takes its place: two clients at once, or an interruption, leave a whole one.
-fn replace(file: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = file.parent().unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder)?;
-    let mut new = tempfile::NamedTempFile::new_in(folder)?;
-    new.write_all(bytes)?;
-    new.persist(file)?;
-    Ok(())
 }
 
 /// SHA-256 in hexadecimal.

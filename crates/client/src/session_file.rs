@@ -1,13 +1,14 @@
 //! A session that outlives the program: its file on the device, which nobody else can read.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{Orientation, SealOptions, Session, SessionOptions, device_rng, extract};
 use veiloc_query::Profile;
 
+use crate::replace::replace;
 use crate::{SealImageError, SealedImage, SessionFileError};
 
 /// Most bytes of a session file: those of the most that is remembered, of the longest descriptors.
@@ -83,7 +84,7 @@ impl SessionFile {
         let mut rng = device_rng().map_err(refused)?;
         let mut next = self.session.clone();
         let query = next.seal(features, &camera, profile, options, held, &mut rng).map_err(refused)?;
-        write(&self.path, &next.to_bytes())
+        replace(&self.path, &next.to_bytes())
             .map_err(|source| SessionFileError::Io { path: self.path.clone(), source })?;
         self.session = next;
         Ok(SealedImage { query, keypoints })
@@ -97,16 +98,6 @@ fn read(path: &Path) -> io::Result<Vec<u8>> {
         return Err(io::Error::new(io::ErrorKind::InvalidData, "longer than any session"));
     }
     Ok(bytes)
-}
-
-/// Beside the old file, then in its place. Temporary files are readable by their owner alone, and stay so.
-fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut new = tempfile::NamedTempFile::new_in(folder)?;
-    new.write_all(bytes)?;
-    new.as_file().sync_all()?;
-    new.persist(path)?;
-    Ok(())
 }
 
 /// The lock file stays: whoever removed it could let two programs lock two files of one name.

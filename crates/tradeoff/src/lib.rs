@@ -11,6 +11,7 @@
 mod error;
 pub mod layouts;
 pub mod sessions;
+mod spread;
 pub mod variants;
 
 pub use error::TradeoffError;

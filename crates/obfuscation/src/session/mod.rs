@@ -107,7 +107,8 @@ impl Session {
 
     /// Seals the next frame: as [`crate::seal`], with the layout where the session has it.
     ///
-    /// `held`: how the device held the camera. Without an orientation in the world the frame starts anew.
+    /// `held`: how the device held the camera. Without an orientation the frame goes on only where what is seen again says that
+    /// the camera rested or turned on the spot, and else starts anew.
     ///
     /// Nothing of the session changes when this fails.
     ///

@@ -9,6 +9,7 @@ use veiloc_features::Progress;
 
 use super::options::LayoutsEvaluation;
 use crate::error::TradeoffError;
+use crate::spread::spread;
 
 /// All keypoints of the place, and the files that attacks read.
 pub(super) struct Keypoints {
@@ -69,10 +70,4 @@ impl Keypoints {
     pub(super) fn queries(&self) -> impl Iterator<Item = &KeypointImage> {
         self.attacked.iter().chain(&self.others)
     }
-}
-
-/// So many of `0..n`, spread evenly.
-fn spread(n: usize, count: Option<usize>) -> Vec<usize> {
-    let count = count.unwrap_or(n).min(n);
-    (0..count).map(|i| i * n / count).collect()
 }

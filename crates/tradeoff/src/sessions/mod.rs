@@ -32,6 +32,7 @@ use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_query::Scheme;
 use veiloc_results::{QueryResult, summarize};
 
+use crate::spread::spread;
 use attack::{Attacked, attack};
 use device::{Gyroscope, Sealed, sealed_in_session};
 use frames::{Shown, rested, shown};
@@ -232,6 +233,6 @@ fn attacked(evaluation: &SessionsEvaluation, poses: &[CameraFromWorld]) -> Resul
             evaluation.reach
         )));
     }
-    let count = evaluation.attacked.unwrap_or(able.len()).clamp(1, able.len());
-    Ok((0..count).map(|k| able[k * able.len() / count]).collect())
+    let count = evaluation.attacked.map(|n| n.max(1));
+    Ok(spread(able.len(), count).into_iter().map(|k| able[k]).collect())
 }

@@ -23,6 +23,7 @@ use veiloc_attacks::{Descriptors, KnownImage, NeighbourPredictor, Transfer, tran
 use veiloc_features::Progress;
 use veiloc_robust::PoseOptions;
 
+use crate::spread::spread;
 use data::{Data, Query};
 use privacy::{Attackers, Judgement};
 use sent::Sent;
@@ -271,10 +272,4 @@ fn predictor(
         .map(|p| data::known(p, &Sent::of(&honest, p, None, evaluation.seed)?.kept))
         .collect::<Result<Vec<_>, _>>()?;
     Ok(Some(NeighbourPredictor::fit(&images, evaluation.k)?))
-}
-
-/// So many of `0..n`, spread evenly.
-fn spread(n: usize, count: Option<usize>) -> Vec<usize> {
-    let count = count.unwrap_or(n).min(n);
-    (0..count).map(|i| i * n / count).collect()
 }
