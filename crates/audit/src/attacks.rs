@@ -139,13 +139,7 @@ pub const ATTACKS: [Attack; 15] = [
         needs: Needs { pose: true, frames: true, ..Needs::NOTHING },
         run: |a, _| a.by_frames(),
     },
-    Attack {
-        name: "resting-camera",
-        words: "scatter of angles from a camera at rest",
-        holds: "several queries of a camera at rest, or of one image",
-        needs: Needs { seals: true, ..Needs::NOTHING },
-        run: |a, _| a.by_scatter(),
-    },
+    Attack::RESTING_CAMERA,
 ];
 
 /// Pixels within which neighbours agree, in shares of the image's width: 20 px of 640.
@@ -186,6 +180,15 @@ impl Attack {
         holds: "other images of the place, with keypoints and descriptors",
         needs: Needs { map_images: true, ..Needs::NOTHING },
         run: |a, _| Ok(a.transferred().into()),
+    };
+
+    /// The scatter of the angles of several seals.
+    pub const RESTING_CAMERA: Self = Self {
+        name: "resting-camera",
+        words: "scatter of angles from a camera at rest",
+        holds: "several queries of a camera at rest, or of one image",
+        needs: Needs { seals: true, ..Needs::NOTHING },
+        run: |a, _| a.by_scatter(),
     };
 
     /// The layout of the whole graph of neighbours.

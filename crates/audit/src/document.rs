@@ -98,12 +98,43 @@ pub struct AttackSummary {
     pub ms: f64,
 }
 
-/// The attacks as a table for people.
+impl AttackDocument {
+    /// Whether an attack was told the true neighbours by an oracle: what nobody gets who exists.
+    pub fn is_told(&self, attack: Attack) -> bool {
+        self.neighbours == Neighbours::Oracle && attack.needs.neighbours
+    }
+
+    /// Whether there are attacks of both kinds, told and not, beside the guess.
+    pub(crate) fn has_both(&self) -> bool {
+        let any =
+            |told| self.attacks.iter().any(|a| a.attack != Attack::PRIOR && self.is_told(a.attack) == told);
+        any(true) && any(false)
+    }
+}
+
+/// The attacks as a table for people: those that need no oracle first, the others below with the guess once more.
 pub fn attacks_table(document: &AttackDocument) -> String {
+    let tables = if document.has_both() {
+        let told = |a: &AttackSummary| document.is_told(a.attack);
+        format!(
+            "{}\nTold the true neighbours by an oracle, which nobody is\n{}",
+            rows(document.attacks.iter().filter(|a| !told(a))),
+            rows(document.attacks.iter().filter(|a| told(a) || a.attack == Attack::PRIOR))
+        )
+    } else {
+        rows(document.attacks.iter())
+    };
+    let told = document.precision.zip(document.chance).map(|(precision, chance)| {
+        format!("\n{} of the neighbours are true, at random {}\n", percent(precision), percent(chance))
+    });
+    tables + &told.unwrap_or_default() + &of_server(document) + &believed(document)
+}
+
+fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {
     let head =
         ["scheme", "attack", "corrupt", "mean px", "median", "< 5 px", "< 10 px", "< 30 px", "bits", "ms"];
     let mut table = TextTable::new(head, 2);
-    for a in &document.attacks {
+    for a in attacks {
         let corrupt = if a.corrupt > 0.0 { format!("{:.0} %", a.corrupt) } else { String::new() };
         let guess = a.attack == Attack::PRIOR;
         let frames = a.frames.map_or_else(String::new, |n| format!(", {n} frames"));
@@ -120,10 +151,7 @@ pub fn attacks_table(document: &AttackDocument) -> String {
             format!("{:.1}", a.ms),
         ]);
     }
-    let told = document.precision.zip(document.chance).map(|(precision, chance)| {
-        format!("\n{} of the neighbours are true, at random {}\n", percent(precision), percent(chance))
-    });
-    table.render() + &told.unwrap_or_default() + &of_server(document) + &believed(document)
+    table.render()
 }
 
 /// What the server knew, in sentences.

@@ -69,6 +69,50 @@ fn keypoints_make_a_page() {
 }
 
 #[test]
+fn keypoints_are_shown_on_the_images_of_their_names() {
+    let place = folder();
+    photograph(&place, "images/a.png", 0);
+    photograph(&place, "images/b.png", 5);
+    place.run("eval keypoints images -o k.jsonl").succeeded();
+    let fast = FAST.replace("--synthetic 100", "--no-synthetic");
+    // Given beside them: the images are not attacked a second time.
+    let run =
+        place.run(&format!("audit k.jsonl images {fast} --out given.html --json given.json")).succeeded();
+    let document: serde_json::Value = serde_json::from_slice(&place.read("given.json")).expect("a document");
+    assert_eq!(document["inputs"]["data"], serde_json::json!(["k.jsonl"]), "{run}");
+    assert!(String::from_utf8_lossy(&place.read("given.html")).contains("data:image/jpeg"));
+    // Found beside the file.
+    std::fs::copy(place.path("k.jsonl"), place.path("images/k.jsonl")).expect("copied");
+    place.run(&format!("audit images/k.jsonl {fast} --out beside.html")).succeeded();
+    assert!(String::from_utf8_lossy(&place.read("beside.html")).contains("data:image/jpeg"));
+    // Nowhere: figures without images.
+    place.run(&format!("audit k.jsonl {fast} --out none.html")).succeeded();
+    assert!(!String::from_utf8_lossy(&place.read("none.html")).contains("data:image/jpeg"));
+    // An image of that name and of another shape is another image.
+    RgbImage::from_pixel(90, 200, Rgb([9, 9, 9])).save(place.path("images/a.png")).expect("written");
+    let run = place.run(&format!("audit k.jsonl images {fast} --out other.html"));
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(run.stderr.contains("90 x 200") && run.stderr.contains("240 x 180"), "{run}");
+}
+
+#[test]
+fn the_default_runs_attackers_who_exist_before_the_oracle() {
+    let place = folder();
+    photograph(&place, "a.png", 0);
+    photograph(&place, "b.png", 5);
+    let run = place
+        .run("audit a.png b.png --no-synthetic --schemes dcl --max-keypoints 150 --out page.html")
+        .succeeded();
+    let at = |text: &str| run.stdout.find(text).unwrap_or_else(|| panic!("{text}: {run}"));
+    let oracle = at("Told the true neighbours by an oracle, which nobody is");
+    for attack in ["resting-camera", "transfer"] {
+        assert!(at(attack) < oracle, "{run}");
+    }
+    assert!(at("closed-form") > oracle && at("graph") > oracle, "{run}");
+    assert!(run.stdout.contains("that needs no oracle"), "{run}");
+}
+
+#[test]
 fn the_synthetic_scene_needs_no_input() {
     let place = folder();
     let run = place.run(&format!("audit {FAST} -o page.html")).succeeded();

@@ -51,6 +51,11 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
          --layouts dcl:horizontal --stress none --attacked 1 --json",
     ),
+    (
+        "eval adversaries",
+        "eval adversaries --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
+         --train k.jsonl --schemes dcl --attacked 1 --quick --json",
+    ),
     ("attack", "attack --synthetic 60 --schemes dcl --attacks closed-form --json"),
     ("attack", "attack k.jsonl --known p.jsonl --images 1 --schemes dcl --attacks server-side --json"),
     (

@@ -28,4 +28,4 @@ pub use poses::{
     GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses, pose_problem,
 };
 pub use rig::{RigEvaluation, evaluate_rig, walk_of};
-pub use scene::{Negatives, SceneEvaluation, evaluate_scene};
+pub use scene::{Negatives, SceneEvaluation, evaluate_scene, folder_name};

@@ -1,7 +1,7 @@
 //! The conclusion in sentences. Every one of them is decided by the figures: other data, other sentences.
 
 use super::data::AuditPart;
-use super::verdict::{ARRANGED, Found, GIVEN_AWAY, LEARNED, Verdict, base_share, by_scheme};
+use super::verdict::{ARRANGED, Found, GIVEN_AWAY, Verdict, base_share, by_scheme};
 use super::words::{Sentence, count, listed, needs, percent, px, scheme_words};
 use crate::{ATTACKS, Attack, AttackDocument, AttackSummary, Neighbours};
 
@@ -17,7 +17,7 @@ pub fn conclusion(part: &AuditPart) -> Vec<Sentence> {
 pub fn findings(part: &AuditPart) -> Vec<Sentence> {
     let found = by_scheme(&part.attacks);
     let mut out = Vec::new();
-    out.extend(headline(&found));
+    out.extend(headline(&found, &part.attacks));
     out.extend(found.iter().map(|f| of_scheme(f, part)));
     out.extend(of_paper(&found));
     out.extend(judged_by_the_paper(&found));
@@ -25,9 +25,33 @@ pub fn findings(part: &AuditPart) -> Vec<Sentence> {
     out
 }
 
-fn headline(found: &[Found<'_>]) -> Option<Sentence> {
+/// Who gives what away: to attackers who exist first, to one whom an oracle helps after them.
+fn headline(found: &[Found<'_>], document: &AttackDocument) -> Option<Sentence> {
+    let told = |row: &AttackSummary| document.is_told(row.attack);
+    let text = if document.has_both() {
+        format!(
+            "{} {}",
+            given_away(found, |row| !told(row), "the strongest attack that needs no oracle")?,
+            given_away(
+                found,
+                told,
+                "an attacker whom an oracle tells the true neighbours, which nobody has,"
+            )?
+        )
+    } else {
+        given_away(found, |_| true, "the strongest attack that was run")?
+    };
+    Some(Sentence::new("In short", text))
+}
+
+/// Under which schemes the strongest of some attacks gives positions away.
+fn given_away(
+    found: &[Found<'_>],
+    chosen: impl Fn(&AttackSummary) -> bool,
+    attacker: &str,
+) -> Option<String> {
     let verdicts: Vec<(&Found<'_>, Verdict)> =
-        found.iter().filter_map(|f| Some((f, Verdict::of(f.strongest()?)))).collect();
+        found.iter().filter_map(|f| Some((f, Verdict::of(f.strongest_of(&chosen)?)))).collect();
     if verdicts.is_empty() {
         return None;
     }
@@ -36,70 +60,63 @@ fn headline(found: &[Found<'_>]) -> Option<Sentence> {
         listed(&of.map(|(f, _)| f.scheme).collect::<Vec<_>>())
     };
     let given = verdicts.iter().filter(|(_, v)| *v == Verdict::GivenAway).count();
-    let text = match (given, verdicts.len() - given) {
+    Some(match (given, verdicts.len() - given) {
         (0, _) => {
-            format!("No attack that was run puts half of the keypoints within 10 px under {}.", named(false))
+            format!(
+                "Against {attacker} half of the keypoints or more stay farther off than 10 px under {}.",
+                named(false)
+            )
         }
-        (_, 0) => format!(
-            "Against the strongest attack that was run, most keypoint positions are given away under {}.",
-            named(true)
-        ),
+        (_, 0) => format!("Against {attacker} most keypoint positions are given away under {}.", named(true)),
         _ => format!(
-            "Against the strongest attack that was run, most keypoint positions are given away under {}, but not under {}.",
+            "Against {attacker} most keypoint positions are given away under {}, but not under {}.",
             named(true),
             named(false)
         ),
-    };
-    Some(Sentence::new("In short", text))
+    })
 }
 
 fn of_scheme(found: &Found<'_>, part: &AuditPart) -> Sentence {
-    let guess = found.guess;
-    let text = match found.strongest() {
-        None => format!(
+    let (guess, document) = (found.guess, &part.attacks);
+    let told = |row: &AttackSummary| document.is_told(row.attack);
+    let text = match (found.strongest_of(|row| !told(row)), found.strongest_of(told)) {
+        (None, None) => format!(
             "Only the guess was run: it puts {} of the keypoints within 5 px and half of them within {}.",
             percent(guess.under_5px),
             px(guess.median_px)
         ),
-        Some(best) => {
-            let verdict = Verdict::of(best);
-            let most = if verdict == Verdict::Nothing { "The best of them" } else { "The strongest" };
-            let needs = format!(" It needs {}.", needs(best.attack, &part.attacks));
-            let kept = kept(best, verdict, part) + &untold(found, best, &part.attacks);
-            format!(
-                "{}. {most}, {} ({}), puts {} of the keypoints within 5 px and half of them within {}; guessing from the \
-                 single line puts {} within 5 px and half within {}.{needs}{kept}",
-                verdict.words(),
-                best.attack.words,
-                best.attack,
-                percent(best.under_5px),
-                px(best.median_px),
-                percent(guess.under_5px),
-                px(guess.median_px),
-            )
-        }
+        (Some(best), None) | (None, Some(best)) => of_attack(best, guess, part),
+        (Some(best), Some(told)) => format!(
+            "{} Told by an oracle: {}. The strongest then, {} ({}), puts {} of the keypoints within 5 px and half of them within \
+             {}.{}",
+            of_attack(best, guess, part),
+            Verdict::of(told).words(),
+            told.attack.words,
+            told.attack,
+            percent(told.under_5px),
+            px(told.median_px),
+            kept(told, Verdict::of(told), part)
+        ),
     };
     Sentence::new(format!("{} ({})", scheme_words(found.scheme), found.scheme), text)
 }
 
-/// The strongest attack that is told nothing by an oracle, where the strongest of all is.
-fn untold(found: &Found<'_>, best: &AttackSummary, document: &AttackDocument) -> String {
-    let asks = |row: &AttackSummary| row.attack.needs.neighbours;
-    if document.neighbours != Neighbours::Oracle || !asks(best) {
-        return String::new();
-    }
-    let others = found.attacks.iter().filter(|row| !asks(row) && row.bits_over_prior >= LEARNED);
-    let Some(row) = others.max_by(|a, b| a.bits_over_prior.total_cmp(&b.bits_over_prior)) else {
-        return String::new();
-    };
-    let needs = format!(" it needs {}, and", needs(row.attack, document));
+/// What an attack makes of a scheme, and what it needs for it.
+fn of_attack(best: &AttackSummary, guess: &AttackSummary, part: &AuditPart) -> String {
+    let verdict = Verdict::of(best);
+    let most = if verdict == Verdict::Nothing { "The best of them" } else { "The strongest" };
     format!(
-        " Without being told who is near whom, the strongest is {} ({}):{needs} puts {} of the keypoints within 10 px and half \
-         of them within {}.",
-        row.attack.words,
-        row.attack,
-        percent(row.under_10px),
-        px(row.median_px)
+        "{}. {most}, {} ({}), puts {} of the keypoints within 5 px and half of them within {}; guessing from the single line \
+         puts {} within 5 px and half within {}. It needs {}.{}",
+        verdict.words(),
+        best.attack.words,
+        best.attack,
+        percent(best.under_5px),
+        px(best.median_px),
+        percent(guess.under_5px),
+        px(guess.median_px),
+        needs(best.attack, &part.attacks),
+        kept(best, verdict, part)
     )
 }
 

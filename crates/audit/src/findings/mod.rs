@@ -114,10 +114,23 @@ fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
     AuditPart { bending: bending.collect(), keypoints: gallery.keypoints, attacks }
 }
 
+/// By what share the shape of an image may differ from that of its keypoints: sides are rounded when it is made smaller.
+const SHAPE: f64 = 0.02;
+
 /// An image in colour, of the size that its keypoints are in. Its metadata is not read, nor its orientation.
 fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, AuditError> {
     let fault = |e| AuditError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
     let image = image::open(path).map_err(fault)?.into_rgb8();
+    let (across, down) = image.dimensions();
+    // Keypoints may be of the image made smaller, but not of one of another shape.
+    let scale = f64::from(width) / f64::from(across);
+    if (scale * f64::from(down) - f64::from(height)).abs() > SHAPE * f64::from(height) {
+        return Err(AuditError::DataSet(format!(
+            "{}: the image has {across} x {down} pixels, and its keypoints are of one of {width} x {height}; give the image \
+             that the keypoints were found in",
+            path.display()
+        )));
+    }
     let fits = image.dimensions() == (width, height);
     Ok(if fits { image } else { resize(&image, width, height, FilterType::Triangle) })
 }

@@ -51,10 +51,15 @@ pub(super) struct Found<'a> {
 impl<'a> Found<'a> {
     /// The attack that tells most, `None` when only the guess was run.
     pub(super) fn strongest(&self) -> Option<&'a AttackSummary> {
-        let told = |row: &AttackSummary| {
+        self.strongest_of(|_| true)
+    }
+
+    /// The same among some of them.
+    pub(super) fn strongest_of(&self, chosen: impl Fn(&AttackSummary) -> bool) -> Option<&'a AttackSummary> {
+        let tells = |row: &AttackSummary| {
             if row.bits_over_prior.is_nan() { f64::NEG_INFINITY } else { row.bits_over_prior }
         };
-        self.attacks.iter().copied().max_by(|a, b| told(a).total_cmp(&told(b)))
+        self.attacks.iter().copied().filter(|row| chosen(row)).max_by(|a, b| tells(a).total_cmp(&tells(b)))
     }
 
     pub(super) fn paper(&self) -> Option<&'a AttackSummary> {

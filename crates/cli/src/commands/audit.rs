@@ -26,7 +26,8 @@ use inputs::Inputs;
 /// images and the positions of their keypoints, so it is for whoever owns them.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Photographs (JPEG or PNG), folders of them, and files of keypoints (.jsonl, .jsonl.gz).
+    /// Photographs (JPEG or PNG), folders of them, and files of keypoints (.jsonl, .jsonl.gz), which are shown on the
+    /// photographs of their names, given too or beside the file.
     /// With `--synthetic N`, and nothing else, the synthetic scene alone is attacked.
     #[arg(required_unless_present = "synthetic", value_name = "IMAGE|FOLDER|KEYPOINTS")]
     inputs: Vec<PathBuf>,
@@ -49,8 +50,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 1500, conflicts_with = "no_synthetic",
           value_parser = clap::value_parser!(u32).range(1..=100_000))]
     synthetic: u32,
-    /// Attacks, as `veiloc attack` knows them. Default: closed-form, closed-form-informed and graph; with several
-    /// images that have descriptors, transfer too, which takes the others for the map of a server.
+    /// Attacks, as `veiloc attack` knows them. Default: resting-camera (several seals of one image); with several images
+    /// that have descriptors, transfer, which takes the others for the map of a server; and, told the true neighbours by
+    /// an oracle, closed-form, closed-form-informed and graph.
     #[arg(long, value_delimiter = ',', value_name = "ATTACK,…")]
     attacks: Option<Vec<Attack>>,
     #[command(flatten)]

@@ -80,7 +80,7 @@ pub fn evaluate_scene(
 }
 
 /// The name of the place: of the folder, or of the one above when that is only called `images`.
-pub(crate) fn folder_name(images: &Path) -> String {
+pub fn folder_name(images: &Path) -> String {
     let name = |p: &Path| p.file_name().map(|n| n.to_string_lossy().into_owned());
     match name(images) {
         Some(own) if own != "images" => own,

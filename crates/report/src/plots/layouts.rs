@@ -14,7 +14,7 @@ type Panel = (&'static str, fn(&LayoutRow) -> Option<f64>);
 
 const PANELS: [Panel; 3] = [
     ("gain of the strongest realistic adversary, bits", LayoutRow::worst_realistic),
-    ("gain of learned neighbours, bits", |row| row.bits.get("learned-neighbours").copied()),
+    ("gain of learned neighbours, bits", |row| row.bits.get("outsider-statistic").copied()),
     ("error of the guess, px", |row| row.prior_mean_px),
 ];
 

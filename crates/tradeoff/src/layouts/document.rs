@@ -7,8 +7,7 @@ use veiloc_query::{DclLayout, Scheme};
 use veiloc_results::metrics::finite;
 
 use super::accuracy::{Accuracy, ConditionFigures};
-use super::adversary::AdversaryFigures;
-use super::privacy::Privacy;
+use super::privacy::{AdversaryFigures, Privacy};
 
 /// The document that `veiloc eval layouts --json` prints.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -124,7 +123,7 @@ pub(super) mod tests {
             median_px: 40.0,
         };
         let adversaries =
-            vec![figures("learned-neighbours", true, bits[0]), figures("true-neighbours", false, bits[1])];
+            vec![figures("outsider-statistic", true, bits[0]), figures("true-neighbours", false, bits[1])];
         LayoutRow {
             layout: layout.to_owned(),
             error_over_points: Some(error),

@@ -1,29 +1,28 @@
 //! `veiloc eval layouts`: layouts of dcl, each judged by its poses beside those of points and by what attackers gain.
 //!
 //! A layout ([`DclLayout`]) says where the anchors are and which of them a keypoint is joined to. Poses come from the whole
-//! road, under hard conditions too; attacks are those of the audit, on the same queries ([`Adversary`]).
+//! road, under hard conditions too; attacks are those of the audit, on the same queries ([`Adversary`](crate::adversaries::Adversary)).
 
 mod accuracy;
-mod adversary;
 mod document;
 mod options;
-mod place;
 mod privacy;
 mod table;
 
+use veiloc_eval::ProblemSource;
 use veiloc_eval::stress::{StressQuery, evaluate_stress};
 use veiloc_features::Progress;
 use veiloc_query::{DclLayout, Scheme};
 
+use crate::adversaries::Keypoints;
 use crate::error::TradeoffError;
 use accuracy::Accuracy;
-use place::Keypoints;
 use privacy::Privacy;
 
 pub use accuracy::ConditionFigures;
-pub use adversary::{Adversary, AdversaryFigures};
 pub use document::{LEEWAY_BITS, LayoutRow, LayoutsDocument};
 pub use options::LayoutsEvaluation;
+pub use privacy::AdversaryFigures;
 pub use table::layouts_table;
 
 /// Judges every layout.
@@ -36,7 +35,17 @@ pub fn evaluate_layouts(
     progress: &dyn Progress,
 ) -> Result<LayoutsDocument, TradeoffError> {
     evaluation.check()?;
-    let keypoints = Keypoints::of(evaluation, progress)?;
+    let stress = &evaluation.stress;
+    let source = ProblemSource {
+        posed: &stress.posed,
+        images: &stress.images,
+        map_list: &stress.map_list,
+        query_list: &stress.query_list,
+        build: &stress.build,
+        localize: &stress.localize,
+        seed: stress.seed,
+    };
+    let keypoints = Keypoints::of_place(&source, evaluation.attacked, progress)?;
     let mut stressed = Stressed { place: String::new(), queries: Vec::new() };
     for seed in evaluation.seeds() {
         let mut stress = evaluation.stress.clone();
@@ -57,7 +66,7 @@ pub fn evaluate_layouts(
         data: stressed.place,
         queries: evaluation.stress.query_list.len(),
         attacked: keypoints.attacked.len(),
-        map_images: keypoints.map.len(),
+        map_images: keypoints.place.as_ref().map_or(0, |place| place.map.len()),
         k: evaluation.k,
         seed: evaluation.stress.seed,
         seeds: evaluation.seeds,

@@ -1,7 +1,7 @@
 //! The figures as tables for people: poses and guess, what adversaries gain, and which number is which layout.
 
-use super::adversary::Adversary;
 use super::document::{LayoutRow, LayoutsDocument};
+use crate::adversaries::Adversary;
 use veiloc_results::text_table::{TextTable, percent};
 
 /// Poses and the guess, then adversaries, a row a layout; the number is that of the plot.

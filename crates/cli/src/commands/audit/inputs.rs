@@ -34,22 +34,30 @@ impl Inputs {
         let given: Vec<Vec<Item>> =
             paths.iter().map(|path| items::gather(std::slice::from_ref(path), &IMAGES)).collect();
         items::refuse_bad(&given.concat())?;
+        let (mut files, mut given) = (Vec::new(), given);
+        for path in paths.iter().filter(|path| holds_keypoints(path) && !path.is_dir()) {
+            let images: Vec<KeypointImage> = read_keypoints(path)?;
+            files.push(paired(path, images, &mut given));
+        }
+        let mut files = files.into_iter();
         let mut groups: Vec<Group> = Vec::new();
         let mut loose: Vec<Item> = Vec::new();
         for (path, mut inside) in paths.iter().zip(given) {
             if path.is_dir() {
+                if inside.is_empty() {
+                    continue;
+                }
                 if inside.len() > most {
                     ui.say(format!("{}: the first {most} of {} images", path.display(), inside.len()));
                     inside.truncate(most);
                 }
                 groups.push(group(display_name(path), &inside, limits, progress)?);
             } else if holds_keypoints(path) {
-                let images = read_keypoints(path)?;
-                if images.len() > most {
-                    ui.say(format!("{}: the first {most} of {} images", path.display(), images.len()));
+                let Some(group) = files.next() else { continue };
+                if group.images.len() > most {
+                    ui.say(format!("{}: the first {most} of {} images", path.display(), group.images.len()));
                 }
-                let images = images.into_iter().map(|image| (image, None)).collect();
-                groups.push(Group { name: display_name(path), images });
+                groups.push(group);
             } else {
                 loose.append(&mut inside);
             }
@@ -105,11 +113,15 @@ impl Inputs {
     /// Attacks that these inputs allow and that end in reasonable time.
     pub(super) fn default_attacks(&self) -> Vec<Attack> {
         let map = |g: &Group| g.images.len() > 1 && g.images.iter().all(|(p, _)| p.descriptors.is_some());
-        let mut attacks = vec![Attack::PRIOR, Attack::CLOSED_FORM, Attack::CLOSED_FORM_INFORMED];
+        // Attackers who exist first, then those whom an oracle tells the neighbours.
+        let mut attacks = vec![Attack::PRIOR];
+        if !self.groups.is_empty() {
+            attacks.push(Attack::RESTING_CAMERA);
+        }
         if !self.groups.is_empty() && self.groups.iter().all(map) {
             attacks.push(Attack::TRANSFER);
         }
-        attacks.push(Attack::GRAPH);
+        attacks.extend([Attack::CLOSED_FORM, Attack::CLOSED_FORM_INFORMED, Attack::GRAPH]);
         attacks
     }
 
@@ -117,6 +129,22 @@ impl Inputs {
     pub(super) fn file_of(&self, group: usize, index: usize) -> Option<PathBuf> {
         self.groups.get(group)?.images.get(index)?.1.clone()
     }
+}
+
+/// A file of keypoints, with the images they are of: those of that name among what is `given` beside it, which are then
+/// not attacked on their own, and else those of that name beside the file.
+fn paired(path: &Path, images: Vec<KeypointImage>, given: &mut [Vec<Item>]) -> Group {
+    let mut files: Vec<Option<PathBuf>> = Vec::new();
+    for image in &images {
+        let named = Path::new(&image.name);
+        let among = given.iter_mut().find_map(|inside| {
+            let at = inside.iter().position(|item| item.path.ends_with(named))?;
+            Some(inside.remove(at).path)
+        });
+        let beside = || path.parent().map(|folder| folder.join(named)).filter(|file| file.is_file());
+        files.push(among.or_else(beside));
+    }
+    Group { name: display_name(path), images: images.into_iter().zip(files).collect() }
 }
 
 fn group(

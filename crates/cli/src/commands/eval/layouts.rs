@@ -68,11 +68,11 @@ A layout is written dcl:axis=DEG:sectors=N[:shift=S][:across=DEG/N/S]:anchors=X/
 and down of the image's centre, or @DEG infinitely far in that direction; two to four of them.
 
 Adversaries; each counts by the best of their attacks (see `attack`):
-  learned-neighbours  has the query, and neighbours predicted from descriptors by what was learned elsewhere
-  network             the same with the network of --network
-  nearby-images       has the images of the map
-  known-pose          a server that has found the pose; what counts is what its map does not show
-  known-pose-images   the same with the keypoints of all map images
+  outsider-statistic  has the query, and neighbours predicted from descriptors by what was learned elsewhere
+  outsider-neighbours the same with the network of --network
+  map-server          has the images of the map
+  pose-server         a server that has found the pose; what counts is what its map does not show
+  pose-server-images  the same with the keypoints of all map images
   several-frames      a server that has found the poses of two or eight queries
   several-seals       has eight seals of one image
   true-neighbours     is told the true neighbours, which nobody is; for comparison";

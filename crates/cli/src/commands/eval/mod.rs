@@ -1,5 +1,6 @@
 //! `veiloc eval`: localization measured on data with known poses, and against what theory allows.
 
+mod adversaries;
 mod crb;
 mod half;
 mod keypoints;
@@ -39,6 +40,8 @@ pub(crate) enum Command {
     Problems(problems::Args),
     /// Variants of dcl: what attackers get out of each, and the poses it still gives.
     Tradeoff(tradeoff::Args),
+    /// What each adversary gets from the queries of every scheme, by the best of their attacks.
+    Adversaries(Box<adversaries::Args>),
     /// Layouts of dcl: how exact poses are beside those of points, and what attackers get out of each.
     Layouts(Box<layouts::Args>),
     /// Keypoints and descriptors of images, as `attack` and the training of predictors read them.
@@ -56,6 +59,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),
         Command::Tradeoff(args) => tradeoff::run(args, ui),
+        Command::Adversaries(args) => adversaries::run(args, ui),
         Command::Layouts(args) => layouts::run(args, ui),
         Command::Keypoints(args) => keypoints::run(args, ui),
     }

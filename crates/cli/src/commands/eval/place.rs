@@ -22,6 +22,34 @@ pub(super) struct PlaceArgs {
     pub(super) query_list: PathBuf,
 }
 
+/// The same where a place may be left out: all of it or nothing.
+#[derive(clap::Args)]
+pub(super) struct MaybePlaceArgs {
+    /// Folder of a COLMAP model with cameras and poses, text or binary; its points are not used.
+    #[arg(long, value_name = "DIR", requires_all = ["images", "map_list", "query_list"])]
+    posed: Option<PathBuf>,
+    /// Folder of the images.
+    #[arg(long, value_name = "DIR", requires = "posed")]
+    images: Option<PathBuf>,
+    /// Names of the images the map is built from, one a line.
+    #[arg(long, value_name = "FILE", requires = "posed")]
+    map_list: Option<PathBuf>,
+    /// Names of the images that are attacked, one a line.
+    #[arg(long, value_name = "FILE", requires = "posed")]
+    query_list: Option<PathBuf>,
+}
+
+impl MaybePlaceArgs {
+    pub(super) fn given(&self) -> Option<PlaceArgs> {
+        Some(PlaceArgs {
+            posed: self.posed.clone()?,
+            images: self.images.clone()?,
+            map_list: self.map_list.clone()?,
+            query_list: self.query_list.clone()?,
+        })
+    }
+}
+
 /// What the devices feel.
 #[derive(clap::Args)]
 pub(super) struct GravityArgs {

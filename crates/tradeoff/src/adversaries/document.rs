@@ -1,0 +1,111 @@
+//! What adversaries got, as the stable JSON document.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::adversary::Adversary;
+use super::attackers::{Gain, Tried};
+use super::options::AdversariesEvaluation;
+
+/// The document that `veiloc eval adversaries --json` prints.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AdversariesDocument {
+    /// Version of this document; a field is never removed or given another meaning under the same number.
+    pub version: u32,
+    /// `eval adversaries`.
+    pub command: &'static str,
+    /// Neighbours a keypoint.
+    pub k: usize,
+    /// Seed of every draw.
+    pub seed: u64,
+    /// One entry per place or file, adversary and scheme.
+    pub rows: Vec<AdversaryRow>,
+}
+
+/// What one adversary got from the queries of one scheme.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AdversaryRow {
+    /// The place or file.
+    pub data: String,
+    /// Who attacks.
+    pub adversary: &'static str,
+    /// Whether there is such a one; nobody is told true neighbours.
+    pub realistic: bool,
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// The best of their attacks, by bits over the guess.
+    pub attack: String,
+    /// Frames or seals that it had; absent for attacks on one query.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<usize>,
+    /// Images attacked.
+    pub images: usize,
+    /// Share of their keypoints that errors are of, 0 to 1: of a server that knows its map, those the map does not show.
+    pub measured: f64,
+    /// Share of the neighbours they were told that are true, 0 to 1; absent for an oracle and where none are used.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub precision: Option<f64>,
+    /// Median error of the guess from the single line on the same keypoints, pixels.
+    pub guess_median_px: f64,
+    /// Median error, pixels.
+    pub median_px: f64,
+    /// Share of keypoints with an error under 10 px, 0 to 1.
+    pub under_10px: f64,
+    /// The same under 30 px.
+    pub under_30px: f64,
+    /// What the attack tells beyond the guess, bits a keypoint; negative where it does worse than the guess.
+    pub bits_over_prior: f64,
+    /// Every attack that was tried.
+    pub tried: Vec<Tried>,
+}
+
+impl AdversariesDocument {
+    pub(super) fn new(evaluation: &AdversariesEvaluation) -> Self {
+        Self {
+            version: 1,
+            command: "eval adversaries",
+            k: evaluation.k,
+            seed: evaluation.seed,
+            rows: Vec::new(),
+        }
+    }
+
+    /// Rows of an adversary, in the order of the schemes.
+    pub(super) fn add(
+        &mut self,
+        data: &str,
+        adversary: Adversary,
+        mut gains: BTreeMap<String, Gain>,
+        evaluation: &AdversariesEvaluation,
+    ) {
+        for scheme in &evaluation.schemes {
+            let scheme = scheme.to_string();
+            let Some(gain) = gains.remove(&scheme) else { continue };
+            self.rows.push(AdversaryRow {
+                data: data.to_owned(),
+                adversary: adversary.name(),
+                realistic: adversary.is_realistic(),
+                scheme,
+                attack: gain.best.attack.to_string(),
+                frames: gain.best.frames,
+                images: gain.best.images,
+                measured: gain.measured,
+                precision: gain.precision,
+                guess_median_px: gain.guess.median_px,
+                median_px: gain.best.median_px,
+                under_10px: gain.best.under_10px,
+                under_30px: gain.best.under_30px,
+                bits_over_prior: gain.best.bits_over_prior,
+                tried: gain.tried,
+            });
+        }
+    }
+
+    /// What an adversary got; `None` where they lacked what it takes.
+    pub fn of(&self, data: &str, adversary: Adversary, scheme: &str) -> Option<&AdversaryRow> {
+        self.rows
+            .iter()
+            .find(|row| row.data == data && row.adversary == adversary.name() && row.scheme == scheme)
+    }
+}
