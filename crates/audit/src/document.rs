@@ -137,7 +137,8 @@ fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {
     for a in attacks {
         let corrupt = if a.corrupt > 0.0 { format!("{:.0} %", a.corrupt) } else { String::new() };
         let guess = a.attack == Attack::PRIOR;
-        let frames = a.frames.map_or_else(String::new, |n| format!(", {n} frames"));
+        let several = if a.attack.needs.seals { "seals" } else { "frames" };
+        let frames = a.frames.map_or_else(String::new, |n| format!(", {n} {several}"));
         table.push(vec![
             a.scheme.clone(),
             format!("{}{frames}", a.attack),

@@ -1,5 +1,5 @@
-//! The demo's attacks: the paper's on every hidden view, the layout of the whole graph on those that the report draws, both
-//! with an oracle's neighbours, beside the guess they must beat. Run as `veiloc attack` runs them.
+//! The demo's attacks, beside the guess they must beat: those of somebody who has the map's images or several seals of a
+//! view, and, told the true neighbours by an oracle, the paper's and the layout of the whole graph. Run as `veiloc attack` runs them.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
@@ -19,8 +19,10 @@ use crate::error::DemoError;
 use crate::options::DemoOptions;
 use crate::place::{RenderedPlace, image};
 
-/// Queries whose images the report shows, and that the graph attack works on: it takes seconds an image.
+/// Queries whose images the report shows, and that the graph attack and several seals work on: they take seconds an image.
 const SHOWN: usize = 2;
+/// Seals of one image.
+const SEALS: usize = 8;
 
 /// The figures, and the images for the report.
 pub(crate) struct Attacked {
@@ -52,15 +54,24 @@ pub(crate) fn attack_all(
         seed: options.seed,
         ..AttackEvaluation::default()
     };
-    let group = || ImageGroup { name: "hidden views".to_owned(), images: images.clone() };
+    let group =
+        |images: &[KeypointImage]| ImageGroup { name: "hidden views".to_owned(), images: images.to_vec() };
     let mut watched = Watched { panels: &mut panels, stage: Stage::new(progress, "Attacking queries") };
-    let mut document = attack_groups(&evaluation, vec![group()], &mut watched)?;
-    evaluation.attacks = vec![Attack::GRAPH];
+    let mut document = attack_groups(&evaluation, vec![group(&images)], &mut watched)?;
+    // Whoever runs the map has its images.
+    images.truncate(SHOWN);
+    progress.start("Extracting what the map shows", place.map_list.len());
+    for name in &place.map_list {
+        images.push(sent_of(place, map, name, options.seed)?.0);
+        progress.advance(1);
+    }
+    evaluation.attacks = vec![Attack::TRANSFER, Attack::RESTING_CAMERA, Attack::GRAPH];
+    evaluation.frames = vec![SEALS];
     evaluation.images = Some(SHOWN);
     watched.stage = Stage::new(progress, "Laying out the graph of neighbours");
-    let graph = attack_groups(&evaluation, vec![group()], &mut watched)?;
+    let slow = attack_groups(&evaluation, vec![group(&images)], &mut watched)?;
     progress.finish();
-    for row in graph.attacks.into_iter().filter(|row| row.attack == Attack::GRAPH) {
+    for row in slow.attacks.into_iter().filter(|row| row.attack != Attack::PRIOR) {
         let after = document.attacks.iter().rposition(|r| r.scheme == row.scheme);
         document.attacks.insert(after.map_or(document.attacks.len(), |i| i + 1), row);
     }
@@ -83,13 +94,14 @@ fn sent_of(
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[name, "sent"]));
     let (query, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
         .map_err(|source| DemoError::Seal { name: name.to_owned(), source })?;
-    let real = truth.source.iter().zip(&truth.pixels).filter_map(|(source, pixel)| source.map(|_| *pixel));
+    let real: Vec<usize> = (0..query.len()).filter(|row| truth.source[*row].is_some()).collect();
+    let descriptors = query.descriptors().to_owned().select(real.iter().copied());
     let sent = KeypointImage {
         name: name.to_owned(),
         width: query.camera().width,
         height: query.camera().height,
-        keypoints: real.collect(),
-        descriptors: None,
+        keypoints: real.iter().map(|row| truth.pixels[*row]).collect(),
+        descriptors: Some((descriptors.as_bytes().to_vec(), descriptors.kind().dim())),
     };
     let panel = QueryPanel { name: name.to_owned(), image: image(&path)?, keypoints, schemes: Vec::new() };
     Ok((sent, panel))

@@ -34,7 +34,8 @@ pub use options::DemoOptions;
 pub struct DemoDocument {
     /// Localization of the hidden views.
     pub evaluation: Evaluation,
-    /// What attacks recovered: the paper's on all hidden views, the graph attack on those that the report draws.
+    /// What attacks recovered: the graph attack and several seals on the views that the report draws, others on all hidden
+    /// views.
     pub attacks: AttackDocument,
 }
 

@@ -10,7 +10,7 @@
 //! | `server::self_test` | `self-test` (off) | a map localizes its own images, and learns how far its answers are to be believed |
 //! | `audit` | `audit` (off) | attacks one's own images, and says what leaks |
 //!
-//! `examples/map_and_localize.rs` and `examples/attack_own_images.rs` run without any data:
+//! `examples/map_and_localize.rs`, `examples/session.rs` and `examples/attack_own_images.rs` run without any data:
 //! `cargo run --release -p veiloc --example map_and_localize`.
 //!
 //! # Both roads in one program

@@ -1,6 +1,9 @@
 //! Who attacks, and with what.
 
 use std::fmt;
+use std::str::FromStr;
+
+use serde::Serialize;
 
 /// Somebody who reads queries. What they gain is that of the best of their attacks, by [`Adversary::attacks`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -99,9 +102,32 @@ impl Adversary {
     }
 }
 
+impl Serialize for Adversary {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
 impl fmt::Display for Adversary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
+    }
+}
+
+/// No adversary has this name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no adversary is called {name:?}; there are {}", Adversary::ALL.map(Adversary::name).join(", "))]
+pub struct UnknownAdversary {
+    name: String,
+}
+
+/// One of [`Adversary::ALL`].
+impl FromStr for Adversary {
+    type Err = UnknownAdversary;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::ALL.into_iter().find(|adversary| adversary.name() == text);
+        found.ok_or_else(|| UnknownAdversary { name: text.to_owned() })
     }
 }
 
@@ -113,6 +139,7 @@ mod tests {
     #[test]
     fn every_attack_of_an_adversary_is_there() {
         for adversary in Adversary::ALL {
+            assert_eq!(adversary.name().parse(), Ok(adversary));
             for attack in adversary.attacks().iter().chain(adversary.thorough()) {
                 let needs = attack.parse::<Attack>().expect(attack).needs;
                 let knows_pose = adversary >= Adversary::PoseServer && adversary <= Adversary::SeveralFrames;

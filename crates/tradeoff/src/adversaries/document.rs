@@ -19,6 +19,8 @@ pub struct AdversariesDocument {
     pub k: usize,
     /// Seed of every draw.
     pub seed: u64,
+    /// Who was asked for and lacked what it takes, everywhere.
+    pub missing: Vec<Adversary>,
     /// One entry per place or file, adversary and scheme.
     pub rows: Vec<AdversaryRow>,
 }
@@ -67,8 +69,15 @@ impl AdversariesDocument {
             command: "eval adversaries",
             k: evaluation.k,
             seed: evaluation.seed,
+            missing: Vec::new(),
             rows: Vec::new(),
         }
+    }
+
+    /// Names those who are not among the rows.
+    pub(super) fn finish(&mut self, evaluation: &AdversariesEvaluation) {
+        let there = |a: &Adversary| self.rows.iter().any(|row| row.adversary == a.name());
+        self.missing = evaluation.adversaries.iter().copied().filter(|a| !there(a)).collect();
     }
 
     /// Rows of an adversary, in the order of the schemes.

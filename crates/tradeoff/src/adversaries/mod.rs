@@ -17,7 +17,7 @@ use crate::error::TradeoffError;
 pub(crate) use attackers::{Attackers, Gain};
 pub(crate) use keypoints::Keypoints;
 
-pub use adversary::Adversary;
+pub use adversary::{Adversary, UnknownAdversary};
 pub use attackers::Tried;
 pub use document::{AdversariesDocument, AdversaryRow};
 pub use options::{AdversariesEvaluation, Place};
@@ -59,10 +59,11 @@ pub fn evaluate_adversaries(
             k: evaluation.k,
             seed: evaluation.seed,
         };
-        for adversary in Adversary::ALL {
+        for &adversary in &evaluation.adversaries {
             document.add(&keypoints.data, adversary, attackers.gains(adversary, progress)?, evaluation);
         }
     }
     progress.finish();
+    document.finish(evaluation);
     Ok(document)
 }

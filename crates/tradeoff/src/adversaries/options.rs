@@ -7,6 +7,7 @@ use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
 
+use super::adversary::Adversary;
 use crate::error::TradeoffError;
 
 /// A place with known poses, split into map and queries.
@@ -36,6 +37,8 @@ pub struct AdversariesEvaluation {
     pub files: Vec<PathBuf>,
     /// Schemes, in the order of the table. One that hides no position has nothing to attack.
     pub schemes: Vec<Scheme>,
+    /// Who attacks, in the order of the table.
+    pub adversaries: Vec<Adversary>,
     /// Files of keypoints of elsewhere, which outsiders learn from; without any there is no outsider.
     pub train: Vec<PathBuf>,
     /// A network that predicts neighbours, trained elsewhere; needs the feature `network`.
@@ -57,6 +60,7 @@ impl AdversariesEvaluation {
             place: None,
             files: Vec::new(),
             schemes: Scheme::ALL.into_iter().filter(|s| s.hides_positions()).collect(),
+            adversaries: Adversary::ALL.to_vec(),
             train: Vec::new(),
             network: None,
             attacked: None,
@@ -73,6 +77,9 @@ impl AdversariesEvaluation {
         }
         if !self.schemes.iter().any(|s| s.hides_positions()) {
             return refuse("no scheme to attack: points are sent as they are");
+        }
+        if self.adversaries.is_empty() {
+            return refuse("no adversary to attack with");
         }
         if self.k == 0 || self.attacked == Some(0) {
             return refuse("no image or neighbour to attack");

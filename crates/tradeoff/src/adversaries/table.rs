@@ -15,7 +15,7 @@ pub fn adversaries_table(document: &AdversariesDocument) -> String {
     }
     let tables: Vec<String> = data.iter().map(|data| of_data(document, data)).collect();
     let there = |a: &Adversary| document.rows.iter().any(|row| row.adversary == a.name());
-    let missing: Vec<&str> = Adversary::ALL.iter().filter(|a| !there(a)).map(|a| a.name()).collect();
+    let missing: Vec<&str> = document.missing.iter().map(|a| a.name()).collect();
     let knows: Vec<String> = (Adversary::ALL.iter().filter(|a| there(a)))
         .map(|a| format!("{:<20} {}\n", a.name(), a.knows()))
         .collect();
@@ -93,7 +93,9 @@ mod tests {
             row("kitchen", Adversary::SeveralFrames, "dcl", Some(8)),
             row("photos", Adversary::OutsiderStatistic, "dcl", None),
         ];
-        let document = AdversariesDocument { version: 1, command: "eval adversaries", k: 20, seed: 0, rows };
+        let missing = vec![Adversary::OutsiderNeighbours, Adversary::MapServer];
+        let document =
+            AdversariesDocument { version: 1, command: "eval adversaries", k: 20, seed: 0, missing, rows };
         let text = adversaries_table(&document);
         assert!(text.contains("kitchen, 3 images attacked\n") && text.contains("photos, 3 images"), "{text}");
         assert_eq!(text.matches("-0.61").count(), 4, "{text}");

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use veiloc_map::colmap::read_posed;
 use veiloc_query::Scheme;
-use veiloc_tradeoff::adversaries::{AdversariesEvaluation, Place, adversaries_table, evaluate_adversaries};
+use veiloc_tradeoff::adversaries::{
+    AdversariesEvaluation, Adversary, Place, adversaries_table, evaluate_adversaries,
+};
 
 use crate::commands::eval::place::MaybePlaceArgs;
 use crate::commands::json_args::JsonArgs;
@@ -31,6 +33,9 @@ pub(crate) struct Args {
     /// Schemes, in the order of the table. Default: all that hide positions.
     #[arg(long, value_delimiter = ',', value_name = "SCHEME,…")]
     schemes: Vec<Scheme>,
+    /// Who attacks, in the order of the table; see below. Default: all who have what it takes.
+    #[arg(long, value_delimiter = ',', value_name = "ADVERSARY,…")]
+    adversaries: Vec<Adversary>,
     /// Keypoints of elsewhere that outsiders learn from, as `eval keypoints` writes them; attacked images among them are
     /// left out.
     #[arg(long, value_name = "FILE", num_args = 1..)]
@@ -89,6 +94,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.files.clone_from(&args.keypoints);
     if !args.schemes.is_empty() {
         evaluation.schemes.clone_from(&args.schemes);
+    }
+    if !args.adversaries.is_empty() {
+        evaluation.adversaries.clone_from(&args.adversaries);
     }
     evaluation.train.clone_from(&args.train);
     evaluation.network.clone_from(&args.model);

@@ -1,0 +1,54 @@
+//! Seals several images of one place in a session, whose anchors stay in the world: what an app does whose user walks on.
+//!
+//! `cargo run --release -p veiloc --example session`
+#![expect(clippy::print_stdout, reason = "an example talks to its terminal")]
+
+mod rendered;
+
+use std::error::Error;
+use std::path::Path;
+
+use veiloc::device::{Orientation, SealOptions, SealedQuery, SessionFile};
+use veiloc::geometry::{CameraFromWorld, Intrinsics};
+use veiloc::server::{BuildOptions, Input, LocalizeOptions, MapFile, build, localize, write_map};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    run().map(|_| ())
+}
+
+/// Everything; returns how far off each answer was, metres.
+pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
+    let folder = tempfile::tempdir()?;
+    println!("rendering a place");
+    let place = rendered::render(folder.path(), 11)?;
+    let (model, _) = build(&Input::new(&place.posed, &place.folder), &BuildOptions::default(), &())?;
+    let map = folder.path().join("place.vmap");
+    write_map(&model, &map)?;
+    let map = MapFile::open(&map)?;
+
+    let session = folder.path().join("walk.session");
+    let mut errors = Vec::new();
+    for (image, truth) in &place.queries {
+        let bytes = seal(image, &place.camera, truth, &map, &session)?;
+        let found = localize(&SealedQuery::decode(&bytes)?, &map, &LocalizeOptions::default())?;
+        errors.push(found.cam_from_world.translation_error(truth));
+        println!("{}: {:.1} mm off", image.display(), 1e3 * found.cam_from_world.translation_error(truth));
+    }
+    println!("{} bytes of the session stay on the device", std::fs::metadata(&session)?.len());
+    Ok(errors)
+}
+
+/// The device: the session's file is opened for each image, so an app may be closed between two of them.
+fn seal(
+    image: &Path,
+    camera: &Intrinsics,
+    truth: &CameraFromWorld,
+    map: &MapFile,
+    session: &Path,
+) -> Result<Vec<u8>, Box<dyn Error>> {
+    // How the camera is turned, in a world of the device's own: from its gyroscope or its odometry. Here from the truth.
+    let held = Orientation::in_world(*truth.rotation()).unwrap_or(Orientation::unknown());
+    let mut session = SessionFile::open(session, None)?;
+    let sealed = session.seal_image(image, camera, map.profile(), &SealOptions::default(), &held)?;
+    Ok(sealed.query.encode())
+}

@@ -1,0 +1,12 @@
+//! The example does what it says: images sealed in one session are found.
+
+#[path = "../examples/session.rs"]
+#[expect(dead_code, reason = "its own main is not called")]
+mod session;
+
+#[test]
+fn images_of_a_session_are_found() {
+    let errors = session::run().expect("it runs");
+    assert_eq!(errors.len(), 3);
+    assert!(errors.iter().all(|metres| *metres < 0.05), "{errors:?}");
+}
