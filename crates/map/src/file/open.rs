@@ -62,6 +62,7 @@ impl MapFile {
             down,
             large,
             noise: OnceLock::new(),
+            covariances: OnceLock::new(),
         })
     }
 }

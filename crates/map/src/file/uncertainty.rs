@@ -19,6 +19,8 @@
 //! What it does not know: errors of the images' poses and lenses, which points share. They are part of a map's
 //! [`Calibration`](crate::Calibration).
 
+use std::sync::OnceLock;
+
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Matrix3, RowVector3, Vector2, Vector3};
 use veiloc_geometry::{Pixel, Point3};
@@ -29,10 +31,18 @@ use crate::model::{Observation, PointId};
 impl MapFile {
     /// Covariance of a point's position in the world frame, map units squared: finite, symmetric, positive definite.
     ///
-    /// Computed from the keypoints of its track when it is asked for; poses and cameras are taken for exact. It is large
-    /// along the rays of a point that is seen under a small angle, and never NaN.
+    /// Computed from the keypoints of its track when it is first asked for, and kept; poses and cameras are taken for exact.
+    /// It is large along the rays of a point that is seen under a small angle, and never NaN.
     pub fn point_covariance(&self, id: PointId) -> [[f64; 3]; 3] {
-        self.covariance_of(&self.point(id), self.track(id))
+        let kept =
+            self.covariances.get_or_init(|| (0..self.point_count()).map(|_| OnceLock::new()).collect());
+        let compute = || {
+            let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = self.covariance_of(&self.point(id), self.track(id));
+            [xx, xy, xz, yy, yz, zz]
+        };
+        // Most matches of queries are of points that earlier ones matched: it took a quarter of the pose stage.
+        let [xx, xy, xz, yy, yz, zz] = *kept[id.index()].get_or_init(compute);
+        [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
     }
 
     /// Standard deviation of a keypoint of the map along each axis, pixels, as the residuals of its points show it.

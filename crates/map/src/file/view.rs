@@ -34,6 +34,8 @@ pub struct MapFile {
     pub(super) large: LargeSections,
     /// Computed when it is first asked for.
     pub(super) noise: OnceLock<f64>,
+    /// Of each point, the upper triangle by rows; each computed when it is first asked for, as the list is.
+    pub(super) covariances: OnceLock<Box<[OnceLock<[f64; 6]>]>>,
 }
 
 /// An image's small parts, and where its large ones are.
