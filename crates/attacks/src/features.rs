@@ -53,6 +53,11 @@ impl Descriptors {
         self.len() == 0
     }
 
+    /// Length of one.
+    pub fn dimension(&self) -> usize {
+        self.columns.nrows()
+    }
+
     pub(crate) fn columns(&self) -> &DMatrix<f32> {
         &self.columns
     }
@@ -63,8 +68,8 @@ impl Descriptors {
         self.columns.transpose() * &query.columns
     }
 
-    /// The columns with the image's mean taken off: what tells keypoints of one image apart.
-    pub(crate) fn centered(&self) -> DMatrix<f32> {
+    /// `[dimension, N]`: unit columns with the image's mean taken off, what tells keypoints of one image apart.
+    pub fn centered(&self) -> DMatrix<f32> {
         let mut columns = self.columns.clone();
         if !self.is_empty() {
             let mean = self.columns.column_mean();
@@ -107,8 +112,14 @@ impl KnownImage {
         &self.descriptors
     }
 
-    pub(crate) fn keypoints(&self) -> &[Pixel] {
+    /// Its keypoints `[N]`, pixels.
+    pub fn keypoints(&self) -> &[Pixel] {
         &self.keypoints
+    }
+
+    /// Width and height, pixels.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
     }
 
     /// A keypoint's place in an image of another size.

@@ -8,8 +8,8 @@
 //!   with true neighbours it recovers half-lines to a pixel or two where [`closed_form`] errs by hundreds;
 //! - [`prior_only`]: the best guess that uses no neighbours at all, and [`Density::guess`], the same with a density
 //!   of keypoints learned from other images;
-//! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's; with the feature
-//!   `network` also the module `network`, a trained attention network over all descriptors of an image;
+//! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's (networks that learn them,
+//!   and positions, are in the crate `veiloc-outsider`);
 //! - [`transfer`](transfer()): positions and neighbours taken over from map images with similar descriptors;
 //! - [`server_side()`], [`iterative`], [`guided_transfer`]: what a server can do that has found the pose, and so
 //!   knows the keypoints that matched its map.
@@ -45,8 +45,6 @@ mod graph;
 pub mod lift;
 mod metrics;
 mod neighbours;
-#[cfg(feature = "network")]
-pub mod network;
 mod observation;
 mod predictor;
 mod prior;
@@ -65,6 +63,7 @@ pub use neighbours::NeighbourLists;
 pub use observation::{Observation, PencilRow};
 pub use predictor::NeighbourPredictor;
 pub use prior::{KnownSegment, prior_only};
+pub use ranking::likeliest_pairs;
 pub use server_side::{Guided, GuidedOptions, LineNeighbours, guided_transfer, iterative, server_side};
 pub use tracks::mutual_matches;
 pub use transfer::{Transfer, transfer};

@@ -9,7 +9,7 @@ const BLOCK: usize = 256;
 /// For each keypoint `i` the `k` others with the greatest `xⱼᵀ wᵢ − ownⱼ`, greatest first, equal ones by index.
 ///
 /// `x` and `w` are `[dimension, N]`, `own` is `[N]`.
-pub(crate) fn likeliest_pairs(x: &DMatrix<f32>, w: &DMatrix<f32>, own: &[f32], k: usize) -> Vec<Vec<u32>> {
+pub fn likeliest_pairs(x: &DMatrix<f32>, w: &DMatrix<f32>, own: &[f32], k: usize) -> Vec<Vec<u32>> {
     let starts: Vec<usize> = (0..x.ncols()).step_by(BLOCK).collect();
     let blocks: Vec<Vec<Vec<u32>>> = starts
         .into_par_iter()

@@ -41,6 +41,8 @@ pub struct Needs {
     pub map_images: bool,
     /// A server that has localized the query.
     pub pose: bool,
+    /// A network of positions that was trained on other images.
+    pub trained: bool,
     /// Several frames of one place.
     pub frames: bool,
     /// Several seals of one image, or frames of a camera at rest.
@@ -54,6 +56,7 @@ impl Needs {
         other_images: false,
         map_images: false,
         pose: false,
+        trained: false,
         frames: false,
         seals: false,
     };
@@ -62,7 +65,7 @@ impl Needs {
 
     /// Whether keypoints of one image will do, without descriptors, other images or a server.
     pub const fn one_image(self) -> bool {
-        !(self.other_images || self.map_images || self.pose || self.frames || self.seals)
+        !(self.other_images || self.map_images || self.pose || self.trained || self.frames || self.seals)
     }
 }
 
@@ -70,7 +73,7 @@ const OF_SERVER: Needs = Needs { pose: true, ..Needs::NEIGHBOURS };
 const SERVER: &str = "a server that has found the pose";
 
 /// All attacks, weakest first.
-pub const ATTACKS: [Attack; 15] = [
+pub const ATTACKS: [Attack; 16] = [
     Attack::PRIOR,
     Attack {
         name: "learned-prior",
@@ -94,6 +97,13 @@ pub const ATTACKS: [Attack; 15] = [
         holds: "",
         needs: Needs::NEIGHBOURS,
         run: |a, _| closed(a, &ClosedFormOptions::informed().with_consensus(CONSENSUS * f64::from(a.size.0))),
+    },
+    Attack {
+        name: "trained-positions",
+        words: "network from all rows to positions",
+        holds: "other people's images to train on",
+        needs: Needs { trained: true, ..Needs::NOTHING },
+        run: |a, _| a.by_training(),
     },
     Attack::TRANSFER,
     Attack::GRAPH,
@@ -296,7 +306,12 @@ mod tests {
             );
             // Words and flags say the same.
             let needs = attack.needs;
-            let holds = needs.other_images || needs.map_images || needs.pose || needs.frames || needs.seals;
+            let holds = needs.other_images
+                || needs.map_images
+                || needs.pose
+                || needs.trained
+                || needs.frames
+                || needs.seals;
             assert_eq!(holds, !attack.holds.is_empty(), "{attack}");
         }
         assert!("Graph".parse::<Attack>().is_err_and(|e| e.to_string().contains("several-frames")));

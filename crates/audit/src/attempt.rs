@@ -1,10 +1,12 @@
 //! One attack on one image: what the attacker holds, and what they answer.
 
-use veiloc_attacks::{Density, KnownImage, NeighbourLists, Observation, Transfer, prior_only};
+use veiloc_attacks::{Density, Descriptors, KnownImage, NeighbourLists, Observation, Transfer, prior_only};
 use veiloc_geometry::Pixel;
+use veiloc_query::Scheme;
 use veiloc_sightings::{RestingOptions, Sighted, resting_camera};
 
 use crate::error::AuditError;
+use crate::outsider::TrainedPositions;
 use crate::sightings::{FrameChoice, sighted};
 use crate::view::View;
 
@@ -34,6 +36,12 @@ pub struct Attempt<'a> {
     pub seals: &'a [Vec<Observation>],
     /// What is known of the codes of such seals.
     pub codes: RestingOptions,
+    /// Descriptors of the image, where the attack needs them.
+    pub descriptors: Option<&'a Descriptors>,
+    /// What an outsider has trained.
+    pub trained: &'a TrainedPositions,
+    /// Obfuscation scheme.
+    pub scheme: Scheme,
     /// Name of the image, for messages.
     pub(crate) name: &'a str,
     /// The images of the place as a server sees them that has localized them.
@@ -66,6 +74,17 @@ impl Attempt<'_> {
         let (width, height) = self.size;
         let positions = self.transferred.map(|t| t.projected(self.observations, width, height));
         positions.unwrap_or_else(|| self.guess())
+    }
+
+    /// Where the trained network puts the keypoints; the guess where there is none for the scheme.
+    pub(crate) fn by_training(&self) -> Result<Answers, AuditError> {
+        let found = match self.descriptors {
+            Some(descriptors) => {
+                self.trained.recover(self.scheme, self.observations, descriptors, self.size)?
+            }
+            None => None,
+        };
+        Ok(found.unwrap_or_else(|| self.guess()).into())
     }
 
     /// What the scatter of several seals' angles tells; the guess where it tells nothing.

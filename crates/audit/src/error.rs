@@ -72,8 +72,8 @@ pub enum AuditError {
     /// An attack could not run.
     #[error(transparent)]
     Attack(#[from] veiloc_attacks::AttackError),
-    /// A network that predicts neighbours could not be trained or read.
+    /// A network could not be trained or read.
     #[cfg(feature = "network")]
     #[error(transparent)]
-    Network(#[from] veiloc_attacks::network::NetworkError),
+    Network(#[from] veiloc_outsider::NetworkError),
 }

@@ -2,7 +2,7 @@
 //!
 //! - [`evaluate_attacks`] runs attacks (the table [`ATTACKS`]) on files of keypoints; [`AttackDocument`] is what they found.
 //! - [`run_audit`] does so for an audit: with everything a page draws, and conclusions in sentences.
-//! - `training` (feature `network`): the network that predicts neighbours.
+//! - `training` (feature `network`): the networks of an outsider who learns.
 //!
 //! Nothing here is for devices or servers: it knows the truth, to judge attacks by.
 #![forbid(unsafe_code)]
@@ -15,6 +15,7 @@ mod findings;
 mod neighbours;
 mod observer;
 mod options;
+mod outsider;
 mod private;
 mod rows;
 mod run;
@@ -35,6 +36,7 @@ pub use findings::{
 pub use neighbours::{NeighbourSource, Neighbours};
 pub use observer::{AttackObserver, AttackTrial, ImageGroup, Stage};
 pub use options::{AttackEvaluation, Measured, ServerKnowledge};
+pub use outsider::TrainedPositions;
 pub use private::person;
 pub use run::{attack_groups, evaluate_attacks};
 pub use sightings::FrameChoice;

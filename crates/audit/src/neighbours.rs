@@ -101,7 +101,7 @@ pub(super) enum Predictor {
     Statistic(NeighbourPredictor),
     /// A trained network.
     #[cfg(feature = "network")]
-    Network(Box<veiloc_attacks::network::NeighbourNetwork>),
+    Network(Box<veiloc_outsider::neighbours::NeighbourNetwork>),
 }
 
 impl Predictor {
@@ -118,7 +118,7 @@ impl Predictor {
 #[cfg(feature = "network")]
 fn read_network(model: &Path) -> Result<Predictor, AuditError> {
     let bytes = std::fs::read(model).map_err(|source| AuditError::Io { path: model.to_owned(), source })?;
-    let network = veiloc_attacks::network::NeighbourNetwork::decode(&bytes)
+    let network = veiloc_outsider::neighbours::NeighbourNetwork::decode(&bytes)
         .map_err(|e| AuditError::DataSet(format!("{}: {e}", model.display())))?;
     Ok(Predictor::Network(Box::new(network)))
 }

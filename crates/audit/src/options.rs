@@ -23,6 +23,9 @@ pub struct AttackEvaluation {
     pub attacks: Vec<Attack>,
     /// Who tells the neighbours.
     pub neighbours: NeighbourSource,
+    /// Files of networks of positions, as `veiloc train positions` writes them, one a scheme at most. Where a scheme has
+    /// none, the attack `trained-positions` is left out.
+    pub positions: Vec<PathBuf>,
     /// Neighbours a keypoint.
     pub k: usize,
     /// Percent of the neighbours that are replaced by keypoints drawn at random; the neighbour attacks run once each.
@@ -53,6 +56,7 @@ impl Default for AttackEvaluation {
             schemes: Scheme::ALL.to_vec(),
             attacks: vec![Attack::CLOSED_FORM],
             neighbours: NeighbourSource::Oracle,
+            positions: Vec::new(),
             k: 20,
             corrupt: vec![0.0],
             server: None,

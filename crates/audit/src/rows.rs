@@ -8,6 +8,7 @@ use super::document::AttackSummary;
 use super::neighbours::NeighbourSource;
 use super::options::AttackEvaluation;
 use crate::error::AuditError;
+use crate::outsider::TrainedPositions;
 use veiloc_results::metrics::median;
 
 /// One row being filled.
@@ -34,6 +35,11 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), AuditError> {
     if let Some(n) = evaluation.frames.iter().find(|n| several && **n < 2) {
         return refuse(format!("several frames are two at least, not {n}"));
     }
+    if evaluation.positions.is_empty()
+        && let Some(attack) = evaluation.attacks.iter().find(|a| a.needs.trained)
+    {
+        return refuse(format!("{attack} needs a network that `veiloc train positions` wrote"));
+    }
     let needs = evaluation.attacks.iter().find(|a| a.needs.pose);
     let Some(server) = &evaluation.server else {
         return needs.map_or(Ok(()), |attack| {
@@ -58,9 +64,10 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), AuditError> {
 }
 
 /// Rows of the table, scheme by scheme, the guess first.
-pub(super) fn rows(evaluation: &AttackEvaluation) -> Vec<Row> {
+pub(super) fn rows(evaluation: &AttackEvaluation, trained: &TrainedPositions) -> Vec<Row> {
     let mut rows = Vec::new();
     for &scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
+        let known = |attack: &&Attack| !attack.needs.trained || trained.knows(scheme);
         let mut push = |attack, corrupt, frames| {
             rows.push(Row {
                 scheme,
@@ -74,7 +81,7 @@ pub(super) fn rows(evaluation: &AttackEvaluation) -> Vec<Row> {
             });
         };
         push(Attack::PRIOR, 0.0, None);
-        for &attack in evaluation.attacks.iter().filter(|a| **a != Attack::PRIOR) {
+        for &attack in evaluation.attacks.iter().filter(|a| **a != Attack::PRIOR).filter(known) {
             if attack.needs.frames || attack.needs.seals {
                 evaluation.frames.iter().for_each(|frames| push(attack, 0.0, Some(*frames)));
             } else if attack.needs.neighbours {

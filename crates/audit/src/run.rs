@@ -6,7 +6,8 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{
-    Density, KnownImage, NeighbourLists, Observation, PlaceCounts, Transfer, bits_over_prior, errors_px,
+    Density, Descriptors, KnownImage, NeighbourLists, Observation, PlaceCounts, Transfer, bits_over_prior,
+    errors_px,
 };
 use veiloc_query::{Observations, Scheme};
 use veiloc_sightings::RestingOptions;
@@ -17,6 +18,7 @@ use super::document::AttackDocument;
 use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
 use super::observer::{AttackObserver, AttackTrial, ImageGroup, Progress};
 use super::options::AttackEvaluation;
+use super::outsider::TrainedPositions;
 use super::rows::{Row, check, rows, summary};
 use super::server::{Server, Tally, send, send_again};
 use super::view::View;
@@ -38,6 +40,8 @@ struct Held<'a> {
     density: Density,
     neighbours: NeighbourLists,
     transferred: Option<Transfer>,
+    descriptors: Option<Descriptors>,
+    trained: &'a TrainedPositions,
     /// Which of the file's images it is.
     own: usize,
     /// The file's images with descriptors, where an attack reads them.
@@ -81,7 +85,8 @@ pub fn attack_groups(
         data.push(format!("synthetic {}", evaluation.synthetic));
     }
 
-    let mut rows = rows(evaluation);
+    let trained = TrainedPositions::read(&evaluation.positions)?;
+    let mut rows = rows(evaluation, &trained);
     let images: usize = groups.iter().map(|g| g.len().min(evaluation.images.unwrap_or(usize::MAX))).sum();
     let total = images * rows.len();
     let mut done = 0;
@@ -91,6 +96,7 @@ pub fn attack_groups(
     let transfers = evaluation.neighbours == NeighbourSource::Transferred
         || evaluation.attacks.iter().any(|a| a.needs.map_images);
     let several = evaluation.attacks.iter().any(|a| a.needs.frames);
+    let by_training = evaluation.attacks.iter().any(|a| a.needs.trained);
     let mut precision = Precision::default();
     let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
     for (group_index, group) in groups.iter().enumerate() {
@@ -130,7 +136,17 @@ pub fn attack_groups(
                 tallies.entry(scheme.clone()).or_default().add(&views[i], &image.keypoints);
             }
             let density = others.density();
-            let held = Held { density, neighbours, transferred, own: i, images: &map, views: &views };
+            let descriptors = if by_training { Some(descriptors(image)?) } else { None };
+            let held = Held {
+                trained: &trained,
+                descriptors,
+                density,
+                neighbours,
+                transferred,
+                own: i,
+                images: &map,
+                views: &views,
+            };
             attack_image(evaluation, (group_index, image), &held, &mut rows, &mut |trial| {
                 observer.saw(trial);
                 done += 1;
@@ -223,6 +239,9 @@ fn attack_image(
             choice: evaluation.choice,
             seals: &seals,
             codes: codes(evaluation),
+            descriptors: held.descriptors.as_ref(),
+            trained: held.trained,
+            scheme: row.scheme,
             name: &image.name,
             views: held.views.get(&name).map_or(&[], Vec::as_slice),
         };

@@ -29,7 +29,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     images: Option<u32>,
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-image, closed-form-informed,
-    /// closed-form-consensus, transfer (positions of matches in the file's other images), graph, transfer-graph; and
+    /// closed-form-consensus, trained-positions (--positions), transfer (positions of matches in the file's other images), graph, transfer-graph; and
     /// of a server that knows the pose (--known): server-side and iterative (the paper's), server-side-points,
     /// guided-transfer, several-frames; and of whoever has several seals of one image: resting-camera.
     #[arg(
@@ -65,6 +65,10 @@ pub(super) struct AdversaryArgs {
     /// A trained network, as `veiloc train neighbours` writes it.
     #[arg(long, value_name = "FILE", required_if_eq("neighbours", "network"))]
     model: Option<PathBuf>,
+    /// Networks of positions, as `veiloc train positions` writes them, one a scheme, for the attack trained-positions;
+    /// needs a veiloc built with the feature `network`. Schemes without one are attacked without. Default: none.
+    #[arg(long, num_args = 1.., value_name = "FILE")]
+    positions: Vec<PathBuf>,
     /// Neighbours a keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
@@ -156,6 +160,7 @@ impl AdversaryArgs {
                 Source::Network => NeighbourSource::Network { model: self.model.clone().unwrap_or_default() },
                 Source::Transferred => NeighbourSource::Transferred,
             },
+            positions: self.positions.clone(),
             k: self.k as usize,
             corrupt: self.corrupt.clone(),
             server: (!self.known.is_empty()).then(|| ServerKnowledge {

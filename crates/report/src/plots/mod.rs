@@ -10,7 +10,7 @@ pub use bound::plot as bound;
 pub use layouts::plot as layouts;
 pub use tradeoff::plot as tradeoff;
 #[cfg(feature = "network")]
-pub use training::plot as training;
+pub use training::{plot as training, positions};
 
 use plotters::style::RGBColor;
 

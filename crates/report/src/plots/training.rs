@@ -1,8 +1,8 @@
-//! The training's curve as an image: the loss above, the precision on the validation images below.
+//! A training's curve as an image: the loss above, what is said about the validation images below.
 
 use plotters::prelude::*;
 
-use veiloc_audit::training::{CurveRow, TrainingDocument};
+use veiloc_audit::training::{PositionDocument, TrainingDocument};
 
 use super::PlotError;
 
@@ -17,32 +17,48 @@ const ORANGE: RGBColor = RGBColor(230, 159, 0);
 /// # Errors
 /// [`PlotError::Nothing`] when there is nothing to draw.
 pub fn plot(document: &TrainingDocument) -> Result<String, PlotError> {
-    if document.curve.is_empty() {
+    let beside = document.precision.iter().find(|r| r.part == "validate" && r.predictor == "statistic");
+    let levels: Vec<(&str, f64)> = beside
+        .map(|r| vec![("statistic", 100.0 * r.at_20), ("at random", 100.0 * r.chance)])
+        .unwrap_or_default();
+    let curve = &document.curve;
+    let losses = curve.iter().map(|p| (p.step as f64, p.loss)).collect();
+    let judged = curve.iter().map(|p| (p.step as f64, 100.0 * p.precision_at_20)).collect();
+    both(losses, judged, "precision at 20 on validation images, %", &levels)
+}
+
+/// Loss and bits told by step as an SVG document, the guess as a line beside them.
+///
+/// # Errors
+/// [`PlotError::Nothing`] when there is nothing to draw.
+pub fn positions(document: &PositionDocument) -> Result<String, PlotError> {
+    let curve = &document.curve;
+    let losses = curve.iter().map(|p| (p.step as f64, p.loss)).collect();
+    let judged = curve.iter().map(|p| (p.step as f64, p.information_bits)).collect();
+    both(losses, judged, "bits told on validation images", &[("guess", 0.0)])
+}
+
+fn both(
+    losses: Vec<(f64, f64)>,
+    judged: Vec<(f64, f64)>,
+    caption: &str,
+    levels: &[(&str, f64)],
+) -> Result<String, PlotError> {
+    if losses.is_empty() {
         return Err(PlotError::Nothing("no step to draw"));
     }
     let mut text = String::new();
     {
         let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
-        draw(document, &root).map_err(PlotError::Failed)?;
+        root.fill(&WHITE).map_err(|e| PlotError::Failed(e.to_string()))?;
+        let halves = root.split_evenly((2, 1));
+        panel(&halves[0], "loss", &losses, &[]).map_err(PlotError::Failed)?;
+        panel(&halves[1], caption, &judged, levels).map_err(PlotError::Failed)?;
     }
     Ok(text)
 }
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-
-fn draw(document: &TrainingDocument, root: &Area<'_>) -> Result<(), String> {
-    root.fill(&WHITE).map_err(|e| e.to_string())?;
-    let halves = root.split_evenly((2, 1));
-    let of = |value: fn(&CurveRow) -> f64| {
-        document.curve.iter().map(|p| (p.step as f64, value(p))).collect::<Vec<_>>()
-    };
-    panel(&halves[0], "loss", &of(|p| p.loss), &[])?;
-    let beside = document.precision.iter().find(|r| r.part == "validate" && r.predictor == "statistic");
-    let levels: Vec<(&str, f64)> = beside
-        .map(|r| vec![("statistic", 100.0 * r.at_20), ("at random", 100.0 * r.chance)])
-        .unwrap_or_default();
-    panel(&halves[1], "precision at 20 on validation images, %", &of(|p| 100.0 * p.precision_at_20), &levels)
-}
 
 fn panel(area: &Area<'_>, caption: &str, curve: &[(f64, f64)], levels: &[(&str, f64)]) -> Result<(), String> {
     let fault = |e: &dyn std::fmt::Display| e.to_string();

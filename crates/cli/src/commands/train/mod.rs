@@ -1,6 +1,8 @@
 //! `veiloc train`: what an attacker teaches a machine.
 
+mod course;
 mod neighbours;
+mod positions;
 
 use crate::exit::Outcome;
 use crate::ui::Ui;
@@ -10,10 +12,22 @@ use crate::ui::Ui;
 pub(crate) enum Command {
     /// The attention network that tells neighbours from descriptors alone.
     Neighbours(neighbours::Args),
+    /// The attention network that tells positions from all rows of a query, descriptors and lines.
+    Positions(positions::Args),
 }
 
+#[cfg(feature = "network")]
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Neighbours(args) => neighbours::run(args, ui),
+        Command::Positions(args) => positions::run(args, ui),
     }
+}
+
+#[cfg(not(feature = "network"))]
+pub(crate) fn run(_command: &Command, _ui: &Ui) -> Outcome {
+    Err(crate::exit::Failure::with_help(
+        "this veiloc was built without networks",
+        "build it with `cargo build --release -p veiloc-cli --features network`",
+    ))
 }

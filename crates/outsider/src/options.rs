@@ -1,7 +1,7 @@
-//! What can be chosen in training.
+//! What can be chosen in the training of any network.
 
-use super::error::NetworkError;
-use super::model::Shape;
+use crate::engine::encoder::Shape;
+use crate::error::NetworkError;
 
 /// How a network is trained.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,9 +13,7 @@ pub struct TrainingOptions {
     pub images: usize,
     /// Keypoints drawn from each of them, so that no two steps see the same set. Default 512.
     pub keypoints: usize,
-    /// Nearest keypoints of the whole image that count as neighbours. Default 20.
-    pub neighbours: usize,
-    /// Length of an embedding. Default 96.
+    /// Length of what stands for a keypoint within the network. Default 96.
     pub width: usize,
     /// Heads of an attention layer; they divide the width. Default 4.
     pub heads: usize,
@@ -39,7 +37,6 @@ impl Default for TrainingOptions {
             steps: 3000,
             images: 2,
             keypoints: 512,
-            neighbours: 20,
             width: 96,
             heads: 4,
             layers: 2,
@@ -53,26 +50,27 @@ impl Default for TrainingOptions {
 }
 
 /// Largest numbers that are taken for honest, in options and in files.
-const MOST_DIMENSIONS: usize = 1 << 12;
+const MOST_INPUTS: usize = 1 << 13;
 const MOST_WIDTH: usize = 1 << 11;
 const MOST_LAYERS: usize = 64;
 
+/// What is wrong with a whole number.
+pub(crate) fn refuse(name: &'static str, value: usize, allowed: &'static str) -> NetworkError {
+    NetworkError::Option { name, value: value as f64, allowed }
+}
+
 impl TrainingOptions {
-    /// The network's shape, everything checked.
-    pub(super) fn shape(&self, dimension: usize) -> Result<Shape, NetworkError> {
-        for (name, value) in [
-            ("steps", self.steps),
-            ("images", self.images),
-            ("neighbours", self.neighbours),
-            ("validate_every", self.validate_every),
-        ] {
+    /// Everything but the shape.
+    pub(crate) fn check(&self) -> Result<(), NetworkError> {
+        for (name, value) in
+            [("steps", self.steps), ("images", self.images), ("validate_every", self.validate_every)]
+        {
             if value == 0 {
-                return Err(NetworkError::Option { name, value: 0.0, allowed: "at least 1" });
+                return Err(refuse(name, value, "at least 1"));
             }
         }
         if self.keypoints < 2 {
-            let value = self.keypoints as f64;
-            return Err(NetworkError::Option { name: "keypoints", value, allowed: "at least 2" });
+            return Err(refuse("keypoints", self.keypoints, "at least 2"));
         }
         let reals = [
             ("learning_rate", self.learning_rate, self.learning_rate > 0.0, "a number above 0"),
@@ -84,28 +82,24 @@ impl TrainingOptions {
                 return Err(NetworkError::Option { name, value, allowed });
             }
         }
-        let shape = Shape { dimension, width: self.width, heads: self.heads, layers: self.layers };
-        shape.check()?;
-        Ok(shape)
+        Ok(())
     }
 }
 
 impl Shape {
     /// Whether such a network can be.
-    pub(super) fn check(&self) -> Result<(), NetworkError> {
-        let refuse =
-            |name, value: usize, allowed| Err(NetworkError::Option { name, value: value as f64, allowed });
-        if !(1..=MOST_DIMENSIONS).contains(&self.dimension) {
-            return refuse("dimension", self.dimension, "a number from 1 to 4096");
+    pub(crate) fn check(&self) -> Result<(), NetworkError> {
+        if !(1..=MOST_INPUTS).contains(&self.inputs) {
+            return Err(refuse("inputs", self.inputs, "a number from 1 to 8192"));
         }
         if !(1..=MOST_WIDTH).contains(&self.width) {
-            return refuse("width", self.width, "a number from 1 to 2048");
+            return Err(refuse("width", self.width, "a number from 1 to 2048"));
         }
         if self.heads == 0 || !self.width.is_multiple_of(self.heads) {
-            return refuse("heads", self.heads, "a divisor of the width");
+            return Err(refuse("heads", self.heads, "a divisor of the width"));
         }
         if self.layers > MOST_LAYERS {
-            return refuse("layers", self.layers, "a number up to 64");
+            return Err(refuse("layers", self.layers, "a number up to 64"));
         }
         Ok(())
     }

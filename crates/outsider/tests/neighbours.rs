@@ -1,11 +1,13 @@
-//! The network that predicts neighbours: it learns, forgets no order, and its file is safe. Needs the feature `network`.
-#![cfg(feature = "network")]
+//! The network that predicts neighbours: it learns, forgets no order, goes on where it stopped, and its file is safe.
+
+use std::ops::ControlFlow;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::network::{NeighbourNetwork, NetworkError, Trained, TrainingOptions, train};
 use veiloc_attacks::{AttackError, Descriptors, KnownImage, NeighbourLists};
 use veiloc_geometry::Pixel;
+use veiloc_outsider::neighbours::{NeighbourNetwork, train};
+use veiloc_outsider::{NetworkError, Progress, Trained, TrainingOptions, TrainingState};
 
 const DIMENSION: usize = 16;
 
@@ -43,9 +45,35 @@ fn options() -> TrainingOptions {
     options
 }
 
-fn trained(options: &TrainingOptions) -> Trained {
+fn trained(options: &TrainingOptions) -> Trained<NeighbourNetwork> {
     let training: Vec<KnownImage> = (0..6).map(known).collect();
-    train(&training, &[known(50)], options, |_, _| ()).expect("something to learn")
+    train(&training, &[known(50)], 20, options, None, on).expect("something to learn")
+}
+
+fn on(_: Progress<'_>) -> ControlFlow<()> {
+    ControlFlow::Continue(())
+}
+
+#[test]
+fn a_training_that_was_interrupted_goes_on_as_if_it_had_not_been() {
+    let mut options = options();
+    (options.steps, options.validate_every) = (7, 3);
+    let whole = trained(&options);
+    let training: Vec<KnownImage> = (0..6).map(known).collect();
+    let run = |earlier: Option<TrainingState>, until: usize| {
+        let stop = |p: Progress<'_>| if p.step == until { ControlFlow::Break(()) } else { on(p) };
+        train(&training, &[known(50)], 20, &options, earlier, stop)
+    };
+    for until in [1, 3, 5] {
+        let state = run(None, until).expect("it learns").state;
+        let state = TrainingState::decode(&state.encode()).expect("sound");
+        let second = run(Some(state), 0).expect("it goes on");
+        assert_eq!(second.network.encode(), whole.network.encode(), "{until}");
+        assert_eq!(second.curve, whole.curve);
+    }
+    let state = run(None, 2).expect("it learns").state;
+    let other = train(&training, &[known(50)], 21, &options, Some(state), on).expect_err("another");
+    assert_eq!(other, NetworkError::OtherTraining);
 }
 
 #[test]
@@ -114,7 +142,10 @@ fn what_is_written_is_read_back_and_what_is_damaged_is_refused() {
     let refused = |bytes: &[u8]| NeighbourNetwork::decode(bytes).expect_err("refused");
     for length in 0..bytes.len().min(60) {
         let error = refused(&bytes[..length]);
-        assert!(matches!(error, NetworkError::NotANetwork | NetworkError::Length { .. }), "{length} {error}");
+        assert!(
+            matches!(error, NetworkError::NotANetwork { .. } | NetworkError::Length { .. }),
+            "{length} {error}"
+        );
     }
     assert!(matches!(refused(&bytes[..bytes.len() - 1]), NetworkError::Length { .. }));
     assert!(matches!(refused(&[bytes.as_slice(), &[0]].concat()), NetworkError::Length { .. }));
@@ -123,7 +154,7 @@ fn what_is_written_is_read_back_and_what_is_damaged_is_refused() {
         bytes[at] = to;
         refused(&bytes)
     };
-    assert_eq!(changed(0, b'X'), NetworkError::NotANetwork);
+    assert!(matches!(changed(0, b'X'), NetworkError::NotANetwork { .. }));
     assert_eq!(changed(8, 9), NetworkError::Version { found: 9, expected: 1 });
     assert!(matches!(changed(20, 7), NetworkError::Option { name: "heads", .. }), "24 by 7");
     assert!(matches!(changed(27, 0xff), NetworkError::Option { name: "layers", .. }), "no memory is taken");
@@ -135,10 +166,10 @@ fn what_is_written_is_read_back_and_what_is_damaged_is_refused() {
 fn what_makes_no_sense_is_refused() {
     let nothing = AttackError::NothingToLearn;
     let refused = |training: &[KnownImage], options: &TrainingOptions| {
-        train(training, &[known(1)], options, |_, _| ()).expect_err("refused")
+        train(training, &[known(1)], 20, options, None, on).expect_err("refused")
     };
     assert_eq!(refused(&[], &options()), nothing.clone().into());
-    let none = train(&[known(0)], &[], &options(), |_, _| ()).expect_err("nothing to judge by");
+    let none = train(&[known(0)], &[], 20, &options(), None, on).expect_err("nothing to judge by");
     assert_eq!(none, nothing.into());
     let small = Descriptors::new(&[1, 2], 2).expect("one");
     let small = KnownImage::new(vec![Pixel::new(1.0, 1.0)], small, 9, 9).expect("one each");

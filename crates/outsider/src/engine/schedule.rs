@@ -6,7 +6,7 @@ const WARM_UP: f64 = 0.05;
 const LAST: f64 = 0.02;
 
 /// Learning rate of a step: rising in a line, then falling as a cosine.
-pub(super) fn learning_rate(highest: f64, step: usize, steps: usize) -> f64 {
+pub(crate) fn learning_rate(highest: f64, step: usize, steps: usize) -> f64 {
     let warm = (WARM_UP * steps as f64).max(1.0);
     let at = step as f64 + 1.0;
     if at < warm {

@@ -2,32 +2,29 @@
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_geometry::nalgebra::DMatrix;
+use veiloc_attacks::{Descriptors, KnownImage, NeighbourLists};
 
-use crate::features::{Descriptors, KnownImage};
-use crate::neighbours::NeighbourLists;
+use crate::engine::Matrix;
 
 /// An image made ready for training.
 pub(super) struct Lesson {
     /// `[dimension, N]`
-    input: DMatrix<f32>,
+    input: Matrix,
     near: NeighbourLists,
 }
 
 /// Some keypoints of one image.
 pub(super) struct Batch {
-    /// `[n, dimension]`, row by row.
-    pub(super) input: Vec<f32>,
-    /// `[n, n]`, row by row: shares of the neighbours, each row summing to one, or to zero where none was drawn.
-    pub(super) targets: Vec<f32>,
-    /// `n`.
-    pub(super) len: usize,
-    /// Rows of targets that are not all zero.
+    /// `[dimension, n]`
+    pub(super) input: Matrix,
+    /// `[n, n]`: shares of the neighbours, each column summing to one, or to zero where none was drawn.
+    pub(super) targets: Matrix,
+    /// Columns of targets that are not all zero.
     pub(super) rows: usize,
 }
 
 /// `[dimension, N]`: descriptors as the network sees them, the image's mean taken off, entries near one.
-pub(super) fn input(descriptors: &Descriptors) -> DMatrix<f32> {
+pub(crate) fn input(descriptors: &Descriptors) -> Matrix {
     let columns = descriptors.centered();
     let scale = (columns.nrows() as f32).sqrt();
     columns * scale
@@ -53,9 +50,9 @@ impl Lesson {
         let mut place = vec![usize::MAX; all];
         order.iter().enumerate().for_each(|(at, i)| place[*i] = at);
 
-        let mut batch = Batch { input: Vec::new(), targets: vec![0.0; n * n], len: n, rows: 0 };
-        for (row, &i) in batch.targets.chunks_exact_mut(n).zip(&order) {
-            batch.input.extend_from_slice(self.input.column(i).as_slice());
+        let input = self.input.select_columns(&order);
+        let mut batch = Batch { input, targets: Matrix::zeros(n, n), rows: 0 };
+        for (row, &i) in batch.targets.as_mut_slice().chunks_exact_mut(n).zip(&order) {
             let drawn: Vec<usize> =
                 self.near.of(i).iter().map(|j| place[*j as usize]).filter(|at| *at != usize::MAX).collect();
             for at in &drawn {
@@ -86,11 +83,10 @@ mod tests {
         let image = KnownImage::new(keypoints, descriptors, 90, 90).expect("one each");
         let lesson = Lesson::new(&image, 6).expect("neighbours");
         let batch = lesson.draw(20, &mut rng);
-        assert_eq!((batch.len, batch.input.len(), batch.targets.len()), (20, 20 * 50, 400));
-        let largest = |row: &[f32]| (0..50).max_by(|a, b| row[*a].total_cmp(&row[*b])).expect("a largest");
-        let drawn: Vec<usize> = batch.input.chunks(50).map(largest).collect();
+        assert_eq!((batch.input.shape(), batch.targets.shape()), ((50, 20), (20, 20)));
+        let drawn: Vec<usize> = batch.input.column_iter().map(|column| column.imax()).collect();
         let mut counted = 0;
-        for (row, &i) in batch.targets.chunks(20).zip(&drawn) {
+        for (row, &i) in batch.targets.as_slice().chunks(20).zip(&drawn) {
             let sum: f32 = row.iter().sum();
             counted += usize::from(sum > 0.0);
             assert!(sum == 0.0 || (sum - 1.0).abs() < 1e-6, "{sum}");
@@ -99,6 +95,6 @@ mod tests {
             }
         }
         assert_eq!(counted, batch.rows);
-        assert_eq!(lesson.draw(80, &mut rng).len, 50, "no more than there are");
+        assert_eq!(lesson.draw(80, &mut rng).input.ncols(), 50, "no more than there are");
     }
 }

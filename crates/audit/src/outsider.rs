@@ -1,0 +1,90 @@
+//! Networks of positions that attack: read from their files, one for each scheme that has one.
+
+use std::path::PathBuf;
+
+use veiloc_attacks::{Descriptors, Observation};
+use veiloc_geometry::Pixel;
+use veiloc_query::Scheme;
+
+use crate::error::AuditError;
+
+/// What an outsider has trained, see `veiloc train positions`. A build without the feature `network` has none.
+#[derive(Debug, Default)]
+pub struct TrainedPositions {
+    #[cfg(feature = "network")]
+    networks: Vec<veiloc_outsider::positions::PositionNetwork>,
+}
+
+#[cfg(feature = "network")]
+impl TrainedPositions {
+    /// From their files.
+    ///
+    /// # Errors
+    /// [`AuditError`] when a file is no network, or there are two of one scheme.
+    pub fn read(files: &[PathBuf]) -> Result<Self, AuditError> {
+        let mut networks: Vec<veiloc_outsider::positions::PositionNetwork> = Vec::new();
+        for file in files {
+            let fault = |why: String| AuditError::DataSet(format!("{}: {why}", file.display()));
+            let bytes =
+                std::fs::read(file).map_err(|source| AuditError::Io { path: file.clone(), source })?;
+            let network = veiloc_outsider::positions::PositionNetwork::decode(&bytes)
+                .map_err(|e| fault(e.to_string()))?;
+            if networks.iter().any(|other| other.scheme() == network.scheme()) {
+                return Err(fault(format!("another network of {} is given too", network.scheme())));
+            }
+            networks.push(network);
+        }
+        Ok(Self { networks })
+    }
+
+    /// Whether there is one for this scheme.
+    pub fn knows(&self, scheme: Scheme) -> bool {
+        self.networks.iter().any(|n| n.scheme() == scheme)
+    }
+
+    /// Where the network of this scheme puts each keypoint, `[N]`; `None` where there is none.
+    pub(crate) fn recover(
+        &self,
+        scheme: Scheme,
+        observations: &[Observation],
+        descriptors: &Descriptors,
+        (width, height): (u32, u32),
+    ) -> Result<Option<Vec<Pixel>>, AuditError> {
+        let Some(network) = self.networks.iter().find(|n| n.scheme() == scheme) else { return Ok(None) };
+        let found = veiloc_outsider::positions::recover(network, observations, descriptors, width, height)?;
+        Ok(Some(found.iter().map(|e| e.pixel).collect()))
+    }
+}
+
+#[cfg(not(feature = "network"))]
+#[expect(clippy::unused_self, reason = "the same doors as in a build with networks")]
+impl TrainedPositions {
+    /// Nothing of nothing.
+    ///
+    /// # Errors
+    /// [`AuditError::Options`] when there is a file: this build cannot read it.
+    pub fn read(files: &[PathBuf]) -> Result<Self, AuditError> {
+        match files.first() {
+            None => Ok(Self::default()),
+            Some(file) => Err(AuditError::Options(format!(
+                "{}: this veiloc was built without networks; build it with `cargo build --release -p veiloc-cli --features network`",
+                file.display()
+            ))),
+        }
+    }
+
+    /// Never.
+    pub const fn knows(&self, _scheme: Scheme) -> bool {
+        false
+    }
+
+    pub(crate) fn recover(
+        &self,
+        _scheme: Scheme,
+        _observations: &[Observation],
+        _descriptors: &Descriptors,
+        _size: (u32, u32),
+    ) -> Result<Option<Vec<Pixel>>, AuditError> {
+        Ok(None)
+    }
+}

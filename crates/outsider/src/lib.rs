@@ -1,0 +1,26 @@
+//! An outsider who learns: whoever sees sealed queries alone, has other people's photographs and the time to train.
+//!
+//! He knows no place and no pose. What he can have is what photographs have in common, and two networks learn it:
+//! - [`neighbours`]: from the descriptors of an image to who is near whom, for the attacks of `veiloc-attacks` that
+//!   live on neighbours;
+//! - [`positions`]: end to end, from all rows of a query, descriptors and lines, to where on its line each keypoint
+//!   lies.
+//!
+//! Both are trained on the CPU by a small engine of their own, with derivatives by hand: equal seeds give equal
+//! networks, whatever the number of threads, and a training that was interrupted goes on as if it had not been
+//! ([`TrainingState`]). Decision 0020 says why no library does this.
+#![forbid(unsafe_code)]
+
+mod engine;
+mod error;
+mod file;
+pub mod neighbours;
+mod options;
+pub mod positions;
+mod state;
+mod training;
+
+pub use error::NetworkError;
+pub use options::TrainingOptions;
+pub use state::TrainingState;
+pub use training::{CurvePoint, Progress, Trained};
