@@ -12,6 +12,8 @@ pub enum Adversary {
     OutsiderStatistic,
     /// The same with a trained network in place of the statistic.
     OutsiderNeighbours,
+    /// Has the query alone, and a network trained elsewhere that goes from all its rows to positions.
+    OutsiderNetwork,
     /// Has images of the place, with keypoints.
     MapServer,
     /// A server that has found the pose and predicts neighbours; what counts is what its map does not show.
@@ -28,9 +30,10 @@ pub enum Adversary {
 
 impl Adversary {
     /// All of them, as tables show them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::OutsiderStatistic,
         Self::OutsiderNeighbours,
+        Self::OutsiderNetwork,
         Self::MapServer,
         Self::PoseServer,
         Self::PoseServerImages,
@@ -49,6 +52,7 @@ impl Adversary {
         match self {
             Self::OutsiderStatistic => "outsider-statistic",
             Self::OutsiderNeighbours => "outsider-neighbours",
+            Self::OutsiderNetwork => "outsider-network",
             Self::MapServer => "map-server",
             Self::PoseServer => "pose-server",
             Self::PoseServerImages => "pose-server-images",
@@ -63,6 +67,7 @@ impl Adversary {
         match self {
             Self::OutsiderStatistic => "what a statistic of descriptors learned elsewhere",
             Self::OutsiderNeighbours => "what a network that predicts neighbours learned elsewhere",
+            Self::OutsiderNetwork => "what a network from all rows to positions learned elsewhere",
             Self::MapServer => "images of the map, with keypoints",
             Self::PoseServer => "the map and the query's pose",
             Self::PoseServerImages => "the query's pose and the map's images",
@@ -83,6 +88,7 @@ impl Adversary {
             // The layout of the graph needs 60 % true neighbours, where descriptors give 5 to 11 (`docs/audit.md`): it is
             // never the best, and takes longest; see `thorough`.
             Self::OutsiderStatistic | Self::OutsiderNeighbours => &["learned-prior", "closed-form-consensus"],
+            Self::OutsiderNetwork => &["trained-positions"],
             Self::MapServer => &["transfer"],
             Self::PoseServer => &["server-side-points", "iterative"],
             Self::PoseServerImages => &["guided-transfer"],

@@ -30,6 +30,8 @@ pub(crate) struct Attackers<'a> {
     pub(crate) train: &'a [PathBuf],
     /// A network that predicts neighbours.
     pub(crate) network: Option<&'a Path>,
+    /// Networks of positions, one a scheme.
+    pub(crate) positions: &'a [PathBuf],
     /// Whether to try [`Adversary::thorough`] too.
     pub(crate) thorough: bool,
     /// Neighbours a keypoint.
@@ -156,7 +158,10 @@ impl Attackers<'_> {
                 attack.neighbours = NeighbourSource::Network { model: model.to_owned() };
                 images.extend(self.elsewhere()?);
             }
-            Adversary::OutsiderStatistic => return Ok(None),
+            Adversary::OutsiderNetwork if !self.positions.is_empty() => {
+                attack.positions = self.positions.to_vec();
+            }
+            Adversary::OutsiderStatistic | Adversary::OutsiderNetwork => return Ok(None),
             Adversary::TrueNeighbours => {}
             Adversary::MapServer => {
                 attack.neighbours = NeighbourSource::Transferred;

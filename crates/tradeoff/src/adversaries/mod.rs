@@ -55,6 +55,7 @@ pub fn evaluate_adversaries(
             schemes: &evaluation.schemes,
             train: &evaluation.train,
             network: evaluation.network.as_deref(),
+            positions: &evaluation.positions,
             thorough: evaluation.thorough,
             k: evaluation.k,
             seed: evaluation.seed,

@@ -43,6 +43,8 @@ pub struct AdversariesEvaluation {
     pub train: Vec<PathBuf>,
     /// A network that predicts neighbours, trained elsewhere; needs the feature `network`.
     pub network: Option<PathBuf>,
+    /// Networks from all rows to positions, trained elsewhere, one a scheme; as above.
+    pub positions: Vec<PathBuf>,
     /// How many images of a place or file are attacked, spread evenly; `None` for all.
     pub attacked: Option<usize>,
     /// Whether attacks are tried that take seconds an image.
@@ -63,6 +65,7 @@ impl AdversariesEvaluation {
             adversaries: Adversary::ALL.to_vec(),
             train: Vec::new(),
             network: None,
+            positions: Vec::new(),
             attacked: None,
             thorough: true,
             k: 20,

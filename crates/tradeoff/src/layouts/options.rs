@@ -20,6 +20,8 @@ pub struct LayoutsEvaluation {
     pub train: Vec<PathBuf>,
     /// A trained network that predicts neighbours as well; needs the feature `network`.
     pub network: Option<PathBuf>,
+    /// Networks from all rows to positions, one a layout at most; as above.
+    pub positions: Vec<PathBuf>,
     /// How many queries are attacked, spread evenly over them; `None` for all. Poses are estimated for all.
     pub attacked: Option<usize>,
     /// Neighbours a keypoint.
@@ -49,6 +51,7 @@ impl LayoutsEvaluation {
             layouts: Self::DEFAULT.iter().filter_map(|text| layout(text).ok()).collect(),
             train: Vec::new(),
             network: None,
+            positions: Vec::new(),
             attacked: Some(4),
             k: 20,
             seeds: 1,

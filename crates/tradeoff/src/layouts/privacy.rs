@@ -74,6 +74,7 @@ impl Privacy {
             schemes: &schemes,
             train: &train,
             network: evaluation.network.as_deref(),
+            positions: &evaluation.positions,
             thorough: false,
             k: evaluation.k,
             seed: evaluation.stress.seed,

@@ -43,6 +43,9 @@ pub(crate) struct Args {
     /// A network of `train neighbours`, for `outsider-neighbours`; it must have been trained elsewhere.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// Networks of `train positions`, one a scheme at most, for `outsider-network`.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    positions: Vec<PathBuf>,
     /// Attack N images of each place or file only, spread evenly. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     attacked: Option<u32>,
@@ -67,6 +70,7 @@ const ADVERSARIES: &str = "\
 Adversaries, and what each knows beside the query:
   outsider-statistic  what a statistic of descriptors learned from the keypoints of --train
   outsider-neighbours what the network of --model learned elsewhere: who is whose neighbour
+  outsider-network    what the networks of --positions learned elsewhere: from all rows to positions
   map-server          images of the map, with keypoints
   pose-server         the map and the pose, found from the query itself; only what the map does not show is counted,
                       here and in the next two
@@ -100,6 +104,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     }
     evaluation.train.clone_from(&args.train);
     evaluation.network.clone_from(&args.model);
+    evaluation.positions.clone_from(&args.positions);
     evaluation.attacked = args.attacked.map(|n| n as usize);
     evaluation.thorough = !args.quick;
     evaluation.k = args.k as usize;

@@ -41,6 +41,9 @@ pub(crate) struct Args {
     /// A network of `train neighbours` that predicts neighbours as well.
     #[arg(long, value_name = "FILE")]
     network: Option<PathBuf>,
+    /// Networks of `train positions`, one a layout at most, for `outsider-network`.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    positions: Vec<PathBuf>,
     /// Attack N queries only, spread evenly; poses and the guess are of all.
     #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     attacked: u32,
@@ -70,6 +73,7 @@ and down of the image's centre, or @DEG infinitely far in that direction; two to
 Adversaries; each counts by the best of their attacks (see `attack`):
   outsider-statistic  has the query, and neighbours predicted from descriptors by what was learned elsewhere
   outsider-neighbours the same with the network of --network
+  outsider-network    has the query, and the network of --positions
   map-server          has the images of the map
   pose-server         a server that has found the pose; what counts is what its map does not show
   pose-server-images  the same with the keypoints of all map images
@@ -96,6 +100,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     }
     evaluation.train.clone_from(&args.train);
     evaluation.network.clone_from(&args.network);
+    evaluation.positions.clone_from(&args.positions);
     evaluation.attacked = Some(args.attacked as usize);
     evaluation.k = args.k as usize;
     evaluation.seeds = args.seeds;
