@@ -91,7 +91,8 @@ impl From<&CurvePoint> for CurveRow {
 pub struct PrecisionRow {
     /// `validate` or `test`.
     pub part: &'static str,
-    /// `network`, or `statistic`: canonical correlations learned from the same images.
+    /// `network`, or `statistic`: canonical correlations learned from the same images. With `, angles` behind, only rows
+    /// whose angles under the paper's layout are near count as candidates; `angles`: drawn at random from those.
     pub predictor: &'static str,
     /// Images.
     pub images: usize,
@@ -103,6 +104,8 @@ pub struct PrecisionRow {
     pub at_20: f64,
     /// What drawing at random would have.
     pub chance: f64,
+    /// [`Self::at_20`] of each image.
+    pub by_image: Vec<f64>,
 }
 
 /// The final figures as a table for people.
@@ -208,6 +211,8 @@ pub struct ToldRow {
     pub guess_median_px: f64,
     /// Share of keypoints with an error of the guess under 30 px, 0 to 1.
     pub guess_under_30px: f64,
+    /// [`Self::information_bits`] of each image.
+    pub by_image: Vec<f64>,
 }
 
 impl ToldRow {
@@ -225,6 +230,7 @@ impl ToldRow {
             under_30px: told.errors.under_30px,
             guess_median_px: told.guess.median_px,
             guess_under_30px: told.guess.under_30px,
+            by_image: told.by_image.clone(),
         }
     }
 }

@@ -6,6 +6,7 @@
 mod document;
 mod neighbours;
 mod positions;
+mod precision;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

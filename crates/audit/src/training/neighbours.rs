@@ -3,15 +3,16 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use veiloc_attacks::{KnownImage, NeighbourLists, NeighbourPredictor};
+use veiloc_attacks::NeighbourPredictor;
 use veiloc_datasets::KeypointImage;
 use veiloc_outsider::neighbours::{NeighbourNetwork, train};
 use veiloc_outsider::{Progress, TrainingOptions, TrainingState};
 
-use super::document::{CurveRow, OptionsRow, PrecisionRow, TrainingDocument};
+use super::document::{CurveRow, OptionsRow, TrainingDocument};
+use super::precision::{NEAREST, rows};
 use super::{ImageSets, all_known};
 use crate::error::AuditError;
-use crate::neighbours::{Predictor, known};
+use crate::neighbours::Predictor;
 
 /// What to train on, and how.
 #[derive(Debug, Clone)]
@@ -23,10 +24,6 @@ pub struct NeighbourRun {
     /// The network and its training.
     pub options: TrainingOptions,
 }
-
-/// Neighbours a keypoint that the final figures count, of the 20 nearest.
-const LENGTHS: [usize; 3] = [5, 10, 20];
-const NEAREST: usize = 20;
 
 /// Trains; `observe` is called after every step, and may break off. `earlier` is a training that goes on.
 ///
@@ -48,7 +45,9 @@ pub fn train_neighbours(
     let mut precision = Vec::new();
     for (part, set) in [("validate", &read.validate), ("test", &test)] {
         for (predictor, name) in [(&network, "network"), (&statistic, "statistic")] {
-            precision.extend(row(part, set, predictor, name)?);
+            let more = rows(part, set, predictor, name)?;
+            // Of angles alone one row is enough.
+            precision.extend(more.into_iter().filter(|r| name == "network" || r.predictor != "angles"));
         }
     }
     let document = TrainingDocument {
@@ -65,39 +64,4 @@ pub fn train_neighbours(
         precision,
     };
     Ok((trained.network, trained.state, document))
-}
-
-/// Precision over all keypoints of some images; `None` without any.
-fn row(
-    part: &'static str,
-    set: &[KeypointImage],
-    predictor: &Predictor,
-    name: &'static str,
-) -> Result<Option<PrecisionRow>, AuditError> {
-    let (mut right, mut said_of, mut chance, mut keypoints) = ([0usize; 3], [0usize; 3], 0.0, 0usize);
-    for image in set {
-        let known: KnownImage = known(image)?;
-        let said = predictor.predict(known.descriptors(), NEAREST)?;
-        let near = NeighbourLists::nearest(&image.keypoints, NEAREST);
-        for i in 0..near.len() {
-            let is_near = |j: &&u32| near.of(i).contains(j);
-            for (slot, length) in LENGTHS.into_iter().enumerate() {
-                let first = &said.of(i)[..length.min(said.of(i).len())];
-                right[slot] += first.iter().filter(is_near).count();
-                said_of[slot] += first.len();
-            }
-            chance += near.of(i).len() as f64 / (near.len() as f64 - 1.0).max(1.0);
-        }
-        keypoints += near.len();
-    }
-    let share = |slot: usize| right[slot] as f64 / said_of[slot] as f64;
-    Ok((keypoints > 0 && said_of[0] > 0).then(|| PrecisionRow {
-        part,
-        predictor: name,
-        images: set.len(),
-        at_5: share(0),
-        at_10: share(1),
-        at_20: share(2),
-        chance: chance / keypoints as f64,
-    }))
 }

@@ -27,6 +27,8 @@ pub struct Told {
     pub bits: f64,
     /// The same of [`Estimate::mean`](super::Estimate::mean).
     pub bits_of_mean: f64,
+    /// [`Self::information`] of each image.
+    pub by_image: Vec<f64>,
 }
 
 /// What a network tells of these images, each obfuscated by this generator; `None` without a keypoint.
@@ -41,7 +43,7 @@ pub fn told(
 ) -> Result<Option<Told>, NetworkError> {
     let (mut errors, mut guesses) = (Vec::new(), Vec::new());
     let (mut told, mut told_rows) = (0.0, 0);
-    let (mut bits, mut of_mean) = (0.0, 0.0);
+    let (mut bits, mut of_mean, mut by_image) = (0.0, 0.0, Vec::new());
     for image in images {
         let Some(lesson) = Lesson::new(image) else { continue };
         let drawn = lesson.whole(task, rng)?;
@@ -49,6 +51,7 @@ pub fn told(
         let shares = network.layers.shares(&network.numbers, &drawn.descriptors, &bins, drawn.size);
         let (own, rows) = information(&shares, &bins, &truth);
         (told, told_rows) = (told + own, told_rows + rows);
+        by_image.push(own / (rows as f64).max(1.0));
 
         let [width, height] = drawn.size;
         let found = recover::of_columns(network, &drawn.observations, &drawn.descriptors, drawn.size);
@@ -69,6 +72,7 @@ pub fn told(
         guess: ErrorSummary::of(&guesses),
         bits: bits / keypoints as f64,
         bits_of_mean: of_mean / keypoints as f64,
+        by_image,
     }))
 }
 

@@ -126,7 +126,7 @@ mod training {
                 return Ok(None);
             }
             let state = TrainingState::decode(&files::read(&path)?)
-                .map_err(|e| Failure::from(format!("{}: {e}", path.display())))?;
+                .map_err(|e| Failure::refused(format!("{}: {e}", path.display())))?;
             ui.say(format!("going on behind step {}", state.step()));
             Ok(Some(state))
         }
@@ -194,7 +194,7 @@ mod training {
     }
 
     fn remove(path: &Path) -> Result<(), Failure> {
-        std::fs::remove_file(path).map_err(|e| Failure::from(format!("{}: {e}", path.display())))
+        std::fs::remove_file(path).map_err(|e| Failure::output(path.display(), &e))
     }
 
     /// Keeps an eye on the clock.

@@ -1,0 +1,272 @@
+#!/usr/bin/env python3
+"""How what an outsider learns grows with the photographs he has: trainings, attacks, a power law and its plot.
+
+    scripts/learning_law.py --veiloc BIN --train KEYPOINTS --validate KEYPOINTS --test KEYPOINTS… --out FOLDER
+
+Each file of --test is a place, named after the file. Subsets are nested, by a hash of the images' names. For each of
+--images and each network of --networks it trains `neighbours` and, for each scheme of --schemes, `positions`, one at a
+time. What is done is not done again, and what was interrupted goes on: stop it and start it as you like, --minutes says
+when it stops by itself. Whatever there is of results is fitted and drawn each time: FOLDER/law.json, FOLDER/law.svg.
+
+The law is p = a nᵇ, least squares of the logarithms over the best network of each number of images. Its interval is a
+bootstrap: images of a place and points of the curve are both drawn with replacement. How many images it takes to the
+precision at which the graph attack begins to work is an extrapolation of that law and nothing more.
+"""
+
+import argparse
+import gzip
+import hashlib
+import json
+import math
+import random
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+NEEDED = 0.60
+"""Precision at 20 from which the graph attack works (docs/audit.md)."""
+DRAWS = 2000
+COLORS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7"]
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--veiloc", required=True, help="a build with the feature `network`")
+    parser.add_argument("--train", required=True, type=Path, help="keypoints of all photographs")
+    parser.add_argument("--validate", required=True, type=Path)
+    parser.add_argument("--test", required=True, type=Path, nargs="+")
+    parser.add_argument("--out", required=True, type=Path)
+    parser.add_argument("--images", default="50,100,200,400,800,1555", help="numbers of images; more than there are: all")
+    parser.add_argument("--networks", default="64x2,128x4", help="WIDTHxLAYERS, several")
+    parser.add_argument("--schemes", default="dcl,random-lines", help="of the networks of positions; may be empty")
+    parser.add_argument("--steps", type=int, default=4000)
+    parser.add_argument("--keypoints", type=int, default=512)
+    parser.add_argument("--every", type=int, default=250)
+    parser.add_argument("--attacked", type=int, default=4, help="images of a place that the graph attack is run on")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="stop after so many, to go on later")
+    return parser.parse_args()
+
+
+def subsets(args, counts):
+    """A file of keypoints for each number of images; the fewer are among the more."""
+    paths = {n: args.out / f"train{n}.jsonl.gz" for n in counts}
+    missing = [n for n in counts if not paths[n].exists()]
+    if missing:
+        rows = []
+        with gzip.open(args.train) as lines:
+            for line in lines:
+                name = json.loads(line)["name"]
+                rows.append((hashlib.sha256(name.encode()).hexdigest(), line))
+        rows.sort()
+        for n in missing:
+            part = paths[n].with_suffix(".new")
+            with gzip.open(part, "wb", 1) as file:
+                file.writelines(line for _, line in rows[:n])
+            part.rename(paths[n])
+    return paths
+
+
+def run(command, log):
+    """Runs veiloc; its talk goes to a log."""
+    with open(log, "a") as talk:
+        talk.write("$ " + " ".join(map(str, command)) + "\n")
+        talk.flush()
+        if subprocess.run(list(map(str, command)), stdout=talk, stderr=talk).returncode:
+            sys.exit(f"veiloc failed, see {log}")
+
+
+def trained(args, kind, train, name, network, left):
+    """The document of a training, done as far as time allows; None when it is not finished."""
+    out, document = args.out / f"{name}.net", args.out / f"{name}.json"
+    if document.exists():
+        found = json.loads(document.read_text())
+        if found["steps_done"] == args.steps:
+            return found
+    if left() <= 0:
+        return None
+    width, layers = network.split("x")
+    command = [args.veiloc, "train", *kind, "--train", train, "--validate", args.validate, "--test", *args.test]
+    command += ["-o", out, "--resume", "--steps", args.steps, "--every", args.every, "--keypoints", args.keypoints]
+    command += ["--width", width, "--layers", layers, "--json", document]
+    if left() < math.inf:
+        command += ["--minutes", f"{left():.2f}"]
+    run(command, args.out / f"{name}.log")
+    found = json.loads(document.read_text())
+    return found if found["steps_done"] == args.steps else None
+
+
+def attacked(args, place, name, left):
+    """What attacks get from the neighbours that a network predicts."""
+    document = args.out / f"{name}-{label(place)}-attack.json"
+    if not document.exists():
+        if left() <= 0:
+            return None
+        command = [args.veiloc, "attack", place, "--schemes", "random-lines,dcl", "--images", args.attacked]
+        command += ["--attacks", "closed-form-consensus,graph", "--neighbours", "network"]
+        command += ["--model", args.out / f"{name}.net", "--json", document.with_suffix(".new")]
+        run(command, args.out / f"{name}.log")
+        document.with_suffix(".new").rename(document)
+    return json.loads(document.read_text())
+
+
+def label(path):
+    return path.name.split(".")[0]
+
+
+def collect(args):
+    """Every training and attack there is time for, the smallest sets first."""
+    started = time.monotonic()
+    left = lambda: args.minutes - (time.monotonic() - started) / 60
+    counts = [int(n) for n in args.images.split(",")]
+    files = subsets(args, counts)
+    points = []
+    for n in counts:
+        for network in args.networks.split(","):
+            name = f"neighbours-{network}-{n}"
+            found = trained(args, ["neighbours"], files[n], name, network, left)
+            if found:
+                attacks = {label(place): attacked(args, place, name, left) for place in args.test}
+                points.append({"what": "neighbours", "network": network, "found": found, "attacks": attacks})
+            for scheme in filter(None, args.schemes.split(",")):
+                name = f"positions-{scheme.replace(':', '_').replace('/', '_')}-{network}-{n}"
+                found = trained(args, ["positions", "--scheme", scheme], files[n], name, network, left)
+                if found:
+                    points.append({"what": "positions", "network": network, "scheme": scheme, "found": found})
+    return points
+
+
+def fit(counts, values):
+    """`a` and `b` of `a nᵇ`."""
+    x, y = [math.log(n) for n in counts], [math.log(v) for v in values]
+    mx, my = sum(x) / len(x), sum(y) / len(y)
+    spread = sum((a - mx) ** 2 for a in x)
+    slope = sum((a - mx) * (b - my) for a, b in zip(x, y)) / spread
+    return math.exp(my - slope * mx), slope
+
+
+def law(curve, seed=0):
+    """Power law of `{images: [value of each image judged]}`, with the 5 % and 95 % quantiles of a bootstrap."""
+    curve = {n: v for n, v in curve.items() if sum(v) > 0}
+    if len(curve) < 3:
+        return None
+    mean = lambda values: sum(values) / len(values)
+    needed = lambda a, b: (NEEDED / a) ** (1 / b) if b > 1e-3 else math.inf
+    a, b = fit(list(curve), [mean(v) for v in curve.values()])
+    rng, slopes, images = random.Random(seed), [], []
+    judged = len(next(iter(curve.values())))
+    for _ in range(DRAWS):
+        who = [rng.randrange(judged) for _ in range(judged)]
+        points = [rng.choice(list(curve)) for _ in curve]
+        values = [mean([curve[n][i] for i in who]) for n in points]
+        if len(set(points)) < 3 or min(values) <= 0:
+            continue
+        drawn = fit(points, values)
+        slopes.append(drawn[1])
+        images.append(needed(*drawn))
+    quantile = lambda values, q: sorted(values)[int(q * (len(values) - 1))]
+    between = lambda values: [quantile(values, 0.05), quantile(values, 0.95)]
+    return {"a": a, "b": b, "b_interval": between(slopes), "needed": needed(a, b), "needed_interval": between(images)}
+
+
+def judged(found, place, index):
+    """The values of the images of one place, which come one after another in the order of the files."""
+    return found["by_image"][index[place] : index[place] + index["count " + place]]
+
+
+def summarize(args, points):
+    places = [label(place) for place in args.test]
+    index, at = {}, 0
+    for path, place in zip(args.test, places):
+        with gzip.open(path) as lines:
+            index[place], index["count " + place] = at, sum(1 for line in lines if line.strip())
+        at += index["count " + place]
+    rows, curves = [], {}
+    for point in points:
+        found = point["found"]
+        n = found["images"][0]
+        if point["what"] == "neighbours":
+            for precision in (p for p in found["precision"] if p["part"] == "test"):
+                for place in places:
+                    values = judged(precision, place, index)
+                    series = curves.setdefault((precision["predictor"], place), {})
+                    if sum(values) > sum(series.get(n, [0])):
+                        series[n] = values
+                rows.append({"images": n, "network": point["network"], **{k: precision[k] for k in ("predictor", "at_5", "at_10", "at_20", "chance")}})
+            for place, attacks in point["attacks"].items():
+                for attack in attacks["attacks"] if attacks else []:
+                    row = {"images": n, "network": point["network"], "place": place, "precision": attacks["precision"]}
+                    rows.append({**row, **{k: attack[k] for k in ("scheme", "attack", "median_px", "under_30px", "bits_over_prior")}})
+        else:
+            for told in (t for t in found["told"] if t["part"] == "test"):
+                row = {"images": n, "network": point["network"], "scheme": point["scheme"], "place": told["data"]}
+                keys = ("information_bits", "bits_over_prior", "median_px", "guess_median_px", "under_30px")
+                rows.append({**row, **{k: told[k] for k in keys}})
+    laws = [{"predictor": who, "place": place, **found} for (who, place), c in curves.items() if (found := law(c))]
+    mean_curves = [
+        {"predictor": who, "place": place, "points": [[n, sum(v) / len(v)] for n, v in sorted(c.items())]}
+        for (who, place), c in curves.items()
+    ]
+    return {"version": 1, "rows": rows, "curves": mean_curves, "laws": laws}
+
+
+def plot(summary, path):
+    """Precision at 20 against images, both logarithmic, with the law as a line."""
+    shown = [c for c in summary["curves"] if c["predictor"] in ("network", "statistic", "network, angles") and c["points"]]
+    if not shown:
+        return
+    width, height, left, top, right, bottom = 640, 400, 60, 20, 230, 50
+    most = max(n for c in shown for n, _ in c["points"])
+    span = (math.log(40), math.log(max(most, 60) * 1.2))
+    values = [v for c in shown for _, v in c["points"] if v > 0]
+    tall = (math.log(min(values) * 0.8), math.log(max(max(values), 0.3) * 1.2))
+    x = lambda n: left + (math.log(n) - span[0]) / (span[1] - span[0]) * (width - left - right)
+    y = lambda v: height - bottom - (math.log(v) - tall[0]) / (tall[1] - tall[0]) * (height - top - bottom)
+    svg = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif" font-size="12">']
+    svg.append(f'<rect width="{width}" height="{height}" fill="white"/>')
+    for n in (50, 100, 200, 400, 800, 1600):
+        if span[0] <= math.log(n) <= span[1]:
+            svg.append(f'<line x1="{x(n):.1f}" x2="{x(n):.1f}" y1="{top}" y2="{height - bottom}" stroke="#ddd"/>')
+            svg.append(f'<text x="{x(n):.1f}" y="{height - bottom + 16}" text-anchor="middle">{n}</text>')
+    for v in (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.6):
+        if tall[0] <= math.log(v) <= tall[1]:
+            svg.append(f'<line x1="{left}" x2="{width - right}" y1="{y(v):.1f}" y2="{y(v):.1f}" stroke="#ddd"/>')
+            svg.append(f'<text x="{left - 6}" y="{y(v) + 4:.1f}" text-anchor="end">{100 * v:.0f} %</text>')
+    places = sorted({c["place"] for c in shown})
+    dashes = {"network": "", "statistic": "2 3", "network, angles": "7 3"}
+    for i, curve in enumerate(shown):
+        color = COLORS[places.index(curve["place"]) % len(COLORS)]
+        dash = f' stroke-dasharray="{dashes[curve["predictor"]]}"'
+        points = " ".join(f"{x(n):.1f},{y(v):.1f}" for n, v in curve["points"] if v > 0)
+        svg.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2"{dash}/>')
+        svg += [f'<circle cx="{x(n):.1f}" cy="{y(v):.1f}" r="3" fill="{color}"/>' for n, v in curve["points"] if v > 0]
+        at = top + 16 + 18 * i
+        svg.append(f'<line x1="{width - right + 12}" x2="{width - right + 40}" y1="{at - 4}" y2="{at - 4}" stroke="{color}" stroke-width="2"{dash}/>')
+        svg.append(f'<text x="{width - right + 46}" y="{at}">{curve["predictor"]}, {curve["place"]}</text>')
+    svg.append(f'<text x="{left}" y="{height - 14}">images learned from; precision at 20 on places not learned from</text></svg>')
+    path.write_text("\n".join(svg))
+
+
+def show(summary):
+    for row in summary["rows"]:
+        print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()))
+    for found in summary["laws"]:
+        low, high = found["b_interval"]
+        few, many = found["needed_interval"]
+        print(
+            f'{found["predictor"]}, {found["place"]}: precision at 20 = {found["a"]:.4f} n^{found["b"]:.3f} '
+            f"({low:.3f} to {high:.3f}); {100 * NEEDED:.0f} % at {found['needed']:.2g} images ({few:.2g} to {many:.2g})"
+        )
+
+
+def main():
+    args = arguments()
+    args.out.mkdir(parents=True, exist_ok=True)
+    summary = summarize(args, collect(args))
+    (args.out / "law.json").write_text(json.dumps(summary, indent=1))
+    plot(summary, args.out / "law.svg")
+    show(summary)
+
+
+if __name__ == "__main__":
+    main()
