@@ -49,6 +49,40 @@ fn negatives_are_counted_and_not_trusted() {
     }
 }
 
+#[test]
+fn progressive_queries_send_fewer_rows_and_find_the_same_place() {
+    let place = place();
+    render_elsewhere(NEGATIVES);
+    let negatives =
+        "--negatives-posed other/posed --negatives-images other/images --negatives-list other/list.txt";
+    let rows = |more: &str| {
+        let run = place.run(&format!("{SCENE} {more} --json steps.json")).succeeded();
+        assert!(run.stdout.contains("mean rows") && run.stdout.contains("mean exposed"), "{run}");
+        let document: serde_json::Value =
+            serde_json::from_slice(&place.read("steps.json")).expect("a document");
+        for query in document["queries"].as_array().expect("an array") {
+            assert_eq!(query["ms"]["steps"].is_number(), more.contains("--progressive"), "{query}");
+        }
+        document["schemes"].as_array().expect("an array").clone()
+    };
+    let whole = rows("");
+    let steps = rows(&format!("--progressive {negatives}"));
+    let exact = rows("--progressive --accuracy 1e-9");
+    for ((whole, steps), exact) in whole.iter().zip(&steps).zip(&exact) {
+        let of = |row: &serde_json::Value, name: &str| row[name].as_f64().expect("a number");
+        assert_eq!(of(whole, "mean_rows"), 1024.0);
+        assert_eq!(of(whole, "mean_bytes"), of(whole, "sealed_bytes"));
+        assert!(of(steps, "mean_rows") < 600.0 && of(steps, "mean_bytes") < of(whole, "mean_bytes"), "{steps}");
+        assert!(of(steps, "mean_exposed") < of(whole, "mean_exposed"), "{steps}");
+        assert_eq!(steps["localized"], whole["localized"]);
+        assert_eq!(steps["negatives"]["trusted"], 0, "{steps}");
+        // Nothing is as exact as that: every byte of every step counts, and the pose is that of all rows.
+        assert_eq!(of(exact, "mean_rows"), 1024.0);
+        assert!(of(exact, "mean_bytes") > 1.5 * of(whole, "mean_bytes"), "{exact}");
+        assert_eq!(exact["median_translation"], whole["median_translation"]);
+    }
+}
+
 /// Rendered poses are exact, so that covariances can be held against them.
 #[test]
 fn covariances_are_held_against_the_truth() {

@@ -118,6 +118,39 @@ fn a_image_gets_its_pose() {
     assert!(fs::read(&kept).expect("kept") == place.read("place.vprofile"), "whole again");
 }
 
+/// A rendered room is recognized by few rows; an accuracy that nothing reaches takes all.
+#[test]
+fn a_progressive_query_sends_no_more_than_it_takes() {
+    let place = place();
+    let service = Service::start(place, "--map place=place.vmap");
+    let truth = place.pose_of("query-0.png");
+    let sent = |more: &str| {
+        let run = place
+            .run(&format!("{} --progressive {more} --json", send_keeping("query-0.png", &service.url, "steps")))
+            .succeeded();
+        assert!(pose_of(&run.json()).translation_error(&truth) < 0.1, "{run}");
+        let fields = &common::documented::tables()["query send"];
+        assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
+        assert!(run.stderr.contains("sealed as dcl") && run.stderr.contains(" rows in "), "{run}");
+        let steps = run.json()["steps"].as_array().expect("steps").clone();
+        steps.iter().map(|step| step["rows"].as_u64().expect("a count")).collect::<Vec<_>>()
+    };
+    let first = sent("");
+    assert!([256, 512, 1024].starts_with(&first) && first.len() < 3, "a trusted pose ends it: {first:?}");
+    assert_eq!(sent("--accuracy 1e-9"), [256, 512, 1024]);
+    // As many requests as steps.
+    let asked = service.log().lines().filter(|line| line.contains("/localize")).count();
+    assert_eq!(asked, first.len() + 3, "{}", service.log());
+    for (more, part) in [
+        ("--progressive --accuracy 0", "above 0"),
+        ("--progressive --accuracy nan", "above 0"),
+        ("--accuracy 0.1", "--progressive"),
+    ] {
+        let run = place.run(&format!("{} {more}", send("query-0.png", &service.url)));
+        assert!(run.code == Some(2) && run.stderr.contains(part), "{run}");
+    }
+}
+
 /// Sealed queries of a session, sent as they are.
 #[test]
 fn a_session_gets_one_pose() {
@@ -149,7 +182,11 @@ fn a_session_gets_one_pose() {
     assert!(text.stdout.starts_with("trusted  at (") && text.stderr.contains("sealed queries"), "{text}");
     assert!(!service.log().contains("/profile"), "nothing was sealed: {}", service.log());
     // What says how to seal an image has no say.
-    for (more, word) in [("--scheme points", "--scheme"), ("images/query-0.png", "IMAGE")] {
+    for (more, word) in [
+        ("--scheme points", "--scheme"),
+        ("images/query-0.png", "IMAGE"),
+        ("--progressive", "--progressive"),
+    ] {
         let run = place.run(&format!("{command} {more}"));
         assert!(run.code == Some(2) && run.stderr.contains(word), "{run}");
     }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use veiloc_query::{Lopsided, RigMessage};
+use veiloc_query::{Lopsided, QueryError, RigMessage};
 
 use crate::Refusal;
 
@@ -46,6 +46,9 @@ pub enum ClientError {
         /// How many there were.
         frames: usize,
     },
+    /// A progressive query that was not sealed with the profile that was given: not sent.
+    #[error("{0}")]
+    NotOfProfile(QueryError),
     /// The service was not reached, or broke off, as often as it was tried. The same query may be sent again.
     #[error("{server}: {reason}")]
     Network {

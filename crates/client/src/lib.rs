@@ -5,7 +5,7 @@
 //!
 //! - [`Client`]: a service, and who asks it. [`Client::profile`] fetches what is needed to seal for a map (and keeps it on
 //!   disk, when [`ClientOptions::cache`] says where), [`Client::localize`] asks, [`Client::localize_rig`] for several images
-//!   of one device at once.
+//!   of one device at once, [`Client::localize_progressive`] sends no more rows than a trusted pose takes.
 //! - [`seal_image`]: from a file and its camera to the sealed query.
 //! - [`SessionFile`]: several images of one place, sealed so that their lines do not cross in what they show.
 //! - [`ClientError`]: tells apart what an app does different things about: busy, not localized, a map that was exchanged,
@@ -72,6 +72,7 @@ mod client;
 mod error;
 mod options;
 mod profile_cache;
+mod progressive;
 mod refusal;
 mod replace;
 mod request;
@@ -83,6 +84,7 @@ mod transport;
 pub use client::Client;
 pub use error::ClientError;
 pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy};
+pub use progressive::{ProgressiveAnswer, Step, StepOutcome};
 pub use refusal::{Refusal, printable};
 pub use request::LocalizeRequest;
 pub use seal::{SealImageError, SealedImage, seal_image};
@@ -94,6 +96,6 @@ pub use veiloc_obfuscation::{
     SessionOptions,
 };
 pub use veiloc_query::{
-    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, PositionHint,
-    Profile, RigMessage, Scheme, SealedFrame, SealedQuery,
+    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, Enough, FocalKnowledge,
+    PositionHint, Profile, RigMessage, Scheme, SealedFrame, SealedQuery,
 };

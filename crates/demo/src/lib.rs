@@ -21,6 +21,7 @@ use veiloc_map::colmap::read_posed;
 use veiloc_mapping::BuildOptions;
 
 use veiloc_audit::AttackDocument;
+use veiloc_eval::road::Sending;
 use veiloc_eval::{SceneEvaluation, evaluate_scene};
 use veiloc_features::Progress;
 use veiloc_results::Evaluation;
@@ -70,6 +71,7 @@ pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, 
         ],
         localize: LocalizeOptions::default(),
         gravity_sd_deg: None,
+        sending: Sending::Whole,
         negatives: None,
         seed: options.seed,
     };

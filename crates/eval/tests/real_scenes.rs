@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use veiloc_eval::road::Sending;
 use veiloc_eval::{Negatives, PoseEvaluation, Recipe, SceneEvaluation, evaluate_poses, evaluate_scene};
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::colmap::read_posed;
@@ -33,6 +34,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
         localize: LocalizeOptions::default(),
         gravity_sd_deg: None,
+        sending: Sending::Whole,
         negatives: None,
         seed: 0,
     }

@@ -13,7 +13,7 @@ use veiloc_features::Features;
 use veiloc_geometry::{Anchor, Intrinsics, Pixel, PixelLine};
 use veiloc_obfuscation::{SealError, SealOptions, obfuscate_points, seal, seal_with_truth};
 use veiloc_query::{
-    AngleBits, CanonicalCamera, CoarseGravity, DualAnchors, FocalKnowledge, Observations, Scheme,
+    AngleBits, CanonicalCamera, CoarseGravity, DualAnchors, FocalKnowledge, Observations, Scheme, SizeClass,
 };
 
 const LINE_SCHEMES: [&str; 3] = ["random-lines", "coordinate-permutation", "dcl"];
@@ -182,6 +182,28 @@ fn l4_strength_scale_and_orientation_are_not_sent() {
         strongest_first.sort_by(|a, b| strength(*b).total_cmp(&strength(*a)));
         assert!(told(&strongest_first) > 0.25, "the measure does not see the leak");
         assert!(told(&order) < 0.2, "{scheme}: {}", told(&order));
+    }
+}
+
+/// L4, of the steps of a progressive query: which rows come first owes nothing to their strength. The leak: the strongest
+/// first, which would name to everybody those that are.
+#[test]
+fn l4_the_first_rows_are_no_stronger() {
+    let features = features_at(&uniform_pixels(1024, 8), 8);
+    let profile = profile();
+    // A strength is its rank here: the mean of 256 random ones of 1024 is 511.5 give or take 16.
+    let mean = |rows: &[usize]| rows.iter().sum::<usize>() as f64 / rows.len() as f64;
+    for scheme in LINE_SCHEMES {
+        let (query, truth) =
+            seal_with_truth(features.clone(), &camera(), &profile, &options(scheme), &mut rng(8))
+                .expect("sealed");
+        let ranks: Vec<usize> = truth.source.into_iter().flatten().collect();
+        let mut strongest = ranks.clone();
+        strongest.sort_unstable();
+        assert!(mean(&strongest[..256]) < 200.0, "the measure does not see the leak");
+        let first = query.first_rows(SizeClass::Rows256, &profile).expect("it has 1024");
+        assert!(first.descriptors().to_owned() == features.descriptors.select(ranks[..256].iter().copied()));
+        assert!((mean(&ranks[..256]) - 511.5).abs() < 80.0, "{scheme}: {}", mean(&ranks[..256]));
     }
 }
 

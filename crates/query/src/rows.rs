@@ -175,6 +175,17 @@ impl Rows {
         self.len() == 0
     }
 
+    /// The first ones, so many or all.
+    pub(crate) fn first(&self, count: usize) -> Self {
+        let count = count.min(self.len());
+        match self {
+            Self::Points(rows) => Self::Points(rows[..count].to_vec()),
+            Self::RandomLines(rows) => Self::RandomLines(rows[..count].to_vec()),
+            Self::CoordinatePermutation(rows) => Self::CoordinatePermutation(rows[..count].to_vec()),
+            Self::Dcl(rows) => Self::Dcl(rows[..count].to_vec()),
+        }
+    }
+
     /// Whether these are rows of that scheme.
     pub const fn belong_to(&self, scheme: Scheme) -> bool {
         matches!(

@@ -84,6 +84,7 @@ fn summary(scheme: &str, centimetres: Option<f64>) -> SchemeSummary {
         ]),
         mean_inlier_ratio: Some(0.61),
         sealed_bytes: Some(68_000),
+        sent: None,
         median_ms: BTreeMap::from([("match".into(), 31.0), ("pose".into(), 12.4)]),
         ..SchemeSummary::default()
     }

@@ -96,6 +96,9 @@ pub struct SchemeSummary {
     /// Bytes of one sealed query, median; absent where nothing is sealed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sealed_bytes: Option<usize>,
+    /// What was sent of a query; absent where nothing is.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub sent: Option<SentSummary>,
     /// Stage to median milliseconds.
     pub median_ms: BTreeMap<String, f64>,
     /// The same figures seed by seed; empty when there was only one.
@@ -183,8 +186,47 @@ pub struct QueryResult {
     /// Bytes of the sealed query; absent where nothing is sealed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sealed_bytes: Option<usize>,
+    /// What was sent of it; absent where nothing is.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub sent: Option<SentDocument>,
     /// Stage to milliseconds.
     pub ms: BTreeMap<String, f64>,
+}
+
+/// What was sent for one query.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct SentDocument {
+    /// Rows that the server has seen, each counted once, decoys included.
+    pub sent_rows: usize,
+    /// Bytes of all messages together.
+    pub sent_bytes: usize,
+    /// Rows that agree with the pose: a server that knows the pose knows where in the image these are. 0 without a pose.
+    pub exposed: usize,
+}
+
+/// What was sent for the queries of a row.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SentSummary {
+    /// Mean of [`SentDocument::sent_rows`].
+    pub mean_rows: f64,
+    /// Mean of [`SentDocument::sent_bytes`].
+    pub mean_bytes: f64,
+    /// Mean of [`SentDocument::exposed`].
+    pub mean_exposed: f64,
+}
+
+impl SentSummary {
+    /// Of these queries; `None` for none.
+    pub fn of(each: &[SentDocument]) -> Option<Self> {
+        let mean = |of: fn(&SentDocument) -> usize| {
+            each.iter().map(|sent| of(sent) as f64).sum::<f64>() / each.len() as f64
+        };
+        (!each.is_empty()).then(|| Self {
+            mean_rows: mean(|sent| sent.sent_rows),
+            mean_bytes: mean(|sent| sent.sent_bytes),
+            mean_exposed: mean(|sent| sent.exposed),
+        })
+    }
 }
 
 /// One query of another place under one row.
@@ -261,6 +303,7 @@ impl QueryResult {
             hypotheses: 0,
             failure: None,
             sealed_bytes: None,
+            sent: None,
             ms: BTreeMap::new(),
         }
     }

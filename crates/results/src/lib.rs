@@ -19,7 +19,7 @@ mod uncertainty;
 
 pub use document::{
     Evaluation, MapSummary, NegativeResult, NegativeSummary, PoseDocument, QueryResult, SchemeSummary,
-    SeedSummary, Variant,
+    SeedSummary, SentDocument, SentSummary, Variant,
 };
 pub use hypotheses::{Hypotheses, HypothesesError};
 pub use summary::summarize;

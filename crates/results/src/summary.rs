@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use veiloc_robust::State;
 
-use crate::document::{QueryResult, SchemeSummary, SeedSummary};
+use crate::document::{QueryResult, SchemeSummary, SeedSummary, SentSummary};
 use crate::metrics::{PoseError, Threshold, finite, mean, median, recall};
 use crate::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
@@ -51,6 +51,7 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
         mean_inlier_ratio: finite(mean(&ratios)),
         median_hypotheses: finite(median(&drawn)),
         sealed_bytes: bytes.get(bytes.len() / 2).copied(),
+        sent: SentSummary::of(&queries.iter().filter_map(|q| q.sent).collect::<Vec<_>>()),
         median_ms: all.median_ms,
         per_seed: if per_seed.len() > 1 { per_seed } else { Vec::new() },
         negatives: None,
@@ -87,7 +88,7 @@ fn median_ms(queries: &[&QueryResult]) -> BTreeMap<String, f64> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::document::Variant;
+    use crate::document::{SentDocument, Variant};
 
     pub(crate) fn query(seed: u64, error: Option<(f64, f64)>) -> QueryResult {
         QueryResult {
@@ -111,6 +112,7 @@ pub(crate) mod tests {
             hypotheses: 100,
             failure: None,
             sealed_bytes: Some(1000),
+            sent: None,
             ms: [("pose".to_owned(), 5.0 + seed as f64)].into(),
         }
     }
@@ -146,6 +148,19 @@ pub(crate) mod tests {
         assert_eq!(seeds, [(7, 2, 0.5), (8, 2, 1.0)]);
         assert_eq!(s.per_seed[1].median_translation, Some(0.03));
         assert_eq!(s.per_seed[0].median_ms["pose"], 12.0);
+    }
+
+    #[test]
+    fn what_was_sent_is_a_mean_over_all_queries() {
+        let with = |sent_rows: usize, error| {
+            let sent = SentDocument { sent_rows, sent_bytes: 100 * sent_rows, exposed: sent_rows / 4 };
+            QueryResult { sent: Some(sent), ..query(0, error) }
+        };
+        // Also over those that got no pose, which cost the most.
+        let queries = [with(256, Some((0.1, 0.01))), with(1024, None)];
+        let sent = summarize(&queries.iter().collect::<Vec<_>>(), &threshold()).sent.expect("they were sent");
+        assert_eq!((sent.mean_rows, sent.mean_bytes, sent.mean_exposed), (640.0, 64000.0, 160.0));
+        assert_eq!(summarize(&[&query(0, None)], &threshold()).sent, None);
     }
 
     #[test]

@@ -41,6 +41,7 @@ pub fn table(rows: &[SchemeSummary]) -> String {
         }
     }
     let mut text = side_by_side([found, negatives, cost]);
+    text += &sent(rows);
     text += &coverage(rows);
     if text.contains('~') {
         text.push_str("~ the median number of hypotheses when the search stops by itself\n");
@@ -52,6 +53,29 @@ pub fn table(rows: &[SchemeSummary]) -> String {
         );
     }
     text
+}
+
+/// What was sent of a query; empty where nothing is.
+fn sent(rows: &[SchemeSummary]) -> String {
+    let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
+    let columns = ["mean rows", "mean bytes", "mean exposed"].map(str::to_owned);
+    let mut table = TextTable::new(names.into_iter().chain(columns), NAMES);
+    for row in rows {
+        let Some(sent) = &row.sent else { continue };
+        let mut cells = names_of(row, rows);
+        cells.extend(
+            [(sent.mean_rows, 1), (sent.mean_bytes, 0), (sent.mean_exposed, 1)].map(|(n, d)| fixed(n, d)),
+        );
+        table.push(cells);
+    }
+    if !table.has_numbers() {
+        return String::new();
+    }
+    format!(
+        "\nOf a query: rows that the server has seen, bytes of all messages, and rows whose position in the image the pose\n\
+         tells (those that agree with it).\n\n{}",
+        table.render()
+    )
 }
 
 /// How often the covariances of trusted poses hold the truth; empty where nothing is known of it.
@@ -203,7 +227,7 @@ fn number(value: Option<f64>, digits: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::document::NegativeSummary;
+    use crate::document::{NegativeSummary, SentSummary};
     use crate::summary::{summarize, tests::query};
     use crate::text_table::WIDTH;
 
@@ -253,6 +277,15 @@ mod tests {
         assert!(!lines[3].contains("2..2"), "{text}");
         assert_eq!(number(Some(12_345.678), 4), "12346");
         assert!(lines.last().is_some_and(|l| l.starts_with("Means over 2 seeds")), "{text}");
+    }
+
+    #[test]
+    fn what_was_sent_has_a_table_of_its_own() {
+        let mut sealed = row(&[(0, Some((0.1, 0.01)))]);
+        sealed.sent = Some(SentSummary { mean_rows: 300.25, mean_bytes: 51_234.4, mean_exposed: 71.5 });
+        let text = table(&[sealed]);
+        let line = text.lines().find(|line| line.contains("51234")).expect("a row");
+        assert_eq!(line.split_whitespace().collect::<Vec<_>>(), ["dcl", "vote", "300.2", "51234", "71.5"]);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use veiloc_eval::SceneEvaluation;
+use veiloc_eval::road::Sending;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::colmap::read_posed;
 use veiloc_mapping::BuildOptions;
@@ -31,6 +32,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
         localize: LocalizeOptions::default(),
         gravity_sd_deg: None,
+        sending: Sending::Whole,
         negatives: None,
         seed: 0,
     };

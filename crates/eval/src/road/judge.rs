@@ -3,11 +3,12 @@
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_query::Scheme;
-use veiloc_results::{QueryResult, QueryUncertainty};
+use veiloc_results::{QueryResult, QueryUncertainty, SentDocument};
 use veiloc_robust::{ScoreKind, State};
 
-use super::ask::ask;
+use super::ask::{Answer, ask};
 use super::posed_query::PosedQuery;
+use super::progressive::{Sending, send_and_ask};
 
 /// Localizes what crossed the network, and compares with the truth; that there is no pose is a result.
 pub fn localize_one(
@@ -20,7 +21,31 @@ pub fn localize_one(
 ) -> QueryResult {
     let mut options = options.clone();
     options.pose.score = Some(score);
-    let answer = ask(map, bytes, &options);
+    judge(&ask(map, bytes, &options), query, scheme, score)
+}
+
+/// The same of a query that leaves the device in some way, with what was sent for it; where it took several messages, the time
+/// of those before the last is a stage of its own.
+pub(crate) fn localize_sent(
+    map: &MapFile,
+    bytes: &[u8],
+    query: &PosedQuery,
+    scheme: Scheme,
+    sending: Sending,
+    options: &LocalizeOptions,
+) -> QueryResult {
+    let score = options.pose.score.unwrap_or_default();
+    let asked = send_and_ask(map, bytes, map.profile(), sending, options);
+    let mut result = judge(&asked.answer, query, scheme, score);
+    let exposed = asked.answer.found.as_ref().map_or(0, |found| found.inliers);
+    result.sent = Some(SentDocument { sent_rows: asked.rows, sent_bytes: asked.bytes, exposed });
+    if let Sending::Progressive(_) = sending {
+        result.ms.insert("steps".to_owned(), asked.before_ms);
+    }
+    result
+}
+
+fn judge(answer: &Answer, query: &PosedQuery, scheme: Scheme, score: ScoreKind) -> QueryResult {
     let mut result = QueryResult::unsolved(&query.name, scheme, score);
     result.state = Some(answer.state());
     result.ms.insert("decode".to_owned(), answer.decode_ms);

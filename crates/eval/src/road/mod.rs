@@ -5,12 +5,16 @@ mod ask;
 mod judge;
 mod place_map;
 mod posed_query;
+mod progressive;
 mod send;
 mod upright;
 
 pub(crate) use ask::{Answer, ask};
 pub use judge::localize_one;
+pub(crate) use judge::localize_sent;
 pub use place_map::PlaceMap;
 pub use posed_query::{PosedQuery, posed_queries, queries_of_place};
+pub use progressive::Sending;
+pub(crate) use progressive::send_and_ask;
 pub(crate) use send::{Sent, send};
 pub use upright::Upright;

@@ -20,7 +20,7 @@ use veiloc_robust::State;
 pub use options::{Negatives, SceneEvaluation};
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, Upright, localize_one, queries_of_place, send};
+use crate::road::{PlaceMap, PosedQuery, Upright, localize_sent, queries_of_place, send};
 use crate::scores::scores_or_default;
 use negatives::localize_negatives;
 use veiloc_results::{Evaluation, NegativeSummary, QueryResult, Variant, summarize};
@@ -115,7 +115,11 @@ fn localize_all(
             let seal_ms = started.elapsed().as_secs_f64() * 1e3;
             for score in scores_or_default(&evaluation.scores) {
                 let mut result = match &sealed {
-                    Ok(sent) => localize_one(map, &sent.bytes, query, *scheme, score, &evaluation.localize),
+                    Ok(sent) => {
+                        let mut localize = evaluation.localize.clone();
+                        localize.pose.score = Some(score);
+                        localize_sent(map, &sent.bytes, query, *scheme, evaluation.sending, &localize)
+                    }
                     Err(error) => {
                         let mut unsealed = QueryResult::unsolved(&query.name, *scheme, score).because(error);
                         unsealed.state = Some(State::NotFound);

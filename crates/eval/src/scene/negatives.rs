@@ -5,11 +5,10 @@ use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
 use veiloc_query::Scheme;
-use veiloc_robust::State;
 
 use super::options::{Negatives, SceneEvaluation};
 use crate::error::EvalError;
-use crate::road::{PosedQuery, ask, posed_queries, send};
+use crate::road::{PosedQuery, posed_queries, send, send_and_ask};
 use crate::scores::scores_or_default;
 use veiloc_results::NegativeResult;
 
@@ -59,10 +58,13 @@ pub(crate) fn localize_negatives(
                 };
                 let mut options = evaluation.localize.clone();
                 options.pose.score = Some(*score);
-                let answer = sent.as_ref().ok().map(|sent| ask(map, &sent.bytes, &options));
-                if let Some(Ok(found)) = answer.map(|answer| answer.found) {
+                let asked = sent.as_ref().ok();
+                let asked =
+                    asked.map(|sent| send_and_ask(map, &sent.bytes, profile, evaluation.sending, &options));
+                // A trusted pose of any step is a false positive, whatever the last one says.
+                result.trusted = asked.as_ref().is_some_and(|asked| asked.was_trusted);
+                if let Some(Ok(found)) = asked.map(|asked| asked.answer.found) {
                     result.localized = true;
-                    result.trusted = found.state == State::Trusted;
                     result.inliers = found.inlier_pairs;
                     result.correspondences = found.pairs;
                 }

@@ -10,6 +10,7 @@ use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
 use veiloc_robust::ScoreKind;
 
+use crate::road::Sending;
 use veiloc_results::metrics::Threshold;
 
 /// What to evaluate.
@@ -40,6 +41,8 @@ pub struct SceneEvaluation {
     /// Standard deviation of an accelerometer, degrees: the map is told which way is down, and every query is sealed without
     /// gravity and with it. Nothing is told when none.
     pub gravity_sd_deg: Option<f64>,
+    /// How queries leave the device.
+    pub sending: Sending,
     /// Queries of another place, none of which should be localized.
     pub negatives: Option<Negatives>,
     /// Seed of sealing and sampling.

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{BuildOptions, LocalizeOptions, PosedImage, PosedImages};
+use veiloc_eval::road::Sending;
 use veiloc_eval::{SceneEvaluation, evaluate_scene};
 
 use crate::rendered;
@@ -61,6 +62,7 @@ fn a_place_of_another_layout_is_mapped_and_evaluated() {
             thresholds: vec!["0.05/5".parse().expect("a threshold")],
             localize: LocalizeOptions::default(),
             gravity_sd_deg: None,
+            sending: Sending::Whole,
             negatives: None,
             seed: 0,
         },

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use veiloc_eval::road::Sending;
 use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 
@@ -9,6 +10,7 @@ use crate::commands::eval::place::{GravityArgs, PlaceArgs};
 use crate::commands::eval::report::ReportArgs;
 use crate::commands::localization_args::{MatchArgs, PoseArgs};
 use crate::commands::map::ExtractionArgs;
+use crate::commands::progressive_args::ProgressiveArgs;
 use crate::exit::{Failure, Outcome};
 use crate::lists;
 use crate::stages::Stages;
@@ -26,6 +28,8 @@ pub(crate) struct Args {
     gravity: GravityArgs,
     #[command(flatten)]
     negatives: NegativeArgs,
+    #[command(flatten)]
+    progressive: ProgressiveArgs,
 }
 
 /// A place, how its map is built, and how queries are localized in it: what `eval scene` and `eval rig` start from.
@@ -64,6 +68,7 @@ impl SceneArgs {
             thresholds: self.report.thresholds.clone(),
             localize: self.matching.options(&self.pose),
             gravity_sd_deg: None,
+            sending: Sending::Whole,
             negatives: None,
             seed: self.pose.run.seed,
         })
@@ -107,6 +112,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = SceneEvaluation {
         gravity_sd_deg: args.gravity.sd_deg,
         negatives: args.negatives.negatives()?,
+        sending: args.progressive.enough().map_or(Sending::Whole, Sending::Progressive),
         ..args.scene.evaluation()?
     };
     let result = evaluate_scene(&evaluation, &Stages::new(ui))?;

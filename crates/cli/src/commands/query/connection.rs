@@ -110,6 +110,7 @@ pub(super) fn failure(error: ClientError) -> Failure {
         ClientError::MapName { .. }
         | ClientError::Lopsided(_)
         | ClientError::Frames { .. }
+        | ClientError::NotOfProfile(_)
         | ClientError::Refused(_) => {
             return Failure::refused(error);
         }

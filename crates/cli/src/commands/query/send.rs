@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use serde::Serialize;
 use veiloc_client::{
-    Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, SealImageError,
+    Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, SealImageError, Step,
     seal_image,
 };
 use veiloc_features::FeatureError;
@@ -13,6 +14,7 @@ use super::connection::{Connection, failure};
 use super::session;
 use crate::camera::CameraArg;
 use crate::commands::device_args::DeviceArgs;
+use crate::commands::progressive_args::ProgressiveArgs;
 use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
@@ -22,6 +24,8 @@ use crate::ui::Ui;
 /// What is sent holds descriptors and lines, never pixels or keypoints. The image is sealed once; when the service
 /// is busy or the network fails, the very same bytes are sent again. Send an image once, and do not seal it in
 /// another way afterwards (see docs/privacy.md, rule L7).
+///
+/// With `--progressive` no more rows leave than a trusted pose takes.
 ///
 /// With `--rig` the queries of a session, sealed before, are sent as they are, and the pose is that of the device.
 ///
@@ -34,7 +38,7 @@ pub(crate) struct Args {
     /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
     /// with the deviations of that (docs/json.md). One pose of the device for all.
     #[arg(long, value_name = "FILE",
-        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "session"])]
+        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "session", "progressive"])]
     rig: Option<PathBuf>,
     /// Its camera: COLMAP's model name, width, height and parameters, for example
     /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which guesses the
@@ -50,6 +54,8 @@ pub(crate) struct Args {
     device: DeviceArgs,
     #[command(flatten)]
     session: SessionArgs,
+    #[command(flatten)]
+    progressive: ProgressiveArgs,
     /// Tell the service where the camera roughly is, in map units, for example from GPS: a middle and a standard deviation
     /// along each axis. Default: it is not told.
     #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
@@ -66,13 +72,16 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
     let mut request = LocalizeRequest::default();
     request.trusted_only = args.trusted_only;
     request.near = args.near;
-    let answer = match (&args.rig, &args.image) {
-        (Some(rig), _) => session::send(rig, &args.map, || args.connection.client(ui), &request, ui)?,
+    let Answered { answer, steps } = match (&args.rig, &args.image) {
+        (Some(rig), _) => {
+            let answer = session::send(rig, &args.map, || args.connection.client(ui), &request, ui)?;
+            Answered { answer, steps: None }
+        }
         (None, Some(image)) => send(image, args, &request, ui)?,
         (None, None) => return Err(Failure::refused("neither an image nor a session is given")),
     };
     if args.json {
-        ui.json(&AnswerDocument::new(&args.map, &answer))?;
+        ui.json(&Document { answer: AnswerDocument::new(&args.map, &answer), steps })?;
     } else {
         ui.print(line(&answer));
     }
@@ -83,8 +92,34 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
     })
 }
 
+/// An answer, and for a progressive query what it took.
+struct Answered {
+    answer: Answer,
+    steps: Option<Vec<StepDocument>>,
+}
+
+/// The document of `veiloc query send --json`.
+#[derive(Serialize)]
+struct Document {
+    #[serde(flatten)]
+    answer: AnswerDocument,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    steps: Option<Vec<StepDocument>>,
+}
+
+/// A step of a progressive query.
+#[derive(Serialize)]
+struct StepDocument {
+    /// Rows sent, those of the steps before included.
+    rows: usize,
+    /// Bytes of the message.
+    bytes: usize,
+    /// What became of it.
+    state: &'static str,
+}
+
 /// Seals an image and asks where it was taken.
-fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> Result<Answer, Failure> {
+fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> Result<Answered, Failure> {
     let camera = args.device.camera(args.camera.as_ref())?;
     let camera = camera.of(image).map_err(|error| match error {
         FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
@@ -105,18 +140,36 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
         error => error.into(),
     })?;
     ui.say(format!(
-        "{}: {} keypoints, {} sent as {}, {} bytes",
+        "{}: {} keypoints, {} {} as {}, {} bytes",
         image.display(),
         sealed.keypoints,
         sealed.query.len(),
+        if args.progressive.enough().is_some() { "sealed" } else { "sent" },
         args.device.scheme(),
         sealed.query.encode().len()
     ));
-    client.localize_with(&args.map, &sealed.query, request).map_err(|error| match error {
+    let refused = |error| match error {
         // Not sent: which image it is matters more than which service.
         ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", image.display())),
         error => failure(error),
-    })
+    };
+    let Some(enough) = args.progressive.enough() else {
+        let answer = client.localize_with(&args.map, &sealed.query, request).map_err(refused)?;
+        return Ok(Answered { answer, steps: None });
+    };
+    let found = client.localize_progressive(&args.map, &sealed.query, &profile, enough, request);
+    let found = found.map_err(refused)?;
+    ui.say(format!(
+        "{} of {} rows in {} step{}, {} bytes",
+        found.rows(),
+        sealed.query.len(),
+        found.steps.len(),
+        if found.steps.len() == 1 { "" } else { "s" },
+        found.bytes()
+    ));
+    let document =
+        |step: &Step| StepDocument { rows: step.rows, bytes: step.bytes, state: step.outcome.name() };
+    Ok(Answered { answer: found.answer, steps: Some(found.steps.iter().map(document).collect()) })
 }
 
 fn line(answer: &Answer) -> String {
