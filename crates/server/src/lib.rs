@@ -47,10 +47,14 @@
 //! work, also reaches that program's own panic hook. And this crate depends neither on `veiloc-features` nor on `veiloc-obfuscation` (`cargo xtask tidy`).
 #![forbid(unsafe_code)]
 
+mod admin;
 mod answer;
 mod connection;
+mod connections;
+mod descriptors;
 mod error;
 mod geo;
+mod log;
 mod maps;
 mod metrics;
 mod options;
@@ -62,14 +66,16 @@ mod routes;
 mod serve;
 mod signals;
 mod state;
+mod throttle;
 mod tls;
 mod tokens;
 mod watch;
 
 pub use error::ServerError;
 pub use geo::{BadGeoFrame, GeoAccuracy, GeoFrame, GeoPoseDocument, GeoPosition, GeoQuaternion};
+pub use log::{LogLine, LogQueue};
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts, TlsFiles};
 pub use problem::ProblemDocument;
 pub use routes::openapi_json;
-pub use serve::{Server, ServerHandle};
+pub use serve::{Listening, Server, ServerHandle};
 pub use signals::run_until_signal;

@@ -7,8 +7,11 @@ use std::time::Duration;
 
 use veiloc_localize::LocalizeOptions;
 
+use crate::admin;
+use crate::connections::Limits;
 use crate::error::ServerError;
 use crate::geo::GeoFrame;
+use crate::log::LogQueue;
 
 /// A map and the name it is served under.
 #[derive(Debug, Clone)]
@@ -50,18 +53,25 @@ pub struct Timeouts {
     pub localize: Duration,
     /// The client's reading of an answer, as long as it takes nothing.
     pub write: Duration,
+    /// A connection on which no known token came; where none are needed, any. What is being answered is finished.
+    pub unknown_life: Duration,
+    /// Any connection.
+    pub life: Duration,
     /// What was accepted may still take this long when the server is told to stop.
     pub grace: Duration,
 }
 
 impl Default for Timeouts {
-    /// 5 s for a head (phones on bad networks need two), 15 s for a body (140 kB at 80 kbit/s), 30 s for a pose.
+    /// 5 s for a head (phones on bad networks need two), 15 s for a body (140 kB at 80 kbit/s), 30 s for a pose; a minute
+    /// for a connection that brings no token, ten for any.
     fn default() -> Self {
         Self {
             head: Duration::from_secs(5),
             body: Duration::from_secs(15),
             localize: Duration::from_secs(30),
             write: Duration::from_secs(15),
+            unknown_life: Duration::from_secs(60),
+            life: Duration::from_secs(600),
             grace: Duration::from_secs(30),
         }
     }
@@ -89,8 +99,18 @@ pub struct ServerOptions {
     pub workers: NonZeroUsize,
     /// Queries that may wait for a worker; one more is refused with 503. 32 wait about a second on two cores.
     pub queue: NonZeroUsize,
-    /// Connections at a time; one more waits to be accepted.
+    /// Connections at a time. One more takes the place of one that is idle, first of those that brought no token.
     pub connections: NonZeroUsize,
+    /// Connections of one address (of IPv6, one /64) at a time, those that brought a known token not counted.
+    pub connections_per_address: NonZeroUsize,
+    /// Of [`Self::connections`], how many are for known tokens alone. `None` for half of them; without
+    /// [`Self::tokens`], none are.
+    pub reserved_connections: Option<usize>,
+    /// Where to answer probes and metrics, beside [`Self::listen`]: plain HTTP that asks for no token, so an address that
+    /// only the operator reaches. `None` for no listener of their own.
+    pub admin: Option<SocketAddr>,
+    /// The queue that the program's log goes through, if it does: lines it dropped are counted in the metrics.
+    pub log: Option<LogQueue>,
     /// How long anything may take.
     pub timeouts: Timeouts,
     /// How often to look whether map, token and certificate files were replaced; `None` for never.
@@ -113,6 +133,10 @@ impl ServerOptions {
             workers: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: NonZeroUsize::MIN.saturating_add(31),
             connections: NonZeroUsize::MIN.saturating_add(1023),
+            connections_per_address: NonZeroUsize::MIN.saturating_add(127),
+            reserved_connections: None,
+            admin: None,
+            log: None,
             timeouts: Timeouts::default(),
             watch: Some(Duration::from_secs(2)),
             localize: LocalizeOptions::default(),
@@ -132,6 +156,9 @@ impl ServerOptions {
                 return Err(ServerError::TwoMaps { name: map.name.clone() });
             }
         }
+        if let Some(reserved) = self.reserved_connections.filter(|n| *n >= self.connections.get()) {
+            return Err(ServerError::Reserved { reserved, connections: self.connections.get() });
+        }
         let public = !self.listen.ip().is_loopback();
         if public && self.tls.is_none() && !self.insecure_http {
             return Err(ServerError::PlainHttp { listen: self.listen });
@@ -140,6 +167,21 @@ impl ServerOptions {
             return Err(ServerError::Anonymous { listen: self.listen });
         }
         Ok(())
+    }
+
+    pub(crate) fn limits(&self) -> Limits {
+        let total = self.connections.get();
+        let reserved = match self.tokens {
+            Some(_) => self.reserved_connections.unwrap_or(total / 2),
+            None => 0,
+        };
+        Limits { total, per_address: self.connections_per_address.get(), reserved }
+    }
+
+    /// Where probes and metrics go unless somebody says otherwise: loopback, the port after [`Self::listen`]'s (for any
+    /// free port any free one), so that two services of one machine differ in both.
+    pub fn default_admin(listen: SocketAddr) -> SocketAddr {
+        SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), admin::default_port(listen.port()))
     }
 }
 

@@ -4,11 +4,13 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 
+use crate::connections::Connections;
 use crate::error::ServerError;
 use crate::maps::{Maps, Stamp};
 use crate::metrics::Metrics;
 use crate::options::ServerOptions;
 use crate::pool::Pool;
+use crate::throttle::Throttle;
 use crate::tls::Tls;
 use crate::tokens::Callers;
 
@@ -19,6 +21,9 @@ pub(crate) struct App {
     pub(crate) pool: Pool,
     pub(crate) metrics: Metrics,
     pub(crate) tls: Option<Tls>,
+    pub(crate) connections: Arc<Connections>,
+    /// Log lines that anybody can cause.
+    pub(crate) quiet: Throttle,
     callers: RwLock<Arc<Callers>>,
     tokens_seen: RwLock<Option<Stamp>>,
     closing: AtomicBool,
@@ -38,7 +43,9 @@ impl App {
         let pool = Pool::start(options.workers, options.queue)
             .map_err(|source| ServerError::System { what: "threads", source })?;
         Ok(Self {
-            metrics: Metrics::new(options.workers.get(), options.queue.get()),
+            metrics: Metrics::new(options.workers.get(), options.queue.get(), options.log.as_ref()),
+            connections: Connections::new(options.limits()),
+            quiet: Throttle::default(),
             maps,
             pool,
             tls,

@@ -33,6 +33,17 @@ pub(crate) enum Role {
     Operator,
 }
 
+/// Tells one token from another; it is never printed.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct TokenKey([u8; 32]);
+
+impl TokenKey {
+    #[cfg(test)]
+    pub(crate) const fn of_digest(digest: [u8; 32]) -> Self {
+        Self(digest)
+    }
+}
+
 /// Who asks.
 pub(crate) struct Caller {
     digest: [u8; 32],
@@ -53,6 +64,11 @@ impl Caller {
     fn new(digest: [u8; 32], role: Role, rate: RateLimit) -> Self {
         let quota = Quota::per_second(rate.per_second).allow_burst(rate.burst);
         Self { digest, role, limiter: RateLimiter::direct(quota), burst: rate.burst }
+    }
+
+    /// Which token it brought.
+    pub(crate) const fn key(&self) -> TokenKey {
+        TokenKey(self.digest)
     }
 
     /// Takes one request from the allowance.
@@ -120,6 +136,11 @@ impl Callers {
             all.push(known.cloned().unwrap_or_else(|| Arc::new(Caller::new(digest, role, rate))));
         }
         Ok(Self::Tokens(all))
+    }
+
+    /// Whether tokens are asked for.
+    pub(crate) const fn ask_for_tokens(&self) -> bool {
+        matches!(self, Self::Tokens(_))
     }
 
     /// Who sent these headers.

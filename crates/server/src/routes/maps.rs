@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use axum::Extension;
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
@@ -12,6 +13,7 @@ use utoipa::ToSchema;
 
 use super::admit::admit;
 use super::record::ServedMap;
+use crate::connections::Guest;
 use crate::problem::{Problem, ProblemDocument};
 use crate::state::App;
 
@@ -41,8 +43,12 @@ struct MapEntry {
     (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
     (status = 429, description = "Allowance used", body = ProblemDocument, content_type = "application/problem+json"),
 ))]
-pub(super) async fn list(State(app): State<Arc<App>>, headers: HeaderMap) -> Result<Response, Problem> {
-    admit(&app, &headers)?;
+pub(super) async fn list(
+    State(app): State<Arc<App>>,
+    Extension(guest): Extension<Arc<Guest>>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    admit(&app, &guest, &headers)?;
     let maps = app.maps.slots().iter().map(|slot| {
         let hosted = slot.current();
         MapEntry {
@@ -68,10 +74,11 @@ pub(super) async fn list(State(app): State<Arc<App>>, headers: HeaderMap) -> Res
 ))]
 pub(super) async fn profile(
     State(app): State<Arc<App>>,
+    Extension(guest): Extension<Arc<Guest>>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    admit(&app, &headers)?;
+    admit(&app, &guest, &headers)?;
     let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
     let common = [(ETAG, hosted.etag.as_str()), (CACHE_CONTROL, "no-cache")];
     let mut response = if knows(&headers, &hosted.etag) {

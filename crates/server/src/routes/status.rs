@@ -40,7 +40,16 @@ pub(super) async fn metrics(State(app): State<Arc<App>>, headers: HeaderMap) -> 
     if app.callers().identify(&headers)?.role != Role::Operator {
         return Err(Problem::Forbidden);
     }
-    let text = app.metrics.text(app.pool.queued(), app.pool.busy());
+    Ok(metrics_text(&app))
+}
+
+/// The same for whoever reaches the listener that is the operator's alone.
+pub(super) async fn metrics_for_operator(State(app): State<Arc<App>>) -> Response {
+    metrics_text(&app)
+}
+
+fn metrics_text(app: &App) -> Response {
+    let text = app.metrics.text(app.pool.queued(), app.pool.busy(), app.connections.open());
     let kind = "application/openmetrics-text; version=1.0.0; charset=utf-8";
-    Ok(([(CONTENT_TYPE, kind)], text).into_response())
+    ([(CONTENT_TYPE, kind)], text).into_response()
 }
