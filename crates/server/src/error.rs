@@ -91,6 +91,12 @@ pub enum ServerError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A file of tokens that lets nobody in.
+    #[error("{}: holds no token, so nobody could ask; add one, or the line `nobody` if that is meant", path.display())]
+    NoTokens {
+        /// Which file.
+        path: PathBuf,
+    },
     /// A line of the file of tokens is not one. The line itself is not repeated: it may hold a secret.
     #[error("{}, line {line}: {reason}", path.display())]
     Tokens {

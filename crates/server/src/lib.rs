@@ -49,6 +49,7 @@
 
 mod admin;
 mod answer;
+mod attempts;
 mod connection;
 mod connections;
 mod descriptors;
@@ -62,6 +63,7 @@ mod padding;
 mod panics;
 mod pool;
 mod problem;
+mod reload;
 mod routes;
 mod serve;
 mod signals;

@@ -35,6 +35,7 @@ pub(crate) struct Metrics {
     stages: Family<Labels, Histogram, fn() -> Histogram>,
     localizations: Family<Labels, Counter>,
     reloads: Family<Labels, Counter>,
+    failing: Family<Labels, Gauge>,
     queued: Gauge,
     busy: Gauge,
     connections: Gauge,
@@ -55,6 +56,12 @@ impl Metrics {
             "reloads",
             "Files read again, by what they hold and whether it was taken",
             reloads.clone(),
+        );
+        let failing = Family::default();
+        registry.register(
+            "reload_failing",
+            "1 while the newest state of a file cannot be used and an older one, or none, is",
+            failing.clone(),
         );
         let gauge = |registry: &mut Registry, name: &str, help: &str, value: usize| {
             let gauge: Gauge = Gauge::default();
@@ -87,6 +94,7 @@ impl Metrics {
             stages,
             localizations,
             reloads,
+            failing,
             queued,
             busy,
             connections,
@@ -135,6 +143,17 @@ impl Metrics {
             ("result", Cow::Borrowed(if taken { "taken" } else { "refused" })),
         ];
         self.reloads.get_or_create(&labels).inc();
+    }
+
+    /// `what` as for [`Self::reload`], or `folder`.
+    pub(crate) fn reload_failing(&self, what: &'static str, name: &str, failing: bool) {
+        let labels = vec![("file", Cow::Borrowed(what)), ("map", Cow::Owned(name.to_owned()))];
+        self.failing.get_or_create(&labels).set(failing.into());
+    }
+
+    /// A map that is served no more fails no more.
+    pub(crate) fn forget_map(&self, name: &str) {
+        self.failing.remove(&vec![("file", Cow::Borrowed("map")), ("map", Cow::Owned(name.to_owned()))]);
     }
 
     /// All of it; the counts of pool and connections are read now.

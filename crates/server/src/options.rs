@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use veiloc_localize::LocalizeOptions;
+use veiloc_map::MapMemory;
 
 use crate::admin;
 use crate::connections::Limits;
@@ -83,14 +84,20 @@ impl Default for Timeouts {
 pub struct ServerOptions {
     /// Where to listen; port 0 for any free one.
     pub listen: SocketAddr,
-    /// What to serve, at least one.
+    /// What to serve, at least one unless there is a folder.
     pub maps: Vec<MapSource>,
+    /// A folder whose files `NAME.vmap` are served too, each as `NAME`, as they come and go.
+    pub maps_folder: Option<PathBuf>,
+    /// Where the bytes of maps are: by default copied into memory, so that what becomes of the files cannot touch them.
+    pub map_memory: MapMemory,
     /// Certificate files. Without them the service speaks plain HTTP, which it does on loopback only.
     pub tls: Option<TlsFiles>,
     /// Plain HTTP beyond loopback: for a proxy that does TLS in front of this service.
     pub insecure_http: bool,
     /// Who may ask: one token a line, see `docs/service.md`. Without it everybody on this machine may.
     pub tokens: Option<PathBuf>,
+    /// How long the last valid tokens hold when the file of tokens is gone, empty or wrong; then nobody may ask.
+    pub stale_tokens: Duration,
     /// Everybody may ask, beyond loopback too.
     pub allow_anonymous: bool,
     /// For each token; without tokens, for all requests together.
@@ -113,7 +120,8 @@ pub struct ServerOptions {
     pub log: Option<LogQueue>,
     /// How long anything may take.
     pub timeouts: Timeouts,
-    /// How often to look whether map, token and certificate files were replaced; `None` for never.
+    /// How often to look whether map, token and certificate files were replaced, and whether maps came or went; `None` for
+    /// never. A token taken out of its file is refused after so much time at the latest.
     pub watch: Option<Duration>,
     /// How to localize.
     pub localize: LocalizeOptions,
@@ -125,9 +133,12 @@ impl ServerOptions {
         Self {
             listen: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080),
             maps,
+            maps_folder: None,
+            map_memory: MapMemory::default(),
             tls: None,
             insecure_http: false,
             tokens: None,
+            stale_tokens: Duration::from_secs(300),
             allow_anonymous: false,
             rate: RateLimit { per_second: TWENTY, burst: TWENTY },
             workers: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
@@ -145,7 +156,7 @@ impl ServerOptions {
 
     /// Refuses what would be a mistake.
     pub(crate) fn check(&self) -> Result<(), ServerError> {
-        if self.maps.is_empty() {
+        if self.maps.is_empty() && self.maps_folder.is_none() {
             return Err(ServerError::NoMap);
         }
         for (i, map) in self.maps.iter().enumerate() {
@@ -188,7 +199,7 @@ impl ServerOptions {
 const TWENTY: NonZeroU32 = NonZeroU32::MIN.saturating_add(19);
 
 /// Names go into addresses, metrics and logs: nothing in them may need escaping.
-fn is_name(name: &str) -> bool {
+pub(crate) fn is_name(name: &str) -> bool {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     (1..=64).contains(&name.len()) && name.chars().all(allowed) && name != "." && name != ".."
 }

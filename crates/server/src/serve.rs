@@ -2,7 +2,7 @@
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::Router;
 use tokio::net::{TcpListener, TcpStream};
@@ -15,7 +15,7 @@ use crate::error::ServerError;
 use crate::options::{ServerOptions, Timeouts};
 use crate::routes::router;
 use crate::state::App;
-use crate::watch::watch_files;
+use crate::watch::Watchers;
 
 /// The service, bound to its address, with all maps open.
 pub struct Server {
@@ -23,16 +23,19 @@ pub struct Server {
     listener: TcpListener,
     listening: Listening,
     admin: Option<TcpListener>,
+    _watchers: Option<Watchers>,
     stop: watch::Sender<bool>,
 }
 
-/// Where the service listens.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Where the service listens, and what it serves.
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Listening {
     /// For queries.
     pub address: SocketAddr,
     /// For probes and metrics, if there is a listener of their own.
     pub admin: Option<SocketAddr>,
+    /// Maps that are served at the start.
+    pub maps: Vec<String>,
 }
 
 /// Tells a running service what to do.
@@ -52,7 +55,9 @@ impl ServerHandle {
     /// Read maps, tokens and certificate again. Blocks while it reads; what cannot be read is refused with a line in
     /// the log, and what was there before stays.
     pub fn reload(&self) {
-        self.app.reload(true);
+        let now = Instant::now();
+        self.app.reload_credentials(true, now);
+        self.app.reload_maps(true, now);
     }
 }
 
@@ -69,8 +74,13 @@ impl Server {
             None => None,
         };
         let (admin, admin_address) = admin.unzip();
-        let listening = Listening { address, admin: admin_address };
-        Ok(Self { app, listener, listening, admin, stop: watch::Sender::new(false) })
+        let served = app.maps.slots().into_iter().filter(|slot| slot.current().is_some());
+        let maps = served.map(|slot| slot.name().to_owned()).collect();
+        let listening = Listening { address, admin: admin_address, maps };
+        let system = |source| ServerError::System { what: "threads", source };
+        let watchers =
+            app.options.watch.map(|every| Watchers::start(&app, every)).transpose().map_err(system)?;
+        Ok(Self { app, listener, listening, admin, _watchers: watchers, stop: watch::Sender::new(false) })
     }
 
     /// Where it answers queries.
@@ -78,9 +88,9 @@ impl Server {
         self.listening.address
     }
 
-    /// All addresses it listens on.
-    pub const fn listening(&self) -> Listening {
-        self.listening
+    /// All addresses it listens on, and the maps it begins with.
+    pub const fn listening(&self) -> &Listening {
+        &self.listening
     }
 
     /// For stopping and reloading it while it runs.
@@ -91,9 +101,7 @@ impl Server {
     /// Answers until [`ServerHandle::stop`], then finishes what was accepted, at most for the grace period. Returns
     /// how many connections had to be given up.
     pub async fn run(self) -> usize {
-        let Self { app, listener, admin, stop, .. } = self;
-        let watcher =
-            app.options.watch.map(|every| tokio::spawn(watch_files(app.clone(), every, stop.subscribe())));
+        let Self { app, listener, admin, stop, _watchers, .. } = self;
         let summing = tokio::spawn(sum_log_lines(app.clone()));
         // Probes and metrics are answered until the very end.
         let end = watch::Sender::new(false);
@@ -119,10 +127,7 @@ impl Server {
         let in_time =
             tokio::time::timeout(app.options.timeouts.grace, app.connections.all_closed()).await.is_ok();
         let abandoned = if in_time { 0 } else { app.connections.open() };
-        for task in watcher.into_iter().chain([summing]) {
-            // They end by themselves; a map being read may take a while, and nobody needs it any more.
-            task.abort();
-        }
+        summing.abort();
         app.quiet.tell();
         end.send_replace(true);
         if let Some(admin) = admin {

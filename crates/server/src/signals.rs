@@ -14,7 +14,10 @@ use crate::serve::{Listening, Server, ServerHandle};
 ///
 /// # Errors
 /// [`ServerError`] when it cannot start.
-pub fn run_until_signal(options: ServerOptions, ready: impl FnOnce(Listening)) -> Result<usize, ServerError> {
+pub fn run_until_signal(
+    options: ServerOptions,
+    ready: impl FnOnce(&Listening),
+) -> Result<usize, ServerError> {
     descriptors::make_room(&options)?;
     panics::own_process();
     let system = |what| move |source| ServerError::System { what, source };

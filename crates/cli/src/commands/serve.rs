@@ -7,11 +7,12 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use tracing_subscriber::filter::LevelFilter;
+use veiloc_map::MapMemory;
 use veiloc_server::{
     BadGeoFrame, GeoFrame, LogQueue, MapSource, RateLimit, ServerOptions, TlsFiles, run_until_signal,
 };
 
-use crate::commands::localization_args::{MatchArgs, PoseArgs, positive};
+use crate::commands::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
@@ -23,8 +24,15 @@ use crate::ui::Ui;
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// A map and the name it is served under; several may be given.
-    #[arg(long = "map", required = true, value_name = "NAME=FILE")]
+    #[arg(long = "map", required_unless_present = "folder", value_name = "NAME=FILE")]
     maps: Vec<NamedMap>,
+    /// A folder whose files NAME.vmap are served as NAME, as they come and go.
+    #[arg(long = "maps", value_name = "DIR")]
+    folder: Option<PathBuf>,
+    /// Where the bytes of maps are: copied into memory, where nothing that happens to a file can touch them, or mapped, by
+    /// which you promise that nobody writes into a map's file or shortens it while it is served.
+    #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
+    map_memory: Memory,
     /// Where a map lies on Earth, so that poses can be told as OGC GeoPose: degrees, metres above the WGS 84 ellipsoid,
     /// the quaternion that turns map axes into east, north, up there, and metres a map unit (1).
     #[arg(long = "geo", value_name = "NAME=LAT,LON,HEIGHT,QW,QX,QY,QZ[,METRES]", allow_hyphen_values = true)]
@@ -48,6 +56,9 @@ pub(crate) struct Args {
     /// Who may ask, a line each: a name, the SHA-256 of the token, and `operator` if it may read the metrics.
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
+    /// Seconds that the last valid tokens hold when their file is gone, empty or wrong; then nobody may ask.
+    #[arg(long, default_value_t = 300.0, value_parser = not_negative, value_name = "SECONDS")]
+    stale_tokens: f64,
     /// Let everybody ask, beyond loopback too.
     #[arg(long, conflicts_with = "tokens")]
     allow_anonymous: bool,
@@ -102,6 +113,13 @@ pub(crate) struct Args {
     matching: MatchArgs,
 }
 
+/// Where the bytes of maps are.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Memory {
+    Copied,
+    Mapped,
+}
+
 /// `NAME=FILE`.
 #[derive(Clone)]
 struct NamedMap {
@@ -146,12 +164,13 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     options.log = Some(log.clone());
     let voice = Voice { log: &log, json: args.log_json, quiet: ui.is_quiet() };
     let scheme = if options.tls.is_some() { "https" } else { "http" };
-    let names: Vec<String> = args.maps.iter().map(|map| map.name.clone()).collect();
     let ended = run_until_signal(options, |listening| {
         if let Some(admin) = listening.admin {
             voice.say(format!("probes and metrics on http://{admin}"));
         }
-        voice.say(format!("serving {} on {scheme}://{}", names.join(", "), listening.address));
+        let names =
+            if listening.maps.is_empty() { "no map yet".to_owned() } else { listening.maps.join(", ") };
+        voice.say(format!("serving {names} on {scheme}://{}", listening.address));
     });
     let exit = match ended {
         Ok(0) => {
@@ -219,11 +238,17 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
         |map: &NamedMap| MapSource { name: map.name.clone(), path: map.path.clone(), geo: geo(&map.name) };
     let mut options = ServerOptions::new(args.maps.iter().map(source).collect());
     options.listen = args.listen;
+    options.maps_folder.clone_from(&args.folder);
+    options.map_memory = match args.map_memory {
+        Memory::Copied => MapMemory::Copied,
+        Memory::Mapped => MapMemory::Mapped,
+    };
     if let (Some(cert), Some(key)) = (&args.cert, &args.key) {
         options.tls = Some(TlsFiles { cert: cert.clone(), key: key.clone() });
     }
     options.insecure_http = args.insecure_http;
     options.tokens.clone_from(&args.tokens);
+    options.stale_tokens = Duration::from_secs_f64(args.stale_tokens.min(86_400.0 * 365.0));
     options.allow_anonymous = args.allow_anonymous;
     options.rate = RateLimit { per_second: args.rate, burst: args.burst.unwrap_or(args.rate) };
     if let Some(workers) = args.workers {

@@ -128,7 +128,7 @@ fn welcome(
     headers: &HeaderMap,
 ) -> Result<Request, Problem> {
     let caller = admit(app, guest, headers)?;
-    let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
+    let hosted = app.maps.served(&name.map_err(|_| Problem::UnknownMap)?)?;
     let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let media = media.split(';').next().unwrap_or_default().trim();
     let known = ["application/x-protobuf", "application/octet-stream"];

@@ -20,7 +20,7 @@ use crate::state::App;
 /// All maps.
 #[derive(Serialize, ToSchema)]
 pub(super) struct MapList {
-    /// In the order the operator gave them.
+    /// In the order the operator gave them, then those of the folder; without those that cannot be opened.
     maps: Vec<MapEntry>,
 }
 
@@ -49,14 +49,12 @@ pub(super) async fn list(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     admit(&app, &guest, &headers)?;
-    let maps = app.maps.slots().iter().map(|slot| {
-        let hosted = slot.current();
-        MapEntry {
-            name: hosted.name.clone(),
-            images: hosted.map.image_count(),
-            points: hosted.map.point_count(),
-            profile_id: hosted.map.profile().id().to_string(),
-        }
+    let slots = app.maps.slots();
+    let maps = slots.iter().filter_map(|slot| slot.current()).map(|hosted| MapEntry {
+        name: hosted.name.clone(),
+        images: hosted.map.image_count(),
+        points: hosted.map.point_count(),
+        profile_id: hosted.map.profile().id().to_string(),
     });
     let body = serde_json::to_vec(&MapList { maps: maps.collect() }).map_err(|_| Problem::Broken)?;
     Ok(([(CONTENT_TYPE, "application/json")], body).into_response())
@@ -79,7 +77,7 @@ pub(super) async fn profile(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     admit(&app, &guest, &headers)?;
-    let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
+    let hosted = app.maps.served(&name.map_err(|_| Problem::UnknownMap)?)?;
     let common = [(ETAG, hosted.etag.as_str()), (CACHE_CONTROL, "no-cache")];
     let mut response = if knows(&headers, &hosted.etag) {
         (StatusCode::NOT_MODIFIED, common).into_response()

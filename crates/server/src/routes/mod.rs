@@ -45,7 +45,8 @@ pub(crate) fn router(app: Arc<App>) -> Router {
 pub(crate) fn admin_router(app: Arc<App>) -> Router {
     Router::new()
         .route("/healthz", get(status::health))
-        .route("/readyz", get(status::ready))
+        .route("/readyz", get(status::ready_for_operator))
+        .route("/readyz/{name}", get(status::map_ready))
         .route("/metrics", get(status::metrics_for_operator))
         .method_not_allowed_fallback(async || Problem::WrongMethod)
         .fallback(async || Problem::NotFound)

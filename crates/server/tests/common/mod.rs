@@ -242,7 +242,7 @@ impl Running {
                 .expect("runtime");
             runtime.block_on(async {
                 let server = Server::bind(options).await.expect("a server");
-                sender.send((server.listening(), server.handle())).expect("the test waits");
+                sender.send((server.listening().clone(), server.handle())).expect("the test waits");
                 server.run().await
             })
         });
