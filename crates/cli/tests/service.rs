@@ -6,9 +6,9 @@ mod common;
 mod http;
 
 use std::fs;
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{BufRead as _, BufReader, Lines, Write as _};
 use std::net::{SocketAddr, TcpListener};
-use std::process::{Child, Command};
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -21,16 +21,29 @@ struct Service {
     url: String,
     address: SocketAddr,
     log: Arc<Mutex<String>>,
+    reader: Option<std::thread::JoinHandle<()>>,
 }
 
 impl Service {
     fn start(place: &Place, arguments: &str) -> Self {
+        let (mut service, lines) = Self::start_unread(place, arguments);
+        let kept = service.log.clone();
+        service.reader = Some(std::thread::spawn(move || {
+            for line in lines.map_while(Result::ok) {
+                let mut log = kept.lock().expect("not poisoned");
+                *log = format!("{log}{line}\n");
+            }
+        }));
+        service
+    }
+
+    /// With a log that is read as far as the line that tells where it listens, and no further.
+    fn start_unread(place: &Place, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
         let mut child = place
             .command(&format!("serve --listen 127.0.0.1:0 {arguments}"))
             .spawn()
             .expect("the binary runs");
         let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
-        let log = Arc::new(Mutex::new(String::new()));
         let mut said = String::new();
         let url = loop {
             let Some(Ok(line)) = lines.next() else { panic!("the service did not start: {said}") };
@@ -39,15 +52,8 @@ impl Service {
             }
             said = said + &line + "\n";
         };
-        let kept = log.clone();
-        std::thread::spawn(move || {
-            for line in lines.map_while(Result::ok) {
-                let mut log = kept.lock().expect("not poisoned");
-                *log = format!("{log}{line}\n");
-            }
-        });
         let address = url.split("//").nth(1).and_then(|a| a.parse().ok()).expect("an address");
-        Self { child, url, address, log }
+        (Self { child, url, address, log: Arc::default(), reader: None }, lines)
     }
 
     fn log(&self) -> String {
@@ -354,6 +360,104 @@ fn signals_stop_and_reload() {
     service.signal("-TERM");
     let status = service.child.wait().expect("ended");
     assert_eq!(status.code(), Some(0), "{}", service.log());
+}
+
+/// A pipe that nobody reads, a reader that has gone, a disk that is full: requests are answered, and SIGTERM ends it.
+#[test]
+fn a_log_that_cannot_be_written_stops_nothing() {
+    let place = place();
+    let answered = |address: SocketAddr| {
+        let mut stream = http::connect(address);
+        let request = http::Request::get("/v1/maps").bytes();
+        // Some ten times what a pipe holds.
+        for _ in 0..6000 {
+            stream.write_all(&request).expect("written");
+            assert_eq!(http::Response::read(&mut stream).status, 200);
+        }
+    };
+    let end = |mut service: Service| {
+        service.signal("-TERM");
+        assert_eq!(service.child.wait().expect("ended").code(), Some(0));
+    };
+    let (service, unread) = Service::start_unread(place, "--map place=place.vmap --rate 1000000");
+    answered(service.address);
+    end(service);
+    drop(unread);
+    let (service, gone) = Service::start_unread(place, "--map place=place.vmap --rate 1000000");
+    drop(gone);
+    answered(service.address);
+    end(service);
+    if let Ok(full) = fs::File::options().write(true).open("/dev/full") {
+        let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
+        let command =
+            format!("serve --map place=place.vmap --listen {free} --admin-listen 127.0.0.1:0 --rate 1000000");
+        let child = place.command(&command).stderr(Stdio::from(full)).spawn().expect("the binary runs");
+        let service = Service {
+            child,
+            url: format!("http://{free}"),
+            address: free,
+            log: Arc::default(),
+            reader: None,
+        };
+        while std::net::TcpStream::connect(free).is_err() {
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
+        answered(free);
+        end(service);
+    }
+}
+
+/// With `--log-json` every line is JSON, those for people too.
+#[test]
+fn a_log_of_json_holds_nothing_else() {
+    let place = place();
+    let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
+    for (arguments, code) in [("", 0), (" --map place=none.vmap", 1)] {
+        let maps = if arguments.is_empty() { " --map place=place.vmap" } else { arguments };
+        let command = format!("serve --listen {free} --admin-listen 127.0.0.1:0 --log-json{maps}");
+        let mut child = place.command(&command).spawn().expect("the binary runs");
+        if code == 0 {
+            while std::net::TcpStream::connect(free).is_err() {
+                std::thread::sleep(std::time::Duration::from_millis(10));
+            }
+            assert_eq!(http::Request::get("/v1/maps").send(free).status, 200);
+            let status = Command::new("kill").args(["-TERM", &child.id().to_string()]).status();
+            assert!(status.expect("kill runs").success());
+        }
+        let lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+        let lines: Vec<String> = lines.map_while(Result::ok).collect();
+        assert_eq!(child.wait().expect("ended").code(), Some(code), "{lines:?}");
+        assert!(!lines.is_empty());
+        for line in &lines {
+            let value: serde_json::Value =
+                serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"));
+            assert!(value["fields"]["message"].is_string(), "{line}");
+        }
+        let served = lines.iter().filter(|line| line.contains("serving place on http")).count();
+        assert_eq!(served, usize::from(code == 0), "{lines:?}");
+    }
+}
+
+/// Connections that cannot all be open are an error at the start, not a service that stops to accept.
+#[test]
+fn connections_that_cannot_fit_are_refused_at_the_start() {
+    let place = place();
+    let limited = |connections: &str| {
+        let serve =
+            format!("{} serve --map place=place.vmap --listen 127.0.0.1:0", env!("CARGO_BIN_EXE_veiloc"));
+        let mut command = Command::new("sh");
+        command.args(["-c", &format!("ulimit -n 300; exec {serve} --connections {connections}")]);
+        command.current_dir(&place.folder).stderr(Stdio::piped()).spawn().expect("sh runs")
+    };
+    let output = limited("1024").wait_with_output().expect("ended");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("open files") && said.contains("ulimit -n 1216") && said.contains("300"), "{said}");
+    let mut child = limited("100");
+    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.starts_with("serving ")), "100 fit");
+    child.kill().expect("killed");
+    child.wait().expect("ended");
 }
 
 /// `kill -9` while requests are answered and the map is being exchanged: the map is whole, a new service answers.

@@ -1,6 +1,11 @@
-//! A file read as one slice, without copying it into memory first.
+//! A file read as one slice, without copying it into memory first, or copied into memory that no other program can change.
 
-use std::{fs::File, io, ops::Deref, path::Path};
+use std::{
+    fs::File,
+    io::{self, Read as _},
+    ops::Deref,
+    path::Path,
+};
 
 use memmap2::{Mmap, MmapMut};
 
@@ -39,6 +44,23 @@ impl MappedFile {
         // else writes into the file meanwhile is this project's rule for the files it maps (see the type's doc).
         let map = unsafe { Mmap::map(&file)? };
         Ok(Self { map: Some(map) })
+    }
+
+    /// The same bytes in memory of this process: what becomes of the file afterwards does not touch them.
+    ///
+    /// It costs as much memory as the file has bytes, and the time to read them. Of a file that is written into meanwhile
+    /// they are a mixture, which whoever reads them must be able to tell by a checksum.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; [`io::ErrorKind::UnexpectedEof`] when the file became shorter while it was read.
+    pub fn copied(path: &Path) -> io::Result<Self> {
+        let mut file = File::open(path)?;
+        let metadata = file.metadata()?;
+        if metadata.is_dir() {
+            return Err(io::Error::from(io::ErrorKind::IsADirectory));
+        }
+        let length = usize::try_from(metadata.len()).map_err(|_| io::ErrorKind::OutOfMemory)?;
+        Self::in_memory(length, |bytes| file.read_exact(bytes))
     }
 
     /// The same of no file: `length` bytes of memory, aligned to a page as a file's are, zero but for what `fill` writes.
@@ -90,6 +112,24 @@ mod tests {
         let nothing = |to: &mut [u8]| if to.is_empty() { Ok(()) } else { Err(io::Error::other("not empty")) };
         assert!(MappedFile::in_memory(0, nothing).unwrap().is_empty());
         assert!(MappedFile::in_memory(5, |_| Err(io::Error::other("no"))).is_err());
+    }
+
+    #[test]
+    fn a_copy_does_not_change_with_its_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("some.bin");
+        let bytes: Vec<u8> = (0..10_000_u32).map(|i| i as u8).collect();
+        std::fs::write(&path, &bytes).unwrap();
+        let copy = MappedFile::copied(&path).unwrap();
+        std::fs::write(&path, [7; 10_000]).unwrap();
+        assert_eq!(&*copy, bytes);
+        File::options().write(true).open(&path).unwrap().set_len(10).unwrap();
+        assert_eq!(&*copy, bytes);
+        assert_eq!(&*MappedFile::copied(&path).unwrap(), [7; 10]);
+        assert!(copy.as_ptr().addr().is_multiple_of(64));
+        std::fs::write(&path, []).unwrap();
+        assert!(MappedFile::copied(&path).unwrap().is_empty());
+        assert!(MappedFile::copied(dir.path()).is_err());
     }
 
     #[test]

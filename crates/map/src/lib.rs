@@ -52,7 +52,7 @@ mod settings;
 
 pub use down::{Down, DownError};
 pub use error::{MapError, Place, Record};
-pub use file::{FORMAT_VERSION, ImageView, MapFile, MapLock, MapView, Without, write};
+pub use file::{FORMAT_VERSION, ImageView, MapFile, MapLock, MapMemory, MapView, Without, write};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
 pub use posed::{PosedImage, PosedImages};
 pub use self_test::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest, SelfTest};

@@ -8,7 +8,7 @@
 //!
 //! Both are trained on the CPU by a small engine of their own, with derivatives by hand: equal seeds give equal
 //! networks, whatever the number of threads, and a training that was interrupted goes on as if it had not been
-//! ([`TrainingState`]). Decision 0020 says why no library does this.
+//! ([`TrainingState`]). Decision 0021 says why no library does this.
 #![forbid(unsafe_code)]
 
 mod engine;

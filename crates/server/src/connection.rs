@@ -2,61 +2,108 @@
 
 use std::io;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
 use axum::Router;
+use hyper::Request;
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::{Service as _, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::sync::watch;
 use tokio::time::{Instant, Sleep};
 
+use crate::connections::{Guest, Place};
+
 /// Most bytes of a request's head. A token, a content type and what proxies add fit in a fraction.
 const MAX_HEAD: usize = 16 * 1024;
 
-/// Answers the requests of one connection until the client leaves, is too slow, or `stop` says so. Then the request
-/// being answered is finished, and the connection closed.
+/// How long a connection may take, and be.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Conduct {
+    /// Head of a request, and pause between two requests.
+    pub(crate) head: Duration,
+    /// Reading of an answer, as long as nothing is taken.
+    pub(crate) write: Duration,
+    /// All of it, as long as it brings no token.
+    pub(crate) unknown_life: Duration,
+    /// All of it.
+    pub(crate) life: Duration,
+}
+
+/// Answers the requests of one connection until the client leaves, is too slow, has been there for too long, has to make
+/// room for another, or `stop` says so. What is being answered then is finished, and the connection closed.
 pub(crate) async fn serve_connection<S>(
     stream: S,
     router: Router,
-    head: Duration,
-    write: Duration,
+    place: &Place,
+    conduct: Conduct,
     mut stop: watch::Receiver<bool>,
 ) where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
-    let service = TowerToHyperService::new(router);
+    let guest = place.guest().clone();
+    let router = TowerToHyperService::new(router);
+    let answering = guest.clone();
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        let guest = answering.clone();
+        guest.begin();
+        request.extensions_mut().insert(guest.clone());
+        let answer = router.call(request);
+        async move {
+            let answer = answer.await;
+            guest.answered();
+            answer
+        }
+    });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
-        .header_read_timeout(head)
+        .header_read_timeout(conduct.head)
         .max_buf_size(MAX_HEAD.max(64 * 1024))
         .max_header_size(MAX_HEAD)
-        .serve_connection(TokioIo::new(Patient::new(stream, write)), service);
+        .serve_connection(TokioIo::new(Patient::new(stream, conduct.write, guest.clone())), service);
     let mut connection = std::pin::pin!(connection);
     // An error here is a client that broke off or spoke no HTTP: nothing that anybody could act on, and its text
     // could hold what was sent.
     tokio::select! {
         _ = connection.as_mut() => return,
         _ = stop.wait_for(|stop| *stop) => {}
+        () = guest.told_to_leave() => {}
+        () = life(&guest, conduct) => {}
     }
     connection.as_mut().graceful_shutdown();
-    let _ = connection.await;
+    // One that is idle ends with that, but for a connection that never sent anything: it would be waited for in vain.
+    if !guest.is_idle() {
+        let _ = connection.await;
+    }
+}
+
+/// Until the connection has been there for as long as it may.
+async fn life(guest: &Guest, conduct: Conduct) {
+    let first = conduct.unknown_life.min(conduct.life);
+    tokio::time::sleep(first).await;
+    if guest.is_known() {
+        tokio::time::sleep(conduct.life - first).await;
+    }
 }
 
 /// A stream that gives up on a reader who takes nothing for a while: hyper limits how long a client may take to send,
-/// not to receive.
+/// not to receive. It also tells the guest what comes and goes.
 struct Patient<S> {
     stream: S,
+    guest: Arc<Guest>,
     patience: Duration,
     deadline: Pin<Box<Sleep>>,
     waiting: bool,
 }
 
 impl<S> Patient<S> {
-    fn new(stream: S, patience: Duration) -> Self {
-        Self { stream, patience, deadline: Box::pin(tokio::time::sleep(patience)), waiting: false }
+    fn new(stream: S, patience: Duration, guest: Arc<Guest>) -> Self {
+        Self { stream, guest, patience, deadline: Box::pin(tokio::time::sleep(patience)), waiting: false }
     }
 
     /// Passes on what a write said; one that has been pending for too long becomes an error.
@@ -80,7 +127,12 @@ impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_read(context, buffer)
+        let before = buffer.filled().len();
+        let polled = Pin::new(&mut self.stream).poll_read(context, buffer);
+        if buffer.filled().len() > before {
+            self.guest.received();
+        }
+        polled
     }
 }
 
@@ -96,6 +148,9 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         let polled = Pin::new(&mut self.stream).poll_flush(context);
+        if matches!(polled, Poll::Ready(Ok(()))) {
+            self.guest.flushed();
+        }
         self.limit(polled, context)
     }
 

@@ -42,8 +42,33 @@ pub enum ServerError {
         /// Where it was to listen.
         listen: SocketAddr,
     },
+    /// No connection would be left for who is not known yet.
+    #[error(
+        "of {connections} connections {reserved} cannot be reserved; who brings a token needs one to bring it on"
+    )]
+    Reserved {
+        /// How many were to be reserved.
+        reserved: usize,
+        /// How many there are.
+        connections: usize,
+    },
+    /// The system allows fewer open files than there may be connections.
+    #[error(
+        "{connections} connections need {needed} open files, and the system allows {allowed}; lower --connections, or \
+         raise the limit (`ulimit -n {needed}`, systemd: `LimitNOFILE={needed}`)"
+    )]
+    OpenFiles {
+        /// How many connections were asked for.
+        connections: usize,
+        /// Open files that they need, all others included.
+        needed: u64,
+        /// How many are allowed, the limit raised as far as it goes.
+        allowed: u64,
+    },
     /// The address is taken or not ours.
-    #[error("cannot listen on {listen}: {source}; choose another address or stop what uses it")]
+    #[error(
+        "cannot listen on {listen}: {source}; choose another address (--listen, --admin-listen) or stop what uses it"
+    )]
     Listen {
         /// The address.
         listen: SocketAddr,
@@ -65,6 +90,12 @@ pub enum ServerError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// A file of tokens that lets nobody in.
+    #[error("{}: holds no token, so nobody could ask; add one, or the line `nobody` if that is meant", path.display())]
+    NoTokens {
+        /// Which file.
+        path: PathBuf,
     },
     /// A line of the file of tokens is not one. The line itself is not repeated: it may hold a secret.
     #[error("{}, line {line}: {reason}", path.display())]

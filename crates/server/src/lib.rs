@@ -47,10 +47,15 @@
 //! work, also reaches that program's own panic hook. And this crate depends neither on `veiloc-features` nor on `veiloc-obfuscation` (`cargo xtask tidy`).
 #![forbid(unsafe_code)]
 
+mod admin;
 mod answer;
+mod attempts;
 mod connection;
+mod connections;
+mod descriptors;
 mod error;
 mod geo;
+mod log;
 mod maps;
 mod metrics;
 mod options;
@@ -58,18 +63,21 @@ mod padding;
 mod panics;
 mod pool;
 mod problem;
+mod reload;
 mod routes;
 mod serve;
 mod signals;
 mod state;
+mod throttle;
 mod tls;
 mod tokens;
 mod watch;
 
 pub use error::ServerError;
 pub use geo::{BadGeoFrame, GeoAccuracy, GeoFrame, GeoPoseDocument, GeoPosition, GeoQuaternion};
+pub use log::{LogLine, LogQueue};
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts, TlsFiles};
 pub use problem::ProblemDocument;
 pub use routes::openapi_json;
-pub use serve::{Server, ServerHandle};
+pub use serve::{Listening, Server, ServerHandle};
 pub use signals::run_until_signal;

@@ -1,20 +1,25 @@
-//! The maps that are served, and exchanging one for another while queries are being answered.
+//! The maps that are served: each with its own readiness, exchanged, added and removed while queries are answered.
 
 use std::fs;
-use std::path::Path;
-use std::sync::{Arc, PoisonError, RwLock};
-use std::time::SystemTime;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use std::time::{Instant, SystemTime};
 
 use sha2::{Digest as _, Sha256};
-use veiloc_map::{MapError, MapFile};
+use veiloc_map::{MapError, MapFile, MapMemory};
 
+use crate::attempts::Attempts;
 use crate::error::ServerError;
 use crate::geo::GeoFrame;
-use crate::options::MapSource;
+use crate::options::{MapSource, is_name};
+use crate::problem::Problem;
 
 /// Rows of the largest query, and room for the fields around them.
 const QUERY_ROWS: usize = 4096;
 const QUERY_FIELDS: usize = 4096;
+
+/// A file gone from the folder is a map taken away when so many looks in a row do not find it.
+const LOOKS_WITHOUT: u32 = 2;
 
 /// A map as it is now. Whoever answers a query keeps this one, whatever becomes of its name meanwhile.
 pub(crate) struct Hosted {
@@ -30,8 +35,8 @@ pub(crate) struct Hosted {
 }
 
 impl Hosted {
-    fn open(source: &MapSource) -> Result<Self, MapError> {
-        let map = MapFile::open(&source.path)?;
+    fn open(source: &MapSource, memory: MapMemory) -> Result<Self, MapError> {
+        let map = MapFile::open_in(&source.path, memory)?;
         let profile = map.profile().encode();
         let hash = Sha256::digest(&profile);
         let digits = hash.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"));
@@ -49,17 +54,18 @@ impl Hosted {
 }
 
 /// What tells one state of a file from another without reading it. A file that is replaced by renaming has another
-/// number, even when size and time are the same.
+/// number; one that was written into has other times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Stamp {
+struct Stamp {
     length: u64,
     modified: Option<SystemTime>,
-    file: u64,
+    /// Number of the file, and when its entry changed: seconds and nanoseconds.
+    file: [i64; 3],
 }
 
 impl Stamp {
     /// `None` when there is no such file now.
-    pub(crate) fn of(path: &Path) -> Option<Self> {
+    fn of(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok()?;
         Some(Self {
             length: metadata.len(),
@@ -70,29 +76,39 @@ impl Stamp {
 }
 
 #[cfg(unix)]
-fn file_number(metadata: &fs::Metadata) -> u64 {
-    std::os::unix::fs::MetadataExt::ino(metadata)
+fn file_number(metadata: &fs::Metadata) -> [i64; 3] {
+    use std::os::unix::fs::MetadataExt as _;
+    [metadata.ino().cast_signed(), metadata.ctime(), metadata.ctime_nsec()]
 }
 
 #[cfg(not(unix))]
-fn file_number(_: &fs::Metadata) -> u64 {
-    0
+fn file_number(_: &fs::Metadata) -> [i64; 3] {
+    [0; 3]
 }
 
 /// One name, and the map it stands for at the moment.
 pub(crate) struct Slot {
     source: MapSource,
-    current: RwLock<Arc<Hosted>>,
-    /// State of the file when it was last looked into, refused files included: a broken one is refused once.
-    seen: RwLock<Option<Stamp>>,
+    memory: MapMemory,
+    /// `None` as long as its file could not be opened.
+    current: RwLock<Option<Arc<Hosted>>>,
+    attempts: Mutex<Attempts<Option<Stamp>>>,
+    /// Whether it is there because its file is in the folder, and how many looks did not find it.
+    from_folder: Option<Mutex<u32>>,
 }
 
+/// What became of an attempt to read a map.
+pub(crate) type Reloaded = Result<Arc<Hosted>, MapError>;
+
 impl Slot {
-    fn open(source: MapSource) -> Result<Self, ServerError> {
-        let seen = Stamp::of(&source.path);
-        let hosted =
-            Hosted::open(&source).map_err(|e| ServerError::Map { name: source.name.clone(), source: e })?;
-        Ok(Self { source, current: RwLock::new(Arc::new(hosted)), seen: RwLock::new(seen) })
+    fn new(source: MapSource, memory: MapMemory, from_folder: bool) -> Self {
+        Self {
+            source,
+            memory,
+            current: RwLock::new(None),
+            attempts: Mutex::default(),
+            from_folder: from_folder.then(Mutex::default),
+        }
     }
 
     pub(crate) fn name(&self) -> &str {
@@ -100,46 +116,156 @@ impl Slot {
     }
 
     /// The map as it is now.
-    pub(crate) fn current(&self) -> Arc<Hosted> {
+    pub(crate) fn current(&self) -> Option<Arc<Hosted>> {
         // Nothing panics while it holds the lock; should it ever, the map in it is still whole.
         self.current.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Whether the file is another than the one looked into last.
-    pub(crate) fn is_stale(&self) -> bool {
-        let stamp = Stamp::of(&self.source.path);
-        // A file that is missing is about to be there again, or is nothing to change over to.
-        stamp.is_some() && stamp != *self.seen.read().unwrap_or_else(PoisonError::into_inner)
+    /// Whether the newest state of its file could not be read.
+    pub(crate) fn is_failing(&self) -> bool {
+        self.attempts().is_failing()
     }
 
-    /// Opens the file again and serves it from now on. When it cannot be opened, the old map stays.
-    pub(crate) fn reload(&self) -> Result<(), MapError> {
-        // Taken before opening: a file exchanged in between looks stale next time.
-        *self.seen.write().unwrap_or_else(PoisonError::into_inner) = Stamp::of(&self.source.path);
-        let hosted = Arc::new(Hosted::open(&self.source)?);
-        *self.current.write().unwrap_or_else(PoisonError::into_inner) = hosted;
-        Ok(())
+    fn attempts(&self) -> MutexGuard<'_, Attempts<Option<Stamp>>> {
+        self.attempts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Reads the file and serves it from now on, if it is another than before or `all` is wished. When it cannot be read,
+    /// the old map stays, and it is tried again.
+    pub(crate) fn reload(&self, all: bool, now: Instant) -> Option<Reloaded> {
+        let before = Stamp::of(&self.source.path);
+        // Held while reading: two who reload at once would only do the same twice.
+        let mut attempts = self.attempts();
+        if !all && !attempts.is_due(&before, now) {
+            return None;
+        }
+        let opened = Hosted::open(&self.source, self.memory);
+        match opened {
+            Ok(hosted) => {
+                let hosted = Arc::new(hosted);
+                *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(hosted.clone());
+                // A file exchanged while it was read is read again: its state is that of neither.
+                if Stamp::of(&self.source.path) == before {
+                    attempts.took(before);
+                } else {
+                    *attempts = Attempts::default();
+                }
+                Some(Ok(hosted))
+            }
+            Err(error) => {
+                attempts.failed(before, now);
+                Some(Err(error))
+            }
+        }
     }
 }
 
-/// All maps, in the order given.
+/// What a name stands for.
+pub(crate) enum Named {
+    Served(Arc<Hosted>),
+    /// There should be a map, and its file cannot be opened.
+    Broken,
+    Unknown,
+}
+
+/// What changed in the folder.
+pub(crate) enum Change {
+    Added(Arc<Slot>),
+    Removed(Arc<Slot>),
+    /// A file whose name cannot be one of a map, or is another's.
+    Ignored(String),
+}
+
+/// All maps: those given by name in the order given, then those of the folder by name.
 pub(crate) struct Maps {
-    slots: Vec<Slot>,
+    slots: RwLock<Vec<Arc<Slot>>>,
+    folder: Option<PathBuf>,
+    memory: MapMemory,
+    ignored: Mutex<Vec<String>>,
 }
 
 impl Maps {
-    /// Opens all of them; one that cannot be opened is an error.
-    pub(crate) fn open(sources: &[MapSource]) -> Result<Self, ServerError> {
-        let slots = sources.iter().cloned().map(Slot::open).collect::<Result<_, _>>()?;
-        Ok(Self { slots })
+    /// Nothing is opened yet.
+    pub(crate) fn new(sources: &[MapSource], folder: Option<PathBuf>, memory: MapMemory) -> Self {
+        let slots = sources.iter().map(|source| Arc::new(Slot::new(source.clone(), memory, false))).collect();
+        Self { slots: RwLock::new(slots), folder, memory, ignored: Mutex::default() }
     }
 
     /// The map of this name as it is now.
-    pub(crate) fn find(&self, name: &str) -> Option<Arc<Hosted>> {
-        self.slots.iter().find(|slot| slot.name() == name).map(Slot::current)
+    pub(crate) fn find(&self, name: &str) -> Named {
+        let slots = self.slots.read().unwrap_or_else(PoisonError::into_inner);
+        match slots.iter().find(|slot| slot.name() == name).map(|slot| slot.current()) {
+            None => Named::Unknown,
+            Some(None) => Named::Broken,
+            Some(Some(hosted)) => Named::Served(hosted),
+        }
     }
 
-    pub(crate) fn slots(&self) -> &[Slot] {
-        &self.slots
+    /// The same for whoever needs it.
+    pub(crate) fn served(&self, name: &str) -> Result<Arc<Hosted>, Problem> {
+        match self.find(name) {
+            Named::Served(hosted) => Ok(hosted),
+            Named::Broken => Err(Problem::MapUnavailable),
+            Named::Unknown => Err(Problem::UnknownMap),
+        }
+    }
+
+    pub(crate) fn slots(&self) -> Vec<Arc<Slot>> {
+        self.slots.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(crate) fn has_folder(&self) -> bool {
+        self.folder.is_some()
+    }
+
+    /// Looks which files the folder holds, and makes and takes away names accordingly. New ones are not opened yet.
+    ///
+    /// # Errors
+    /// When the folder cannot be read; then nothing changes.
+    pub(crate) fn look_into_folder(&self) -> Result<Vec<Change>, ServerError> {
+        let Some(folder) = &self.folder else { return Ok(Vec::new()) };
+        let wrong = |source| ServerError::Io { path: folder.clone(), source };
+        let mut found = Vec::new();
+        for entry in fs::read_dir(folder).map_err(wrong)? {
+            let path = entry.map_err(wrong)?.path();
+            if path.extension().is_some_and(|extension| extension == "vmap")
+                && let Some(name) = path.file_stem().and_then(|stem| stem.to_str())
+                && !name.starts_with('.')
+            {
+                found.push((name.to_owned(), path));
+            }
+        }
+        found.sort();
+        let mut changes = Vec::new();
+        let mut slots = self.slots.write().unwrap_or_else(PoisonError::into_inner);
+        slots.retain(|slot| {
+            let Some(looks) = &slot.from_folder else { return true };
+            let mut looks = looks.lock().unwrap_or_else(PoisonError::into_inner);
+            let is_there = found.iter().any(|(name, _)| name == slot.name());
+            *looks = if is_there { 0 } else { *looks + 1 };
+            if *looks >= LOOKS_WITHOUT {
+                changes.push(Change::Removed(slot.clone()));
+            }
+            *looks < LOOKS_WITHOUT
+        });
+        let mut ignored = self.ignored.lock().unwrap_or_else(PoisonError::into_inner);
+        for (name, path) in found {
+            if slots.iter().any(|slot| slot.name() == name && slot.source.path == path) {
+                continue;
+            }
+            let taken = slots.iter().any(|slot| slot.name() == name);
+            if taken || !is_name(&name) {
+                let file = path.display().to_string();
+                if !ignored.contains(&file) {
+                    ignored.push(file.clone());
+                    changes.push(Change::Ignored(file));
+                }
+                continue;
+            }
+            let slot = Arc::new(Slot::new(MapSource { name, path, geo: None }, self.memory, true));
+            slots.push(slot.clone());
+            changes.push(Change::Added(slot));
+        }
+        Ok(changes)
     }
 }

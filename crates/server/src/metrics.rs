@@ -14,6 +14,8 @@ use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::Registry;
 use veiloc_localize::StageTimes;
 
+use crate::log::LogQueue;
+
 type Labels = Vec<(&'static str, Cow<'static, str>)>;
 
 /// From a millisecond to half a minute, about three a decade.
@@ -33,13 +35,15 @@ pub(crate) struct Metrics {
     stages: Family<Labels, Histogram, fn() -> Histogram>,
     localizations: Family<Labels, Counter>,
     reloads: Family<Labels, Counter>,
+    failing: Family<Labels, Gauge>,
     queued: Gauge,
     busy: Gauge,
-    pub(crate) connections: Gauge,
+    connections: Gauge,
+    connections_closed: Family<Labels, Counter>,
 }
 
 impl Metrics {
-    pub(crate) fn new(workers: usize, queue: usize) -> Self {
+    pub(crate) fn new(workers: usize, queue: usize, log: Option<&LogQueue>) -> Self {
         let mut registry = Registry::with_prefix("veiloc");
         let requests = Family::default();
         registry.register("requests", "Requests answered, by route, status and problem", requests.clone());
@@ -53,6 +57,12 @@ impl Metrics {
             "Files read again, by what they hold and whether it was taken",
             reloads.clone(),
         );
+        let failing = Family::default();
+        registry.register(
+            "reload_failing",
+            "1 while the newest state of a file cannot be used and an older one, or none, is",
+            failing.clone(),
+        );
         let gauge = |registry: &mut Registry, name: &str, help: &str, value: usize| {
             let gauge: Gauge = Gauge::default();
             gauge.set(value as i64);
@@ -64,7 +74,31 @@ impl Metrics {
         let queued = gauge(&mut registry, "queue_length", "Queries waiting for a worker", 0);
         let busy = gauge(&mut registry, "workers_busy", "Threads localizing at the moment", 0);
         let connections = gauge(&mut registry, "connections", "Open connections", 0);
-        Self { registry, requests, stages, localizations, reloads, queued, busy, connections }
+        let connections_closed = Family::default();
+        registry.register(
+            "connections_closed",
+            "Connections closed for others: displaced by a newcomer, or refused because all were busy",
+            connections_closed.clone(),
+        );
+        if let Some(log) = log {
+            registry.register(
+                "log_lines_dropped",
+                "Log lines that could not be written",
+                log.dropped_counter(),
+            );
+        }
+        Self {
+            registry,
+            connections_closed,
+            requests,
+            stages,
+            localizations,
+            reloads,
+            failing,
+            queued,
+            busy,
+            connections,
+        }
     }
 
     pub(crate) fn request(&self, route: &str, status: u16, problem: Option<&'static str>) {
@@ -74,6 +108,11 @@ impl Metrics {
             ("problem", Cow::Borrowed(problem.unwrap_or(""))),
         ];
         self.requests.get_or_create(&labels).inc();
+    }
+
+    /// `why`: `displaced` or `refused`.
+    pub(crate) fn connection_closed(&self, why: &'static str) {
+        self.connections_closed.get_or_create(&vec![("reason", Cow::Borrowed(why))]).inc();
     }
 
     pub(crate) fn stage(&self, stage: &'static str, time: Duration) {
@@ -106,8 +145,20 @@ impl Metrics {
         self.reloads.get_or_create(&labels).inc();
     }
 
-    /// All of it; the pool's counts are read now.
-    pub(crate) fn text(&self, queued: usize, busy: usize) -> String {
+    /// `what` as for [`Self::reload`], or `folder`.
+    pub(crate) fn reload_failing(&self, what: &'static str, name: &str, failing: bool) {
+        let labels = vec![("file", Cow::Borrowed(what)), ("map", Cow::Owned(name.to_owned()))];
+        self.failing.get_or_create(&labels).set(failing.into());
+    }
+
+    /// A map that is served no more fails no more.
+    pub(crate) fn forget_map(&self, name: &str) {
+        self.failing.remove(&vec![("file", Cow::Borrowed("map")), ("map", Cow::Owned(name.to_owned()))]);
+    }
+
+    /// All of it; the counts of pool and connections are read now.
+    pub(crate) fn text(&self, queued: usize, busy: usize, connections: usize) -> String {
+        self.connections.set(connections as i64);
         self.queued.set(queued as i64);
         self.busy.set(busy as i64);
         let mut text = String::new();

@@ -6,9 +6,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use veiloc_localize::LocalizeOptions;
+use veiloc_map::MapMemory;
 
+use crate::admin;
+use crate::connections::Limits;
 use crate::error::ServerError;
 use crate::geo::GeoFrame;
+use crate::log::LogQueue;
 
 /// A map and the name it is served under.
 #[derive(Debug, Clone)]
@@ -50,18 +54,25 @@ pub struct Timeouts {
     pub localize: Duration,
     /// The client's reading of an answer, as long as it takes nothing.
     pub write: Duration,
+    /// A connection on which no known token came; where none are needed, any. What is being answered is finished.
+    pub unknown_life: Duration,
+    /// Any connection.
+    pub life: Duration,
     /// What was accepted may still take this long when the server is told to stop.
     pub grace: Duration,
 }
 
 impl Default for Timeouts {
-    /// 5 s for a head (phones on bad networks need two), 15 s for a body (140 kB at 80 kbit/s), 30 s for a pose.
+    /// 5 s for a head (phones on bad networks need two), 15 s for a body (140 kB at 80 kbit/s), 30 s for a pose; a minute
+    /// for a connection that brings no token, ten for any.
     fn default() -> Self {
         Self {
             head: Duration::from_secs(5),
             body: Duration::from_secs(15),
             localize: Duration::from_secs(30),
             write: Duration::from_secs(15),
+            unknown_life: Duration::from_secs(60),
+            life: Duration::from_secs(600),
             grace: Duration::from_secs(30),
         }
     }
@@ -73,14 +84,20 @@ impl Default for Timeouts {
 pub struct ServerOptions {
     /// Where to listen; port 0 for any free one.
     pub listen: SocketAddr,
-    /// What to serve, at least one.
+    /// What to serve, at least one unless there is a folder.
     pub maps: Vec<MapSource>,
+    /// A folder whose files `NAME.vmap` are served too, each as `NAME`, as they come and go.
+    pub maps_folder: Option<PathBuf>,
+    /// Where the bytes of maps are: by default copied into memory, so that what becomes of the files cannot touch them.
+    pub map_memory: MapMemory,
     /// Certificate files. Without them the service speaks plain HTTP, which it does on loopback only.
     pub tls: Option<TlsFiles>,
     /// Plain HTTP beyond loopback: for a proxy that does TLS in front of this service.
     pub insecure_http: bool,
     /// Who may ask: one token a line, see `docs/service.md`. Without it everybody on this machine may.
     pub tokens: Option<PathBuf>,
+    /// How long the last valid tokens hold when the file of tokens is gone, empty or wrong; then nobody may ask.
+    pub stale_tokens: Duration,
     /// Everybody may ask, beyond loopback too.
     pub allow_anonymous: bool,
     /// For each token; without tokens, for all requests together.
@@ -89,11 +106,22 @@ pub struct ServerOptions {
     pub workers: NonZeroUsize,
     /// Queries that may wait for a worker; one more is refused with 503. 32 wait about a second on two cores.
     pub queue: NonZeroUsize,
-    /// Connections at a time; one more waits to be accepted.
+    /// Connections at a time. One more takes the place of one that is idle, first of those that brought no token.
     pub connections: NonZeroUsize,
+    /// Connections of one address (of IPv6, one /64) at a time, those that brought a known token not counted.
+    pub connections_per_address: NonZeroUsize,
+    /// Of [`Self::connections`], how many are for known tokens alone. `None` for half of them; without
+    /// [`Self::tokens`], none are.
+    pub reserved_connections: Option<usize>,
+    /// Where to answer probes and metrics, beside [`Self::listen`]: plain HTTP that asks for no token, so an address that
+    /// only the operator reaches. `None` for no listener of their own.
+    pub admin: Option<SocketAddr>,
+    /// The queue that the program's log goes through, if it does: lines it dropped are counted in the metrics.
+    pub log: Option<LogQueue>,
     /// How long anything may take.
     pub timeouts: Timeouts,
-    /// How often to look whether map, token and certificate files were replaced; `None` for never.
+    /// How often to look whether map, token and certificate files were replaced, and whether maps came or went; `None` for
+    /// never. A token taken out of its file is refused after so much time at the latest.
     pub watch: Option<Duration>,
     /// How to localize.
     pub localize: LocalizeOptions,
@@ -105,14 +133,21 @@ impl ServerOptions {
         Self {
             listen: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080),
             maps,
+            maps_folder: None,
+            map_memory: MapMemory::default(),
             tls: None,
             insecure_http: false,
             tokens: None,
+            stale_tokens: Duration::from_secs(300),
             allow_anonymous: false,
             rate: RateLimit { per_second: TWENTY, burst: TWENTY },
             workers: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: NonZeroUsize::MIN.saturating_add(31),
             connections: NonZeroUsize::MIN.saturating_add(1023),
+            connections_per_address: NonZeroUsize::MIN.saturating_add(127),
+            reserved_connections: None,
+            admin: None,
+            log: None,
             timeouts: Timeouts::default(),
             watch: Some(Duration::from_secs(2)),
             localize: LocalizeOptions::default(),
@@ -121,7 +156,7 @@ impl ServerOptions {
 
     /// Refuses what would be a mistake.
     pub(crate) fn check(&self) -> Result<(), ServerError> {
-        if self.maps.is_empty() {
+        if self.maps.is_empty() && self.maps_folder.is_none() {
             return Err(ServerError::NoMap);
         }
         for (i, map) in self.maps.iter().enumerate() {
@@ -132,6 +167,9 @@ impl ServerOptions {
                 return Err(ServerError::TwoMaps { name: map.name.clone() });
             }
         }
+        if let Some(reserved) = self.reserved_connections.filter(|n| *n >= self.connections.get()) {
+            return Err(ServerError::Reserved { reserved, connections: self.connections.get() });
+        }
         let public = !self.listen.ip().is_loopback();
         if public && self.tls.is_none() && !self.insecure_http {
             return Err(ServerError::PlainHttp { listen: self.listen });
@@ -141,12 +179,27 @@ impl ServerOptions {
         }
         Ok(())
     }
+
+    pub(crate) fn limits(&self) -> Limits {
+        let total = self.connections.get();
+        let reserved = match self.tokens {
+            Some(_) => self.reserved_connections.unwrap_or(total / 2),
+            None => 0,
+        };
+        Limits { total, per_address: self.connections_per_address.get(), reserved }
+    }
+
+    /// Where probes and metrics go unless somebody says otherwise: loopback, the port after [`Self::listen`]'s (for any
+    /// free port any free one), so that two services of one machine differ in both.
+    pub fn default_admin(listen: SocketAddr) -> SocketAddr {
+        SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), admin::default_port(listen.port()))
+    }
 }
 
 const TWENTY: NonZeroU32 = NonZeroU32::MIN.saturating_add(19);
 
 /// Names go into addresses, metrics and logs: nothing in them may need escaping.
-fn is_name(name: &str) -> bool {
+pub(crate) fn is_name(name: &str) -> bool {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     (1..=64).contains(&name.len()) && name.chars().all(allowed) && name != "." && name != ".."
 }

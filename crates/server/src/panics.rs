@@ -7,6 +7,9 @@
 use std::cell::Cell;
 use std::panic::PanicHookInfo;
 use std::sync::Once;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+static OWN_PROCESS: AtomicBool = AtomicBool::new(false);
 
 thread_local! {
     static OURS: Cell<bool> = const { Cell::new(false) };
@@ -17,6 +20,12 @@ pub(crate) fn mark() {
     OURS.set(true);
 }
 
+/// The whole process works for the service: of no panic more than the place is told, and never but through the log, which
+/// does not block when nobody reads it.
+pub(crate) fn own_process() {
+    OWN_PROCESS.store(true, Ordering::Relaxed);
+}
+
 /// Logs the place of every panic of the process from now on.
 pub(crate) fn watch() {
     static ONCE: Once = Once::new();
@@ -24,7 +33,7 @@ pub(crate) fn watch() {
         let earlier = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |info| {
             tell_place(info);
-            if !OURS.get() {
+            if !OURS.get() && !OWN_PROCESS.load(Ordering::Relaxed) {
                 earlier(info);
             }
         }));

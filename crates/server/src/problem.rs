@@ -31,6 +31,12 @@ pub(crate) enum Problem {
     WrongMethod,
     #[error("no map of this name is served; /v1/maps lists them")]
     UnknownMap,
+    #[error(
+        "this map cannot be opened at the moment; send the same bytes again later, its operator was told"
+    )]
+    MapUnavailable,
+    #[error("the service has no valid file of tokens, so nobody may ask; its operator was told")]
+    NoTokens,
     #[error("send a sealed query as application/x-protobuf or application/octet-stream")]
     MediaType,
     #[error("nobody told the service where this map is on Earth; accept application/json too")]
@@ -105,6 +111,8 @@ impl Problem {
             Self::NotFound => (S::NOT_FOUND, "not-found", "Not found"),
             Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
             Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
+            Self::MapUnavailable => (S::SERVICE_UNAVAILABLE, "map-unavailable", "Map unavailable"),
+            Self::NoTokens => (S::SERVICE_UNAVAILABLE, "no-tokens", "Nobody may ask"),
             Self::MediaType => (S::UNSUPPORTED_MEDIA_TYPE, "media-type", "Unsupported media type"),
             Self::NotAcceptable => (S::NOT_ACCEPTABLE, "no-geographic-frame", "No geographic frame"),
             Self::TooLarge { .. } => (S::PAYLOAD_TOO_LARGE, "too-large", "Body too large"),
@@ -126,10 +134,14 @@ impl Problem {
     const fn retry_after(&self) -> Option<NonZeroU64> {
         match self {
             Self::RateLimited { retry_after } | Self::QueueFull { retry_after } => Some(*retry_after),
+            Self::MapUnavailable | Self::NoTokens => Some(LATER),
             _ => None,
         }
     }
 }
+
+/// Seconds after which something that an operator has to mend may be mended.
+const LATER: NonZeroU64 = NonZeroU64::MIN.saturating_add(29);
 
 /// A refusal (RFC 9457).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]

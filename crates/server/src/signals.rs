@@ -1,23 +1,25 @@
 //! A program that is nothing but the service: its threads, and the signals that stop it or make it read files again.
 
-use std::net::SocketAddr;
-
+use crate::descriptors;
 use crate::error::ServerError;
 use crate::options::ServerOptions;
 use crate::panics;
-use crate::serve::{Server, ServerHandle};
+use crate::serve::{Listening, Server, ServerHandle};
 
 /// Runs the service until SIGINT or SIGTERM (elsewhere: Ctrl-C), finishes what was accepted, and returns how many
 /// connections had to be given up. SIGHUP makes it read maps, tokens and certificate again.
 ///
-/// `ready` is told the address as soon as connections are taken.
+/// `ready` is told the addresses as soon as connections are taken. The process's limit of open files is raised to what the
+/// options need, and from here on its panics are told by the log alone.
 ///
 /// # Errors
 /// [`ServerError`] when it cannot start.
 pub fn run_until_signal(
     options: ServerOptions,
-    ready: impl FnOnce(SocketAddr),
+    ready: impl FnOnce(&Listening),
 ) -> Result<usize, ServerError> {
+    descriptors::make_room(&options)?;
+    panics::own_process();
     let system = |what| move |source| ServerError::System { what, source };
     let runtime =
         tokio::runtime::Builder::new_multi_thread().enable_all().on_thread_start(panics::mark).build();
@@ -25,7 +27,7 @@ pub fn run_until_signal(
     runtime.block_on(async {
         let server = Server::bind(options).await?;
         let stops = Signals::new().map_err(system("signal handlers"))?;
-        ready(server.address());
+        ready(server.listening());
         let listening = tokio::spawn(stops.obey(server.handle()));
         let abandoned = server.run().await;
         listening.abort();

@@ -1,14 +1,17 @@
-//! What all requests share: maps, callers, the pool, metrics; and reading their files again.
+//! What all requests share: maps, callers, the pool, connections, metrics; and whether the service is ready.
 
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
+use std::time::Instant;
 
+use crate::connections::Connections;
 use crate::error::ServerError;
-use crate::maps::{Maps, Stamp};
+use crate::maps::Maps;
 use crate::metrics::Metrics;
 use crate::options::ServerOptions;
 use crate::pool::Pool;
+use crate::reload::TokensFile;
+use crate::throttle::Throttle;
 use crate::tls::Tls;
 use crate::tokens::Callers;
 
@@ -19,39 +22,94 @@ pub(crate) struct App {
     pub(crate) pool: Pool,
     pub(crate) metrics: Metrics,
     pub(crate) tls: Option<Tls>,
+    pub(crate) tokens: Option<TokensFile>,
+    pub(crate) connections: Arc<Connections>,
+    /// Log lines that anybody can cause.
+    pub(crate) quiet: Throttle,
     callers: RwLock<Arc<Callers>>,
-    tokens_seen: RwLock<Option<Stamp>>,
     closing: AtomicBool,
 }
 
+/// Whether queries are taken.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Readiness {
+    /// They are, for all maps but these.
+    Ready { broken: Vec<String> },
+    /// They are not, and why.
+    Not(&'static str),
+}
+
 impl App {
-    /// Opens all files; any that cannot be used is an error.
+    /// Opens all files. Credentials that cannot be used are an error; of maps, when there is none left to serve and no
+    /// folder that one could come into.
     pub(crate) fn open(options: ServerOptions) -> Result<Self, ServerError> {
         options.check()?;
-        let maps = Maps::open(&options.maps)?;
-        let tokens_seen = options.tokens.as_deref().and_then(Stamp::of);
-        let callers = match &options.tokens {
-            Some(path) => Callers::read(path, options.rate, None)?,
-            None => Callers::anyone(options.rate),
+        let (tokens, callers) = match &options.tokens {
+            Some(path) => {
+                let (file, callers) = TokensFile::open(path, options.rate, options.stale_tokens)?;
+                (Some(file), callers)
+            }
+            None => (None, Arc::new(Callers::anyone(options.rate))),
         };
         let tls = options.tls.clone().map(Tls::open).transpose()?;
         let pool = Pool::start(options.workers, options.queue)
             .map_err(|source| ServerError::System { what: "threads", source })?;
-        Ok(Self {
-            metrics: Metrics::new(options.workers.get(), options.queue.get()),
-            maps,
+        let app = Self {
+            metrics: Metrics::new(options.workers.get(), options.queue.get(), options.log.as_ref()),
+            connections: Connections::new(options.limits()),
+            quiet: Throttle::default(),
+            maps: Maps::new(&options.maps, options.maps_folder.clone(), options.map_memory),
             pool,
             tls,
-            callers: RwLock::new(Arc::new(callers)),
-            tokens_seen: RwLock::new(tokens_seen),
+            tokens,
+            callers: RwLock::new(callers),
             closing: AtomicBool::new(false),
             options,
-        })
+        };
+        app.open_maps()?;
+        Ok(app)
+    }
+
+    fn open_maps(&self) -> Result<(), ServerError> {
+        self.maps.look_into_folder()?;
+        let mut broken = Vec::new();
+        for slot in self.maps.slots() {
+            if let Some(Err(source)) = slot.reload(true, Instant::now()) {
+                self.metrics.reload_failing("map", slot.name(), true);
+                broken.push(ServerError::Map { name: slot.name().to_owned(), source });
+            }
+        }
+        if !self.maps.has_folder() && self.maps.slots().iter().all(|slot| slot.current().is_none()) {
+            // There is at least one, or the options would have been refused.
+            return Err(broken.into_iter().next().unwrap_or(ServerError::NoMap));
+        }
+        for error in broken {
+            tracing::error!(%error, "this map is not served until its file can be opened");
+        }
+        Ok(())
     }
 
     /// Who may ask, as of now.
     pub(crate) fn callers(&self) -> Arc<Callers> {
         self.callers.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(crate) fn set_callers(&self, callers: Arc<Callers>) {
+        *self.callers.write().unwrap_or_else(PoisonError::into_inner) = callers;
+    }
+
+    /// Whether queries are taken.
+    pub(crate) fn readiness(&self) -> Readiness {
+        if self.is_closing() {
+            return Readiness::Not("stopping");
+        }
+        if self.callers().is_closed() {
+            return Readiness::Not("no valid file of tokens");
+        }
+        let slots = self.maps.slots();
+        let broken: Vec<String> =
+            slots.iter().filter(|slot| slot.current().is_none()).map(|slot| slot.name().to_owned()).collect();
+        if broken.len() == slots.len() { Readiness::Not("no map") } else { Readiness::Ready { broken } }
     }
 
     /// No new connections are taken any more.
@@ -62,51 +120,5 @@ impl App {
     /// Whether the service is about to end.
     pub(crate) fn is_closing(&self) -> bool {
         self.closing.load(Ordering::Relaxed)
-    }
-
-    /// Reads files again: all of them, or those that were replaced since they were last read. What cannot be read is
-    /// refused with a line in the log, and what was there before stays.
-    pub(crate) fn reload(&self, all: bool) {
-        for slot in self.maps.slots().iter().filter(|slot| all || slot.is_stale()) {
-            let result = slot.reload();
-            self.metrics.reload("map", slot.name(), result.is_ok());
-            match result {
-                Ok(()) => {
-                    let map = &slot.current().map;
-                    let (images, points) = (map.image_count(), map.point_count());
-                    tracing::info!(map = slot.name(), images, points, "map replaced");
-                }
-                Err(error) => tracing::error!(map = slot.name(), %error, "map refused, the old one stays"),
-            }
-        }
-        if let Some(path) = self.options.tokens.as_deref().filter(|path| all || self.tokens_are_stale(path)) {
-            self.reload_tokens(path);
-        }
-        if let Some(tls) = self.tls.as_ref().filter(|tls| all || tls.is_stale()) {
-            let result = tls.reload();
-            self.metrics.reload("certificate", "", result.is_ok());
-            match result {
-                Ok(()) => tracing::info!("certificate replaced"),
-                Err(error) => tracing::error!(%error, "certificate refused, the old one stays"),
-            }
-        }
-    }
-
-    fn tokens_are_stale(&self, path: &Path) -> bool {
-        let stamp = Stamp::of(path);
-        stamp.is_some() && stamp != *self.tokens_seen.read().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn reload_tokens(&self, path: &Path) {
-        *self.tokens_seen.write().unwrap_or_else(PoisonError::into_inner) = Stamp::of(path);
-        let read = Callers::read(path, self.options.rate, Some(&self.callers()));
-        self.metrics.reload("tokens", "", read.is_ok());
-        match read {
-            Ok(callers) => {
-                *self.callers.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(callers);
-                tracing::info!("tokens replaced");
-            }
-            Err(error) => tracing::error!(%error, "tokens refused, the old ones stay"),
-        }
     }
 }

@@ -2,11 +2,13 @@
 //!
 //! # The file
 //! One token a line: a name for people, the SHA-256 of the token in hexadecimal, and optionally `operator`, which also
-//! allows reading the metrics. Empty lines and lines beginning with `#` do not count.
+//! allows reading the metrics. Empty lines and lines beginning with `#` do not count. A file without tokens is an error,
+//! unless the line `nobody` says that it is meant.
 //!
 //! A token must be a long random string (`openssl rand -hex 32`): then its plain hash can neither be reversed nor
 //! guessed, and salting or stretching would only cost time on every request.
 
+use std::collections::HashMap;
 use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::path::Path;
@@ -18,7 +20,6 @@ use axum::http::header::AUTHORIZATION;
 use governor::clock::{Clock, DefaultClock};
 use governor::{DefaultDirectRateLimiter, NotUntil, Quota, RateLimiter};
 use sha2::{Digest as _, Sha256};
-use subtle::ConstantTimeEq;
 
 use crate::error::ServerError;
 use crate::options::RateLimit;
@@ -31,6 +32,17 @@ pub(crate) enum Role {
     Client,
     /// The same and the metrics.
     Operator,
+}
+
+/// Tells one token from another; it is never printed.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct TokenKey([u8; 32]);
+
+impl TokenKey {
+    #[cfg(test)]
+    pub(crate) const fn of_digest(digest: [u8; 32]) -> Self {
+        Self(digest)
+    }
 }
 
 /// Who asks.
@@ -53,6 +65,11 @@ impl Caller {
     fn new(digest: [u8; 32], role: Role, rate: RateLimit) -> Self {
         let quota = Quota::per_second(rate.per_second).allow_burst(rate.burst);
         Self { digest, role, limiter: RateLimiter::direct(quota), burst: rate.burst }
+    }
+
+    /// Which token it brought.
+    pub(crate) const fn key(&self) -> TokenKey {
+        TokenKey(self.digest)
     }
 
     /// Takes one request from the allowance.
@@ -88,8 +105,11 @@ pub(crate) fn seconds_up(wait: Duration) -> NonZeroU64 {
 pub(crate) enum Callers {
     /// Everybody, with one allowance for all.
     Anyone(Arc<Caller>),
-    /// Who has one of these tokens.
-    Tokens(Vec<Arc<Caller>>),
+    /// Who has one of these tokens, found by its hash. Whoever tries tokens cannot choose their hashes, so how long the
+    /// search takes tells them nothing.
+    Tokens(HashMap<TokenKey, Arc<Caller>>),
+    /// Nobody, for want of a valid file of tokens.
+    Closed,
 }
 
 impl Callers {
@@ -98,46 +118,74 @@ impl Callers {
         Self::Anyone(Arc::new(Caller::new([0; 32], Role::Operator, rate)))
     }
 
-    /// Reads the file. Tokens that were known before keep what is left of their allowance.
-    pub(crate) fn read(path: &Path, rate: RateLimit, before: Option<&Self>) -> Result<Self, ServerError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| ServerError::Io { path: path.to_owned(), source })?;
-        let mut all: Vec<Arc<Caller>> = Vec::new();
+    /// Reads what the file of tokens at `path` holds. Tokens that were known before keep what is left of their allowance.
+    ///
+    /// # Errors
+    /// A line that is none, and a file without any token: an unfinished write looks like that. That nobody may ask is said
+    /// by the line `nobody`.
+    pub(crate) fn parse(
+        bytes: &[u8],
+        path: &Path,
+        rate: RateLimit,
+        before: Option<&Self>,
+    ) -> Result<Self, ServerError> {
+        let at = |line, reason| ServerError::Tokens { path: path.to_owned(), line, reason };
+        let text = std::str::from_utf8(bytes).map_err(|_| at(1, "the file is no text"))?;
+        let mut all: HashMap<TokenKey, Arc<Caller>> = HashMap::new();
+        let mut nobody = false;
         for (i, line) in text.lines().enumerate() {
             let line = line.trim();
             if line.is_empty() || line.starts_with('#') {
                 continue;
             }
-            let wrong = |reason| ServerError::Tokens { path: path.to_owned(), line: i + 1, reason };
-            let (digest, role) = parse(line).map_err(wrong)?;
-            if all.iter().any(|known| known.digest == digest) {
-                return Err(wrong("this token is there twice"));
+            if line == "nobody" {
+                nobody = true;
+                continue;
             }
+            let wrong = |reason| at(i + 1, reason);
+            let (digest, role) = parse(line).map_err(wrong)?;
             let known = match before {
-                Some(Self::Tokens(before)) => before.iter().find(|c| c.digest == digest && c.role == role),
+                Some(Self::Tokens(before)) => before.get(&TokenKey(digest)).filter(|c| c.role == role),
                 _ => None,
             };
-            all.push(known.cloned().unwrap_or_else(|| Arc::new(Caller::new(digest, role, rate))));
+            let caller = known.cloned().unwrap_or_else(|| Arc::new(Caller::new(digest, role, rate)));
+            if all.insert(TokenKey(digest), caller).is_some() {
+                return Err(wrong("this token is there twice"));
+            }
         }
-        Ok(Self::Tokens(all))
+        match (nobody, all.is_empty()) {
+            (true, false) => Err(at(1, "there are tokens, and the line `nobody` says that there are none")),
+            (false, true) => Err(ServerError::NoTokens { path: path.to_owned() }),
+            _ => Ok(Self::Tokens(all)),
+        }
+    }
+
+    /// Whether tokens are asked for.
+    pub(crate) const fn ask_for_tokens(&self) -> bool {
+        !matches!(self, Self::Anyone(_))
+    }
+
+    /// Whether there is a valid file of tokens, or none is asked for.
+    pub(crate) const fn is_closed(&self) -> bool {
+        matches!(self, Self::Closed)
+    }
+
+    /// Whether no token is known.
+    #[cfg(test)]
+    pub(crate) fn is_nobody(&self) -> bool {
+        matches!(self, Self::Tokens(all) if all.is_empty())
     }
 
     /// Who sent these headers.
     pub(crate) fn identify(&self, headers: &HeaderMap) -> Result<Arc<Caller>, Problem> {
         let callers = match self {
             Self::Anyone(caller) => return Ok(caller.clone()),
+            Self::Closed => return Err(Problem::NoTokens),
             Self::Tokens(callers) => callers,
         };
         let token = headers.get(AUTHORIZATION).and_then(|value| bearer(value.as_bytes()));
         let digest: [u8; 32] = Sha256::digest(token.ok_or(Problem::Unauthenticated)?).into();
-        // Every token is looked at, each for the same time, so that no time tells which one was nearly right.
-        let mut found = None;
-        for caller in callers {
-            if bool::from(caller.digest.ct_eq(&digest)) {
-                found = Some(caller);
-            }
-        }
-        found.cloned().ok_or(Problem::Unauthenticated)
+        callers.get(&TokenKey(digest)).cloned().ok_or(Problem::Unauthenticated)
     }
 }
 
@@ -181,9 +229,7 @@ mod tests {
     const OTHER: &str = "d9298a10d1b0735837dc4bd85dac641b0f3cef27a47e5d53a54f2f3f5b2fcffa";
 
     fn read(text: &str, before: Option<&Callers>) -> Result<Callers, ServerError> {
-        let file = tempfile::NamedTempFile::new().expect("temporary file");
-        std::fs::write(file.path(), text).expect("written");
-        Callers::read(file.path(), RATE, before)
+        Callers::parse(text.as_bytes(), Path::new("tokens"), RATE, before)
     }
 
     fn headers(value: &str) -> HeaderMap {
@@ -208,7 +254,9 @@ mod tests {
             assert!(matches!(callers.identify(&headers(value)), Err(Problem::Unauthenticated)), "{value:?}");
         }
         assert!(callers.identify(&HeaderMap::new()).is_err());
-        assert!(read("", None).expect("nobody").identify(&headers("Bearer ")).is_err());
+        let nobody = read("# closed\nnobody\n", None).expect("nobody");
+        assert!(nobody.is_nobody() && nobody.identify(&headers("Bearer ")).is_err());
+        assert!(matches!(Callers::Closed.identify(&headers("Bearer secret")), Err(Problem::NoTokens)));
     }
 
     #[test]
@@ -219,12 +267,15 @@ mod tests {
             (&format!("phone {SECRET} admin"), "operator"),
             (&format!("phone {SECRET} operator too"), "operator"),
             (&format!("a {SECRET}\nb {SECRET}"), "twice"),
+            (&format!("a {SECRET}\nnobody"), "nobody"),
         ] {
             let error = read(line, None).err().expect("refused").to_string();
             assert!(error.contains(part) && error.contains("line "), "{error}");
             assert!(!error.contains("hunter2") && !error.contains(&SECRET[..8]), "{error}");
         }
-        assert!(matches!(Callers::read(Path::new("none/such"), RATE, None), Err(ServerError::Io { .. })));
+        for empty in ["", "\n\n", "# phones\n"] {
+            assert!(matches!(read(empty, None), Err(ServerError::NoTokens { .. })), "{empty:?}");
+        }
     }
 
     #[test]

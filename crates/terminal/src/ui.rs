@@ -28,6 +28,11 @@ impl Ui {
         Self { quiet, terminal, lost: Mutex::new(None) }
     }
 
+    /// Whether remarks are not wanted.
+    pub const fn is_quiet(&self) -> bool {
+        self.quiet
+    }
+
     /// A remark for people.
     pub fn say(&self, text: impl std::fmt::Display) {
         if !self.quiet {

@@ -117,6 +117,12 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
     if value.is_finite() && value > 0.0 { Ok(value) } else { Err("a number above 0 is expected".to_owned()) }
 }
 
+/// Zero or a number above it.
+pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    if value.is_finite() && value >= 0.0 { Ok(value) } else { Err("a number from 0 is expected".to_owned()) }
+}
+
 /// A number above zero, at most one.
 fn share(text: &str) -> Result<f32, String> {
     let value: f32 = text.parse().map_err(|_| format!("{text:?} is no number"))?;

@@ -7,9 +7,12 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use tracing_subscriber::filter::LevelFilter;
-use veiloc_server::{BadGeoFrame, GeoFrame, MapSource, RateLimit, ServerOptions, TlsFiles, run_until_signal};
+use veiloc_map::MapMemory;
+use veiloc_server::{
+    BadGeoFrame, GeoFrame, LogQueue, MapSource, RateLimit, ServerOptions, TlsFiles, run_until_signal,
+};
 
-use crate::commands::localization_args::{MatchArgs, PoseArgs, positive};
+use crate::commands::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 
@@ -21,8 +24,15 @@ use crate::ui::Ui;
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// A map and the name it is served under; several may be given.
-    #[arg(long = "map", required = true, value_name = "NAME=FILE")]
+    #[arg(long = "map", required_unless_present = "folder", value_name = "NAME=FILE")]
     maps: Vec<NamedMap>,
+    /// A folder whose files NAME.vmap are served as NAME, as they come and go.
+    #[arg(long = "maps", value_name = "DIR")]
+    folder: Option<PathBuf>,
+    /// Where the bytes of maps are: copied into memory, where nothing that happens to a file can touch them, or mapped, by
+    /// which you promise that nobody writes into a map's file or shortens it while it is served.
+    #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
+    map_memory: Memory,
     /// Where a map lies on Earth, so that poses can be told as OGC GeoPose: degrees, metres above the WGS 84 ellipsoid,
     /// the quaternion that turns map axes into east, north, up there, and metres a map unit (1).
     #[arg(long = "geo", value_name = "NAME=LAT,LON,HEIGHT,QW,QX,QY,QZ[,METRES]", allow_hyphen_values = true)]
@@ -30,6 +40,10 @@ pub(crate) struct Args {
     /// Where to listen; port 0 for any free one.
     #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDR:PORT")]
     listen: SocketAddr,
+    /// Where to answer probes and metrics, without token and in plain HTTP: an address that only you reach. Default: the
+    /// next port on loopback.
+    #[arg(long, value_name = "ADDR:PORT")]
+    admin_listen: Option<SocketAddr>,
     /// Certificate chain, PEM. Without it plain HTTP is spoken, on loopback only.
     #[arg(long, requires = "key", value_name = "FILE")]
     cert: Option<PathBuf>,
@@ -42,6 +56,9 @@ pub(crate) struct Args {
     /// Who may ask, a line each: a name, the SHA-256 of the token, and `operator` if it may read the metrics.
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
+    /// Seconds that the last valid tokens hold when their file is gone, empty or wrong; then nobody may ask.
+    #[arg(long, default_value_t = 300.0, value_parser = not_negative, value_name = "SECONDS")]
+    stale_tokens: f64,
     /// Let everybody ask, beyond loopback too.
     #[arg(long, conflicts_with = "tokens")]
     allow_anonymous: bool,
@@ -57,9 +74,21 @@ pub(crate) struct Args {
     /// Queries that may wait for a worker; one more is refused with 503.
     #[arg(long, default_value = "32", value_name = "N")]
     queue: NonZeroUsize,
-    /// Connections at a time.
+    /// Connections at a time. One more takes the place of an idle one, first of those that brought no known token.
     #[arg(long, default_value = "1024", value_name = "N")]
     connections: NonZeroUsize,
+    /// Connections of one address (of IPv6, one /64), those that brought a known token not counted.
+    #[arg(long, default_value = "128", value_name = "N")]
+    connections_per_address: NonZeroUsize,
+    /// Of the connections, how many only known tokens get. Default: half with --tokens, else none.
+    #[arg(long, value_name = "N")]
+    reserved_connections: Option<usize>,
+    /// Seconds after which a connection that brought no known token is closed.
+    #[arg(long, default_value_t = 60.0, value_parser = positive, value_name = "SECONDS")]
+    unknown_life: f64,
+    /// Seconds after which any connection is closed; what is being answered is finished.
+    #[arg(long, default_value_t = 600.0, value_parser = positive, value_name = "SECONDS")]
+    connection_life: f64,
     /// Seconds a query may take from its last byte to its pose, waiting included.
     #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
     request_timeout: f64,
@@ -82,6 +111,13 @@ pub(crate) struct Args {
     pose: PoseArgs,
     #[command(flatten)]
     matching: MatchArgs,
+}
+
+/// Where the bytes of maps are.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Memory {
+    Copied,
+    Mapped,
 }
 
 /// `NAME=FILE`.
@@ -122,21 +158,72 @@ impl FromStr for NamedFrame {
 }
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
-    start_log(args);
-    let options = options(args)?;
+    let mut options = options(args)?;
+    let log = LogQueue::start(std::io::stderr())?;
+    start_log(args, &log);
+    options.log = Some(log.clone());
+    let voice = Voice { log: &log, json: args.log_json, quiet: ui.is_quiet() };
     let scheme = if options.tls.is_some() { "https" } else { "http" };
-    let names: Vec<String> = args.maps.iter().map(|map| map.name.clone()).collect();
-    let abandoned = run_until_signal(options, |address| {
-        ui.say(format!("serving {} on {scheme}://{address}", names.join(", ")));
-    })?;
-    if abandoned > 0 {
-        return Err(Failure::with_help(
-            format!("{abandoned} connections did not end within {} s and were given up", args.grace),
-            "give more time with --grace, if these were requests that mattered",
-        ));
+    let ended = run_until_signal(options, |listening| {
+        if let Some(admin) = listening.admin {
+            voice.say(format!("probes and metrics on http://{admin}"));
+        }
+        let names =
+            if listening.maps.is_empty() { "no map yet".to_owned() } else { listening.maps.join(", ") };
+        voice.say(format!("serving {names} on {scheme}://{}", listening.address));
+    });
+    let exit = match ended {
+        Ok(0) => {
+            voice.say("stopped; all that was accepted was answered");
+            Exit::Success
+        }
+        Ok(abandoned) => {
+            voice.complain(format!(
+                "{abandoned} connections did not end within {} s and were given up; give more time with --grace, if these \
+                 were requests that mattered",
+                args.grace
+            ));
+            Exit::Refused
+        }
+        Err(error) if args.log_json => {
+            voice.complain(error);
+            Exit::Refused
+        }
+        // Nobody is held up by a line before the first request.
+        Err(error) => return Err(error.into()),
+    };
+    // Where nobody reads the log the end must not wait for it.
+    log.flush(LAST_LINES);
+    Ok(exit)
+}
+
+/// How long the last lines of the log may take.
+const LAST_LINES: Duration = Duration::from_secs(1);
+
+/// Talk for people, on the road of the log, so that a reader who is slow or gone holds nothing up. In a log of JSON it
+/// is JSON too.
+struct Voice<'a> {
+    log: &'a LogQueue,
+    json: bool,
+    quiet: bool,
+}
+
+impl Voice<'_> {
+    fn say(&self, text: impl std::fmt::Display) {
+        if self.json {
+            tracing::info!("{text}");
+        } else if !self.quiet {
+            self.log.say(text);
+        }
     }
-    ui.say("stopped; all that was accepted was answered");
-    Ok(Exit::Success)
+
+    fn complain(&self, text: impl std::fmt::Display) {
+        if self.json {
+            tracing::error!("{text}");
+        } else {
+            self.log.say(format_args!("error: {text}"));
+        }
+    }
 }
 
 fn options(args: &Args) -> Result<ServerOptions, Failure> {
@@ -151,11 +238,17 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
         |map: &NamedMap| MapSource { name: map.name.clone(), path: map.path.clone(), geo: geo(&map.name) };
     let mut options = ServerOptions::new(args.maps.iter().map(source).collect());
     options.listen = args.listen;
+    options.maps_folder.clone_from(&args.folder);
+    options.map_memory = match args.map_memory {
+        Memory::Copied => MapMemory::Copied,
+        Memory::Mapped => MapMemory::Mapped,
+    };
     if let (Some(cert), Some(key)) = (&args.cert, &args.key) {
         options.tls = Some(TlsFiles { cert: cert.clone(), key: key.clone() });
     }
     options.insecure_http = args.insecure_http;
     options.tokens.clone_from(&args.tokens);
+    options.stale_tokens = Duration::from_secs_f64(args.stale_tokens.min(86_400.0 * 365.0));
     options.allow_anonymous = args.allow_anonymous;
     options.rate = RateLimit { per_second: args.rate, burst: args.burst.unwrap_or(args.rate) };
     if let Some(workers) = args.workers {
@@ -163,22 +256,30 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     }
     options.queue = args.queue;
     options.connections = args.connections;
+    options.connections_per_address = args.connections_per_address;
+    options.reserved_connections = args.reserved_connections;
+    options.admin = Some(args.admin_listen.unwrap_or_else(|| ServerOptions::default_admin(args.listen)));
     let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
     options.timeouts.localize = seconds(args.request_timeout);
     options.timeouts.body = seconds(args.body_timeout);
     options.timeouts.grace = seconds(args.grace);
+    options.timeouts.unknown_life = seconds(args.unknown_life);
+    options.timeouts.life = seconds(args.connection_life);
     options.watch = Some(seconds(args.watch));
     options.localize = args.matching.options(&args.pose);
     Ok(options)
 }
 
-/// To stderr, without colour: logs are read by programs more often than by people.
-fn start_log(args: &Args) {
+/// To stderr by way of the queue, without colour: logs are read by programs more often than by people.
+fn start_log(args: &Args, queue: &LogQueue) {
+    let queue = queue.clone();
     let log = tracing_subscriber::fmt()
         .with_max_level(args.log)
-        .with_writer(std::io::stderr)
+        .with_writer(move || queue.line())
         .with_ansi(false)
-        .with_target(false);
+        .with_target(false)
+        // Else it would tell of its own errors on stderr, and panic when that is gone.
+        .log_internal_errors(false);
     // Fails only when something logs already, which then is what was meant.
     let _ = if args.log_json { log.json().try_init() } else { log.try_init() };
 }

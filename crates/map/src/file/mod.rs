@@ -11,6 +11,7 @@ mod without;
 mod write;
 
 pub use layout::FORMAT_VERSION;
+pub use open::MapMemory;
 pub use view::{ImageView, MapFile};
 pub use without::{MapView, Without};
 pub use write::{MapLock, write};

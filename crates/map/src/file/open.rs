@@ -25,8 +25,31 @@ use crate::model::{MapModel, is_name, is_rigid};
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
 
+/// Where the bytes of an open map are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MapMemory {
+    /// In memory of this process. What becomes of the file does not touch the map; it takes as much memory as the file has
+    /// bytes.
+    #[default]
+    Copied,
+    /// In the file, mapped. Whoever opens it so promises that nobody writes into the file or shortens it while it is open:
+    /// written into, it gives other bytes than those that were checked; shortened, reading it ends the process (SIGBUS).
+    Mapped,
+}
+
 impl MapFile {
-    /// Opens a map, reading it once to check all of it.
+    /// Opens a map as [`MapMemory`] says, reading it once to check all of it.
+    ///
+    /// # Errors
+    /// As [`Self::open`]. Of a file that is written into meanwhile a copy is a mixture, and a damaged map.
+    pub fn open_in(path: &Path, memory: MapMemory) -> Result<Self, MapError> {
+        match memory {
+            MapMemory::Copied => Self::of_bytes(MappedFile::copied(path).map_err(MapError::io(path))?, path),
+            MapMemory::Mapped => Self::open(path),
+        }
+    }
+
+    /// Opens a map where it lies ([`MapMemory::Mapped`]), reading it once to check all of it.
     ///
     /// # Errors
     /// [`MapError`] naming the file: it cannot be read, is no map, is of another version, was cut, is damaged (which

@@ -4,13 +4,19 @@ use std::sync::Arc;
 
 use axum::http::HeaderMap;
 
+use crate::connections::Guest;
 use crate::problem::Problem;
 use crate::state::App;
 use crate::tokens::Caller;
 
-/// Who asks, one request taken from its allowance.
-pub(super) fn admit(app: &App, headers: &HeaderMap) -> Result<Arc<Caller>, Problem> {
-    let caller = app.callers().identify(headers)?;
+/// Who asks, one request taken from its allowance. The connection learns which token it brought.
+pub(super) fn admit(app: &App, guest: &Guest, headers: &HeaderMap) -> Result<Arc<Caller>, Problem> {
+    let callers = app.callers();
+    let identified = callers.identify(headers);
+    if callers.ask_for_tokens() {
+        guest.brought(identified.as_ref().ok().map(|caller| caller.key()));
+    }
+    let caller = identified?;
     caller.spend()?;
     Ok(caller)
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use axum::Extension;
 use axum::body::Body;
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, State};
@@ -24,6 +25,7 @@ use super::body;
 use super::record::ServedMap;
 use super::wishes::Wishes;
 use crate::answer::{answer_of, answer_of_rig};
+use crate::connections::Guest;
 use crate::maps::Hosted;
 use crate::metrics::Outcome;
 use crate::padding::{self, Hidden};
@@ -60,11 +62,12 @@ use crate::tokens::Caller;
 ))]
 pub(super) async fn localize(
     State(app): State<Arc<App>>,
+    Extension(guest): Extension<Arc<Guest>>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
     body: Body,
 ) -> Response {
-    serve(app, name, headers, body, Kind::Query).await
+    serve(app, &guest, name, headers, body, Kind::Query).await
 }
 
 /// What a body holds.
@@ -79,13 +82,14 @@ pub(super) enum Kind {
 /// Answers a body of this kind.
 pub(super) async fn serve(
     app: Arc<App>,
+    guest: &Guest,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
     mut body: Body,
     kind: Kind,
 ) -> Response {
     let mut served = None;
-    let result = match welcome(&app, name, &headers) {
+    let result = match welcome(&app, guest, name, &headers) {
         Ok(asked) => {
             served = Some(ServedMap(asked.hosted.name.as_str().into()));
             answer(&app, asked, kind, &mut body).await
@@ -119,11 +123,12 @@ struct Request {
 /// Everything that can be said before the body is looked at.
 fn welcome(
     app: &App,
+    guest: &Guest,
     name: Result<Path<String>, PathRejection>,
     headers: &HeaderMap,
 ) -> Result<Request, Problem> {
-    let caller = admit(app, headers)?;
-    let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
+    let caller = admit(app, guest, headers)?;
+    let hosted = app.maps.served(&name.map_err(|_| Problem::UnknownMap)?)?;
     let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let media = media.split(';').next().unwrap_or_default().trim();
     let known = ["application/x-protobuf", "application/octet-stream"];

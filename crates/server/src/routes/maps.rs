@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use axum::Extension;
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
@@ -12,13 +13,14 @@ use utoipa::ToSchema;
 
 use super::admit::admit;
 use super::record::ServedMap;
+use crate::connections::Guest;
 use crate::problem::{Problem, ProblemDocument};
 use crate::state::App;
 
 /// All maps.
 #[derive(Serialize, ToSchema)]
 pub(super) struct MapList {
-    /// In the order the operator gave them.
+    /// In the order the operator gave them, then those of the folder; without those that cannot be opened.
     maps: Vec<MapEntry>,
 }
 
@@ -41,16 +43,18 @@ struct MapEntry {
     (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
     (status = 429, description = "Allowance used", body = ProblemDocument, content_type = "application/problem+json"),
 ))]
-pub(super) async fn list(State(app): State<Arc<App>>, headers: HeaderMap) -> Result<Response, Problem> {
-    admit(&app, &headers)?;
-    let maps = app.maps.slots().iter().map(|slot| {
-        let hosted = slot.current();
-        MapEntry {
-            name: hosted.name.clone(),
-            images: hosted.map.image_count(),
-            points: hosted.map.point_count(),
-            profile_id: hosted.map.profile().id().to_string(),
-        }
+pub(super) async fn list(
+    State(app): State<Arc<App>>,
+    Extension(guest): Extension<Arc<Guest>>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    admit(&app, &guest, &headers)?;
+    let slots = app.maps.slots();
+    let maps = slots.iter().filter_map(|slot| slot.current()).map(|hosted| MapEntry {
+        name: hosted.name.clone(),
+        images: hosted.map.image_count(),
+        points: hosted.map.point_count(),
+        profile_id: hosted.map.profile().id().to_string(),
     });
     let body = serde_json::to_vec(&MapList { maps: maps.collect() }).map_err(|_| Problem::Broken)?;
     Ok(([(CONTENT_TYPE, "application/json")], body).into_response())
@@ -68,11 +72,12 @@ pub(super) async fn list(State(app): State<Arc<App>>, headers: HeaderMap) -> Res
 ))]
 pub(super) async fn profile(
     State(app): State<Arc<App>>,
+    Extension(guest): Extension<Arc<Guest>>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    admit(&app, &headers)?;
-    let hosted = name.ok().and_then(|name| app.maps.find(&name)).ok_or(Problem::UnknownMap)?;
+    admit(&app, &guest, &headers)?;
+    let hosted = app.maps.served(&name.map_err(|_| Problem::UnknownMap)?)?;
     let common = [(ETAG, hosted.etag.as_str()), (CACHE_CONTROL, "no-cache")];
     let mut response = if knows(&headers, &hosted.etag) {
         (StatusCode::NOT_MODIFIED, common).into_response()

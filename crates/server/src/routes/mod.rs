@@ -40,3 +40,15 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .layer(from_fn_with_state(app.clone(), record::record))
         .with_state(app)
 }
+
+/// The addresses of the operator's own listener.
+pub(crate) fn admin_router(app: Arc<App>) -> Router {
+    Router::new()
+        .route("/healthz", get(status::health))
+        .route("/readyz", get(status::ready_for_operator))
+        .route("/readyz/{name}", get(status::map_ready))
+        .route("/metrics", get(status::metrics_for_operator))
+        .method_not_allowed_fallback(async || Problem::WrongMethod)
+        .fallback(async || Problem::NotFound)
+        .with_state(app)
+}

@@ -1,4 +1,5 @@
-//! One line in the log and one count in the metrics for every request: the only place where either is made.
+//! One line in the log and one count in the metrics for every request: the only place where either is made. Lines that
+//! anybody can cause are summed up (`throttle.rs`).
 //!
 //! Rule L8: a line holds names the operator chose, route templates (never the address that was asked for), status,
 //! problem and time. Method and address come from the client and could hold anything.
@@ -18,6 +19,9 @@ use crate::state::App;
 #[derive(Debug, Clone)]
 pub(super) struct ServedMap(pub(super) Arc<str>);
 
+/// Addresses that answer anybody.
+const OPEN: [&str; 4] = ["/healthz", "/readyz", "/v1/openapi.json", "other"];
+
 pub(super) async fn record(State(app): State<Arc<App>>, request: Request, next: Next) -> Response {
     let started = Instant::now();
     let method = match *request.method() {
@@ -35,6 +39,10 @@ pub(super) async fn record(State(app): State<Arc<App>>, request: Request, next: 
     let map = response.extensions().get::<ServedMap>().map(|map| map.0.as_ref());
     app.metrics.request(route, status, problem);
     let ms = took.as_secs_f64() * 1e3;
-    tracing::info!(method, route, status, problem, map, ms, "answered");
+    // What needs no token to cause, and every refusal, is summed up where there is much of it.
+    let kind = (status, problem.unwrap_or(""));
+    if (status < 400 && !OPEN.contains(&route)) || app.quiet.admits(kind) {
+        tracing::info!(method, route, status, problem, map, ms, "answered");
+    }
     response
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use axum::Extension;
 use axum::body::Body;
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, State};
@@ -10,6 +11,7 @@ use axum::response::Response;
 use veiloc_query::AnswerDocument;
 
 use super::localize::{Kind, serve};
+use crate::connections::Guest;
 use crate::problem::ProblemDocument;
 use crate::state::App;
 
@@ -41,9 +43,10 @@ use crate::state::App;
 ))]
 pub(super) async fn localize_rig(
     State(app): State<Arc<App>>,
+    Extension(guest): Extension<Arc<Guest>>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
     body: Body,
 ) -> Response {
-    serve(app, name, headers, body, Kind::Rig).await
+    serve(app, &guest, name, headers, body, Kind::Rig).await
 }

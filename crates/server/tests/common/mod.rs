@@ -19,7 +19,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Ri
 use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_query::{Profile, SealedQuery};
-use veiloc_server::{MapSource, Server, ServerHandle, ServerOptions};
+use veiloc_server::{Listening, MapSource, Server, ServerHandle, ServerOptions};
 
 use http::{Request, Response};
 
@@ -226,6 +226,7 @@ pub fn tokens_file(tokens: &[(&str, &str)]) -> String {
 /// A server in a thread of its own, stopped when dropped.
 pub struct Running {
     pub address: SocketAddr,
+    pub listening: Listening,
     pub handle: ServerHandle,
     thread: Option<JoinHandle<usize>>,
 }
@@ -241,12 +242,12 @@ impl Running {
                 .expect("runtime");
             runtime.block_on(async {
                 let server = Server::bind(options).await.expect("a server");
-                sender.send((server.address(), server.handle())).expect("the test waits");
+                sender.send((server.listening().clone(), server.handle())).expect("the test waits");
                 server.run().await
             })
         });
-        let (address, handle) = receiver.recv().expect("the server starts");
-        Self { address, handle, thread: Some(thread) }
+        let (listening, handle) = receiver.recv().expect("the server starts");
+        Self { address: listening.address, listening, handle, thread: Some(thread) }
     }
 
     /// Stops it and waits; how many connections were given up.

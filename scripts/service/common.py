@@ -1,0 +1,202 @@
+"""What the scenarios of this folder share: a place, `veiloc serve`, and clients of every kind.
+
+Each scenario is a finding of an attack on the service, as a script: what somebody does, and what becomes of the service.
+It runs against any build, so that before and after can be compared:
+
+    VEILOC_DATA=../shared/data scripts/service/stuck_log.py [--veiloc PROGRAM]
+
+Loopback only, standard library only. The place is made once and kept in `service-place` of the target folder.
+"""
+
+import argparse
+import hashlib
+import http.client
+import json
+import os
+import pathlib
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
+PROTOBUF = "application/x-protobuf"
+LOCALIZE = "/v1/maps/place/localize"
+
+
+def target_dir():
+    metadata = subprocess.run(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT, check=True,
+                              capture_output=True, text=True).stdout
+    return pathlib.Path(json.loads(metadata)["target_directory"])
+
+
+def first_words(path):
+    lines = path.read_text().splitlines()
+    return [line.split()[0] for line in lines if line and not line.startswith("#")]
+
+
+class Place:
+    """Maps of redkitchen, a sealed query of an image that they do not hold, and the program."""
+
+    def __init__(self, veiloc=None):
+        target = target_dir()
+        self.veiloc = pathlib.Path(veiloc or target / "release" / "veiloc").resolve()
+        if not self.veiloc.exists():
+            sys.exit("build the program first: cargo build --release -p veiloc-cli")
+        kept = target / "service-place"
+        self.map, self.smaller, self.large_query = kept / "place.vmap", kept / "smaller.vmap", kept / "large.vquery"
+        if not self.large_query.exists():
+            self.make(kept)
+        self.query, self.large = (kept / "query.vquery").read_bytes(), self.large_query.read_bytes()
+        self.work = pathlib.Path(tempfile.mkdtemp(prefix="veiloc-service-"))
+
+    def make(self, kept):
+        data = os.environ.get("VEILOC_DATA")
+        if not data:
+            sys.exit("set VEILOC_DATA to the folder of the real photographs")
+        kept.mkdir(parents=True, exist_ok=True)
+        kitchen = pathlib.Path(data).resolve() / "redkitchen"
+        names = first_words(kitchen / "map.txt")
+        self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
+                 kitchen / "map.txt", "--query-keypoints", "4096", "-o", self.map)
+        # Every other photograph taken out: another file, the same vocabulary and profile.
+        self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
+        self.run("map", "profile", self.map, "-o", kept / "profile")
+        camera_lines = (kitchen / "posed" / "cameras.txt").read_text().splitlines()
+        camera = ",".join(next(l for l in camera_lines if not l.startswith("#")).split()[1:])
+        photo = kitchen / "images" / first_words(kitchen / "query.txt")[0]
+        for name, keypoints in (("query.vquery", 1024), ("large.vquery", 4096)):
+            self.run("seal", photo, "--camera", camera, "--profile", kept / "profile", "--scheme", "dcl",
+                     "--max-keypoints", str(keypoints), "-o", kept / name)
+
+    def run(self, *arguments):
+        subprocess.run([self.veiloc, "--quiet", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
+
+    def tokens(self, names, path=None):
+        """A file of tokens; the token of `phone` is `token-of-phone`. Names with `!` are operators."""
+        path = path or self.work / "tokens"
+        lines = []
+        for name in names:
+            role = " operator" if name.endswith("!") else ""
+            name = name.rstrip("!")
+            lines.append(f"{name} {hashlib.sha256(token(name).encode()).hexdigest()}{role}\n")
+        path.write_text("".join(lines))
+        return path
+
+    def options(self):
+        """All options that this build knows."""
+        said = subprocess.run([self.veiloc, "serve", "--help"], check=True, capture_output=True, text=True).stdout
+        return set(re.findall(r"--[a-z-]+", said))
+
+
+def token(name):
+    return f"token-of-{name}"
+
+
+class Server:
+    """`veiloc serve` on a free port of loopback, its log in a file unless told otherwise."""
+
+    def __init__(self, place, *more, maps=None, stderr=None, port=None):
+        self.port = port or free_port()
+        self.known = place.options()
+        self.admin = free_port() if "--admin-listen" in self.known else None
+        maps = maps if maps is not None else ["--map", f"place={place.map}"]
+        command = [place.veiloc, "serve", *maps, "--listen", f"127.0.0.1:{self.port}", "--rate", "1000000"]
+        command += ["--admin-listen", f"127.0.0.1:{self.admin}"] if self.admin else []
+        self.log_path = place.work / f"server-{self.port}.log"
+        self.process = subprocess.Popen([*map(str, command), *map(str, more)], stderr=stderr or open(self.log_path, "w"))
+        wait_for(lambda: self.process.poll() is not None or connects(self.port), "the service")
+        if self.process.poll() is not None:
+            raise Ended(self.process.returncode, self.log())
+
+    def log(self):
+        return self.log_path.read_text(errors="replace") if self.log_path.exists() else ""
+
+    def alive(self):
+        return self.process.poll() is None
+
+    def stop(self, how=signal.SIGTERM, patience=60):
+        """The exit code, or None when it had to be killed."""
+        if self.alive():
+            self.process.send_signal(how)
+        try:
+            return self.process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            return None
+
+
+class Ended(Exception):
+    """The service did not start."""
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return listener.getsockname()[1]
+
+
+def connects(port):
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=1).close()
+        return True
+    except OSError:
+        return False
+
+
+def wait_for(condition, what, patience=60.0, pause=0.01):
+    deadline = time.monotonic() + patience
+    while not condition():
+        if time.monotonic() > deadline:
+            sys.exit(f"{what} never came about")
+        time.sleep(pause)
+
+
+def ask(port, path="/healthz", body=None, who=None, timeout=20.0, method=None):
+    """Status, body and headers of one request on a connection of its own; status None when there was no answer."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=timeout)
+    headers = {"authorization": f"Bearer {token(who)}"} if who else {}
+    if body is not None:
+        headers["content-type"] = PROTOBUF
+    try:
+        connection.request(method or ("GET" if body is None else "POST"), path, body, headers)
+        response = connection.getresponse()
+        return response.status, response.read(), dict(response.getheaders())
+    except (OSError, http.client.HTTPException):
+        return None, b"", {}
+    finally:
+        connection.close()
+
+
+def pose(body):
+    """What must be equal however often the same bytes are sent: everything but the times."""
+    answer = json.loads(body)
+    answer.pop("ms", None)
+    return json.dumps(answer, sort_keys=True)
+
+
+def in_threads(count, work):
+    """Runs `work(i)` in so many threads; joins them."""
+    threads = [threading.Thread(target=work, args=(i,), daemon=True) for i in range(count)]
+    for thread in threads:
+        thread.start()
+    return threads
+
+
+def arguments(doc):
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--veiloc", help="the program to attack; default: the release build of this repository")
+    return parser
+
+
+def row(*cells):
+    print("| " + " | ".join(str(cell) for cell in cells) + " |", flush=True)
+
+
+def header(*cells):
+    row(*cells)
+    print("|" + "---|" * len(cells), flush=True)
