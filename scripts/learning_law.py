@@ -32,7 +32,7 @@ COLORS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7"]
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--veiloc", required=True, help="a build with the feature `network`")
+    parser.add_argument("--veiloc", required=True, help="the program")
     parser.add_argument("--train", required=True, type=Path, help="keypoints of all photographs")
     parser.add_argument("--validate", required=True, type=Path)
     parser.add_argument("--test", required=True, type=Path, nargs="+")

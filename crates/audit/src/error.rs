@@ -73,7 +73,6 @@ pub enum AuditError {
     #[error(transparent)]
     Attack(#[from] veiloc_attacks::AttackError),
     /// A network could not be trained or read.
-    #[cfg(feature = "network")]
     #[error(transparent)]
     Network(#[from] veiloc_outsider::NetworkError),
 }

@@ -2,7 +2,7 @@
 //!
 //! - [`evaluate_attacks`] runs attacks (the table [`ATTACKS`]) on files of keypoints; [`AttackDocument`] is what they found.
 //! - [`run_audit`] does so for an audit: with everything a page draws, and conclusions in sentences.
-//! - `training` (feature `network`): the networks of an outsider who learns.
+//! - [`training`]: the networks of an outsider who learns.
 //!
 //! Nothing here is for devices or servers: it knows the truth, to judge attacks by.
 #![forbid(unsafe_code)]
@@ -21,7 +21,6 @@ mod rows;
 mod run;
 mod server;
 mod sightings;
-#[cfg(feature = "network")]
 pub mod training;
 mod view;
 

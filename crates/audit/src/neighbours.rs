@@ -22,7 +22,7 @@ pub enum NeighbourSource {
         /// Files of keypoints with descriptors.
         train: Vec<PathBuf>,
     },
-    /// A trained attention network, see `veiloc train neighbours`. Needs the feature `network`.
+    /// A trained attention network, see `veiloc train neighbours`.
     Network {
         /// The network's file.
         model: PathBuf,
@@ -100,7 +100,6 @@ pub(super) enum Predictor {
     /// Canonical correlations.
     Statistic(NeighbourPredictor),
     /// A trained network.
-    #[cfg(feature = "network")]
     Network(Box<veiloc_outsider::neighbours::NeighbourNetwork>),
 }
 
@@ -109,26 +108,16 @@ impl Predictor {
     pub(super) fn predict(&self, descriptors: &Descriptors, k: usize) -> Result<NeighbourLists, AttackError> {
         match self {
             Self::Statistic(statistic) => statistic.predict(descriptors, k),
-            #[cfg(feature = "network")]
             Self::Network(network) => network.predict(descriptors, k),
         }
     }
 }
 
-#[cfg(feature = "network")]
 fn read_network(model: &Path) -> Result<Predictor, AuditError> {
     let bytes = std::fs::read(model).map_err(|source| AuditError::Io { path: model.to_owned(), source })?;
     let network = veiloc_outsider::neighbours::NeighbourNetwork::decode(&bytes)
         .map_err(|e| AuditError::DataSet(format!("{}: {e}", model.display())))?;
     Ok(Predictor::Network(Box::new(network)))
-}
-
-#[cfg(not(feature = "network"))]
-fn read_network(model: &Path) -> Result<Predictor, AuditError> {
-    Err(AuditError::Options(format!(
-        "{}: this veiloc was built without networks; build it with `cargo build --release -p veiloc-cli --features network`",
-        model.display()
-    )))
 }
 
 /// An image with everything that is known of it.

@@ -8,14 +8,12 @@ use veiloc_query::Scheme;
 
 use crate::error::AuditError;
 
-/// What an outsider has trained, see `veiloc train positions`. A build without the feature `network` has none.
+/// What an outsider has trained, see `veiloc train positions`.
 #[derive(Debug, Default)]
 pub struct TrainedPositions {
-    #[cfg(feature = "network")]
     networks: Vec<veiloc_outsider::positions::PositionNetwork>,
 }
 
-#[cfg(feature = "network")]
 impl TrainedPositions {
     /// From their files.
     ///
@@ -53,38 +51,5 @@ impl TrainedPositions {
         let Some(network) = self.networks.iter().find(|n| n.scheme() == scheme) else { return Ok(None) };
         let found = veiloc_outsider::positions::recover(network, observations, descriptors, width, height)?;
         Ok(Some(found.iter().map(|e| e.pixel).collect()))
-    }
-}
-
-#[cfg(not(feature = "network"))]
-#[expect(clippy::unused_self, reason = "the same doors as in a build with networks")]
-impl TrainedPositions {
-    /// Nothing of nothing.
-    ///
-    /// # Errors
-    /// [`AuditError::Options`] when there is a file: this build cannot read it.
-    pub fn read(files: &[PathBuf]) -> Result<Self, AuditError> {
-        match files.first() {
-            None => Ok(Self::default()),
-            Some(file) => Err(AuditError::Options(format!(
-                "{}: this veiloc was built without networks; build it with `cargo build --release -p veiloc-cli --features network`",
-                file.display()
-            ))),
-        }
-    }
-
-    /// Never.
-    pub const fn knows(&self, _scheme: Scheme) -> bool {
-        false
-    }
-
-    pub(crate) fn recover(
-        &self,
-        _scheme: Scheme,
-        _observations: &[Observation],
-        _descriptors: &Descriptors,
-        _size: (u32, u32),
-    ) -> Result<Option<Vec<Pixel>>, AuditError> {
-        Ok(None)
     }
 }

@@ -1,5 +1,4 @@
 //! `veiloc train` from files to figures: nothing learned from is judged, networks attack, and what is missing is said.
-#![cfg(feature = "network")]
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

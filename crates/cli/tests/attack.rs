@@ -187,30 +187,22 @@ fn a_network_is_trained_and_used_or_the_remedy_is_named() {
     let attack =
         "attack network-2.jsonl --schemes dcl --attacks closed-form --neighbours network --model n.net";
     assert_eq!(place.run(&attack.replace("--model n.net", "")).code, Some(2), "a model must be named");
-    if cfg!(feature = "network") {
-        let run = place.run(&format!("{train} --plot n.svg --json n.json")).succeeded();
-        assert!(run.stdout.contains("network") && run.stdout.contains("statistic"), "{run}");
-        assert!(run.stderr.contains("step 4"), "{run}");
-        let document: serde_json::Value = serde_json::from_slice(&place.read("n.json")).expect("a document");
-        assert_eq!(document["curve"].as_array().map(Vec::len), Some(2));
-        assert_eq!(document["precision"].as_array().map(Vec::len), Some(4));
-        assert!(place.read("n.svg").starts_with(b"<svg"));
-        let run = place.run(attack).succeeded();
-        assert!(run.stdout.contains("of the neighbours are true"), "{run}");
-        for (arguments, says) in [
-            (train.replace("--test network-2", "--test network-0"), "different places"),
-            (train.replace("--heads 2", "--heads 3"), "divisor"),
-            (attack.replace("n.net", "network-0.jsonl"), "no network"),
-            (attack.replace("n.net", "none.net"), "none.net"),
-        ] {
-            let run = place.run(&arguments);
-            assert!(run.code == Some(1) && run.stderr.contains(says), "{says}: {run}");
-        }
-    } else {
-        for arguments in [train, attack] {
-            let run = place.run(arguments);
-            assert_eq!(run.code, Some(1), "{run}");
-            assert!(run.stderr.replace(['\n', '│', ' '], "").contains("--featuresnetwork"), "{run}");
-        }
+    let run = place.run(&format!("{train} --plot n.svg --json n.json")).succeeded();
+    assert!(run.stdout.contains("network") && run.stdout.contains("statistic"), "{run}");
+    assert!(run.stderr.contains("step 4"), "{run}");
+    let document: serde_json::Value = serde_json::from_slice(&place.read("n.json")).expect("a document");
+    assert_eq!(document["curve"].as_array().map(Vec::len), Some(2));
+    assert_eq!(document["precision"].as_array().map(Vec::len), Some(4));
+    assert!(place.read("n.svg").starts_with(b"<svg"));
+    let run = place.run(attack).succeeded();
+    assert!(run.stdout.contains("of the neighbours are true"), "{run}");
+    for (arguments, says) in [
+        (train.replace("--test network-2", "--test network-0"), "different places"),
+        (train.replace("--heads 2", "--heads 3"), "divisor"),
+        (attack.replace("n.net", "network-0.jsonl"), "no network"),
+        (attack.replace("n.net", "none.net"), "none.net"),
+    ] {
+        let run = place.run(&arguments);
+        assert!(run.code == Some(1) && run.stderr.contains(says), "{says}: {run}");
     }
 }

@@ -65,8 +65,8 @@ pub(super) struct AdversaryArgs {
     /// A trained network, as `veiloc train neighbours` writes it.
     #[arg(long, value_name = "FILE", required_if_eq("neighbours", "network"))]
     model: Option<PathBuf>,
-    /// Networks of positions, as `veiloc train positions` writes them, one a scheme, for the attack trained-positions;
-    /// needs a veiloc built with the feature `network`. Schemes without one are attacked without. Default: none.
+    /// Networks of positions, as `veiloc train positions` writes them, one a scheme, for the attack trained-positions.
+    /// Schemes without one are attacked without. Default: none.
     #[arg(long, num_args = 1.., value_name = "FILE")]
     positions: Vec<PathBuf>,
     /// Neighbours a keypoint.
@@ -112,7 +112,7 @@ enum Source {
     Oracle,
     /// A statistic of which descriptors occur side by side, learned from the images of `--train`.
     Predicted,
-    /// The attention network of `--model`; needs a veiloc built with the feature `network`.
+    /// The attention network of `--model`.
     Network,
     /// A server that has the other images of the file for a map.
     Transferred,

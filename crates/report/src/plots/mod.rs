@@ -3,13 +3,11 @@
 mod bound;
 mod layouts;
 mod tradeoff;
-#[cfg(feature = "network")]
 mod training;
 
 pub use bound::plot as bound;
 pub use layouts::plot as layouts;
 pub use tradeoff::plot as tradeoff;
-#[cfg(feature = "network")]
 pub use training::{plot as training, positions};
 
 use plotters::style::RGBColor;

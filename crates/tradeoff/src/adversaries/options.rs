@@ -41,7 +41,7 @@ pub struct AdversariesEvaluation {
     pub adversaries: Vec<Adversary>,
     /// Files of keypoints of elsewhere, which outsiders learn from; without any there is no outsider.
     pub train: Vec<PathBuf>,
-    /// A network that predicts neighbours, trained elsewhere; needs the feature `network`.
+    /// A network that predicts neighbours, trained elsewhere.
     pub network: Option<PathBuf>,
     /// Networks from all rows to positions, trained elsewhere, one a scheme; as above.
     pub positions: Vec<PathBuf>,

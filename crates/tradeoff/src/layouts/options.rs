@@ -18,7 +18,7 @@ pub struct LayoutsEvaluation {
     pub layouts: Vec<DclLayout>,
     /// Files of keypoints that teach the predictor of neighbours; empty for the images of the map.
     pub train: Vec<PathBuf>,
-    /// A trained network that predicts neighbours as well; needs the feature `network`.
+    /// A trained network that predicts neighbours as well.
     pub network: Option<PathBuf>,
     /// Networks from all rows to positions, one a layout at most; as above.
     pub positions: Vec<PathBuf>,

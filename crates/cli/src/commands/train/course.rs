@@ -74,7 +74,6 @@ fn positive(text: &str) -> Result<f64, String> {
     if value > 0.0 && value.is_finite() { Ok(value) } else { Err("a number above 0 is expected".to_owned()) }
 }
 
-#[cfg(feature = "network")]
 mod training {
     //! What a build with networks does.
 

@@ -16,18 +16,9 @@ pub(crate) enum Command {
     Positions(positions::Args),
 }
 
-#[cfg(feature = "network")]
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Neighbours(args) => neighbours::run(args, ui),
         Command::Positions(args) => positions::run(args, ui),
     }
-}
-
-#[cfg(not(feature = "network"))]
-pub(crate) fn run(_command: &Command, _ui: &Ui) -> Outcome {
-    Err(crate::exit::Failure::with_help(
-        "this veiloc was built without networks",
-        "build it with `cargo build --release -p veiloc-cli --features network`",
-    ))
 }

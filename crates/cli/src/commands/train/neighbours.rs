@@ -7,7 +7,7 @@ use crate::commands::json_args::JsonArgs;
 ///
 /// Learns from the images of `--train`, keeps the step that is best on those of `--validate`, and tells how many of
 /// the neighbours it names on those of `--test` are true, beside the statistic of `attack --neighbours predicted`
-/// learned from the same images. Give three different places. Needs a veiloc built with the feature `network`.
+/// learned from the same images. Give three different places.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -19,7 +19,6 @@ pub(crate) struct Args {
     json: JsonArgs,
 }
 
-#[cfg(feature = "network")]
 pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
     use veiloc_audit::training::{NeighbourRun, train_neighbours, training_table};
     use veiloc_report::plots;

@@ -10,8 +10,7 @@ use crate::commands::json_args::JsonArgs;
 /// What it says is added to the guess from the single line, so that it begins as that guess. Images are obfuscated anew
 /// every time one is drawn. Learns from the images of `--train`, keeps the step that tells most about those of
 /// `--validate`, and says what it tells about each file of `--test`, in bits and in pixels beside the guess. Give three
-/// different places. `--sees row` and `--sees line` train the same network without attention, for comparison. Needs a
-/// veiloc built with the feature `network`.
+/// different places. `--sees row` and `--sees line` train the same network without attention, for comparison.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -46,7 +45,6 @@ enum Shown {
     Line,
 }
 
-#[cfg(feature = "network")]
 pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
     use veiloc_audit::AuditError;
     use veiloc_audit::training::{PositionRun, PositionTask, Sees, position_table, train_positions};
