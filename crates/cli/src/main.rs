@@ -4,7 +4,6 @@
 //! refused or nothing was localized, 2 wrong usage, 3 results could not be written or our own error.
 #![forbid(unsafe_code)]
 
-mod camera;
 mod commands;
 
 use std::process::ExitCode;
@@ -46,14 +45,14 @@ enum Command {
     Query(commands::query::Command),
     /// Measure localization on data with known poses.
     #[command(subcommand)]
-    Eval(commands::eval::Command),
+    Eval(veiloc_measure::eval::Command),
     /// Recover keypoints from what is sent, by every attack under every scheme.
-    Attack(commands::attack::Args),
+    Attack(veiloc_measure::attack::Args),
     /// Attack what would be sent of your images, and write a report on it.
-    Audit(commands::audit::Args),
+    Audit(veiloc_measure::audit::Args),
     /// Teach a machine what an attacker would: to tell neighbours from descriptors.
     #[command(subcommand)]
-    Train(commands::train::Command),
+    Train(veiloc_measure::train::Command),
 }
 
 fn main() -> ExitCode {
@@ -69,10 +68,10 @@ fn main() -> ExitCode {
         Command::Localize(args) => commands::localize::run(args, &ui),
         Command::Serve(args) => commands::serve::run(args, &ui),
         Command::Query(command) => commands::query::run(command, &ui),
-        Command::Eval(command) => commands::eval::run(command, &ui),
-        Command::Attack(args) => commands::attack::run(args, &ui),
-        Command::Audit(args) => commands::audit::run(args, &ui),
-        Command::Train(command) => commands::train::run(command, &ui),
+        Command::Eval(command) => veiloc_measure::eval::run(command, &ui),
+        Command::Attack(args) => veiloc_measure::attack::run(args, &ui),
+        Command::Audit(args) => veiloc_measure::audit::run(args, &ui),
+        Command::Train(command) => veiloc_measure::train::run(command, &ui),
     });
     let exit = result.unwrap_or_else(|failure| told(&failure, &ui));
     // Whatever else went wrong: who asked has not got the results there were.

@@ -3,9 +3,9 @@
 use veiloc_obfuscation::SealOptions;
 use veiloc_query::{CoarseGravity, FocalKnowledge, Profile, Scheme};
 
-use crate::camera::{CameraArg, CameraSource};
 use crate::exit::Failure;
 use crate::ui::Ui;
+use veiloc_arguments::camera::{CameraArg, CameraSource};
 
 /// How an image is sealed.
 #[derive(clap::Args)]

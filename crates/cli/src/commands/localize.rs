@@ -13,11 +13,11 @@ use veiloc_query::{PositionHint, SealedQuery};
 use veiloc_results::PoseDocument;
 use veiloc_robust::{Confidence, PositionPrior, State};
 
-use crate::commands::localization_args::{MatchArgs, PoseArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::items::{self, Fault, FaultKind, Item, SEALED, SkipArgs, Tally};
 use crate::ui::Ui;
+use veiloc_arguments::localization_args::{MatchArgs, PoseArgs};
 
 /// Find where sealed queries were taken.
 ///

@@ -5,9 +5,10 @@ mod self_test;
 
 use std::path::{Path, PathBuf};
 
+use veiloc_arguments::extraction_args::ExtractionArgs;
 use veiloc_map::colmap::{read_model, read_posed};
 use veiloc_map::{Down, MapFile, MapLock, MapModel, PosedImages};
-use veiloc_mapping::{BuildOptions, Input, MappingError, OnBadImage, Words};
+use veiloc_mapping::{Input, MappingError, OnBadImage, Words};
 
 use self::info::Told;
 use self::self_test::{KeepArgs, SelfTestArgs};
@@ -32,31 +33,6 @@ pub(crate) enum Command {
     Remove(RemoveArgs),
     /// Write what a device needs to seal queries for a map; it holds no map data.
     Profile(ProfileArgs),
-}
-
-/// What is extracted from an image, and what devices are asked to do.
-#[derive(clap::Args)]
-pub(crate) struct ExtractionArgs {
-    /// Kind of features.
-    #[arg(long, default_value = "sift", value_name = "KIND")]
-    features: String,
-    /// Keypoints of an image at most, the strongest.
-    #[arg(long, default_value_t = 4096, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
-    max_keypoints: u32,
-    /// Keypoints devices are asked for at most, the strongest; it is published in the profile.
-    #[arg(long, default_value_t = 2048, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=4096))]
-    query_keypoints: u32,
-}
-
-impl ExtractionArgs {
-    /// The library's options.
-    pub(crate) fn options(&self) -> BuildOptions {
-        let mut options = BuildOptions::default();
-        options.settings.extraction.max_keypoints = self.max_keypoints;
-        options.device.max_keypoints = self.query_keypoints;
-        options.features.clone_from(&self.features);
-        options
-    }
 }
 
 /// What a new map knows, where it goes, and how it is told.

@@ -1,18 +1,11 @@
 //! One file a command: its arguments, and the few lines that hand them to the libraries.
 
-pub(crate) mod attack;
-pub(crate) mod audit;
 pub(crate) mod demo;
 mod device_args;
-pub(crate) mod eval;
-mod json_args;
-mod localization_args;
 pub(crate) mod localize;
 pub(crate) mod map;
-mod progressive_args;
 pub(crate) mod query;
 mod rig_file;
 pub(crate) mod seal;
 pub(crate) mod serve;
 mod session_args;
-pub(crate) mod train;

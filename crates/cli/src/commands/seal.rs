@@ -6,16 +6,17 @@ use std::path::{Path, PathBuf};
 
 use veiloc_client::{Orientation, SealImageError, SealedImage, SessionFile, seal_image};
 use veiloc_features::FeatureError;
-use veiloc_obfuscation::{ExtractError, SealOptions};
+use veiloc_obfuscation::SealOptions;
 use veiloc_query::{FocalKnowledge, Profile};
 
-use crate::camera::{CameraArg, CameraSource};
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::items::{Fault, FaultKind, SkipArgs};
 use crate::ui::Ui;
+use veiloc_arguments::camera::{CameraArg, CameraSource};
+use veiloc_arguments::faults::fault_of;
 
 /// Turn images into sealed queries.
 ///
@@ -112,15 +113,6 @@ fn seal_one(
         Err(SealImageError::Seal { source, .. }) => Ok(Err(Fault::new(FaultKind::Unfit, source))),
         Err(SealImageError::Session(error)) => Err(session_args::failure(&error)),
     }
-}
-
-/// What is wrong with an image that nothing could be extracted from.
-pub(crate) fn fault_of(error: &ExtractError) -> Fault {
-    let kind = match error {
-        ExtractError::Image(FeatureError::ImageSize { .. }) | ExtractError::Profile(_) => FaultKind::Unfit,
-        _ => FaultKind::Damaged,
-    };
-    Fault::new(kind, error)
 }
 
 /// Reads a profile file.

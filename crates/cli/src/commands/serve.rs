@@ -12,9 +12,9 @@ use veiloc_server::{
     BadGeoFrame, GeoFrame, LogQueue, MapSource, RateLimit, ServerOptions, TlsFiles, run_until_signal,
 };
 
-use crate::commands::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
+use veiloc_arguments::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 
 /// Serve maps: sealed queries in over HTTP, poses out.
 ///

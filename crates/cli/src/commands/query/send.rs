@@ -12,12 +12,12 @@ use veiloc_features::FeatureError;
 
 use super::connection::{Connection, failure};
 use super::session;
-use crate::camera::CameraArg;
 use crate::commands::device_args::DeviceArgs;
-use crate::commands::progressive_args::ProgressiveArgs;
 use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
+use veiloc_arguments::camera::CameraArg;
+use veiloc_arguments::progressive_args::ProgressiveArgs;
 
 /// Seal one image, send it, print the pose.
 ///

@@ -8,12 +8,12 @@ use veiloc_obfuscation::{KnownCamera, SealOptions};
 use veiloc_query::Profile;
 
 use super::{Args, InSession, Sealed, seal_one};
-use crate::camera::CameraSource;
 use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::items::{self, Fault, IMAGES, Item, Tally};
 use crate::lists;
 use crate::ui::Ui;
+use veiloc_arguments::camera::CameraSource;
 
 /// The document of `veiloc seal --json`.
 #[derive(Serialize)]

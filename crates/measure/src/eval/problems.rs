@@ -7,12 +7,12 @@ use veiloc_datasets::{KeypointImage, encode_keypoints};
 use veiloc_eval::{ProblemSource, make_problems};
 use veiloc_map::colmap::read_posed;
 
-use crate::commands::eval::place::PlaceArgs;
-use crate::commands::localization_args::MatchArgs;
-use crate::commands::map::ExtractionArgs;
+use crate::eval::place::PlaceArgs;
 use crate::exit::{Exit, Outcome};
+use crate::extraction_args::ExtractionArgs;
 use crate::files;
 use crate::lists;
+use crate::localization_args::MatchArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -21,7 +21,7 @@ use crate::ui::Ui;
 /// Builds a map from the images of the map list, matches every image of the query list with it, and writes the matches
 /// with the true poses: one JSON object a line, gzipped when the name ends in `.gz`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(flatten)]
     place: PlaceArgs,
     /// Where the problems go; `-` for stdout.

@@ -4,7 +4,7 @@ use veiloc_query::Enough;
 
 /// How much of a sealed query is sent.
 #[derive(clap::Args)]
-pub(crate) struct ProgressiveArgs {
+pub struct ProgressiveArgs {
     /// Send the query in steps: 256 of its rows at random, then twice as many, and so on, only while the pose is not
     /// trusted. Rows that are not sent tell nobody anything; each step sends those before again, and the server, and who sees
     /// how much is sent, learns how many steps it took (docs/privacy.md). Default: all rows at once.
@@ -23,7 +23,7 @@ fn accuracy(text: &str) -> Result<Enough, String> {
 
 impl ProgressiveArgs {
     /// When to stop; `None` when all rows are sent at once.
-    pub(crate) fn enough(&self) -> Option<Enough> {
+    pub fn enough(&self) -> Option<Enough> {
         self.progressive.then(|| self.accuracy.unwrap_or(Enough::TRUSTED))
     }
 }

@@ -7,10 +7,10 @@ use veiloc_query::{AngleBits, Scheme};
 use veiloc_report::plots;
 use veiloc_results::Hypotheses;
 
-use crate::commands::json_args::JsonArgs;
-use crate::commands::localization_args::{EngineArgs, positive};
 use crate::exit::{Exit, Outcome};
 use crate::files;
+use crate::json_args::JsonArgs;
+use crate::localization_args::{EngineArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -21,7 +21,7 @@ use crate::ui::Ui;
 /// table says how often the truth lies in the region that the estimated covariance draws around the estimate.
 #[derive(clap::Args)]
 #[command(after_long_help = SCENES)]
-pub(crate) struct Args {
+pub struct Args {
     /// Scenes: deep, near-planar, narrow.
     #[arg(long, value_delimiter = ',', default_value = "deep,near-planar,narrow", value_name = "SCENE,…")]
     scenes: Vec<SyntheticScene>,

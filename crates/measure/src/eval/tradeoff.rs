@@ -6,10 +6,10 @@ use veiloc_report::plots;
 use veiloc_results::metrics::Threshold;
 use veiloc_tradeoff::variants::{TradeoffEvaluation, Variant, evaluate_tradeoff, tradeoff_table};
 
-use crate::commands::json_args::JsonArgs;
-use crate::commands::localization_args::{EngineArgs, RunArgs};
 use crate::exit::{Exit, Outcome};
 use crate::files;
+use crate::json_args::JsonArgs;
+use crate::localization_args::{EngineArgs, RunArgs};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -19,7 +19,7 @@ use crate::ui::Ui;
 /// Each variant is a change of what a device sends; the same rows are attacked and localized.
 #[derive(clap::Args)]
 #[command(after_long_help = VARIANTS)]
-pub(crate) struct Args {
+pub struct Args {
     /// All keypoints of images with descriptors, one JSON object a line, plain or gzipped.
     #[arg(value_name = "KEYPOINTS")]
     keypoints: PathBuf,

@@ -5,12 +5,12 @@ use veiloc_map::colmap::read_posed;
 use veiloc_query::Scheme;
 use veiloc_results::metrics::Threshold;
 
-use crate::commands::eval::place::{GravityArgs, PlaceArgs};
-use crate::commands::json_args::JsonArgs;
-use crate::commands::localization_args::{MatchArgs, PoseArgs, positive};
-use crate::commands::map::ExtractionArgs;
+use crate::eval::place::{GravityArgs, PlaceArgs};
 use crate::exit::{Exit, Outcome};
+use crate::extraction_args::ExtractionArgs;
+use crate::json_args::JsonArgs;
 use crate::lists;
+use crate::localization_args::{MatchArgs, PoseArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -20,7 +20,7 @@ use crate::ui::Ui;
 /// localizes it, and compares with its known pose. A query without a pose counts as infinitely wrong.
 #[derive(clap::Args)]
 #[command(after_long_help = STRESSES)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(flatten)]
     place: PlaceArgs,
     #[command(flatten)]

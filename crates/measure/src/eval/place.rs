@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::commands::localization_args::positive;
+use crate::localization_args::positive;
 
 /// A place with known poses.
 #[derive(clap::Args)]

@@ -6,9 +6,9 @@ use veiloc_eval::{GravitySource, PoseEvaluation, Recipe, evaluate_poses};
 use veiloc_query::AngleBits;
 use veiloc_results::Hypotheses;
 
-use crate::commands::eval::report::ReportArgs;
-use crate::commands::localization_args::{EngineArgs, RunArgs, positive};
+use crate::eval::report::ReportArgs;
 use crate::exit::Outcome;
+use crate::localization_args::{EngineArgs, RunArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -18,7 +18,7 @@ use crate::ui::Ui;
 /// a pose counts as infinitely wrong.
 #[derive(clap::Args)]
 #[command(after_long_help = RECIPES)]
-pub(crate) struct Args {
+pub struct Args {
     /// Problems, one JSON object a line, plain or gzipped.
     #[arg(required = true, value_name = "PROBLEMS")]
     files: Vec<PathBuf>,

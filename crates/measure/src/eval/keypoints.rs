@@ -17,7 +17,7 @@ use crate::ui::Ui;
 /// Extracts what a device would and writes one JSON object an image, one a line, gzipped when the name ends in
 /// `.gz`. The file holds keypoint positions in the clear: it is for tests of one's own images, never to be sent.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     /// Images, JPEG or PNG, and folders: of a folder all images in it and in its sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,

@@ -3,7 +3,7 @@
 use veiloc_query::{AngleBits, Scheme};
 
 use super::course::CourseArgs;
-use crate::commands::json_args::JsonArgs;
+use crate::json_args::JsonArgs;
 
 /// Train the attention network that tells positions from all rows of a query, descriptors and lines.
 ///
@@ -12,7 +12,7 @@ use crate::commands::json_args::JsonArgs;
 /// `--validate`, and says what it tells about each file of `--test`, in bits and in pixels beside the guess. Give three
 /// different places. `--sees row` and `--sees line` train the same network without attention, for comparison.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(flatten)]
     course: CourseArgs,
     /// Scheme under which images are sent.

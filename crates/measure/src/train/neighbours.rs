@@ -1,7 +1,7 @@
 //! `veiloc train neighbours`: the attention network that tells neighbours from descriptors alone.
 
 use super::course::CourseArgs;
-use crate::commands::json_args::JsonArgs;
+use crate::json_args::JsonArgs;
 
 /// Train the attention network that tells neighbours from descriptors alone.
 ///
@@ -9,7 +9,7 @@ use crate::commands::json_args::JsonArgs;
 /// the neighbours it names on those of `--test` are true, beside the statistic of `attack --neighbours predicted`
 /// learned from the same images. Give three different places.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(flatten)]
     course: CourseArgs,
     /// Nearest keypoints of an image that count as neighbours.

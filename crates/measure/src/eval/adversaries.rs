@@ -8,12 +8,12 @@ use veiloc_tradeoff::adversaries::{
     AdversariesEvaluation, Adversary, Place, adversaries_table, evaluate_adversaries,
 };
 
-use crate::commands::eval::place::MaybePlaceArgs;
-use crate::commands::json_args::JsonArgs;
-use crate::commands::localization_args::MatchArgs;
-use crate::commands::map::ExtractionArgs;
+use crate::eval::place::MaybePlaceArgs;
 use crate::exit::{Exit, Outcome};
+use crate::extraction_args::ExtractionArgs;
+use crate::json_args::JsonArgs;
 use crate::lists;
+use crate::localization_args::MatchArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -24,7 +24,7 @@ use crate::ui::Ui;
 /// something (--train). The table shows the best attack of each, in pixels and in bits over the guess from the single line.
 #[derive(clap::Args)]
 #[command(after_long_help = ADVERSARIES)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(flatten)]
     place: MaybePlaceArgs,
     /// Keypoints of images of which nobody has a map, as `eval keypoints` writes them; may be given beside a place.

@@ -9,10 +9,10 @@ use veiloc_audit::{Attack, AttackEvaluation, Audit, AuditOptions, attacks_table,
 use veiloc_query::ExtractionLimits;
 use veiloc_report::audit_page;
 
-use crate::commands::attack::AdversaryArgs;
-use crate::commands::json_args::JsonArgs;
+use crate::attack::AdversaryArgs;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
+use crate::json_args::JsonArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -25,7 +25,7 @@ use inputs::Inputs;
 /// figures, true and recovered keypoints drawn over the images. Nothing is sent anywhere. The page holds the
 /// images and the positions of their keypoints, so it is for whoever owns them.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     /// Photographs (JPEG or PNG), folders of them, and files of keypoints (.jsonl, .jsonl.gz), which are shown on the
     /// photographs of their names, given too or beside the file.
     /// With `--synthetic N`, and nothing else, the synthetic scene alone is attacked.
@@ -67,7 +67,11 @@ pub(crate) struct Args {
     json: JsonArgs,
 }
 
-pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+/// Runs `veiloc audit`.
+///
+/// # Errors
+/// What was given cannot be read, or makes no sense together; results cannot be written.
+pub fn run(args: &Args, ui: &Ui) -> Outcome {
     let started = Instant::now();
     // A report that cannot be written is refused before the work, not after it.
     let report = report_path(&args.out)?;

@@ -6,9 +6,9 @@ use veiloc_results::metrics::Threshold;
 use veiloc_results::{Evaluation, table};
 use veiloc_robust::ScoreKind;
 
-use crate::commands::json_args::JsonArgs;
-use crate::commands::localization_args::EngineArgs;
 use crate::exit::{Exit, Failure, Outcome};
+use crate::json_args::JsonArgs;
+use crate::localization_args::EngineArgs;
 use crate::ui::Ui;
 
 /// What `eval scene` and `eval pose` compare and print.

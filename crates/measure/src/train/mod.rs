@@ -9,14 +9,18 @@ use crate::ui::Ui;
 
 /// What to train.
 #[derive(clap::Subcommand)]
-pub(crate) enum Command {
+pub enum Command {
     /// The attention network that tells neighbours from descriptors alone.
     Neighbours(neighbours::Args),
     /// The attention network that tells positions from all rows of a query, descriptors and lines.
     Positions(positions::Args),
 }
 
-pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
+/// Runs one of `veiloc train`.
+///
+/// # Errors
+/// What was given cannot be read, or makes no sense together; results cannot be written.
+pub fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Neighbours(args) => neighbours::run(args, ui),
         Command::Positions(args) => positions::run(args, ui),

@@ -8,13 +8,13 @@ use veiloc_query::{DclLayout, Scheme};
 use veiloc_report::plots;
 use veiloc_tradeoff::layouts::{LayoutsEvaluation, evaluate_layouts, layouts_table};
 
-use crate::commands::eval::place::PlaceArgs;
-use crate::commands::json_args::JsonArgs;
-use crate::commands::localization_args::{MatchArgs, PoseArgs};
-use crate::commands::map::ExtractionArgs;
+use crate::eval::place::PlaceArgs;
 use crate::exit::{Exit, Outcome};
+use crate::extraction_args::ExtractionArgs;
 use crate::files;
+use crate::json_args::JsonArgs;
 use crate::lists;
+use crate::localization_args::{MatchArgs, PoseArgs};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -24,7 +24,7 @@ use crate::ui::Ui;
 /// and attacks some of the same queries. Adversaries count by what they gain over the guess, bits a keypoint.
 #[derive(clap::Args)]
 #[command(after_long_help = ADVERSARIES)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(flatten)]
     place: PlaceArgs,
     /// Layouts, as schemes of dcl, in the order of the table. Layouts are held against `dcl:paper` where that is among them.

@@ -8,8 +8,8 @@ use veiloc_audit::{
 };
 use veiloc_query::{AngleBits, Scheme};
 
-use crate::commands::json_args::JsonArgs;
 use crate::exit::{Exit, Failure, Outcome};
+use crate::json_args::JsonArgs;
 use crate::ui::Ui;
 
 /// Recover keypoints from what is sent, by every attack under every scheme.
@@ -18,7 +18,7 @@ use crate::ui::Ui;
 /// keypoints are from the true ones. The first row of a scheme is the guess that uses no neighbours: an attack
 /// counts only by what it gains over that.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     /// Keypoints of images, one JSON object a line, plain or gzipped.
     #[arg(value_name = "KEYPOINTS", required_unless_present = "synthetic")]
     files: Vec<PathBuf>,
@@ -184,7 +184,11 @@ impl AdversaryArgs {
     }
 }
 
-pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+/// Runs `veiloc attack`.
+///
+/// # Errors
+/// What was given cannot be read, or makes no sense together; results cannot be written.
+pub fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = AttackEvaluation {
         files: args.files.clone(),
         synthetic: args.synthetic.unwrap_or(0) as usize,

@@ -21,7 +21,7 @@ use crate::ui::Ui;
 
 /// What to evaluate.
 #[derive(clap::Subcommand)]
-pub(crate) enum Command {
+pub enum Command {
     /// The whole road on a place with known poses: build the map, seal the queries, localize them.
     Scene(Box<scene::Args>),
     /// One place, and queries of it in the dark, moved, half hidden, small, in a sparse map, with few keypoints.
@@ -48,7 +48,11 @@ pub(crate) enum Command {
     Keypoints(keypoints::Args),
 }
 
-pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
+/// Runs one of `veiloc eval`.
+///
+/// # Errors
+/// What was given cannot be read, or makes no sense together; results cannot be written.
+pub fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Scene(args) => scene::run(args, ui),
         Command::Stress(args) => stress::run(args, ui),

@@ -14,7 +14,7 @@ use crate::lists::intrinsics;
 
 /// The camera of all images given.
 #[derive(Debug, Clone)]
-pub(crate) enum CameraArg {
+pub enum CameraArg {
     /// Written out.
     Written(Intrinsics),
     /// In a file, or in a folder of a COLMAP model.
@@ -44,7 +44,7 @@ impl CameraArg {
     ///
     /// # Errors
     /// When the file cannot be read, or does not hold exactly one camera.
-    pub(crate) fn source(&self, focal: FocalKnowledge) -> Result<CameraSource, Failure> {
+    pub fn source(&self, focal: FocalKnowledge) -> Result<CameraSource, Failure> {
         let intrinsics = match self {
             Self::Written(camera) => *camera,
             Self::In(path) if path.is_dir() => only_camera(&path.join("cameras.txt"))?,
@@ -57,7 +57,7 @@ impl CameraArg {
 
 /// Where the camera of an image comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum CameraSource {
+pub enum CameraSource {
     /// It was given.
     Given(KnownCamera),
     /// The image's EXIF tells its focal length.
@@ -71,7 +71,7 @@ impl CameraSource {
     ///
     /// # Errors
     /// When EXIF does not tell it, or the file is no image.
-    pub(crate) fn of(self, image: &Path) -> Result<KnownCamera, FeatureError> {
+    pub fn of(self, image: &Path) -> Result<KnownCamera, FeatureError> {
         match self {
             Self::Given(camera) => Ok(camera),
             Self::Exif => KnownCamera::from_exif(image),

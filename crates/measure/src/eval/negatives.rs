@@ -9,13 +9,13 @@ use veiloc_map::MapFile;
 use veiloc_query::{FocalKnowledge, Scheme};
 
 use crate::camera::{CameraArg, CameraSource};
-use crate::commands::eval::half::Half;
-use crate::commands::json_args::JsonArgs;
-use crate::commands::localization_args::{MatchArgs, PoseArgs};
-use crate::commands::seal::fault_of;
+use crate::eval::half::Half;
 use crate::exit::{Failure, Outcome};
+use crate::faults::fault_of;
 use crate::items::{self, Fault, IMAGES, Item, SkipArgs, Tally};
+use crate::json_args::JsonArgs;
 use crate::lists;
+use crate::localization_args::{MatchArgs, PoseArgs};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -25,7 +25,7 @@ use crate::ui::Ui;
 /// false positive. An image with too few keypoints to be sealed is a query that finds nothing, and is counted apart
 /// as unusable.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     /// The map that is asked.
     #[arg(long, value_name = "FILE")]
     map: PathBuf,

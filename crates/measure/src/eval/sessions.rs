@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_tradeoff::sessions::{Motion, SessionsEvaluation, evaluate_sessions, table};
 
-use crate::commands::eval::scene::SceneArgs;
+use crate::eval::scene::SceneArgs;
 use crate::exit::{Exit, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
@@ -17,7 +17,7 @@ use crate::ui::Ui;
 /// Attacked are a region like a person, of which the map knows nothing, and the keypoints that the map knows, as if it did
 /// not. The first table says what the single frames are worth.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
     /// What anchors are tied to: image, world, gravity.

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use veiloc_eval::stress::Stress;
 use veiloc_eval::{RigEvaluation, evaluate_rig};
 
-use crate::commands::eval::scene::SceneArgs;
+use crate::eval::scene::SceneArgs;
 use crate::exit::{Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
@@ -16,7 +16,7 @@ use crate::ui::Ui;
 /// in the list; their relative poses are the true ones with noise at every step. A row of the table is a scheme and a
 /// number of images; errors are those of the newest image's pose. A session without a pose counts as infinitely wrong.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
     /// Images of a session, a row of the table each.

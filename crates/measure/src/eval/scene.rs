@@ -6,13 +6,13 @@ use veiloc_eval::road::Sending;
 use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 
-use crate::commands::eval::place::{GravityArgs, PlaceArgs};
-use crate::commands::eval::report::ReportArgs;
-use crate::commands::localization_args::{MatchArgs, PoseArgs};
-use crate::commands::map::ExtractionArgs;
-use crate::commands::progressive_args::ProgressiveArgs;
+use crate::eval::place::{GravityArgs, PlaceArgs};
+use crate::eval::report::ReportArgs;
 use crate::exit::{Failure, Outcome};
+use crate::extraction_args::ExtractionArgs;
 use crate::lists;
+use crate::localization_args::{MatchArgs, PoseArgs};
+use crate::progressive_args::ProgressiveArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -21,7 +21,7 @@ use crate::ui::Ui;
 /// Builds a map from the images of the map list, seals every image of the query list under every scheme, localizes
 /// it, and compares with its known pose. A query without a pose counts as infinitely wrong.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
     #[command(flatten)]

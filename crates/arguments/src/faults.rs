@@ -1,0 +1,14 @@
+//! What is wrong with an image, for a person who gave several.
+
+use veiloc_features::FeatureError;
+use veiloc_obfuscation::ExtractError;
+use veiloc_terminal::items::{Fault, FaultKind};
+
+/// What is wrong with an image that nothing could be extracted from.
+pub fn fault_of(error: &ExtractError) -> Fault {
+    let kind = match error {
+        ExtractError::Image(FeatureError::ImageSize { .. }) | ExtractError::Profile(_) => FaultKind::Unfit,
+        _ => FaultKind::Damaged,
+    };
+    Fault::new(kind, error)
+}

@@ -1,0 +1,12 @@
+//! Arguments that several commands share, each with its meaning and why the default.
+#![forbid(unsafe_code)]
+
+pub mod camera;
+pub mod extraction_args;
+pub mod faults;
+pub mod json_args;
+pub mod localization_args;
+pub mod progressive_args;
+
+// Every command talks by these: they go by the names of their files.
+use veiloc_terminal::{exit, files, lists, ui};

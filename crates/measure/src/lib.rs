@@ -1,0 +1,12 @@
+//! The commands that measure and attack: `veiloc eval`, `attack`, `audit` and `train`. One file a command: its arguments, and
+//! the few lines that hand them to the libraries.
+#![forbid(unsafe_code)]
+
+pub mod attack;
+pub mod audit;
+pub mod eval;
+pub mod train;
+
+use veiloc_arguments::{camera, extraction_args, faults, json_args, localization_args, progressive_args};
+// Every command talks by these: they go by the names of their files.
+use veiloc_terminal::{exit, files, items, lists, stages, ui};
