@@ -61,6 +61,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "sightings",
         ],
     ),
+    ("train", &["audit", "query", "report", "terminal"]),
     (
         "tradeoff",
         &[
@@ -139,6 +140,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "selftest",
             "server",
             "terminal",
+            "train",
             "tradeoff",
         ],
     ),

@@ -57,7 +57,11 @@ impl TrainedPositions {
 }
 
 #[cfg(not(feature = "network"))]
-#[expect(clippy::unused_self, reason = "the same doors as in a build with networks")]
+#[expect(
+    clippy::unused_self,
+    clippy::unnecessary_wraps,
+    reason = "the same doors as in a build with networks"
+)]
 impl TrainedPositions {
     /// Nothing of nothing.
     ///

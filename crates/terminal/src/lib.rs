@@ -4,12 +4,14 @@
 //! - [`lists`]: lists of images, with or without their cameras.
 //! - [`files`]: whole files in and out, never half-written.
 //! - [`ui`]: all that is printed; [`progress`]: how far a stage of work has come; [`stages`]: the same of a library's work.
+//! - [`json_args`]: the document of commands that print a table as well.
 //! - [`exit`]: how a command ends, and whose fault a failure is.
 #![forbid(unsafe_code)]
 
 pub mod exit;
 pub mod files;
 pub mod items;
+pub mod json_args;
 pub mod lists;
 pub mod progress;
 pub mod stages;

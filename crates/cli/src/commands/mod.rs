@@ -5,7 +5,6 @@ pub(crate) mod audit;
 pub(crate) mod demo;
 mod device_args;
 pub(crate) mod eval;
-mod json_args;
 mod localization_args;
 pub(crate) mod localize;
 pub(crate) mod map;
@@ -14,4 +13,7 @@ mod rig_file;
 pub(crate) mod seal;
 pub(crate) mod serve;
 mod session_args;
-pub(crate) mod train;
+
+pub(crate) use veiloc_train as train;
+
+use veiloc_terminal::json_args;

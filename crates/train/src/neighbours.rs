@@ -1,7 +1,7 @@
 //! `veiloc train neighbours`: the attention network that tells neighbours from descriptors alone.
 
 use super::course::CourseArgs;
-use crate::commands::json_args::JsonArgs;
+use veiloc_terminal::json_args::JsonArgs;
 
 /// Train the attention network that tells neighbours from descriptors alone.
 ///
@@ -9,7 +9,7 @@ use crate::commands::json_args::JsonArgs;
 /// the neighbours it names on those of `--test` are true, beside the statistic of `attack --neighbours predicted`
 /// learned from the same images. Give three different places. Needs a veiloc built with the feature `network`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct NeighbourArgs {
     #[command(flatten)]
     course: CourseArgs,
     /// Nearest keypoints of an image that count as neighbours.
@@ -20,7 +20,7 @@ pub(crate) struct Args {
 }
 
 #[cfg(feature = "network")]
-pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
+pub(crate) fn run(args: &NeighbourArgs, ui: &veiloc_terminal::ui::Ui) -> veiloc_terminal::exit::Outcome {
     use veiloc_audit::training::{NeighbourRun, train_neighbours, training_table};
     use veiloc_report::plots;
 
@@ -32,8 +32,8 @@ pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
         course.watched(ui, words, |observe| Ok(train_neighbours(&run, earlier, observe)?))?;
     course.write(&network.encode(), &state, ui)?;
     if let Some(path) = course.plot() {
-        crate::files::write(path, plots::training(&document)?.as_bytes())?;
+        veiloc_terminal::files::write(path, plots::training(&document)?.as_bytes())?;
     }
     args.json.print(&training_table(&document), &document, ui)?;
-    Ok(crate::exit::Exit::Success)
+    Ok(veiloc_terminal::exit::Exit::Success)
 }

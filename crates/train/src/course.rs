@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 /// Arguments of every training.
 #[derive(clap::Args)]
-pub(super) struct CourseArgs {
+pub(crate) struct CourseArgs {
     /// Keypoints with descriptors to learn from, as `eval keypoints` writes them.
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     train: Vec<PathBuf>,
@@ -85,15 +85,15 @@ mod training {
     use veiloc_audit::training::{ImageSets, Progress, TrainingOptions, TrainingState};
 
     use super::CourseArgs;
-    use crate::exit::Failure;
-    use crate::files;
-    use crate::ui::Ui;
+    use veiloc_terminal::exit::Failure;
+    use veiloc_terminal::files;
+    use veiloc_terminal::ui::Ui;
 
     /// Least time between two writings of a training's state.
     const WRITE_EVERY: Duration = Duration::from_secs(60);
 
     impl CourseArgs {
-        pub(in super::super) fn sets(&self) -> ImageSets {
+        pub(crate) fn sets(&self) -> ImageSets {
             ImageSets {
                 train: self.train.clone(),
                 validate: self.validate.clone(),
@@ -102,7 +102,7 @@ mod training {
             }
         }
 
-        pub(in super::super) fn options(&self) -> TrainingOptions {
+        pub(crate) fn options(&self) -> TrainingOptions {
             let mut options = TrainingOptions::default();
             (options.steps, options.validate_every) = (self.steps as usize, self.every as usize);
             (options.images, options.keypoints) = (self.images as usize, self.keypoints as usize);
@@ -120,7 +120,7 @@ mod training {
         }
 
         /// The training that goes on, where one does.
-        pub(in super::super) fn earlier(&self, ui: &Ui) -> Result<Option<TrainingState>, Failure> {
+        pub(crate) fn earlier(&self, ui: &Ui) -> Result<Option<TrainingState>, Failure> {
             let path = self.state_file();
             if !self.resume || !path.exists() {
                 return Ok(None);
@@ -132,7 +132,7 @@ mod training {
         }
 
         /// Trains with a bar, a limit of time, and the state written beside now and then.
-        pub(in super::super) fn watched<T>(
+        pub(crate) fn watched<T>(
             &self,
             ui: &Ui,
             words: impl Fn(f64) -> String,
@@ -166,12 +166,7 @@ mod training {
         }
 
         /// Writes the network, and the state until all steps are done.
-        pub(in super::super) fn write(
-            &self,
-            network: &[u8],
-            state: &TrainingState,
-            ui: &Ui,
-        ) -> Result<(), Failure> {
+        pub(crate) fn write(&self, network: &[u8], state: &TrainingState, ui: &Ui) -> Result<(), Failure> {
             files::write(&self.out, network)?;
             let path = self.state_file();
             if state.step() < self.steps as usize {
@@ -188,7 +183,7 @@ mod training {
             Ok(())
         }
 
-        pub(in super::super) fn plot(&self) -> Option<&Path> {
+        pub(crate) fn plot(&self) -> Option<&Path> {
             self.plot.as_deref()
         }
     }

@@ -10,15 +10,20 @@ use crate::ui::Ui;
 
 /// Where the document goes.
 #[derive(clap::Args)]
-pub(crate) struct JsonArgs {
+pub struct JsonArgs {
     /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
 }
 
 impl JsonArgs {
+    /// Prints the table, and the document where it was asked for.
+    ///
     /// Stdout holds either the document or the table, never both.
-    pub(crate) fn print(&self, table: &str, document: &impl Serialize, ui: &Ui) -> Result<(), Failure> {
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn print(&self, table: &str, document: &impl Serialize, ui: &Ui) -> Result<(), Failure> {
         match &self.json {
             Some(path) if files::is_standard(path) => {
                 ui.say(table.trim_end());

@@ -1,9 +1,9 @@
 //! `veiloc train positions`: the attention network that tells positions from all rows of a query.
 
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_query::Scheme;
 
 use super::course::CourseArgs;
-use crate::commands::json_args::JsonArgs;
+use veiloc_terminal::json_args::JsonArgs;
 
 /// Train the attention network that tells positions from all rows of a query, descriptors and lines.
 ///
@@ -13,7 +13,7 @@ use crate::commands::json_args::JsonArgs;
 /// different places. `--sees row` and `--sees line` train the same network without attention, for comparison. Needs a
 /// veiloc built with the feature `network`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct PositionArgs {
     #[command(flatten)]
     course: CourseArgs,
     /// Scheme under which images are sent.
@@ -47,7 +47,7 @@ enum Shown {
 }
 
 #[cfg(feature = "network")]
-pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
+pub(crate) fn run(args: &PositionArgs, ui: &veiloc_terminal::ui::Ui) -> veiloc_terminal::exit::Outcome {
     use veiloc_audit::AuditError;
     use veiloc_audit::training::{PositionRun, PositionTask, Sees, position_table, train_positions};
     use veiloc_report::plots;
@@ -60,7 +60,7 @@ pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
         Shown::Line => Sees::Line,
     };
     (task.mirror, task.crop) = (args.mirror, !args.no_crop);
-    task.angle_bits = AngleBits::new(args.angle_bits)?;
+    task.angle_bits = veiloc_query::AngleBits::new(args.angle_bits)?;
     let run = PositionRun { sets: course.sets(), task, options: course.options() };
     let earlier = course.earlier(ui)?;
     let words = |judged: f64| format!("{judged:+.4} bits told on validation images");
@@ -68,8 +68,8 @@ pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
         course.watched(ui, words, |observe| Ok(train_positions(&run, earlier, observe)?))?;
     course.write(&network.encode(), &state, ui)?;
     if let Some(path) = course.plot() {
-        crate::files::write(path, plots::positions(&document)?.as_bytes())?;
+        veiloc_terminal::files::write(path, plots::positions(&document)?.as_bytes())?;
     }
     args.json.print(&position_table(&document), &document, ui)?;
-    Ok(crate::exit::Exit::Success)
+    Ok(veiloc_terminal::exit::Exit::Success)
 }
