@@ -103,6 +103,7 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEv
         schemes: vec!["dcl".parse().expect("a scheme")],
         attacks: attacks.to_vec(),
         neighbours: NeighbourSource::Oracle,
+        positions: Vec::new(),
         k: 20,
         corrupt: vec![0.0],
         server: Some(ServerKnowledge {

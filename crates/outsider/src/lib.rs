@@ -22,5 +22,5 @@ mod training;
 
 pub use error::NetworkError;
 pub use options::TrainingOptions;
-pub use state::TrainingState;
-pub use training::{CurvePoint, Progress, Trained};
+pub use state::{CurvePoint, TrainingState};
+pub use training::{Progress, Trained};

@@ -21,13 +21,25 @@ use crate::engine::optimizer::Memory;
 use crate::error::NetworkError;
 use crate::file::{Format, Reader, Writer};
 use crate::options::TrainingOptions;
-use crate::training::CurvePoint;
 
 const FORMAT: Format = Format {
     magic: b"VLTRAINS",
     version: 1,
     expected: "interrupted training; `veiloc train` writes one beside the network",
 };
+
+/// How far training was at one look at the validation images.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurvePoint {
+    /// Steps done.
+    pub step: usize,
+    /// Mean loss of the steps since the last point, natural logarithms.
+    pub loss: f64,
+    /// How good the network is on the validation images, the greater the better. Of neighbours: share of the
+    /// [`PRECISION_AT`](crate::neighbours::PRECISION_AT) likeliest that are among as many nearest. Of positions: bits that
+    /// it tells about a position, [`Told::information`](crate::positions::Told::information).
+    pub judged: f64,
+}
 
 /// Everything a training needs to go on.
 #[derive(Debug, Clone, PartialEq)]

@@ -14,7 +14,7 @@ use crate::engine::optimizer::Memory;
 use crate::engine::schedule::learning_rate;
 use crate::error::NetworkError;
 use crate::options::TrainingOptions;
-use crate::state::{Best, TrainingState};
+use crate::state::{Best, CurvePoint, TrainingState};
 
 /// What is learned.
 pub(crate) trait Subject: Sync {
@@ -23,19 +23,6 @@ pub(crate) trait Subject: Sync {
 
     /// How good a network is on the validation images: the greater the better.
     fn judge(&self, numbers: &[f32]) -> f64;
-}
-
-/// How far training was at one look at the validation images.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CurvePoint {
-    /// Steps done.
-    pub step: usize,
-    /// Mean loss of the steps since the last point, natural logarithms.
-    pub loss: f64,
-    /// How good the network is on the validation images, the greater the better. Of neighbours: share of the
-    /// [`PRECISION_AT`](crate::neighbours::PRECISION_AT) likeliest that are among as many nearest. Of positions: bits that
-    /// it tells about a position, [`Told::information`](crate::positions::Told::information).
-    pub judged: f64,
 }
 
 /// What an observer is shown after every step.
