@@ -41,9 +41,10 @@ def arguments():
     parser.add_argument("--networks", default="64x2,128x4", help="WIDTHxLAYERS, several")
     parser.add_argument("--schemes", default="dcl,random-lines", help="of the networks of positions; may be empty")
     parser.add_argument("--steps", type=int, default=4000)
+    parser.add_argument("--rate", type=float, default=0.002)
     parser.add_argument("--keypoints", type=int, default=512)
     parser.add_argument("--every", type=int, default=250)
-    parser.add_argument("--attacked", type=int, default=4, help="images of a place that the graph attack is run on")
+    parser.add_argument("--attacked", type=int, default=4, help="images of a place that attacks by predicted neighbours are run on; 0 for none yet")
     parser.add_argument("--minutes", type=float, default=math.inf, help="stop after so many, to go on later")
     return parser.parse_args()
 
@@ -88,7 +89,7 @@ def trained(args, kind, train, name, network, left):
     width, layers = network.split("x")
     command = [args.veiloc, "train", *kind, "--train", train, "--validate", args.validate, "--test", *args.test]
     command += ["-o", out, "--resume", "--steps", args.steps, "--every", args.every, "--keypoints", args.keypoints]
-    command += ["--width", width, "--layers", layers, "--json", document]
+    command += ["--rate", args.rate, "--width", width, "--layers", layers, "--json", document]
     if left() < math.inf:
         command += ["--minutes", f"{left():.2f}"]
     run(command, args.out / f"{name}.log")
@@ -100,7 +101,7 @@ def attacked(args, place, name, left):
     """What attacks get from the neighbours that a network predicts."""
     document = args.out / f"{name}-{label(place)}-attack.json"
     if not document.exists():
-        if left() <= 0:
+        if left() <= 0 or not args.attacked:
             return None
         command = [args.veiloc, "attack", place, "--schemes", "random-lines,dcl", "--images", args.attacked]
         command += ["--attacks", "closed-form-consensus,graph", "--neighbours", "network"]

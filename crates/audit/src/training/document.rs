@@ -201,6 +201,8 @@ pub struct ToldRow {
     pub bits_over_prior: f64,
     /// The same of the expected places .
     pub bits_of_mean: f64,
+    /// [`Self::bits_over_prior`] of a network that has learned nothing: what is gained is the difference.
+    pub bits_untrained: f64,
     /// Median error, pixels.
     pub median_px: f64,
     /// Share of keypoints with an error under 10 px, 0 to 1.
@@ -225,6 +227,7 @@ impl ToldRow {
             information_bits: told.information,
             bits_over_prior: told.bits,
             bits_of_mean: told.bits_of_mean,
+            bits_untrained: told.bits_untrained,
             median_px: told.errors.median_px,
             under_10px: told.errors.under_10px,
             under_30px: told.errors.under_30px,
@@ -237,8 +240,19 @@ impl ToldRow {
 
 /// The final figures as a table for people.
 pub fn position_table(document: &PositionDocument) -> String {
-    let head =
-        ["part", "data", "images", "told", "bits", "median px", "< 10 px", "< 30 px", "guess px", "< 30 px"];
+    let head = [
+        "part",
+        "data",
+        "images",
+        "told",
+        "bits",
+        "untrained",
+        "median px",
+        "< 10 px",
+        "< 30 px",
+        "guess px",
+        "< 30 px",
+    ];
     let mut table = TextTable::new(head, 2);
     for row in &document.told {
         table.push(vec![
@@ -247,6 +261,7 @@ pub fn position_table(document: &PositionDocument) -> String {
             row.images.to_string(),
             format!("{:+.3}", row.information_bits),
             format!("{:+.3}", row.bits_over_prior),
+            format!("{:+.3}", row.bits_untrained),
             format!("{:.1}", row.median_px),
             percent(row.under_10px),
             percent(row.under_30px),
@@ -256,7 +271,7 @@ pub fn position_table(document: &PositionDocument) -> String {
     }
     let [train, validate, _] = document.images;
     format!(
-        "{}\n{}, seeing the {}: bits told about a position, and bits of error over the guess. Learned from {train} images, best of {} steps on {validate}: {}.\n",
+        "{}\n{}, seeing the {}: bits told about a position, and bits of error over the guess, beside those of the same answers untrained. Learned from {train} images, best of {} steps on {validate}: {}.\n",
         table.render(),
         document.scheme,
         document.sees,

@@ -65,6 +65,17 @@ pub(super) fn of_columns(
 ) -> Vec<Estimate> {
     let bins = Bins::of(observations, size, BINS);
     let shares = network.layers.shares(&network.numbers, descriptors, &bins, size);
+    estimates(&bins, &shares)
+}
+
+/// What a network that has learned nothing would say.
+pub(super) fn of_guess(observations: &[Observation], size: [u32; 2]) -> Vec<Estimate> {
+    let bins = Bins::of(observations, size, BINS);
+    let shares: Vec<f32> = bins.guess.iter().map(|g| g.exp()).collect();
+    estimates(&bins, &shares)
+}
+
+fn estimates(bins: &Bins, shares: &[f32]) -> Vec<Estimate> {
     let estimate = |row: usize| {
         let own = bins.of_row(row);
         best(&bins.places[own.clone()], &shares[own])

@@ -27,6 +27,9 @@ pub struct Told {
     pub bits: f64,
     /// The same of [`Estimate::mean`](super::Estimate::mean).
     pub bits_of_mean: f64,
+    /// The same of the places of least expected error of a network that has learned nothing: what asking for the median
+    /// instead of the mean is worth, which of several stretches is much.
+    pub bits_untrained: f64,
     /// [`Self::information`] of each image.
     pub by_image: Vec<f64>,
 }
@@ -43,7 +46,7 @@ pub fn told(
 ) -> Result<Option<Told>, NetworkError> {
     let (mut errors, mut guesses) = (Vec::new(), Vec::new());
     let (mut told, mut told_rows) = (0.0, 0);
-    let (mut bits, mut of_mean, mut by_image) = (0.0, 0.0, Vec::new());
+    let (mut bits, mut of_mean, mut untrained, mut by_image) = (0.0, 0.0, 0.0, Vec::new());
     for image in images {
         let Some(lesson) = Lesson::new(image) else { continue };
         let drawn = lesson.whole(task, rng)?;
@@ -57,9 +60,12 @@ pub fn told(
         let found = recover::of_columns(network, &drawn.observations, &drawn.descriptors, drawn.size);
         let error = errors_px(found.iter().map(|e| e.pixel), &drawn.truth);
         let mean = errors_px(found.iter().map(|e| e.mean), &drawn.truth);
+        let before = recover::of_guess(&drawn.observations, drawn.size);
+        let before = errors_px(before.iter().map(|e| e.pixel), &drawn.truth);
         let guess = errors_px(prior_only(&drawn.observations, width, height), &drawn.truth);
         let rows = error.len() as f64;
         bits += rows * bits_over_prior(&error, &guess, width, height);
+        untrained += rows * bits_over_prior(&before, &guess, width, height);
         of_mean += rows * bits_over_prior(&mean, &guess, width, height);
         errors.extend(error);
         guesses.extend(guess);
@@ -72,6 +78,7 @@ pub fn told(
         guess: ErrorSummary::of(&guesses),
         bits: bits / keypoints as f64,
         bits_of_mean: of_mean / keypoints as f64,
+        bits_untrained: untrained / keypoints as f64,
         by_image,
     }))
 }
