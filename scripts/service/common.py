@@ -100,13 +100,15 @@ def token(name):
 class Server:
     """`veiloc serve` on a free port of loopback, its log in a file unless told otherwise."""
 
-    def __init__(self, place, *more, maps=None, stderr=None, port=None):
+    def __init__(self, place, *more, maps=None, stderr=None, port=None, nofile=None):
         self.port = port or free_port()
         self.known = place.options()
         self.admin = free_port() if "--admin-listen" in self.known else None
         maps = maps if maps is not None else ["--map", f"place={place.map}"]
         command = [place.veiloc, "serve", *maps, "--listen", f"127.0.0.1:{self.port}", "--rate", "1000000"]
         command += ["--admin-listen", f"127.0.0.1:{self.admin}"] if self.admin else []
+        if nofile:
+            command = ["sh", "-c", f'ulimit -n {nofile}; exec "$@"', "sh", *command]
         self.log_path = place.work / f"server-{self.port}.log"
         self.process = subprocess.Popen([*map(str, command), *map(str, more)], stderr=stderr or open(self.log_path, "w"))
         wait_for(lambda: self.process.poll() is not None or connects(self.port), "the service")

@@ -40,7 +40,7 @@ impl Service {
     /// With a log that is read as far as the line that tells where it listens, and no further.
     fn start_unread(place: &Place, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
         let mut child = place
-            .command(&format!("serve --listen 127.0.0.1:0 {arguments}"))
+            .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 {arguments}"))
             .spawn()
             .expect("the binary runs");
         let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
@@ -415,7 +415,8 @@ fn a_log_of_json_holds_nothing_else() {
     let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
     for (arguments, code) in [("", 0), (" --map place=none.vmap", 1)] {
         let maps = if arguments.is_empty() { " --map place=place.vmap" } else { arguments };
-        let command = format!("serve --listen {free} --admin-listen 127.0.0.1:0 --log-json{maps}");
+        let command =
+            format!("serve --listen {free} --admin-listen 127.0.0.1:0 --drain-delay 0 --log-json{maps}");
         let mut child = place.command(&command).spawn().expect("the binary runs");
         if code == 0 {
             while std::net::TcpStream::connect(free).is_err() {

@@ -27,6 +27,9 @@ pub enum LocalizeError {
         /// What is wrong with it.
         source: Box<LocalizeError>,
     },
+    /// It was given up before its end: [`veiloc_robust::PoseOptions::stop`].
+    #[error("localization was stopped before its end")]
+    Stopped,
     /// The robust estimator found no pose.
     #[error("not localized: {source}")]
     NoPose {
@@ -35,4 +38,14 @@ pub enum LocalizeError {
         /// How many correspondences it had.
         correspondences: usize,
     },
+}
+
+impl LocalizeError {
+    /// What the estimator said, told of so many correspondences.
+    pub(crate) fn of_pose(source: PoseError, correspondences: usize) -> Self {
+        match source {
+            PoseError::Stopped => Self::Stopped,
+            source => Self::NoPose { source, correspondences },
+        }
+    }
 }

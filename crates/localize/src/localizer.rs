@@ -16,7 +16,7 @@ use veiloc_robust::{
 
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
-use crate::matching::{PointMatch, match_points};
+use crate::matching::{PointMatch, match_points_until};
 use crate::retrieval::{Retrieved, retrieve};
 use crate::verdict::{Own, Verdict};
 
@@ -159,7 +159,11 @@ pub fn match_in(
     let started = Instant::now();
     let retrieved = retrieve(query.global(), map, options.retrieve);
     let retrieved_at = Instant::now();
-    let matches = match_points(query.descriptors(), map, &retrieved, &options.matching);
+    let stop = &options.pose.stop;
+    let matches = match_points_until(query.descriptors(), map, &retrieved, &options.matching, stop);
+    if stop.is_set() {
+        return Err(LocalizeError::Stopped);
+    }
     let (retrieve_ms, match_ms) = (ms(started, retrieved_at), ms(retrieved_at, Instant::now()));
     Ok(Matched { retrieved, matches, retrieve_ms, match_ms })
 }
@@ -216,8 +220,11 @@ fn gravity_of(query: &SealedQuery, map: MapView<'_>) -> Option<Gravity> {
 
 /// Estimates where a sealed query was taken.
 ///
+/// Whoever gives up on it sets `options.pose.stop`: then it ends soon, and without a pose.
+///
 /// # Errors
-/// [`LocalizeError`]: the query was sealed for another map, the map is empty, or no pose is supported by the matches.
+/// [`LocalizeError`]: the query was sealed for another map, the map is empty, no pose is supported by the matches, or it was
+/// stopped.
 pub fn localize(
     query: &SealedQuery,
     map: &MapFile,
@@ -244,7 +251,7 @@ pub fn localize_matched(
         problem_of(query, map, matched, options);
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_pose(&problem, &options.pose, &mut rng)
-        .map_err(|source| LocalizeError::NoPose { source, correspondences: problem.points.len() })?;
+        .map_err(|source| LocalizeError::of_pose(source, problem.points.len()))?;
     let own = Own {
         covariance: &estimate.covariance,
         by_matches: &estimate.covariance_by_matches,

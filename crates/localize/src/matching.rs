@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
 use veiloc_map::{MapFile, MapView, PointId};
-use veiloc_robust::SeenFrom;
+use veiloc_robust::{SeenFrom, Stop};
 
 use crate::retrieval::Retrieved;
 
@@ -41,8 +41,22 @@ pub fn match_points(
     retrieved: &[Retrieved],
     options: &MatchOptions,
 ) -> Vec<PointMatch> {
+    match_points_until(query, map, retrieved, options, &Stop::default())
+}
+
+/// [`match_points`] of as many images as there is time for until `stop` is set.
+pub(crate) fn match_points_until(
+    query: DescriptorView<'_>,
+    map: MapView<'_>,
+    retrieved: &[Retrieved],
+    options: &MatchOptions,
+    stop: &Stop,
+) -> Vec<PointMatch> {
     let mut joined: BTreeMap<(usize, PointId), PointMatch> = BTreeMap::new();
     for Retrieved { image: index, .. } in retrieved {
+        if stop.is_set() {
+            break;
+        }
         let image = map.file().image(*index);
         for m in match_descriptors(query, image.descriptors(), options) {
             let Some(point) = map.point_of(&image, m.database as usize) else { continue };

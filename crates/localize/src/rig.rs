@@ -91,6 +91,7 @@ pub fn localize_rig(
     for (frame, sealed) in frames.iter().enumerate() {
         asked.push(match_query(&sealed.query, map, options).map_err(|source| match source {
             LocalizeError::EmptyMap => LocalizeError::EmptyMap,
+            LocalizeError::Stopped => LocalizeError::Stopped,
             source => LocalizeError::Frame { frame, source: Box::new(source) },
         })?);
     }
@@ -112,7 +113,7 @@ pub fn localize_rig(
         .collect();
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let estimate = estimate_rig_pose(&rig, &options.pose, &mut rng)
-        .map_err(|source| LocalizeError::NoPose { source, correspondences })?;
+        .map_err(|source| LocalizeError::of_pose(source, correspondences))?;
     let own = Own {
         covariance: &estimate.covariance,
         by_matches: &estimate.covariance_by_matches,

@@ -90,6 +90,9 @@ pub enum PoseError {
         /// [`crate::Confidence::log_evidence`].
         log_evidence: f64,
     },
+    /// It was given up: [`crate::PoseOptions::stop`].
+    #[error("the search was stopped before its end")]
+    Stopped,
     /// No hypothesis was supported by enough keypoints.
     #[error(
         "no pose is supported by the correspondences: the best of {hypotheses} hypotheses has {inliers} inliers, \

@@ -39,7 +39,8 @@ pub fn estimate_pose<R: Rng + ?Sized>(
         let observations = &problem.observations;
         search_at(&matches, problem, options, factor, rng).map(|estimate| OfImage { estimate, observations })
     });
-    best.map(|best| best.estimate)
+    // Between two focal lengths: the best of those that were tried is not what all of them would have given.
+    if options.stop.is_set() { Err(PoseError::Stopped) } else { best.map(|best| best.estimate) }
 }
 
 /// Searches with a focal length so many times as long as the given one.
@@ -50,6 +51,9 @@ fn search_at<R: Rng + ?Sized>(
     factor: f64,
     rng: &mut R,
 ) -> Result<PoseEstimate, PoseError> {
+    if options.stop.is_set() {
+        return Err(PoseError::Stopped);
+    }
     let zoomed = matches.with_focal(factor);
     let mut search = search(&zoomed, problem, options);
     // What is told beside the matches is searched with, and then without: were it wrong, it would hide the pose, or poses
@@ -69,6 +73,9 @@ fn search_at<R: Rng + ?Sized>(
         }
         found.samples += alone.samples;
         search.remember(known);
+    }
+    if options.stop.is_set() {
+        return Err(PoseError::Stopped);
     }
     let start = found.model.map(|pose| Zoomed { pose, factor });
     conclude(search, matches, start, found.samples, problem.focal, options).map_err(|error| {
@@ -137,7 +144,7 @@ fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOpt
         ScoreKind::Msac => Beliefs::default(),
         ScoreKind::Likelihood => Beliefs::of(problem),
     };
-    Search::new(matches, scale, minimal, beliefs)
+    Search::new(matches, scale, minimal, beliefs).until(&options.stop)
 }
 
 /// Final refinement of the best pose, and what is said of it.

@@ -63,6 +63,7 @@ mod rig;
 mod rivals;
 mod sampler;
 mod search;
+mod stop;
 
 pub use bound::fisher_information;
 pub use confidence::{Confidence, Doubt, State};
@@ -72,5 +73,6 @@ pub use given::refine_pose;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
 pub use pose_estimate::PoseEstimate;
 pub use rig::{FrameEstimate, RigEstimate, RigFrame, estimate_rig_pose};
+pub use stop::Stop;
 pub use veiloc_likelihood::prior;
 pub use veiloc_likelihood::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};

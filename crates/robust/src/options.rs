@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use crate::error::PoseError;
 use crate::ransac::Budget;
+use crate::stop::Stop;
 
 /// How hypotheses are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -128,6 +129,8 @@ pub struct PoseOptions {
     pub confidence: f64,
     /// Fewer agreeing keypoints than this are no consensus. Six lines always agree with some pose, so it must be well above six.
     pub min_inliers: usize,
+    /// Ends the search without a result ([`PoseError::Stopped`]) once it is set.
+    pub stop: Stop,
 }
 
 impl Default for PoseOptions {
@@ -144,6 +147,7 @@ impl Default for PoseOptions {
             fixed_hypotheses: None,
             confidence: 0.9999,
             min_inliers: 10,
+            stop: Stop::default(),
         }
     }
 }

@@ -31,6 +31,11 @@ pub trait Estimator {
         cost: f64,
         rng: &mut R,
     ) -> (Self::Model, f64);
+
+    /// Whether to give up: what was found so far is then worth nothing.
+    fn is_stopped(&self) -> bool {
+        false
+    }
 }
 
 /// When to stop.
@@ -91,6 +96,9 @@ pub fn lo_ransac<E: Estimator, R: Rng + ?Sized>(
     let mut needed = budget.max;
     let mut models = Vec::new();
     while found.samples < budget.max && (found.samples < budget.min || found.samples < needed) {
+        if estimator.is_stopped() {
+            break;
+        }
         found.samples += 1;
         models.clear();
         estimator.hypothesize(rng, &mut models);

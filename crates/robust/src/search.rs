@@ -12,6 +12,7 @@ use veiloc_geometry::nalgebra::{Matrix6, Vector3};
 use crate::minimal::Minimal;
 use crate::ransac::Estimator;
 use crate::rivals::margin;
+use crate::stop::Stop;
 use veiloc_likelihood::{
     Beliefs, Estimated, Kernel, Loss, Matches, NEGLIGIBLE, Scale, Symmetric6, System, Zoomed, descend,
     inverse_or_infinite, linearize, refine,
@@ -62,6 +63,7 @@ pub(crate) struct Search<'a> {
     beliefs: Beliefs,
     /// Optimised poses met on the way, with their costs by the matches alone.
     optima: Vec<(CameraFromWorld, f64)>,
+    stop: Stop,
 }
 
 /// A pose after the final refinement.
@@ -77,8 +79,14 @@ pub(crate) struct Polished {
 impl<'a> Search<'a> {
     pub(crate) fn new(matches: &'a Matches<'a>, scale: Scale, minimal: Minimal, beliefs: Beliefs) -> Self {
         let kernel = Kernel::new(matches, scale);
-        let minimal = Some(minimal);
-        Self { matches: Cow::Borrowed(matches), kernel, scale, minimal, beliefs, optima: Vec::new() }
+        let (minimal, stop) = (Some(minimal), Stop::default());
+        Self { matches: Cow::Borrowed(matches), kernel, scale, minimal, beliefs, optima: Vec::new(), stop }
+    }
+
+    /// The same, given up once this is set.
+    pub(crate) fn until(mut self, stop: &Stop) -> Self {
+        self.stop = stop.clone();
+        self
     }
 
     /// The correspondences, ready to be scored.
@@ -113,6 +121,7 @@ impl<'a> Search<'a> {
             minimal: None,
             beliefs: self.beliefs.clone(),
             optima: Vec::new(),
+            stop: self.stop.clone(),
         };
         let pose = probe.descend(pose);
         (Zoomed { pose, factor }, probe.cost(&pose, f64::INFINITY))
@@ -304,6 +313,10 @@ impl<'a> Search<'a> {
 
 impl Estimator for Search<'_> {
     type Model = CameraFromWorld;
+
+    fn is_stopped(&self) -> bool {
+        self.stop.is_set()
+    }
 
     fn hypothesize<R: Rng + ?Sized>(&mut self, rng: &mut R, models: &mut Vec<CameraFromWorld>) {
         if let Some(minimal) = &mut self.minimal {

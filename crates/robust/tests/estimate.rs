@@ -420,3 +420,26 @@ fn wild_map_points_change_nothing() {
         assert!(found.cam_from_world.translation_error(&truth) < 0.03, "{scheme:?}");
     }
 }
+
+/// A search that is stopped gives no pose, be it before its first sample or in the middle; one that is not is not changed.
+#[test]
+fn a_stopped_search_gives_no_pose() {
+    let setup = Setup { scheme: Scheme::Dcl, right: 120, wrong: 180, noise: 0.5 };
+    let (problem, _) = problem(&setup, &mut ChaCha8Rng::seed_from_u64(1));
+    let solve = |options: &PoseOptions| estimate_pose(&problem, options, &mut ChaCha8Rng::seed_from_u64(2));
+    let plain = solve(&options(ScoreKind::Likelihood)).expect("a pose");
+    let mut stopped = options(ScoreKind::Likelihood);
+    assert_eq!(solve(&stopped).expect("a pose").cam_from_world, plain.cam_from_world);
+    stopped.stop.set();
+    assert!(matches!(solve(&stopped), Err(PoseError::Stopped)));
+    // In the middle of a search that would never end.
+    let mut endless = options(ScoreKind::Likelihood);
+    endless.fixed_hypotheses = Some(usize::MAX);
+    let stop = endless.stop.clone();
+    std::thread::scope(|scope| {
+        let search = scope.spawn(|| solve(&endless));
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        stop.set();
+        assert!(matches!(search.join().expect("it ends"), Err(PoseError::Stopped)));
+    });
+}

@@ -10,9 +10,10 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 
 use crate::connection::{Conduct, serve_connection};
-use crate::connections::{Connections, Entry, Limits};
+use crate::peer::share;
 use crate::routes::admin_router;
 use crate::state::App;
+use veiloc_admission::{Connections, Entry, Limits};
 
 /// Connections at a time; one more takes the place of the one that is idle for longest.
 pub(crate) const CONNECTIONS: usize = 64;
@@ -39,16 +40,8 @@ pub(crate) async fn serve(app: Arc<App>, listener: TcpListener, mut stop: watch:
         let (router, stop) = (router.clone(), stop.clone());
         tokio::spawn(async move {
             let _ = stream.set_nodelay(true);
-            serve_connection(stream, router, &place, conduct, stop).await;
+            let (stream, peer) = share(stream);
+            serve_connection(stream, peer, router, &place, conduct, stop).await;
         });
-    }
-}
-
-/// The port beside that of the service, so that two services of one machine differ in both; any free one for any free one.
-pub(crate) const fn default_port(listen: u16) -> u16 {
-    match listen {
-        0 => 0,
-        u16::MAX => u16::MAX - 1,
-        port => port + 1,
     }
 }

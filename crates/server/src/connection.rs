@@ -17,10 +17,14 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::sync::watch;
 use tokio::time::{Instant, Sleep};
 
-use crate::connections::{Guest, Place};
+use crate::peer::Peer;
+use veiloc_admission::{Guest, Place};
 
 /// Most bytes of a request's head. A token, a content type and what proxies add fit in a fraction.
 const MAX_HEAD: usize = 16 * 1024;
+
+/// How long the first bytes of a connection are waited for when the service stops.
+const FIRST_BYTES: Duration = Duration::from_millis(100);
 
 /// How long a connection may take, and be.
 #[derive(Debug, Clone, Copy)]
@@ -39,6 +43,7 @@ pub(crate) struct Conduct {
 /// room for another, or `stop` says so. What is being answered then is finished, and the connection closed.
 pub(crate) async fn serve_connection<S>(
     stream: S,
+    peer: Peer,
     router: Router,
     place: &Place,
     conduct: Conduct,
@@ -70,15 +75,34 @@ pub(crate) async fn serve_connection<S>(
     // An error here is a client that broke off or spoke no HTTP: nothing that anybody could act on, and its text
     // could hold what was sent.
     tokio::select! {
+        biased;
         _ = connection.as_mut() => return,
-        _ = stop.wait_for(|stop| *stop) => {}
-        () = guest.told_to_leave() => {}
+        () = guest.thrown_out() => return,
+        () = peer.left_while(|| guest.is_busy()) => return,
+        () = guest.told_to_leave() => {
+            // Others wait for its place.
+            if guest.is_idle() {
+                return;
+            }
+        }
         () = life(&guest, conduct) => {}
+        _ = stop.wait_for(|stop| *stop) => {}
     }
+    // One that is idle ends with that, but for one that never sent anything. Its first bytes may be on their way; they
+    // are waited for a moment, and not until its time for a head is over.
     connection.as_mut().graceful_shutdown();
-    // One that is idle ends with that, but for a connection that never sent anything: it would be waited for in vain.
+    tokio::select! {
+        biased;
+        _ = connection.as_mut() => return,
+        () = guest.thrown_out() => return,
+        () = tokio::time::sleep(FIRST_BYTES) => {}
+    }
     if !guest.is_idle() {
-        let _ = connection.await;
+        tokio::select! {
+            _ = connection => {}
+            () = guest.thrown_out() => {}
+            () = peer.left_while(|| guest.is_busy()) => {}
+        }
     }
 }
 

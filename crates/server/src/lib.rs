@@ -30,14 +30,15 @@
 //! assert!(reply.starts_with("HTTP/1.1 200 OK") && reply.ends_with("ready\n"));
 //!
 //! handle.stop();
-//! assert_eq!(runtime.block_on(running)?, 0, "connections that had to be given up");
+//! assert_eq!(runtime.block_on(running)?.given_up, 0, "connections that had to be given up");
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
 //! # How a request goes
 //! Who asks is checked first, then how often, then what is sent, and only then is anything computed: a request that is
 //! refused costs nearly nothing. Localization is work for the processor, so it is done by a fixed number of threads
-//! behind a queue of fixed length (`pool.rs`); a full queue is told at once and with the time to come back.
+//! behind a fair queue of fixed length (`pool.rs`, `veiloc-admission`); what does not fit, or would not be done in time, is told at once
+//! and with the time to come back.
 //!
 //! # What is never told
 //! **Invariant, tested in `tests/privacy.rs`:** no log line, metric, or error holds anything of a query's content
@@ -51,9 +52,9 @@ mod admin;
 mod answer;
 mod attempts;
 mod connection;
-mod connections;
 mod descriptors;
 mod error;
+mod expiry;
 mod geo;
 mod log;
 mod maps;
@@ -61,6 +62,7 @@ mod metrics;
 mod options;
 mod padding;
 mod panics;
+mod peer;
 mod pool;
 mod problem;
 mod reload;
@@ -68,9 +70,9 @@ mod routes;
 mod serve;
 mod signals;
 mod state;
-mod throttle;
 mod tls;
 mod tokens;
+mod tokens_file;
 mod watch;
 
 pub use error::ServerError;
@@ -79,5 +81,5 @@ pub use log::{LogLine, LogQueue};
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts, TlsFiles};
 pub use problem::ProblemDocument;
 pub use routes::openapi_json;
-pub use serve::{Listening, Server, ServerHandle};
+pub use serve::{Listening, Server, ServerHandle, Stopped};
 pub use signals::run_until_signal;

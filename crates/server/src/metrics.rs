@@ -39,6 +39,7 @@ pub(crate) struct Metrics {
     queued: Gauge,
     busy: Gauge,
     connections: Gauge,
+    certificate_ends: Gauge,
     connections_closed: Family<Labels, Counter>,
 }
 
@@ -74,6 +75,12 @@ impl Metrics {
         let queued = gauge(&mut registry, "queue_length", "Queries waiting for a worker", 0);
         let busy = gauge(&mut registry, "workers_busy", "Threads localizing at the moment", 0);
         let connections = gauge(&mut registry, "connections", "Open connections", 0);
+        let certificate_ends = gauge(
+            &mut registry,
+            "certificate_expiry_timestamp_seconds",
+            "When the certificate ends, seconds since 1970; 0 without one",
+            0,
+        );
         let connections_closed = Family::default();
         registry.register(
             "connections_closed",
@@ -98,6 +105,7 @@ impl Metrics {
             queued,
             busy,
             connections,
+            certificate_ends,
         }
     }
 
@@ -154,6 +162,11 @@ impl Metrics {
     /// A map that is served no more fails no more.
     pub(crate) fn forget_map(&self, name: &str) {
         self.failing.remove(&vec![("file", Cow::Borrowed("map")), ("map", Cow::Owned(name.to_owned()))]);
+    }
+
+    /// Seconds since 1970.
+    pub(crate) fn certificate_ends(&self, seconds: i64) {
+        self.certificate_ends.set(seconds);
     }
 
     /// All of it; the counts of pool and connections are read now.

@@ -8,8 +8,6 @@ use std::time::Duration;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapMemory;
 
-use crate::admin;
-use crate::connections::Limits;
 use crate::error::ServerError;
 use crate::geo::GeoFrame;
 use crate::log::LogQueue;
@@ -58,7 +56,10 @@ pub struct Timeouts {
     pub unknown_life: Duration,
     /// Any connection.
     pub life: Duration,
-    /// What was accepted may still take this long when the server is told to stop.
+    /// When the server is told to stop, it says so (`/readyz`, `connection: close`) for so long before it takes no more
+    /// connections: balancers need that time to look elsewhere.
+    pub drain: Duration,
+    /// What was accepted may still take this long after that.
     pub grace: Duration,
 }
 
@@ -73,6 +74,7 @@ impl Default for Timeouts {
             write: Duration::from_secs(15),
             unknown_life: Duration::from_secs(60),
             life: Duration::from_secs(600),
+            drain: Duration::ZERO,
             grace: Duration::from_secs(30),
         }
     }
@@ -180,19 +182,19 @@ impl ServerOptions {
         Ok(())
     }
 
-    pub(crate) fn limits(&self) -> Limits {
-        let total = self.connections.get();
-        let reserved = match self.tokens {
-            Some(_) => self.reserved_connections.unwrap_or(total / 2),
-            None => 0,
-        };
-        Limits { total, per_address: self.connections_per_address.get(), reserved }
-    }
-
     /// Where probes and metrics go unless somebody says otherwise: loopback, the port after [`Self::listen`]'s (for any
     /// free port any free one), so that two services of one machine differ in both.
     pub fn default_admin(listen: SocketAddr) -> SocketAddr {
-        SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), admin::default_port(listen.port()))
+        SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), default_admin_port(listen.port()))
+    }
+}
+
+/// The port beside that of the service; any free one for any free one.
+const fn default_admin_port(listen: u16) -> u16 {
+    match listen {
+        0 => 0,
+        u16::MAX => u16::MAX - 1,
+        port => port + 1,
     }
 }
 

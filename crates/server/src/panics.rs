@@ -51,16 +51,17 @@ mod tests {
     use std::num::NonZeroUsize;
     use std::process::Command;
 
-    use crate::pool::Pool;
+    use crate::pool::{Order, Pool};
 
     /// Says in a panic what nobody may read, on a thread of the pool.
     fn break_a_job() {
         tracing_subscriber::fmt().with_writer(std::io::stderr).init();
         let pool = Pool::start(NonZeroUsize::MIN, NonZeroUsize::MIN).expect("threads");
+        let order = Order { who: None, rows: 1, limit: std::time::Duration::from_secs(60) };
         let secret = String::from("SECRET") + "WORDS";
-        let broken = pool.submit(move |_| -> u32 { std::panic::panic_any(secret) }).expect("room");
+        let broken = pool.submit(order, move |_| -> u32 { std::panic::panic_any(secret) }).expect("room");
         assert!(broken.blocking_recv().is_err());
-        assert_eq!(pool.submit(|_| 1).expect("room").blocking_recv(), Ok(1), "the thread goes on");
+        assert_eq!(pool.submit(order, |_| 1).expect("room").blocking_recv(), Ok(1), "the thread goes on");
         pool.finish();
     }
 

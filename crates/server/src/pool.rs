@@ -1,20 +1,21 @@
-//! The threads that localize, behind a queue of fixed length.
+//! The threads that localize, behind a fair queue of fixed length.
 //!
 //! Localization keeps a processor busy for tens of milliseconds, so it must not run where connections are served, and
 //! more of it at a time than there are processors only makes everybody wait longer. Dedicated threads and a bounded
-//! channel say both: what does not fit is refused before anything is spent on it.
+//! queue say both: what does not fit, or would not be done in time, is refused before anything is spent on it.
 
 use std::num::{NonZeroU64, NonZeroUsize};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 
 use crate::panics;
+use veiloc_admission::FairQueue;
+use veiloc_admission::TokenKey;
 
 /// One piece of work: gets the time it waited, sends its result itself, and tells whether it was begun at all.
 type Work = Box<dyn FnOnce(Duration) -> bool + Send>;
@@ -24,39 +25,83 @@ struct Job {
     accepted: Instant,
 }
 
-/// Counts that the pool's users and its threads share.
-#[derive(Default)]
-struct Counts {
-    queued: AtomicUsize,
-    busy: AtomicUsize,
-    /// Microseconds of a job that was begun, a running mean; 0 before the first.
-    mean_us: AtomicU64,
+/// Who asks for work, and how much.
+#[derive(Clone, Copy)]
+pub(crate) struct Order {
+    /// `None` where nobody is told apart.
+    pub(crate) who: Option<TokenKey>,
+    /// What it costs, in rows of a query.
+    pub(crate) rows: usize,
+    /// When its result is worth nothing any more.
+    pub(crate) limit: Duration,
 }
 
-impl Counts {
-    fn job_took(&self, time: Duration) {
-        let took = u64::try_from(time.as_micros()).unwrap_or(u64::MAX).max(1);
+impl Order {
+    /// Retrieval and the search cost as much as some rows, however few there are.
+    const fn cost(&self) -> u64 {
+        self.rows as u64 + 256
+    }
+}
+
+/// What the pool's users and its threads share.
+struct Shared {
+    queue: Mutex<Waiting>,
+    /// Work came, or the pool was closed.
+    changed: Condvar,
+    busy: AtomicUsize,
+    /// What is being worked on costs so much.
+    in_work: AtomicU64,
+    /// Nanoseconds of work that was begun over its cost, a running mean; 0 before the first.
+    mean_ns: AtomicU64,
+}
+
+struct Waiting {
+    jobs: FairQueue<TokenKey, Job>,
+    closed: bool,
+}
+
+impl Shared {
+    fn waiting(&self) -> MutexGuard<'_, Waiting> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn job_took(&self, time: Duration, cost: u64) {
+        let took = (u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / cost.max(1)).max(1);
         let next =
             |mean: u64| if mean == 0 { took } else { (mean.saturating_mul(7).saturating_add(took)) / 8 };
         // Never refuses: the closure always has a next value.
-        let _ = self.mean_us.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |mean| Some(next(mean)));
+        let _ = self.mean_ns.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |mean| Some(next(mean)));
+    }
+
+    /// The next job, once there is one; `None` when the pool is closed and empty.
+    fn next(&self) -> Option<(u64, Job)> {
+        let mut waiting = self.waiting();
+        loop {
+            if let Some(next) = waiting.jobs.pop() {
+                return Some(next);
+            }
+            if waiting.closed {
+                return None;
+            }
+            waiting = self.changed.wait(waiting).unwrap_or_else(PoisonError::into_inner);
+        }
     }
 }
 
 /// A fixed number of threads and a bounded queue.
 pub(crate) struct Pool {
-    /// `None` once closed.
-    sender: Mutex<Option<SyncSender<Job>>>,
+    shared: Arc<Shared>,
     threads: Mutex<Vec<JoinHandle<()>>>,
-    counts: Arc<Counts>,
     workers: NonZeroUsize,
 }
 
 /// Why work was not taken.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Refused {
-    /// The queue is full; there should be room after this many seconds.
+    /// There is no room in the queue, or no more for this one; there should be after this many seconds.
     Full { retry_after: NonZeroU64 },
+    /// It would not be done in time; after so many seconds it should.
+    Late { retry_after: NonZeroU64 },
     /// The pool is closed.
     Closed,
 }
@@ -64,17 +109,21 @@ pub(crate) enum Refused {
 impl Pool {
     /// Starts the threads.
     pub(crate) fn start(workers: NonZeroUsize, queue: NonZeroUsize) -> std::io::Result<Self> {
-        let (sender, receiver) = sync_channel(queue.get());
-        let receiver = Arc::new(Mutex::new(receiver));
-        let counts = Arc::new(Counts::default());
+        let shared = Arc::new(Shared {
+            queue: Mutex::new(Waiting { jobs: FairQueue::new(queue), closed: false }),
+            changed: Condvar::new(),
+            busy: AtomicUsize::new(0),
+            in_work: AtomicU64::new(0),
+            mean_ns: AtomicU64::new(0),
+        });
         let mut threads = Vec::new();
         panics::watch();
         for i in 0..workers.get() {
-            let (receiver, counts) = (receiver.clone(), counts.clone());
-            let run = move || work_until_closed(&receiver, &counts);
+            let shared = shared.clone();
+            let run = move || work_until_closed(&shared);
             threads.push(std::thread::Builder::new().name(format!("localize-{i}")).spawn(run)?);
         }
-        Ok(Self { sender: Mutex::new(Some(sender)), threads: Mutex::new(threads), counts, workers })
+        Ok(Self { shared, threads: Mutex::new(threads), workers })
     }
 
     /// Queues work. The receiver gets its result; an error there means that the work panicked, at the place that
@@ -83,6 +132,7 @@ impl Pool {
     /// Work whose receiver is gone by the time a thread is free (the client left, or time ran out) is not begun.
     pub(crate) fn submit<T: Send + 'static>(
         &self,
+        order: Order,
         work: impl FnOnce(Duration) -> T + Send + 'static,
     ) -> Result<oneshot::Receiver<T>, Refused> {
         let (reply, result) = oneshot::channel();
@@ -94,65 +144,78 @@ impl Pool {
             }
             begun
         });
-        let sender = self.sender.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some(sender) = sender.as_ref() else { return Err(Refused::Closed) };
-        // Counted first, so that the thread that takes it never counts below zero.
-        self.counts.queued.fetch_add(1, Ordering::Relaxed);
-        match sender.try_send(Job { work, accepted: Instant::now() }) {
-            Ok(()) => Ok(result),
-            Err(error) => {
-                self.counts.queued.fetch_sub(1, Ordering::Relaxed);
-                Err(match error {
-                    TrySendError::Full(_) => Refused::Full { retry_after: self.retry_after() },
-                    TrySendError::Disconnected(_) => Refused::Closed,
-                })
-            }
+        let mut waiting = self.shared.waiting();
+        if waiting.closed {
+            return Err(Refused::Closed);
         }
+        let ahead = self.time_of(waiting.jobs.ahead(order.who, order.cost()));
+        if !waiting.jobs.has_room(order.who) {
+            return Err(Refused::Full { retry_after: seconds(ahead) });
+        }
+        if let Some(late) = ahead.checked_sub(order.limit) {
+            return Err(Refused::Late { retry_after: seconds(late) });
+        }
+        waiting.jobs.push(order.who, order.cost(), Job { work, accepted: Instant::now() });
+        drop(waiting);
+        self.shared.changed.notify_one();
+        Ok(result)
+    }
+
+    /// The time that work of this cost takes at the pace of late, with all threads and what they have in hand; zero as
+    /// long as nobody knows.
+    fn time_of(&self, cost: u64) -> Duration {
+        let in_work = self.shared.in_work.load(Ordering::Relaxed) / 2;
+        let all = self.shared.mean_ns.load(Ordering::Relaxed).saturating_mul(cost.saturating_add(in_work));
+        Duration::from_nanos(all / self.workers.get() as u64)
     }
 
     /// How many wait.
     pub(crate) fn queued(&self) -> usize {
-        self.counts.queued.load(Ordering::Relaxed)
+        self.shared.waiting().jobs.len()
     }
 
     /// How many are being worked on.
     pub(crate) fn busy(&self) -> usize {
-        self.counts.busy.load(Ordering::Relaxed)
+        self.shared.busy.load(Ordering::Relaxed)
     }
 
-    /// Takes nothing more; what was taken is finished. Blocks until it is.
+    /// Takes nothing more; what was taken is finished.
+    pub(crate) fn close(&self) {
+        self.shared.waiting().closed = true;
+        self.shared.changed.notify_all();
+    }
+
+    /// The same, and blocks until it is finished.
     pub(crate) fn finish(&self) {
-        self.sender.lock().unwrap_or_else(PoisonError::into_inner).take();
+        self.close();
         let threads = std::mem::take(&mut *self.threads.lock().unwrap_or_else(PoisonError::into_inner));
         for thread in threads {
             // Work that panics is caught where it runs.
             let _ = thread.join();
         }
     }
-
-    /// The time the queue takes at the pace of late, from one second to a minute.
-    fn retry_after(&self) -> NonZeroU64 {
-        let mean = self.counts.mean_us.load(Ordering::Relaxed);
-        let all = mean.saturating_mul(self.queued() as u64) / self.workers.get() as u64;
-        NonZeroU64::new(all.div_ceil(1_000_000).clamp(1, 60)).unwrap_or(NonZeroU64::MIN)
-    }
 }
 
-fn work_until_closed(receiver: &Mutex<Receiver<Job>>, counts: &Counts) {
+/// Whole seconds to wait, from one to a minute.
+fn seconds(wait: Duration) -> NonZeroU64 {
+    let seconds = wait.as_secs() + u64::from(wait.subsec_nanos() > 0);
+    NonZeroU64::new(seconds.clamp(1, 60)).unwrap_or(NonZeroU64::MIN)
+}
+
+fn work_until_closed(shared: &Shared) {
     panics::mark();
-    loop {
-        let job = receiver.lock().unwrap_or_else(PoisonError::into_inner).recv();
-        let Ok(Job { work, accepted }) = job else { return };
-        counts.queued.fetch_sub(1, Ordering::Relaxed);
-        counts.busy.fetch_add(1, Ordering::Relaxed);
+    while let Some((cost, Job { work, accepted })) = shared.next() {
+        shared.busy.fetch_add(1, Ordering::Relaxed);
+        shared.in_work.fetch_add(cost, Ordering::Relaxed);
         let started = Instant::now();
         // Its reply is dropped with it, which is how the one who waits learns of it. The hook has logged the place; what
         // the panic said is thrown away here, because it may hold something of a query.
         let begun = catch_unwind(AssertUnwindSafe(|| work(started.duration_since(accepted))));
-        counts.busy.fetch_sub(1, Ordering::Relaxed);
+        shared.busy.fetch_sub(1, Ordering::Relaxed);
+        shared.in_work.fetch_sub(cost, Ordering::Relaxed);
         // Work that nobody waited for took no time, and says nothing about how long work takes.
         if begun.unwrap_or(true) {
-            counts.job_took(started.elapsed());
+            shared.job_took(started.elapsed(), cost);
         }
     }
 }
@@ -168,11 +231,14 @@ mod tests {
         Pool::start(number(workers), number(queue)).expect("threads")
     }
 
+    /// Of nobody in particular, costing as much as 1000 rows.
+    const ORDER: Order = Order { who: None, rows: 744, limit: Duration::from_secs(3600) };
+
     /// Keeps a thread busy until the returned barrier is waited for.
     fn occupy(pool: &Pool) -> (Arc<Barrier>, oneshot::Receiver<()>) {
         let (started, go) = (Arc::new(Barrier::new(2)), Arc::new(Barrier::new(2)));
         let inside = (started.clone(), go.clone());
-        let result = pool.submit(move |_| {
+        let result = pool.submit(ORDER, move |_| {
             inside.0.wait();
             inside.1.wait();
         });
@@ -184,10 +250,12 @@ mod tests {
     fn what_does_not_fit_is_refused_and_what_was_taken_is_finished() {
         let pool = pool(1, 2);
         let (go, first) = occupy(&pool);
-        let second = pool.submit(|_| 2).expect("room for one");
-        let third = pool.submit(|_| 3).expect("room for two");
+        let second = pool.submit(ORDER, |_| 2).expect("room for one");
+        let third = pool.submit(ORDER, |_| 3).expect("room for two");
         assert_eq!((pool.queued(), pool.busy()), (2, 1));
-        assert!(matches!(pool.submit(|_| 4), Err(Refused::Full { retry_after }) if retry_after.get() == 1));
+        assert!(
+            matches!(pool.submit(ORDER, |_| 4), Err(Refused::Full { retry_after }) if retry_after.get() == 1)
+        );
         assert_eq!(pool.queued(), 2, "what was refused does not count");
         go.wait();
         pool.finish();
@@ -195,7 +263,7 @@ mod tests {
         assert_eq!(second.blocking_recv(), Ok(2));
         assert_eq!(third.blocking_recv(), Ok(3));
         assert_eq!((pool.queued(), pool.busy()), (0, 0));
-        assert_eq!(pool.submit(|_| 5).err(), Some(Refused::Closed));
+        assert_eq!(pool.submit(ORDER, |_| 5).err(), Some(Refused::Closed));
     }
 
     #[test]
@@ -205,7 +273,7 @@ mod tests {
         let begun = Arc::new(AtomicUsize::new(0));
         for keep in [false, true, false] {
             let begun = begun.clone();
-            let result = pool.submit(move |_| begun.fetch_add(1, Ordering::Relaxed)).expect("room");
+            let result = pool.submit(ORDER, move |_| begun.fetch_add(1, Ordering::Relaxed)).expect("room");
             if keep {
                 std::mem::forget(result);
             }
@@ -220,32 +288,42 @@ mod tests {
     fn work_nobody_waits_for_does_not_count_as_quick() {
         let pool = pool(1, 30);
         let slow = |_| std::thread::sleep(Duration::from_millis(400));
-        pool.submit(slow).expect("room").blocking_recv().expect("finished");
+        pool.submit(ORDER, slow).expect("room").blocking_recv().expect("finished");
         let (go, _first) = occupy(&pool);
         for _ in 0..25 {
-            drop(pool.submit(|_| ()).expect("room"));
+            drop(pool.submit(ORDER, |_| ()).expect("room"));
         }
-        let last = pool.submit(|_| ()).expect("room");
+        let last = pool.submit(ORDER, |_| ()).expect("room");
         go.wait();
         last.blocking_recv().expect("finished");
-        let mean = pool.counts.mean_us.load(Ordering::Relaxed);
+        let mean = pool.shared.mean_ns.load(Ordering::Relaxed);
         // 400 ms, then two jobs of next to nothing: (7/8)² of it, where 25 more would have left (7/8)²⁷, 11 ms.
-        assert!(mean >= 300_000, "{mean} µs");
+        assert!(mean >= 300_000, "{mean} ns a row");
         let (go, _first) = occupy(&pool);
-        let waiting: Vec<_> = (0..30).map(|_| pool.submit(|_| ()).expect("room")).collect();
-        let Err(Refused::Full { retry_after }) = pool.submit(|_| ()) else { panic!("31 do not fit") };
+        let waiting: Vec<_> = (0..30).map(|_| pool.submit(ORDER, |_| ()).expect("room")).collect();
+        let Err(Refused::Full { retry_after }) = pool.submit(ORDER, |_| ()) else { panic!("31 do not fit") };
         assert!(retry_after.get() >= 9, "30 times at least 300 ms, not {retry_after} s");
+        // What would not be done within its time is not taken, though there were room.
+        let hurried =
+            Order { who: Some(TokenKey::of_digest([1; 32])), limit: Duration::from_millis(10), ..ORDER };
         drop(waiting);
         go.wait();
         pool.finish();
+        let again = self::pool(1, 30);
+        again.shared.mean_ns.store(mean, Ordering::Relaxed);
+        let (go, _first) = occupy(&again);
+        assert!(again.submit(ORDER, |_| ()).is_ok(), "an hour is enough");
+        assert!(matches!(again.submit(hurried, |_| ()), Err(Refused::Late { .. })));
+        go.wait();
+        again.finish();
     }
 
     #[test]
     fn a_panic_is_told_and_costs_no_thread() {
         let pool = pool(1, 4);
-        let broken = pool.submit(|_| -> u32 { std::panic::panic_any("broken") }).expect("room");
+        let broken = pool.submit(ORDER, |_| -> u32 { std::panic::panic_any("broken") }).expect("room");
         assert!(broken.blocking_recv().is_err());
-        assert_eq!(pool.submit(|_| 1).expect("room").blocking_recv(), Ok(1), "the thread goes on");
+        assert_eq!(pool.submit(ORDER, |_| 1).expect("room").blocking_recv(), Ok(1), "the thread goes on");
         pool.finish();
     }
 }

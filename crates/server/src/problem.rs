@@ -37,7 +37,7 @@ pub(crate) enum Problem {
     MapUnavailable,
     #[error("the service has no valid file of tokens, so nobody may ask; its operator was told")]
     NoTokens,
-    #[error("send a sealed query as application/x-protobuf or application/octet-stream")]
+    #[error("send a sealed query as application/x-protobuf or application/octet-stream, not compressed")]
     MediaType,
     #[error("nobody told the service where this map is on Earth; accept application/json too")]
     NotAcceptable,
@@ -67,8 +67,14 @@ pub(crate) enum Problem {
     NotLocalized(&'static str),
     #[error("the map is empty; its operator must add images")]
     EmptyMap,
-    #[error("all workers are busy and the queue is full; send the same bytes again in {retry_after} s")]
+    #[error(
+        "all workers are busy and the queue has no more room for this token; send the same bytes again in {retry_after} s"
+    )]
     QueueFull { retry_after: NonZeroU64 },
+    #[error("the queue is too long for an answer in time; send the same bytes again in {retry_after} s")]
+    Overdue { retry_after: NonZeroU64 },
+    #[error("the service is stopping; send the same bytes again in {retry_after} s")]
+    Stopping { retry_after: NonZeroU64 },
     #[error("no pose within {seconds} s; send the same bytes again later")]
     TimedOut { seconds: u64 },
     #[error("a bug in veiloc; it was logged")]
@@ -91,6 +97,8 @@ impl Problem {
             LocalizeError::WrongProfile { .. } => Self::WrongProfile,
             LocalizeError::Frame { source, .. } => Self::of_localization(source),
             LocalizeError::EmptyMap => Self::EmptyMap,
+            // Nobody waits for what was stopped; should somebody, it did not get its time.
+            LocalizeError::Stopped => Self::Stopping { retry_after: NonZeroU64::MIN },
             LocalizeError::NoPose { source: PoseError::OneSided { .. }, .. } => {
                 Self::NotLocalized(": all lines that match run through one anchor")
             }
@@ -126,6 +134,8 @@ impl Problem {
             Self::NotLocalized(_) => (S::UNPROCESSABLE_ENTITY, "not-localized", "Not localized"),
             Self::EmptyMap => (S::CONFLICT, "empty-map", "Empty map"),
             Self::QueueFull { .. } => (S::SERVICE_UNAVAILABLE, "queue-full", "Busy"),
+            Self::Overdue { .. } => (S::SERVICE_UNAVAILABLE, "overdue", "Busy"),
+            Self::Stopping { .. } => (S::SERVICE_UNAVAILABLE, "stopping", "Stopping"),
             Self::TimedOut { .. } => (S::GATEWAY_TIMEOUT, "timed-out", "Took too long"),
             Self::Broken => (S::INTERNAL_SERVER_ERROR, "broken", "Internal error"),
         }
@@ -133,7 +143,10 @@ impl Problem {
 
     const fn retry_after(&self) -> Option<NonZeroU64> {
         match self {
-            Self::RateLimited { retry_after } | Self::QueueFull { retry_after } => Some(*retry_after),
+            Self::RateLimited { retry_after }
+            | Self::QueueFull { retry_after }
+            | Self::Overdue { retry_after }
+            | Self::Stopping { retry_after } => Some(*retry_after),
             Self::MapUnavailable | Self::NoTokens => Some(LATER),
             _ => None,
         }

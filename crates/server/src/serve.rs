@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
+use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant};
 
 use axum::Router;
@@ -10,12 +11,13 @@ use tokio::sync::watch;
 
 use crate::admin;
 use crate::connection::{Conduct, serve_connection};
-use crate::connections::{Entry, Place};
 use crate::error::ServerError;
 use crate::options::{ServerOptions, Timeouts};
+use crate::peer::share;
 use crate::routes::router;
 use crate::state::App;
 use crate::watch::Watchers;
+use veiloc_admission::{Entry, Place};
 
 /// The service, bound to its address, with all maps open.
 pub struct Server {
@@ -24,7 +26,30 @@ pub struct Server {
     listening: Listening,
     admin: Option<TcpListener>,
     _watchers: Option<Watchers>,
-    stop: watch::Sender<bool>,
+    stop: watch::Sender<Phase>,
+}
+
+/// How far the service has got.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Phase {
+    Serving,
+    /// It says that it will stop, and still takes connections.
+    Leaving,
+    /// It takes no connections, and finishes what was accepted.
+    Finishing,
+    /// Nothing is waited for any more.
+    GivingUp,
+}
+
+/// How the service ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stopped {
+    /// Requests that were answered after it had been told to stop.
+    pub answered: u64,
+    /// Connections that did not end in time.
+    pub given_up: usize,
+    /// Whether it was told not to wait for them.
+    pub forced: bool,
 }
 
 /// Where the service listens, and what it serves.
@@ -42,14 +67,21 @@ pub struct Listening {
 #[derive(Clone)]
 pub struct ServerHandle {
     app: Arc<App>,
-    stop: watch::Sender<bool>,
+    stop: watch::Sender<Phase>,
 }
 
 impl ServerHandle {
-    /// Stop: no new connections; what was accepted is answered.
+    /// Stop: first it is said that there will be no more (for [`Timeouts::drain`]), then no new connections are taken;
+    /// what was accepted is answered.
     pub fn stop(&self) {
         self.app.close();
-        self.stop.send_replace(true);
+        advance(&self.stop, Phase::Leaving);
+    }
+
+    /// Stop at once: nothing is waited for.
+    pub fn stop_now(&self) {
+        self.app.close();
+        advance(&self.stop, Phase::GivingUp);
     }
 
     /// Read maps, tokens and certificate again. Blocks while it reads; what cannot be read is refused with a line in
@@ -68,6 +100,8 @@ impl Server {
     /// [`ServerError`]: options that would be a mistake, a file that cannot be used, an address that is taken.
     pub async fn bind(options: ServerOptions) -> Result<Self, ServerError> {
         let app = Arc::new(App::open(options)?);
+        // What there is to say of the certificate is said at the start.
+        app.reload_credentials(false, Instant::now());
         let (listener, address) = bind(app.options.listen).await?;
         let admin = match app.options.admin {
             Some(admin) => Some(bind(admin).await?),
@@ -80,7 +114,14 @@ impl Server {
         let system = |source| ServerError::System { what: "threads", source };
         let watchers =
             app.options.watch.map(|every| Watchers::start(&app, every)).transpose().map_err(system)?;
-        Ok(Self { app, listener, listening, admin, _watchers: watchers, stop: watch::Sender::new(false) })
+        Ok(Self {
+            app,
+            listener,
+            listening,
+            admin,
+            _watchers: watchers,
+            stop: watch::Sender::new(Phase::Serving),
+        })
     }
 
     /// Where it answers queries.
@@ -98,45 +139,99 @@ impl Server {
         ServerHandle { app: self.app.clone(), stop: self.stop.clone() }
     }
 
-    /// Answers until [`ServerHandle::stop`], then finishes what was accepted, at most for the grace period. Returns
-    /// how many connections had to be given up.
-    pub async fn run(self) -> usize {
+    /// Answers until [`ServerHandle::stop`], then finishes what was accepted, at most for the grace period.
+    pub async fn run(self) -> Stopped {
         let Self { app, listener, admin, stop, _watchers, .. } = self;
         let summing = tokio::spawn(sum_log_lines(app.clone()));
         // Probes and metrics are answered until the very end.
         let end = watch::Sender::new(false);
         let admin = admin.map(|listener| tokio::spawn(admin::serve(app.clone(), listener, end.subscribe())));
-        let router = router(app.clone());
-        let mut stopped = stop.subscribe();
-        loop {
-            let accepted = tokio::select! {
-                accepted = listener.accept() => accepted,
-                _ = stopped.wait_for(|stop| *stop) => break,
-            };
-            match accepted {
-                Ok((stream, from)) => {
-                    if let Some(place) = enter(&app, from.ip()) {
-                        tokio::spawn(welcome(stream, place, app.clone(), router.clone(), stop.subscribe()));
-                    }
+        let closing = watch::Sender::new(false);
+        let mut phase = stop.subscribe();
+        tokio::select! {
+            () = accept(&app, &listener, &closing) => {}
+            () = async {
+                wait_for(&mut phase, Phase::Leaving).await;
+                tokio::select! {
+                    () = tokio::time::sleep(app.options.timeouts.drain) => {}
+                    () = wait_for(&mut phase, Phase::Finishing) => {}
                 }
-                // Out of file descriptors, or a client that left at once. Trying again without a pause would spin.
-                Err(_) => tokio::time::sleep(Duration::from_millis(10)).await,
-            }
+            } => {}
         }
+        advance(&stop, Phase::Finishing);
+        take_those_waiting(&app, &listener, &closing);
         drop(listener);
-        let in_time =
-            tokio::time::timeout(app.options.timeouts.grace, app.connections.all_closed()).await.is_ok();
-        let abandoned = if in_time { 0 } else { app.connections.open() };
+        closing.send_replace(true);
+        tokio::select! {
+            () = app.connections.all_closed() => {}
+            () = tokio::time::sleep(app.options.timeouts.grace) => {}
+            () = wait_for(&mut phase, Phase::GivingUp) => {}
+        }
+        let given_up = app.connections.open();
+        let forced = *phase.borrow() == Phase::GivingUp;
+        if given_up > 0 {
+            // Their requests are dropped with them, which stops the jobs that nobody waits for any more.
+            app.connections.close_all();
+            let _ = tokio::time::timeout(LAST_MOMENT, app.connections.all_closed()).await;
+        }
         summing.abort();
-        app.quiet.tell();
+        tell_sums(&app);
         end.send_replace(true);
         if let Some(admin) = admin {
             // It listens to nothing but the word just sent.
             let _ = admin.await;
         }
-        // Joining threads blocks.
-        let _ = tokio::task::spawn_blocking(move || app.pool.finish()).await;
-        abandoned
+        let answered = app.answered_since_closing();
+        // Joining threads blocks; jobs that were stopped end soon.
+        let pool = tokio::task::spawn_blocking(move || app.pool.finish());
+        let _ = tokio::time::timeout(LAST_MOMENT, pool).await;
+        Stopped { answered, given_up, forced }
+    }
+}
+
+/// How long what was given up may take to end.
+const LAST_MOMENT: Duration = Duration::from_secs(1);
+
+/// To a later phase, never back.
+fn advance(stop: &watch::Sender<Phase>, to: Phase) {
+    stop.send_if_modified(|phase| {
+        let later = to > *phase;
+        *phase = to.max(*phase);
+        later
+    });
+}
+
+async fn wait_for(phase: &mut watch::Receiver<Phase>, least: Phase) {
+    if phase.wait_for(|phase| *phase >= least).await.is_err() {
+        // Nobody is left who could say so.
+        std::future::pending::<()>().await;
+    }
+}
+
+/// Takes the connections that came before the end, and waits for no more.
+fn take_those_waiting(app: &Arc<App>, listener: &TcpListener, closing: &watch::Sender<bool>) {
+    let router = router(app.clone());
+    let mut context = Context::from_waker(Waker::noop());
+    while let Poll::Ready(Ok((stream, from))) = listener.poll_accept(&mut context) {
+        if let Some(place) = enter(app, from.ip()) {
+            tokio::spawn(welcome(stream, place, app.clone(), router.clone(), closing.subscribe()));
+        }
+    }
+}
+
+/// Takes connections until it is dropped.
+async fn accept(app: &Arc<App>, listener: &TcpListener, closing: &watch::Sender<bool>) {
+    let router = router(app.clone());
+    loop {
+        match listener.accept().await {
+            Ok((stream, from)) => {
+                if let Some(place) = enter(app, from.ip()) {
+                    tokio::spawn(welcome(stream, place, app.clone(), router.clone(), closing.subscribe()));
+                }
+            }
+            // Out of file descriptors, or a client that left at once. Trying again without a pause would spin.
+            Err(_) => tokio::time::sleep(Duration::from_millis(10)).await,
+        }
     }
 }
 
@@ -150,10 +245,18 @@ async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), ServerErr
 /// How often what was left out of the log is summed up.
 const SUM_EVERY: Duration = Duration::from_secs(60);
 
+/// What was left out of the log since the last time.
+fn tell_sums(app: &App) {
+    for ((status, problem), more) in app.quiet.sum() {
+        let problem = (!problem.is_empty()).then_some(problem);
+        tracing::info!(status, problem, more, "more like these were answered and not logged one by one");
+    }
+}
+
 async fn sum_log_lines(app: Arc<App>) {
     loop {
         tokio::time::sleep(SUM_EVERY).await;
-        app.quiet.tell();
+        tell_sums(&app);
     }
 }
 
@@ -183,17 +286,19 @@ async fn welcome(
     let _ = stream.set_nodelay(true);
     let Timeouts { head, write, unknown_life, life, .. } = app.options.timeouts;
     let conduct = Conduct { head, write, unknown_life, life };
+    let (stream, peer) = share(stream);
     match &app.tls {
-        None => serve_connection(stream, router, &place, conduct, stop).await,
+        None => serve_connection(stream, peer, router, &place, conduct, stop).await,
         Some(tls) => {
             let handshake = tokio::time::timeout(head, tls.acceptor().accept(stream));
             // A client that does not get through the handshake is dropped without a word, as TLS would.
             let stream = tokio::select! {
                 done = handshake => done,
                 () = place.guest().told_to_leave() => return,
+                () = place.guest().thrown_out() => return,
             };
             if let Ok(Ok(stream)) = stream {
-                serve_connection(stream, router, &place, conduct, stop).await;
+                serve_connection(stream, peer, router, &place, conduct, stop).await;
             }
         }
     }

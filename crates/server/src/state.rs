@@ -1,19 +1,19 @@
 //! What all requests share: maps, callers, the pool, connections, metrics; and whether the service is ready.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Instant;
 
-use crate::connections::Connections;
 use crate::error::ServerError;
 use crate::maps::Maps;
 use crate::metrics::Metrics;
 use crate::options::ServerOptions;
 use crate::pool::Pool;
-use crate::reload::TokensFile;
-use crate::throttle::Throttle;
 use crate::tls::Tls;
 use crate::tokens::Callers;
+use crate::tokens_file::TokensFile;
+use veiloc_admission::Throttle;
+use veiloc_admission::{Connections, Limits};
 
 /// The service without its connections.
 pub(crate) struct App {
@@ -28,6 +28,8 @@ pub(crate) struct App {
     pub(crate) quiet: Throttle,
     callers: RwLock<Arc<Callers>>,
     closing: AtomicBool,
+    /// Requests answered since it was told to stop.
+    answered_since: AtomicU64,
 }
 
 /// Whether queries are taken.
@@ -56,7 +58,7 @@ impl App {
             .map_err(|source| ServerError::System { what: "threads", source })?;
         let app = Self {
             metrics: Metrics::new(options.workers.get(), options.queue.get(), options.log.as_ref()),
-            connections: Connections::new(options.limits()),
+            connections: Connections::new(limits(&options)),
             quiet: Throttle::default(),
             maps: Maps::new(&options.maps, options.maps_folder.clone(), options.map_memory),
             pool,
@@ -64,6 +66,7 @@ impl App {
             tokens,
             callers: RwLock::new(callers),
             closing: AtomicBool::new(false),
+            answered_since: AtomicU64::new(0),
             options,
         };
         app.open_maps()?;
@@ -112,7 +115,19 @@ impl App {
         if broken.len() == slots.len() { Readiness::Not("no map") } else { Readiness::Ready { broken } }
     }
 
-    /// No new connections are taken any more.
+    /// A request was answered; counted once the service is about to end.
+    pub(crate) fn answered(&self) {
+        if self.is_closing() {
+            self.answered_since.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Requests answered since [`Self::close`].
+    pub(crate) fn answered_since_closing(&self) -> u64 {
+        self.answered_since.load(Ordering::Relaxed)
+    }
+
+    /// It is about to end: new connections are taken for a little while only.
     pub(crate) fn close(&self) {
         self.closing.store(true, Ordering::Relaxed);
     }
@@ -121,4 +136,14 @@ impl App {
     pub(crate) fn is_closing(&self) -> bool {
         self.closing.load(Ordering::Relaxed)
     }
+}
+
+/// Without tokens there is nobody to reserve anything for.
+fn limits(options: &ServerOptions) -> Limits {
+    let total = options.connections.get();
+    let reserved = match options.tokens {
+        Some(_) => options.reserved_connections.unwrap_or(total / 2),
+        None => 0,
+    };
+    Limits { total, per_address: options.connections_per_address.get(), reserved }
 }

@@ -1,6 +1,7 @@
 //! TLS by rustls, with a certificate that can be renewed while the service runs.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::Instant;
 
@@ -11,13 +12,18 @@ use tokio_rustls::TlsAcceptor;
 
 use crate::attempts::Attempts;
 use crate::error::ServerError;
+use crate::expiry::not_after;
 use crate::options::TlsFiles;
-use crate::reload::hash;
+use crate::tokens_file::hash;
 
 /// The certificate as it is now.
 pub(crate) struct Tls {
     files: TlsFiles,
     current: RwLock<Arc<ServerConfig>>,
+    /// When the certificate ends, seconds since 1970.
+    ends: AtomicI64,
+    /// Days left that were told last.
+    told: AtomicI64,
     /// By the hash of both files, or of why they cannot be read: they are small, and are read to be looked at.
     attempts: Mutex<Attempts<[u8; 32]>>,
 }
@@ -25,15 +31,28 @@ pub(crate) struct Tls {
 impl Tls {
     pub(crate) fn open(files: TlsFiles) -> Result<Self, ServerError> {
         let pair = Pair::read(&files)?;
-        let current = RwLock::new(Arc::new(pair.config(&files)?));
+        let (config, ends) = pair.config(&files)?;
+        let current = RwLock::new(Arc::new(config));
         let mut attempts = Attempts::default();
         attempts.took(pair.hash());
-        Ok(Self { files, current, attempts: Mutex::new(attempts) })
+        let (ends, told) = (AtomicI64::new(ends), AtomicI64::new(i64::MAX));
+        Ok(Self { files, current, ends, told, attempts: Mutex::new(attempts) })
     }
 
     /// For the next connection.
     pub(crate) fn acceptor(&self) -> TlsAcceptor {
         self.current.read().unwrap_or_else(PoisonError::into_inner).clone().into()
+    }
+
+    /// When the certificate ends, seconds since 1970.
+    pub(crate) fn ends(&self) -> i64 {
+        self.ends.load(Ordering::Relaxed)
+    }
+
+    /// Whole days that are left at `now`, below zero when it has expired; once a day, from two weeks before the end on.
+    pub(crate) fn days_to_tell(&self, now: i64) -> Option<i64> {
+        let left = (self.ends() - now).div_euclid(86_400);
+        (left < WARN_DAYS && self.told.swap(left, Ordering::Relaxed) != left).then_some(left)
     }
 
     /// Whether the newest state of the files cannot be used.
@@ -58,7 +77,9 @@ impl Tls {
             return None;
         }
         Some(match pair.and_then(|pair| pair.config(&self.files)) {
-            Ok(config) => {
+            Ok((config, ends)) => {
+                self.ends.store(ends, Ordering::Relaxed);
+                self.told.store(i64::MAX, Ordering::Relaxed);
                 *self.current.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(config);
                 attempts.took(state);
                 Ok(())
@@ -70,6 +91,9 @@ impl Tls {
         })
     }
 }
+
+/// So many days before its end a certificate is told of.
+const WARN_DAYS: i64 = 14;
 
 /// What the files hold.
 struct Pair {
@@ -89,14 +113,17 @@ impl Pair {
         hash(&[hash(&self.cert), hash(&self.key)].concat())
     }
 
-    fn config(&self, files: &TlsFiles) -> Result<ServerConfig, ServerError> {
+    /// How to speak TLS with them, and when that ends.
+    fn config(&self, files: &TlsFiles) -> Result<(ServerConfig, i64), ServerError> {
         let wrong = |path: &Path, reason: String| ServerError::Tls { path: path.to_owned(), reason };
         let chain: Vec<CertificateDer<'static>> = CertificateDer::pem_slice_iter(&self.cert)
             .collect::<Result<_, _>>()
             .map_err(|e| wrong(&files.cert, e.to_string()))?;
-        if chain.is_empty() {
+        let Some(first) = chain.first() else {
             return Err(wrong(&files.cert, "holds no certificate".to_owned()));
-        }
+        };
+        let ends =
+            not_after(first).ok_or_else(|| wrong(&files.cert, "holds no certificate of X.509".to_owned()))?;
         let key = PrivateKeyDer::from_pem_slice(&self.key).map_err(|e| wrong(&files.key, e.to_string()))?;
         // Named on purpose: nothing in the process may choose another provider by being linked in.
         let provider = Arc::new(rustls::crypto::ring::default_provider());
@@ -107,6 +134,33 @@ impl Pair {
             .with_single_cert(chain, key)
             .map_err(|e| wrong(&files.key, e.to_string()))?;
         config.alpn_protocols = vec![b"http/1.1".to_vec()];
-        Ok(config)
+        Ok((config, ends))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_end_of_a_certificate_is_told_once_a_day() {
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+        let tls =
+            Tls::open(TlsFiles { cert: data.join("cert.pem"), key: data.join("key.pem") }).expect("TLS");
+        let day = |n: i64| tls.ends() + n * 86_400;
+        for (now, told) in [
+            (day(-300), None),
+            (day(-14), None),
+            (day(-13), Some(13)),
+            (day(-13) + 5, Some(12)),
+            (day(-13) + 60, None),
+            (day(0) + 1, Some(-1)),
+            (day(0) + 2, None),
+            (day(1) + 1, Some(-2)),
+        ] {
+            assert_eq!(tls.days_to_tell(now), told, "{}", now - tls.ends());
+        }
+        assert!(tls.reload(true, Instant::now()).is_some_and(|read| read.is_ok()));
+        assert_eq!(tls.days_to_tell(day(1) + 2), Some(-2), "read anew, told anew");
     }
 }

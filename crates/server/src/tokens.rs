@@ -20,6 +20,7 @@ use axum::http::header::AUTHORIZATION;
 use governor::clock::{Clock, DefaultClock};
 use governor::{DefaultDirectRateLimiter, NotUntil, Quota, RateLimiter};
 use sha2::{Digest as _, Sha256};
+use veiloc_admission::TokenKey;
 
 use crate::error::ServerError;
 use crate::options::RateLimit;
@@ -32,17 +33,6 @@ pub(crate) enum Role {
     Client,
     /// The same and the metrics.
     Operator,
-}
-
-/// Tells one token from another; it is never printed.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(crate) struct TokenKey([u8; 32]);
-
-impl TokenKey {
-    #[cfg(test)]
-    pub(crate) const fn of_digest(digest: [u8; 32]) -> Self {
-        Self(digest)
-    }
 }
 
 /// Who asks.
@@ -69,7 +59,7 @@ impl Caller {
 
     /// Which token it brought.
     pub(crate) const fn key(&self) -> TokenKey {
-        TokenKey(self.digest)
+        TokenKey::of_digest(self.digest)
     }
 
     /// Takes one request from the allowance.
@@ -145,11 +135,13 @@ impl Callers {
             let wrong = |reason| at(i + 1, reason);
             let (digest, role) = parse(line).map_err(wrong)?;
             let known = match before {
-                Some(Self::Tokens(before)) => before.get(&TokenKey(digest)).filter(|c| c.role == role),
+                Some(Self::Tokens(before)) => {
+                    before.get(&TokenKey::of_digest(digest)).filter(|c| c.role == role)
+                }
                 _ => None,
             };
             let caller = known.cloned().unwrap_or_else(|| Arc::new(Caller::new(digest, role, rate)));
-            if all.insert(TokenKey(digest), caller).is_some() {
+            if all.insert(TokenKey::of_digest(digest), caller).is_some() {
                 return Err(wrong("this token is there twice"));
             }
         }
@@ -185,7 +177,7 @@ impl Callers {
         };
         let token = headers.get(AUTHORIZATION).and_then(|value| bearer(value.as_bytes()));
         let digest: [u8; 32] = Sha256::digest(token.ok_or(Problem::Unauthenticated)?).into();
-        callers.get(&TokenKey(digest)).cloned().ok_or(Problem::Unauthenticated)
+        callers.get(&TokenKey::of_digest(digest)).cloned().ok_or(Problem::Unauthenticated)
     }
 }
 

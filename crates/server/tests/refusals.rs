@@ -47,6 +47,7 @@ fn every_wrong_request_is_told_what_is_wrong() {
             415,
             "media-type",
         ),
+        ("compressed", localize(&query).header("content-encoding", "gzip"), 415, "media-type"),
         (
             "a place on Earth",
             localize(&query).header("accept", "application/geopose+json"),

@@ -39,7 +39,9 @@ fn accepted_requests_are_answered() {
                 .map_or(0, |n| n.parse().expect("a number"));
             value("veiloc_queue_length ") + value("veiloc_workers_busy ") + answered >= 8
         });
-        assert_eq!(server.stop(), 0, "no connection was given up");
+        let stopped = server.stop();
+        assert_eq!(stopped.given_up, 0, "no connection was given up");
+        assert!(stopped.answered <= 8 && !stopped.forced, "{stopped:?}");
         for one in asked {
             assert_eq!(one.join().expect("an answer").status, 200);
         }
@@ -62,5 +64,63 @@ fn who_does_not_end_is_given_up() {
     eventually("the connection", || {
         Request::get("/metrics").send(server.address).text().contains("veiloc_connections 2")
     });
-    assert_eq!(server.stop(), 1);
+    assert_eq!(server.stop().given_up, 1);
+}
+
+/// Told to stop, it says so first, and goes on answering until balancers have had time to look elsewhere.
+#[test]
+fn readiness_ends_before_the_listener_does() {
+    let files = Files::new();
+    let mut options = files.open_options();
+    options.timeouts.drain = Duration::from_secs(3600);
+    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
+    let server = Running::start(options);
+    let (address, admin) = (server.address, server.listening.admin.expect("a listener"));
+    let query = files.place.sealed(&truth());
+    let mut kept = connect(address);
+    let mut ask = |request: &Request| {
+        kept.write_all(&request.bytes()).expect("written");
+        Response::try_read(&mut kept)
+    };
+    assert_eq!(ask(&Request::get("/readyz")).expect("an answer").status, 200);
+    server.handle.stop();
+    for at in [address, admin] {
+        let response = Request::get("/readyz").send(at);
+        assert_eq!((response.status, response.text().as_str()), (503, "stopping\n"));
+    }
+    assert_eq!(Request::localize(&query).send(address).status, 200, "who comes is still answered");
+    let last = ask(&Request::localize(&query)).expect("an answer");
+    assert_eq!((last.status, last.header("connection")), (200, Some("close")));
+    assert!(ask(&Request::get("/readyz")).is_none(), "a connection that is kept is closed in order");
+    server.handle.stop_now();
+    let stopped = server.stop();
+    assert_eq!(
+        (stopped.given_up, stopped.answered, stopped.forced),
+        (0, 3, true),
+        "probes of the operator do not count"
+    );
+}
+
+/// A job that would never end: told a second time, the service ends all the same, and so it does after its grace.
+#[test]
+fn what_never_ends_does_not_keep_it() {
+    for forced in [false, true] {
+        let files = Files::new();
+        let mut options = files.open_options();
+        options.workers = NonZeroUsize::MIN;
+        options.localize.pose.fixed_hypotheses = Some(usize::MAX);
+        options.timeouts.localize = Duration::from_secs(3600);
+        options.timeouts.grace = Duration::from_secs(if forced { 3600 } else { 0 });
+        let server = Running::start(options);
+        let mut stream = connect(server.address);
+        stream.write_all(&Request::localize(&files.place.sealed(&truth())).bytes()).expect("written");
+        eventually("work", || server.get("/metrics", OPERATOR).text().contains("veiloc_workers_busy 1"));
+        server.handle.stop();
+        if forced {
+            server.handle.stop_now();
+        }
+        let stopped = server.stop();
+        assert_eq!((stopped.given_up, stopped.forced), (1, forced));
+        assert!(Response::try_read(&mut stream).is_none());
+    }
 }

@@ -273,7 +273,9 @@ fn answer(item: &Item, map: &MapFile, options: &LocalizeOptions, trusted_only: b
                     not_localized(NoPoseKind::WrongProfile, &error)
                 }
                 LocalizeError::EmptyMap => not_localized(NoPoseKind::EmptyMap, &error),
-                LocalizeError::NoPose { .. } => not_localized(NoPoseKind::NoPose, &error),
+                LocalizeError::NoPose { .. } | LocalizeError::Stopped => {
+                    not_localized(NoPoseKind::NoPose, &error)
+                }
             })
         }),
     };

@@ -9,7 +9,7 @@ use std::time::Duration;
 use tracing_subscriber::filter::LevelFilter;
 use veiloc_map::MapMemory;
 use veiloc_server::{
-    BadGeoFrame, GeoFrame, LogQueue, MapSource, RateLimit, ServerOptions, TlsFiles, run_until_signal,
+    BadGeoFrame, GeoFrame, LogQueue, MapSource, RateLimit, ServerOptions, Stopped, TlsFiles, run_until_signal,
 };
 
 use crate::exit::{Exit, Failure, Outcome};
@@ -18,7 +18,7 @@ use veiloc_arguments::localization_args::{MatchArgs, PoseArgs, not_negative, pos
 
 /// Serve maps: sealed queries in over HTTP, poses out.
 ///
-/// Stops on SIGINT or SIGTERM, after answering what it accepted. Map, token and certificate files may be replaced (by
+/// Stops on SIGINT or SIGTERM, after answering what it accepted; a second signal ends it at once. Map, token and certificate files may be replaced (by
 /// renaming others over them) while it runs; SIGHUP makes it read them at once. The log goes to stderr and never holds
 /// anything of a query. Addresses, answers and the file of tokens are described in docs/service.md.
 #[derive(clap::Args)]
@@ -95,6 +95,10 @@ pub(crate) struct Args {
     /// Seconds a query's body may take to arrive.
     #[arg(long, default_value_t = 15.0, value_parser = positive, value_name = "SECONDS")]
     body_timeout: f64,
+    /// Seconds between the signal to stop and the end of taking connections: `/readyz` is 503, so that balancers look
+    /// elsewhere.
+    #[arg(long, default_value_t = 2.0, value_parser = not_negative, value_name = "SECONDS")]
+    drain_delay: f64,
     /// Seconds that what was accepted may still take when the service is stopped.
     #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
     grace: f64,
@@ -173,14 +177,23 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         voice.say(format!("serving {names} on {scheme}://{}", listening.address));
     });
     let exit = match ended {
-        Ok(0) => {
-            voice.say("stopped; all that was accepted was answered");
+        Ok(Stopped { answered, given_up: 0, .. }) => {
+            voice.say(format!(
+                "stopped; all that was accepted was answered, {answered} requests since it was told to"
+            ));
             Exit::Success
         }
-        Ok(abandoned) => {
+        Ok(Stopped { answered, given_up, forced: true }) => {
             voice.complain(format!(
-                "{abandoned} connections did not end within {} s and were given up; give more time with --grace, if these \
-                 were requests that mattered",
+                "stopped at once, as told: {given_up} connections were given up; {answered} requests were answered since the \
+                 first signal"
+            ));
+            Exit::Refused
+        }
+        Ok(Stopped { answered, given_up, forced: false }) => {
+            voice.complain(format!(
+                "{given_up} connections did not end within {} s and were given up; {answered} requests were answered \
+                 meanwhile; give more time with --grace, if these were requests that mattered",
                 args.grace
             ));
             Exit::Refused
@@ -262,6 +275,7 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
     options.timeouts.localize = seconds(args.request_timeout);
     options.timeouts.body = seconds(args.body_timeout);
+    options.timeouts.drain = seconds(args.drain_delay);
     options.timeouts.grace = seconds(args.grace);
     options.timeouts.unknown_life = seconds(args.unknown_life);
     options.timeouts.life = seconds(args.connection_life);

@@ -145,7 +145,7 @@ pub fn estimate_rig_pose<R: Rng + ?Sized>(
             |of: &Result<OfFrames<'_>, PoseError>| of.as_ref().map_or(f64::INFINITY, |of| of.estimate.score);
         if score(&again) < score(&found) { again } else { found }
     });
-    best.map(|best| best.estimate)
+    if options.stop.is_set() { Err(PoseError::Stopped) } else { best.map(|best| best.estimate) }
 }
 
 /// Where a search of several frames leaves a doubt it is repeated with so many times the least number of samples for every
@@ -188,6 +188,9 @@ impl Asked<'_> {
         times: usize,
         rng: &mut R,
     ) -> Result<RigEstimate, PoseError> {
+        if options.stop.is_set() {
+            return Err(PoseError::Stopped);
+        }
         let frames = self.frames;
         let zoomed: Vec<Matches<'_>> = (self.shown.iter().zip(&self.given))
             .map(|(&i, m)| m.with_focal(if frames[i].problem.focal == focal { factor } else { 1.0 }))
@@ -198,12 +201,16 @@ impl Asked<'_> {
             });
         let ties = self.shown.iter().zip(&self.given).map(|(&i, m)| frames[i].tie(scene_size(m, &frames[i])));
         let mut search = RigSearch::new(ready.collect(), ties.collect(), options.noise_px)
-            .ok_or(PoseError::NoFrameAlone { frames: frames.len() })?;
+            .ok_or(PoseError::NoFrameAlone { frames: frames.len() })?
+            .until(&options.stop);
         let mut budget = options.budget(self.drawn());
         if times > 1 {
             budget.min = budget.min.saturating_mul(times * self.drawn()).min(budget.max);
         }
         let found = lo_ransac(&mut search, &budget, rng);
+        if options.stop.is_set() {
+            return Err(PoseError::Stopped);
+        }
         let no_consensus = |inliers| PoseError::NoConsensus {
             inliers,
             required: options.min_inliers,

@@ -10,6 +10,7 @@ use crate::ransac::Estimator;
 use crate::rivals::margin;
 use crate::sampler::WeightedSampler;
 use crate::search::{COARSE_GAIN, LADDER, LADDER_STEPS};
+use crate::stop::Stop;
 use veiloc_likelihood::Symmetric6;
 
 /// Gain of a frame from which on more of it counts less, natural logarithm: many frames that agree outvote one that
@@ -34,6 +35,7 @@ pub(super) struct RigSearch<'a> {
     /// Optimised poses met on the way, with their costs by the matches and the odometry alone.
     optima: Vec<(RigFromWorld, f64)>,
     models: Vec<CameraFromWorld>,
+    stop: Stop,
 }
 
 /// What a frame's gain counts for.
@@ -73,7 +75,23 @@ impl<'a> RigSearch<'a> {
             })
             .collect();
         order.reverse();
-        Some(Self { frames, ties, noise, draws, chances, order, optima: Vec::new(), models: Vec::new() })
+        Some(Self {
+            frames,
+            ties,
+            noise,
+            draws,
+            chances,
+            order,
+            optima: Vec::new(),
+            models: Vec::new(),
+            stop: Stop::default(),
+        })
+    }
+
+    /// The same, given up once this is set.
+    pub(super) fn until(mut self, stop: &Stop) -> Self {
+        self.stop = stop.clone();
+        self
     }
 
     /// What is left to do is done with a focal length of these frames so many times the given one.
@@ -138,6 +156,10 @@ impl<'a> RigSearch<'a> {
 
 impl Estimator for RigSearch<'_> {
     type Model = Poses;
+
+    fn is_stopped(&self) -> bool {
+        self.stop.is_set()
+    }
 
     fn hypothesize<R: Rng + ?Sized>(&mut self, rng: &mut R, models: &mut Vec<Poses>) {
         // A rig of one frame draws just as that frame alone does.

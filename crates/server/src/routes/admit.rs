@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use axum::http::HeaderMap;
 
-use crate::connections::Guest;
 use crate::problem::Problem;
 use crate::state::App;
 use crate::tokens::Caller;
+use veiloc_admission::Guest;
 
 /// Who asks, one request taken from its allowance. The connection learns which token it brought.
 pub(super) fn admit(app: &App, guest: &Guest, headers: &HeaderMap) -> Result<Arc<Caller>, Problem> {

@@ -1,5 +1,6 @@
 //! The one thing the service is for: a sealed query in, a pose out.
 
+use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -8,7 +9,7 @@ use axum::body::Body;
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
-use axum::http::header::CONTENT_TYPE;
+use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use veiloc_geometry::Point3;
@@ -17,7 +18,7 @@ use veiloc_map::MapFile;
 use veiloc_query::{
     Answer, AnswerDocument, AnswerState, AnswerVersion, QueryError, RigMessage, SealedFrame, SealedQuery,
 };
-use veiloc_robust::PositionPrior;
+use veiloc_robust::{PositionPrior, Stop};
 
 use super::accept::{Form, Unmet};
 use super::admit::admit;
@@ -25,14 +26,14 @@ use super::body;
 use super::record::ServedMap;
 use super::wishes::Wishes;
 use crate::answer::{answer_of, answer_of_rig};
-use crate::connections::Guest;
 use crate::maps::Hosted;
 use crate::metrics::Outcome;
 use crate::padding::{self, Hidden};
-use crate::pool::Refused;
+use crate::pool::{Order, Refused};
 use crate::problem::{Problem, ProblemDocument};
 use crate::state::App;
 use crate::tokens::Caller;
+use veiloc_admission::Guest;
 
 /// Where a sealed query was taken.
 ///
@@ -57,7 +58,7 @@ use crate::tokens::Caller;
         (status = 415, description = "Another media type", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 422, description = "No pose is supported by the query", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 429, description = "Allowance used; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Queue full; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "No room in the queue, or it is too long for an answer in time, or the map is unavailable; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 504, description = "No pose in time", body = ProblemDocument, content_type = "application/problem+json"),
 ))]
 pub(super) async fn localize(
@@ -132,7 +133,8 @@ fn welcome(
     let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let media = media.split(';').next().unwrap_or_default().trim();
     let known = ["application/x-protobuf", "application/octet-stream"];
-    if !known.iter().any(|known| media.eq_ignore_ascii_case(known)) {
+    let plain = headers.get_all(CONTENT_ENCODING).into_iter().all(|value| value == "identity");
+    if !plain || !known.iter().any(|known| media.eq_ignore_ascii_case(known)) {
         return Err(Problem::MediaType);
     }
     let wishes = Wishes::read(headers)?;
@@ -157,7 +159,7 @@ async fn answer(app: &Arc<App>, request: Request, kind: Kind, body: &mut Body) -
     drop(bytes);
     caller.spend_session(asked.frames())?;
 
-    let Done { result, waited } = compute(app, hosted.clone(), asked, wishes).await?;
+    let Done { result, waited } = compute(app, &caller, hosted.clone(), asked, wishes).await?;
     app.metrics.stage("queue", waited);
     let Found { answer, times } = result.map_err(|error| {
         if matches!(error, LocalizeError::NoPose { .. }) {
@@ -228,6 +230,14 @@ impl Asked {
         }
     }
 
+    /// Rows of all queries.
+    fn rows(&self) -> usize {
+        match self {
+            Self::Query(query) => query.descriptors().len(),
+            Self::Rig(frames) => frames.iter().map(|frame| frame.query.descriptors().len()).sum(),
+        }
+    }
+
     /// Localizes it after a wait of so many milliseconds.
     fn localize(
         &self,
@@ -244,23 +254,43 @@ impl Asked {
     }
 }
 
+/// Ends a job that nobody waits for any more: its time is up, its client has left, or the service gives up on it.
+struct StopWhenDropped(Stop);
+
+impl Drop for StopWhenDropped {
+    fn drop(&mut self) {
+        self.0.set();
+    }
+}
+
 /// Localizes on a thread of the pool.
-async fn compute(app: &Arc<App>, hosted: Arc<Hosted>, asked: Asked, wishes: Wishes) -> Result<Done, Problem> {
+async fn compute(
+    app: &Arc<App>,
+    caller: &Caller,
+    hosted: Arc<Hosted>,
+    asked: Asked,
+    wishes: Wishes,
+) -> Result<Done, Problem> {
     let mut options = app.options.localize.clone();
     if let Some(near) = wishes.near {
         let [x, y, z] = near.center();
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
     }
+    options.pose.stop = Stop::default();
+    let _stop = StopWhenDropped(options.pose.stop.clone());
     let hosted_name = hosted.name.clone();
+    let limit = app.options.timeouts.localize;
+    // Where no token is asked for, nobody is told apart.
+    let order = Order { who: app.tokens.is_some().then(|| caller.key()), rows: asked.rows(), limit };
     let work = move |waited: Duration| {
         let result = asked.localize(&hosted.map, &options, waited.as_secs_f64() * 1e3);
         Done { result, waited }
     };
-    let result = app.pool.submit(work).map_err(|refused| match refused {
+    let result = app.pool.submit(order, work).map_err(|refused| match refused {
         Refused::Full { retry_after } => Problem::QueueFull { retry_after },
-        Refused::Closed => Problem::Broken,
+        Refused::Late { retry_after } => Problem::Overdue { retry_after },
+        Refused::Closed => Problem::Stopping { retry_after: NonZeroU64::MIN },
     })?;
-    let limit = app.options.timeouts.localize;
     match tokio::time::timeout(limit, result).await {
         Err(_) => Err(Problem::TimedOut { seconds: limit.as_secs().max(1) }),
         Ok(Ok(done)) => Ok(done),

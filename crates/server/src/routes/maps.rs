@@ -13,9 +13,9 @@ use utoipa::ToSchema;
 
 use super::admit::admit;
 use super::record::ServedMap;
-use crate::connections::Guest;
 use crate::problem::{Problem, ProblemDocument};
 use crate::state::App;
+use veiloc_admission::Guest;
 
 /// All maps.
 #[derive(Serialize, ToSchema)]

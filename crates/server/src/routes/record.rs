@@ -1,5 +1,5 @@
 //! One line in the log and one count in the metrics for every request: the only place where either is made. Lines that
-//! anybody can cause are summed up (`throttle.rs`).
+//! anybody can cause are summed up (`veiloc_admission::Throttle`).
 //!
 //! Rule L8: a line holds names the operator chose, route templates (never the address that was asked for), status,
 //! problem and time. Method and address come from the client and could hold anything.
@@ -8,7 +8,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::Method;
+use axum::http::header::CONNECTION;
+use axum::http::{HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::Response;
 
@@ -32,7 +33,12 @@ pub(super) async fn record(State(app): State<Arc<App>>, request: Request, next: 
     };
     let route = request.extensions().get::<MatchedPath>().cloned();
     let route = route.as_ref().map_or("other", MatchedPath::as_str);
-    let response = next.run(request).await;
+    let mut response = next.run(request).await;
+    if app.is_closing() {
+        // Whoever keeps the connection would lose it soon, perhaps in the middle of its next request.
+        response.headers_mut().insert(CONNECTION, HeaderValue::from_static("close"));
+        app.answered();
+    }
     let took = started.elapsed();
     let status = response.status().as_u16();
     let problem = response.extensions().get::<ProblemKind>().map(|kind| kind.0);

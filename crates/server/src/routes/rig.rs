@@ -11,9 +11,9 @@ use axum::response::Response;
 use veiloc_query::AnswerDocument;
 
 use super::localize::{Kind, serve};
-use crate::connections::Guest;
 use crate::problem::ProblemDocument;
 use crate::state::App;
+use veiloc_admission::Guest;
 
 /// Where the device was that took the images of a session.
 ///
@@ -38,7 +38,7 @@ use crate::state::App;
         (status = 415, description = "Another media type", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 422, description = "No pose is supported by the queries", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 429, description = "Allowance used; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Queue full; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "No room in the queue, or it is too long for an answer in time, or the map is unavailable; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 504, description = "No pose in time", body = ProblemDocument, content_type = "application/problem+json"),
 ))]
 pub(super) async fn localize_rig(

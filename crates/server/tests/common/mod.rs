@@ -19,7 +19,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Ri
 use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_query::{Profile, SealedQuery};
-use veiloc_server::{Listening, MapSource, Server, ServerHandle, ServerOptions};
+use veiloc_server::{Listening, MapSource, Server, ServerHandle, ServerOptions, Stopped};
 
 use http::{Request, Response};
 
@@ -228,7 +228,7 @@ pub struct Running {
     pub address: SocketAddr,
     pub listening: Listening,
     pub handle: ServerHandle,
-    thread: Option<JoinHandle<usize>>,
+    thread: Option<JoinHandle<Stopped>>,
 }
 
 impl Running {
@@ -250,8 +250,8 @@ impl Running {
         Self { address: listening.address, listening, handle, thread: Some(thread) }
     }
 
-    /// Stops it and waits; how many connections were given up.
-    pub fn stop(mut self) -> usize {
+    /// Stops it and waits; how it ended.
+    pub fn stop(mut self) -> Stopped {
         self.handle.stop();
         self.thread.take().expect("running").join().expect("the server ends")
     }

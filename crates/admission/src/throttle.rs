@@ -10,15 +10,15 @@ use std::sync::{Mutex, PoisonError};
 const LINES: u64 = 10;
 
 /// Status and problem.
-pub(crate) type Kind = (u16, &'static str);
+pub type Kind = (u16, &'static str);
 
 /// What was asked to be logged since the last sum.
-#[derive(Default)]
-pub(crate) struct Throttle(Mutex<BTreeMap<Kind, u64>>);
+#[derive(Debug, Default)]
+pub struct Throttle(Mutex<BTreeMap<Kind, u64>>);
 
 impl Throttle {
     /// Whether a line of this kind is to be written; one that is not is counted.
-    pub(crate) fn admits(&self, kind: Kind) -> bool {
+    pub fn admits(&self, kind: Kind) -> bool {
         let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let asked = counts.entry(kind).or_default();
         *asked += 1;
@@ -26,21 +26,13 @@ impl Throttle {
     }
 
     /// How many lines of each kind were left out since the last sum; begins anew.
-    pub(crate) fn sum(&self) -> Vec<(Kind, u64)> {
+    pub fn sum(&self) -> Vec<(Kind, u64)> {
         let counts = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
         counts
             .into_iter()
             .filter(|(_, asked)| *asked > LINES)
             .map(|(kind, asked)| (kind, asked - LINES))
             .collect()
-    }
-
-    /// Writes the sums.
-    pub(crate) fn tell(&self) {
-        for ((status, problem), more) in self.sum() {
-            let problem = (!problem.is_empty()).then_some(problem);
-            tracing::info!(status, problem, more, "more like these were answered and not logged one by one");
-        }
     }
 }
 

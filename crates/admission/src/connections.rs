@@ -12,16 +12,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::{Notify, watch};
 
-use crate::tokens::TokenKey;
+use crate::key::TokenKey;
 
 /// How many connections may be open.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits {
-    pub(crate) total: usize,
+pub struct Limits {
+    /// All of them.
+    pub total: usize,
     /// Unknown ones of one address.
-    pub(crate) per_address: usize,
+    pub per_address: usize,
     /// Of the total, slots that unknown ones do not get.
-    pub(crate) reserved: usize,
+    pub reserved: usize,
 }
 
 /// Addresses that count as one: an IPv4 address, or the /64 that one IPv6 customer usually has.
@@ -46,40 +47,47 @@ const BUSY: u8 = 2;
 const ANSWERED: u8 = 3;
 
 /// An open connection.
-pub(crate) struct Guest {
+pub struct Guest {
     id: u64,
     group: Group,
     /// The token it brought last; `None` while it is unknown.
     token: Mutex<Option<TokenKey>>,
     state: AtomicU8,
     leave: Notify,
+    /// The service gives up on everybody.
+    thrown_out: watch::Receiver<bool>,
     home: Arc<Connections>,
 }
 
 impl Guest {
     /// Bytes came in: if nothing was going on, the head of a request.
-    pub(crate) fn received(&self) {
+    pub fn received(&self) {
         let _ = self.state.compare_exchange(IDLE, READING, Ordering::Relaxed, Ordering::Relaxed);
     }
 
     /// A request is being answered.
-    pub(crate) fn begin(&self) {
+    pub fn begin(&self) {
         self.state.store(BUSY, Ordering::Relaxed);
     }
 
     /// Its answer is made.
-    pub(crate) fn answered(&self) {
+    pub fn answered(&self) {
         self.state.store(ANSWERED, Ordering::Relaxed);
     }
 
     /// What was to be written is written.
-    pub(crate) fn flushed(&self) {
+    pub fn flushed(&self) {
         let _ = self.state.compare_exchange(ANSWERED, IDLE, Ordering::Relaxed, Ordering::Relaxed);
     }
 
     /// Whether closing it would break off a request that came, a half head included.
-    pub(crate) fn is_idle(&self) -> bool {
+    pub fn is_idle(&self) -> bool {
         self.state.load(Ordering::Relaxed) == IDLE
+    }
+
+    /// Whether a request is being answered.
+    pub fn is_busy(&self) -> bool {
+        self.state.load(Ordering::Relaxed) == BUSY
     }
 
     /// Whether it may be closed for another: a half head is no reason to stay.
@@ -87,12 +95,13 @@ impl Guest {
         self.state.load(Ordering::Relaxed) <= READING
     }
 
-    pub(crate) fn is_known(&self) -> bool {
+    /// Whether it brought a known token last.
+    pub fn is_known(&self) -> bool {
         self.token.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 
     /// It brought this token, or one that nobody knows.
-    pub(crate) fn brought(&self, token: Option<TokenKey>) {
+    pub fn brought(&self, token: Option<TokenKey>) {
         let mut places = self.home.places();
         let before = {
             let mut own = self.token.lock().unwrap_or_else(PoisonError::into_inner);
@@ -109,16 +118,23 @@ impl Guest {
     }
 
     /// Waits until it has to make room for another.
-    pub(crate) async fn told_to_leave(&self) {
+    pub async fn told_to_leave(&self) {
         self.leave.notified().await;
+    }
+
+    /// Waits until the service gives up on everybody.
+    pub async fn thrown_out(&self) {
+        // The sender lives as long as the home that this guest keeps.
+        let _ = self.thrown_out.clone().wait_for(|out| *out).await;
     }
 }
 
 /// Leaves when dropped.
-pub(crate) struct Place(Arc<Guest>);
+pub struct Place(Arc<Guest>);
 
 impl Place {
-    pub(crate) fn guest(&self) -> &Arc<Guest> {
+    /// Who has it.
+    pub fn guest(&self) -> &Arc<Guest> {
         &self.0
     }
 }
@@ -186,7 +202,7 @@ impl Places {
 }
 
 /// What became of a new connection.
-pub(crate) enum Entry {
+pub enum Entry {
     /// It has a place.
     Taken(Place),
     /// It has the place of one that was closed for it.
@@ -196,16 +212,23 @@ pub(crate) enum Entry {
 }
 
 /// All open connections.
-pub(crate) struct Connections {
+pub struct Connections {
     limits: Limits,
     places: Mutex<Places>,
     /// Connections not closed yet, those told to leave included.
     open: watch::Sender<usize>,
+    throw_out: watch::Sender<bool>,
 }
 
 impl Connections {
-    pub(crate) fn new(limits: Limits) -> Arc<Self> {
-        Arc::new(Self { limits, places: Mutex::default(), open: watch::Sender::new(0) })
+    /// None yet.
+    pub fn new(limits: Limits) -> Arc<Self> {
+        Arc::new(Self {
+            limits,
+            places: Mutex::default(),
+            open: watch::Sender::new(0),
+            throw_out: watch::Sender::new(false),
+        })
     }
 
     fn places(&self) -> std::sync::MutexGuard<'_, Places> {
@@ -213,18 +236,23 @@ impl Connections {
     }
 
     /// How many are open.
-    pub(crate) fn open(&self) -> usize {
+    pub fn open(&self) -> usize {
         *self.open.borrow()
     }
 
+    /// Ends all of them, whatever they are at.
+    pub fn close_all(&self) {
+        self.throw_out.send_replace(true);
+    }
+
     /// Waits until all are closed.
-    pub(crate) async fn all_closed(&self) {
+    pub async fn all_closed(&self) {
         // The sender is here, so it is never closed.
         let _ = self.open.subscribe().wait_for(|open| *open == 0).await;
     }
 
     /// Takes a new connection in, if need be for another.
-    pub(crate) fn enter(self: &Arc<Self>, from: IpAddr) -> Entry {
+    pub fn enter(self: &Arc<Self>, from: IpAddr) -> Entry {
         let Limits { total, per_address, reserved } = self.limits;
         let group = Group::of(from);
         let mut places = self.places();
@@ -257,6 +285,7 @@ impl Connections {
             token: Mutex::new(None),
             state: AtomicU8::new(IDLE),
             leave: Notify::new(),
+            thrown_out: self.throw_out.subscribe(),
             home: self.clone(),
         });
         places.all.insert(id, guest.clone());

@@ -1,0 +1,230 @@
+//! The queue of work, fair between those who ask: everybody's work waits in a lane of its own, and lanes take turns by
+//! what their work costs (deficit round robin: Shreedhar and Varghese, SIGCOMM 1995).
+//!
+//! Who sends a lot fills their own lane and nobody else's. A lane may hold as much as is still free (dynamic thresholds:
+//! Choudhury and Hahne, 1998): alone half of the queue, two a third each, so there is always room for one who comes new.
+//! Within a lane small work goes before large work, but never for ever.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::num::NonZeroUsize;
+
+/// What a lane may spend each turn: a query of 1024 rows.
+const QUANTUM: u64 = 1024;
+
+/// Work that costs no more is small.
+const SMALL: u64 = 1024 + 256;
+
+/// Small work that goes before large work of the same lane, at most so much in a row.
+const STREAK: u32 = 3;
+
+struct Lane<T> {
+    small: VecDeque<(u64, T)>,
+    large: VecDeque<(u64, T)>,
+    /// Small ones in a row.
+    streak: u32,
+    /// What it may still spend.
+    deficit: u64,
+    /// What its waiting work costs.
+    cost: u64,
+}
+
+impl<T> Default for Lane<T> {
+    fn default() -> Self {
+        Self { small: VecDeque::new(), large: VecDeque::new(), streak: 0, deficit: 0, cost: 0 }
+    }
+}
+
+impl<T> Lane<T> {
+    fn len(&self) -> usize {
+        self.small.len() + self.large.len()
+    }
+
+    fn next_is_small(&self) -> bool {
+        !self.small.is_empty() && (self.large.is_empty() || self.streak < STREAK)
+    }
+
+    fn next_cost(&self) -> Option<u64> {
+        let next = if self.next_is_small() { &self.small } else { &self.large };
+        next.front().map(|(cost, _)| *cost)
+    }
+
+    fn pop(&mut self) -> Option<(u64, T)> {
+        let small = self.next_is_small();
+        self.streak = if small { self.streak + 1 } else { 0 };
+        let popped = if small { self.small.pop_front() } else { self.large.pop_front() };
+        self.cost -= popped.as_ref().map_or(0, |(cost, _)| *cost);
+        popped
+    }
+}
+
+/// Work of those who share a lane by their key; `None` where nobody is told apart, whose lane may fill the queue.
+pub struct FairQueue<K, T> {
+    lanes: BTreeMap<Option<K>, Lane<T>>,
+    /// Whose turn it is, then whose next; every lane with work once.
+    turns: VecDeque<Option<K>>,
+    capacity: usize,
+    len: usize,
+}
+
+impl<K: Ord + Copy, T> FairQueue<K, T> {
+    /// With room for so many.
+    pub fn new(capacity: NonZeroUsize) -> Self {
+        Self { lanes: BTreeMap::new(), turns: VecDeque::new(), capacity: capacity.get(), len: 0 }
+    }
+
+    /// How many wait.
+    pub const fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether nobody waits.
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Whether there is room for one more in this lane.
+    pub fn has_room(&self, key: Option<K>) -> bool {
+        let free = self.capacity - self.len;
+        let held = self.lanes.get(&key).map_or(0, Lane::len);
+        if key.is_none() { free > 0 } else { held < free }
+    }
+
+    /// What is done, at most, before work that is put into this lane now: all that is in it, and of every other lane as
+    /// much as gets its turns meanwhile.
+    pub fn ahead(&self, key: Option<K>, cost: u64) -> u64 {
+        let own = self.lanes.get(&key).map_or(0, |lane| lane.cost);
+        // What a lane may be ahead by is the largest piece of work.
+        let turns = own + cost + 5 * QUANTUM;
+        let others = self.lanes.iter().filter(|(other, _)| **other != key);
+        own + others.map(|(_, lane)| lane.cost.min(turns)).sum::<u64>()
+    }
+
+    /// Puts work into a lane, room or not: see [`Self::has_room`].
+    pub fn push(&mut self, key: Option<K>, cost: u64, work: T) {
+        let lane = self.lanes.entry(key).or_default();
+        if lane.len() == 0 {
+            self.turns.push_back(key);
+        }
+        lane.cost += cost;
+        if cost <= SMALL {
+            lane.small.push_back((cost, work))
+        } else {
+            lane.large.push_back((cost, work))
+        }
+        self.len += 1;
+    }
+
+    /// The work whose turn it is, and its cost.
+    pub fn pop(&mut self) -> Option<(u64, T)> {
+        loop {
+            let key = *self.turns.front()?;
+            let lane = self.lanes.get_mut(&key)?;
+            match lane.next_cost() {
+                Some(cost) if cost <= lane.deficit => {
+                    lane.deficit -= cost;
+                    let popped = lane.pop();
+                    self.len -= 1;
+                    if lane.len() == 0 {
+                        // Who has nothing to do saves nothing up.
+                        self.turns.pop_front();
+                        self.lanes.remove(&key);
+                    }
+                    return popped;
+                }
+                Some(_) => {
+                    lane.deficit += QUANTUM;
+                    self.turns.rotate_left(1);
+                }
+                None => {
+                    self.turns.pop_front();
+                    self.lanes.remove(&key);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn queue(capacity: usize) -> FairQueue<u8, u64> {
+        FairQueue::new(NonZeroUsize::new(capacity).expect("not zero"))
+    }
+
+    /// Whatever each sends, over any stretch nobody who has work waiting is behind another by more than a turn and a piece.
+    #[test]
+    fn lanes_share_by_cost() {
+        let mut queue = queue(10_000);
+        for (key, cost, count) in [(1, 4096, 500), (2, 512, 4000), (3, 1024, 2000)] {
+            (0..count).for_each(|_| queue.push(Some(key), cost, u64::from(key)));
+        }
+        let mut done: BTreeMap<u64, u64> = BTreeMap::new();
+        for _ in 0..4000 {
+            let (cost, key) = queue.pop().expect("work");
+            *done.entry(key).or_default() += cost;
+            let (least, most) = (done.values().min().expect("some"), done.values().max().expect("some"));
+            let seen = done.len() == 3;
+            assert!(!seen || most - least <= 2 * (4096 + QUANTUM), "{done:?}");
+        }
+        assert!(done.values().all(|cost| *cost > 500_000), "{done:?}");
+    }
+
+    #[test]
+    fn who_sends_much_waits_in_a_lane_of_its_own() {
+        let mut queue = queue(32);
+        let mut sent = 0;
+        while queue.has_room(Some(1)) {
+            queue.push(Some(1), 4096, 1);
+            sent += 1;
+        }
+        assert_eq!(sent, 16, "half of the queue");
+        let mut second = 0;
+        while queue.has_room(Some(2)) {
+            queue.push(Some(2), 512, 2);
+            second += 1;
+        }
+        assert_eq!(second, 8, "half of the rest");
+        assert!(queue.has_room(Some(3)), "and always room for one who comes new");
+        // The small ones of the second do not wait for all of the first.
+        let order: Vec<u64> = std::iter::from_fn(|| queue.pop()).map(|(_, who)| who).collect();
+        let last_of_second = order.iter().rposition(|who| *who == 2).expect("done");
+        assert!(last_of_second < 10, "{order:?}");
+        assert_eq!((order.len(), queue.len()), (24, 0));
+    }
+
+    #[test]
+    fn small_work_goes_first_and_large_work_goes_too() {
+        let mut queue = queue(100);
+        (0..3).for_each(|i| queue.push(None, 4000, 100 + i));
+        (0..9).for_each(|i| queue.push(None, 500, i));
+        let order: Vec<u64> = std::iter::from_fn(|| queue.pop()).map(|(_, work)| work).collect();
+        assert_eq!(order, [0, 1, 2, 100, 3, 4, 5, 101, 6, 7, 8, 102]);
+    }
+
+    #[test]
+    fn those_not_told_apart_may_fill_the_queue() {
+        let mut queue = queue(3);
+        for i in 0..3 {
+            assert!(queue.has_room(None));
+            queue.push(None, 1, i);
+        }
+        assert!(!queue.has_room(None) && !queue.has_room(Some(1)));
+    }
+
+    /// What is told to be ahead is what is done before, at most.
+    #[test]
+    fn what_is_ahead_is_not_understated() {
+        for own in [0, 1, 5] {
+            let mut queue = queue(1000);
+            (0..40).for_each(|_| queue.push(Some(1), 4096, 0));
+            (0..7).for_each(|_| queue.push(Some(3), 600, 0));
+            (0..own).for_each(|_| queue.push(Some(2), 600, 0));
+            let ahead = queue.ahead(Some(2), 600);
+            queue.push(Some(2), 600, 1);
+            let before: u64 =
+                std::iter::from_fn(|| queue.pop()).take_while(|(_, w)| *w == 0).map(|(c, _)| c).sum();
+            assert!(before <= ahead && ahead <= 3 * before + 3 * 4096, "{own}: {before} of {ahead}");
+        }
+    }
+}

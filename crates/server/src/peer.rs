@@ -1,0 +1,94 @@
+//! A TCP stream that can be asked whether its other side has left, while somebody else reads and writes it.
+//!
+//! A client that gives up closes its end, and its query must not be computed any more. Reading would tell, but not while
+//! bytes of a next request lie before the end: those are not read before the answer to this one is made. The system knows
+//! of the end all the same.
+
+use std::io;
+use std::net::Shutdown;
+use std::pin::{Pin, pin};
+use std::sync::Arc;
+use std::task::{Context, Poll, Waker, ready};
+use std::time::Duration;
+
+use socket2::SockRef;
+use tokio::io::{AsyncRead, AsyncWrite, Interest, ReadBuf};
+use tokio::net::TcpStream;
+
+/// How soon it is noticed that a client has left.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// The stream to read and write.
+pub(crate) struct Shared(Arc<TcpStream>);
+
+/// The stream to ask.
+#[derive(Clone)]
+pub(crate) struct Peer(Arc<TcpStream>);
+
+/// Both.
+pub(crate) fn share(stream: TcpStream) -> (Shared, Peer) {
+    let stream = Arc::new(stream);
+    (Shared(stream.clone()), Peer(stream))
+}
+
+impl Peer {
+    /// Whether the other side has closed its end, or the connection broke.
+    fn has_left(&self) -> bool {
+        let ready = pin!(self.0.ready(Interest::READABLE));
+        match ready.poll(&mut Context::from_waker(Waker::noop())) {
+            Poll::Ready(Ok(ready)) => ready.is_read_closed(),
+            Poll::Ready(Err(_)) => true,
+            Poll::Pending => false,
+        }
+    }
+
+    /// Waits until it has left while `waits` is so: with nothing going on, reading tells.
+    pub(crate) async fn left_while(&self, waits: impl Fn() -> bool) {
+        loop {
+            tokio::time::sleep(LOOK_EVERY).await;
+            if waits() && self.has_left() {
+                return;
+            }
+        }
+    }
+}
+
+impl AsyncRead for Shared {
+    fn poll_read(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        loop {
+            ready!(self.0.poll_read_ready(context))?;
+            match self.0.try_read(buffer.initialize_unfilled()) {
+                Ok(count) => {
+                    buffer.advance(count);
+                    return Poll::Ready(Ok(()));
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(error) => return Poll::Ready(Err(error)),
+            }
+        }
+    }
+}
+
+impl AsyncWrite for Shared {
+    fn poll_write(self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        loop {
+            ready!(self.0.poll_write_ready(context))?;
+            match self.0.try_write(bytes) {
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                written => return Poll::Ready(written),
+            }
+        }
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Poll::Ready(Ok(()))
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Poll::Ready(SockRef::from(&*self.0).shutdown(Shutdown::Write))
+    }
+}

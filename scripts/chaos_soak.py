@@ -1,0 +1,291 @@
+#!/usr/bin/env python3
+"""Everything at once that has ever taken the service down, and a well-behaved client beside it.
+
+    VEILOC_DATA=../shared/data scripts/chaos_soak.py --minutes 30 [--veiloc PROGRAM]
+
+A client with a token asks at 70 % of what the service was measured to answer, first alone, then beside: clients that send
+byte by byte or nothing, wrong tokens, a flood of large queries from one token, the map replaced every few seconds (valid by
+renaming, by copying over, corrupt, truncated), the tokens replaced (valid, empty, deleted for a moment), a log whose reader
+stops and goes on, and SIGTERM with a restart. Prints a table, and last `accepted N lost N`: of the queries whose whole body
+was sent on a connection that the service had taken, how many got no answer of any kind. The script fails when one is lost.
+
+Loopback only, standard library only.
+"""
+
+import pathlib
+import random
+import socket
+import sys
+import threading
+import time
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "service"))
+
+import http.client  # noqa: E402
+import os  # noqa: E402
+import signal  # noqa: E402
+import shutil  # noqa: E402
+
+from common import LOCALIZE, PROTOBUF, Place, Server, arguments, ask, free_port, header, row, token, wait_for  # noqa: E402
+
+CLIENTS = 4
+
+
+class Service:
+    """The service on a fixed port, restarted now and then, its log read by a thread that can be stopped."""
+
+    def __init__(self, place):
+        self.place, self.port = place, free_port()
+        self.live = place.work / "live.vmap"
+        shutil.copyfile(place.map, self.live)
+        self.tokens = place.tokens(["phone", "greedy", "ops!"])
+        # Held by who changes files, and while the service starts: a start needs files in order.
+        self.files = threading.Lock()
+        self.reading = threading.Event()
+        self.reading.set()
+        self.restarts, self.exits = 0, []
+        self.start()
+
+    def start(self):
+        read, write = os.pipe()
+        self.server = Server(self.place, "--tokens", self.tokens, "--request-timeout", "10", "--drain-delay", "1",
+                             maps=["--map", f"place={self.live}"], stderr=write, port=self.port)
+        os.close(write)
+        threading.Thread(target=self.read_log, args=(read,), daemon=True).start()
+
+    def read_log(self, pipe):
+        while True:
+            self.reading.wait()
+            try:
+                if not os.read(pipe, 65536):
+                    break
+            except OSError:
+                break
+        os.close(pipe)
+
+    def restart(self):
+        self.exits.append(self.server.stop(patience=60))
+        self.restarts += 1
+        self.start()
+
+    def facts(self):
+        """Resident memory in MB and open descriptors."""
+        process = pathlib.Path(f"/proc/{self.server.process.pid}")
+        memory = next(l for l in (process / "status").read_text().splitlines() if l.startswith("VmRSS"))
+        return int(memory.split()[1]) / 1024, len(list((process / "fd").iterdir()))
+
+
+class Well:
+    """Well-behaved clients: each sends its next query when it is due, and again after what `Retry-After` says."""
+
+    def __init__(self, service, rate):
+        self.service, self.every = service, CLIENTS / rate
+        self.lock, self.times, self.got = threading.Lock(), [], {}
+        self.accepted = self.lost = self.broken = 0
+        self.stop = threading.Event()
+        self.threads = [threading.Thread(target=self.run, args=(i,), daemon=True) for i in range(CLIENTS)]
+        for thread in self.threads:
+            thread.start()
+
+    def run(self, i):
+        connection, due = None, time.monotonic() + i * self.every / CLIENTS
+        headers = {"authorization": f"Bearer {token('phone')}", "content-type": PROTOBUF}
+        while not self.stop.is_set():
+            time.sleep(max(0.0, due - time.monotonic()))
+            started, sent, status = time.monotonic(), False, None
+            fresh = connection is None
+            try:
+                connection = connection or http.client.HTTPConnection("127.0.0.1", self.service.port, timeout=60)
+                connection.request("POST", LOCALIZE, self.service.place.query, headers)
+                sent = True
+                response = connection.getresponse()
+                response.read()
+                status = response.status
+                if response.getheader("connection", "") == "close":
+                    connection.close()
+                    connection = None
+            except (OSError, http.client.HTTPException):
+                if connection:
+                    connection.close()
+                connection = None
+            with self.lock:
+                if status is not None:
+                    self.accepted += 1
+                    self.got[status] = self.got.get(status, 0) + 1
+                    if status == 200:
+                        self.times.append((time.monotonic() - started) * 1e3)
+                elif sent and (fresh or time.monotonic() - started > 0.5):
+                    # It was taken, and there was no word: what must not happen.
+                    self.accepted += 1
+                    self.lost += 1
+                else:
+                    # A kept connection that was closed just as the next query was sent, or nobody listened.
+                    self.broken += 1
+            due = max(due + self.every, time.monotonic())
+
+    def end(self):
+        self.stop.set()
+        for thread in self.threads:
+            thread.join(90)
+        self.times.sort()
+
+    def percentile(self, share):
+        return self.times[round((len(self.times) - 1) * share)] if self.times else float("nan")
+
+
+class Chaos:
+    """The rest, each in threads of its own, until it is told to stop."""
+
+    def __init__(self, service, rng):
+        self.service, self.rng = service, rng
+        self.stop, self.counts, self.lock = threading.Event(), {}, threading.Lock()
+        jobs = [self.slow] * 20 + [self.wrong] * 2 + [self.flood] * 20 + [self.maps, self.tokens, self.log, self.stops]
+        self.threads = [threading.Thread(target=job, daemon=True) for job in jobs]
+        for thread in self.threads:
+            thread.start()
+
+    def count(self, what, n=1):
+        with self.lock:
+            self.counts[what] = self.counts.get(what, 0) + n
+
+    def pause(self, seconds):
+        return self.stop.wait(seconds)
+
+    def slow(self):
+        head = f"POST {LOCALIZE} HTTP/1.1\r\nhost: x\r\nauthorization: Bearer {token('phone')}\r\ncontent-length: 100000\r\n"
+        while not self.pause(self.rng.uniform(0, 2)):
+            try:
+                stream = socket.create_connection(("127.0.0.1", self.service.port), timeout=30)
+                data = b"" if self.rng.random() < 0.3 else (head + "\r\n" * self.rng.choice([0, 1])).encode()
+                for byte in data:
+                    stream.sendall(bytes([byte]))
+                    if self.pause(0.02):
+                        break
+                stream.recv(4096)
+                stream.close()
+            except OSError:
+                pass
+            self.count("slow or silent clients")
+
+    def wrong(self):
+        while not self.pause(0.02):
+            self.count(f"wrong token: {ask(self.service.port, LOCALIZE, b'x', 'nobody', timeout=20)[0] or 'no connection'}")
+
+    def flood(self):
+        while not self.pause(self.rng.uniform(0.5, 1.5)):
+            status = ask(self.service.port, LOCALIZE, self.service.place.large, "greedy", timeout=60)[0]
+            self.count(f"flood: {status or 'no connection'}")
+
+    def maps(self):
+        live, place = self.service.live, self.service.place
+        old, new = place.map.read_bytes(), place.smaller.read_bytes()
+        fresh = place.work / "fresh.vmap"
+        while not self.pause(3):
+            kind = self.rng.choice(["renamed", "copied over", "corrupt", "truncated"])
+            whole = self.rng.choice([old, new])
+            data = whole
+            if kind == "corrupt":
+                data = bytearray(whole)
+                data[self.rng.randrange(len(data))] ^= 0x40
+            elif kind == "truncated":
+                data = whole[:self.rng.randrange(len(whole))]
+            with self.service.files:
+                if kind == "copied over":
+                    live.write_bytes(data)
+                else:
+                    fresh.write_bytes(data)
+                    fresh.replace(live)
+            self.count(f"map {kind}")
+
+    def tokens(self):
+        path, good = self.service.tokens, self.service.tokens.read_text()
+        while not self.pause(5):
+            kind = self.rng.choice(["valid", "empty", "deleted"])
+            with self.service.files:
+                if kind == "empty":
+                    path.write_text("")
+                elif kind == "deleted":
+                    path.unlink()
+            self.count(f"tokens {kind}")
+            self.pause(3)
+            # Renamed over, so that nobody reads half of it.
+            fresh = path.with_suffix(".new")
+            fresh.write_text(good)
+            with self.service.files:
+                fresh.replace(path)
+
+    def log(self):
+        while not self.pause(20):
+            self.service.reading.clear()
+            self.count("log reader stopped")
+            self.pause(10)
+            self.service.reading.set()
+
+    def stops(self):
+        while not self.pause(45):
+            path, place = self.service.tokens, self.service.place
+            with self.service.files:
+                place.tokens(["phone", "greedy", "ops!"], path.with_suffix(".start")).replace(path)
+                shutil.copyfile(place.map, place.work / "start.vmap")
+                (place.work / "start.vmap").replace(self.service.live)
+                self.service.restart()
+            self.count("SIGTERM and restart")
+
+    def end(self):
+        self.stop.set()
+        self.service.reading.set()
+        for thread in self.threads:
+            thread.join(90)
+
+
+def capacity(service):
+    """Answers a second with as many connections as keep all workers busy."""
+    well = Well(service, 10_000)
+    time.sleep(8)
+    well.end()
+    return well.got.get(200, 0) / 8
+
+
+def main():
+    parser = arguments(__doc__)
+    parser.add_argument("--minutes", type=float, default=30)
+    parser.add_argument("--seed", type=int, default=0, help="of what happens when")
+    given = parser.parse_args()
+    service = Service(Place(given.veiloc))
+    wait_for(lambda: ask(service.port, "/readyz")[0] == 200, "readiness")
+    rate = 0.7 * capacity(service)
+    quiet = Well(service, rate)
+    time.sleep(min(60.0, given.minutes * 20))
+    quiet.end()
+    memory, descriptors = service.facts()
+    chaos = Chaos(service, random.Random(given.seed))
+    well = Well(service, rate)
+    time.sleep(given.minutes * 60)
+    chaos.end()
+    well.end()
+    if not service.server.alive():
+        sys.exit(f"the service died: {service.server.process.returncode}")
+    time.sleep(8)
+    after_memory, after_descriptors = service.facts()
+    header("well-behaved client", "sent", "answered", "other", "connections to make anew", "p50 ms", "p99 ms")
+    for name, one in (("alone", quiet), ("in the chaos", well)):
+        other = ", ".join(f"{status}: {n}" for status, n in sorted(one.got.items()) if status != 200)
+        row(name, one.accepted + one.broken, one.got.get(200, 0), other or "-", one.broken,
+            f"{one.percentile(0.5):.0f}", f"{one.percentile(0.99):.0f}")
+    print()
+    header("beside it", "times")
+    for what, n in sorted(chaos.counts.items()):
+        row(what, n)
+    print()
+    header("", "memory MB", "descriptors")
+    row("before", f"{memory:.0f}", descriptors)
+    row("after", f"{after_memory:.0f}", after_descriptors)
+    exits = ", ".join(map(str, service.exits)) or "none"
+    print(f"\n{rate:.1f} queries a second (70 % of capacity); exit codes of {service.restarts} restarts: {exits}")
+    service.server.stop(signal.SIGTERM)
+    print(f"accepted {well.accepted} lost {well.lost}")
+    sys.exit(1 if well.lost else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,117 @@
+#!/usr/bin/env python3
+"""Files replaced badly under a running service: maps copied over, cut short, overwritten; tokens deleted, emptied, and a
+revocation at a moment when no file can be opened.
+
+    VEILOC_DATA=../shared/data scripts/service/replaced_files.py [--veiloc PROGRAM]
+"""
+
+import resource
+import shutil
+import socket
+import time
+
+from common import LOCALIZE, Place, Server, arguments, ask, header, pose, row
+
+
+def state(server, place, poses):
+    """What a query gets: which map's pose, or what else."""
+    if not server.alive():
+        return f"process died (exit {server.process.returncode})"
+    status, body, _ = ask(server.port, LOCALIZE, place.query)
+    if status != 200:
+        return f"{status or 'no answer'}" + ("" if server.alive() else f", process died ({server.process.returncode})")
+    return f"200, {poses.get(pose(body), 'a pose of no map')}"
+
+
+def overwrite(path, data):
+    with open(path, "r+b") as file:
+        file.write(data)
+        file.truncate(len(data))
+
+
+def maps(place, memory):
+    live = place.work / "live.vmap"
+    poses = {}
+    for path, name in ((place.map, "old map"), (place.smaller, "new map")):
+        server = Server(place, maps=["--map", f"place={path}"])
+        poses[pose(ask(server.port, LOCALIZE, place.query)[1])] = name
+        server.stop()
+    old, new = place.map.read_bytes(), place.smaller.read_bytes()
+    for what, change in [
+        ("`cp new.vmap live.vmap`", lambda: shutil.copyfile(place.smaller, live)),
+        ("cut to a third", lambda: overwrite(live, old[:len(old) // 3])),
+        ("overwritten with as many bytes", lambda: overwrite(live, bytes(len(old)))),
+        ("renamed over (as it should be)", lambda: (shutil.copyfile(place.smaller, place.work / "n"),
+                                                    (place.work / "n").rename(live))),
+    ]:
+        shutil.copyfile(place.map, live)
+        server = Server(place, *memory, maps=["--map", f"place={live}"])
+        before = state(server, place, poses)
+        change()
+        at_once = state(server, place, poses)
+        time.sleep(4)
+        later = state(server, place, poses)
+        row(what, before, at_once, later)
+        server.stop(patience=10)
+    del new
+
+
+def tokens(place):
+    for what, change in [
+        ("deleted", lambda path: path.unlink()),
+        ("emptied", lambda path: path.write_text("")),
+        ("one token taken out", lambda path: place.tokens(["ops!"], path)),
+    ]:
+        path = place.tokens(["phone", "ops!"], place.work / "changing")
+        more = ["--stale-tokens", "8"] if "--stale-tokens" in place.options() else []
+        server = Server(place, "--tokens", path, *more)
+        change(path)
+        time.sleep(4)
+        soon = [ask(server.port, "/v1/maps", who=who)[0] for who in ("phone", "ops")]
+        time.sleep(8)
+        late = [ask(server.port, "/v1/maps", who=who)[0] for who in ("phone", "ops")]
+        said = sum("token" in line for line in server.log().splitlines())
+        row(what, *soon, *late, said)
+        server.stop(patience=10)
+
+
+def revoked_without_files(place):
+    """A token is taken out of the file while connections take all open files; then they go."""
+    path = place.tokens(["phone", "ops!"], place.work / "revoked")
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, hard), hard))
+    connections = "1024" if "--admin-listen" not in place.options() else "100"
+    server = Server(place, "--tokens", path, "--connections", connections, nofile=300)
+    held = []
+    for _ in range(400):
+        try:
+            held.append(socket.create_connection(("127.0.0.1", server.port), timeout=1))
+        except OSError:
+            break
+    place.tokens(["ops!"], path)
+    time.sleep(4)
+    for stream in held:
+        stream.close()
+    time.sleep(6)
+    row("revoked while no file could be opened", ask(server.port, "/v1/maps", who="phone")[0])
+    server.stop(patience=40)
+
+
+def main():
+    place = Place(arguments(__doc__).parse_args().veiloc)
+    header("the map file is", "before", "at once", "after 4 s")
+    maps(place, [])
+    if "--map-memory" in place.options():
+        print("\nThe same with `--map-memory mapped`, where the operator promised that none of this happens:\n")
+        header("the map file is", "before", "at once", "after 4 s")
+        maps(place, ["--map-memory", "mapped"])
+    print()
+    header("the file of tokens is", "phone after 4 s", "ops", "phone after 12 s", "ops", "lines of log that say so")
+    tokens(place)
+    print()
+    header("a token", "after 10 s")
+    revoked_without_files(place)
+
+
+if __name__ == "__main__":
+    main()
