@@ -305,8 +305,8 @@ mod tests {
         IpAddr::from([192, 0, 2, n])
     }
 
-    fn token(n: u8) -> Option<TokenKey> {
-        Some(TokenKey::of_digest([n; 32]))
+    fn token(n: u8) -> TokenKey {
+        TokenKey::of_digest([n; 32])
     }
 
     fn connections(total: usize, per_address: usize, reserved: usize) -> Arc<Connections> {
@@ -335,7 +335,7 @@ mod tests {
         let known: Vec<Place> = (0..50)
             .map(|_| {
                 let place = enter(&connections, 9);
-                place.guest().brought(token(1));
+                place.guest().brought(Some(token(1)));
                 place
             })
             .collect();
@@ -387,17 +387,17 @@ mod tests {
         let greedy: Vec<Place> = (0..9)
             .map(|_| {
                 let place = enter(&connections, 1);
-                place.guest().brought(token(1));
+                place.guest().brought(Some(token(1)));
                 place
             })
             .collect();
         let modest = enter(&connections, 2);
-        modest.guest().brought(token(2));
+        modest.guest().brought(Some(token(2)));
         let third = enter(&connections, 3);
         assert!(leaves(&greedy[0]) && !leaves(&modest) && !leaves(&third));
         // A token that is not known any more protects nobody.
         greedy[1].guest().brought(None);
-        third.guest().brought(token(3));
+        third.guest().brought(Some(token(3)));
         let _fourth = enter(&connections, 4);
         assert!(leaves(&greedy[1]) && !leaves(&greedy[2]));
     }

@@ -428,7 +428,7 @@ fn a_stopped_search_gives_no_pose() {
     let (problem, _) = problem(&setup, &mut ChaCha8Rng::seed_from_u64(1));
     let solve = |options: &PoseOptions| estimate_pose(&problem, options, &mut ChaCha8Rng::seed_from_u64(2));
     let plain = solve(&options(ScoreKind::Likelihood)).expect("a pose");
-    let mut stopped = options(ScoreKind::Likelihood);
+    let stopped = options(ScoreKind::Likelihood);
     assert_eq!(solve(&stopped).expect("a pose").cam_from_world, plain.cam_from_world);
     stopped.stop.set();
     assert!(matches!(solve(&stopped), Err(PoseError::Stopped)));

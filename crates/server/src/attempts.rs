@@ -74,7 +74,7 @@ mod tests {
         for pause in [1, 2, 4, 8, 16, 32, 60, 60] {
             attempts.failed(2, now);
             assert!(attempts.is_failing());
-            assert!(!attempts.is_due(&2, now + Duration::from_secs(pause) - Duration::from_millis(1)));
+            assert!(!attempts.is_due(&2, now + Duration::from_millis(1000 * pause - 1)));
             now += Duration::from_secs(pause);
             assert!(attempts.is_due(&2, now), "after {pause} s");
             assert!(
