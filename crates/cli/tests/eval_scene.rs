@@ -72,7 +72,10 @@ fn progressive_queries_send_fewer_rows_and_find_the_same_place() {
         let of = |row: &serde_json::Value, name: &str| row[name].as_f64().expect("a number");
         assert_eq!(of(whole, "mean_rows"), 1024.0);
         assert_eq!(of(whole, "mean_bytes"), of(whole, "sealed_bytes"));
-        assert!(of(steps, "mean_rows") < 600.0 && of(steps, "mean_bytes") < of(whole, "mean_bytes"), "{steps}");
+        assert!(
+            of(steps, "mean_rows") < 600.0 && of(steps, "mean_bytes") < of(whole, "mean_bytes"),
+            "{steps}"
+        );
         assert!(of(steps, "mean_exposed") < of(whole, "mean_exposed"), "{steps}");
         assert_eq!(steps["localized"], whole["localized"]);
         assert_eq!(steps["negatives"]["trusted"], 0, "{steps}");

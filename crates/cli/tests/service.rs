@@ -126,7 +126,10 @@ fn a_progressive_query_sends_no_more_than_it_takes() {
     let truth = place.pose_of("query-0.png");
     let sent = |more: &str| {
         let run = place
-            .run(&format!("{} --progressive {more} --json", send_keeping("query-0.png", &service.url, "steps")))
+            .run(&format!(
+                "{} --progressive {more} --json",
+                send_keeping("query-0.png", &service.url, "steps")
+            ))
             .succeeded();
         assert!(pose_of(&run.json()).translation_error(&truth) < 0.1, "{run}");
         let fields = &common::documented::tables()["query send"];
@@ -182,11 +185,9 @@ fn a_session_gets_one_pose() {
     assert!(text.stdout.starts_with("trusted  at (") && text.stderr.contains("sealed queries"), "{text}");
     assert!(!service.log().contains("/profile"), "nothing was sealed: {}", service.log());
     // What says how to seal an image has no say.
-    for (more, word) in [
-        ("--scheme points", "--scheme"),
-        ("images/query-0.png", "IMAGE"),
-        ("--progressive", "--progressive"),
-    ] {
+    for (more, word) in
+        [("--scheme points", "--scheme"), ("images/query-0.png", "IMAGE"), ("--progressive", "--progressive")]
+    {
         let run = place.run(&format!("{command} {more}"));
         assert!(run.code == Some(2) && run.stderr.contains(word), "{run}");
     }

@@ -9,6 +9,7 @@ mod json_args;
 mod localization_args;
 pub(crate) mod localize;
 pub(crate) mod map;
+mod mask_args;
 mod progressive_args;
 pub(crate) mod query;
 mod rig_file;
