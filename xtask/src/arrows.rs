@@ -16,7 +16,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("query", &["geometry", "descriptor"]),
     ("features", &["geometry", "descriptor"]),
     ("obfuscation", &["geometry", "descriptor", "features", "query"]),
-    ("client", &["geometry", "obfuscation", "query"]),
+    ("client", &["features", "geometry", "obfuscation", "query"]),
     ("map", &["geometry", "descriptor", "kernels", "query"]),
     ("mapping", &["geometry", "descriptor", "features", "map", "query"]),
     ("localize", &["geometry", "descriptor", "query", "map", "robust"]),

@@ -7,7 +7,8 @@ use veiloc_terminal::items::{Fault, FaultKind};
 /// What is wrong with an image that nothing could be extracted from.
 pub fn fault_of(error: &ExtractError) -> Fault {
     let kind = match error {
-        ExtractError::Image(FeatureError::ImageSize { .. }) | ExtractError::Profile(_) => FaultKind::Unfit,
+        ExtractError::Image(FeatureError::ImageSize { .. } | FeatureError::MaskSize { .. })
+        | ExtractError::Profile(_) => FaultKind::Unfit,
         _ => FaultKind::Damaged,
     };
     Fault::new(kind, error)

@@ -6,7 +6,7 @@
 //! - [`Client`]: a service, and who asks it. [`Client::profile`] fetches what is needed to seal for a map (and keeps it on
 //!   disk, when [`ClientOptions::cache`] says where), [`Client::localize`] asks, [`Client::localize_rig`] for several images
 //!   of one device at once, [`Client::localize_progressive`] sends no more rows than a trusted pose takes.
-//! - [`seal_image`]: from a file and its camera to the sealed query.
+//! - [`seal_image`]: from a file and its camera to the sealed query; [`seal_masked`] without what a [`Mask`] hides.
 //! - [`SessionFile`]: several images of one place, sealed so that their lines do not cross in what they show.
 //! - [`ClientError`]: tells apart what an app does different things about: busy, not localized, a map that was exchanged,
 //!   a refusal, the network.
@@ -87,9 +87,10 @@ pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy};
 pub use progressive::{ProgressiveAnswer, Step, StepOutcome};
 pub use refusal::{Refusal, printable};
 pub use request::LocalizeRequest;
-pub use seal::{SealImageError, SealedImage, seal_image};
+pub use seal::{SealImageError, SealedImage, seal_image, seal_masked};
 pub use session_error::SessionFileError;
 pub use session_file::SessionFile;
+pub use veiloc_features::{Mask, load_mask};
 pub use veiloc_geometry::{CameraFromRig, Intrinsics};
 pub use veiloc_obfuscation::{
     KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors, SessionBytesError,

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use veiloc_features::{Features, Mask};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{ExtractError, SealError, SealOptions, device_rng, extract, seal};
+use veiloc_obfuscation::{ExtractError, SealError, SealOptions, device_rng, extract, extract_masked, seal};
 use veiloc_query::{Profile, SealedQuery};
 
 use crate::SessionFileError;
@@ -55,8 +56,31 @@ pub fn seal_image(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<SealedImage, SealImageError> {
+    seal_extracted(image, extract(image, camera, profile, options)?, profile, options)
+}
+
+/// As [`seal_image`], without what a mask hides: nothing there is looked at, and two images that differ there only give the same
+/// query (rule L13). The mask is of the image as it is in the file; [`load_mask`](veiloc_features::load_mask) reads one.
+///
+/// # Errors
+/// As [`seal_image`]; a mask of another size.
+pub fn seal_masked(
+    image: &Path,
+    mask: &Mask,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+) -> Result<SealedImage, SealImageError> {
+    seal_extracted(image, extract_masked(image, mask, camera, profile, options)?, profile, options)
+}
+
+fn seal_extracted(
+    image: &Path,
+    (features, camera): (Features, Intrinsics),
+    profile: &Profile,
+    options: &SealOptions,
+) -> Result<SealedImage, SealImageError> {
     let refused = |source| SealImageError::Seal { path: image.to_owned(), source };
-    let (features, camera) = extract(image, camera, profile, options)?;
     let keypoints = features.keypoints.len();
     let mut rng = device_rng().map_err(refused)?;
     let query = seal(features, &camera, profile, options, &mut rng).map_err(refused)?;

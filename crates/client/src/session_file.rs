@@ -4,8 +4,11 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
+use veiloc_features::{Features, Mask};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{Orientation, SealOptions, Session, SessionOptions, device_rng, extract};
+use veiloc_obfuscation::{
+    Orientation, SealOptions, Session, SessionOptions, device_rng, extract, extract_masked,
+};
 use veiloc_query::Profile;
 
 use crate::replace::replace;
@@ -78,8 +81,35 @@ impl SessionFile {
         options: &SealOptions,
         held: &Orientation,
     ) -> Result<SealedImage, SealImageError> {
+        self.seal_extracted(image, extract(image, camera, profile, options)?, profile, options, held)
+    }
+
+    /// As [`Self::seal_image`], without what a mask hides: see [`crate::seal_masked`]. The session remembers nothing of it either.
+    ///
+    /// # Errors
+    /// As [`Self::seal_image`]; a mask of another size.
+    pub fn seal_masked(
+        &mut self,
+        image: &Path,
+        mask: &Mask,
+        camera: &Intrinsics,
+        profile: &Profile,
+        options: &SealOptions,
+        held: &Orientation,
+    ) -> Result<SealedImage, SealImageError> {
+        let extracted = extract_masked(image, mask, camera, profile, options)?;
+        self.seal_extracted(image, extracted, profile, options, held)
+    }
+
+    fn seal_extracted(
+        &mut self,
+        image: &Path,
+        (features, camera): (Features, Intrinsics),
+        profile: &Profile,
+        options: &SealOptions,
+        held: &Orientation,
+    ) -> Result<SealedImage, SealImageError> {
         let refused = |source| SealImageError::Seal { path: image.to_owned(), source };
-        let (features, camera) = extract(image, camera, profile, options)?;
         let keypoints = features.keypoints.len();
         let mut rng = device_rng().map_err(refused)?;
         let mut next = self.session.clone();

@@ -34,6 +34,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
         localize: LocalizeOptions::default(),
         gravity_sd_deg: None,
+        masks: None,
         sending: Sending::Whole,
         negatives: None,
         seed: 0,

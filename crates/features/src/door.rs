@@ -50,7 +50,7 @@ pub fn extract_image(
 }
 
 /// As [`extract_image`], of an image that is in memory already: `path` is the file it came from, or what messages are to
-/// call it.
+/// call it. Of what a mask hid ([`Image::without`]) there is nothing in the features: no keypoint that looks there is kept.
 ///
 /// # Errors
 /// [`FeatureError`]: not of the camera's size, or what the extractor says.
@@ -68,13 +68,17 @@ pub fn extract_loaded(
         return Err(FeatureError::ImageSize { path: path.into(), actual: size_in_file, camera, turn });
     }
     let image = image.limited(limits.max_side);
-    let features = extractor.extract(&image, limits.max_keypoints)?;
+    let mut features = extractor.extract(&image, limits.max_keypoints)?;
     let kind = extractor.kind();
     if features.descriptors.kind() != kind || features.keypoints.len() != features.descriptors.len() {
         return Err(FeatureError::Extractor {
             name: kind.name().to_owned(),
             reason: "it did not make one descriptor of its kind for each keypoint".to_owned(),
         });
+    }
+    if let Some(hidden) = image.hidden() {
+        let size = (image.width(), image.height());
+        features = features.clear_of(hidden, size, extractor.sight());
     }
     Ok(ExtractedImage { features, size: (image.width(), image.height()), size_in_file })
 }

@@ -65,6 +65,40 @@ pub enum FeatureError {
         /// Why EXIF does not tell.
         reason: &'static str,
     },
+    /// A mask of another size than the image.
+    #[error(
+        "{} has {}x{} pixels and its image {}x{}; give a mask of the image as it is stored, neither scaled nor turned",
+        name_of(file.as_ref()), mask.0, mask.1, image.0, image.1
+    )]
+    MaskSize {
+        /// The mask's file, when it is of one.
+        file: Option<PathBuf>,
+        /// Width and height of the mask, pixels.
+        mask: (u32, u32),
+        /// Width and height of the image, pixels.
+        image: (u32, u32),
+    },
+    /// A mask that hides nothing: nobody means that.
+    #[error("{} hides nothing; black hides, in an image of the size of the photograph", name_of(mask.as_ref()))]
+    HidesNothing {
+        /// Its file, when it is of one.
+        mask: Option<PathBuf>,
+    },
+    /// A mask that hides everything.
+    #[error("{} hides the whole image; black hides, and what may be sent is white", name_of(mask.as_ref()))]
+    HidesAll {
+        /// Its file, when it is of one.
+        mask: Option<PathBuf>,
+    },
+    /// A mask with transparent pixels.
+    #[error(
+        "{}: the mask has transparent pixels, of which nobody knows whether they are to hide; say it with black and white",
+        mask.display()
+    )]
+    MaskTransparent {
+        /// Its file.
+        mask: PathBuf,
+    },
     /// No extractor makes such features.
     #[error("no features of kind {asked} here; there are: {known}")]
     UnknownKind {
@@ -109,6 +143,10 @@ pub enum FeatureError {
         /// Row of the first such sample.
         row: u32,
     },
+}
+
+fn name_of(mask: Option<&PathBuf>) -> String {
+    mask.map_or_else(|| "the mask".to_owned(), |path| format!("{}: the mask", path.display()))
 }
 
 fn turn_note(turn: Option<u16>) -> String {

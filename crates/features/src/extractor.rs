@@ -29,6 +29,12 @@ pub trait Extractor: Send + Sync {
     /// leaves it out ([`Features::whole`], rule L11 of docs/privacy.md). 0 keeps all, and is right only for descriptors
     /// that show nothing of the kind.
     fn reach(&self) -> f64;
+
+    /// How far from a keypoint its descriptor looks, as a multiple of the keypoint's scale, whether or not an image's border
+    /// would show: keypoints that look so under a mask are left out. That of [`Self::reach`] unless said otherwise.
+    fn sight(&self) -> f64 {
+        self.reach()
+    }
 }
 
 /// [`extract_sift`] as an [`Extractor`].
@@ -54,6 +60,10 @@ impl Extractor for Sift {
             Border::Cut => crate::sift::REACH,
             Border::Mirrored => 0.0,
         }
+    }
+
+    fn sight(&self) -> f64 {
+        crate::sift::REACH
     }
 }
 

@@ -3,6 +3,8 @@
 use veiloc_descriptor::Descriptors;
 use veiloc_geometry::Pixel;
 
+use crate::Mask;
+
 /// A place in an image that can be found again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Keypoint {
@@ -45,6 +47,23 @@ impl Features {
             inside(keypoint.pixel.u, radius, width) && inside(keypoint.pixel.v, radius, height)
         };
         let kept: Vec<usize> = (0..self.keypoints.len()).filter(|&i| whole(&self.keypoints[i])).collect();
+        Self {
+            keypoints: kept.iter().map(|&i| self.keypoints[i]).collect(),
+            descriptors: self.descriptors.select(kept),
+        }
+    }
+
+    /// Those that look at nothing a mask hides: the disc of `sight` times the scale around the keypoint, and a pixel more, has
+    /// nothing of it. The mask may be of a larger image, as it was before that was made `size` pixels wide and high.
+    #[must_use]
+    pub(crate) fn clear_of(self, mask: &Mask, size: (u32, u32), sight: f64) -> Self {
+        let grown = [(mask.width(), size.0), (mask.height(), size.1)];
+        let [columns, rows] = grown.map(|(file, own)| f64::from(file) / f64::from(own.max(1)));
+        let clear = |keypoint: &Keypoint| {
+            let radius = (sight * f64::from(keypoint.scale) + 1.0) * columns.max(rows);
+            !mask.touches(keypoint.pixel.u * columns, keypoint.pixel.v * rows, radius)
+        };
+        let kept: Vec<usize> = (0..self.keypoints.len()).filter(|&i| clear(&self.keypoints[i])).collect();
         Self {
             keypoints: kept.iter().map(|&i| self.keypoints[i]).collect(),
             descriptors: self.descriptors.select(kept),

@@ -3,6 +3,7 @@
 //! - [`extract_image`]: the one door from a file to features, whatever the [`Extractor`].
 //! - [`extract_loaded`]: the same of an image in memory.
 //! - [`Extractors`]: the extractors a program has, by name. SIFT is built in; bring your own with [`Extractors::with`].
+//! - [`Mask`]: parts of an image that nobody is to be told of; [`Image::without`] takes them out.
 //! - [`exif_camera`]: the camera that a file's EXIF tells, for images nobody calibrated.
 //! - [`extract_sift`]: SIFT on an image in memory.
 //!
@@ -24,6 +25,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod colour;
 mod door;
 mod error;
 mod exif;
@@ -32,10 +34,12 @@ mod gray;
 mod input;
 mod keypoint;
 mod load;
+mod mask;
 mod orientation;
 mod progress;
 mod sift;
 
+pub use colour::{ColourImage, load_colour};
 pub use door::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use error::FeatureError;
 pub use exif::{exif_camera, guessed_camera};
@@ -44,5 +48,6 @@ pub use gray::GrayImage;
 pub use input::Image;
 pub use keypoint::{Features, Keypoint};
 pub use load::{MAX_PIXELS, load_gray};
+pub use mask::{Mask, load_mask, mask_in};
 pub use progress::Progress;
 pub use sift::{Border, SiftOptions, extract_sift};

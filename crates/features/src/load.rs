@@ -20,17 +20,22 @@ pub const MAX_PIXELS: u64 = 100_000_000;
 /// [`FeatureError::Read`], [`FeatureError::Decode`] (also when the file is cut short) or
 /// [`FeatureError::TooLarge`].
 pub fn load_gray(path: &Path) -> Result<GrayImage, FeatureError> {
-    let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
-    let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
-    let decoder = decoder(path, &bytes)?;
-    let (width, height) = decoder.dimensions();
-    match DynamicImage::from_decoder(decoder).map_err(|e| refused(e.to_string()))? {
+    let image = decode(path)?;
+    let (width, height) = (image.width(), image.height());
+    match image {
         DynamicImage::ImageLuma8(gray) => GrayImage::from_luma8(width, height, gray.as_raw()),
         DynamicImage::ImageLuma16(gray) => {
             GrayImage::new(width, height, gray.as_raw().iter().map(|&v| f32::from(v) / 65535.0).collect())
         }
         other => GrayImage::from_rgb8(width, height, other.into_rgb8().as_raw()),
     }
+}
+
+/// All pixels of a complete JPEG or PNG file, as they are stored.
+pub(crate) fn decode(path: &Path) -> Result<DynamicImage, FeatureError> {
+    let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
+    DynamicImage::from_decoder(decoder(path, &bytes)?)
+        .map_err(|e| FeatureError::Decode { path: path.into(), reason: e.to_string() })
 }
 
 /// What stands in front of the pixels.

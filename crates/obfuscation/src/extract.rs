@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use veiloc_features::{
-    ExtractedImage, Extractor, Extractors, FeatureError, Features, Image, Limits, extract_image,
+    ExtractedImage, Extractor, Extractors, FeatureError, Features, Image, Limits, Mask, extract_image,
+    load_gray,
 };
 use veiloc_geometry::Intrinsics;
 use veiloc_query::Profile;
@@ -40,6 +41,22 @@ pub fn extract(
     extract_with(&Extractors::for_sealing(), path, camera, profile, options)
 }
 
+/// As [`extract`], of an image of which a mask hides a part. Nothing of what it hides is looked at: features of two images that
+/// differ there only are the very same, and no keypoint is kept whose descriptor looks there (rule L13).
+///
+/// # Errors
+/// As [`extract`]; [`FeatureError::MaskSize`] for a mask of another image.
+pub fn extract_masked(
+    path: &Path,
+    mask: &Mask,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+) -> Result<(Features, Intrinsics), ExtractError> {
+    let image = Image::from(load_gray(path)?).without(mask)?;
+    extract_loaded(image, path, camera, profile, options)
+}
+
 /// As [`extract`], with extractors of one's own.
 ///
 /// # Errors
@@ -57,7 +74,7 @@ pub fn extract_with(
 }
 
 /// As [`extract`], of an image that is in memory already: `path` is the file it came from, or what messages are to call
-/// it.
+/// it. What was taken out of it with [`Image::without`] is in no feature.
 ///
 /// # Errors
 /// As [`extract`], but for reading the file.

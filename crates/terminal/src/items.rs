@@ -41,6 +41,13 @@ pub struct Item {
     pub fault: Option<Fault>,
 }
 
+impl Item {
+    /// Its path below the folder it was found in, without the folder's own name: what data sets and masks go by.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
 /// Why an item has no result.
 #[derive(Debug, Clone, Serialize)]
 pub struct Fault {

@@ -32,6 +32,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
         localize: LocalizeOptions::default(),
         gravity_sd_deg: None,
+        masks: None,
         sending: Sending::Whole,
         negatives: None,
         seed: 0,

@@ -4,6 +4,7 @@ pub(crate) mod demo;
 mod device_args;
 pub(crate) mod localize;
 pub(crate) mod map;
+mod mask_args;
 pub(crate) mod query;
 mod rig_file;
 pub(crate) mod seal;

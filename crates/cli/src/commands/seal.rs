@@ -4,12 +4,13 @@ mod batch;
 
 use std::path::{Path, PathBuf};
 
-use veiloc_client::{Orientation, SealImageError, SealedImage, SessionFile, seal_image};
+use veiloc_client::{Mask, Orientation, SealImageError, SealedImage, SessionFile, seal_image, seal_masked};
 use veiloc_features::FeatureError;
 use veiloc_obfuscation::SealOptions;
 use veiloc_query::{FocalKnowledge, Profile};
 
 use crate::commands::device_args::DeviceArgs;
+use crate::commands::mask_args::MaskArgs;
 use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Failure, Outcome};
 use crate::files;
@@ -48,6 +49,12 @@ pub(crate) struct Args {
     device: DeviceArgs,
     #[command(flatten)]
     session: SessionArgs,
+    #[command(flatten)]
+    mask: MaskArgs,
+    /// Folder of masks, one for every image: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. An image without a mask is not
+    /// sealed.
+    #[arg(long, value_name = "DIR", conflicts_with = "mask")]
+    masks: Option<PathBuf>,
     /// File to write; a folder when it is one, ends in `/`, or there are several images; `-` for stdout. Sub-folders
     /// of a folder given are made in it too.
     #[arg(long, short, value_name = "OUT")]
@@ -75,6 +82,8 @@ struct Sealed {
     found: usize,
     /// Rows sent.
     sent: usize,
+    /// Share of the image that is hidden.
+    hidden: Option<f64>,
 }
 
 /// The session that images are frames of, and how the camera was held.
@@ -90,6 +99,7 @@ fn seal_one(
     camera: CameraSource,
     profile: &Profile,
     options: &SealOptions,
+    mask: Option<&Mask>,
     session: Option<InSession<'_>>,
 ) -> Result<Result<Sealed, Fault>, Failure> {
     let known = match camera.of(path) {
@@ -100,14 +110,25 @@ fn seal_one(
         Err(e) => return Ok(Err(Fault::new(FaultKind::Damaged, e))),
     };
     let options = options.clone().with_focal(known.focal);
-    let sealed = match session {
-        Some(InSession { file, held }) => file.seal_image(path, &known.intrinsics, profile, &options, &held),
-        None => seal_image(path, &known.intrinsics, profile, &options),
+    let camera = &known.intrinsics;
+    let sealed = match (session, mask) {
+        (Some(InSession { file, held }), Some(mask)) => {
+            file.seal_masked(path, mask, camera, profile, &options, &held)
+        }
+        (Some(InSession { file, held }), None) => file.seal_image(path, camera, profile, &options, &held),
+        (None, Some(mask)) => seal_masked(path, mask, camera, profile, &options),
+        (None, None) => seal_image(path, camera, profile, &options),
     };
     match sealed {
         Ok(SealedImage { query, keypoints }) => {
             let (bytes, sent) = (query.encode(), query.len());
-            Ok(Ok(Sealed { focal: known.focal, bytes, found: keypoints, sent }))
+            Ok(Ok(Sealed {
+                focal: known.focal,
+                bytes,
+                found: keypoints,
+                sent,
+                hidden: mask.map(Mask::share),
+            }))
         }
         Err(SealImageError::Extract(error)) => Ok(Err(fault_of(&error))),
         Err(SealImageError::Seal { source, .. }) => Ok(Err(Fault::new(FaultKind::Unfit, source))),

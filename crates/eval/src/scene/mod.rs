@@ -9,11 +9,11 @@ mod options;
 use std::path::Path;
 use std::time::Instant;
 
-use veiloc_features::Progress;
+use veiloc_features::{Progress, load_mask, mask_in};
 use veiloc_map::MapFile;
 use veiloc_mapping::Input;
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::extract;
+use veiloc_obfuscation::{ExtractError, extract, extract_masked};
 use veiloc_query::Scheme;
 use veiloc_robust::State;
 
@@ -104,7 +104,13 @@ fn localize_all(
     progress.start("Localizing queries", queries.len());
     for query in queries {
         let started = Instant::now();
-        let (features, camera) = extract(&query.path, &query.camera, profile, &extraction)?;
+        let (features, camera) = match &evaluation.masks {
+            Some(folder) => {
+                let mask = load_mask(&mask_in(folder, Path::new(&query.name))).map_err(ExtractError::from)?;
+                extract_masked(&query.path, &mask, &query.camera, profile, &extraction)?
+            }
+            None => extract(&query.path, &query.camera, profile, &extraction)?,
+        };
         let extract_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut recipe = 0;
         let told: Vec<_> = Upright::in_turn(upright, query, evaluation.seed).collect();

@@ -41,6 +41,8 @@ pub struct SceneEvaluation {
     /// Standard deviation of an accelerometer, degrees: the map is told which way is down, and every query is sealed without
     /// gravity and with it. Nothing is told when none.
     pub gravity_sd_deg: Option<f64>,
+    /// Folder of the queries' masks ([`veiloc_features::mask_in`]): what they hide is not sent. Nothing is hidden when none.
+    pub masks: Option<PathBuf>,
     /// How queries leave the device.
     pub sending: Sending,
     /// Queries of another place, none of which should be localized.

@@ -30,6 +30,10 @@ pub struct Args {
     negatives: NegativeArgs,
     #[command(flatten)]
     progressive: ProgressiveArgs,
+    /// Folder of the queries' masks, one for every query: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. What is black in
+    /// them is hidden, as with `seal --masks`.
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
 }
 
 /// A place, how its map is built, and how queries are localized in it: what `eval scene` and `eval rig` start from.
@@ -68,6 +72,7 @@ impl SceneArgs {
             thresholds: self.report.thresholds.clone(),
             localize: self.matching.options(&self.pose),
             gravity_sd_deg: None,
+            masks: None,
             sending: Sending::Whole,
             negatives: None,
             seed: self.pose.run.seed,
@@ -112,6 +117,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = SceneEvaluation {
         gravity_sd_deg: args.gravity.sd_deg,
         negatives: args.negatives.negatives()?,
+        masks: args.masks.clone(),
         sending: args.progressive.enough().map_or(Sending::Whole, Sending::Progressive),
         ..args.scene.evaluation()?
     };

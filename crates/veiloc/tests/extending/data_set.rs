@@ -62,6 +62,7 @@ fn a_place_of_another_layout_is_mapped_and_evaluated() {
             thresholds: vec!["0.05/5".parse().expect("a threshold")],
             localize: LocalizeOptions::default(),
             gravity_sd_deg: None,
+            masks: None,
             sending: Sending::Whole,
             negatives: None,
             seed: 0,

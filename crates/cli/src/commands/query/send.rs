@@ -6,13 +6,14 @@ use std::sync::Arc;
 use serde::Serialize;
 use veiloc_client::{
     Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, SealImageError, Step,
-    seal_image,
+    seal_image, seal_masked,
 };
 use veiloc_features::FeatureError;
 
 use super::connection::{Connection, failure};
 use super::session;
 use crate::commands::device_args::DeviceArgs;
+use crate::commands::mask_args::{self, MaskArgs};
 use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
@@ -38,7 +39,7 @@ pub(crate) struct Args {
     /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
     /// with the deviations of that (docs/json.md). One pose of the device for all.
     #[arg(long, value_name = "FILE",
-        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "session", "progressive"])]
+        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "session", "progressive", "mask"])]
     rig: Option<PathBuf>,
     /// Its camera: COLMAP's model name, width, height and parameters, for example
     /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which guesses the
@@ -54,6 +55,8 @@ pub(crate) struct Args {
     device: DeviceArgs,
     #[command(flatten)]
     session: SessionArgs,
+    #[command(flatten)]
+    mask: MaskArgs,
     #[command(flatten)]
     progressive: ProgressiveArgs,
     /// Tell the service where the camera roughly is, in map units, for example from GPS: a middle and a standard deviation
@@ -125,23 +128,26 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
         FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
         error => error.into(),
     })?;
+    // A mask that cannot be used ends the command before anybody is asked for anything.
+    let mask = args.mask.open()?;
     let client = args.connection.client(ui)?;
     let profile = client.profile(&args.map).map_err(failure)?;
     let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
-    let sealed = match args.session.open()? {
-        Some(mut file) => {
-            let held = args.session.held(args.device.gravity());
-            file.seal_image(image, &camera.intrinsics, &profile, &options, &held)
-        }
-        None => seal_image(image, &camera.intrinsics, &profile, &options),
+    let (intrinsics, held) = (&camera.intrinsics, args.session.held(args.device.gravity()));
+    let sealed = match (args.session.open()?, &mask) {
+        (Some(mut file), Some(mask)) => file.seal_masked(image, mask, intrinsics, &profile, &options, &held),
+        (Some(mut file), None) => file.seal_image(image, intrinsics, &profile, &options, &held),
+        (None, Some(mask)) => seal_masked(image, mask, intrinsics, &profile, &options),
+        (None, None) => seal_image(image, intrinsics, &profile, &options),
     };
     let sealed = sealed.map_err(|error| match error {
         SealImageError::Session(error) => session_args::failure(&error),
         error => error.into(),
     })?;
     ui.say(format!(
-        "{}: {} keypoints, {} {} as {}, {} bytes",
+        "{}: {}{} keypoints, {} {} as {}, {} bytes",
         image.display(),
+        mask.as_ref().map_or_else(String::new, |mask| mask_args::said(mask.share())),
         sealed.keypoints,
         sealed.query.len(),
         if args.progressive.enough().is_some() { "sealed" } else { "sent" },

@@ -4,10 +4,12 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use veiloc_client::SessionFile;
+use veiloc_features::mask_in;
 use veiloc_obfuscation::{KnownCamera, SealOptions};
 use veiloc_query::Profile;
 
 use super::{Args, InSession, Sealed, seal_one};
+use crate::commands::mask_args;
 use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::items::{self, Fault, IMAGES, Item, Tally};
@@ -41,6 +43,9 @@ struct ImageDocument {
     sent: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     bytes: Option<usize>,
+    /// Share of the image that is hidden.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hidden: Option<f64>,
     /// How well the focal length is known, as the query says.
     #[serde(skip_serializing_if = "Option::is_none")]
     focal_known: Option<&'static str>,
@@ -60,6 +65,8 @@ struct Job {
     item: Item,
     camera: CameraSource,
     out: PathBuf,
+    /// The mask's file.
+    mask: Option<PathBuf>,
 }
 
 pub(super) fn run(
@@ -82,13 +89,17 @@ pub(super) fn run(
         } else {
             let held = args.session.held(args.device.gravity());
             let session = session.as_deref_mut().map(|file| InSession { file, held });
-            seal_one(&job.item.path, job.camera, profile, options, session)?
+            match job.mask.as_deref().map(mask_args::read).transpose() {
+                Ok(mask) => seal_one(&job.item.path, job.camera, profile, options, mask.as_ref(), session)?,
+                Err(fault) => Err(fault),
+            }
         };
         match &sealed {
             Ok(sealed) => {
                 keep(&job.out, sealed, ui)?;
                 let said = format!(
-                    "{name}: {} keypoints, {} sent as {scheme}, {} bytes → {}",
+                    "{name}: {}{} keypoints, {} sent as {scheme}, {} bytes → {}",
+                    sealed.hidden.map_or_else(String::new, mask_args::said),
                     sealed.found,
                     sealed.sent,
                     sealed.bytes.len(),
@@ -141,6 +152,7 @@ fn document_of(file: String, out: &Path, sealed: Result<Sealed, Fault>) -> Image
         found: sealed.as_ref().map(|s| s.found),
         sent: sealed.as_ref().map(|s| s.sent),
         bytes: sealed.as_ref().map(|s| s.bytes.len()),
+        hidden: sealed.as_ref().and_then(|s| s.hidden),
         focal_known: sealed.as_ref().map(|s| s.focal.name()),
         error,
     }
@@ -158,6 +170,12 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
         return Err(Failure::with_help(
             "--gravity is of one image, and several are given",
             "seal each image in a call of its own, with the direction felt when it was taken",
+        ));
+    }
+    if several && args.mask.is_of_one_image() {
+        return Err(Failure::with_help(
+            "--mask is of one image, and several are given",
+            "give the folder of their masks with --masks, or seal each image in a call of its own",
         ));
     }
     if several && args.session.tells_orientation() {
@@ -181,7 +199,11 @@ fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
             } else {
                 args.out.clone()
             };
-            Job { item, camera, out }
+            let mask = match &args.masks {
+                Some(folder) => Some(mask_in(folder, Path::new(item.name()))),
+                None => args.mask.file().map(Path::to_owned),
+            };
+            Job { item, camera, out, mask }
         })
         .collect();
     refuse_collisions(&jobs)?;
@@ -262,7 +284,9 @@ fn refuse_collisions(jobs: &[Job]) -> Result<(), Failure> {
 
 /// Nobody means to lose an image, the profile or a list.
 fn refuse_overwriting_input(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
-    let given = jobs.iter().map(|job| &job.item.path).chain([&args.profile]).chain(&args.list);
+    let masks = jobs.iter().filter_map(|job| job.mask.as_ref());
+    let images = jobs.iter().map(|job| &job.item.path);
+    let given = images.chain(masks).chain([&args.profile]).chain(&args.list);
     let inputs: Vec<PathBuf> = given.filter_map(|path| path.canonicalize().ok()).collect();
     for job in jobs {
         if job.out.canonicalize().is_ok_and(|out| inputs.contains(&out)) {
