@@ -15,10 +15,7 @@ const MOST_LINES: usize = 5000;
 const MOST_LINES_OF_A_FILE: usize = 500;
 
 /// Rooms above the bound, each with its reason.
-const LARGE_ROOMS: &[(&str, &str)] = &[(
-    "cli",
-    "the options of `serve`, a hundred lines over; they go to a room of their own with its configuration file",
-)];
+const LARGE_ROOMS: &[(&str, &str)] = &[];
 
 /// Long files, each with its reason.
 const LONG_FILES: &[(&str, &str)] = &[];
