@@ -107,9 +107,9 @@ impl<K: Ord + Copy, T> FairQueue<K, T> {
         }
         lane.cost += cost;
         if cost <= SMALL {
-            lane.small.push_back((cost, work))
+            lane.small.push_back((cost, work));
         } else {
-            lane.large.push_back((cost, work))
+            lane.large.push_back((cost, work));
         }
         self.len += 1;
     }

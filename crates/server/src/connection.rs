@@ -111,7 +111,7 @@ async fn life(guest: &Guest, conduct: Conduct) {
     let first = conduct.unknown_life.min(conduct.life);
     tokio::time::sleep(first).await;
     if guest.is_known() {
-        tokio::time::sleep(conduct.life - first).await;
+        tokio::time::sleep(conduct.life.saturating_sub(first)).await;
     }
 }
 

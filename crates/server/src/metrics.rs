@@ -96,7 +96,6 @@ impl Metrics {
         }
         Self {
             registry,
-            connections_closed,
             requests,
             stages,
             localizations,
@@ -106,6 +105,7 @@ impl Metrics {
             busy,
             connections,
             certificate_ends,
+            connections_closed,
         }
     }
 

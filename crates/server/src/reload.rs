@@ -98,7 +98,7 @@ impl App {
                 tracing::error!(map = slot.name(), %error, "map refused, the old one stays");
             }
             Err(error) => {
-                tracing::error!(map = slot.name(), %error, "map refused, and there is none to serve")
+                tracing::error!(map = slot.name(), %error, "map refused, and there is none to serve");
             }
         }
     }
