@@ -40,7 +40,7 @@ fn what_is_found_is_hidden_and_told() {
     assert!(run.stderr.contains("found 1 × person, 24.5 % of the image hidden"), "{run}");
     assert!(person["found"].as_u64() < all["found"].as_u64());
     let (wide, _) = hidden(&format!("--hide person --detector {} --hide-margin 0.5", detector("two-boxes")));
-    assert_eq!(wide["hidden"], 151.0 / 400.0);
+    assert_eq!(wide["hidden"], 150.0 / 400.0);
     let (both, run) = hidden(&format!("--hide person,car --detector {}", detector("two-boxes")));
     assert_eq!(both["found_to_hide"], serde_json::json!({"car": 1, "person": 1}), "{run}");
     assert!(both["hidden"].as_f64() > person["hidden"].as_f64());
@@ -77,7 +77,7 @@ fn a_detector_that_cannot_be_used_sends_nothing() {
     for (more, part) in [
         ("--hide person".to_owned(), "--detector"),
         (format!("--detector {good}"), "--hide"),
-        (format!("--hide person --detector {good} --hide-margin -1"), "--hide-margin"),
+        (format!("--hide person --detector {good} --hide-margin=-1"), "0 to 1"),
         (format!("--hide person --detector {good} --hide-margin nan"), "0 to 1"),
     ] {
         let run = place.run(&seal(&more));

@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn spans_are_the_pixels_they_were_made_of() {
-        let odd = |x: u32, y: u32| (x * 7 + y * 3) % 5 == 0 || x > 60;
+        let odd = |x: u32, y: u32| (x * 7 + y * 3).is_multiple_of(5) || x > 60;
         let mask = Mask::new(64, 48, odd).expect("a part of it");
         let mut hidden = 0;
         for (y, x) in (0..48).flat_map(|y| (0..64).map(move |x| (y, x))) {
