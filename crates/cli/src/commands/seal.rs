@@ -69,8 +69,9 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     let profile = read_profile(&args.profile)?;
     let options = args.device.options(&profile, ui)?;
+    let hiding = args.mask.open()?;
     let mut session = args.session.open()?;
-    batch::run(args, &profile, &options, session.as_mut(), ui)
+    batch::run(args, &profile, &options, &hiding, session.as_mut(), ui)
 }
 
 /// One image sealed.
@@ -82,8 +83,6 @@ struct Sealed {
     found: usize,
     /// Rows sent.
     sent: usize,
-    /// Share of the image that is hidden.
-    hidden: Option<f64>,
 }
 
 /// The session that images are frames of, and how the camera was held.
@@ -122,13 +121,7 @@ fn seal_one(
     match sealed {
         Ok(SealedImage { query, keypoints }) => {
             let (bytes, sent) = (query.encode(), query.len());
-            Ok(Ok(Sealed {
-                focal: known.focal,
-                bytes,
-                found: keypoints,
-                sent,
-                hidden: mask.map(Mask::share),
-            }))
+            Ok(Ok(Sealed { focal: known.focal, bytes, found: keypoints, sent }))
         }
         Err(SealImageError::Extract(error)) => Ok(Err(fault_of(&error))),
         Err(SealImageError::Seal { source, .. }) => Ok(Err(Fault::new(FaultKind::Unfit, source))),

@@ -13,7 +13,7 @@ use veiloc_features::FeatureError;
 use super::connection::{Connection, failure};
 use super::session;
 use crate::commands::device_args::DeviceArgs;
-use crate::commands::mask_args::{self, MaskArgs};
+use crate::commands::mask_args::MaskArgs;
 use crate::commands::session_args::{self, SessionArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
@@ -39,7 +39,7 @@ pub(crate) struct Args {
     /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
     /// with the deviations of that (docs/json.md). One pose of the device for all.
     #[arg(long, value_name = "FILE",
-        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "session", "progressive", "mask"])]
+        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "session", "progressive", "mask", "hide"])]
     rig: Option<PathBuf>,
     /// Its camera: COLMAP's model name, width, height and parameters, for example
     /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which guesses the
@@ -128,13 +128,14 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
         FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
         error => error.into(),
     })?;
-    // A mask that cannot be used ends the command before anybody is asked for anything.
-    let mask = args.mask.open()?;
+    // A mask or a detector that cannot be used ends the command before anybody is asked for anything.
+    let hidden = args.mask.open()?.of(image, args.mask.file());
+    let hidden = hidden.map_err(|fault| Failure::refused(fault.of(&image.display().to_string())))?;
     let client = args.connection.client(ui)?;
     let profile = client.profile(&args.map).map_err(failure)?;
     let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
     let (intrinsics, held) = (&camera.intrinsics, args.session.held(args.device.gravity()));
-    let sealed = match (args.session.open()?, &mask) {
+    let sealed = match (args.session.open()?, &hidden.mask) {
         (Some(mut file), Some(mask)) => file.seal_masked(image, mask, intrinsics, &profile, &options, &held),
         (Some(mut file), None) => file.seal_image(image, intrinsics, &profile, &options, &held),
         (None, Some(mask)) => seal_masked(image, mask, intrinsics, &profile, &options),
@@ -147,7 +148,7 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
     ui.say(format!(
         "{}: {}{} keypoints, {} {} as {}, {} bytes",
         image.display(),
-        mask.as_ref().map_or_else(String::new, |mask| mask_args::said(mask.share())),
+        hidden.said(),
         sealed.keypoints,
         sealed.query.len(),
         if args.progressive.enough().is_some() { "sealed" } else { "sent" },

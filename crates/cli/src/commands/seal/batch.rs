@@ -1,5 +1,6 @@
 //! Many images to seal: which, where each query goes, and what became of all.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -9,7 +10,7 @@ use veiloc_obfuscation::{KnownCamera, SealOptions};
 use veiloc_query::Profile;
 
 use super::{Args, InSession, Sealed, seal_one};
-use crate::commands::mask_args;
+use crate::commands::mask_args::{HiddenPart, Hiding};
 use crate::exit::{Failure, Outcome};
 use crate::files;
 use crate::items::{self, Fault, IMAGES, Item, Tally};
@@ -46,6 +47,9 @@ struct ImageDocument {
     /// Share of the image that is hidden.
     #[serde(skip_serializing_if = "Option::is_none")]
     hidden: Option<f64>,
+    /// Class to how many of it were found to hide.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    found_to_hide: Option<BTreeMap<String, usize>>,
     /// How well the focal length is known, as the query says.
     #[serde(skip_serializing_if = "Option::is_none")]
     focal_known: Option<&'static str>,
@@ -73,6 +77,7 @@ pub(super) fn run(
     args: &Args,
     profile: &Profile,
     options: &SealOptions,
+    hiding: &Hiding,
     mut session: Option<&mut SessionFile>,
     ui: &Ui,
 ) -> Outcome {
@@ -89,17 +94,21 @@ pub(super) fn run(
         } else {
             let held = args.session.held(args.device.gravity());
             let session = session.as_deref_mut().map(|file| InSession { file, held });
-            match job.mask.as_deref().map(mask_args::read).transpose() {
-                Ok(mask) => seal_one(&job.item.path, job.camera, profile, options, mask.as_ref(), session)?,
+            match hiding.of(&job.item.path, job.mask.as_deref()) {
+                Ok(hidden) => {
+                    let mask = hidden.mask.as_ref();
+                    let sealed = seal_one(&job.item.path, job.camera, profile, options, mask, session)?;
+                    sealed.map(|sealed| (sealed, hidden))
+                }
                 Err(fault) => Err(fault),
             }
         };
         match &sealed {
-            Ok(sealed) => {
+            Ok((sealed, hidden)) => {
                 keep(&job.out, sealed, ui)?;
                 let said = format!(
                     "{name}: {}{} keypoints, {} sent as {scheme}, {} bytes → {}",
-                    sealed.hidden.map_or_else(String::new, mask_args::said),
+                    hidden.said(),
                     sealed.found,
                     sealed.sent,
                     sealed.bytes.len(),
@@ -140,10 +149,10 @@ fn keep(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
     files::write_or_print(out, &sealed.bytes, ui)
 }
 
-fn document_of(file: String, out: &Path, sealed: Result<Sealed, Fault>) -> ImageDocument {
-    let (status, sealed, error) = match sealed {
-        Ok(sealed) => (Status::Sealed, Some(sealed), None),
-        Err(fault) => (Status::Failed, None, Some(fault)),
+fn document_of(file: String, out: &Path, sealed: Result<(Sealed, HiddenPart), Fault>) -> ImageDocument {
+    let (status, sealed, hidden, error) = match sealed {
+        Ok((sealed, hidden)) => (Status::Sealed, Some(sealed), hidden, None),
+        Err(fault) => (Status::Failed, None, HiddenPart::default(), Some(fault)),
     };
     ImageDocument {
         file,
@@ -152,7 +161,8 @@ fn document_of(file: String, out: &Path, sealed: Result<Sealed, Fault>) -> Image
         found: sealed.as_ref().map(|s| s.found),
         sent: sealed.as_ref().map(|s| s.sent),
         bytes: sealed.as_ref().map(|s| s.bytes.len()),
-        hidden: sealed.as_ref().and_then(|s| s.hidden),
+        hidden: hidden.share(),
+        found_to_hide: hidden.found.map(|found| found.into_iter().collect()),
         focal_known: sealed.as_ref().map(|s| s.focal.name()),
         error,
     }
@@ -286,7 +296,7 @@ fn refuse_collisions(jobs: &[Job]) -> Result<(), Failure> {
 fn refuse_overwriting_input(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
     let masks = jobs.iter().filter_map(|job| job.mask.as_ref());
     let images = jobs.iter().map(|job| &job.item.path);
-    let given = images.chain(masks).chain([&args.profile]).chain(&args.list);
+    let given = images.chain(masks).chain([&args.profile]).chain(&args.list).chain(args.mask.detector());
     let inputs: Vec<PathBuf> = given.filter_map(|path| path.canonicalize().ok()).collect();
     for job in jobs {
         if job.out.canonicalize().is_ok_and(|out| inputs.contains(&out)) {
