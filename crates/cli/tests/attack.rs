@@ -192,7 +192,10 @@ fn a_network_is_trained_and_used_or_the_remedy_is_named() {
     assert!(run.stderr.contains("step 4"), "{run}");
     let document: serde_json::Value = serde_json::from_slice(&place.read("n.json")).expect("a document");
     assert_eq!(document["curve"].as_array().map(Vec::len), Some(2));
-    assert_eq!(document["precision"].as_array().map(Vec::len), Some(4));
+    let precision = document["precision"].as_array().expect("a list");
+    let of = |predictor: &str| precision.iter().filter(|row| row["predictor"] == predictor).count();
+    assert_eq!((of("network"), of("statistic"), of("angles")), (2, 2, 2), "two places: {document}");
+    assert_eq!(precision.len(), 10, "network and statistic once more with angles: {document}");
     assert!(place.read("n.svg").starts_with(b"<svg"));
     let run = place.run(attack).succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");

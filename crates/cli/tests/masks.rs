@@ -47,7 +47,7 @@ fn a_masked_image_is_sealed_and_localized() {
     let (rest, hidden, run) = sent("--mask masks/query-0.png.png");
     assert_eq!(none, None);
     assert!(hidden.is_some_and(|share| (0.1..0.11).contains(&share)), "{hidden:?}");
-    assert!(run.stderr.contains("10.5 % of the image hidden"), "{run}");
+    assert!(run.stderr.contains("10.4 % of the image hidden"), "{run}");
     assert!(rest < all, "{rest} of {all}");
     place.run("localize --map place.vmap masked.vquery").succeeded();
     // A folder of masks, by COLMAP's rule; and in a session.

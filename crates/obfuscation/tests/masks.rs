@@ -167,16 +167,17 @@ fn the_rest_of_a_photograph_is_described_as_without_a_mask(data: &Path) {
     let mask = Mask::new(1024, 768, |x, y| {
         ((f64::from(x) - 500.0) / 110.0).hypot((f64::from(y) - 420.0) / 275.0) < 1.0
     });
-    let limits = Limits { max_keypoints: 2730, max_side: 1600 };
     let plain = Image::from(load_gray(&image).expect("an image"));
     let masked = plain.clone().without(&mask.expect("a part of it")).expect("of its size");
-    let features = |image: Image| {
+    let features = |image: Image, max_keypoints: usize| {
+        let limits = Limits { max_keypoints, max_side: 1600 };
         let path = Path::new("01.jpg");
         veiloc_features::extract_loaded(image, path, None, &Sift::for_sealing(), limits)
             .expect("extracted")
             .features
     };
-    let (all, rest) = (features(plain), features(masked));
+    // Where the strongest are hidden weaker ones are kept: all there are must be there to be found again.
+    let (all, rest) = (features(plain, 20_000), features(masked, 2730));
     let (mut same, mut changed) = (0, 0);
     for (i, keypoint) in rest.keypoints.iter().enumerate() {
         let twin = all
@@ -196,11 +197,6 @@ fn the_rest_of_a_photograph_is_described_as_without_a_mask(data: &Path) {
         all.keypoints.len(),
         rest.keypoints.len()
     );
-    assert!(
-        rest.keypoints.len() * 3 > all.keypoints.len() * 2,
-        "{} of {}",
-        rest.keypoints.len(),
-        all.keypoints.len()
-    );
+    assert!(rest.keypoints.len() > 2048, "{} keypoints", rest.keypoints.len());
     assert!(changed * 20 < same, "{changed} changed, {same} did not");
 }

@@ -13,10 +13,12 @@ use crate::items::{Fault, FaultKind};
 pub(crate) struct MaskArgs {
     /// Hide what is black in this image (anything darker than half), JPEG or PNG, of the size of the image that is sealed: nothing of
     /// it is looked at, and no keypoint that looks there is sent. As COLMAP's masks; what may be sent is white.
+    /// Default: nothing is hidden.
     #[arg(long, value_name = "IMAGE")]
     mask: Option<PathBuf>,
     /// Hide what a detector finds of these classes, for example person,car: their boxes with a margin, as if a mask covered
-    /// them. What it does not find is sent; how much was found is told. Where it cannot run nothing is sealed.
+    /// them. What it does not find is sent; how much was found is told. Where it cannot run nothing is sealed. Default: nothing
+    /// is looked for.
     #[arg(long, value_name = "CLASS,…", value_delimiter = ',', requires = "detector")]
     hide: Vec<String>,
     /// The detector: an ONNX file of YOLO's form (versions 8 to 11) that tells the names of its classes. Bring your own.

@@ -21,10 +21,11 @@ pub(super) struct CourseArgs {
     /// interrupted; without such a file, begin.
     #[arg(long)]
     resume: bool,
-    /// Stop after so many minutes, to go on later. The network is then that of the best look so far.
+    /// Stop after so many minutes, to go on later. The network is then that of the best look so far. Default:
+    /// no limit.
     #[arg(long, value_name = "N", conflicts_with = "hours", value_parser = positive)]
     minutes: Option<f64>,
-    /// The same in hours.
+    /// The same in hours. Default: no limit.
     #[arg(long, value_name = "N", value_parser = positive)]
     hours: Option<f64>,
     /// Validation images at most, evenly picked.
