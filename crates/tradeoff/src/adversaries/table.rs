@@ -71,7 +71,7 @@ mod tests {
             adversary: adversary.name(),
             realistic: adversary.is_realistic(),
             scheme: scheme.to_owned(),
-            attack: "closed-form-consensus".to_owned(),
+            attack: if frames.is_some() { "several-frames" } else { "closed-form-consensus" }.to_owned(),
             frames,
             images: 3,
             measured: 1.0,
@@ -100,7 +100,7 @@ mod tests {
         assert!(text.contains("kitchen, 3 images attacked\n") && text.contains("photos, 3 images"), "{text}");
         assert_eq!(text.matches("-0.61").count(), 4, "{text}");
         assert_eq!(text.matches("outsider-statistic").count(), 3, "once a table, once below: {text}");
-        assert!(text.contains("closed-form-consensus, 8") && text.contains("4.5 %"), "{text}");
+        assert!(text.contains("several-frames, 8") && text.contains("4.5 %"), "{text}");
         assert!(text.contains("for want of what they know: outsider-neighbours, map-server"), "{text}");
         assert!(text.lines().all(|line| line.chars().count() <= 120), "{text}");
     }
