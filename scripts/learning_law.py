@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How what an outsider learns grows with the photographs he has: trainings, attacks, a power law and its plot.
+"""How what an outsider learns grows with the images he has: trainings, attacks, a power law and its plot.
 
     scripts/learning_law.py --veiloc BIN --train KEYPOINTS --validate KEYPOINTS --test KEYPOINTS… --out FOLDER
 
@@ -33,7 +33,7 @@ COLORS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7"]
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--veiloc", required=True, help="the program")
-    parser.add_argument("--train", required=True, type=Path, help="keypoints of all photographs")
+    parser.add_argument("--train", required=True, type=Path, help="keypoints of all images")
     parser.add_argument("--validate", required=True, type=Path)
     parser.add_argument("--test", required=True, type=Path, nargs="+")
     parser.add_argument("--out", required=True, type=Path)

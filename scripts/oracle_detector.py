@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Boxes of a detector file by ONNX Runtime on a few photographs, and small detector files for tests.
+"""Boxes of a detector file by ONNX Runtime on a few images, and small detector files for tests.
 
 Writes what crates/detector/tests hold ours against: `oracle.json` (boxes from another runtime, with its own letterbox and its
 own choice of one box for each thing) and `*.onnx` (detectors of two classes that find the same two boxes in any image, and ones

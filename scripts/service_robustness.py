@@ -26,20 +26,11 @@ import tempfile
 import threading
 import time
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "service"))
+
+from common import PROTOBUF, first_words, target_dir  # noqa: E402
+
 TOKEN = "a-token-for-a-test-on-loopback-only"
-PROTOBUF = "application/x-protobuf"
-
-
-def target_dir():
-    metadata = subprocess.run(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT, check=True,
-                              capture_output=True, text=True).stdout
-    return pathlib.Path(json.loads(metadata)["target_directory"])
-
-
-def first_words(path):
-    lines = path.read_text().splitlines()
-    return [line.split()[0] for line in lines if line and not line.startswith("#")]
 
 
 class Place:

@@ -3,7 +3,7 @@
 //! Who connects is unknown until a request brings a token. Unknown connections have a share of all slots only, and each
 //! address a share of that; where there is no room for a new one, the one that has been unknown and idle for longest
 //! makes room. So a newcomer always gets to say its token, however many others sit there and say nothing, and with it
-//! leaves the places that strangers fight over. A connection with a request being answered is never closed for another.
+//! leaves the places that unknown ones fight over. A connection with a request being answered is never closed for another.
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
@@ -326,12 +326,12 @@ mod tests {
     }
 
     #[test]
-    fn strangers_who_sit_there_block_nobody_with_a_token() {
+    fn unknown_ones_that_sit_there_block_nobody_with_a_token() {
         let connections = connections(100, 60, 50);
-        let strangers: Vec<Place> = (0..200).map(|i| enter(&connections, i % 4)).collect();
-        assert_eq!(strangers.iter().filter(|place| !leaves(place)).count(), 50, "the other half is reserved");
-        assert!(!leaves(&strangers[199]) && leaves(&strangers[0]), "the oldest left");
-        // Each says its token as soon as it is in, and then stays whatever strangers do.
+        let unknown: Vec<Place> = (0..200).map(|i| enter(&connections, i % 4)).collect();
+        assert_eq!(unknown.iter().filter(|place| !leaves(place)).count(), 50, "the other half is reserved");
+        assert!(!leaves(&unknown[199]) && leaves(&unknown[0]), "the oldest left");
+        // Each says its token as soon as it is in, and then stays whatever unknown ones do.
         let known: Vec<Place> = (0..50)
             .map(|_| {
                 let place = enter(&connections, 9);
@@ -342,7 +342,7 @@ mod tests {
         let more: Vec<Place> = (0..200).map(|i| enter(&connections, i % 4)).collect();
         assert!(known.iter().all(|place| !leaves(place)));
         assert_eq!(more.iter().filter(|place| !leaves(place)).count(), 50);
-        drop((strangers, known, more));
+        drop((unknown, known, more));
         assert_eq!((connections.open(), connections.places().unknown), (0, 0));
         assert!(connections.places().unknown_of.is_empty());
     }

@@ -1,4 +1,4 @@
-//! Log lines that strangers can cause are summed up, so that nobody without a token can fill a disk with them.
+//! Log lines that clients without a token can cause are summed up, so that nobody without a token can fill a disk with them.
 //!
 //! Of each kind the first few in a minute are written; the others are counted, and one line a minute tells how many.
 //! Kinds are statuses with the name of a problem, so there are few of them.

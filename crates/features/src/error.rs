@@ -79,7 +79,7 @@ pub enum FeatureError {
         image: (u32, u32),
     },
     /// A mask that hides nothing: nobody means that.
-    #[error("{} hides nothing; black hides, in an image of the size of the photograph", name_of(mask.as_ref()))]
+    #[error("{} hides nothing; black hides, in a mask of the size of the image", name_of(mask.as_ref()))]
     HidesNothing {
         /// Its file, when it is of one.
         mask: Option<PathBuf>,

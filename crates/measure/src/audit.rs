@@ -26,8 +26,8 @@ use inputs::Inputs;
 /// images and the positions of their keypoints, so it is for whoever owns them.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Photographs (JPEG or PNG), folders of them, and files of keypoints (.jsonl, .jsonl.gz), which are shown on the
-    /// photographs of their names, given too or beside the file.
+    /// Images (JPEG or PNG), folders of them, and files of keypoints (.jsonl, .jsonl.gz), which are shown on the
+    /// images of their names, given too or beside the file.
     /// With `--synthetic N`, and nothing else, the synthetic scene alone is attacked.
     #[arg(required_unless_present = "synthetic", value_name = "IMAGE|FOLDER|KEYPOINTS")]
     inputs: Vec<PathBuf>,

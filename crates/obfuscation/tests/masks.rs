@@ -160,7 +160,7 @@ fn a_mask_of_another_size_is_refused() {
     assert!(error.to_string().contains("480x640") && error.to_string().contains("640x480"), "{error}");
 }
 
-/// On photographs: rows beside the mask are what they were without one, and there are nearly as many.
+/// On a real image: rows beside the mask are what they were without one, and there are nearly as many.
 #[real_data_test]
 fn the_rest_of_a_photograph_is_described_as_without_a_mask(data: &Path) {
     let image = data.join("photos/01.jpg");

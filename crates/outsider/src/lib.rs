@@ -1,6 +1,6 @@
-//! An outsider who learns: whoever sees sealed queries alone, has other people's photographs and the time to train.
+//! An outsider who learns: whoever sees sealed queries alone, has other people's images and the time to train.
 //!
-//! He knows no place and no pose. What he can have is what photographs have in common, and two networks learn it:
+//! He knows no place and no pose. What he can have is what images have in common, and two networks learn it:
 //! - [`neighbours`]: from the descriptors of an image to who is near whom, for the attacks of `veiloc-attacks` that
 //!   live on neighbours;
 //! - [`positions`]: end to end, from all rows of a query, descriptors and lines, to where on its line each keypoint

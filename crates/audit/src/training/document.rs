@@ -197,7 +197,7 @@ pub struct ToldRow {
     pub keypoints: usize,
     /// Bits told about the bin in which a keypoint is, beyond the guess.
     pub information_bits: f64,
-    /// Bits over the guess of the places of least expected error .
+    /// Bits over the guess of the places of least expected error.
     pub bits_over_prior: f64,
     /// The same of the expected places .
     pub bits_of_mean: f64,

@@ -1,6 +1,15 @@
 //! What all trainings have in common: images, the network's size, how long, and going on after an interruption.
 
-use std::path::PathBuf;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use veiloc_audit::training::{ImageSets, Progress, TrainingOptions, TrainingState};
+
+use crate::exit::Failure;
+use crate::files;
+use crate::localization_args::positive;
+use crate::ui::Ui;
 
 /// Arguments of every training.
 #[derive(clap::Args)]
@@ -69,154 +78,128 @@ pub(super) struct CourseArgs {
     plot: Option<PathBuf>,
 }
 
-/// A number above zero.
-fn positive(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
-    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("a number above 0 is expected".to_owned()) }
+/// Least time between two writings of a training's state.
+const WRITE_EVERY: Duration = Duration::from_secs(60);
+
+impl CourseArgs {
+    pub(super) fn sets(&self) -> ImageSets {
+        ImageSets {
+            train: self.train.clone(),
+            validate: self.validate.clone(),
+            test: self.test.clone(),
+            validation_images: self.validation_images as usize,
+        }
+    }
+
+    pub(super) fn options(&self) -> TrainingOptions {
+        let mut options = TrainingOptions::default();
+        (options.steps, options.validate_every) = (self.steps as usize, self.every as usize);
+        (options.images, options.keypoints) = (self.images as usize, self.keypoints as usize);
+        (options.width, options.heads) = (self.width as usize, self.heads as usize);
+        options.layers = self.layers as usize;
+        (options.learning_rate, options.weight_decay) = (self.rate, self.decay);
+        (options.dropout, options.seed) = (self.dropout, self.seed);
+        options
+    }
+
+    fn state_file(&self) -> PathBuf {
+        let mut name = self.out.clone().into_os_string();
+        name.push(".state");
+        name.into()
+    }
+
+    /// The training that goes on, where one does.
+    pub(super) fn earlier(&self, ui: &Ui) -> Result<Option<TrainingState>, Failure> {
+        let path = self.state_file();
+        if !self.resume || !path.exists() {
+            return Ok(None);
+        }
+        let state = TrainingState::decode(&files::read(&path)?)
+            .map_err(|e| Failure::refused(format!("{}: {e}", path.display())))?;
+        ui.say(format!("going on behind step {}", state.step()));
+        Ok(Some(state))
+    }
+
+    /// Trains with a bar, a limit of time, and the state written beside now and then.
+    pub(super) fn watched<T>(
+        &self,
+        ui: &Ui,
+        words: impl Fn(f64) -> String,
+        train: impl FnOnce(&mut dyn FnMut(Progress<'_>) -> ControlFlow<()>) -> Result<T, Failure>,
+    ) -> Result<T, Failure> {
+        let total = u64::from(self.steps);
+        let stage = ui.stage("Training", total);
+        let minutes = self.minutes.or(self.hours.map(|h| 60.0 * h));
+        let limit = minutes.and_then(|m| Duration::try_from_secs_f64(60.0 * m).ok());
+        let mut watch = Watch {
+            path: self.state_file(),
+            began: Instant::now(),
+            limit,
+            written: Instant::now(),
+            fault: None,
+        };
+        let trained = train(&mut |progress| {
+            stage.reach(progress.step as u64, total);
+            if let Some(p) = progress.point {
+                stage.suspend(|| {
+                    ui.say(format!("step {}: loss {:.4}, {}", p.step, p.loss, words(p.judged)));
+                });
+            }
+            watch.look(&progress)
+        });
+        if let Some(fault) = watch.fault {
+            return Err(fault);
+        }
+        stage.finish();
+        trained
+    }
+
+    /// Writes the network, and the state until all steps are done.
+    pub(super) fn write(&self, network: &[u8], state: &TrainingState, ui: &Ui) -> Result<(), Failure> {
+        files::write(&self.out, network)?;
+        let path = self.state_file();
+        if state.step() < self.steps as usize {
+            files::write(&path, &state.encode())?;
+            ui.say(format!(
+                "{} of {} steps are done; --resume goes on with {}",
+                state.step(),
+                self.steps,
+                path.display()
+            ));
+        } else if path.exists() {
+            remove(&path)?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn plot(&self) -> Option<&Path> {
+        self.plot.as_deref()
+    }
 }
 
-mod training {
-    //! What a build with networks does.
+fn remove(path: &Path) -> Result<(), Failure> {
+    std::fs::remove_file(path).map_err(|e| Failure::output(path.display(), &e))
+}
 
-    use std::ops::ControlFlow;
-    use std::path::{Path, PathBuf};
-    use std::time::{Duration, Instant};
+/// Keeps an eye on the clock.
+struct Watch {
+    path: PathBuf,
+    began: Instant,
+    limit: Option<Duration>,
+    written: Instant,
+    fault: Option<Failure>,
+}
 
-    use veiloc_audit::training::{ImageSets, Progress, TrainingOptions, TrainingState};
-
-    use super::CourseArgs;
-    use crate::exit::Failure;
-    use crate::files;
-    use crate::ui::Ui;
-
-    /// Least time between two writings of a training's state.
-    const WRITE_EVERY: Duration = Duration::from_secs(60);
-
-    impl CourseArgs {
-        pub(in super::super) fn sets(&self) -> ImageSets {
-            ImageSets {
-                train: self.train.clone(),
-                validate: self.validate.clone(),
-                test: self.test.clone(),
-                validation_images: self.validation_images as usize,
+impl Watch {
+    fn look(&mut self, progress: &Progress<'_>) -> ControlFlow<()> {
+        if self.written.elapsed() > WRITE_EVERY {
+            self.written = Instant::now();
+            if let Err(fault) = files::write(&self.path, &progress.state.encode()) {
+                self.fault = Some(fault);
+                return ControlFlow::Break(());
             }
         }
-
-        pub(in super::super) fn options(&self) -> TrainingOptions {
-            let mut options = TrainingOptions::default();
-            (options.steps, options.validate_every) = (self.steps as usize, self.every as usize);
-            (options.images, options.keypoints) = (self.images as usize, self.keypoints as usize);
-            (options.width, options.heads) = (self.width as usize, self.heads as usize);
-            options.layers = self.layers as usize;
-            (options.learning_rate, options.weight_decay) = (self.rate, self.decay);
-            (options.dropout, options.seed) = (self.dropout, self.seed);
-            options
-        }
-
-        fn state_file(&self) -> PathBuf {
-            let mut name = self.out.clone().into_os_string();
-            name.push(".state");
-            name.into()
-        }
-
-        /// The training that goes on, where one does.
-        pub(in super::super) fn earlier(&self, ui: &Ui) -> Result<Option<TrainingState>, Failure> {
-            let path = self.state_file();
-            if !self.resume || !path.exists() {
-                return Ok(None);
-            }
-            let state = TrainingState::decode(&files::read(&path)?)
-                .map_err(|e| Failure::refused(format!("{}: {e}", path.display())))?;
-            ui.say(format!("going on behind step {}", state.step()));
-            Ok(Some(state))
-        }
-
-        /// Trains with a bar, a limit of time, and the state written beside now and then.
-        pub(in super::super) fn watched<T>(
-            &self,
-            ui: &Ui,
-            words: impl Fn(f64) -> String,
-            train: impl FnOnce(&mut dyn FnMut(Progress<'_>) -> ControlFlow<()>) -> Result<T, Failure>,
-        ) -> Result<T, Failure> {
-            let total = u64::from(self.steps);
-            let stage = ui.stage("Training", total);
-            let minutes = self.minutes.or(self.hours.map(|h| 60.0 * h));
-            let limit = minutes.and_then(|m| Duration::try_from_secs_f64(60.0 * m).ok());
-            let mut watch = Watch {
-                path: self.state_file(),
-                began: Instant::now(),
-                limit,
-                written: Instant::now(),
-                fault: None,
-            };
-            let trained = train(&mut |progress| {
-                stage.reach(progress.step as u64, total);
-                if let Some(p) = progress.point {
-                    stage.suspend(|| {
-                        ui.say(format!("step {}: loss {:.4}, {}", p.step, p.loss, words(p.judged)));
-                    });
-                }
-                watch.look(&progress)
-            });
-            if let Some(fault) = watch.fault {
-                return Err(fault);
-            }
-            stage.finish();
-            trained
-        }
-
-        /// Writes the network, and the state until all steps are done.
-        pub(in super::super) fn write(
-            &self,
-            network: &[u8],
-            state: &TrainingState,
-            ui: &Ui,
-        ) -> Result<(), Failure> {
-            files::write(&self.out, network)?;
-            let path = self.state_file();
-            if state.step() < self.steps as usize {
-                files::write(&path, &state.encode())?;
-                ui.say(format!(
-                    "{} of {} steps are done; --resume goes on with {}",
-                    state.step(),
-                    self.steps,
-                    path.display()
-                ));
-            } else if path.exists() {
-                remove(&path)?;
-            }
-            Ok(())
-        }
-
-        pub(in super::super) fn plot(&self) -> Option<&Path> {
-            self.plot.as_deref()
-        }
-    }
-
-    fn remove(path: &Path) -> Result<(), Failure> {
-        std::fs::remove_file(path).map_err(|e| Failure::output(path.display(), &e))
-    }
-
-    /// Keeps an eye on the clock.
-    struct Watch {
-        path: PathBuf,
-        began: Instant,
-        limit: Option<Duration>,
-        written: Instant,
-        fault: Option<Failure>,
-    }
-
-    impl Watch {
-        fn look(&mut self, progress: &Progress<'_>) -> ControlFlow<()> {
-            if self.written.elapsed() > WRITE_EVERY {
-                self.written = Instant::now();
-                if let Err(fault) = files::write(&self.path, &progress.state.encode()) {
-                    self.fault = Some(fault);
-                    return ControlFlow::Break(());
-                }
-            }
-            let over = self.limit.is_some_and(|limit| self.began.elapsed() > limit);
-            if over { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        }
+        let over = self.limit.is_some_and(|limit| self.began.elapsed() > limit);
+        if over { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }

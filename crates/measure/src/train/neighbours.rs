@@ -1,7 +1,13 @@
 //! `veiloc train neighbours`: the attention network that tells neighbours from descriptors alone.
 
+use veiloc_audit::training::{NeighbourRun, train_neighbours, training_table};
+use veiloc_report::plots;
+
 use super::course::CourseArgs;
+use crate::exit::{Exit, Outcome};
+use crate::files;
 use crate::json_args::JsonArgs;
+use crate::ui::Ui;
 
 /// Train the attention network that tells neighbours from descriptors alone.
 ///
@@ -19,10 +25,7 @@ pub struct Args {
     json: JsonArgs,
 }
 
-pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
-    use veiloc_audit::training::{NeighbourRun, train_neighbours, training_table};
-    use veiloc_report::plots;
-
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let course = &args.course;
     let run = NeighbourRun { sets: course.sets(), neighbours: args.k as usize, options: course.options() };
     let earlier = course.earlier(ui)?;
@@ -31,8 +34,8 @@ pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
         course.watched(ui, words, |observe| Ok(train_neighbours(&run, earlier, observe)?))?;
     course.write(&network.encode(), &state, ui)?;
     if let Some(path) = course.plot() {
-        crate::files::write(path, plots::training(&document)?.as_bytes())?;
+        files::write(path, plots::training(&document)?.as_bytes())?;
     }
     args.json.print(&training_table(&document), &document, ui)?;
-    Ok(crate::exit::Exit::Success)
+    Ok(Exit::Success)
 }

@@ -1,9 +1,15 @@
 //! `veiloc train positions`: the attention network that tells positions from all rows of a query.
 
+use veiloc_audit::AuditError;
+use veiloc_audit::training::{PositionRun, PositionTask, Sees, position_table, train_positions};
 use veiloc_query::{AngleBits, Scheme};
+use veiloc_report::plots;
 
 use super::course::CourseArgs;
+use crate::exit::{Exit, Outcome};
+use crate::files;
 use crate::json_args::JsonArgs;
+use crate::ui::Ui;
 
 /// Train the attention network that tells positions from all rows of a query, descriptors and lines.
 ///
@@ -45,11 +51,7 @@ enum Shown {
     Line,
 }
 
-pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
-    use veiloc_audit::AuditError;
-    use veiloc_audit::training::{PositionRun, PositionTask, Sees, position_table, train_positions};
-    use veiloc_report::plots;
-
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let course = &args.course;
     let mut task = PositionTask::new(args.scheme).map_err(AuditError::from)?;
     task.sees = match args.sees {
@@ -66,8 +68,8 @@ pub(super) fn run(args: &Args, ui: &crate::ui::Ui) -> crate::exit::Outcome {
         course.watched(ui, words, |observe| Ok(train_positions(&run, earlier, observe)?))?;
     course.write(&network.encode(), &state, ui)?;
     if let Some(path) = course.plot() {
-        crate::files::write(path, plots::positions(&document)?.as_bytes())?;
+        files::write(path, plots::positions(&document)?.as_bytes())?;
     }
     args.json.print(&position_table(&document), &document, ui)?;
-    Ok(crate::exit::Exit::Success)
+    Ok(Exit::Success)
 }

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """1024 connections without a token that ask for `/healthz` every three seconds: who with a token is still answered?
 
-    VEILOC_DATA=../shared/data scripts/service/idle_strangers.py [--veiloc PROGRAM]
+    VEILOC_DATA=../shared/data scripts/service/idle_clients.py [--veiloc PROGRAM]
 """
 
 import resource
@@ -16,7 +16,7 @@ STRANGERS = 1024
 REQUEST = b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n"
 
 
-def strangers(port, stop, counts):
+def idle(port, stop, counts):
     """Holds connections open, each asking again before it is idle for too long; opens closed ones anew."""
     selector = selectors.DefaultSelector()
 
@@ -58,7 +58,7 @@ def main():
     place = Place(arguments(__doc__).parse_args().veiloc)
     server = Server(place, "--tokens", place.tokens(["phone", "ops!"]))
     stop, counts = threading.Event(), {"open": 0, "closed": 0}
-    threading.Thread(target=strangers, args=(server.port, stop, counts), daemon=True).start()
+    threading.Thread(target=idle, args=(server.port, stop, counts), daemon=True).start()
     time.sleep(8)
     answered, times = 0, []
     for _ in range(20):
@@ -69,7 +69,7 @@ def main():
             times.append(time.monotonic() - started)
         time.sleep(0.1)
     probe = ask(server.admin or server.port, "/healthz", timeout=5)[0] or "none"
-    header("strangers hold open", "closed for others", "queries with a token answered of 20", "slowest s", "probe")
+    header("idle clients hold open", "closed for others", "queries with a token answered of 20", "slowest s", "probe")
     row(counts["open"], counts["closed"], answered, f"{max(times):.2f}" if times else "-", probe)
     stop.set()
     server.stop(patience=40)

@@ -33,17 +33,17 @@ fn idle_connections_without_token_block_nobody_with_one() {
     let mut with_token = connect(server.address);
     let list = Request::get("/v1/maps").token(PHONE);
     assert_eq!(ask(&mut with_token, &list).expect("an answer").status, 200);
-    let mut strangers: Vec<TcpStream> = Vec::new();
+    let mut unknown: Vec<TcpStream> = Vec::new();
     for _ in 0..40 {
         let mut stream = connect(server.address);
         assert_eq!(ask(&mut stream, &probe).expect("an answer").status, 200);
-        strangers.push(stream);
+        unknown.push(stream);
     }
     // A newcomer with a token gets in and is answered; so is who was there before.
     assert_eq!(server.localize(&query, PHONE).status, 200);
     assert_eq!(ask(&mut with_token, &list).expect("still there").status, 200);
-    let open = strangers.iter_mut().filter_map(|stream| ask(stream, &probe)).count();
-    assert!((1..=4).contains(&open), "half of eight are reserved, and {open} strangers are there");
+    let open = unknown.iter_mut().filter_map(|stream| ask(stream, &probe)).count();
+    assert!((1..=4).contains(&open), "half of eight are reserved, and {open} unknown clients are there");
     let text = server.get("/metrics", OPERATOR).text();
     assert!(text.contains("veiloc_connections_closed_total{reason=\"displaced\"}"), "{text}");
     // The operator is asked for no token, and has a listener that all of this does not reach.
@@ -60,12 +60,12 @@ fn a_connection_that_brings_no_token_does_not_live_long() {
     let mut options = files.options();
     options.timeouts.unknown_life = Duration::from_millis(300);
     let server = Running::start(options);
-    let (mut stranger, mut known) = (connect(server.address), connect(server.address));
+    let (mut client, mut known) = (connect(server.address), connect(server.address));
     let list = Request::get("/v1/maps").token(PHONE);
     assert_eq!(ask(&mut known, &list).expect("an answer").status, 200);
-    eventually("the end of the stranger's connection", || {
+    eventually("the end of the unknown client's connection", || {
         assert_eq!(ask(&mut known, &list).expect("still there").status, 200);
-        ask(&mut stranger, &Request::get("/healthz")).is_none()
+        ask(&mut client, &Request::get("/healthz")).is_none()
     });
     assert_eq!(ask(&mut known, &list).expect("still there").status, 200);
 }
