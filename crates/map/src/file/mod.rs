@@ -1,9 +1,7 @@
 //! The map file: how a map lies on disk, how it is replaced safely, and how it is opened.
 
 mod layout;
-mod lock;
 mod open;
-mod replace;
 mod self_test;
 mod uncertainty;
 mod view;

@@ -4,6 +4,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use veiloc_kernels::MappedFile;
+use veiloc_replacing::{Readers, TargetLock, replace_file};
 use xxhash_rust::xxh3::Xxh3;
 use zerocopy::IntoBytes;
 
@@ -11,8 +12,6 @@ use super::layout::{
     ALIGN, BuildingRecord, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
     ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
 };
-use super::lock::TargetLock;
-use super::replace::replace_file;
 use super::self_test;
 use crate::error::MapError;
 use crate::model::MapModel;
@@ -53,7 +52,8 @@ impl MapLock {
     pub fn write(&self, model: &MapModel) -> Result<(), MapError> {
         model.validate()?;
         let sections = Sections::of(model);
-        replace_file(&self.target, |out| sections.write(out)).map_err(MapError::io(self.target.target()))
+        replace_file(&self.target, Readers::AsBefore, |out| sections.write(out))
+            .map_err(MapError::io(self.target.target()))
     }
 }
 

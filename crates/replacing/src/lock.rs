@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// The holder removes the lock file before it lets go. Whoever gets the lock therefore looks whether it has locked the
 /// file that bears the name, and tries again when that is another one or none.
 #[derive(Debug)]
-pub(super) struct TargetLock {
+pub struct TargetLock {
     target: PathBuf,
     lock_path: PathBuf,
     /// Held, not read: closing it ends the lock.
@@ -18,7 +18,11 @@ pub(super) struct TargetLock {
 }
 
 impl TargetLock {
-    pub(super) fn acquire(target: &Path) -> io::Result<Self> {
+    /// Waits until it is free.
+    ///
+    /// # Errors
+    /// The system's: no such folder, or none that may be written to.
+    pub fn acquire(target: &Path) -> io::Result<Self> {
         let lock_path = lock_path(target)?;
         loop {
             let file = open(&lock_path)?;
@@ -29,7 +33,11 @@ impl TargetLock {
         }
     }
 
-    pub(super) fn try_acquire(target: &Path) -> io::Result<Option<Self>> {
+    /// `None` while another holds it.
+    ///
+    /// # Errors
+    /// As [`Self::acquire`].
+    pub fn try_acquire(target: &Path) -> io::Result<Option<Self>> {
         let lock_path = lock_path(target)?;
         loop {
             let file = open(&lock_path)?;
@@ -45,7 +53,7 @@ impl TargetLock {
     }
 
     /// The file that its holder may replace.
-    pub(super) fn target(&self) -> &Path {
+    pub fn target(&self) -> &Path {
         &self.target
     }
 }

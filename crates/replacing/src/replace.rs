@@ -6,15 +6,29 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use super::lock::TargetLock;
+use crate::TargetLock;
+
+/// Who may read a file that is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Readers {
+    /// As the file that is replaced; of a new one, as is usual.
+    AsBefore,
+    /// Of a new file, its owner alone. One that is replaced keeps its owner and group, and of its mode what they may read
+    /// and write: a service often reads a secret by its group, and must not be locked out by an edit of root's.
+    OwnerAndGroup,
+}
 
 /// Writes a new file beside the one that is locked, `path`, flushes it to the disk, renames it over `path`, and flushes the folder.
 ///
 /// When `content` fails, the new file is removed and `path` is as it was. When the process dies, a file named
 /// `.NAME.<process>-<count>.partial` stays behind, which nothing reads; the next call for the same path removes it. As
 /// only the holder of the lock writes such files, all that it finds are of the dead.
-pub(super) fn replace_file(
+///
+/// # Errors
+/// The system's, and those of `content`; then the old file stays.
+pub fn replace_file(
     lock: &TargetLock,
+    readers: Readers,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
     let path = lock.target();
@@ -32,7 +46,7 @@ pub(super) fn replace_file(
     let mut partial = prefix;
     partial.push(format!("{}-{}{SUFFIX}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
     let partial = dir.join(partial);
-    let written = write_and_rename(&partial, path, content);
+    let written = write_and_rename(&partial, path, readers, content);
     if written.is_err() {
         // What failed is told; that the remains could not be removed either adds nothing.
         let _ = fs::remove_file(&partial);
@@ -44,18 +58,43 @@ pub(super) fn replace_file(
 fn write_and_rename(
     partial: &Path,
     path: &Path,
+    readers: Readers,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> io::Result<()> {
-    let file = OpenOptions::new().write(true).create_new(true).open(partial)?;
-    // A file keeps its permissions when its content is replaced.
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    if readers == Readers::OwnerAndGroup {
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    }
+    let file = options.open(partial)?;
     if let Ok(old) = fs::metadata(path) {
-        file.set_permissions(old.permissions())?;
+        match readers {
+            // A file keeps its permissions when its content is replaced.
+            Readers::AsBefore => file.set_permissions(old.permissions())?,
+            Readers::OwnerAndGroup => take_over(&file, &old)?,
+        }
     }
     let mut out = BufWriter::with_capacity(1 << 20, file);
     content(&mut out)?;
     let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
     file.sync_all()?;
     fs::rename(partial, path)
+}
+
+#[cfg(unix)]
+fn take_over(file: &File, old: &fs::Metadata) -> io::Result<()> {
+    use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, fchown};
+    let own = file.metadata()?;
+    if (own.uid(), own.gid()) != (old.uid(), old.gid()) {
+        fchown(file, Some(old.uid()), Some(old.gid()))?;
+    }
+    file.set_permissions(fs::Permissions::from_mode(old.mode() & 0o060 | 0o600))
+}
+
+#[cfg(not(unix))]
+fn take_over(_: &File, _: &fs::Metadata) -> io::Result<()> {
+    Ok(())
 }
 
 /// Removes what writers of the same file left behind when they died.
@@ -100,7 +139,7 @@ mod tests {
     }
 
     fn replace(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
-        replace_file(&TargetLock::acquire(path)?, content)
+        replace_file(&TargetLock::acquire(path)?, Readers::AsBefore, content)
     }
 
     /// Each thread adds one to a number in a file, many times: a lock that two can hold loses some.
@@ -116,7 +155,7 @@ mod tests {
                     for _ in 0..rounds {
                         let lock = TargetLock::acquire(&path).unwrap();
                         let count: usize = fs::read_to_string(&path).unwrap().parse().unwrap();
-                        replace_file(&lock, |out| write!(out, "{}", count + 1)).unwrap();
+                        replace_file(&lock, Readers::AsBefore, |out| write!(out, "{}", count + 1)).unwrap();
                     }
                 });
             }
