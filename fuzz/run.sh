@@ -12,11 +12,13 @@ corpus="$(mktemp -d)"
 trap 'rm -rf "$corpus"' EXIT
 
 # Seeds: the known answers that are committed anyway.
-mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap}
+mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap,tokens,settings}
 cp ../crates/query/tests/data/*.vquery "$corpus/sealed_query/"
 cp ../crates/query/tests/data/*.profile "$corpus/profile/"
 cp ../crates/query/tests/data/*.answer "$corpus/answer/"
 cp ../crates/map/tests/data/map-v*.bin "$corpus/map_file/"
+cp ../crates/access/tests/data/*.tokens "$corpus/tokens/"
+cp ../deploy/*.toml ../crates/arguments/tests/data/*.toml "$corpus/settings/"
 for kind in txt:T bin:O; do # the last bit of the first byte says which
     for folder in $(find ../crates/map/tests/data/colmap -name "cameras.${kind%:*}" -exec dirname {} \;); do
         {
@@ -31,7 +33,7 @@ done
 echo "| target | seconds | executions | edges | peak memory | findings |"
 echo "|---|---|---|---|---|---|"
 shift || true
-[ $# -gt 0 ] || set -- sealed_query profile answer map_file colmap
+[ $# -gt 0 ] || set -- sealed_query profile answer map_file colmap tokens settings
 for target in "$@"; do
     log="$corpus/$target.log"
     findings=0

@@ -6,7 +6,7 @@
 A client with a token asks at 70 % of what the service was measured to answer, first alone, then beside: clients that send
 byte by byte or nothing, wrong tokens, a flood of large queries from one token, the map replaced every few seconds (valid by
 renaming, by copying over, corrupt, truncated), the tokens replaced (valid, empty, deleted for a moment), a log whose reader
-stops and goes on, and SIGTERM with a restart. Prints a table, and last `accepted N lost N`: of the queries whose whole body
+stops and goes on or whose disk is full, and SIGTERM with a restart. Prints tables, and last `accepted N lost N`: of the queries whose whole body
 was sent on a connection that the service had taken, how many got no answer of any kind. The script fails when one is lost.
 
 Loopback only, standard library only.
@@ -43,15 +43,22 @@ class Service:
         self.files = threading.Lock()
         self.reading = threading.Event()
         self.reading.set()
-        self.restarts, self.exits = 0, []
+        self.restarts, self.exits, self.restarting = 0, [], False
         self.start()
 
-    def start(self):
+    def start(self, full_disk=False):
+        if full_disk:
+            with open("/dev/full", "w") as full:
+                self.serve(full)
+            return
         read, write = os.pipe()
-        self.server = Server(self.place, "--tokens", self.tokens, "--request-timeout", "10", "--drain-delay", "1",
-                             maps=["--map", f"place={self.live}"], stderr=write, port=self.port)
+        self.serve(write)
         os.close(write)
         threading.Thread(target=self.read_log, args=(read,), daemon=True).start()
+
+    def serve(self, stderr):
+        self.server = Server(self.place, "--tokens", self.tokens, "--request-timeout", "10", "--drain-delay", "1",
+                             maps=["--map", f"place={self.live}"], stderr=stderr, port=self.port)
 
     def read_log(self, pipe):
         while True:
@@ -63,10 +70,12 @@ class Service:
                 break
         os.close(pipe)
 
-    def restart(self):
+    def restart(self, full_disk):
+        self.restarting = True
         self.exits.append(self.server.stop(patience=60))
         self.restarts += 1
-        self.start()
+        self.start(full_disk)
+        self.restarting = False
 
     def facts(self):
         """Resident memory in MB and open descriptors."""
@@ -81,7 +90,8 @@ class Well:
     def __init__(self, service, rate):
         self.service, self.every = service, CLIENTS / rate
         self.lock, self.times, self.got = threading.Lock(), [], {}
-        self.accepted = self.lost = self.broken = 0
+        self.accepted = self.lost = 0
+        self.broken = {}
         self.stop = threading.Event()
         self.threads = [threading.Thread(target=self.run, args=(i,), daemon=True) for i in range(CLIENTS)]
         for thread in self.threads:
@@ -92,8 +102,8 @@ class Well:
         headers = {"authorization": f"Bearer {token('phone')}", "content-type": PROTOBUF}
         while not self.stop.is_set():
             time.sleep(max(0.0, due - time.monotonic()))
-            started, sent, status = time.monotonic(), False, None
-            fresh = connection is None
+            started, sent, status, error = time.monotonic(), False, None, None
+            fresh, restarting = connection is None, self.service.restarting
             try:
                 connection = connection or http.client.HTTPConnection("127.0.0.1", self.service.port, timeout=60)
                 connection.request("POST", LOCALIZE, self.service.place.query, headers)
@@ -104,7 +114,8 @@ class Well:
                 if response.getheader("connection", "") == "close":
                     connection.close()
                     connection = None
-            except (OSError, http.client.HTTPException):
+            except (OSError, http.client.HTTPException) as why:
+                error = why
                 if connection:
                     connection.close()
                 connection = None
@@ -119,9 +130,19 @@ class Well:
                     self.accepted += 1
                     self.lost += 1
                 else:
-                    # A kept connection that was closed just as the next query was sent, or nobody listened.
-                    self.broken += 1
+                    cause = self.cause(error, fresh, restarting or self.service.restarting)
+                    self.broken[cause] = self.broken.get(cause, 0) + 1
             due = max(due + self.every, time.monotonic())
+
+    @staticmethod
+    def cause(error, fresh, restarting):
+        """Why a query was not accepted: it can be sent again."""
+        when = "in a restart" if restarting else "while it ran"
+        if isinstance(error, ConnectionRefusedError):
+            return f"nobody listened, {when}"
+        if not fresh:
+            return f"a kept connection had been closed, {when}"
+        return f"closed before the whole query was sent ({type(error).__name__}), {when}"
 
     def end(self):
         self.stop.set()
@@ -228,8 +249,9 @@ class Chaos:
                 place.tokens(["phone", "greedy", "ops!"], path.with_suffix(".start")).replace(path)
                 shutil.copyfile(place.map, place.work / "start.vmap")
                 (place.work / "start.vmap").replace(self.service.live)
-                self.service.restart()
-            self.count("SIGTERM and restart")
+                full_disk = self.rng.random() < 0.3
+                self.service.restart(full_disk)
+            self.count("SIGTERM and restart" + (", log on a full disk" if full_disk else ""))
 
     def end(self):
         self.stop.set()
@@ -267,11 +289,16 @@ def main():
         sys.exit(f"the service died: {service.server.process.returncode}")
     time.sleep(8)
     after_memory, after_descriptors = service.facts()
-    header("well-behaved client", "sent", "answered", "other", "connections to make anew", "p50 ms", "p99 ms")
+    header("well-behaved client", "sent", "answered", "other", "not taken", "p50 ms", "p99 ms")
     for name, one in (("alone", quiet), ("in the chaos", well)):
         other = ", ".join(f"{status}: {n}" for status, n in sorted(one.got.items()) if status != 200)
-        row(name, one.accepted + one.broken, one.got.get(200, 0), other or "-", one.broken,
+        broken = sum(one.broken.values())
+        row(name, one.accepted + broken, one.got.get(200, 0), other or "-", broken,
             f"{one.percentile(0.5):.0f}", f"{one.percentile(0.99):.0f}")
+    print()
+    header("queries that were not taken, and why", "times")
+    for cause, n in sorted(well.broken.items()):
+        row(cause, n)
     print()
     header("beside it", "times")
     for what, n in sorted(chaos.counts.items()):

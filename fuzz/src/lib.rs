@@ -1,7 +1,12 @@
 //! What must hold for any bytes: an error, or a value that is written back as the same bytes and can be used.
 //!
 //! The same properties run on a few hundred damaged inputs in every `cargo test`: `crates/query/tests/hostile.rs`,
-//! `crates/query/tests/answer.rs`, `crates/map/src/file/tests.rs`, `crates/map/tests/any_bytes.rs`.
+//! `crates/query/tests/answer.rs`, `crates/map/src/file/tests.rs`, `crates/map/tests/any_bytes.rs`,
+//! `crates/access/tests/any_bytes.rs`, `crates/arguments/tests/any_bytes.rs`.
+
+pub mod damage;
+mod settings;
+mod tokens;
 
 use std::fs;
 use std::path::Path;
@@ -10,6 +15,9 @@ use veiloc_map::MapFile;
 use veiloc_map::colmap::{ColmapImage, read_model, write_text};
 use veiloc_query::{Answer, AnswerVersion, Profile, SealedQuery};
 use xxhash_rust::xxh3::xxh3_64;
+
+pub use settings::{is_settings, settings};
+pub use tokens::tokens;
 
 /// A sealed query.
 pub fn sealed_query(bytes: &[u8]) {

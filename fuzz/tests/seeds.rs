@@ -5,6 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use veiloc_access::TokenList;
+use veiloc_fuzz::damage::Numbers;
 use veiloc_map::MapFile;
 use veiloc_query::{Answer, Profile, SealedQuery};
 
@@ -25,46 +27,6 @@ fn files(name: &str, ending: &str) -> Vec<Vec<u8>> {
     let read: Vec<Vec<u8>> = paths.iter().map(|path| fs::read(path).expect("a file")).collect();
     assert!(!read.is_empty(), "no seed *{ending} in {name}");
     read
-}
-
-/// Numbers that look random and are the same in every run (splitmix64).
-struct Numbers(u64);
-
-impl Numbers {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % bound.max(1) as u64) as usize
-    }
-
-    /// One to four damages: another byte, another bit, an end cut off, a part twice, a number at an edge.
-    fn damaged(&mut self, seed: &[u8], other: &[u8]) -> Vec<u8> {
-        let mut bytes = seed.to_vec();
-        for _ in 0..=self.below(4) {
-            let at = self.below(bytes.len());
-            match self.below(6) {
-                0 if at < bytes.len() => bytes[at] = self.below(256) as u8,
-                1 if at < bytes.len() => bytes[at] ^= 1 << self.below(8),
-                2 => bytes.truncate(at),
-                3 => {
-                    let part = bytes[at..(at + self.below(64)).min(bytes.len())].to_vec();
-                    bytes.splice(at..at, part);
-                }
-                4 if at + 8 <= bytes.len() => {
-                    let edge = [0, 1, u64::MAX, u64::from(u32::MAX), 1 << 31, 1 << 63][self.below(6)];
-                    bytes[at..at + 8].copy_from_slice(&edge.to_le_bytes());
-                }
-                _ => {
-                    let from = self.below(other.len());
-                    bytes.truncate(at);
-                    bytes.extend(&other[from..]);
-                }
-            }
-        }
-        bytes
-    }
 }
 
 /// Runs a target on its seeds, which must be what the target is about, then on findings, then on damaged seeds.
@@ -147,4 +109,16 @@ fn colmap() {
         veiloc_map::colmap::read_model(folder.path()).is_ok()
     };
     run("colmap", &seeds, is_model, veiloc_fuzz::colmap);
+}
+
+#[test]
+fn tokens() {
+    let seeds = files("crates/access/tests/data", ".tokens");
+    run("tokens", &seeds, |bytes| TokenList::parse(bytes).is_ok(), veiloc_fuzz::tokens);
+}
+
+#[test]
+fn settings() {
+    let seeds = files("crates/arguments/tests/data", ".toml");
+    run("settings", &seeds, veiloc_fuzz::is_settings, veiloc_fuzz::settings);
 }

@@ -39,39 +39,15 @@ def first_words(path):
     return [line.split()[0] for line in lines if line and not line.startswith("#")]
 
 
-class Place:
-    """Maps of redkitchen, a sealed query of an image that they do not hold, and the program."""
+class Program:
+    """The program, and a folder to work in."""
 
     def __init__(self, veiloc=None):
         target = target_dir()
-        self.veiloc = pathlib.Path(veiloc or target / "release" / "veiloc").resolve()
+        self.target, self.veiloc = target, pathlib.Path(veiloc or target / "release" / "veiloc").resolve()
         if not self.veiloc.exists():
             sys.exit("build the program first: cargo build --release -p veiloc-cli")
-        kept = target / "service-place"
-        self.map, self.smaller, self.large_query = kept / "place.vmap", kept / "smaller.vmap", kept / "large.vquery"
-        if not self.large_query.exists():
-            self.make(kept)
-        self.query, self.large = (kept / "query.vquery").read_bytes(), self.large_query.read_bytes()
         self.work = pathlib.Path(tempfile.mkdtemp(prefix="veiloc-service-"))
-
-    def make(self, kept):
-        data = os.environ.get("VEILOC_DATA")
-        if not data:
-            sys.exit("set VEILOC_DATA to the folder of the real photographs")
-        kept.mkdir(parents=True, exist_ok=True)
-        kitchen = pathlib.Path(data).resolve() / "redkitchen"
-        names = first_words(kitchen / "map.txt")
-        self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
-                 kitchen / "map.txt", "--query-keypoints", "4096", "-o", self.map)
-        # Every other photograph taken out: another file, the same vocabulary and profile.
-        self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
-        self.run("map", "profile", self.map, "-o", kept / "profile")
-        camera_lines = (kitchen / "posed" / "cameras.txt").read_text().splitlines()
-        camera = ",".join(next(l for l in camera_lines if not l.startswith("#")).split()[1:])
-        photo = kitchen / "images" / first_words(kitchen / "query.txt")[0]
-        for name, keypoints in (("query.vquery", 1024), ("large.vquery", 4096)):
-            self.run("seal", photo, "--camera", camera, "--profile", kept / "profile", "--scheme", "dcl",
-                     "--max-keypoints", str(keypoints), "-o", kept / name)
 
     def run(self, *arguments):
         subprocess.run([self.veiloc, "--quiet", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
@@ -93,6 +69,55 @@ class Place:
         return set(re.findall(r"--[a-z-]+", said))
 
 
+class Place(Program):
+    """Maps of redkitchen, and sealed queries of an image that they do not hold."""
+
+    def __init__(self, veiloc=None):
+        super().__init__(veiloc)
+        kept = self.target / "service-place"
+        self.map, self.smaller, self.large_query = kept / "place.vmap", kept / "smaller.vmap", kept / "large.vquery"
+        if not self.large_query.exists():
+            self.make(kept)
+        self.query, self.large = (kept / "query.vquery").read_bytes(), self.large_query.read_bytes()
+
+    def make(self, kept):
+        data = os.environ.get("VEILOC_DATA")
+        if not data:
+            sys.exit("set VEILOC_DATA to the folder of the real photographs")
+        kept.mkdir(parents=True, exist_ok=True)
+        kitchen = pathlib.Path(data).resolve() / "redkitchen"
+        names = first_words(kitchen / "map.txt")
+        self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
+                 kitchen / "map.txt", "--query-keypoints", "4096", "-o", self.map)
+        # Every other photograph taken out: another file, the same vocabulary and profile.
+        self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
+        self.run("map", "profile", self.map, "-o", kept / "profile")
+        camera_lines = (kitchen / "posed" / "cameras.txt").read_text().splitlines()
+        camera = ",".join(next(l for l in camera_lines if not l.startswith("#")).split()[1:])
+        photo = kitchen / "images" / first_words(kitchen / "query.txt")[0]
+        for name, keypoints in (("query.vquery", 1024), ("large.vquery", 4096)):
+            self.run("seal", photo, "--camera", camera, "--profile", kept / "profile", "--scheme", "dcl",
+                     "--max-keypoints", str(keypoints), "-o", kept / name)
+
+
+class RenderedPlace(Program):
+    """The map of the demo's rendered place and a sealed query of a view that it does not hold: needs no data."""
+
+    def __init__(self, veiloc=None):
+        super().__init__(veiloc)
+        kept = self.target / "service-rendered"
+        self.map, query = kept / "place.vmap", kept / "query.vquery"
+        if not query.exists():
+            kept.mkdir(parents=True, exist_ok=True)
+            self.run("demo", "--out", kept)
+            camera_lines = (kept / "posed" / "cameras.txt").read_text().splitlines()
+            camera = ",".join(next(l for l in camera_lines if not l.startswith("#")).split()[1:])
+            self.run("map", "profile", self.map, "-o", kept / "profile")
+            self.run("seal", kept / "images" / "query-00.png", "--camera", camera, "--profile", kept / "profile",
+                     "-o", query)
+        self.query = query.read_bytes()
+
+
 def token(name):
     return f"token-of-{name}"
 
@@ -100,12 +125,12 @@ def token(name):
 class Server:
     """`veiloc serve` on a free port of loopback, its log in a file unless told otherwise."""
 
-    def __init__(self, place, *more, maps=None, stderr=None, port=None, nofile=None):
+    def __init__(self, place, *more, maps=None, stderr=None, port=None, nofile=None, rate=1000000):
         self.port = port or free_port()
         self.known = place.options()
         self.admin = free_port() if "--admin-listen" in self.known else None
         maps = maps if maps is not None else ["--map", f"place={place.map}"]
-        command = [place.veiloc, "serve", *maps, "--listen", f"127.0.0.1:{self.port}", "--rate", "1000000"]
+        command = [place.veiloc, "serve", *maps, "--listen", f"127.0.0.1:{self.port}", "--rate", str(rate)]
         command += ["--admin-listen", f"127.0.0.1:{self.admin}"] if self.admin else []
         if nofile:
             command = ["sh", "-c", f'ulimit -n {nofile}; exec "$@"', "sh", *command]

@@ -12,7 +12,7 @@ import time
 
 from common import LOCALIZE, Ended, Place, Server, arguments, ask, header, row
 
-STRANGERS = 1024
+UNKNOWN_CLIENTS = 1024
 REQUEST = b"GET /healthz HTTP/1.1\r\nhost: localhost\r\n\r\n"
 
 
@@ -30,7 +30,7 @@ def idle(port, stop, counts):
             return
 
     while not stop.is_set():
-        for _ in range(min(50, STRANGERS - len(selector.get_map()))):
+        for _ in range(min(50, UNKNOWN_CLIENTS - len(selector.get_map()))):
             new()
         for key, _ in selector.select(timeout=0.05):
             try:

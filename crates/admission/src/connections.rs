@@ -7,12 +7,12 @@
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
-use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::{Notify, watch};
 
-use crate::key::TokenKey;
+use veiloc_access::TokenKey;
 
 /// How many connections may be open.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +30,12 @@ pub struct Limits {
 struct Group(u128);
 
 impl Group {
-    fn of(address: IpAddr) -> Self {
+    /// No address: of no IPv6 /64 are all bits set.
+    const PROXY: Self = Self(u128::MAX);
+
+    /// `None` is everybody who comes by way of a proxy of this machine.
+    fn of(address: Option<IpAddr>) -> Self {
+        let Some(address) = address else { return Self::PROXY };
         Self(match address.to_canonical() {
             IpAddr::V4(v4) => u32::from(v4).into(),
             // Never below 2^64, so no IPv4 address.
@@ -39,12 +44,14 @@ impl Group {
     }
 }
 
-const IDLE: u8 = 0;
+/// Nothing is going on.
+const IDLE: u32 = 0;
 /// Some of a request's head is here.
-const READING: u8 = 1;
-const BUSY: u8 = 2;
+const READING: u32 = 1;
 /// The answer is made, and not yet on its way.
-const ANSWERED: u8 = 3;
+const ANSWERED: u32 = 2;
+/// A request is being answered; a connection of HTTP/2 may have several, and the states above count when there is none.
+const BUSY: u32 = 4;
 
 /// An open connection.
 pub struct Guest {
@@ -52,7 +59,7 @@ pub struct Guest {
     group: Group,
     /// The token it brought last; `None` while it is unknown.
     token: Mutex<Option<TokenKey>>,
-    state: AtomicU8,
+    state: AtomicU32,
     leave: Notify,
     /// The service gives up on everybody.
     thrown_out: watch::Receiver<bool>,
@@ -67,12 +74,25 @@ impl Guest {
 
     /// A request is being answered.
     pub fn begin(&self) {
-        self.state.store(BUSY, Ordering::Relaxed);
+        self.state.fetch_add(BUSY, Ordering::Relaxed);
     }
 
     /// Its answer is made.
     pub fn answered(&self) {
-        self.state.store(ANSWERED, Ordering::Relaxed);
+        self.done(|_| ANSWERED);
+    }
+
+    /// It is not answered any more, and nothing will be written for it.
+    pub fn gave_up(&self) {
+        self.done(|before| if before == READING { IDLE } else { before });
+    }
+
+    /// One request less; with the last one the state is what `rest` makes of it.
+    fn done(&self, rest: impl Fn(u32) -> u32) {
+        let _ = self.state.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |state| {
+            let left = state.checked_sub(BUSY)?;
+            Some(if left < BUSY { rest(left) } else { left })
+        });
     }
 
     /// What was to be written is written.
@@ -87,11 +107,11 @@ impl Guest {
 
     /// Whether a request is being answered.
     pub fn is_busy(&self) -> bool {
-        self.state.load(Ordering::Relaxed) == BUSY
+        self.state.load(Ordering::Relaxed) >= BUSY
     }
 
     /// Whether it may be closed for another: a half head is no reason to stay.
-    fn can_go(&self) -> bool {
+    pub fn can_go(&self) -> bool {
         self.state.load(Ordering::Relaxed) <= READING
     }
 
@@ -251,13 +271,14 @@ impl Connections {
         let _ = self.open.subscribe().wait_for(|open| *open == 0).await;
     }
 
-    /// Takes a new connection in, if need be for another.
-    pub fn enter(self: &Arc<Self>, from: IpAddr) -> Entry {
+    /// Takes a new connection in, if need be for another. One without address is a proxy's: it brings requests of many, so
+    /// what one address may have does not bind it.
+    pub fn enter(self: &Arc<Self>, from: Option<IpAddr>) -> Entry {
         let Limits { total, per_address, reserved } = self.limits;
         let group = Group::of(from);
         let mut places = self.places();
         let own = places.unknown_of.get(&group).copied().unwrap_or(0);
-        let leaves = if own >= per_address {
+        let leaves = if own >= per_address && group != Group::PROXY {
             Some(places.oldest(|guest| guest.group == group && !guest.is_known()))
         } else if places.unknown >= total.saturating_sub(reserved).max(1) {
             Some(places.oldest_of_the_largest_address())
@@ -283,7 +304,7 @@ impl Connections {
             id,
             group,
             token: Mutex::new(None),
-            state: AtomicU8::new(IDLE),
+            state: AtomicU32::new(IDLE),
             leave: Notify::new(),
             thrown_out: self.throw_out.subscribe(),
             home: self.clone(),
@@ -314,7 +335,7 @@ mod tests {
     }
 
     fn enter(connections: &Arc<Connections>, from: u8) -> Place {
-        match connections.enter(address(from)) {
+        match connections.enter(Some(address(from))) {
             Entry::Taken(place) | Entry::Exchanged(place) => place,
             Entry::Refused => panic!("refused"),
         }
@@ -355,7 +376,7 @@ mod tests {
         assert!(!leaves(&other));
         assert_eq!(greedy.iter().filter(|place| !leaves(place)).count(), 10);
         // All of one network of IPv6 count as one address.
-        let of = |text: &str| Group::of(text.parse().expect("an address"));
+        let of = |text: &str| Group::of(Some(text.parse().expect("an address")));
         assert_eq!(of("2001:db8::1"), of("2001:db8::ffff:1"));
         assert_ne!(of("2001:db8::1"), of("2001:db8:0:1::1"));
         assert_eq!(of("::ffff:192.0.2.7"), of("192.0.2.7"));
@@ -369,9 +390,12 @@ mod tests {
             place.guest().received();
             place.guest().begin();
         }
-        assert!(matches!(connections.enter(address(3)), Entry::Refused));
+        assert!(matches!(connections.enter(Some(address(3))), Entry::Refused));
         places[1].guest().answered();
-        assert!(matches!(connections.enter(address(3)), Entry::Refused), "the answer is not on its way yet");
+        assert!(
+            matches!(connections.enter(Some(address(3))), Entry::Refused),
+            "the answer is not on its way yet"
+        );
         places[1].guest().flushed();
         assert!(places[1].guest().is_idle());
         // Half a head does not count.
@@ -400,6 +424,43 @@ mod tests {
         third.guest().brought(Some(token(3)));
         let _fourth = enter(&connections, 4);
         assert!(leaves(&greedy[1]) && !leaves(&greedy[2]));
+    }
+
+    /// What one address may have does not bind a proxy; what all may have does.
+    #[test]
+    fn a_proxy_brings_many() {
+        let connections = connections(10, 2, 5);
+        let places: Vec<Place> = (0..6)
+            .map(|_| match connections.enter(None) {
+                Entry::Taken(place) | Entry::Exchanged(place) => place,
+                Entry::Refused => panic!("refused"),
+            })
+            .collect();
+        assert_eq!(places.iter().filter(|place| leaves(place)).count(), 1, "five are for the unknown");
+    }
+
+    /// Of several requests on one connection it is busy until the last one is done, however that one ends.
+    #[test]
+    fn several_requests_at_a_time_are_counted() {
+        let connections = connections(1, 1, 0);
+        let place = enter(&connections, 1);
+        let guest = place.guest();
+        guest.received();
+        guest.begin();
+        guest.begin();
+        guest.answered();
+        assert!(guest.is_busy() && !guest.is_idle() && !guest.can_go());
+        guest.flushed();
+        assert!(guest.is_busy(), "the other one is still being answered");
+        guest.gave_up();
+        assert!(!guest.is_busy() && guest.is_idle(), "nothing is to be written for what was given up");
+        guest.begin();
+        guest.answered();
+        assert!(!guest.is_busy() && !guest.can_go(), "the answer is not on its way yet");
+        guest.flushed();
+        assert!(guest.is_idle());
+        guest.gave_up();
+        assert!(guest.is_idle(), "one too many does no harm");
     }
 
     #[tokio::test]

@@ -3,7 +3,6 @@
 //! - [`Connections`]: which connections may be open, in all, of one address, and with a known token.
 //! - [`FairQueue`]: whose work is done next, so that who sends much waits longer and nobody else does.
 //! - [`Throttle`]: which log lines are written one by one and which are summed up.
-//! - [`TokenKey`]: what tells one token from another.
 //!
 //! Nothing here reads a clock, so all of it is tested without one. `veiloc-server` is the user.
 //!
@@ -20,11 +19,9 @@
 #![forbid(unsafe_code)]
 
 mod connections;
-mod key;
 mod queue;
 mod throttle;
 
 pub use connections::{Connections, Entry, Guest, Limits, Place};
-pub use key::TokenKey;
 pub use queue::FairQueue;
 pub use throttle::{Kind, Throttle};

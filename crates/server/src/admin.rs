@@ -6,14 +6,13 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::net::TcpListener;
+use hyper_util::service::TowerToHyperService;
 use tokio::sync::watch;
 
-use crate::connection::{Conduct, serve_connection};
-use crate::peer::share;
 use crate::routes::admin_router;
 use crate::state::App;
 use veiloc_admission::{Connections, Entry, Limits};
+use veiloc_transport::{Conduct, Ending, Listener, Protocol, serve_connection};
 
 /// Connections at a time; one more takes the place of the one that is idle for longest.
 pub(crate) const CONNECTIONS: usize = 64;
@@ -22,26 +21,29 @@ pub(crate) const CONNECTIONS: usize = 64;
 const LIFE: Duration = Duration::from_secs(600);
 
 /// Answers until it is dropped or `stop` says so.
-pub(crate) async fn serve(app: Arc<App>, listener: TcpListener, mut stop: watch::Receiver<bool>) {
+pub(crate) async fn serve(app: Arc<App>, listener: Listener, mut stop: watch::Receiver<bool>) {
     let connections = Connections::new(Limits { total: CONNECTIONS, per_address: CONNECTIONS, reserved: 0 });
     let router = admin_router(app.clone());
-    let timeouts = app.options.timeouts;
-    let conduct = Conduct { head: timeouts.head, write: timeouts.write, unknown_life: LIFE, life: LIFE };
+    let conduct = Conduct { unknown_life: LIFE, life: LIFE, ..app.options.timeouts.conduct() };
+    let ending = watch::Sender::new(Ending::Serving);
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
-            _ = stop.wait_for(|stop| *stop) => return,
+            _ = stop.wait_for(|stop| *stop) => {
+                ending.send_replace(Ending::Closing);
+                return;
+            }
         };
         let Ok((stream, from)) = accepted else {
             tokio::time::sleep(Duration::from_millis(10)).await;
             continue;
         };
-        let (Entry::Taken(place) | Entry::Exchanged(place)) = connections.enter(from.ip()) else { continue };
-        let (router, stop) = (router.clone(), stop.clone());
+        let entry = connections.enter(from);
+        let (Entry::Taken(place) | Entry::Exchanged(place)) = entry else { continue };
+        let (service, ending) = (TowerToHyperService::new(router.clone()), ending.subscribe());
         tokio::spawn(async move {
-            let _ = stream.set_nodelay(true);
-            let (stream, peer) = share(stream);
-            serve_connection(stream, peer, router, &place, conduct, stop).await;
+            let (stream, peer) = stream.share();
+            serve_connection(stream, peer, Protocol::Unknown, service, &place, conduct, ending).await;
         });
     }
 }

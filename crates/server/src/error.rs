@@ -1,9 +1,9 @@
 //! Why the service could not start or go on, with the remedy.
 
-use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use veiloc_map::MapError;
+use veiloc_transport::{ListenAddress, ListenError, TlsError};
 
 /// Why the service could not start.
 #[derive(Debug, thiserror::Error)]
@@ -31,7 +31,7 @@ pub enum ServerError {
     )]
     PlainHttp {
         /// Where it was to listen.
-        listen: SocketAddr,
+        listen: ListenAddress,
     },
     /// No tokens where negatives can ask.
     #[error(
@@ -40,8 +40,11 @@ pub enum ServerError {
     )]
     Anonymous {
         /// Where it was to listen.
-        listen: SocketAddr,
+        listen: ListenAddress,
     },
+    /// Nowhere to listen.
+    #[error("nowhere to listen; give at least one address")]
+    NoListener,
     /// No connection would be left for who is not known yet.
     #[error(
         "of {connections} connections {reserved} cannot be reserved; who brings a token needs one to bring it on"
@@ -71,9 +74,9 @@ pub enum ServerError {
     )]
     Listen {
         /// The address.
-        listen: SocketAddr,
-        /// What the system said.
-        source: std::io::Error,
+        listen: ListenAddress,
+        /// Why.
+        source: ListenError,
     },
     /// A map cannot be opened.
     #[error("map {name}: {source}")]
@@ -91,30 +94,28 @@ pub enum ServerError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// A file of tokens that lets nobody in.
-    #[error("{}: holds no token, so nobody could ask; add one, or the line `nobody` if that is meant", path.display())]
-    NoTokens {
-        /// Which file.
-        path: PathBuf,
-    },
-    /// A line of the file of tokens is not one. The line itself is not repeated: it may hold a secret.
-    #[error("{}, line {line}: {reason}", path.display())]
+    /// A file of tokens with a line that is none, or without any token.
+    #[error("{}: {source}", path.display())]
     Tokens {
         /// Which file.
         path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What is wrong with it.
-        reason: &'static str,
+        /// What is wrong with it; the line itself is not repeated, as it may hold a secret.
+        source: veiloc_access::ListError,
     },
-    /// Certificate or key cannot be used.
-    #[error("{}: {reason}; a PEM file with the certificate chain and one with its private key are needed", path.display())]
-    Tls {
-        /// Which file.
-        path: PathBuf,
-        /// What is wrong with it.
-        reason: String,
+    /// Traces cannot be sent there.
+    #[error("traces cannot be sent: {source}")]
+    Collector {
+        /// Why.
+        source: std::io::Error,
     },
+    /// Certificate, key or the authorities of clients cannot be used.
+    #[error(transparent)]
+    Tls(#[from] TlsError),
+    /// Clients are to show certificates, where none can be asked for.
+    #[error(
+        "clients show certificates over TLS alone; give the service a certificate and its key (--cert, --key)"
+    )]
+    ClientsWithoutTls,
     /// Threads or signal handlers could not be had.
     #[error("the system refused {what}: {source}")]
     System {

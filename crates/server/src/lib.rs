@@ -1,7 +1,7 @@
 //! The service: sealed queries in over HTTP, poses out, on a network one does not trust.
 //!
 //! - [`ServerOptions`]: what to serve, to whom, how much at a time.
-//! - [`Server`]: bound to its address with all maps open; [`Server::run`] answers until it is told to stop.
+//! - [`Server`]: bound to its addresses with all maps open; [`Server::run`] answers until it is told to stop.
 //! - [`run_until_signal`]: the same for a program that is nothing but the service.
 //!
 //! This crate is for whoever builds a service into a program of their own; `veiloc serve` is the program for all others,
@@ -17,10 +17,10 @@
 //! # let profile = veiloc_query::Profile::vlad(veiloc_descriptor::Vocabulary::new(words)?);
 //! # veiloc_map::write(&veiloc_map::MapModel::empty(profile, Default::default()), &path)?;
 //! let mut options = ServerOptions::new(vec![MapSource { name: "lobby".to_owned(), path, geo: None }]);
-//! options.listen = "127.0.0.1:0".parse()?;
+//! options.listen = vec!["127.0.0.1:0".parse()?];
 //! let runtime = tokio::runtime::Runtime::new()?;
 //! let server = runtime.block_on(Server::bind(options))?;
-//! let (address, handle) = (server.address(), server.handle());
+//! let (address, handle) = (server.address().expect("a TCP listener"), server.handle());
 //! let running = runtime.spawn(server.run());
 //!
 //! let mut stream = std::net::TcpStream::connect(address)?;
@@ -42,27 +42,23 @@
 //!
 //! # What is never told
 //! **Invariant, tested in `tests/privacy.rs`:** no log line, metric, or error holds anything of a query's content
-//! (rule L8 of `docs/privacy.md`). Log lines are made in `routes/record.rs` alone, from names the operator chose, status
-//! and times; of a panic the place is logged (`panics.rs`), what it said goes nowhere for threads of the service. In a
+//! (rule L8 of `docs/privacy.md`). Log lines of requests are made in `routes/record.rs`, from names the operator chose, the
+//! server's own name for the request, status and times; of a panic the place is logged (`panics.rs`), what it said goes nowhere for threads of the service. In a
 //! program that is more than the service, a panic in a thread of rayon's pool, which localization uses for a part of its
 //! work, also reaches that program's own panic hook. And this crate depends neither on `veiloc-features` nor on `veiloc-obfuscation` (`cargo xtask tidy`).
 #![forbid(unsafe_code)]
 
 mod admin;
 mod answer;
-mod attempts;
-mod connection;
+mod cors;
 mod descriptors;
 mod error;
-mod expiry;
 mod geo;
-mod log;
 mod maps;
-mod metrics;
 mod options;
+mod origin;
 mod padding;
 mod panics;
-mod peer;
 mod pool;
 mod problem;
 mod reload;
@@ -70,16 +66,17 @@ mod routes;
 mod serve;
 mod signals;
 mod state;
-mod tls;
 mod tokens;
 mod tokens_file;
 mod watch;
 
 pub use error::ServerError;
 pub use geo::{BadGeoFrame, GeoAccuracy, GeoFrame, GeoPoseDocument, GeoPosition, GeoQuaternion};
-pub use log::{LogLine, LogQueue};
-pub use options::{MapSource, RateLimit, ServerOptions, Timeouts, TlsFiles};
+pub use options::{MapSource, RateLimit, ServerOptions, Timeouts};
+pub use origin::{BadOrigin, Origin};
 pub use problem::ProblemDocument;
 pub use routes::openapi_json;
 pub use serve::{Listening, Server, ServerHandle, Stopped};
 pub use signals::run_until_signal;
+pub use veiloc_observe::{LogLine, LogQueue};
+pub use veiloc_transport::{ListenAddress, TlsFiles};

@@ -6,12 +6,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Instant, SystemTime};
 
 use sha2::{Digest as _, Sha256};
+use veiloc_access::is_map_name;
 use veiloc_map::{MapError, MapFile, MapMemory};
+use veiloc_transport::Attempts;
 
-use crate::attempts::Attempts;
 use crate::error::ServerError;
 use crate::geo::GeoFrame;
-use crate::options::{MapSource, is_name};
+use crate::options::MapSource;
 use crate::problem::Problem;
 
 /// Rows of the largest query, and room for the fields around them.
@@ -43,7 +44,7 @@ impl Hosted {
         Ok(Self {
             name: source.name.clone(),
             geo: source.geo.clone(),
-            longest_query: QUERY_ROWS * (4 + map.profile().descriptor_kind().dim())
+            longest_query: QUERY_ROWS * (4 + map.profile().descriptor_kind().packed_len())
                 + QUERY_FIELDS
                 + map.profile().global_model().global_len(),
             etag: format!("\"{digits}\""),
@@ -254,7 +255,7 @@ impl Maps {
                 continue;
             }
             let taken = slots.iter().any(|slot| slot.name() == name);
-            if taken || !is_name(&name) {
+            if taken || !is_map_name(&name) {
                 let file = path.display().to_string();
                 if !ignored.contains(&file) {
                     ignored.push(file.clone());

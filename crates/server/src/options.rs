@@ -5,12 +5,15 @@ use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
 use std::time::Duration;
 
+use veiloc_access::is_map_name;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapMemory;
+use veiloc_transport::{Conduct, ListenAddress, TlsFiles};
 
 use crate::error::ServerError;
 use crate::geo::GeoFrame;
-use crate::log::LogQueue;
+use crate::origin::Origin;
+use veiloc_observe::LogQueue;
 
 /// A map and the name it is served under.
 #[derive(Debug, Clone)]
@@ -21,15 +24,6 @@ pub struct MapSource {
     pub path: PathBuf,
     /// Where it lies on Earth, when that is known: then poses can be told as OGC GeoPose.
     pub geo: Option<GeoFrame>,
-}
-
-/// Certificate chain and private key, PEM.
-#[derive(Debug, Clone)]
-pub struct TlsFiles {
-    /// The server's certificate, then those that vouch for it.
-    pub cert: PathBuf,
-    /// Its private key.
-    pub key: PathBuf,
 }
 
 /// How often one token may ask.
@@ -80,12 +74,23 @@ impl Default for Timeouts {
     }
 }
 
+impl Timeouts {
+    /// Of connections. The last answer of one may take as long as any.
+    pub(crate) fn conduct(&self) -> Conduct {
+        let Self { head, body, localize, write, unknown_life, life, .. } = *self;
+        Conduct { head, write, unknown_life, life, last: head + body + localize + write }
+    }
+}
+
 /// Everything the service needs to know.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct ServerOptions {
-    /// Where to listen; port 0 for any free one.
-    pub listen: SocketAddr,
+    /// Where to listen, at least one. Behind a Unix socket there is a proxy of this machine: nobody else reaches it, so
+    /// nothing is asked of it that protects against others on the way, and TLS is the proxy's.
+    pub listen: Vec<ListenAddress>,
+    /// Who may connect to Unix sockets, as the mode of their files.
+    pub socket_mode: u32,
     /// What to serve, at least one unless there is a folder.
     pub maps: Vec<MapSource>,
     /// A folder whose files `NAME.vmap` are served too, each as `NAME`, as they come and go.
@@ -96,6 +101,8 @@ pub struct ServerOptions {
     pub tls: Option<TlsFiles>,
     /// Plain HTTP beyond loopback: for a proxy that does TLS in front of this service.
     pub insecure_http: bool,
+    /// Pages of these origins may ask from within a browser (CORS). None by default.
+    pub cors: Vec<Origin>,
     /// Who may ask: one token a line, see `docs/service.md`. Without it everybody on this machine may.
     pub tokens: Option<PathBuf>,
     /// How long the last valid tokens hold when the file of tokens is gone, empty or wrong; then nobody may ask.
@@ -120,6 +127,9 @@ pub struct ServerOptions {
     pub admin: Option<SocketAddr>,
     /// The queue that the program's log goes through, if it does: lines it dropped are counted in the metrics.
     pub log: Option<LogQueue>,
+    /// Address of the collector that traces are sent to, as OTLP over HTTP: `/v1/traces` is added.
+    #[cfg(feature = "opentelemetry")]
+    pub otlp: Option<String>,
     /// How long anything may take.
     pub timeouts: Timeouts,
     /// How often to look whether map, token and certificate files were replaced, and whether maps came or went; `None` for
@@ -133,12 +143,14 @@ impl ServerOptions {
     /// These maps on `127.0.0.1:8080`, with plain HTTP and without tokens.
     pub fn new(maps: Vec<MapSource>) -> Self {
         Self {
-            listen: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080),
+            listen: vec![ListenAddress::Tcp(SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080))],
+            socket_mode: 0o660,
             maps,
             maps_folder: None,
             map_memory: MapMemory::default(),
             tls: None,
             insecure_http: false,
+            cors: Vec::new(),
             tokens: None,
             stale_tokens: Duration::from_secs(300),
             allow_anonymous: false,
@@ -150,6 +162,8 @@ impl ServerOptions {
             reserved_connections: None,
             admin: None,
             log: None,
+            #[cfg(feature = "opentelemetry")]
+            otlp: None,
             timeouts: Timeouts::default(),
             watch: Some(Duration::from_secs(2)),
             localize: LocalizeOptions::default(),
@@ -162,7 +176,7 @@ impl ServerOptions {
             return Err(ServerError::NoMap);
         }
         for (i, map) in self.maps.iter().enumerate() {
-            if !is_name(&map.name) {
+            if !is_map_name(&map.name) {
                 return Err(ServerError::MapName { name: map.name.clone() });
             }
             if self.maps[..i].iter().any(|other| other.name == map.name) {
@@ -172,20 +186,25 @@ impl ServerOptions {
         if let Some(reserved) = self.reserved_connections.filter(|n| *n >= self.connections.get()) {
             return Err(ServerError::Reserved { reserved, connections: self.connections.get() });
         }
-        let public = !self.listen.ip().is_loopback();
-        if public && self.tls.is_none() && !self.insecure_http {
-            return Err(ServerError::PlainHttp { listen: self.listen });
+        if self.listen.is_empty() {
+            return Err(ServerError::NoListener);
         }
-        if public && self.tokens.is_none() && !self.allow_anonymous {
-            return Err(ServerError::Anonymous { listen: self.listen });
+        for listen in self.listen.iter().filter(|listen| !listen.is_local()) {
+            if self.tls.is_none() && !self.insecure_http {
+                return Err(ServerError::PlainHttp { listen: listen.clone() });
+            }
+            if self.tokens.is_none() && !self.allow_anonymous {
+                return Err(ServerError::Anonymous { listen: listen.clone() });
+            }
         }
         Ok(())
     }
 
-    /// Where probes and metrics go unless somebody says otherwise: loopback, the port after [`Self::listen`]'s (for any
-    /// free port any free one), so that two services of one machine differ in both.
-    pub fn default_admin(listen: SocketAddr) -> SocketAddr {
-        SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), default_admin_port(listen.port()))
+    /// Where probes and metrics go unless somebody says otherwise: loopback, the port after that of the first TCP port of
+    /// `listen` (for any free port any free one), so that two services of one machine differ in both; without one, 8081.
+    pub fn default_admin(listen: &[ListenAddress]) -> SocketAddr {
+        let port = listen.iter().find_map(ListenAddress::tcp).map_or(8080, |address| address.port());
+        SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), default_admin_port(port))
     }
 }
 
@@ -200,12 +219,6 @@ const fn default_admin_port(listen: u16) -> u16 {
 
 const TWENTY: NonZeroU32 = NonZeroU32::MIN.saturating_add(19);
 
-/// Names go into addresses, metrics and logs: nothing in them may need escaping.
-pub(crate) fn is_name(name: &str) -> bool {
-    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-    (1..=64).contains(&name.len()) && name.chars().all(allowed) && name != "." && name != ".."
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -214,13 +227,13 @@ mod tests {
         let source =
             |name: &&str| MapSource { name: (*name).to_owned(), path: "place.vmap".into(), geo: None };
         let mut options = ServerOptions::new(names.iter().map(source).collect());
-        options.listen = listen.parse().expect("an address");
+        options.listen = vec![listen.parse().expect("an address")];
         options
     }
 
     #[test]
     fn plain_http_and_negatives_stay_on_loopback() {
-        for loopback in ["127.0.0.1:0", "127.8.8.8:80", "[::1]:0"] {
+        for loopback in ["127.0.0.1:0", "127.8.8.8:80", "[::1]:0", "unix:v.sock"] {
             options(loopback, &["a"]).check().expect("nobody else can listen");
         }
         for public in ["0.0.0.0:80", "192.168.0.2:80", "[::]:80"] {
@@ -229,10 +242,13 @@ mod tests {
             options.insecure_http = true;
             assert!(matches!(options.check(), Err(ServerError::Anonymous { .. })));
             options.insecure_http = false;
-            options.tls = Some(TlsFiles { cert: "c".into(), key: "k".into() });
+            options.tls = Some(TlsFiles { cert: "c".into(), key: "k".into(), client_ca: None });
             assert!(matches!(options.check(), Err(ServerError::Anonymous { .. })));
             options.tokens = Some("tokens".into());
             options.check().expect("TLS and tokens");
+            options.tls = None;
+            options.listen.insert(0, "127.0.0.1:0".parse().expect("an address"));
+            assert!(matches!(options.check(), Err(ServerError::PlainHttp { .. })), "any of several");
         }
     }
 

@@ -10,6 +10,7 @@ use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH};
 use axum::http::{HeaderName, HeaderValue};
 use axum::response::Response;
 use veiloc_query::Answer;
+use veiloc_transport::HeadBytes;
 
 /// Padded bodies have a whole number of times so many bytes: once, for everything this service says.
 pub(crate) const BODY_UNIT: usize = Answer::PADDED_BYTES;
@@ -38,7 +39,7 @@ pub(crate) fn json(mut body: Vec<u8>) -> Vec<u8> {
 }
 
 /// Fills up the head of a reply that is marked as [`Hidden`]; others pass. To be called when all headers are there.
-pub(crate) async fn fill_head(mut response: Response) -> Response {
+pub(crate) fn fill_head(mut response: Response) -> Response {
     let Some(hidden) = response.extensions().get::<Hidden>().copied() else { return response };
     // A proxy that compresses would undo it all.
     response.headers_mut().insert(CACHE_CONTROL, HeaderValue::from_static("no-store, no-transform"));
@@ -48,6 +49,7 @@ pub(crate) async fn fill_head(mut response: Response) -> Response {
         Hidden::Body => head.next_multiple_of(HEAD_UNIT) - head,
         Hidden::Head => (head + body).next_multiple_of(PLAIN_UNIT) - head - body,
     };
+    response.extensions_mut().insert(HeadBytes(head + missing));
     // Zeros are a header's value.
     if let Ok(value) = HeaderValue::try_from("0".repeat(missing)) {
         response.headers_mut().insert(PADDING, value);
@@ -84,8 +86,8 @@ mod tests {
         }
     }
 
-    #[tokio::test]
-    async fn heads_are_filled_up() {
+    #[test]
+    fn heads_are_filled_up() {
         let total = |response: &Response| {
             let body = response.size_hint().exact().expect("known") as usize;
             head_length(response, body) + body
@@ -98,9 +100,9 @@ mod tests {
         ] {
             let mut response = (status, vec![0_u8; bytes]).into_response();
             response.extensions_mut().insert(hidden);
-            assert_eq!(total(&fill_head(response).await), expected, "{status} {hidden:?} {bytes}");
+            assert_eq!(total(&fill_head(response)), expected, "{status} {hidden:?} {bytes}");
         }
-        let other = fill_head("alive".into_response()).await;
+        let other = fill_head("alive".into_response());
         assert!(other.headers().get(PADDING).is_none(), "what is no reply to a query is left alone");
     }
 }

@@ -9,15 +9,32 @@ use std::panic::PanicHookInfo;
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use veiloc_observe::RequestId;
+
 static OWN_PROCESS: AtomicBool = AtomicBool::new(false);
 
 thread_local! {
     static OURS: Cell<bool> = const { Cell::new(false) };
+    static REQUEST: Cell<Option<RequestId>> = const { Cell::new(None) };
 }
 
 /// This thread works for the service: of its panics only the place is told.
 pub(crate) fn mark() {
     OURS.set(true);
+}
+
+/// Does something for a request: a panic of this thread meanwhile is told with its name. Threads that work for it beside
+/// this one do not know it.
+pub(crate) fn during<T>(request: RequestId, work: impl FnOnce() -> T) -> T {
+    struct Done;
+    impl Drop for Done {
+        fn drop(&mut self) {
+            REQUEST.set(None);
+        }
+    }
+    REQUEST.set(Some(request));
+    let _done = Done;
+    work()
 }
 
 /// The whole process works for the service: of no panic more than the place is told, and never but through the log, which
@@ -43,7 +60,8 @@ pub(crate) fn watch() {
 fn tell_place(info: &PanicHookInfo<'_>) {
     // `location` is always there today.
     let (file, line) = info.location().map_or(("unknown", 0), |place| (place.file(), place.line()));
-    tracing::error!(file, line, "a thread panicked");
+    let request = REQUEST.get().map(tracing::field::display);
+    tracing::error!(request, file, line, "a thread panicked");
 }
 
 #[cfg(test)]
@@ -51,6 +69,9 @@ mod tests {
     use std::num::NonZeroUsize;
     use std::process::Command;
 
+    use veiloc_observe::RequestIds;
+
+    use super::during;
     use crate::pool::{Order, Pool};
 
     /// Says in a panic what nobody may read, on a thread of the pool.
@@ -59,8 +80,13 @@ mod tests {
         let pool = Pool::start(NonZeroUsize::MIN, NonZeroUsize::MIN).expect("threads");
         let order = Order { who: None, rows: 1, limit: std::time::Duration::from_secs(60) };
         let secret = String::from("SECRET") + "WORDS";
-        let broken = pool.submit(order, move |_| -> u32 { std::panic::panic_any(secret) }).expect("room");
+        let id = RequestIds::start().expect("random").next();
+        let broken = pool
+            .submit(order, move |_| -> u32 { during(id, || std::panic::panic_any(secret)) })
+            .expect("room");
         assert!(broken.blocking_recv().is_err());
+        let other = pool.submit(order, |_| -> u32 { std::panic::panic_any("of no request") }).expect("room");
+        assert!(other.blocking_recv().is_err());
         assert_eq!(pool.submit(order, |_| 1).expect("room").blocking_recv(), Ok(1), "the thread goes on");
         pool.finish();
     }
@@ -80,8 +106,12 @@ mod tests {
             .expect("it runs");
         let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
         assert!(output.status.success() && said.contains("1 passed"), "{said}");
-        let line = said.lines().find(|line| line.contains("a thread panicked"));
-        assert!(line.is_some_and(|line| line.contains("panics.rs") && line.contains("line=")), "{said}");
+        let lines: Vec<_> = said.lines().filter(|line| line.contains("a thread panicked")).collect();
+        assert_eq!(lines.len(), 2, "{said}");
+        assert!(lines.iter().all(|line| line.contains("panics.rs") && line.contains("line=")), "{said}");
+        // The first is told with the name of its request, and the thread has forgotten it by the second.
+        let of_request: Vec<_> = lines.iter().map(|line| line.contains("request=")).collect();
+        assert_eq!(of_request, [true, false], "{said}");
         assert!(!said.contains("SECRETWORDS"), "{said}");
     }
 }

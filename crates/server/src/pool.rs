@@ -14,8 +14,8 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
 use crate::panics;
+use veiloc_access::TokenKey;
 use veiloc_admission::FairQueue;
-use veiloc_admission::TokenKey;
 
 /// One piece of work: gets the time it waited, sends its result itself, and tells whether it was begun at all.
 type Work = Box<dyn FnOnce(Duration) -> bool + Send>;

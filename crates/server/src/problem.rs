@@ -5,12 +5,16 @@
 
 use std::num::{NonZeroU32, NonZeroU64};
 
+use std::sync::Arc;
+
+use axum::body::Body;
 use axum::http::header::{CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 use veiloc_localize::LocalizeError;
+use veiloc_observe::{RequestId, RequestKind};
 use veiloc_query::QueryError;
 use veiloc_robust::PoseError;
 
@@ -175,6 +179,62 @@ pub struct ProblemDocument {
     /// Seconds after which to send the same bytes again.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub retry_after: Option<u64>,
+    /// `urn:veiloc:request:` and the name of this request, as in the header `veiloc-request-id`: what to tell the operator.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "urn:veiloc:request:4bf92f3577b34da6a3ce929d0e0e4736")]
+    pub instance: Option<String>,
+}
+
+impl ProblemDocument {
+    fn body(&self) -> Vec<u8> {
+        // Strings and numbers always serialize.
+        padding::json(serde_json::to_vec(self).unwrap_or_default())
+    }
+}
+
+/// Writes the name of the request into a refusal; other answers pass.
+pub(crate) fn sign(response: &mut Response, id: RequestId) {
+    let Some(document) = response.extensions_mut().remove::<Arc<ProblemDocument>>() else { return };
+    let mut document = Arc::unwrap_or_clone(document);
+    document.instance = Some(format!("urn:veiloc:request:{id}"));
+    *response.body_mut() = Body::from(document.body());
+}
+
+/// The refusals that a query can get: status and name, as in the table of docs/service.md.
+const OF_QUERIES: [(u16, &str); 23] = [
+    (400, "malformed-query"),
+    (400, "unsupported-version"),
+    (400, "bad-option"),
+    (400, "interrupted"),
+    (401, "unauthenticated"),
+    (404, "unknown-map"),
+    (405, "wrong-method"),
+    (406, "no-geographic-frame"),
+    (408, "too-slow"),
+    (409, "wrong-profile"),
+    (409, "empty-map"),
+    (413, "too-large"),
+    (413, "session-too-long"),
+    (415, "media-type"),
+    (422, "not-localized"),
+    (429, "rate-limited"),
+    (500, "broken"),
+    (503, "map-unavailable"),
+    (503, "no-tokens"),
+    (503, "queue-full"),
+    (503, "overdue"),
+    (503, "stopping"),
+    (504, "timed-out"),
+];
+
+/// All ways in which a query can be answered, of both addresses that take queries.
+pub(crate) fn kinds_of_queries() -> Vec<RequestKind<'static>> {
+    let answers =
+        || std::iter::once((200, None)).chain(OF_QUERIES.map(|(status, problem)| (status, Some(problem))));
+    ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig"]
+        .into_iter()
+        .flat_map(|route| answers().map(move |(status, problem)| RequestKind { route, status, problem }))
+        .collect()
 }
 
 impl IntoResponse for Problem {
@@ -187,10 +247,10 @@ impl IntoResponse for Problem {
             detail: self.to_string(),
             state: matches!(self, Self::NotLocalized(_)).then_some("not-found"),
             retry_after: self.retry_after().map(NonZeroU64::get),
+            instance: None,
         };
-        // Strings and numbers always serialize.
-        let body = padding::json(serde_json::to_vec(&document).unwrap_or_default());
-        let mut response = (status, [(CONTENT_TYPE, "application/problem+json")], body).into_response();
+        let mut response =
+            (status, [(CONTENT_TYPE, "application/problem+json")], document.body()).into_response();
         let headers = response.headers_mut();
         if let Some(seconds) = self.retry_after() {
             headers.insert(RETRY_AFTER, seconds.get().into());
@@ -199,6 +259,7 @@ impl IntoResponse for Problem {
             headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
         }
         response.extensions_mut().insert(ProblemKind(kind));
+        response.extensions_mut().insert(Arc::new(document));
         response.extensions_mut().insert(Hidden::Body);
         response
     }

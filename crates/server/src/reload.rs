@@ -61,7 +61,10 @@ impl App {
             Ok(changes) => {
                 for change in changes {
                     match change {
-                        Change::Added(slot) => tracing::info!(map = slot.name(), "map found in the folder"),
+                        Change::Added(slot) => {
+                            self.metrics.map_begins(slot.name());
+                            tracing::info!(map = slot.name(), "map found in the folder");
+                        }
                         Change::Removed(slot) => {
                             self.metrics.forget_map(slot.name());
                             tracing::info!(map = slot.name(), "map taken out of the folder, served no more");

@@ -6,25 +6,26 @@ use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant};
 
 use axum::Router;
-use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 
 use crate::admin;
-use crate::connection::{Conduct, serve_connection};
 use crate::error::ServerError;
-use crate::options::{ServerOptions, Timeouts};
-use crate::peer::share;
+use crate::options::ServerOptions;
 use crate::routes::router;
 use crate::state::App;
 use crate::watch::Watchers;
+use hyper_util::service::TowerToHyperService;
+use tokio::task::JoinSet;
 use veiloc_admission::{Entry, Place};
+use veiloc_observe::ConnectionFault;
+use veiloc_transport::{Ending, ListenAddress, Listener, Protocol, Stream, serve_connection};
 
-/// The service, bound to its address, with all maps open.
+/// The service, bound to its addresses, with all maps open.
 pub struct Server {
     app: Arc<App>,
-    listener: TcpListener,
+    listeners: Vec<Listener>,
     listening: Listening,
-    admin: Option<TcpListener>,
+    admin: Option<Listener>,
     _watchers: Option<Watchers>,
     stop: watch::Sender<Phase>,
 }
@@ -55,12 +56,19 @@ pub struct Stopped {
 /// Where the service listens, and what it serves.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Listening {
-    /// For queries.
-    pub address: SocketAddr,
+    /// For queries, in the order they were asked for.
+    pub addresses: Vec<ListenAddress>,
     /// For probes and metrics, if there is a listener of their own.
     pub admin: Option<SocketAddr>,
     /// Maps that are served at the start.
     pub maps: Vec<String>,
+}
+
+impl Listening {
+    /// The first TCP address for queries.
+    pub fn address(&self) -> Option<SocketAddr> {
+        self.addresses.iter().find_map(ListenAddress::tcp)
+    }
 }
 
 /// Tells a running service what to do.
@@ -71,7 +79,7 @@ pub struct ServerHandle {
 }
 
 impl ServerHandle {
-    /// Stop: first it is said that there will be no more (for [`Timeouts::drain`]), then no new connections are taken;
+    /// Stop: first it is said that there will be no more (for [`Timeouts::drain`](crate::Timeouts::drain)), then no new connections are taken;
     /// what was accepted is answered.
     pub fn stop(&self) {
         self.app.close();
@@ -102,21 +110,27 @@ impl Server {
         let app = Arc::new(App::open(options)?);
         // What there is to say of the certificate is said at the start.
         app.reload_credentials(false, Instant::now());
-        let (listener, address) = bind(app.options.listen).await?;
+        let (mut listeners, mut addresses) = (Vec::new(), Vec::new());
+        for listen in &app.options.listen {
+            let (listener, address) = bind(listen, app.options.socket_mode).await?;
+            listeners.push(listener);
+            addresses.push(address);
+        }
         let admin = match app.options.admin {
-            Some(admin) => Some(bind(admin).await?),
+            Some(admin) => Some(bind(&ListenAddress::Tcp(admin), 0).await?),
             None => None,
         };
         let (admin, admin_address) = admin.unzip();
+        let admin_address = admin_address.and_then(|address| address.tcp());
         let served = app.maps.slots().into_iter().filter(|slot| slot.current().is_some());
         let maps = served.map(|slot| slot.name().to_owned()).collect();
-        let listening = Listening { address, admin: admin_address, maps };
+        let listening = Listening { addresses, admin: admin_address, maps };
         let system = |source| ServerError::System { what: "threads", source };
         let watchers =
             app.options.watch.map(|every| Watchers::start(&app, every)).transpose().map_err(system)?;
         Ok(Self {
             app,
-            listener,
+            listeners,
             listening,
             admin,
             _watchers: watchers,
@@ -124,9 +138,9 @@ impl Server {
         })
     }
 
-    /// Where it answers queries.
-    pub const fn address(&self) -> SocketAddr {
-        self.listening.address
+    /// The first TCP address where it answers queries.
+    pub fn address(&self) -> Option<SocketAddr> {
+        self.listening.address()
     }
 
     /// All addresses it listens on, and the maps it begins with.
@@ -141,17 +155,19 @@ impl Server {
 
     /// Answers until [`ServerHandle::stop`], then finishes what was accepted, at most for the grace period.
     pub async fn run(self) -> Stopped {
-        let Self { app, listener, admin, stop, _watchers, .. } = self;
+        let Self { app, listeners, admin, stop, _watchers, .. } = self;
         let summing = tokio::spawn(sum_log_lines(app.clone()));
         // Probes and metrics are answered until the very end.
         let end = watch::Sender::new(false);
         let admin = admin.map(|listener| tokio::spawn(admin::serve(app.clone(), listener, end.subscribe())));
-        let closing = watch::Sender::new(false);
+        let ending = watch::Sender::new(Ending::Serving);
+        let listeners: Vec<Arc<Listener>> = listeners.into_iter().map(Arc::new).collect();
         let mut phase = stop.subscribe();
         tokio::select! {
-            () = accept(&app, &listener, &closing) => {}
+            () = accept_all(&app, &listeners, &ending) => {}
             () = async {
                 wait_for(&mut phase, Phase::Leaving).await;
+                ending.send_replace(Ending::Leaving);
                 tokio::select! {
                     () = tokio::time::sleep(app.options.timeouts.drain) => {}
                     () = wait_for(&mut phase, Phase::Finishing) => {}
@@ -159,9 +175,10 @@ impl Server {
             } => {}
         }
         advance(&stop, Phase::Finishing);
-        take_those_waiting(&app, &listener, &closing);
-        drop(listener);
-        closing.send_replace(true);
+        for listener in listeners {
+            take_those_waiting(&app, &listener, &ending);
+        }
+        ending.send_replace(Ending::Closing);
         tokio::select! {
             () = app.connections.all_closed() => {}
             () = tokio::time::sleep(app.options.timeouts.grace) => {}
@@ -183,7 +200,10 @@ impl Server {
         }
         let answered = app.answered_since_closing();
         // Joining threads blocks; jobs that were stopped end soon.
-        let pool = tokio::task::spawn_blocking(move || app.pool.finish());
+        let pool = tokio::task::spawn_blocking(move || {
+            app.flush_traces(LAST_MOMENT / 2);
+            app.pool.finish();
+        });
         let _ = tokio::time::timeout(LAST_MOMENT, pool).await;
         Stopped { answered, given_up, forced }
     }
@@ -209,24 +229,37 @@ async fn wait_for(phase: &mut watch::Receiver<Phase>, least: Phase) {
 }
 
 /// Takes the connections that came before the end, and waits for no more.
-fn take_those_waiting(app: &Arc<App>, listener: &TcpListener, closing: &watch::Sender<bool>) {
+fn take_those_waiting(app: &Arc<App>, listener: &Listener, ending: &watch::Sender<Ending>) {
     let router = router(app.clone());
     let mut context = Context::from_waker(Waker::noop());
     while let Poll::Ready(Ok((stream, from))) = listener.poll_accept(&mut context) {
-        if let Some(place) = enter(app, from.ip()) {
-            tokio::spawn(welcome(stream, place, app.clone(), router.clone(), closing.subscribe()));
+        let may_speak_tls = listener.may_speak_tls();
+        if let Some(place) = enter(app, from) {
+            let ending = ending.subscribe();
+            tokio::spawn(welcome(stream, may_speak_tls, place, app.clone(), router.clone(), ending));
         }
     }
 }
 
-/// Takes connections until it is dropped.
-async fn accept(app: &Arc<App>, listener: &TcpListener, closing: &watch::Sender<bool>) {
+/// Takes connections of all listeners until it is dropped.
+async fn accept_all(app: &Arc<App>, listeners: &[Arc<Listener>], ending: &watch::Sender<Ending>) {
+    let mut accepting = JoinSet::new();
+    for listener in listeners {
+        accepting.spawn(accept(app.clone(), listener.clone(), ending.clone()));
+    }
+    while accepting.join_next().await.is_some() {}
+}
+
+/// Takes connections of one listener until it is dropped.
+async fn accept(app: Arc<App>, listener: Arc<Listener>, ending: watch::Sender<Ending>) {
     let router = router(app.clone());
+    let may_speak_tls = listener.may_speak_tls();
     loop {
         match listener.accept().await {
             Ok((stream, from)) => {
-                if let Some(place) = enter(app, from.ip()) {
-                    tokio::spawn(welcome(stream, place, app.clone(), router.clone(), closing.subscribe()));
+                if let Some(place) = enter(&app, from) {
+                    let ending = ending.subscribe();
+                    tokio::spawn(welcome(stream, may_speak_tls, place, app.clone(), router.clone(), ending));
                 }
             }
             // Out of file descriptors, or a client that left at once. Trying again without a pause would spin.
@@ -235,10 +268,10 @@ async fn accept(app: &Arc<App>, listener: &TcpListener, closing: &watch::Sender<
     }
 }
 
-async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), ServerError> {
-    let wrong = |source| ServerError::Listen { listen, source };
-    let listener = TcpListener::bind(listen).await.map_err(wrong)?;
-    let address = listener.local_addr().map_err(wrong)?;
+async fn bind(listen: &ListenAddress, mode: u32) -> Result<(Listener, ListenAddress), ServerError> {
+    let wrong = |source| ServerError::Listen { listen: listen.clone(), source };
+    let listener = Listener::bind(listen, mode).await.map_err(wrong)?;
+    let address = listener.address().map_err(|error| wrong(error.into()))?;
     Ok((listener, address))
 }
 
@@ -261,7 +294,7 @@ async fn sum_log_lines(app: Arc<App>) {
 }
 
 /// A place for a new connection, if there is one.
-fn enter(app: &App, from: IpAddr) -> Option<Place> {
+fn enter(app: &App, from: Option<IpAddr>) -> Option<Place> {
     match app.connections.enter(from) {
         Entry::Taken(place) => Some(place),
         Entry::Exchanged(place) => {
@@ -276,20 +309,23 @@ fn enter(app: &App, from: IpAddr) -> Option<Place> {
 }
 
 async fn welcome(
-    stream: TcpStream,
+    stream: Stream,
+    may_speak_tls: bool,
     place: Place,
     app: Arc<App>,
     router: Router,
-    stop: watch::Receiver<bool>,
+    ending: watch::Receiver<Ending>,
 ) {
-    // Answers are small: waiting to fill a packet only delays them. Not worth refusing a connection over.
-    let _ = stream.set_nodelay(true);
-    let Timeouts { head, write, unknown_life, life, .. } = app.options.timeouts;
-    let conduct = Conduct { head, write, unknown_life, life };
-    let (stream, peer) = share(stream);
-    match &app.tls {
-        None => serve_connection(stream, peer, router, &place, conduct, stop).await,
+    let conduct = app.options.timeouts.conduct();
+    let (stream, peer) = stream.share();
+    let service = TowerToHyperService::new(router);
+    match app.tls.as_ref().filter(|_| may_speak_tls) {
+        None => {
+            let protocol = Protocol::Unknown;
+            tell(&app, serve_connection(stream, peer, protocol, service, &place, conduct, ending).await);
+        }
         Some(tls) => {
+            let head = conduct.head;
             let handshake = tokio::time::timeout(head, tls.acceptor().accept(stream));
             // A client that does not get through the handshake is dropped without a word, as TLS would.
             let stream = tokio::select! {
@@ -297,9 +333,22 @@ async fn welcome(
                 () = place.guest().told_to_leave() => return,
                 () = place.guest().thrown_out() => return,
             };
-            if let Ok(Ok(stream)) = stream {
-                serve_connection(stream, peer, router, &place, conduct, stop).await;
-            }
+            let fault = match stream {
+                Ok(Ok(stream)) => {
+                    let protocol = Protocol::from(&stream);
+                    serve_connection(stream, peer, protocol, service, &place, conduct, ending).await
+                }
+                Ok(Err(_)) => Some(ConnectionFault::TlsHandshake),
+                Err(_) => Some(ConnectionFault::TlsTimeout),
+            };
+            tell(&app, fault);
         }
+    }
+}
+
+/// Counts a connection that did not end well.
+fn tell(app: &App, fault: Option<ConnectionFault>) {
+    if let Some(fault) = fault {
+        app.metrics.connection_fault(fault);
     }
 }

@@ -2,18 +2,21 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::error::ServerError;
 use crate::maps::Maps;
-use crate::metrics::Metrics;
 use crate::options::ServerOptions;
 use crate::pool::Pool;
-use crate::tls::Tls;
+use crate::problem;
 use crate::tokens::Callers;
 use crate::tokens_file::TokensFile;
 use veiloc_admission::Throttle;
 use veiloc_admission::{Connections, Limits};
+#[cfg(feature = "opentelemetry")]
+use veiloc_observe::Traces;
+use veiloc_observe::{Metrics, MetricsOptions, Now, RequestIds};
+use veiloc_transport::Tls;
 
 /// The service without its connections.
 pub(crate) struct App {
@@ -21,6 +24,10 @@ pub(crate) struct App {
     pub(crate) maps: Maps,
     pub(crate) pool: Pool,
     pub(crate) metrics: Metrics,
+    #[cfg(feature = "opentelemetry")]
+    pub(crate) traces: Option<Traces>,
+    /// Names of requests.
+    pub(crate) ids: RequestIds,
     pub(crate) tls: Option<Tls>,
     pub(crate) tokens: Option<TokensFile>,
     pub(crate) connections: Arc<Connections>,
@@ -56,8 +63,19 @@ impl App {
         let tls = options.tls.clone().map(Tls::open).transpose()?;
         let pool = Pool::start(options.workers, options.queue)
             .map_err(|source| ServerError::System { what: "threads", source })?;
+        #[cfg_attr(
+            not(feature = "opentelemetry"),
+            expect(unused_mut, reason = "traces have a count of their own")
+        )]
+        let mut metrics = metrics(&options);
+        #[cfg(feature = "opentelemetry")]
+        let traces = start_traces(&options, &mut metrics)?;
+        let ids = RequestIds::start().map_err(|source| ServerError::System { what: "randomness", source })?;
         let app = Self {
-            metrics: Metrics::new(options.workers.get(), options.queue.get(), options.log.as_ref()),
+            metrics,
+            ids,
+            #[cfg(feature = "opentelemetry")]
+            traces,
             connections: Connections::new(limits(&options)),
             quiet: Throttle::default(),
             maps: Maps::new(&options.maps, options.maps_folder.clone(), options.map_memory),
@@ -77,6 +95,7 @@ impl App {
         self.maps.look_into_folder()?;
         let mut broken = Vec::new();
         for slot in self.maps.slots() {
+            self.metrics.map_begins(slot.name());
             if let Some(Err(source)) = slot.reload(true, Instant::now()) {
                 self.metrics.reload_failing("map", slot.name(), true);
                 broken.push(ServerError::Map { name: slot.name().to_owned(), source });
@@ -115,6 +134,27 @@ impl App {
         if broken.len() == slots.len() { Readiness::Not("no map") } else { Readiness::Ready { broken } }
     }
 
+    /// Counts and times, as they are now.
+    pub(crate) fn metrics_text(&self) -> String {
+        self.metrics.text(&Now {
+            queued: self.pool.queued(),
+            busy: self.pool.busy(),
+            connections: self.connections.open(),
+            ready: matches!(self.readiness(), Readiness::Ready { .. }),
+        })
+    }
+
+    /// Waits for the last traces to be sent, no longer than that.
+    #[cfg_attr(not(feature = "opentelemetry"), expect(clippy::unused_self, reason = "there are no traces"))]
+    pub(crate) fn flush_traces(&self, patience: Duration) {
+        #[cfg(feature = "opentelemetry")]
+        if let Some(traces) = &self.traces {
+            traces.flush(patience);
+        }
+        #[cfg(not(feature = "opentelemetry"))]
+        let _ = patience;
+    }
+
     /// A request was answered; counted once the service is about to end.
     pub(crate) fn answered(&self) {
         if self.is_closing() {
@@ -136,6 +176,29 @@ impl App {
     pub(crate) fn is_closing(&self) -> bool {
         self.closing.load(Ordering::Relaxed)
     }
+}
+
+/// What there is to count, at zero.
+fn metrics(options: &ServerOptions) -> Metrics {
+    Metrics::new(&MetricsOptions {
+        workers: options.workers.get(),
+        queue: options.queue.get(),
+        connections: options.connections.get(),
+        version: env!("CARGO_PKG_VERSION"),
+        log: options.log.as_ref(),
+        requests: &problem::kinds_of_queries(),
+    })
+}
+
+#[cfg(feature = "opentelemetry")]
+fn start_traces(options: &ServerOptions, metrics: &mut Metrics) -> Result<Option<Traces>, ServerError> {
+    let start = |url: &String| Traces::start(url, env!("CARGO_PKG_VERSION"));
+    let traces = options.otlp.as_ref().map(start).transpose();
+    let traces = traces.map_err(|source| ServerError::Collector { source })?;
+    if let Some(traces) = &traces {
+        metrics.count_spans_of(traces);
+    }
+    Ok(traces)
 }
 
 /// Without tokens there is nobody to reserve anything for.

@@ -1,83 +1,91 @@
-//! Who may ask: bearer tokens, kept as hashes, each with its own allowance.
-//!
-//! # The file
-//! One token a line: a name for people, the SHA-256 of the token in hexadecimal, and optionally `operator`, which also
-//! allows reading the metrics. Empty lines and lines beginning with `#` do not count. A file without tokens is an error,
-//! unless the line `nobody` says that it is meant.
-//!
-//! A token must be a long random string (`openssl rand -hex 32`): then its plain hash can neither be reversed nor
-//! guessed, and salting or stretching would only cost time on every request.
+//! Who asks: bearer tokens by the list of the file (`veiloc-access`), each with its own allowance.
 
 use std::collections::HashMap;
 use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
-use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use axum::http::HeaderMap;
 use axum::http::header::AUTHORIZATION;
 use governor::clock::{Clock, DefaultClock};
 use governor::{DefaultDirectRateLimiter, NotUntil, Quota, RateLimiter};
-use sha2::{Digest as _, Sha256};
-use veiloc_admission::TokenKey;
+use veiloc_access::{Entry, Moment, TokenKey, TokenList};
+use veiloc_observe::Trail;
 
-use crate::error::ServerError;
 use crate::options::RateLimit;
 use crate::problem::Problem;
 
-/// What a token allows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Role {
-    /// Localization, maps and profiles.
-    Client,
-    /// The same and the metrics.
-    Operator,
-}
-
 /// Who asks.
 pub(crate) struct Caller {
-    digest: [u8; 32],
-    pub(crate) role: Role,
+    key: TokenKey,
+    /// What the operator calls it; empty where no token is asked for.
+    name: Arc<str>,
+    /// Its line of the file; `None` where no token is asked for.
+    entry: Option<Entry>,
+    allowance: Arc<Allowance>,
+}
+
+/// How often a token may ask. It outlives a change of what else the token is worth.
+struct Allowance {
     limiter: DefaultDirectRateLimiter,
-    /// What the allowance lets through at once.
+    /// What it lets through at once.
     burst: NonZeroU32,
+}
+
+impl Allowance {
+    fn new(rate: RateLimit) -> Arc<Self> {
+        let quota = Quota::per_second(rate.per_second).allow_burst(rate.burst);
+        Arc::new(Self { limiter: RateLimiter::direct(quota), burst: rate.burst })
+    }
 }
 
 // Neither token nor hash is ever printed.
 impl fmt::Debug for Caller {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Caller({:?})", self.role)
+        f.write_str("Caller")
     }
 }
 
 impl Caller {
-    fn new(digest: [u8; 32], role: Role, rate: RateLimit) -> Self {
-        let quota = Quota::per_second(rate.per_second).allow_burst(rate.burst);
-        Self { digest, role, limiter: RateLimiter::direct(quota), burst: rate.burst }
+    /// Says in the trail of a request whose it is.
+    pub(crate) fn sign(&self, trail: &Trail) {
+        if !self.name.is_empty() {
+            trail.asked_by(self.name.clone());
+        }
     }
 
     /// Which token it brought.
     pub(crate) const fn key(&self) -> TokenKey {
-        TokenKey::of_digest(self.digest)
+        self.key
+    }
+
+    /// Whether it may read the metrics.
+    pub(crate) fn is_operator(&self) -> bool {
+        self.entry.as_ref().is_none_or(|entry| entry.operator)
+    }
+
+    /// Whether it may ask for a map of this name, whether or not there is one.
+    pub(crate) fn may_ask_for(&self, map: &str) -> bool {
+        self.entry.as_ref().is_none_or(|entry| entry.may_ask_for(map))
     }
 
     /// Takes one request from the allowance.
     pub(crate) fn spend(&self) -> Result<(), Problem> {
-        self.limiter.check().map_err(|until| used_up(&until))
+        self.allowance.limiter.check().map_err(|until| used_up(&until))
     }
 
     /// Takes the rest of a session of so many images, of which the request itself has taken one: as much as they would one
     /// by one, all or nothing.
     pub(crate) fn spend_session(&self, images: usize) -> Result<(), Problem> {
-        let too_long = || Problem::SessionTooLong { most: self.burst };
+        let too_long = || Problem::SessionTooLong { most: self.allowance.burst };
         let rest = u32::try_from(images.saturating_sub(1)).map_err(|_| too_long())?;
         let Some(rest) = NonZeroU32::new(rest) else { return Ok(()) };
         // What is never there at once must not be waited for.
-        if rest >= self.burst {
+        if rest >= self.allowance.burst {
             return Err(too_long());
         }
-        self.limiter.check_n(rest).map_err(|_| too_long())?.map_err(|until| used_up(&until))
+        self.allowance.limiter.check_n(rest).map_err(|_| too_long())?.map_err(|until| used_up(&until))
     }
 }
 
@@ -95,8 +103,7 @@ pub(crate) fn seconds_up(wait: Duration) -> NonZeroU64 {
 pub(crate) enum Callers {
     /// Everybody, with one allowance for all.
     Anyone(Arc<Caller>),
-    /// Who has one of these tokens, found by its hash. Whoever tries tokens cannot choose their hashes, so how long the
-    /// search takes tells them nothing.
+    /// Who has one of these tokens, found by its hash. Why the time this takes tells nobody anything: `veiloc-access`.
     Tokens(HashMap<TokenKey, Arc<Caller>>),
     /// Nobody, for want of a valid file of tokens.
     Closed,
@@ -105,51 +112,28 @@ pub(crate) enum Callers {
 impl Callers {
     /// No file of tokens.
     pub(crate) fn anyone(rate: RateLimit) -> Self {
-        Self::Anyone(Arc::new(Caller::new([0; 32], Role::Operator, rate)))
+        let key = TokenKey::of_digest([0; 32]);
+        Self::Anyone(Arc::new(Caller {
+            key,
+            name: Arc::default(),
+            entry: None,
+            allowance: Allowance::new(rate),
+        }))
     }
 
-    /// Reads what the file of tokens at `path` holds. Tokens that were known before keep what is left of their allowance.
-    ///
-    /// # Errors
-    /// A line that is none, and a file without any token: an unfinished write looks like that. That nobody may ask is said
-    /// by the line `nobody`.
-    pub(crate) fn parse(
-        bytes: &[u8],
-        path: &Path,
-        rate: RateLimit,
-        before: Option<&Self>,
-    ) -> Result<Self, ServerError> {
-        let at = |line, reason| ServerError::Tokens { path: path.to_owned(), line, reason };
-        let text = std::str::from_utf8(bytes).map_err(|_| at(1, "the file is no text"))?;
-        let mut all: HashMap<TokenKey, Arc<Caller>> = HashMap::new();
-        let mut nobody = false;
-        for (i, line) in text.lines().enumerate() {
-            let line = line.trim();
-            if line.is_empty() || line.starts_with('#') {
-                continue;
-            }
-            if line == "nobody" {
-                nobody = true;
-                continue;
-            }
-            let wrong = |reason| at(i + 1, reason);
-            let (digest, role) = parse(line).map_err(wrong)?;
-            let known = match before {
-                Some(Self::Tokens(before)) => {
-                    before.get(&TokenKey::of_digest(digest)).filter(|c| c.role == role)
-                }
-                _ => None,
-            };
-            let caller = known.cloned().unwrap_or_else(|| Arc::new(Caller::new(digest, role, rate)));
-            if all.insert(TokenKey::of_digest(digest), caller).is_some() {
-                return Err(wrong("this token is there twice"));
-            }
-        }
-        match (nobody, all.is_empty()) {
-            (true, false) => Err(at(1, "there are tokens, and the line `nobody` says that there are none")),
-            (false, true) => Err(ServerError::NoTokens { path: path.to_owned() }),
-            _ => Ok(Self::Tokens(all)),
-        }
+    /// Those of a list. Tokens that were known before keep what is left of their allowance.
+    pub(crate) fn of(list: &TokenList, rate: RateLimit, before: Option<&Self>) -> Self {
+        let allowance = |key: &TokenKey| match before {
+            Some(Self::Tokens(before)) => before.get(key).map(|caller| caller.allowance.clone()),
+            _ => None,
+        };
+        let caller = |entry: &Entry| {
+            let key = entry.key();
+            let allowance = allowance(&key).unwrap_or_else(|| Allowance::new(rate));
+            let name = entry.name().into();
+            (key, Arc::new(Caller { key, name, entry: Some(entry.clone()), allowance }))
+        };
+        Self::Tokens(list.entries().iter().map(caller).collect())
     }
 
     /// Whether tokens are asked for.
@@ -170,14 +154,20 @@ impl Callers {
 
     /// Who sent these headers.
     pub(crate) fn identify(&self, headers: &HeaderMap) -> Result<Arc<Caller>, Problem> {
+        self.identify_at(headers, Moment::of(SystemTime::now()))
+    }
+
+    /// A token that has expired is no other than one that nobody knows.
+    fn identify_at(&self, headers: &HeaderMap, now: Moment) -> Result<Arc<Caller>, Problem> {
         let callers = match self {
             Self::Anyone(caller) => return Ok(caller.clone()),
             Self::Closed => return Err(Problem::NoTokens),
             Self::Tokens(callers) => callers,
         };
         let token = headers.get(AUTHORIZATION).and_then(|value| bearer(value.as_bytes()));
-        let digest: [u8; 32] = Sha256::digest(token.ok_or(Problem::Unauthenticated)?).into();
-        callers.get(&TokenKey::of_digest(digest)).cloned().ok_or(Problem::Unauthenticated)
+        let key = TokenKey::of_token(token.ok_or(Problem::Unauthenticated)?);
+        let known = callers.get(&key).filter(|c| c.entry.as_ref().is_none_or(|e| !e.has_expired(now)));
+        known.cloned().ok_or(Problem::Unauthenticated)
     }
 }
 
@@ -185,28 +175,6 @@ impl Callers {
 fn bearer(value: &[u8]) -> Option<&[u8]> {
     let (scheme, token) = value.split_at_checked(7)?;
     (scheme.eq_ignore_ascii_case(b"bearer ") && !token.is_empty()).then(|| token.trim_ascii())
-}
-
-fn parse(line: &str) -> Result<([u8; 32], Role), &'static str> {
-    let mut words = line.split_whitespace();
-    let (Some(_name), Some(hex)) = (words.next(), words.next()) else {
-        return Err("a name and the SHA-256 of the token are needed, with a space between them");
-    };
-    let role = match (words.next(), words.next()) {
-        (None, _) => Role::Client,
-        (Some("operator"), None) => Role::Operator,
-        _ => return Err("only the word `operator` may follow the SHA-256"),
-    };
-    let digit = |c: u8| (c as char).to_digit(16);
-    let hex = hex.as_bytes();
-    let mut digest = [0; 32];
-    if hex.len() != 64 || !hex.iter().all(|c| digit(*c).is_some()) {
-        return Err("the second word is not a SHA-256: 64 hexadecimal digits (and never the token itself)");
-    }
-    for (byte, pair) in digest.iter_mut().zip(hex.chunks_exact(2)) {
-        *byte = pair.iter().fold(0, |value, c| value << 4 | digit(*c).unwrap_or(0) as u8);
-    }
-    Ok((digest, role))
 }
 
 #[cfg(test)]
@@ -220,8 +188,8 @@ mod tests {
     /// `printf %s other | openssl dgst -sha256`
     const OTHER: &str = "d9298a10d1b0735837dc4bd85dac641b0f3cef27a47e5d53a54f2f3f5b2fcffa";
 
-    fn read(text: &str, before: Option<&Callers>) -> Result<Callers, ServerError> {
-        Callers::parse(text.as_bytes(), Path::new("tokens"), RATE, before)
+    fn read(text: &str, before: Option<&Callers>) -> Callers {
+        Callers::of(&TokenList::parse(text.as_bytes()).expect("a file of tokens"), RATE, before)
     }
 
     fn headers(value: &str) -> HeaderMap {
@@ -231,14 +199,12 @@ mod tests {
     #[test]
     fn only_who_has_a_token_is_known() {
         let text = format!("# phones\n\nphone {SECRET}\nops {} operator\n", OTHER.to_uppercase());
-        let callers = read(&text, None).expect("a file of tokens");
-        for (value, role) in [
-            ("Bearer secret", Role::Client),
-            ("bearer  secret ", Role::Client),
-            ("BEARER other", Role::Operator),
-        ] {
+        let callers = read(&text, None);
+        for (value, operator) in
+            [("Bearer secret", false), ("bearer  secret ", false), ("BEARER other", true)]
+        {
             let caller = callers.identify(&headers(value)).unwrap_or_else(|_| panic!("{value}"));
-            assert_eq!(caller.role, role, "{value}");
+            assert_eq!(caller.is_operator(), operator, "{value}");
         }
         for value in
             ["", "Bearer", "Bearer ", "Bearer secret1", "Basic secret", "secret", &format!("Bearer {SECRET}")]
@@ -246,41 +212,35 @@ mod tests {
             assert!(matches!(callers.identify(&headers(value)), Err(Problem::Unauthenticated)), "{value:?}");
         }
         assert!(callers.identify(&HeaderMap::new()).is_err());
-        let nobody = read("# closed\nnobody\n", None).expect("nobody");
+        let nobody = read("# closed\nnobody\n", None);
         assert!(nobody.is_nobody() && nobody.identify(&headers("Bearer ")).is_err());
         assert!(matches!(Callers::Closed.identify(&headers("Bearer secret")), Err(Problem::NoTokens)));
     }
 
     #[test]
-    fn wrong_lines_are_named_and_never_repeated() {
-        for (line, part) in [
-            ("phone", "a name and the SHA-256"),
-            ("phone hunter2", "64 hexadecimal digits"),
-            (&format!("phone {SECRET} admin"), "operator"),
-            (&format!("phone {SECRET} operator too"), "operator"),
-            (&format!("a {SECRET}\nb {SECRET}"), "twice"),
-            (&format!("a {SECRET}\nnobody"), "nobody"),
-        ] {
-            let error = read(line, None).err().expect("refused").to_string();
-            assert!(error.contains(part) && error.contains("line "), "{error}");
-            assert!(!error.contains("hunter2") && !error.contains(&SECRET[..8]), "{error}");
-        }
-        for empty in ["", "\n\n", "# phones\n"] {
-            assert!(matches!(read(empty, None), Err(ServerError::NoTokens { .. })), "{empty:?}");
-        }
+    fn an_expired_token_is_no_token_and_one_of_some_maps_asks_for_no_other() {
+        let callers = read(&format!("phone {SECRET} maps=lobby expires=2027-01-31"), None);
+        let end: Moment = "2027-01-31".parse().expect("a moment");
+        let before = Moment::of_unix(end.unix() - 1);
+        let caller = callers.identify_at(&headers("Bearer secret"), before).expect("still known");
+        assert!(caller.may_ask_for("lobby") && !caller.may_ask_for("garage") && !caller.is_operator());
+        let expired = callers.identify_at(&headers("Bearer secret"), end);
+        assert!(matches!(expired, Err(Problem::Unauthenticated)));
+        let anyone = Callers::anyone(RATE).identify(&HeaderMap::new()).expect("anyone");
+        assert!(anyone.may_ask_for("garage") && anyone.is_operator());
     }
 
     #[test]
     fn an_allowance_ends_and_survives_a_reload() {
         let text = format!("phone {SECRET}\nother {OTHER}");
-        let callers = read(&text, None).expect("tokens");
+        let callers = read(&text, None);
         let caller = callers.identify(&headers("Bearer secret")).expect("known");
         caller.spend().expect("first");
         caller.spend().expect("burst");
         assert!(matches!(caller.spend(), Err(Problem::RateLimited { .. })));
         // One asks no less because the other asked a lot.
         callers.identify(&headers("Bearer other")).expect("known").spend().expect("its own");
-        let again = read(&format!("renamed {SECRET}"), Some(&callers)).expect("tokens");
+        let again = read(&format!("renamed {SECRET} maps=lobby"), Some(&callers));
         assert!(again.identify(&headers("Bearer secret")).expect("known").spend().is_err());
         assert!(again.identify(&headers("Bearer other")).is_err(), "taken from the file");
     }

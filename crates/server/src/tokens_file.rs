@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use sha2::{Digest as _, Sha256};
+use veiloc_access::TokenList;
 
 use crate::error::ServerError;
 use crate::options::RateLimit;
@@ -55,7 +56,7 @@ impl TokensFile {
         stale: Duration,
     ) -> Result<(Self, Arc<Callers>), ServerError> {
         let bytes = read(path)?;
-        let callers = Arc::new(Callers::parse(&bytes, path, rate, None)?);
+        let callers = Arc::new(Callers::of(&parse(&bytes, path)?, rate, None));
         let state = Mutex::new(State { taken: hash(&bytes), callers: callers.clone(), failing: None });
         Ok((Self { path: path.to_owned(), rate, stale, state }, callers))
     }
@@ -75,7 +76,8 @@ impl TokensFile {
             if digest == state.taken {
                 return Ok((digest, state.callers.clone()));
             }
-            let callers = Callers::parse(&bytes, &self.path, self.rate, Some(&state.callers))?;
+            let list = parse(&bytes, &self.path)?;
+            let callers = Callers::of(&list, self.rate, Some(&state.callers));
             Ok((digest, Arc::new(callers)))
         });
         match valid {
@@ -103,6 +105,10 @@ impl TokensFile {
 
 fn read(path: &Path) -> Result<Vec<u8>, ServerError> {
     std::fs::read(path).map_err(|source| ServerError::Io { path: path.to_owned(), source })
+}
+
+fn parse(bytes: &[u8], path: &Path) -> Result<TokenList, ServerError> {
+    TokenList::parse(bytes).map_err(|source| ServerError::Tokens { path: path.to_owned(), source })
 }
 
 /// SHA-256.

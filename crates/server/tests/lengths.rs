@@ -2,7 +2,7 @@
 
 mod common;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::num::{NonZeroU32, NonZeroUsize};
@@ -109,12 +109,15 @@ fn all_replies_to_queries_have_one_length() {
     for form in FORMS {
         let cases = Cases::new(form);
         let server = Running::start(cases.options());
+        let mut ids = BTreeSet::new();
         let mut lengths: BTreeMap<(usize, bool), Vec<String>> = BTreeMap::new();
         for (what, request) in cases.requests {
             let bytes = bytes_of(server.address, request);
             assert_eq!(kind_of(&bytes), what, "{form}");
             let (head, body) = split(&bytes);
             assert!(head.contains("no-transform"), "{head}");
+            let id = head.split("veiloc-request-id: ").nth(1).and_then(|rest| rest.get(..32)).expect("an id");
+            assert!(ids.insert(id.to_owned()), "{id} comes twice");
             // Answers of version 1 cannot be as long as refusals: their bodies have no room.
             let plain = head.contains("content-type: application/x-protobuf\r\n");
             assert!(plain || body.len() == Answer::PADDED_BYTES, "{form}, {what}: {} bytes", body.len());
@@ -226,7 +229,7 @@ fn records(address: SocketAddr, request: Request) -> (Vec<usize>, String) {
 fn tls_records_of_all_replies_are_the_same() {
     let cases = Cases::new("application/json");
     let mut options = cases.options();
-    options.tls = Some(TlsFiles { cert: data("cert.pem"), key: data("key.pem") });
+    options.tls = Some(TlsFiles { cert: data("cert.pem"), key: data("key.pem"), client_ca: None });
     let server = Running::start(options);
     let mut first = None;
     for (what, request) in cases.requests {

@@ -8,14 +8,9 @@ use std::io::Write;
 use std::sync::{Arc, Mutex};
 
 use common::http::Request;
-use common::{Files, OPERATOR, PHONE, Running, seal_features, truth};
-use rand::SeedableRng;
-use rand_chacha::ChaCha20Rng;
+use common::mark::{MARK, holds_the_mark, marked};
+use common::{Files, OPERATOR, PHONE, Running, truth};
 use tracing_subscriber::fmt::MakeWriter;
-use veiloc_descriptor::{DescriptorKind, Descriptors};
-
-/// Sixteen bytes nothing else would ever write.
-const MARK: &[u8; 16] = b"XqZvKwJyQxVzWkYj";
 
 #[derive(Clone, Default)]
 struct Log(Arc<Mutex<Vec<u8>>>);
@@ -42,46 +37,6 @@ impl<'a> MakeWriter<'a> for Log {
     fn make_writer(&'a self) -> Self {
         self.clone()
     }
-}
-
-/// The mark in all forms in which a program might print bytes; a third of it is enough to know it.
-fn forms() -> Vec<String> {
-    let list = |f: fn(&u8) -> String, by: &str| MARK[3..8].iter().map(f).collect::<Vec<_>>().join(by);
-    let base64 = |skip: usize| {
-        let alphabet = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-        MARK[skip..skip + 6].chunks(3).fold(String::new(), |text, c| {
-            let bits = u32::from(c[0]) << 16 | u32::from(c[1]) << 8 | u32::from(c[2]);
-            [18, 12, 6, 0]
-                .iter()
-                .fold(text, |t, s| t + &(alphabet[(bits >> s & 63) as usize] as char).to_string())
-        })
-    };
-    vec![
-        String::from_utf8(MARK[3..8].to_vec()).expect("ASCII"),
-        list(|b| format!("{b:02x}"), ""),
-        list(|b| format!("{b:02X}"), ""),
-        list(|b| format!("{b:02x}"), " "),
-        list(ToString::to_string, ", "),
-        list(ToString::to_string, ","),
-        list(ToString::to_string, " "),
-        base64(0),
-        base64(1),
-        base64(2),
-    ]
-}
-
-fn holds_the_mark(text: &str) -> Option<String> {
-    forms().into_iter().find(|form| text.contains(form))
-}
-
-/// A query whose descriptors all are the mark, eight times.
-fn marked(files: &Files) -> Vec<u8> {
-    let mut features = files.place.features(&truth());
-    let count = features.keypoints.len();
-    features.descriptors =
-        Descriptors::new(DescriptorKind::ROOT_SIFT, MARK.repeat(8 * count)).expect("whole rows");
-    let mut rng = ChaCha20Rng::seed_from_u64(3);
-    seal_features(features, &files.place.camera, &files.place.profile, &mut rng).encode()
 }
 
 #[test]
@@ -120,7 +75,7 @@ fn l8_nothing_of_a_query_is_ever_told() {
         marked(&files)
     };
     let localize = |body: &[u8]| Request::localize(body).token(PHONE);
-    let mut told = String::new();
+    let (mut told, mut ids) = (String::new(), Vec::new());
     for request in [
         localize(&query),
         localize(&good),
@@ -133,6 +88,8 @@ fn l8_nothing_of_a_query_is_ever_told() {
         Request::localize(&query),
         Request::localize(&query).token(PHONE).header("x-mark", mark).header("accept", mark),
         Request::localize(&query).token(PHONE).header("cookie", mark),
+        Request::localize(&query).token(PHONE).header("veiloc-request-id", mark).header("x-request-id", mark),
+        Request::localize(&query).token(PHONE).header("traceparent", mark).header("tracestate", mark),
         Request::post(&format!("/v1/maps/{mark}/localize"), &query).token(PHONE),
         Request::post("/v1/maps/place/localize", &query).token(PHONE).header("content-type", mark),
         Request::post(&format!("/{mark}?{mark}"), &query).token(PHONE),
@@ -142,6 +99,8 @@ fn l8_nothing_of_a_query_is_ever_told() {
     ] {
         let response = request.send(server.address);
         told += &response.head;
+        // What is no HTTP is no request.
+        ids.extend(response.header("veiloc-request-id").map(str::to_owned));
         told += &String::from_utf8_lossy(&response.body);
     }
     told += &server.get("/metrics", OPERATOR).text();
@@ -151,6 +110,21 @@ fn l8_nothing_of_a_query_is_ever_told() {
     assert!(logged.contains("sealed queries read") && logged.contains("wrong-profile"), "{logged}");
     assert_eq!(holds_the_mark(&logged), None, "in the log:\n{logged}");
     assert_eq!(holds_the_mark(&told), None, "in answers or metrics:\n{told}");
+    // Each line of a request has the name that its answer has, and the name of the token it brought.
+    assert_eq!(ids.len(), 18, "all but the head that is none");
+    for id in &ids {
+        let lines: Vec<_> = logged.lines().filter(|line| line.contains(&format!("request={id}"))).collect();
+        assert!(lines.iter().any(|line| line.contains("answered")), "{id} is not in the log:\n{logged}");
+    }
+    let lines_of = |what: &str| logged.lines().filter(|line| line.contains(what)).collect::<Vec<_>>();
+    let read = lines_of("sealed queries read");
+    assert!(read.len() >= 4 && read.iter().all(|line| line.contains("request=")), "{read:?}");
+    for line in lines_of("/localize\" status=200").iter().chain(&lines_of("problem=\"malformed-query\"")) {
+        assert!(line.contains("token=\"someone\""), "{line}");
+    }
+    for line in lines_of("problem=\"unauthenticated\"") {
+        assert!(!line.contains("token="), "{line}");
+    }
     for token in [PHONE, OPERATOR] {
         assert!(!logged.contains(token) && !told.contains(token), "a token was told");
     }

@@ -203,7 +203,8 @@ fn a_full_queue_refuses_and_what_was_accepted_is_answered() {
     let answered = responses.iter().filter(|r| r.status == 200).count();
     let refused: Vec<&Response> = responses.iter().filter(|r| r.status == 503).collect();
     assert_eq!(answered + refused.len(), 24, "nothing but these two");
-    assert!(answered >= 3, "one in work and two waiting, {answered}");
+    // One more where the worker has begun before they are all there.
+    assert!(answered >= 2, "as many as may wait, {answered}");
     assert!(!refused.is_empty(), "24 do not fit where 3 do");
     for response in refused {
         assert_eq!(response.problem(), "queue-full");

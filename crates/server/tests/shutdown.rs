@@ -92,6 +92,9 @@ fn readiness_ends_before_the_listener_does() {
     let last = ask(&Request::localize(&query)).expect("an answer");
     assert_eq!((last.status, last.header("connection")), (200, Some("close")));
     assert!(ask(&Request::get("/readyz")).is_none(), "a connection that is kept is closed in order");
+    eventually("connections that were answered are closed", || {
+        Request::get("/metrics").send(admin).text().contains("veiloc_connections 0\n")
+    });
     server.handle.stop_now();
     let stopped = server.stop();
     assert_eq!(

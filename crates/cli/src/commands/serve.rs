@@ -6,23 +6,36 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
+use clap::{Args as _, FromArgMatches as _};
 use tracing_subscriber::filter::LevelFilter;
 use veiloc_map::MapMemory;
 use veiloc_server::{
-    BadGeoFrame, GeoFrame, LogQueue, MapSource, RateLimit, ServerOptions, Stopped, TlsFiles, run_until_signal,
+    BadGeoFrame, GeoFrame, ListenAddress, LogQueue, MapSource, Origin, RateLimit, ServerOptions, Stopped,
+    TlsFiles, run_until_signal,
 };
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 use veiloc_arguments::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
+use veiloc_arguments::settings::{Settings, layered};
 
 /// Serve maps: sealed queries in over HTTP, poses out.
 ///
 /// Stops on SIGINT or SIGTERM, after answering what it accepted; a second signal ends it at once. Map, token and certificate files may be replaced (by
 /// renaming others over them) while it runs; SIGHUP makes it read them at once. The log goes to stderr and never holds
 /// anything of a query. Addresses, answers and the file of tokens are described in docs/service.md.
+///
+/// Every option may also stand in a file (--config), where `drain-delay = 5` is `--drain-delay 5`, or in the environment,
+/// where it is VEILOC_DRAIN_DELAY. The environment wins over the file, the command line over both. An option that may be
+/// given several times takes a list in the file, and values with `;` between them in the environment.
 #[derive(clap::Args)]
 pub(crate) struct Args {
+    /// A file of settings (TOML) whose keys are these options; relative paths in it are relative to its folder.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Print what holds, and where each value comes from, as such a file; serve nothing.
+    #[arg(long)]
+    print_config: bool,
     /// A map and the name it is served under; several may be given.
     #[arg(long = "map", required_unless_present = "folder", value_name = "NAME=FILE")]
     maps: Vec<NamedMap>,
@@ -37,9 +50,12 @@ pub(crate) struct Args {
     /// the quaternion that turns map axes into east, north, up there, and metres a map unit (1).
     #[arg(long = "geo", value_name = "NAME=LAT,LON,HEIGHT,QW,QX,QY,QZ[,METRES]", allow_hyphen_values = true)]
     geo: Vec<NamedFrame>,
-    /// Where to listen; port 0 for any free one.
-    #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDR:PORT")]
-    listen: SocketAddr,
+    /// Where to listen, an address with a port (0 for any free one) or a Unix socket; several may be given.
+    #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDR:PORT|unix:PATH")]
+    listen: Vec<ListenAddress>,
+    /// Who may connect to Unix sockets: the mode of their files.
+    #[arg(long, default_value = "660", value_parser = mode, value_name = "OCTAL")]
+    socket_mode: Mode,
     /// Where to answer probes and metrics, without token and in plain HTTP: an address that only you reach. Default: the
     /// next port on loopback.
     #[arg(long, value_name = "ADDR:PORT")]
@@ -50,10 +66,17 @@ pub(crate) struct Args {
     /// Private key of the certificate, PEM.
     #[arg(long, requires = "cert", value_name = "FILE")]
     key: Option<PathBuf>,
+    /// Certificates of the authorities that vouch for clients, PEM. With it a client without a certificate of theirs does
+    /// not get through the TLS handshake; who gets through still needs a token.
+    #[arg(long, requires = "cert", value_name = "FILE")]
+    client_ca: Option<PathBuf>,
     /// Speak plain HTTP beyond loopback: for a proxy in front that does TLS.
     #[arg(long)]
     insecure_http: bool,
-    /// Who may ask, a line each: a name, the SHA-256 of the token, and `operator` if it may read the metrics.
+    /// Pages of this origin may ask from within a browser (CORS); several may be given. Default: none.
+    #[arg(long, value_name = "https://HOST")]
+    cors_origin: Vec<Origin>,
+    /// Who may ask: a file that `veiloc token` writes.
     #[arg(long, value_name = "FILE")]
     tokens: Option<PathBuf>,
     /// Seconds that the last valid tokens hold when their file is gone, empty or wrong; then nobody may ask.
@@ -108,6 +131,11 @@ pub(crate) struct Args {
     /// How much to log: off, error, warn, info, debug or trace.
     #[arg(long, default_value = "info", value_name = "LEVEL")]
     log: LevelFilter,
+    /// Send traces to the collector at this address, as OTLP over HTTP (`/v1/traces` is added): for example
+    /// http://127.0.0.1:4318.
+    #[cfg(feature = "opentelemetry")]
+    #[arg(long, value_name = "URL")]
+    otlp: Option<String>,
     /// Log one JSON object a line.
     #[arg(long)]
     log_json: bool,
@@ -115,6 +143,17 @@ pub(crate) struct Args {
     pose: PoseArgs,
     #[command(flatten)]
     matching: MatchArgs,
+}
+
+/// The mode of a file, in octal digits.
+#[derive(Debug, Clone, Copy)]
+struct Mode(u32);
+
+fn mode(text: &str) -> Result<Mode, String> {
+    match u32::from_str_radix(text, 8) {
+        Ok(mode) if mode <= 0o777 && text.bytes().all(|digit| digit.is_ascii_digit()) => Ok(Mode(mode)),
+        _ => Err("three octal digits are expected, such as 660".to_owned()),
+    }
 }
 
 /// Where the bytes of maps are.
@@ -161,7 +200,37 @@ impl FromStr for NamedFrame {
     }
 }
 
-pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+/// The command that reads the command line of `serve`, before files and variables are looked at.
+pub(crate) fn first_look(command: clap::Command) -> clap::Command {
+    command.mut_subcommand("serve", layered)
+}
+
+/// The command with all that must be given, and what excludes what: for all layers together.
+fn complete() -> clap::Command {
+    Args::augment_args(clap::Command::new("serve").bin_name("veiloc serve"))
+}
+
+/// Serves what command line, environment and file say together.
+pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
+    let command = complete();
+    let settings = Settings::of(&command, first, &|name| std::env::var_os(name)).map_err(Failure::refused)?;
+    let line = std::iter::once("veiloc serve".into()).chain(settings.arguments());
+    let args = match command.try_get_matches_from(line).and_then(|all| Args::from_arg_matches(&all)) {
+        Ok(args) => args,
+        Err(error) => {
+            // As if all had been said on the command line. Nothing can be told of a stderr that is gone.
+            let _ = error.print();
+            return Ok(Exit::Usage);
+        }
+    };
+    if first.get_flag("print_config") {
+        ui.print(settings.to_toml().map_err(Failure::refused)?);
+        return Ok(Exit::Success);
+    }
+    serve(&args, ui)
+}
+
+fn serve(args: &Args, ui: &Ui) -> Outcome {
     let mut options = options(args)?;
     let log = LogQueue::start(std::io::stderr())?;
     start_log(args, &log);
@@ -174,7 +243,13 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         }
         let names =
             if listening.maps.is_empty() { "no map yet".to_owned() } else { listening.maps.join(", ") };
-        voice.say(format!("serving {names} on {scheme}://{}", listening.address));
+        for address in &listening.addresses {
+            match address {
+                ListenAddress::Tcp(address) => voice.say(format!("serving {names} on {scheme}://{address}")),
+                // What is behind a proxy of this machine is the proxy's.
+                ListenAddress::Unix(_) => voice.say(format!("serving {names} on {address}")),
+            }
+        }
     });
     let exit = match ended {
         Ok(Stopped { answered, given_up: 0, .. }) => {
@@ -250,14 +325,17 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     let source =
         |map: &NamedMap| MapSource { name: map.name.clone(), path: map.path.clone(), geo: geo(&map.name) };
     let mut options = ServerOptions::new(args.maps.iter().map(source).collect());
-    options.listen = args.listen;
+    options.listen.clone_from(&args.listen);
+    options.socket_mode = args.socket_mode.0;
+    options.cors.clone_from(&args.cors_origin);
     options.maps_folder.clone_from(&args.folder);
     options.map_memory = match args.map_memory {
         Memory::Copied => MapMemory::Copied,
         Memory::Mapped => MapMemory::Mapped,
     };
     if let (Some(cert), Some(key)) = (&args.cert, &args.key) {
-        options.tls = Some(TlsFiles { cert: cert.clone(), key: key.clone() });
+        options.tls =
+            Some(TlsFiles { cert: cert.clone(), key: key.clone(), client_ca: args.client_ca.clone() });
     }
     options.insecure_http = args.insecure_http;
     options.tokens.clone_from(&args.tokens);
@@ -271,7 +349,7 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.connections = args.connections;
     options.connections_per_address = args.connections_per_address;
     options.reserved_connections = args.reserved_connections;
-    options.admin = Some(args.admin_listen.unwrap_or_else(|| ServerOptions::default_admin(args.listen)));
+    options.admin = Some(args.admin_listen.unwrap_or_else(|| ServerOptions::default_admin(&args.listen)));
     let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
     options.timeouts.localize = seconds(args.request_timeout);
     options.timeouts.body = seconds(args.body_timeout);
@@ -280,6 +358,8 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.timeouts.unknown_life = seconds(args.unknown_life);
     options.timeouts.life = seconds(args.connection_life);
     options.watch = Some(seconds(args.watch));
+    #[cfg(feature = "opentelemetry")]
+    options.otlp.clone_from(&args.otlp);
     options.localize = args.matching.options(&args.pose);
     Ok(options)
 }
@@ -297,3 +377,6 @@ fn start_log(args: &Args, queue: &LogQueue) {
     // Fails only when something logs already, which then is what was meant.
     let _ = if args.log_json { log.json().try_init() } else { log.try_init() };
 }
+
+#[cfg(test)]
+mod settings_tests;

@@ -21,19 +21,20 @@ use veiloc_query::{
 use veiloc_robust::{PositionPrior, Stop};
 
 use super::accept::{Form, Unmet};
-use super::admit::admit;
+use super::admit::{admit, wanted};
 use super::body;
-use super::record::ServedMap;
 use super::wishes::Wishes;
 use crate::answer::{answer_of, answer_of_rig};
+use crate::geo::GeoPoseDocument;
 use crate::maps::Hosted;
-use crate::metrics::Outcome;
 use crate::padding::{self, Hidden};
+use crate::panics;
 use crate::pool::{Order, Refused};
-use crate::problem::{Problem, ProblemDocument};
+use crate::problem::Problem;
 use crate::state::App;
 use crate::tokens::Caller;
 use veiloc_admission::Guest;
+use veiloc_observe::{Outcome, Stage, Trail};
 
 /// Where a sealed query was taken.
 ///
@@ -45,30 +46,28 @@ use veiloc_admission::Guest;
         ("veiloc-trusted-only" = Option<bool>, Header, description = "Withhold a doubtful pose: the answer has its doubts and no pose"),
         ("veiloc-near" = Option<String>, Header, description = "Where the camera roughly is: X,Y,Z,SD in map units"),
     ),
-    request_body(content = Vec<u8>, content_type = "application/x-protobuf"),
+    request_body(content(
+        (Vec<u8> = "application/x-protobuf"),
+        (Vec<u8> = "application/octet-stream"),
+    )),
     responses(
-        (status = 200, description = "The pose; with `Accept: application/x-protobuf;version=3` (or `2`) a `veiloc.v1.Answer` of that version, without `version` one of version 1, with `application/geopose+json` a GeoPose", body = AnswerDocument),
-        (status = 400, description = "Not a sealed query of a known version, or an option that is none", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 404, description = "Unknown map", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 406, description = "Nothing but a GeoPose is accepted, of a map nobody tied to Earth", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 408, description = "The body was too slow", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 409, description = "Sealed for another map, or the map is empty", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 413, description = "Longer than any query for this map", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 415, description = "Another media type", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 422, description = "No pose is supported by the query", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 429, description = "Allowance used; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "No room in the queue, or it is too long for an answer in time, or the map is unavailable; see Retry-After", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 504, description = "No pose in time", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 200, description = "The pose, in the form that `Accept` asks for", content(
+            (AnswerDocument = "application/json"),
+            (GeoPoseDocument = "application/geopose+json"),
+            (Vec<u8> = "application/x-protobuf"),
+            (Vec<u8> = "application/x-protobuf;version=2"),
+            (Vec<u8> = "application/x-protobuf;version=3"),
+        )),
 ))]
 pub(super) async fn localize(
     State(app): State<Arc<App>>,
     Extension(guest): Extension<Arc<Guest>>,
+    Extension(trail): Extension<Arc<Trail>>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
     body: Body,
 ) -> Response {
-    serve(app, &guest, name, headers, body, Kind::Query).await
+    serve(app, &guest, trail, name, headers, body, Kind::Query).await
 }
 
 /// What a body holds.
@@ -84,20 +83,17 @@ pub(super) enum Kind {
 pub(super) async fn serve(
     app: Arc<App>,
     guest: &Guest,
+    trail: Arc<Trail>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
     mut body: Body,
     kind: Kind,
 ) -> Response {
-    let mut served = None;
-    let result = match welcome(&app, guest, name, &headers) {
-        Ok(asked) => {
-            served = Some(ServedMap(asked.hosted.name.as_str().into()));
-            answer(&app, asked, kind, &mut body).await
-        }
+    let result = match welcome(&app, guest, &trail, name, &headers) {
+        Ok(asked) => answer(&app, &trail, asked, kind, &mut body).await,
         Err(problem) => Err(problem),
     };
-    let mut response = match result {
+    match result {
         Ok(response) => response,
         Err(problem) => {
             // Of a body that was read nothing is left; one that was too slow is not waited for again.
@@ -106,11 +102,7 @@ pub(super) async fn serve(
             }
             problem.into_response()
         }
-    };
-    if let Some(served) = served {
-        response.extensions_mut().insert(served);
     }
-    response
 }
 
 /// What is known of a request before its body is read.
@@ -125,11 +117,12 @@ struct Request {
 fn welcome(
     app: &App,
     guest: &Guest,
+    trail: &Trail,
     name: Result<Path<String>, PathRejection>,
     headers: &HeaderMap,
 ) -> Result<Request, Problem> {
-    let caller = admit(app, guest, headers)?;
-    let hosted = app.maps.served(&name.map_err(|_| Problem::UnknownMap)?)?;
+    let caller = admit(app, guest, trail, headers)?;
+    let hosted = wanted(app, &caller, name)?;
     let media = headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let media = media.split(';').next().unwrap_or_default().trim();
     let known = ["application/x-protobuf", "application/octet-stream"];
@@ -140,30 +133,40 @@ fn welcome(
     let wishes = Wishes::read(headers)?;
     // Said before anything is spent on an answer that could not be given.
     match Form::negotiate(headers, Form::offered(hosted.geo.is_some(), wishes.trusted_only)) {
-        Ok(form) => Ok(Request { caller, hosted, form, wishes }),
+        Ok(form) => {
+            trail.about(hosted.name.as_str().into());
+            Ok(Request { caller, hosted, form, wishes })
+        }
         Err(Unmet::OnlyGeoPose) => Err(Problem::NotAcceptable),
     }
 }
 
-async fn answer(app: &Arc<App>, request: Request, kind: Kind, body: &mut Body) -> Result<Response, Problem> {
+async fn answer(
+    app: &Arc<App>,
+    trail: &Arc<Trail>,
+    request: Request,
+    kind: Kind,
+    body: &mut Body,
+) -> Result<Response, Problem> {
     let Request { caller, hosted, form, wishes } = request;
-    let started = Instant::now();
+    let (started, begun) = (Instant::now(), trail.elapsed());
     let limit = match kind {
         Kind::Query => hosted.longest_query,
         Kind::Rig => RigMessage::longest(hosted.longest_query),
     };
     let bytes = body::read(body, limit, app.options.timeouts.body).await?;
-    app.metrics.stage("read", started.elapsed());
+    let read = Stage { name: "read", within: None, begun, took: started.elapsed() };
+    app.metrics.stage(read.name, read.took);
+    trail.stage(read);
     let asked = Asked::decode(kind, &bytes).map_err(|e| Problem::of_query(&e))?;
-    tracing::debug!(map = hosted.name, frames = asked.frames(), "sealed queries read");
+    tracing::debug!(request = %trail.id(), map = hosted.name, frames = asked.frames(), "sealed queries read");
     drop(bytes);
     caller.spend_session(asked.frames())?;
 
-    let Done { result, waited } = compute(app, &caller, hosted.clone(), asked, wishes).await?;
-    app.metrics.stage("queue", waited);
+    let result = compute(app, trail, &caller, hosted.clone(), asked, wishes).await?;
     let Found { answer, times } = result.map_err(|error| {
         if matches!(error, LocalizeError::NoPose { .. }) {
-            app.metrics.localization(&hosted.name, Outcome::NotLocalized, None);
+            app.metrics.localization(&hosted.name, Outcome::NotLocalized);
         }
         Problem::of_localization(&error)
     })?;
@@ -171,7 +174,10 @@ async fn answer(app: &Arc<App>, request: Request, kind: Kind, body: &mut Body) -
         AnswerState::Trusted => Outcome::Trusted,
         AnswerState::Doubtful => Outcome::Doubtful,
     };
-    app.metrics.localization(&hosted.name, outcome, Some(&times));
+    app.metrics.localization(&hosted.name, outcome);
+    for (stage, ms) in parts(&times) {
+        app.metrics.stage(stage, ms);
+    }
 
     let answer = if wishes.trusted_only { answer.trusted_only() } else { answer };
     let (body, hidden) = match form {
@@ -197,9 +203,29 @@ fn json(document: &impl Serialize) -> Result<Vec<u8>, Problem> {
     serde_json::to_vec(document).map(padding::json).map_err(|_| Problem::Broken)
 }
 
+/// The parts of a localization, in their order.
+fn parts(times: &StageTimes) -> [(&'static str, Duration); 3] {
+    [("retrieve", times.retrieve_ms), ("match", times.match_ms), ("pose", times.pose_ms)]
+        .map(|(name, ms)| (name, Duration::from_secs_f64(ms.max(0.0) / 1e3)))
+}
+
 struct Done {
     result: Result<Found, LocalizeError>,
     waited: Duration,
+    took: Duration,
+}
+
+impl Done {
+    /// Notes what took how long, of a request that was handed over `begun` after its beginning.
+    fn note(&self, trail: &Trail, begun: Duration) {
+        trail.stage(Stage { name: "queue", within: None, begun, took: self.waited });
+        let mut begun = begun + self.waited;
+        trail.stage(Stage { name: "localize", within: None, begun, took: self.took });
+        for (name, took) in self.result.iter().flat_map(|found| parts(&found.times)) {
+            trail.stage(Stage { name, within: Some("localize"), begun, took });
+            begun += took;
+        }
+    }
 }
 
 /// What is told, and what the stages took.
@@ -266,11 +292,12 @@ impl Drop for StopWhenDropped {
 /// Localizes on a thread of the pool.
 async fn compute(
     app: &Arc<App>,
+    trail: &Trail,
     caller: &Caller,
     hosted: Arc<Hosted>,
     asked: Asked,
     wishes: Wishes,
-) -> Result<Done, Problem> {
+) -> Result<Result<Found, LocalizeError>, Problem> {
     let mut options = app.options.localize.clone();
     if let Some(near) = wishes.near {
         let [x, y, z] = near.center();
@@ -282,9 +309,12 @@ async fn compute(
     let limit = app.options.timeouts.localize;
     // Where no token is asked for, nobody is told apart.
     let order = Order { who: app.tokens.is_some().then(|| caller.key()), rows: asked.rows(), limit };
+    let (id, begun) = (trail.id(), trail.elapsed());
     let work = move |waited: Duration| {
-        let result = asked.localize(&hosted.map, &options, waited.as_secs_f64() * 1e3);
-        Done { result, waited }
+        let started = Instant::now();
+        let queue_ms = waited.as_secs_f64() * 1e3;
+        let result = panics::during(id, || asked.localize(&hosted.map, &options, queue_ms));
+        Done { result, waited, took: started.elapsed() }
     };
     let result = app.pool.submit(order, work).map_err(|refused| match refused {
         Refused::Full { retry_after } => Problem::QueueFull { retry_after },
@@ -293,9 +323,14 @@ async fn compute(
     })?;
     match tokio::time::timeout(limit, result).await {
         Err(_) => Err(Problem::TimedOut { seconds: limit.as_secs().max(1) }),
-        Ok(Ok(done)) => Ok(done),
+        Ok(Ok(done)) => {
+            done.note(trail, begun);
+            app.metrics.stage("queue", done.waited);
+            Ok(done.result)
+        }
         Ok(Err(_)) => {
             tracing::error!(
+                request = %id,
                 map = hosted_name,
                 "localization broke; this is a bug in veiloc, the line before says where"
             );

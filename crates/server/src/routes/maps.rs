@@ -11,13 +11,13 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::admit::admit;
-use super::record::ServedMap;
-use crate::problem::{Problem, ProblemDocument};
+use super::admit::{admit, wanted};
+use crate::problem::Problem;
 use crate::state::App;
 use veiloc_admission::Guest;
+use veiloc_observe::Trail;
 
-/// All maps.
+/// All maps that the token may ask for.
 #[derive(Serialize, ToSchema)]
 pub(super) struct MapList {
     /// In the order the operator gave them, then those of the folder; without those that cannot be opened.
@@ -37,20 +37,20 @@ struct MapEntry {
     profile_id: String,
 }
 
-/// The maps that are served.
+/// The maps that are served and that the token may ask for.
 #[utoipa::path(get, path = "/v1/maps", security(("token" = [])), responses(
-    (status = 200, description = "All maps", body = MapList),
-    (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
-    (status = 429, description = "Allowance used", body = ProblemDocument, content_type = "application/problem+json"),
+    (status = 200, description = "All maps that the token may ask for", body = MapList),
 ))]
 pub(super) async fn list(
     State(app): State<Arc<App>>,
     Extension(guest): Extension<Arc<Guest>>,
+    Extension(trail): Extension<Arc<Trail>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    admit(&app, &guest, &headers)?;
+    let caller = admit(&app, &guest, &trail, &headers)?;
     let slots = app.maps.slots();
-    let maps = slots.iter().filter_map(|slot| slot.current()).map(|hosted| MapEntry {
+    let own = slots.iter().filter(|slot| caller.may_ask_for(slot.name()));
+    let maps = own.filter_map(|slot| slot.current()).map(|hosted| MapEntry {
         name: hosted.name.clone(),
         images: hosted.map.image_count(),
         points: hosted.map.point_count(),
@@ -66,26 +66,23 @@ pub(super) async fn list(
     responses(
         (status = 200, description = "The profile", body = Vec<u8>, content_type = "application/x-protobuf"),
         (status = 304, description = "The one the client has (If-None-Match)"),
-        (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 404, description = "Unknown map", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 429, description = "Allowance used", body = ProblemDocument, content_type = "application/problem+json"),
 ))]
 pub(super) async fn profile(
     State(app): State<Arc<App>>,
     Extension(guest): Extension<Arc<Guest>>,
+    Extension(trail): Extension<Arc<Trail>>,
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    admit(&app, &guest, &headers)?;
-    let hosted = app.maps.served(&name.map_err(|_| Problem::UnknownMap)?)?;
+    let caller = admit(&app, &guest, &trail, &headers)?;
+    let hosted = wanted(&app, &caller, name)?;
+    trail.about(hosted.name.as_str().into());
     let common = [(ETAG, hosted.etag.as_str()), (CACHE_CONTROL, "no-cache")];
-    let mut response = if knows(&headers, &hosted.etag) {
+    Ok(if knows(&headers, &hosted.etag) {
         (StatusCode::NOT_MODIFIED, common).into_response()
     } else {
         (common, [(CONTENT_TYPE, "application/x-protobuf")], hosted.profile.clone()).into_response()
-    };
-    response.extensions_mut().insert(ServedMap(hosted.name.as_str().into()));
-    Ok(response)
+    })
 }
 
 /// Whether the client says that it has this version.

@@ -14,12 +14,12 @@ mod wishes;
 use std::sync::Arc;
 
 use axum::Router;
-use axum::middleware::{from_fn_with_state, map_response};
+use axum::middleware::from_fn_with_state;
 use axum::routing::{get, post};
 
 pub use openapi::openapi_json;
 
-use crate::padding::fill_head;
+use crate::cors::cors;
 use crate::problem::Problem;
 use crate::state::App;
 
@@ -36,7 +36,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/metrics", get(status::metrics))
         .method_not_allowed_fallback(async || Problem::WrongMethod)
         .fallback(async || Problem::NotFound)
-        .layer(map_response(fill_head))
+        .layer(from_fn_with_state(app.clone(), cors))
         .layer(from_fn_with_state(app.clone(), record::record))
         .with_state(app)
 }

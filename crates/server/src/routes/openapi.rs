@@ -1,4 +1,7 @@
-//! All addresses described as an OpenAPI document, and the address of that.
+//! All addresses described as an OpenAPI document, and the address of that. What is the same for many of them, refusals and
+//! headers, is written in by `answers.rs`.
+
+mod answers;
 
 use std::sync::LazyLock;
 
@@ -7,7 +10,9 @@ use axum::response::{IntoResponse, Response};
 use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
 use utoipa::{Modify, OpenApi};
 
+use self::answers::Answers;
 use super::{localize, maps, rig, status};
+use crate::problem::ProblemDocument;
 
 /// This document.
 #[utoipa::path(get, path = "/v1/openapi.json", responses((status = 200, description = "OpenAPI 3.1", body = Object)))]
@@ -39,7 +44,8 @@ pub fn openapi_json() -> String {
         status::ready,
         status::metrics
     ),
-    modifiers(&Bearer)
+    components(schemas(ProblemDocument)),
+    modifiers(&Bearer, &Answers)
 )]
 struct Description;
 

@@ -2,15 +2,16 @@
 
 use std::sync::Arc;
 
+use axum::Extension;
 use axum::extract::{Path, State};
 use axum::http::header::CONTENT_TYPE;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 
 use crate::maps::Named;
-use crate::problem::{Problem, ProblemDocument};
+use crate::problem::Problem;
 use crate::state::{App, Readiness};
-use crate::tokens::Role;
+use veiloc_observe::Trail;
 
 /// Whether the process answers at all.
 #[utoipa::path(get, path = "/healthz", responses((status = 200, description = "It does", body = str)))]
@@ -67,11 +68,15 @@ pub(super) async fn map_ready(
 /// Counts and times for Prometheus. For tokens marked `operator`.
 #[utoipa::path(get, path = "/metrics", security(("token" = [])), responses(
     (status = 200, description = "Text format", body = String, content_type = "application/openmetrics-text"),
-    (status = 401, description = "No valid token", body = ProblemDocument, content_type = "application/problem+json"),
-    (status = 403, description = "Not an operator's", body = ProblemDocument, content_type = "application/problem+json"),
 ))]
-pub(super) async fn metrics(State(app): State<Arc<App>>, headers: HeaderMap) -> Result<Response, Problem> {
-    if app.callers().identify(&headers)?.role != Role::Operator {
+pub(super) async fn metrics(
+    State(app): State<Arc<App>>,
+    Extension(trail): Extension<Arc<Trail>>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let caller = app.callers().identify(&headers)?;
+    caller.sign(&trail);
+    if !caller.is_operator() {
         return Err(Problem::Forbidden);
     }
     Ok(metrics_text(&app))
@@ -83,7 +88,6 @@ pub(super) async fn metrics_for_operator(State(app): State<Arc<App>>) -> Respons
 }
 
 fn metrics_text(app: &App) -> Response {
-    let text = app.metrics.text(app.pool.queued(), app.pool.busy(), app.connections.open());
     let kind = "application/openmetrics-text; version=1.0.0; charset=utf-8";
-    ([(CONTENT_TYPE, kind)], text).into_response()
+    ([(CONTENT_TYPE, kind)], app.metrics_text()).into_response()
 }

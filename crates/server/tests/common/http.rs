@@ -18,6 +18,11 @@ impl Request {
         Self { head: format!("GET {path} HTTP/1.1\r\nhost: test\r\n"), body: Vec::new() }
     }
 
+    /// With any method, and no body.
+    pub fn with_method(method: &str, path: &str) -> Self {
+        Self { head: format!("{method} {path} HTTP/1.1\r\nhost: test\r\n"), body: Vec::new() }
+    }
+
     /// A sealed query for the map `place`.
     pub fn localize(query: &[u8]) -> Self {
         Self::post("/v1/maps/place/localize", query).header("content-type", "application/x-protobuf")

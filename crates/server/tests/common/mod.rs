@@ -2,6 +2,7 @@
 #![allow(dead_code, unreachable_pub)] // each test program uses its own part
 
 pub mod http;
+pub mod mark;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -112,6 +113,7 @@ impl Place {
         Features {
             keypoints: seen.iter().enumerate().map(keypoint).collect(),
             descriptors: self.observed(&seen, &mut ChaCha8Rng::seed_from_u64(5)),
+            global: None,
         }
     }
 
@@ -204,7 +206,7 @@ impl Files {
     pub fn open_options(&self) -> ServerOptions {
         let source = MapSource { name: "place".to_owned(), path: self.path("place.vmap"), geo: None };
         let mut options = ServerOptions::new(vec![source]);
-        options.listen = "127.0.0.1:0".parse().expect("an address");
+        options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
         options.rate.per_second = 100_000.try_into().expect("not zero");
         options.rate.burst = 100_000.try_into().expect("not zero");
         options.watch = None;
@@ -247,7 +249,12 @@ impl Running {
             })
         });
         let (listening, handle) = receiver.recv().expect("the server starts");
-        Self { address: listening.address, listening, handle, thread: Some(thread) }
+        Self {
+            address: listening.address().expect("a TCP listener"),
+            listening,
+            handle,
+            thread: Some(thread),
+        }
     }
 
     /// Stops it and waits; how it ended.

@@ -3,6 +3,8 @@
 //! `Certificate ::= SEQUENCE { tbs SEQUENCE { [0] version OPTIONAL, serial, signature, issuer, validity SEQUENCE { notBefore,
 //! notAfter }, … } … }` (RFC 5280, 4.1); times are `UTCTime` or `GeneralizedTime`, always in UTC and with seconds.
 
+use veiloc_access::Moment;
+
 /// Seconds since 1970; `None` for bytes that are no certificate.
 pub(crate) fn not_after(der: &[u8]) -> Option<i64> {
     let (_, certificate, _) = element(der, SEQUENCE)?;
@@ -33,9 +35,8 @@ pub(crate) fn not_after(der: &[u8]) -> Option<i64> {
         return None;
     }
     let two = |at: usize| number(rest.get(at..at + 2)?);
-    let (month, day) = (two(0)?, two(2)?);
-    let in_range = (1..=12).contains(&month) && (1..=31).contains(&day);
-    in_range.then_some(days(year, month, day) * 86_400 + two(4)? * 3600 + two(6)? * 60 + two(8)?)
+    let moment = Moment::of_calendar([year, two(0)?, two(2)?], [two(4)?, two(6)?, two(8)?])?;
+    Some(moment.unix())
 }
 
 const INTEGER: u8 = 0x02;
@@ -68,14 +69,6 @@ fn element(der: &[u8], tag: u8) -> Option<(u8, &[u8], &[u8])> {
     any(der).filter(|(found, _, _)| *found == tag)
 }
 
-/// Days from 1970-01-01 in the Gregorian calendar (H. Hinnant, `days_from_civil`).
-fn days(year: i64, month: i64, day: i64) -> i64 {
-    let year = if month <= 2 { year - 1 } else { year };
-    let of_era = year.rem_euclid(400);
-    let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
-    year.div_euclid(400) * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468
-}
-
 #[cfg(test)]
 mod tests {
     use rustls::pki_types::CertificateDer;
@@ -84,21 +77,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_calendar_is_right() {
-        // `date -u -d DATE +%s`
-        for (date, seconds) in [
-            ((1970, 1, 1), 0),
-            ((2000, 2, 29), 951_782_400),
-            ((2026, 11, 22), 1_795_305_600),
-            ((2100, 3, 1), 4_107_542_400),
-        ] {
-            assert_eq!(days(date.0, date.1, date.2) * 86_400, seconds, "{date:?}");
-        }
-    }
-
-    #[test]
     fn the_end_of_a_certificate_is_read_and_no_bytes_break_it() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/cert.pem");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../server/tests/data/cert.pem");
         let der = CertificateDer::from_pem_file(path).expect("a certificate");
         // `openssl x509 -enddate -noout -in cert.pem`
         assert_eq!(not_after(&der), Some(4_948_872_643));

@@ -1,4 +1,4 @@
-//! A TCP stream that can be asked whether its other side has left, while somebody else reads and writes it.
+//! A stream of TCP or of a Unix socket that can be asked whether its other side has left, while somebody else reads and writes it.
 //!
 //! A client that gives up closes its end, and its query must not be computed any more. Reading would tell, but not while
 //! bytes of a next request lie before the end: those are not read before the answer to this one is made. The system knows
@@ -14,32 +14,58 @@ use std::time::Duration;
 use socket2::SockRef;
 use tokio::io::{AsyncRead, AsyncWrite, Interest, ReadBuf};
 use tokio::net::TcpStream;
+#[cfg(unix)]
+use tokio::net::UnixStream;
 
 /// How soon it is noticed that a client has left.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
+/// A connection as it was accepted.
+pub enum Stream {
+    /// Of TCP.
+    Tcp(TcpStream),
+    /// Of a Unix socket.
+    #[cfg(unix)]
+    Unix(UnixStream),
+}
+
+/// Does the same with either kind.
+macro_rules! either {
+    ($stream:expr, $inner:ident => $done:expr) => {
+        match $stream {
+            Stream::Tcp($inner) => $done,
+            #[cfg(unix)]
+            Stream::Unix($inner) => $done,
+        }
+    };
+}
+
 /// The stream to read and write.
-pub(crate) struct Shared(Arc<TcpStream>);
+pub struct Shared(Arc<Stream>);
 
 /// The stream to ask.
 #[derive(Clone)]
-pub(crate) struct Peer(Arc<TcpStream>);
+pub struct Peer(Arc<Stream>);
 
-/// Both.
-pub(crate) fn share(stream: TcpStream) -> (Shared, Peer) {
-    let stream = Arc::new(stream);
-    (Shared(stream.clone()), Peer(stream))
+impl Stream {
+    /// Both sides of it.
+    pub fn share(self) -> (Shared, Peer) {
+        let stream = Arc::new(self);
+        (Shared(stream.clone()), Peer(stream))
+    }
 }
 
 impl Peer {
     /// Whether the other side has closed its end, or the connection broke.
     fn has_left(&self) -> bool {
-        let ready = pin!(self.0.ready(Interest::READABLE));
-        match ready.poll(&mut Context::from_waker(Waker::noop())) {
-            Poll::Ready(Ok(ready)) => ready.is_read_closed(),
-            Poll::Ready(Err(_)) => true,
-            Poll::Pending => false,
-        }
+        either!(&*self.0, stream => {
+            let ready = pin!(stream.ready(Interest::READABLE));
+            match ready.poll(&mut Context::from_waker(Waker::noop())) {
+                Poll::Ready(Ok(ready)) => ready.is_read_closed(),
+                Poll::Ready(Err(_)) => true,
+                Poll::Pending => false,
+            }
+        })
     }
 
     /// Waits until it has left while `waits` is so: with nothing going on, reading tells.
@@ -60,8 +86,8 @@ impl AsyncRead for Shared {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         loop {
-            ready!(self.0.poll_read_ready(context))?;
-            match self.0.try_read(buffer.initialize_unfilled()) {
+            ready!(either!(&*self.0, stream => stream.poll_read_ready(context)))?;
+            match either!(&*self.0, stream => stream.try_read(buffer.initialize_unfilled())) {
                 Ok(count) => {
                     buffer.advance(count);
                     return Poll::Ready(Ok(()));
@@ -76,8 +102,8 @@ impl AsyncRead for Shared {
 impl AsyncWrite for Shared {
     fn poll_write(self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         loop {
-            ready!(self.0.poll_write_ready(context))?;
-            match self.0.try_write(bytes) {
+            ready!(either!(&*self.0, stream => stream.poll_write_ready(context)))?;
+            match either!(&*self.0, stream => stream.try_write(bytes)) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 written => return Poll::Ready(written),
             }
@@ -89,6 +115,6 @@ impl AsyncWrite for Shared {
     }
 
     fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Poll::Ready(SockRef::from(&*self.0).shutdown(Shutdown::Write))
+        Poll::Ready(either!(&*self.0, stream => SockRef::from(stream).shutdown(Shutdown::Write)))
     }
 }

@@ -9,7 +9,7 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(60);
 
 /// What is known of the states a file was in. A state counts as read only when all of it was.
 #[derive(Debug)]
-pub(crate) struct Attempts<S> {
+pub struct Attempts<S> {
     taken: Option<S>,
     failed: Option<Failed<S>>,
 }
@@ -29,7 +29,7 @@ impl<S> Default for Attempts<S> {
 
 impl<S: PartialEq> Attempts<S> {
     /// Whether a file in this state is to be read now.
-    pub(crate) fn is_due(&self, state: &S, now: Instant) -> bool {
+    pub fn is_due(&self, state: &S, now: Instant) -> bool {
         match &self.failed {
             // The same that failed before: what is missing may be memory or open files, so it is tried again.
             Some(failed) if failed.state == *state => now >= failed.again,
@@ -39,13 +39,13 @@ impl<S: PartialEq> Attempts<S> {
     }
 
     /// It was read in this state from its beginning to its end.
-    pub(crate) fn took(&mut self, state: S) {
+    pub fn took(&mut self, state: S) {
         self.taken = Some(state);
         self.failed = None;
     }
 
     /// It could not be read, or not be used.
-    pub(crate) fn failed(&mut self, state: S, now: Instant) {
+    pub fn failed(&mut self, state: S, now: Instant) {
         let times = match &self.failed {
             Some(before) if before.state == state => before.times.saturating_add(1),
             _ => 1,
@@ -55,7 +55,7 @@ impl<S: PartialEq> Attempts<S> {
     }
 
     /// Whether the last attempt failed.
-    pub(crate) const fn is_failing(&self) -> bool {
+    pub const fn is_failing(&self) -> bool {
         self.failed.is_some()
     }
 }

@@ -8,27 +8,20 @@
 use std::fmt;
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::time::{Duration, Instant};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::Duration;
 
 use prometheus_client::metrics::counter::Counter;
+
+use crate::waiting::{Sender, Waiting, queue};
 
 /// Lines that may wait to be written: a second of the busiest service, about a megabyte.
 const LINES: NonZeroUsize = NonZeroUsize::MIN.saturating_add(4095);
 
-/// Pause between two attempts to get the wish to flush into a full queue.
-const PAUSE: Duration = Duration::from_millis(5);
-
-enum Message {
-    Line(Vec<u8>),
-    /// Everything before it is written when this is answered.
-    Flush(SyncSender<()>),
-}
-
 /// The queue of lines; clones share it.
 #[derive(Clone)]
 pub struct LogQueue {
-    sender: SyncSender<Message>,
+    sender: Sender<Vec<u8>>,
     dropped: Counter,
 }
 
@@ -48,7 +41,7 @@ impl LogQueue {
     }
 
     fn with_capacity(sink: impl Write + Send + 'static, lines: NonZeroUsize) -> io::Result<Self> {
-        let (sender, receiver) = sync_channel(lines.get());
+        let (sender, receiver) = queue(lines);
         let dropped = Counter::default();
         let writer = Writer { sink, dropped: dropped.clone(), told: 0, torn: false };
         std::thread::Builder::new().name("log".to_owned()).spawn(move || writer.run(&receiver))?;
@@ -70,30 +63,18 @@ impl LogQueue {
         self.dropped.get()
     }
 
+    /// The count of dropped lines, as the metrics show it.
     pub(crate) fn dropped_counter(&self) -> Counter {
         self.dropped.clone()
     }
 
     /// Waits until everything handed over so far is written, no longer than `patience`. Whether it was.
     pub fn flush(&self, patience: Duration) -> bool {
-        let deadline = Instant::now() + patience;
-        let (done, written) = sync_channel(1);
-        let mut wish = Message::Flush(done);
-        loop {
-            match self.sender.try_send(wish) {
-                Ok(()) => break,
-                Err(TrySendError::Full(back)) if Instant::now() < deadline => {
-                    wish = back;
-                    std::thread::sleep(PAUSE);
-                }
-                Err(_) => return false,
-            }
-        }
-        written.recv_timeout(deadline.saturating_duration_since(Instant::now())).is_ok()
+        self.sender.flush(patience)
     }
 
     fn hand_over(&self, line: Vec<u8>) {
-        if self.sender.try_send(Message::Line(line)).is_err() {
+        if !self.sender.hand_over(line) {
             self.dropped.inc();
         }
     }
@@ -127,14 +108,11 @@ struct Writer<W> {
 const QUIET: Duration = Duration::from_millis(200);
 
 impl<W: Write> Writer<W> {
-    fn run(mut self, messages: &Receiver<Message>) {
+    fn run(mut self, messages: &Receiver<Waiting<Vec<u8>>>) {
         loop {
             match messages.recv_timeout(QUIET) {
-                Ok(Message::Line(line)) => self.write(&line),
-                Ok(Message::Flush(done)) => {
-                    // Who asked may have given up.
-                    let _ = done.try_send(());
-                }
+                Ok(Waiting::Item(line)) => self.write(&line),
+                Ok(Waiting::Flush(flushed)) => flushed.tell(),
                 Err(RecvTimeoutError::Timeout) => self.tell_dropped(),
                 Err(RecvTimeoutError::Disconnected) => return,
             }

@@ -1,0 +1,51 @@
+//! What tells one token from another: its hash, which is never printed whole.
+
+use std::fmt;
+
+use sha2::{Digest as _, Sha256};
+
+/// The SHA-256 of a token.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct TokenKey([u8; 32]);
+
+impl TokenKey {
+    /// Of a token with this SHA-256.
+    pub const fn of_digest(digest: [u8; 32]) -> Self {
+        Self(digest)
+    }
+
+    /// Of a token as it was sent.
+    pub fn of_token(token: &[u8]) -> Self {
+        Self(Sha256::digest(token).into())
+    }
+
+    /// The hash of a token in hexadecimal, 64 digits in either case; `None` for anything else.
+    pub fn of_hex(hex: &str) -> Option<Self> {
+        let hex = hex.as_bytes();
+        let digit = |c: u8| (c as char).to_digit(16).map(|value| value as u8);
+        let mut digest = [0; 32];
+        if hex.len() != 64 {
+            return None;
+        }
+        for (byte, pair) in digest.iter_mut().zip(hex.chunks_exact(2)) {
+            *byte = digit(pair[0])? << 4 | digit(pair[1])?;
+        }
+        Some(Self(digest))
+    }
+
+    /// All 64 digits: for the file of tokens, and for nothing else.
+    pub(crate) fn hex(&self) -> String {
+        self.0.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
+    }
+
+    /// The first eight digits: enough to tell which line is meant, nothing to try tokens with.
+    pub fn beginning(&self) -> String {
+        self.hex()[..8].to_owned()
+    }
+}
+
+impl fmt::Debug for TokenKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("TokenKey")
+    }
+}

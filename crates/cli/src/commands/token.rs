@@ -1,0 +1,213 @@
+//! `veiloc token`: the file of tokens by which a service knows who may ask.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use serde::Serialize;
+use veiloc_access::{Entry, Moment, Secret, StoreError, TokenFile, TokenList, added, is_map_name, revoked};
+
+use crate::exit::{Exit, Failure, Outcome};
+use crate::ui::Ui;
+
+/// Make, list and revoke tokens of a service.
+#[derive(clap::Subcommand)]
+pub(crate) enum Command {
+    /// Make a token, and print it: this once, as the file keeps its hash alone.
+    New(NewArgs),
+    /// List the tokens of a file: names, maps and ends.
+    List(ListArgs),
+    /// Take a token out of a file. A running service refuses it as soon as it looks again (`serve --watch`).
+    Revoke(RevokeArgs),
+}
+
+#[derive(clap::Args)]
+pub(crate) struct NewArgs {
+    /// Whose it is: letters, digits, `-`, `_`, `.`, `@`, `+`.
+    name: String,
+    /// The file of tokens (`serve --tokens`); a new one can be read by its owner alone.
+    #[arg(long, value_name = "FILE")]
+    tokens: PathBuf,
+    /// The maps that it may ask for, with commas. Default: all.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = map_name, conflicts_with = "operator")]
+    maps: Vec<String>,
+    /// From when on it is worth nothing: a day, which begins in UTC, or a second. Default: never.
+    #[arg(long, value_name = "DATE", conflicts_with = "days")]
+    expires: Option<Moment>,
+    /// So many days from now on it is worth nothing. Default: never.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    days: Option<u32>,
+    /// It may also read the metrics, which tell of every map.
+    #[arg(long)]
+    operator: bool,
+}
+
+#[derive(clap::Args)]
+pub(crate) struct ListArgs {
+    /// The file of tokens.
+    #[arg(long, value_name = "FILE")]
+    tokens: PathBuf,
+    /// Print one JSON document.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::Args)]
+pub(crate) struct RevokeArgs {
+    /// The token's name.
+    name: String,
+    /// The file of tokens.
+    #[arg(long, value_name = "FILE")]
+    tokens: PathBuf,
+}
+
+fn map_name(text: &str) -> Result<String, String> {
+    if is_map_name(text) {
+        Ok(text.to_owned())
+    } else {
+        Err("names of maps are expected, with commas between them and no spaces: lobby,garage".to_owned())
+    }
+}
+
+pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
+    match command {
+        Command::New(args) => new(args, ui),
+        Command::List(args) => list(args, ui),
+        Command::Revoke(args) => revoke(args, ui),
+    }
+}
+
+fn new(args: &NewArgs, ui: &Ui) -> Outcome {
+    let now = Moment::of(SystemTime::now());
+    let expires = match args.days {
+        Some(days) => Some(now.days_later(days).ok_or_else(|| too_late(days))?),
+        None => args.expires,
+    };
+    if let Some(end) = expires.filter(|end| *end <= now) {
+        return Err(Failure::with_help(
+            format!("--expires {end}: that is over"),
+            "give a day that is to come",
+        ));
+    }
+    let mut random = [0; 32];
+    getrandom::fill(&mut random)
+        .map_err(|error| Failure::refused(format!("the system has no random numbers: {error}")))?;
+    let secret = Secret::of_random(random);
+    let wrong =
+        |error: &dyn std::fmt::Display| Failure::refused(format!("{}: {error}", args.tokens.display()));
+    let mut entry = Entry::new(&args.name, secret.key()).map_err(Failure::refused)?;
+    entry.operator = args.operator;
+    entry.expires = expires;
+    if !args.maps.is_empty() {
+        entry.grant_maps(args.maps.iter().map(String::as_str)).map_err(Failure::refused)?;
+    }
+    let mut file = TokenFile::open(&args.tokens).map_err(|e| unreadable(&e))?;
+    let text = added(file.text(), &entry).map_err(|e| wrong(&e))?;
+    file.replace(&text).map_err(|e| Failure::output(e.path.display(), &e.source))?;
+    ui.print(format_args!("{}\n", secret.reveal()));
+    ui.say(format_args!(
+        "{} may ask{}. The line above is the token: it is nowhere else, so keep it now.\n\
+         Send it as `Authorization: Bearer TOKEN`, or keep it in a file for `veiloc query send --token-file`.",
+        args.name,
+        worth(&entry)
+    ));
+    Ok(Exit::Success)
+}
+
+fn too_late(days: u32) -> Failure {
+    Failure::with_help(
+        format!("--days {days}: that is after the year 9999"),
+        "leave it out for a token without end",
+    )
+}
+
+fn unreadable(error: &StoreError) -> Failure {
+    Failure::with_help(error, "check that the folder exists, and that both may be written")
+}
+
+/// What a token is worth, in words.
+fn worth(entry: &Entry) -> String {
+    let mut text = String::new();
+    if let Some(maps) = entry.maps() {
+        let _ = write!(text, " for {}", maps.collect::<Vec<_>>().join(", "));
+    }
+    if let Some(end) = entry.expires {
+        let _ = write!(text, " until {end}");
+    }
+    if entry.operator {
+        text += ", and read the metrics";
+    }
+    text
+}
+
+/// A token as it is listed.
+#[derive(Serialize)]
+struct Listed {
+    name: String,
+    /// The first eight digits of its hash.
+    hash: String,
+    operator: bool,
+    /// `null` for all.
+    maps: Option<Vec<String>>,
+    /// `null` for never.
+    expires: Option<String>,
+    expired: bool,
+}
+
+#[derive(Serialize)]
+struct ListDocument {
+    version: u32,
+    tokens: Vec<Listed>,
+}
+
+fn list(args: &ListArgs, ui: &Ui) -> Outcome {
+    let list = read(&args.tokens)?;
+    let now = Moment::of(SystemTime::now());
+    let listed = |entry: &Entry| Listed {
+        name: entry.name().to_owned(),
+        hash: entry.key().beginning(),
+        operator: entry.operator,
+        maps: entry.maps().map(|maps| maps.map(str::to_owned).collect()),
+        expires: entry.expires.map(|end| end.to_string()),
+        expired: entry.has_expired(now),
+    };
+    let tokens: Vec<Listed> = list.entries().iter().map(listed).collect();
+    if args.json {
+        ui.json(&ListDocument { version: 1, tokens })?;
+        return Ok(Exit::Success);
+    }
+    if tokens.is_empty() {
+        ui.say("nobody may ask");
+    }
+    let width = tokens.iter().map(|token| token.name.len()).max().unwrap_or(0);
+    for token in &tokens {
+        let maps = token.maps.as_ref().map_or("all maps".to_owned(), |maps| maps.join(","));
+        let end = match (&token.expires, token.expired) {
+            (None, _) => "without end".to_owned(),
+            (Some(end), false) => format!("until {end}"),
+            (Some(end), true) => format!("expired {end}"),
+        };
+        let operator = if token.operator { "  operator" } else { "" };
+        ui.print(format_args!("{:width$}  {}…  {maps}  {end}{operator}\n", token.name, token.hash));
+    }
+    Ok(Exit::Success)
+}
+
+fn read(path: &Path) -> Result<TokenList, Failure> {
+    let bytes = fs::read(path).map_err(|source| unreadable(&StoreError { path: path.to_owned(), source }))?;
+    TokenList::parse(&bytes).map_err(|error| Failure::refused(format!("{}: {error}", path.display())))
+}
+
+fn revoke(args: &RevokeArgs, ui: &Ui) -> Outcome {
+    // Not made by looking for it.
+    read(&args.tokens)?;
+    let mut file = TokenFile::open(&args.tokens).map_err(|e| unreadable(&e))?;
+    let done = revoked(file.text(), &args.name)
+        .map_err(|error| Failure::refused(format!("{}: {}: {error}", args.tokens.display(), args.name)))?;
+    file.replace(&done.text).map_err(|e| Failure::output(e.path.display(), &e.source))?;
+    let lines = if done.lines > 1 { format!(", {} lines", done.lines) } else { String::new() };
+    let last = if done.was_last { "; it was the last: nobody may ask now" } else { "" };
+    ui.say(format_args!("{} revoked{lines}{last}", args.name));
+    Ok(Exit::Success)
+}

@@ -1,0 +1,70 @@
+//! `veiloc serve` with a file of settings and variables, as an operator starts it.
+
+mod common;
+
+use std::path::Path;
+
+use common::folder;
+
+/// Keys and values of what is printed, without where they come from.
+fn values(printed: &str) -> Vec<&str> {
+    printed.lines().map(|line| line.split(" # ").next().unwrap_or_default()).collect()
+}
+
+/// The example that operators begin with says what it seems to say, and what is printed of it can be given back.
+#[test]
+fn the_example_is_taken_and_printed_so_that_it_reads_the_same() {
+    let folder = folder();
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/veiloc.example.toml");
+    folder.write("veiloc.toml", std::fs::read(example).expect("the example"));
+    let printed = folder.run("serve --config veiloc.toml --print-config").succeeded();
+    for line in [
+        "maps = \"/var/lib/veiloc/maps\" # veiloc.toml, line 6\n",
+        "listen = [\"0.0.0.0:8443\"] # veiloc.toml, line ",
+        "admin-listen = \"127.0.0.1:9100\" # ",
+        "drain-delay = 5.0 # ",
+        "queue = 32 # default\n",
+        "# workers is not given: one a core\n",
+    ] {
+        assert!(printed.stdout.contains(line), "{line}\n{printed}");
+    }
+    folder.write("again.toml", &printed.stdout);
+    let again = folder.run("serve --config again.toml --print-config").succeeded();
+    assert_eq!(values(&again.stdout), values(&printed.stdout));
+
+    let mut command = folder.command("serve --queue 9 --print-config");
+    command.envs([("VEILOC_CONFIG", "veiloc.toml"), ("VEILOC_QUEUE", "8"), ("VEILOC_GRACE", "7")]);
+    let output = command.output().expect("the binary runs");
+    let text = String::from_utf8(output.stdout).expect("text");
+    assert!(
+        text.contains("queue = 9 # --queue\n") && text.contains("grace = 7.0 # VEILOC_GRACE\n"),
+        "{text}"
+    );
+}
+
+#[test]
+fn what_is_wrong_is_told_with_its_line_before_anything_is_opened() {
+    let folder = folder();
+    for (text, flags, code, parts) in [
+        ("maps = \".\"\nquue = 3", "", 1, &["veiloc.toml, line 2", "\"quue\"", "serve --help"][..]),
+        ("queue = \"3\"", "--maps .", 1, &["veiloc.toml, line 1", "a whole number"]),
+        ("geo = [\"a=147,8,0,1,0,0,0\"]", "--maps .", 1, &["veiloc.toml, line 1", "latitude"]),
+        ("listen = [\"localhost\"]", "--maps .", 1, &["veiloc.toml, line 1", "unix:PATH"]),
+        ("cors-origin = [\"*\"]", "--maps .", 1, &["veiloc.toml, line 1", "every page"]),
+        ("socket-mode = \"999\"", "--maps .", 1, &["veiloc.toml, line 1", "octal"]),
+        ("queue = 3", "", 2, &["--map"]),
+        ("maps = \".\"\ncert = \"c.pem\"", "", 2, &["--key"]),
+        ("maps = \".\"\ntokens = \"t\"", "--allow-anonymous", 2, &["cannot be used with"]),
+        ("maps = \".\"", "--client-ca ca.pem", 2, &["--cert"]),
+        ("maps = \".\"\ntokens = \"none\"", "", 1, &["none"]),
+    ] {
+        folder.write("veiloc.toml", text);
+        let run = folder.run(&format!("serve --listen 127.0.0.1:0 --config veiloc.toml {flags}"));
+        assert_eq!(run.code, Some(code), "{text}: {run}");
+        for part in parts {
+            assert!(run.stderr.contains(part), "{part}: {run}");
+        }
+    }
+    let run = folder.run("serve --config none.toml");
+    assert!(run.code == Some(1) && run.stderr.contains("none.toml"), "{run}");
+}

@@ -1,0 +1,76 @@
+//! A name for each request: 128 random bits of the server's own.
+//!
+//! What a client sends as an id of its own is never taken over: it would bring a client's text into the log, and would let
+//! whoever reads the log put requests together that the client did not mean to be one. A counter would tell every client
+//! how many requests there were. As it is the id has the form of a trace id (W3C Trace Context), so log, answer and trace
+//! of a request have one name.
+
+use std::fmt;
+use std::io;
+use std::sync::{Mutex, PoisonError};
+
+use rand_chacha::ChaCha20Rng;
+use rand_chacha::rand_core::{RngCore as _, SeedableRng as _};
+
+/// The name of a request. Printed as 32 hexadecimal digits, always so many.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct RequestId([u8; 16]);
+
+impl RequestId {
+    /// As bytes.
+    pub const fn bytes(&self) -> [u8; 16] {
+        self.0
+    }
+}
+
+impl fmt::Display for RequestId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+/// Where ids are drawn: a cryptographic generator, seeded by the system once, so that no request can fail for want of
+/// randomness.
+#[derive(Debug)]
+pub struct RequestIds(Mutex<ChaCha20Rng>);
+
+impl RequestIds {
+    /// A generator with a seed of its own.
+    ///
+    /// # Errors
+    /// The system has no randomness to give.
+    pub fn start() -> io::Result<Self> {
+        let mut seed = [0; 32];
+        getrandom::fill(&mut seed).map_err(|error| io::Error::other(error.to_string()))?;
+        Ok(Self(Mutex::new(ChaCha20Rng::from_seed(seed))))
+    }
+
+    /// The next one; never all zeros, which is no trace id.
+    #[allow(clippy::should_implement_trait)] // an endless iterator that is shared would be odd
+    pub fn next(&self) -> RequestId {
+        let mut bytes = [0; 16];
+        let mut generator = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        while bytes == [0; 16] {
+            generator.fill_bytes(&mut bytes);
+        }
+        RequestId(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use super::*;
+
+    #[test]
+    fn ids_differ_and_are_equally_long() {
+        let (first, second) = (RequestIds::start().expect("random"), RequestIds::start().expect("random"));
+        let all: HashSet<String> =
+            (0..1000).flat_map(|_| [first.next(), second.next()]).map(|id| id.to_string()).collect();
+        assert_eq!(all.len(), 2000);
+        let hex = |id: &String| id.len() == 32 && id.bytes().all(|c| b"0123456789abcdef".contains(&c));
+        assert!(all.iter().all(hex));
+        assert_eq!(RequestId([0x0A; 16]).to_string(), "0a".repeat(16));
+    }
+}

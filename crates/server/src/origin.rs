@@ -1,0 +1,105 @@
+//! An origin as browsers say it: whose pages may ask (`cors.rs`).
+
+use std::fmt;
+use std::str::FromStr;
+
+use axum::http::HeaderValue;
+
+/// Scheme, host and port, as a browser says them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Origin(HeaderValue);
+
+/// A text that is no origin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "https://HOST or https://HOST:PORT is expected, in small letters and without a path (http:// for localhost alone); `*` \
+     would let every page ask, and is not offered"
+)]
+pub struct BadOrigin;
+
+impl FromStr for Origin {
+    type Err = BadOrigin;
+
+    fn from_str(text: &str) -> Result<Self, BadOrigin> {
+        let (scheme, authority) = text.split_once("://").ok_or(BadOrigin)?;
+        let (host, port) = match authority.rsplit_once(':') {
+            Some((host, port)) if !host.starts_with('[') || host.ends_with(']') => (host, Some(port)),
+            _ => (authority, None),
+        };
+        let allowed = |c: u8| {
+            c.is_ascii_lowercase() || c.is_ascii_digit() || matches!(c, b'-' | b'.' | b'[' | b']' | b':')
+        };
+        let is_host = !host.is_empty() && host.bytes().all(allowed);
+        // A browser leaves out the port that the scheme has anyway, so such an origin would never match.
+        let is_port = port.is_none_or(|port| {
+            port.parse::<u16>().is_ok_and(|n| n > 0 && n.to_string() == port)
+                && !matches!((scheme, port), ("https", "443") | ("http", "80"))
+        });
+        let is_here = matches!(host, "localhost" | "127.0.0.1" | "[::1]");
+        let is_scheme = scheme == "https" || scheme == "http" && is_here;
+        if !(is_host && is_port && is_scheme) {
+            return Err(BadOrigin);
+        }
+        HeaderValue::try_from(text).map(Self).map_err(|_| BadOrigin)
+    }
+}
+
+impl Origin {
+    /// Whether a browser says this one.
+    pub(crate) fn is(&self, said: &HeaderValue) -> bool {
+        self.0 == said
+    }
+}
+
+impl From<Origin> for HeaderValue {
+    fn from(origin: Origin) -> Self {
+        origin.0
+    }
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.0.to_str().unwrap_or_default())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn origins_are_as_a_browser_says_them() {
+        for good in [
+            "https://app.example",
+            "https://app.example:8443",
+            "https://xn--bcher-kva.example",
+            "http://localhost:5173",
+            "http://127.0.0.1:8000",
+            "http://[::1]:8000",
+            "https://[2001:db8::1]",
+        ] {
+            assert_eq!(good.parse::<Origin>().map(|origin| origin.to_string()).as_deref(), Ok(good));
+        }
+        for bad in [
+            "*",
+            "null",
+            "",
+            "app.example",
+            "http://app.example",
+            "https://",
+            "https://*.example",
+            "https://app.example/",
+            "https://app.example:443",
+            "http://localhost:80",
+            "https://app.example:",
+            "https://app.example:0",
+            "https://app.example:99999",
+            "https://App.example",
+            "https://app.example, https://b.example",
+            "https://user@app.example",
+            "file://x",
+        ] {
+            assert_eq!(bad.parse::<Origin>(), Err(BadOrigin), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! Damaged copies of good inputs, the same in every run.
+
+/// Numbers that look random and are the same in every run (splitmix64).
+pub struct Numbers(pub u64);
+
+impl Numbers {
+    /// A number below `bound`, or 0.
+    pub fn below(&mut self, bound: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) % bound.max(1) as u64) as usize
+    }
+
+    /// One to four damages: another byte, another bit, an end cut off, a part twice, a number at an edge.
+    pub fn damaged(&mut self, seed: &[u8], other: &[u8]) -> Vec<u8> {
+        let mut bytes = seed.to_vec();
+        for _ in 0..=self.below(4) {
+            let at = self.below(bytes.len());
+            match self.below(6) {
+                0 if at < bytes.len() => bytes[at] = self.below(256) as u8,
+                1 if at < bytes.len() => bytes[at] ^= 1 << self.below(8),
+                2 => bytes.truncate(at),
+                3 => {
+                    let part = bytes[at..(at + self.below(64)).min(bytes.len())].to_vec();
+                    bytes.splice(at..at, part);
+                }
+                4 if at + 8 <= bytes.len() => {
+                    let edge = [0, 1, u64::MAX, u64::from(u32::MAX), 1 << 31, 1 << 63][self.below(6)];
+                    bytes[at..at + 8].copy_from_slice(&edge.to_le_bytes());
+                }
+                _ => {
+                    let from = self.below(other.len());
+                    bytes.truncate(at);
+                    bytes.extend(&other[from..]);
+                }
+            }
+        }
+        bytes
+    }
+}
+
+/// Holds `property` on the files of a folder, all of the ending `extension`, and on `count` damaged copies of them
+/// (the environment's `VEILOC_DAMAGED` says another number).
+///
+/// # Panics
+/// When there is no such file, or one of another ending, and where the property does.
+pub fn hold_on_files(folder: &std::path::Path, extension: &str, count: usize, property: impl Fn(&[u8])) {
+    let mut paths: Vec<_> =
+        std::fs::read_dir(folder).expect("seeds").map(|entry| entry.expect("an entry").path()).collect();
+    paths.sort();
+    let seeds: Vec<Vec<u8>> = paths.iter().map(|path| std::fs::read(path).expect("a seed")).collect();
+    assert!(!seeds.is_empty() && paths.iter().all(|path| path.extension().is_some_and(|e| e == extension)));
+    let count = std::env::var("VEILOC_DAMAGED").ok().and_then(|n| n.parse().ok()).unwrap_or(count);
+    let mut numbers = Numbers(1);
+    for seed in &seeds {
+        property(seed);
+    }
+    for _ in 0..count {
+        let (one, other) = (numbers.below(seeds.len()), numbers.below(seeds.len()));
+        property(&numbers.damaged(&seeds[one], &seeds[other]));
+    }
+}

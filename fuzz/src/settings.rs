@@ -1,0 +1,53 @@
+//! What must hold for any file of settings. Also a part of `crates/arguments/tests/any_bytes.rs`.
+
+use clap::{Arg, ArgAction, Command, value_parser};
+use veiloc_arguments::settings::{Settings, layered};
+
+/// A file of settings for a command with every kind of option: what is taken is printed so that it reads the same.
+pub fn settings(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    let Some(settings) = settle(text) else { return };
+    let printed = settings.to_toml().expect("what is read is text");
+    let again = settle(&printed).expect("what is printed can be read");
+    let again = again.to_toml().expect("what is read is text");
+    assert_eq!(values(&again), values(&printed), "{printed}");
+    // Nothing that is taken may look like another option on the command line.
+    let line = std::iter::once("serve".into()).chain(settings.arguments());
+    options().try_get_matches_from(line).expect("what is taken is a command line");
+}
+
+/// Whether a file of settings is taken.
+pub fn is_settings(bytes: &[u8]) -> bool {
+    std::str::from_utf8(bytes).is_ok_and(|text| settle(text).is_some())
+}
+
+fn settle(text: &str) -> Option<Settings> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("veiloc.toml");
+    std::fs::write(&path, text).expect("room in memory");
+    let line = ["serve".into(), format!("--config={}", path.display())];
+    let matches = layered(options()).try_get_matches_from(line).expect("a command line");
+    Settings::of(&options(), &matches, &|_| None).ok()
+}
+
+/// What is printed, without where it comes from.
+fn values(printed: &str) -> Vec<&str> {
+    printed.lines().map(|line| line.split(" # ").next().unwrap_or_default()).collect()
+}
+
+fn options() -> Command {
+    let option = |name: &'static str, value: &'static str| Arg::new(name).long(name).value_name(value);
+    Command::new("serve")
+        .arg(option("config", "FILE").value_parser(value_parser!(std::path::PathBuf)))
+        .arg(option("queue", "N").value_parser(value_parser!(std::num::NonZeroUsize)).default_value("32"))
+        .arg(option("rate", "N").value_parser(value_parser!(u32)))
+        .arg(option("grace", "SECONDS").value_parser(value_parser!(f64)).default_value("30"))
+        .arg(Arg::new("log-json").long("log-json").action(ArgAction::SetTrue))
+        .arg(option("memory", "WHERE").value_parser(["copied", "mapped"]).default_value("copied"))
+        .arg(option("maps", "DIR").value_parser(value_parser!(std::path::PathBuf)))
+        .arg(option("map", "NAME=FILE").action(ArgAction::Append))
+        .arg(
+            option("listen", "ADDR:PORT|unix:PATH").action(ArgAction::Append).default_value("127.0.0.1:8080"),
+        )
+        .arg(option("hypotheses", "N").default_value("adaptive"))
+}

@@ -1,0 +1,203 @@
+#!/usr/bin/env python3
+"""Dashboard, alerts and metrics, held against a running service by Prometheus itself.
+
+    scripts/service/check_monitoring.py [--veiloc PROGRAM]
+
+Starts `veiloc serve` on a rendered place and Prometheus beside it, and fails when
+
+- `promtool check metrics`, `check rules` or `test rules` finds a fault;
+- the dashboard or an alert names a metric that the service does not show;
+- Prometheus cannot evaluate a query of the dashboard, or it gives nothing where there is something to see;
+- Prometheus cannot evaluate an alert, or one fires at a service that is in order.
+
+Prometheus is taken from PATH, or from Debian's package `prometheus`, which is downloaded and unpacked into a temporary
+folder (`apt-get download`). Loopback only; standard library only.
+"""
+
+import json
+import pathlib
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+
+from common import LOCALIZE, ROOT, RenderedPlace, Server, arguments, ask, free_port, wait_for
+
+DASHBOARD = ROOT / "deploy" / "grafana" / "veiloc.json"
+ALERTS = ROOT / "deploy" / "prometheus" / "alerts.yml"
+TESTS = ROOT / "deploy" / "prometheus" / "alerts_test.yml"
+# Without TLS there is no certificate to show.
+MAY_BE_EMPTY = {"Certificate"}
+
+
+def prometheus_programs(folder):
+    """promtool and prometheus."""
+    found = [shutil.which(name) for name in ("promtool", "prometheus")]
+    if all(found):
+        return found
+    subprocess.run(["apt-get", "download", "prometheus"], cwd=folder, check=True, capture_output=True)
+    package = next(folder.glob("prometheus_*.deb"))
+    subprocess.run(["dpkg-deb", "-x", package, folder / "unpacked"], check=True)
+    return [str(folder / "unpacked" / "usr" / "bin" / name) for name in ("promtool", "prometheus")]
+
+
+def plain_text(openmetrics):
+    """OpenMetrics as the older text format, which is what `promtool check metrics` reads: there a counter's help and type go by
+    the name of its samples, which ends in `_total`."""
+    lines = openmetrics.splitlines()
+    counters = {line.split()[2] for line in lines if line.startswith("# TYPE ") and line.endswith(" counter")}
+    out = []
+    for line in lines:
+        words = line.split(" ", 3)
+        if line == "# EOF" or words[:2] == ["#", "UNIT"]:
+            continue
+        if words[0] == "#" and words[2] in counters:
+            words[2] += "_total"
+        out.append(" ".join(words))
+    return "\n".join(out) + "\n"
+
+
+def names_in(text):
+    return set(re.findall(r"\b(?:veiloc|process)_[a-z_]+", text))
+
+
+def check(faults, what, command, **more):
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, **more)
+    print(f"{what}: {'in order' if done.returncode == 0 else 'FAULTS'}")
+    if done.returncode != 0:
+        faults.append(f"{what}:\n{done.stdout}{done.stderr}")
+
+
+def dashboard_queries(dashboard):
+    """Title and query of all that the dashboard draws."""
+    for panel in dashboard["panels"]:
+        for target in panel.get("targets", []):
+            yield panel["title"], target["expr"]
+    for note in dashboard["annotations"]["list"]:
+        yield f"note {note['name']}", note["expr"]
+
+
+class Prometheus:
+    """Scrapes the service each second, and evaluates the alerts."""
+
+    def __init__(self, program, folder, admin):
+        self.port = free_port()
+        configuration = folder / "prometheus.yml"
+        configuration.write_text(json.dumps({
+            "global": {"scrape_interval": "1s", "evaluation_interval": "1s"},
+            "rule_files": [str(ALERTS)],
+            "scrape_configs": [{"job_name": "veiloc", "static_configs": [{"targets": [f"127.0.0.1:{admin}"]}]}],
+        }))
+        self.process = subprocess.Popen(
+            [program, f"--config.file={configuration}", f"--storage.tsdb.path={folder / 'tsdb'}",
+             f"--web.listen-address=127.0.0.1:{self.port}", "--log.level=error"])
+
+    def get(self, path, **query):
+        url = f"http://127.0.0.1:{self.port}/api/v1/{path}?{urllib.parse.urlencode(query)}"
+        try:
+            with urllib.request.urlopen(url, timeout=10) as answer:
+                return json.load(answer)
+        except urllib.error.HTTPError as refused:
+            said = refused.read()
+            # While it starts it says so, and not in JSON.
+            return json.loads(said) if said.startswith(b"{") else {"status": "error", "error": said.decode()}
+
+    def up(self):
+        try:
+            answer = self.get("query", query='up{job="veiloc"}')
+        except OSError:
+            return False
+        return any(series["value"][1] == "1" for series in answer.get("data", {}).get("result", []))
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait(30)
+
+
+def static_checks(faults, promtool):
+    check(faults, "promtool check rules", [promtool, "check", "rules", ALERTS])
+    check(faults, "promtool test rules", [promtool, "test", "rules", TESTS])
+
+
+def ask_for_a_while(server, place):
+    """Something of each kind for the dashboard to show, over several scrapes."""
+    for _ in range(6):
+        for body in (place.query, place.query, place.query[:100]):
+            ask(server.port, LOCALIZE, body, who="phone")
+        ask(server.port, LOCALIZE, place.query, who="nobody")
+        with socket.create_connection(("127.0.0.1", server.port)) as noise:
+            noise.sendall(b"this is no HTTP\r\n\r\n")
+            noise.recv(1024)
+        time.sleep(1.0)
+
+
+def check_names(faults, shown):
+    for what, path in (("dashboard", DASHBOARD), ("alerts", ALERTS)):
+        named = names_in(path.read_text())
+        missing = sorted(named - shown)
+        print(f"metrics that the {what} names: {len(named)}, of which the service does not show {len(missing)}")
+        faults += [f"the {what} names {name}, which the service does not show" for name in missing]
+
+
+def check_dashboard(faults, prometheus):
+    queries = 0
+    for title, query in dashboard_queries(json.loads(DASHBOARD.read_text())):
+        for variable, value in (("$__rate_interval", "5s"), ("$job", "veiloc"), ("$instance", ".*")):
+            query = query.replace(variable, value)
+        answer = prometheus.get("query", query=query)
+        queries += 1
+        if answer["status"] != "success":
+            faults.append(f"{title}: {answer.get('error')}\n{query}")
+        elif not answer["data"]["result"] and title not in MAY_BE_EMPTY and not title.startswith("note "):
+            faults.append(f"{title}: nothing to see\n{query}")
+    print(f"queries of the dashboard, evaluated by Prometheus: {queries}")
+
+
+def check_alerts(faults, prometheus):
+    rules = [rule for group in prometheus.get("rules")["data"]["groups"] for rule in group["rules"]]
+    for rule in rules:
+        if rule["health"] != "ok":
+            faults.append(f"{rule['name']}: {rule.get('lastError', rule['health'])}")
+        if rule["state"] == "firing":
+            faults.append(f"{rule['name']} fires at a service that is in order")
+    print(f"alerts, evaluated by Prometheus: {len(rules)}")
+
+
+def main():
+    place = RenderedPlace(arguments(__doc__).parse_args().veiloc)
+    faults = []
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="veiloc-monitoring-"))
+    promtool, program = prometheus_programs(folder)
+    static_checks(faults, promtool)
+    server = Server(place, "--tokens", place.tokens(["phone", "operator!"]))
+    prometheus = None
+    try:
+        text = ask(server.admin, "/metrics")[1].decode()
+        check(faults, "promtool check metrics", [promtool, "check", "metrics"], input=plain_text(text))
+        prometheus = Prometheus(program, folder, server.admin)
+        wait_for(prometheus.up, "Prometheus")
+        ask_for_a_while(server, place)
+        check_names(faults, names_in(ask(server.admin, "/metrics")[1].decode()))
+        check_dashboard(faults, prometheus)
+        check_alerts(faults, prometheus)
+    finally:
+        if prometheus:
+            prometheus.stop()
+        ended = server.stop()
+        shutil.rmtree(folder, ignore_errors=True)
+    if ended != 0:
+        faults.append("the service did not end well")
+    print(f"{len(faults)} faults")
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,54 @@
+#!/usr/bin/env python3
+"""What finding a token costs: the time of a request with one token in the file, and with 30 000.
+
+    VEILOC_DATA=../shared/data scripts/service/many_tokens.py [--requests 5000]
+
+One connection over loopback, requests one after the other; the token asked with stands at the end of the file, and the
+two services are asked in turns, so that what else the machine does falls on both. Prints the rows of docs/service.md.
+"""
+
+import hashlib
+import http.client
+import secrets
+import statistics
+import time
+
+import common
+
+COUNTS = [1, 30_000]
+
+
+def ask(connection, token):
+    begun = time.perf_counter()
+    connection.request("GET", "/v1/maps", headers={"authorization": f"Bearer {token}"})
+    response = connection.getresponse()
+    response.read()
+    assert response.status == 200, response.status
+    return 1e3 * (time.perf_counter() - begun)
+
+
+def main():
+    parser = common.arguments(__doc__)
+    parser.add_argument("--requests", type=int, default=5000, help="of each service")
+    arguments = parser.parse_args()
+    place = common.Place(arguments.veiloc)
+    services = []
+    for count in COUNTS:
+        tokens = [secrets.token_hex(32) for _ in range(count)]
+        file = place.work / f"tokens-{count}"
+        file.write_text("".join(f"t{i} {hashlib.sha256(t.encode()).hexdigest()}\n" for i, t in enumerate(tokens)))
+        server = common.Server(place, "--tokens", file)
+        connection = http.client.HTTPConnection("127.0.0.1", server.port)
+        services.append((count, server, connection, tokens[-1], []))
+    for i in range(arguments.requests):
+        for _, _, connection, token, times in services:
+            took = ask(connection, token)
+            if i >= arguments.requests // 10:
+                times.append(took)
+    for count, server, _, _, times in services:
+        common.row(count, f"{statistics.median(times):.2f}", f"{statistics.quantiles(times, n=100)[98]:.2f}")
+        server.stop()
+
+
+if __name__ == "__main__":
+    main()
