@@ -3,6 +3,7 @@
 //! - [`PackedRows`], [`best_two`], [`best_two_with_columns`]: exact brute-force nearest neighbours of byte vectors.
 //! - [`dot_u8`], [`dot_i8`]: one dot product.
 //! - [`pose`]: scores and normal equations of camera poses.
+//! - [`sift`]: the loops of the extraction of features.
 //! - `MappedFile`: a file read as one slice; not on WebAssembly, which has no files to map.
 //!
 //! Every kernel has a portable twin without intrinsics ([`Backend::PORTABLE`]), which is also what machines other than
@@ -26,13 +27,16 @@
     reason = "vector loads, calls into code for detected CPU features, and memory maps live here alone"
 )]
 
+mod approx;
 mod backend;
+mod dispatch;
 mod dot;
 #[cfg(not(target_family = "wasm"))]
 mod mapped;
 mod packed;
 pub mod pose;
 mod scan;
+pub mod sift;
 mod tile;
 
 pub use backend::Backend;

@@ -1,15 +1,16 @@
 //! Extrema of the differences of Gaussians, refined to a fraction of a sample.
 
-use rayon::prelude::*;
+use veiloc_kernels::Backend;
+use veiloc_kernels::sift::peaks;
 
 use super::SiftOptions;
-use super::octave::{LEVELS, Octave, SCALES};
-use super::plane::LANES;
+use super::blur::{LEVELS, SCALES};
+use super::rows::Rows;
 
-/// Rows per unit of parallel work.
-const ROWS: usize = 8;
 /// Steps to a neighbouring sample before an extremum is given up to where it is.
 const MAX_MOVES: usize = 5;
+/// Refining looks at most this many rows above and below.
+pub(super) const MARGIN: usize = MAX_MOVES + 1;
 /// A sample is looked at when it has this share of the threshold; its refined peak may be higher.
 const CANDIDATE_SHARE: f32 = 0.8;
 
@@ -30,24 +31,55 @@ pub(super) struct Extremum {
     pub(super) response: f32,
 }
 
-/// All extrema of one octave, by row of the sample where they were found.
-pub(super) fn find(octave: &Octave, index: usize, options: &SiftOptions) -> Vec<Extremum> {
-    let (width, height) = (octave.width(), octave.height());
-    if width < 3 || height < 3 {
-        return Vec::new();
+/// Rows of differences that are at hand, a power of two: those of a row and its neighbours.
+const KEPT: usize = 4;
+
+/// Differences of neighbouring levels in the last rows, `[KEPT, LEVELS - 1, stride]`.
+pub(super) struct Differences {
+    stride: usize,
+    data: Vec<f32>,
+}
+
+impl Differences {
+    /// None yet.
+    pub(super) fn new(stride: usize) -> Self {
+        Self { stride, data: vec![0.0; (LEVELS - 1) * KEPT * stride] }
     }
-    let blocks = (height - 2).div_ceil(ROWS);
-    let mut found: Vec<Extremum> = (0..blocks)
-        .into_par_iter()
-        .flat_map_iter(|block| {
-            let first = 1 + block * ROWS;
-            let rows = first..(first + ROWS).min(height - 1);
-            candidates(octave, rows, CANDIDATE_SHARE * options.peak_threshold)
-                .into_iter()
-                .filter_map(|cell| refine(octave, index, cell, options))
-        })
-        .collect();
-    // Neighbouring candidates may move to one sample.
+
+    fn row(&self, level: usize, y: usize) -> &[f32] {
+        &self.data[(y % KEPT * (LEVELS - 1) + level) * self.stride..][..self.stride]
+    }
+
+    /// The differences of all levels in row `y`, `[LEVELS - 1, stride]`.
+    pub(super) fn rows_mut(&mut self, y: usize) -> &mut [f32] {
+        let length = (LEVELS - 1) * self.stride;
+        &mut self.data[y % KEPT * length..][..length]
+    }
+}
+
+/// Appends the samples of row `y` that no neighbour in level, row and column exceeds; of equal neighbours the first.
+pub(super) fn candidates(
+    differences: &Differences,
+    y: usize,
+    width: usize,
+    options: &SiftOptions,
+    backend: Backend,
+    cells: &mut Vec<[usize; 3]>,
+) {
+    let threshold = CANDIDATE_SHARE * options.peak_threshold;
+    let mut columns = Vec::new();
+    for level in 1..=SCALES {
+        let near =
+            [level - 1, level, level + 1].map(|level| [y - 1, y, y + 1].map(|y| differences.row(level, y)));
+        columns.clear();
+        peaks(backend, &near, width, threshold, &mut columns);
+        let columns = columns.iter().map(|&x| x as usize).filter(|&x| first_of_equals(&near, x));
+        cells.extend(columns.map(|x| [level, x, y]));
+    }
+}
+
+/// Each once: neighbouring candidates may move to one sample.
+pub(super) fn without_repeated(mut found: Vec<Extremum>) -> Vec<Extremum> {
     let mut seen: Vec<([usize; 3], usize)> = found.iter().enumerate().map(|(i, e)| (e.cell, i)).collect();
     seen.sort_unstable();
     let mut repeated = vec![false; found.len()];
@@ -59,79 +91,25 @@ pub(super) fn find(octave: &Octave, index: usize, options: &SiftOptions) -> Vec<
     found
 }
 
-/// Samples of `rows` that no neighbour in level, row and column exceeds; of equal neighbours the first.
-fn candidates(octave: &Octave, rows: std::ops::Range<usize>, threshold: f32) -> Vec<[usize; 3]> {
-    let (width, stride) = (octave.width(), octave.levels[0].stride);
-    let count = rows.len() + 2;
-    let plane = count * stride;
-    let mut dog = vec![0.0f32; (LEVELS - 1) * plane];
-    for (level, dog) in dog.chunks_exact_mut(plane).enumerate() {
-        let range = (rows.start - 1) * stride..(rows.end + 1) * stride;
-        let (lower, upper) =
-            (&octave.levels[level].data[range.clone()], &octave.levels[level + 1].data[range]);
-        for ((dog, lower), upper) in dog.iter_mut().zip(lower).zip(upper) {
-            *dog = upper - lower;
-        }
-    }
-
-    let mut cells = Vec::new();
-    for y in rows.clone() {
-        for level in 1..=SCALES {
-            let at = level * plane + (y + 1 - rows.start) * stride;
-            for x in (1..width - 1).step_by(LANES) {
-                let hits = peaks_in_row(&dog, at + x, threshold);
-                if !hits.contains(&true) {
-                    continue;
-                }
-                for (i, _) in hits.iter().enumerate().filter(|(i, hit)| **hit && x + i < width - 1) {
-                    if is_extremum(&dog, at + x + i, stride, plane) {
-                        cells.push([level, x + i, y]);
-                    }
-                }
-            }
-        }
-    }
-    cells
-}
-
-/// Which of the `LANES` samples from `at` on are over the threshold and over their neighbours left and right.
-#[inline]
-fn peaks_in_row(dog: &[f32], at: usize, threshold: f32) -> [bool; LANES] {
-    let mut hits = [false; LANES];
-    // There is always another row behind, so that lanes right of the image can be read; the caller drops them.
-    let window = &dog[(at - 1)..=(at + LANES)];
-    for i in 0..LANES {
-        let (left, here, right) = (window[i], window[i + 1], window[i + 2]);
-        hits[i] = ((here > threshold) && (here > left) && (here >= right))
-            || ((here < -threshold) && (here < left) && (here <= right));
-    }
-    hits
-}
-
-/// True when no neighbour exceeds the sample; neighbours before it in memory must not even equal it.
-fn is_extremum(dog: &[f32], at: usize, stride: usize, plane: usize) -> bool {
-    let here = dog[at];
-    let sign = if here > 0.0 { 1.0 } else { -1.0 };
-    let here = here * sign;
-    let neighbours = |level: usize| {
-        let middle = at - plane + level * plane;
-        (0..3).flat_map(move |row| {
-            let middle = middle - stride + row * stride;
-            middle - 1..middle + 2
-        })
-    };
-    (0..3).flat_map(neighbours).all(|i| {
-        let other = dog[i] * sign;
-        if i < at { other < here } else { other <= here }
-    })
+/// Whether a peak in the middle row has no equal among its neighbours before it: in levels below, in rows above, to its
+/// left.
+fn first_of_equals(near: &[[&[f32]; 3]; 3], x: usize) -> bool {
+    let here = near[1][1][x];
+    let before = near.iter().flatten().flat_map(|row| &row[x - 1..=x + 1]).take(13);
+    before.copied().all(|other| other != here)
 }
 
 /// Fits a quadric around a candidate, moves to the sample nearest its peak, and keeps what is high and no edge.
-fn refine(octave: &Octave, index: usize, cell: [usize; 3], options: &SiftOptions) -> Option<Extremum> {
+pub(super) fn refine(
+    levels: &[Rows<'_>],
+    [width, height]: [usize; 2],
+    index: usize,
+    cell: [usize; 3],
+    options: &SiftOptions,
+) -> Option<Extremum> {
     let [level, mut x, mut y] = cell;
-    let (width, height) = (octave.width(), octave.height());
+    let mut fit = Fit::around(levels, level, x, y);
     for _ in 0..MAX_MOVES {
-        let fit = Fit::around(octave, level, x, y);
         let [dx, dy, _] = fit.offset()?;
         let move_x = step_towards(dx, x, width);
         let move_y = step_towards(dy, y, height);
@@ -140,8 +118,8 @@ fn refine(octave: &Octave, index: usize, cell: [usize; 3], options: &SiftOptions
         }
         x = x.checked_add_signed(move_x)?;
         y = y.checked_add_signed(move_y)?;
+        fit = Fit::around(levels, level, x, y);
     }
-    let fit = Fit::around(octave, level, x, y);
     let [dx, dy, ds] = fit.offset()?;
     let [gx, gy, gs] = fit.gradient;
     let response = (fit.value + 0.5 * (gx * dx + gy * dy + gs * ds)).abs();
@@ -178,12 +156,20 @@ struct Fit {
 }
 
 impl Fit {
-    fn around(octave: &Octave, level: usize, x: usize, y: usize) -> Self {
-        let dog = |dx: isize, dy: isize, ds: isize| {
-            let level = level.wrapping_add_signed(ds);
-            let (x, y) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
-            octave.levels[level + 1].at(x, y) - octave.levels[level].at(x, y)
-        };
+    fn around(levels: &[Rows<'_>], level: usize, x: usize, y: usize) -> Self {
+        let mut cube = [[[0.0; 3]; 3]; 3];
+        for (row, y) in (y - 1..=y + 1).enumerate() {
+            let near = |level: usize| <[f32; 3]>::try_from(&levels[level].row(y)[x - 1..=x + 1]);
+            let samples =
+                [level - 1, level, level + 1, level + 2].map(|level| near(level).unwrap_or_default());
+            for (ds, pair) in samples.windows(2).enumerate() {
+                for dx in 0..3 {
+                    cube[ds][row][dx] = pair[1][dx] - pair[0][dx];
+                }
+            }
+        }
+        let dog =
+            |dx: isize, dy: isize, ds: isize| cube[(ds + 1) as usize][(dy + 1) as usize][(dx + 1) as usize];
         let value = dog(0, 0, 0);
         let first = |[dx, dy, ds]: [isize; 3]| 0.5 * (dog(dx, dy, ds) - dog(-dx, -dy, -ds));
         let second = |[dx, dy, ds]: [isize; 3]| dog(dx, dy, ds) + dog(-dx, -dy, -ds) - 2.0 * value;

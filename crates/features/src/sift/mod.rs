@@ -16,41 +16,47 @@
 //! with any number of threads.
 
 mod blur;
-mod descriptor;
 mod extrema;
-mod gradient;
 mod octave;
 mod options;
 mod orientation;
 mod plane;
+mod rows;
+mod strip;
 
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::Pixel;
+use veiloc_kernels::Backend;
+use veiloc_kernels::sift::{DESCRIPTOR, PatchMemory, Patches, View};
 
 pub use options::{Border, SiftOptions};
 
 use crate::{Features, GrayImage, Keypoint};
+use blur::{SCALES, sigma_of_level};
 use extrema::Extremum;
-use gradient::GradientRow;
-use octave::{Octave, SCALES, sigma_of_level};
+use octave::Octave;
 
 /// How far from a keypoint its descriptor looks, as a multiple of the keypoint's scale.
-pub(crate) const REACH: f64 = descriptor::REACH as f64;
+pub(crate) const REACH: f64 = veiloc_kernels::sift::REACH as f64;
 
 /// Finds keypoints and describes them, strongest first.
 ///
 /// An image without structure, or too small for any, gives none. Memory: about 25 times the samples of `image` in
 /// `f32` when it is doubled, a quarter of that when not.
 pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
-    let (octaves, mut extrema) = scale_space(image, options);
-    rank(&mut extrema, &octaves);
-    extrema.truncate(options.max_keypoints);
+    extract_on(Backend::best(), image, options)
+}
 
-    let described: Vec<(Keypoint, [u8; descriptor::DIM])> = extrema
+fn extract_on(backend: Backend, image: &GrayImage, options: &SiftOptions) -> Features {
+    let (octaves, extrema) = scale_space(image, options, backend);
+    let strongest = strongest(&extrema, &octaves, options.max_keypoints);
+
+    let patches = Patches::new(backend);
+    let described: Vec<(Keypoint, [u8; DESCRIPTOR])> = strongest
         .par_iter()
-        .map_init(GradientRow::default, |gradients, extremum| {
-            describe(&octaves[extremum.octave], extremum, options, gradients)
+        .map_init(PatchMemory::new, |memory, ranked| {
+            describe(&octaves[ranked.1.octave], ranked, options, &patches, memory)
         })
         .flatten_iter()
         .collect();
@@ -59,40 +65,43 @@ pub fn extract_sift(image: &GrayImage, options: &SiftOptions) -> Features {
     Features {
         keypoints: kept.iter().map(|(keypoint, _)| *keypoint).collect(),
         descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows of 128 bytes"),
+        global: None,
     }
 }
 
 /// All octaves, of each the levels where keypoints are described, and the extrema found in them.
-fn scale_space(image: &GrayImage, options: &SiftOptions) -> (Vec<Octave>, Vec<Extremum>) {
+fn scale_space(image: &GrayImage, options: &SiftOptions, backend: Backend) -> (Vec<Octave>, Vec<Extremum>) {
     let mut octaves = Vec::new();
     let mut extrema = Vec::new();
-    let mut next = (options.max_octaves > 0).then(|| Octave::first(image, options.upsample));
-    while let Some(mut octave) = next {
-        extrema.extend(extrema::find(&octave, octaves.len(), options));
-        next = if octaves.len() + 1 < options.max_octaves { octave.next() } else { None };
+    let mut next = (options.max_octaves > 0).then(|| Octave::first(image, options, backend));
+    while let Some((octave, found)) = next {
+        extrema.extend(found);
+        let index = octaves.len() + 1;
+        next = if index < options.max_octaves { octave.next(index, options, backend) } else { None };
         octaves.push(octave);
     }
     (octaves, extrema)
 }
 
-/// Strongest first; equal ones in the order they were found.
-fn rank(extrema: &mut [Extremum], octaves: &[Octave]) {
-    let strength = |extremum: &Extremum| strength(extremum, &octaves[extremum.octave]);
-    extrema.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
-}
-
-/// Peak difference of Gaussians times the scale in pixels of the image.
+/// At most `count` extrema with their strengths, strongest first; equal ones in the order they were found.
 ///
-/// Large keypoints survive a change of distance, high peaks survive noise, but the largest lie a good part of a pixel
-/// off: docs/decisions/0005-keypoints-are-ranked-by-peak-times-scale.md weighs recall against precision of poses.
-fn strength(extremum: &Extremum, octave: &Octave) -> f32 {
-    let scale = sigma_of_level(f64::from(extremum.level)) * octave.step;
-    extremum.response * scale as f32
+/// The strength is the peak difference of Gaussians times the scale in pixels of the image. Large keypoints survive a
+/// change of distance, high peaks survive noise, but the largest lie a good part of a pixel off:
+/// docs/decisions/0005-keypoints-are-ranked-by-peak-times-scale.md weighs recall against precision of poses.
+fn strongest(extrema: &[Extremum], octaves: &[Octave], count: usize) -> Vec<(f32, Extremum)> {
+    let strength = |extremum: &Extremum| {
+        let scale = sigma_of_level(f64::from(extremum.level)) * octaves[extremum.octave].step;
+        extremum.response * scale as f32
+    };
+    let mut ranked: Vec<(f32, Extremum)> = extrema.iter().map(|e| (strength(e), *e)).collect();
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    ranked.truncate(count);
+    ranked
 }
 
 /// Whether gradients that count for the descriptor lie outside of the image, or have no neighbour on one side.
 fn over_border(extremum: &Extremum, octave: &Octave) -> bool {
-    let reach = descriptor::REACH * sigma_of_level(f64::from(extremum.level)) as f32;
+    let reach = veiloc_kernels::sift::REACH * sigma_of_level(f64::from(extremum.level)) as f32;
     let over = |at: f32, size: usize| at - reach < 1.0 || at + reach > size as f32 - 2.0;
     over(extremum.x, octave.width()) || over(extremum.y, octave.height())
 }
@@ -100,24 +109,29 @@ fn over_border(extremum: &Extremum, octave: &Octave) -> bool {
 /// One keypoint per dominant direction of an extremum.
 fn describe(
     octave: &Octave,
-    extremum: &Extremum,
+    (strength, extremum): &(f32, Extremum),
     options: &SiftOptions,
-    gradients: &mut GradientRow,
-) -> Vec<(Keypoint, [u8; descriptor::DIM])> {
+    patches: &Patches,
+    memory: &mut PatchMemory,
+) -> Vec<(Keypoint, [u8; DESCRIPTOR])> {
     let level = (extremum.level.round() as usize).clamp(1, SCALES);
-    let mut plane = &octave.levels[level];
+    let mut plane = octave.level(level);
     let sigma = sigma_of_level(f64::from(extremum.level));
     let mut centre = [extremum.x, extremum.y];
     let continued;
     if options.border == Border::Mirrored && over_border(extremum, octave) {
         // The patch and a sample around it, for gradients at its end.
-        let reach = (descriptor::REACH * sigma as f32).ceil() as usize + 2;
+        let reach = (veiloc_kernels::sift::REACH * sigma as f32).ceil() as usize + 2;
         let corner = centre.map(|c| c.floor() as isize - reach as isize);
         continued = plane.mirrored(corner, [2 * reach + 2; 2]);
         plane = &continued;
         centre = [centre[0] - corner[0] as f32, centre[1] - corner[1] as f32];
     }
-    let directions = orientation::dominant(plane, centre, sigma as f32, options.max_orientations, gradients);
+    let Some(view) = View::new(&plane.data, plane.stride, plane.width, plane.height) else {
+        return Vec::new();
+    };
+    let bins = patches.directions(view, centre, sigma as f32, memory);
+    let directions = orientation::dominant(&bins, options.max_orientations);
     let place = |sample: f32| f64::from(sample) * octave.step + octave.offset;
     directions
         .into_iter()
@@ -126,9 +140,34 @@ fn describe(
                 pixel: Pixel::new(place(extremum.x), place(extremum.y)),
                 scale: (sigma * octave.step) as f32,
                 orientation,
-                response: strength(extremum, octave),
+                response: *strength,
             };
-            (keypoint, descriptor::describe(plane, centre, sigma as f32, orientation, gradients))
+            (keypoint, patches.describe(view, centre, sigma as f32, orientation, memory))
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is sealed in a browser is what is sealed elsewhere.
+    #[test]
+    fn every_backend_gives_the_same_features() {
+        let (width, height) = (173, 141);
+        let value = |x: u32, y: u32| {
+            let (x, y) = (x as f32, y as f32);
+            0.5 + 0.2 * ((0.31 * x + 0.07 * y).sin() * (0.11 * x - 0.23 * y).cos() + (0.0021 * x * y).sin())
+        };
+        let samples = (0..height).flat_map(|y| (0..width).map(move |x| value(x, y))).collect();
+        let image = GrayImage::new(width, height, samples).expect("finite");
+        for border in [Border::Cut, Border::Mirrored] {
+            let options = SiftOptions { border, ..SiftOptions::default() };
+            let expected = extract_on(Backend::PORTABLE, &image, &options);
+            assert!(expected.keypoints.len() > 100, "{}", expected.keypoints.len());
+            for backend in Backend::available() {
+                assert!(extract_on(backend, &image, &options) == expected, "{}", backend.name());
+            }
+        }
+    }
 }

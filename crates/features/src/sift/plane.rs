@@ -1,7 +1,6 @@
 //! Sample grids whose rows are padded to whole vectors.
 
-/// Rows are this many samples or a multiple, so that inner loops have no remainder.
-pub(super) const LANES: usize = 16;
+use veiloc_kernels::sift::LANES;
 
 /// A grid of samples, `[height, stride]`; what lies right of `width` is finite and means nothing.
 #[derive(Debug, Clone, Default)]
@@ -13,12 +12,10 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    /// Gives it a size; the samples keep no meaning. Memory is reused.
-    pub(super) fn reshape(&mut self, width: usize, height: usize) {
-        self.width = width;
-        self.height = height;
-        self.stride = width.next_multiple_of(LANES);
-        self.data.resize(self.stride * height, 0.0);
+    /// A grid whose samples mean nothing yet.
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        let stride = stride_of(width);
+        Self { width, height, stride, data: vec![0.0; stride * height] }
     }
 
     /// One row with its padding, `[stride]`.
@@ -33,13 +30,6 @@ impl Plane {
         self.row(y.clamp(0, self.height as isize - 1) as usize)
     }
 
-    #[inline]
-    pub(super) fn at(&self, x: usize, y: usize) -> f32 {
-        self.data[y * self.stride + x]
-    }
-}
-
-impl Plane {
     /// The part of `width` columns and `height` rows from column `left` and row `top` on, the grid continued by its own
     /// mirror image without end. Not of an empty plane.
     pub(super) fn mirrored(&self, [left, top]: [isize; 2], [width, height]: [usize; 2]) -> Self {
@@ -47,8 +37,7 @@ impl Plane {
             let at = at.rem_euclid(2 * size as isize) as usize;
             at.min(2 * size - 1 - at)
         };
-        let mut part = Self::default();
-        part.reshape(width, height);
+        let mut part = Self::new(width, height);
         let columns: Vec<usize> = (0..width).map(|x| inside(left + x as isize, self.width)).collect();
         for (y, row) in part.data.chunks_exact_mut(part.stride).enumerate() {
             let source = self.row(inside(top + y as isize, self.height));
@@ -60,14 +49,8 @@ impl Plane {
     }
 }
 
-/// Every second sample of every second row of `source`, starting with the first.
-pub(super) fn halve(source: &Plane, target: &mut Plane) {
-    target.reshape(source.width.div_ceil(2), source.height.div_ceil(2));
-    let (stride, width) = (target.stride, target.width);
-    for (y, row) in target.data.chunks_exact_mut(stride).enumerate() {
-        for (sample, pair) in row[..width].iter_mut().zip(source.row(2 * y).chunks(2)) {
-            *sample = pair[0];
-        }
-        row[width..].fill(0.0);
-    }
+/// Samples of a row of which `width` mean something: room for the vectors of two rows of half the width, and an odd number
+/// of vectors, so that neighbours in a column do not compete for the same few places of a cache.
+fn stride_of(width: usize) -> usize {
+    (2 * width.div_ceil(2 * LANES) + 1) * LANES
 }

@@ -1,6 +1,6 @@
 //! How correspondences lie in memory: blocks of sixteen, one array a quantity.
 
-use super::approx::{atan2, beside_integer};
+use crate::approx::{atan2, beside_integer};
 
 /// Correspondences in a block.
 pub const LANES: usize = 16;

@@ -23,7 +23,6 @@
 //! - likelihood: `llr = worth + shift + ½ log(r² / (1 + k e²)⁶)`, a Student t distribution's logarithm, summed where
 //!   it is positive over points that project into the image and, anchored ones, into a sector of their group's pencil.
 
-mod approx;
 mod layout;
 mod normal;
 mod radial;

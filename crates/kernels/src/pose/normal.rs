@@ -5,8 +5,8 @@
 //! the matrix `Σ right · 6 k / (1 + k e²) · Jᵀ J`. `J` is by the six numbers of a small motion of the camera frame,
 //! `p ↦ p + ω × p + v`: rotation `ω`, then translation `v`.
 
-use super::approx::{exp_of_negative, ln};
 use super::layout::{Block, FARTHEST, Group, LANES, Lanes, Observed, PoseLanes};
+use crate::approx::{exp_of_negative, ln};
 use crate::backend::{Backend, Kind};
 
 /// A camera: rows of `[R | t]`, and the focal lengths in pixels.

@@ -4,8 +4,8 @@
 //! the axis. With `(x, y)` the first two coordinates of `R p + t` there,
 //! `llr = worth − 3 log(1 + k (u y − v x)² / (x² + y²))`, counted when it is positive and `u x + v y > 0`.
 
-use super::approx::ln;
 use super::layout::{LANES, Lanes, NEVER};
+use crate::approx::ln;
 use crate::backend::{Backend, Kind};
 
 /// Blocks between two looks at whether the pose can still win.

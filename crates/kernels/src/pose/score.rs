@@ -3,8 +3,8 @@
 //! Scores are sums of gains that are never negative, so a pose whose gain so far plus the most that the rest can bring
 //! stays under what it has to beat is dropped early, without any loss. NaN gains nothing.
 
-use super::approx::ln;
 use super::layout::{Block, FARTHEST, Group, Image, LANES, Observed, PoseLanes};
+use crate::approx::ln;
 use crate::backend::{Backend, Kind};
 
 /// Blocks between two looks at whether the pose can still win.

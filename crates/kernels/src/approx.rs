@@ -1,11 +1,12 @@
-//! Logarithm, exponential and arc tangent that the compiler can turn into vector instructions, the same on every machine.
+//! Logarithm, exponential and what belongs to angles, the same on every machine; most of it the compiler can turn into
+//! vector instructions.
 
 /// Natural logarithm of a positive normal number, to about 1e-5; zero gives about −88, anything else something finite.
 ///
 /// Exponent from the bits, mantissa by a polynomial of degree five that is exact at 1 (so nothing jumps between
 /// octaves). A score needs no more: a whole inlier is worth about five.
 #[inline(always)]
-pub(super) fn ln(x: f32) -> f32 {
+pub(crate) fn ln(x: f32) -> f32 {
     let bits = x.to_bits();
     let exponent = (bits >> 23) as i32 - 127;
     let m = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
@@ -18,7 +19,7 @@ pub(super) fn ln(x: f32) -> f32 {
 ///
 /// Power of two from the integer part, a polynomial of degree six for the rest.
 #[inline(always)]
-pub(super) fn exp_of_negative(x: f32) -> f32 {
+pub(crate) fn exp_of_negative(x: f32) -> f32 {
     // Written so that NaN takes the lower end.
     let x = if x > -80.0 { x } else { -80.0 };
     let x = if x < 0.0 { x } else { 0.0 };
@@ -36,7 +37,7 @@ pub(super) fn exp_of_negative(x: f32) -> f32 {
 ///
 /// Polynomial of degree eleven for the octant, the rest by symmetry.
 #[inline(always)]
-pub(super) fn atan2(y: f32, x: f32) -> f32 {
+pub(crate) fn atan2(y: f32, x: f32) -> f32 {
     let (ax, ay) = (x.abs(), y.abs());
     let steep = ay > ax;
     let t = if steep { ax / ay } else { ay / ax };
@@ -51,9 +52,36 @@ pub(super) fn atan2(y: f32, x: f32) -> f32 {
     if y < 0.0 { -p } else { p }
 }
 
+/// Two to the power of a number, to a few units of the last place, for numbers whose power is neither infinite nor
+/// subnormal.
+pub fn exp2(x: f64) -> f64 {
+    let whole = x.round();
+    let r = (x - whole) * std::f64::consts::LN_2;
+    // The series of e^r, for |r| below 0.35.
+    let series = (1..=15).rev().fold(1.0, |sum, k| 1.0 + sum * r / f64::from(k));
+    series * f64::from_bits(((whole as i64 + 1023) << 52) as u64)
+}
+
+/// Cosine and sine of an angle within a few turns, to about 1e-7.
+pub(crate) fn cos_sin(angle: f32) -> [f32; 2] {
+    let angle = f64::from(angle);
+    let quarters = (angle * std::f64::consts::FRAC_2_PI).round();
+    let r = angle - quarters * std::f64::consts::FRAC_PI_2;
+    let s = r * r;
+    let cos = 1.0 - s / 2.0 * (1.0 - s / 12.0 * (1.0 - s / 30.0 * (1.0 - s / 56.0)));
+    let sin = r * (1.0 - s / 6.0 * (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0))));
+    let [cos, sin] = match (quarters as i64).rem_euclid(4) {
+        0 => [cos, sin],
+        1 => [-sin, cos],
+        2 => [-cos, -sin],
+        _ => [sin, -cos],
+    };
+    [cos as f32, sin as f32]
+}
+
 /// A number less the nearest integer, for numbers below a million.
 #[inline(always)]
-pub(super) fn beside_integer(x: f32) -> f32 {
+pub(crate) fn beside_integer(x: f32) -> f32 {
     // Adding 1.5 · 2²³ rounds to the nearest integer.
     x - ((x + 12_582_912.0) - 12_582_912.0)
 }
@@ -84,6 +112,18 @@ mod tests {
         for (x, beside) in [(2.25, 0.25), (-3.75, 0.25), (0.4, 0.4), (7.6, -0.4)] {
             assert!((beside_integer(x) - beside).abs() < 1e-6, "{x}");
         }
+    }
+
+    #[test]
+    fn powers_and_turns_agree_with_the_library() {
+        for i in -4000..4000 {
+            let x = f64::from(i) * 0.0137;
+            assert!((exp2(x) / x.exp2() - 1.0).abs() < 1e-15, "{x}");
+            let angle = x as f32;
+            let [cos, sin] = cos_sin(angle);
+            assert!((cos - angle.cos()).abs() < 2e-7 && (sin - angle.sin()).abs() < 2e-7, "{angle}");
+        }
+        assert_eq!((exp2(0.0), exp2(3.0), exp2(-2.0)), (1.0, 8.0, 0.25));
     }
 
     #[test]
