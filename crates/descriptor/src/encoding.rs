@@ -9,6 +9,10 @@ pub enum Encoding {
     /// distances, nearest neighbours, means and residuals are computed on the bytes as for [`Encoding::Unsigned`];
     /// whatever looks at one vector alone (lengths, cosines) must take it off first: [`Encoding::value`].
     Signed,
+    /// Sixteen steps of -120 to 120, kept like [`Encoding::Signed`]; 4 bits each in messages, see
+    /// [`DescriptorKind::packed_len`](crate::DescriptorKind::packed_len). What is computed of rows, as words of a vocabulary, may
+    /// lie between the steps.
+    Coarse,
 }
 
 impl Encoding {
@@ -16,7 +20,7 @@ impl Encoding {
     pub const fn zero(self) -> u8 {
         match self {
             Self::Unsigned => 0,
-            Self::Signed => 128,
+            Self::Signed | Self::Coarse => 128,
         }
     }
 
@@ -28,7 +32,11 @@ impl Encoding {
     /// The byte of a number, rounded to the nearest that there is; not a number counts as 0.
     pub fn byte(self, value: f64) -> u8 {
         let value = if value.is_nan() { 0.0 } else { value };
-        (value + f64::from(self.zero())).round().clamp(0.0, 255.0) as u8
+        let value = (value + f64::from(self.zero())).clamp(0.0, 255.0);
+        match self {
+            Self::Unsigned | Self::Signed => value.round() as u8,
+            Self::Coarse => coarse(value as u8 >> 4),
+        }
     }
 
     /// The largest magnitude of a number.
@@ -36,6 +44,15 @@ impl Encoding {
         match self {
             Self::Unsigned => 255,
             Self::Signed => 128,
+            Self::Coarse => 120,
+        }
+    }
+
+    /// Bits of a number in messages.
+    pub const fn bits(self) -> u32 {
+        match self {
+            Self::Unsigned | Self::Signed => 8,
+            Self::Coarse => 4,
         }
     }
 
@@ -43,6 +60,7 @@ impl Encoding {
         match self {
             Self::Unsigned => 0,
             Self::Signed => 1,
+            Self::Coarse => 2,
         }
     }
 
@@ -50,9 +68,15 @@ impl Encoding {
         match code {
             0 => Some(Self::Unsigned),
             1 => Some(Self::Signed),
+            2 => Some(Self::Coarse),
             _ => None,
         }
     }
+}
+
+/// The byte in the middle of a step, 0 to 15.
+pub(crate) const fn coarse(step: u8) -> u8 {
+    step << 4 | 8
 }
 
 #[cfg(test)]
@@ -71,6 +95,22 @@ mod tests {
             assert_eq!((encoding.byte(-1e9), encoding.byte(1e9)), (0, 255));
         }
         assert_eq!(Encoding::Signed.byte(-128.0), 0);
-        assert_eq!(Encoding::from_code(2), None);
+        assert_eq!(Encoding::from_code(3), None);
+    }
+
+    #[test]
+    fn coarse_numbers_are_the_nearest_of_sixteen() {
+        let encoding = Encoding::Coarse;
+        assert_eq!(Encoding::from_code(encoding.code()), Some(encoding));
+        let steps: Vec<i16> = (0..16).map(|step| encoding.value(coarse(step))).collect();
+        assert_eq!((steps[0], steps[7], steps[8], steps[15]), (-120, -8, 8, 120));
+        for value in -560..=560 {
+            let value = f64::from(value) / 4.0 + 0.1;
+            let found = f64::from(encoding.value(encoding.byte(value)));
+            let nearest = steps.iter().map(|s| (f64::from(*s) - value).abs()).fold(f64::INFINITY, f64::min);
+            assert!(((found - value).abs() - nearest).abs() < 1e-9, "{value}: {found}");
+        }
+        assert!(steps.contains(&encoding.value(encoding.byte(f64::NAN))));
+        assert_eq!(encoding.max_magnitude(), 120);
     }
 }

@@ -41,6 +41,17 @@ impl DescriptorKind {
     pub const ROOT_SIFT: Self =
         Self { name: literal("sift"), dim: 128, encoding: Encoding::Unsigned, norm: 512 };
 
+    /// RootSIFT projected to 64 numbers that discriminate, 4 bits each in messages (`veiloc_features::Compact`).
+    pub const COMPACT: Self =
+        Self { name: literal("compact"), dim: 64, encoding: Encoding::Coarse, norm: 374 };
+
+    /// XFeat's 64 numbers, a unit vector times 256 (`veiloc_networks`, `models/xfeat.toml`).
+    pub const XFEAT: Self = Self { name: literal("xfeat"), dim: 64, encoding: Encoding::Signed, norm: 256 };
+
+    /// The 64 numbers of the smallest ALIKE, a unit vector times 256 (`veiloc_networks`, `models/alike-t.toml`).
+    pub const ALIKE_T: Self =
+        Self { name: literal("alike-t"), dim: 64, encoding: Encoding::Signed, norm: 256 };
+
     /// Largest number of components.
     pub const MAX_DIM: usize = 512;
     /// Bytes of a kind in files and messages.
@@ -63,6 +74,13 @@ impl DescriptorKind {
     fn from_parts(name: Name, dim: u64, encoding: Encoding, norm: u64) -> Result<Self, DescriptorError> {
         if !(1..=Self::MAX_DIM as u64).contains(&dim) {
             return Err(DescriptorError::Kind { field: "dim", value: dim, allowed: "1 to 512" });
+        }
+        if !(dim * u64::from(encoding.bits())).is_multiple_of(8) {
+            return Err(DescriptorError::Kind {
+                field: "dim",
+                value: dim,
+                allowed: "even, for numbers of 4 bits",
+            });
         }
         let largest = u64::from(encoding.max_magnitude());
         if norm == 0 || norm * norm > dim * largest * largest {
@@ -88,9 +106,14 @@ impl DescriptorKind {
         self.name.as_str()
     }
 
-    /// Components of a vector, which is the bytes of one descriptor.
+    /// Components of a vector, which is the bytes of one descriptor, other than in messages.
     pub const fn dim(self) -> usize {
         self.dim as usize
+    }
+
+    /// Bytes of one descriptor in messages: [`Self::dim`], or half of it for [`Encoding::Coarse`].
+    pub const fn packed_len(self) -> usize {
+        self.dim() * self.encoding.bits() as usize / 8
     }
 
     /// What number a byte stands for.
@@ -117,7 +140,7 @@ impl DescriptorKind {
     }
 
     /// For files and messages: name padded with zeros `[32]`, then little endian `u16` dim, `u8` encoding (0 unsigned,
-    /// 1 signed), `u8` 0, `u16` norm, `u16` 0.
+    /// 1 signed, 2 coarse), `u8` 0, `u16` norm, `u16` 0.
     pub fn to_bytes(self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];
         bytes[..32].copy_from_slice(&self.name.to_bytes());
@@ -138,7 +161,7 @@ impl DescriptorKind {
         let refused =
             |field, value: u16, allowed| DescriptorError::Kind { field, value: value.into(), allowed };
         let encoding = Encoding::from_code(rest[2])
-            .ok_or_else(|| refused("encoding", rest[2].into(), "0 (unsigned) or 1 (signed)"))?;
+            .ok_or_else(|| refused("encoding", rest[2].into(), "0 (unsigned), 1 (signed) or 2 (coarse)"))?;
         if rest[3] != 0 || two(6) != 0 {
             return Err(refused("reserved", u16::from(rest[3]) | two(6), "0"));
         }
@@ -209,18 +232,41 @@ const UNMEASURED_PRIOR: MatchPrior = MatchPrior {
     full: model(3.66, -5.69, 0.28, 0.0),
 };
 
+/// Learned kinds, fitted on held-out map images of three places alike (`scripts/fit_prior.py`). The length of tracks is left
+/// out: what it says of one place is wrong of another. How near one point's descriptors are was not measured.
+const fn learned(kind: DescriptorKind, ratio: PriorModel, ratio_votes: PriorModel) -> Measured {
+    let prior = MatchPrior { ratio, ratio_votes, full: ratio_votes };
+    Measured { kind, prior, same_point: SAME_POINT, decoys: DecoyRecipe::Mixture }
+}
+
 /// The built-in kinds. `same_point` is a part of the norm.
-static MEASURED: &[Measured] = &[Measured {
-    kind: DescriptorKind::ROOT_SIFT,
-    // Fitted by scripts/fit_prior.py; veiloc_robust::prior says on what.
-    prior: MatchPrior {
-        ratio: model(8.521, -12.493, 0.0, 0.0),
-        ratio_votes: model(7.310, -11.384, 0.557, 0.0),
-        full: model(7.490, -11.347, 0.581, -0.143),
+static MEASURED: &[Measured] = &[
+    Measured {
+        kind: DescriptorKind::ROOT_SIFT,
+        // Fitted by scripts/fit_prior.py; veiloc_robust::prior says on what.
+        prior: MatchPrior {
+            ratio: model(8.521, -12.493, 0.0, 0.0),
+            ratio_votes: model(7.310, -11.384, 0.557, 0.0),
+            full: model(7.490, -11.347, 0.581, -0.143),
+        },
+        same_point: SAME_POINT,
+        decoys: DecoyRecipe::RootSiftQuarters,
     },
-    same_point: SAME_POINT,
-    decoys: DecoyRecipe::RootSiftQuarters,
-}];
+    Measured {
+        kind: DescriptorKind::COMPACT,
+        // Fitted as RootSIFT's, on problems of its own (`scripts/training_problems.sh FOLDER compact`).
+        prior: MatchPrior {
+            ratio: model(9.629, -13.448, 0.0, 0.0),
+            ratio_votes: model(8.103, -12.039, 0.653, 0.0),
+            full: model(8.685, -11.891, 0.748, -0.507),
+        },
+        // Half of all pairs are nearer than 155, keypoints of other places hardly nearer than 310.
+        same_point: 0.748,
+        decoys: DecoyRecipe::Mixture,
+    },
+    learned(DescriptorKind::XFEAT, model(6.145, -8.166, 0.0, 0.0), model(2.182, -4.496, 1.348, 0.0)),
+    learned(DescriptorKind::ALIKE_T, model(11.288, -13.494, 0.0, 0.0), model(7.158, -9.479, 1.338, 0.0)),
+];
 
 #[cfg(test)]
 mod tests {

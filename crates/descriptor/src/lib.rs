@@ -37,6 +37,7 @@ mod kmeans;
 mod matching;
 mod name;
 mod neighbours;
+mod packed;
 mod prior;
 mod storage;
 #[cfg(test)]

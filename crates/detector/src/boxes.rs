@@ -20,7 +20,7 @@ impl std::fmt::Debug for Detection {
 
 impl Detection {
     /// Area that two boxes share over the area they cover together.
-    pub(crate) fn overlap(&self, other: &Self) -> f32 {
+    pub fn overlap(&self, other: &Self) -> f32 {
         let [left, upper, right, lower] = self.corners;
         let [left2, upper2, right2, lower2] = other.corners;
         let side = |low: f32, high: f32| (high - low).max(0.0);

@@ -2,17 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use rten::{Dimension, Model, ModelOptions};
-use rten_tensor::NdTensor;
-use rten_tensor::prelude::*;
 use veiloc_features::ColourImage;
+use veiloc_networks::{Engine, Layer, Network, NetworkError, Tensor};
 
 use crate::boxes::{Detection, one_each};
 use crate::letterbox::letterbox;
-use crate::{DetectorError, classes, exact};
+use crate::{DetectorError, classes};
 
-/// Most bytes of a detector file that are read.
-const MOST_BYTES: u64 = 512 << 20;
 /// Boxes of one class that overlap by more than this are of one thing.
 const SAME: f32 = 0.5;
 
@@ -22,7 +18,7 @@ const SAME: f32 = 0.5;
 /// `N` boxes its middle, width and height in pixels of the input, and the scores of `C` classes, whose names the file's metadata
 /// tells under `names`. That is what YOLO 8 to 11 export; networks in whole numbers (int8) run as well.
 pub struct Detector {
-    model: Model,
+    network: Network,
     /// Width and height of the input.
     size: [usize; 2],
     names: Vec<String>,
@@ -40,28 +36,24 @@ impl Detector {
     /// # Errors
     /// [`DetectorError::Read`], and [`DetectorError::Model`] for a file that is damaged or of another form.
     pub fn open(path: &Path) -> Result<Self, DetectorError> {
-        let read = |source| DetectorError::Read { path: path.to_owned(), source };
         let unusable = |reason: String| DetectorError::Model { path: PathBuf::from(path), reason };
-        if std::fs::metadata(path).map_err(read)?.len() > MOST_BYTES {
-            return Err(unusable("it is larger than any detector".to_owned()));
-        }
-        let bytes = std::fs::read(path).map_err(read)?;
-        let model = ModelOptions::with_all_ops()
-            .load(exact::in_floats(&bytes).unwrap_or(bytes))
-            .map_err(|e| unusable(e.to_string()))?;
-        let names = model.metadata().get("names").and_then(classes::parse);
+        let network = Network::open(path, Engine::default()).map_err(|error| match error {
+            NetworkError::Read { path, source } => DetectorError::Read { path, source },
+            NetworkError::Model { reason, .. } => unusable(reason),
+            other => unusable(other.to_string()),
+        })?;
+        let names = network.metadata("names").as_deref().and_then(classes::parse);
         let names = names.ok_or_else(|| unusable("it does not tell the names of its classes".to_owned()))?;
-        let ([_], [_]) = (model.input_ids(), model.output_ids()) else {
+        if network.ends() != [1, 1] {
             return Err(unusable("it has more than one input or output".to_owned()));
-        };
-        let shape: Vec<Option<usize>> = model.input_shape(0).unwrap_or_default().iter().map(fixed).collect();
-        let [Some(1), Some(3), Some(height), Some(width)] = shape[..] else {
+        }
+        let &[Some(1), Some(3), Some(height), Some(width)] = network.input() else {
             return Err(unusable("its input is not one colour image of a fixed size".to_owned()));
         };
         if !(32..=4096).contains(&height) || !(32..=4096).contains(&width) {
             return Err(unusable(format!("its input of {width}x{height} pixels is not from 32 to 4096")));
         }
-        Ok(Self { model, size: [width, height], names })
+        Ok(Self { network, size: [width, height], names })
     }
 
     /// The names of the classes it knows, by number.
@@ -86,18 +78,24 @@ impl Detector {
         let broken = |reason: String| DetectorError::Run { reason };
         let [width, height] = self.size;
         let (samples, placed) = letterbox(image, self.size);
-        let input = NdTensor::from_data([1, 3, height, width], samples);
-        let output = self.model.run_one(input.view().into(), None).map_err(|e| broken(e.to_string()))?;
-        let output: NdTensor<f32, 3> =
-            output.try_into().map_err(|_| broken("its output is no table".to_owned()))?;
-        let [images, columns, boxes] = output.shape();
+        let input = Tensor { shape: vec![1, 3, height, width], data: samples };
+        let outputs = self.network.run(&input, &[Layer::Output(0)]).map_err(|error| match error {
+            NetworkError::Run { reason } => broken(reason),
+            other => broken(other.to_string()),
+        })?;
+        let Some((&[images, columns, boxes], numbers)) = outputs
+            .first()
+            .and_then(|table| Some((<&[usize; 3]>::try_from(&table.shape[..]).ok()?, &table.data)))
+        else {
+            return Err(broken("its output is no table".to_owned()));
+        };
         if images != 1 || columns != 4 + self.names.len() {
             let expected = 4 + self.names.len();
             return Err(broken(format!("its output has {columns} numbers a box instead of {expected}")));
         }
         let mut found = Vec::new();
         for at in 0..boxes {
-            let number = |column: usize| output[[0, column, at]];
+            let number = |column: usize| numbers[column * boxes + at];
             let scores = (0..self.names.len()).map(|class| (class, number(4 + class)));
             let Some((class, score)) = scores.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
             let [x, y, half_width, half_height] = [number(0), number(1), number(2) / 2.0, number(3) / 2.0];
@@ -112,12 +110,5 @@ impl Detector {
             }
         }
         Ok(found)
-    }
-}
-
-fn fixed(dimension: &Dimension) -> Option<usize> {
-    match dimension {
-        Dimension::Fixed(size) => Some(*size),
-        Dimension::Symbolic(_) => None,
     }
 }

@@ -12,7 +12,6 @@ mod boxes;
 mod classes;
 mod detector;
 mod error;
-mod exact;
 mod hider;
 mod letterbox;
 

@@ -1,4 +1,4 @@
-//! What makes features of an image, by name: SIFT, and whatever else a program brings.
+//! What makes features of an image: SIFT, and whatever else a program brings.
 
 use std::sync::Arc;
 
@@ -37,6 +37,25 @@ pub trait Extractor: Send + Sync {
     }
 }
 
+/// One that is shared: a network is read once, for the map and for what is sealed.
+impl<T: Extractor + ?Sized> Extractor for Arc<T> {
+    fn kind(&self) -> DescriptorKind {
+        (**self).kind()
+    }
+
+    fn extract(&self, image: &Image, max_keypoints: usize) -> Result<Features, FeatureError> {
+        (**self).extract(image, max_keypoints)
+    }
+
+    fn reach(&self) -> f64 {
+        (**self).reach()
+    }
+
+    fn sight(&self) -> f64 {
+        (**self).sight()
+    }
+}
+
 /// [`extract_sift`] as an [`Extractor`].
 #[derive(Debug, Clone, Default)]
 pub struct Sift {
@@ -71,66 +90,5 @@ impl Sift {
     /// As a device describes what it sends: the image's border does not show ([`Border::Mirrored`]).
     pub fn for_sealing() -> Self {
         Self { options: SiftOptions { border: Border::Mirrored, ..SiftOptions::default() } }
-    }
-}
-
-/// The extractors a program has.
-#[derive(Clone)]
-pub struct Extractors(Vec<Arc<dyn Extractor>>);
-
-impl std::fmt::Debug for Extractors {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Extractors({})", self.names())
-    }
-}
-
-/// The built-in ones: SIFT.
-impl Default for Extractors {
-    fn default() -> Self {
-        Self(vec![Arc::new(Sift::default())])
-    }
-}
-
-impl Extractors {
-    /// The built-in ones as a device uses them for what it sends ([`Sift::for_sealing`]).
-    pub fn for_sealing() -> Self {
-        Self(vec![Arc::new(Sift::for_sealing())])
-    }
-
-    /// These and one more; it takes the place of one with the same name.
-    #[must_use]
-    pub fn with(mut self, extractor: impl Extractor + 'static) -> Self {
-        let kind = extractor.kind();
-        self.0.retain(|known| known.kind().name() != kind.name());
-        self.0.push(Arc::new(extractor));
-        self
-    }
-
-    /// The one with this name, as on the command line.
-    ///
-    /// # Errors
-    /// [`FeatureError::UnknownKind`], naming those there are.
-    pub fn named(&self, name: &str) -> Result<&dyn Extractor, FeatureError> {
-        let found = self.0.iter().find(|extractor| extractor.kind().name() == name);
-        found.map(AsRef::as_ref).ok_or_else(|| self.unknown(name))
-    }
-
-    /// The one that makes descriptors of exactly this kind, as a map or a profile asks for them.
-    ///
-    /// # Errors
-    /// [`FeatureError::UnknownKind`], also for a known name with other numbers.
-    pub fn of_kind(&self, kind: DescriptorKind) -> Result<&dyn Extractor, FeatureError> {
-        let found = self.0.iter().find(|extractor| extractor.kind() == kind);
-        found.map(AsRef::as_ref).ok_or_else(|| self.unknown(&format!("{kind:?}")))
-    }
-
-    fn unknown(&self, asked: &str) -> FeatureError {
-        // What was asked for may come from a file or a server.
-        FeatureError::UnknownKind { asked: asked.chars().take(80).collect(), known: self.names() }
-    }
-
-    /// Their names, separated by commas.
-    pub fn names(&self) -> String {
-        self.0.iter().map(|e| e.kind().name().to_owned()).collect::<Vec<_>>().join(", ")
     }
 }

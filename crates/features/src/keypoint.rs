@@ -1,6 +1,6 @@
 //! Keypoints with their descriptors.
 
-use veiloc_descriptor::Descriptors;
+use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_geometry::Pixel;
 
 use crate::Mask;
@@ -25,6 +25,8 @@ pub struct Features {
     pub keypoints: Vec<Keypoint>,
     /// `[N, dim]`, row `i` belongs to keypoint `i`.
     pub descriptors: Descriptors,
+    /// One vector of the whole image, where one was asked for.
+    pub global: Option<GlobalDescriptor>,
 }
 
 // Keypoint positions must never reach a log (leak L8).
@@ -50,6 +52,7 @@ impl Features {
         Self {
             keypoints: kept.iter().map(|&i| self.keypoints[i]).collect(),
             descriptors: self.descriptors.select(kept),
+            global: self.global,
         }
     }
 
@@ -67,6 +70,7 @@ impl Features {
         Self {
             keypoints: kept.iter().map(|&i| self.keypoints[i]).collect(),
             descriptors: self.descriptors.select(kept),
+            global: self.global,
         }
     }
 

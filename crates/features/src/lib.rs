@@ -2,7 +2,8 @@
 //!
 //! - [`extract_image`]: the one door from a file to features, whatever the [`Extractor`].
 //! - [`extract_loaded`]: the same of an image in memory.
-//! - [`Extractors`]: the extractors a program has, by name. SIFT is built in; bring your own with [`Extractors::with`].
+//! - [`Extractors`]: the extractors a program has, by name. SIFT and [`Compact`] are built in; bring your own with [`Extractors::with`].
+//! - [`GlobalExtractor`]: what makes one vector of a whole image; none is built in.
 //! - [`Mask`]: parts of an image that nobody is to be told of; [`Image::without`] takes them out.
 //! - [`exif_camera`]: the camera that a file's EXIF tells, for images nobody calibrated.
 //! - [`extract_sift`]: SIFT on an image in memory.
@@ -20,16 +21,19 @@
 //! assert_eq!(features.descriptors.row(0).len(), 128);
 //!
 //! let unknown = Extractors::default().named("orb").err().map(|e| e.to_string());
-//! assert_eq!(unknown.as_deref(), Some("no features of kind orb here; there are: sift"));
+//! assert_eq!(unknown.as_deref(), Some("no features of kind orb here; there are: sift, compact"));
 //! # Ok::<(), veiloc_features::FeatureError>(())
 //! ```
 #![forbid(unsafe_code)]
 
 mod colour;
+mod compact;
 mod door;
 mod error;
 mod exif;
 mod extractor;
+mod extractors;
+mod global;
 mod gray;
 mod input;
 mod keypoint;
@@ -40,10 +44,13 @@ mod progress;
 mod sift;
 
 pub use colour::{ColourImage, load_colour};
+pub use compact::{Compact, compact};
 pub use door::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use error::FeatureError;
 pub use exif::{exif_camera, guessed_camera};
-pub use extractor::{Extractor, Extractors, Sift};
+pub use extractor::{Extractor, Sift};
+pub use extractors::Extractors;
+pub use global::{GlobalExtractor, SharedGlobal};
 pub use gray::GrayImage;
 pub use input::Image;
 pub use keypoint::{Features, Keypoint};

@@ -259,14 +259,14 @@ fn an_extractor_from_outside_is_found_by_name_and_held_to_its_promise() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = saved(folder.path(), "a.png", ImageFormat::Png);
     let extractors = Extractors::default().with(Middle { rows: 1 });
-    assert_eq!(extractors.names(), "sift, middle");
+    assert_eq!(extractors.names(), "sift, compact, middle");
     let kind = extractors.named("middle").expect("it was added").kind();
     let found =
         extract_image(&path, None, extractors.of_kind(kind).expect("by kind"), LIMITS).expect("extracted");
     assert_eq!(found.features.descriptors.kind(), kind);
     let other = DescriptorKind::new("middle", 8, Encoding::Signed, 100).expect("a kind");
     let unknown = extractors.of_kind(other).err().expect("the same name, another kind").to_string();
-    assert!(unknown.contains("there are: sift, middle"), "{unknown}");
+    assert!(unknown.contains("there are: sift, compact, middle"), "{unknown}");
     let broken = extract_image(&path, None, &Middle { rows: 2 }, LIMITS);
     assert!(matches!(broken, Err(FeatureError::Extractor { .. })), "{broken:?}");
 }

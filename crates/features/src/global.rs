@@ -1,0 +1,66 @@
+//! What makes one vector of a whole image.
+
+use std::sync::Arc;
+
+use veiloc_descriptor::{GlobalDescriptor, NamedGlobal};
+
+use crate::{FeatureError, Image};
+
+/// Makes global descriptors of images.
+///
+/// A device sends none unless its owner consents to this very model: such a vector tells of more than the rows of a query do
+/// (rule L14 of docs/privacy.md).
+pub trait GlobalExtractor: Send + Sync {
+    /// Which: its name and number of codes.
+    fn model(&self) -> NamedGlobal;
+
+    /// The vector of an image. Of what a mask hid ([`Image::without`]) there is nothing in it.
+    ///
+    /// Equal images must give equal vectors, with any number of threads.
+    ///
+    /// # Errors
+    /// [`FeatureError::Extractor`] when it cannot run.
+    fn describe(&self, image: &Image) -> Result<GlobalDescriptor, FeatureError>;
+}
+
+/// One that is shared: a network is read once, for the map and for what is sealed.
+#[derive(Clone)]
+pub struct SharedGlobal(Arc<dyn GlobalExtractor>);
+
+impl SharedGlobal {
+    /// Shares one.
+    pub fn new(extractor: impl GlobalExtractor + 'static) -> Self {
+        Self(Arc::new(extractor))
+    }
+
+    /// Which: its name and number of codes.
+    pub fn model(&self) -> NamedGlobal {
+        self.0.model()
+    }
+
+    /// As [`GlobalExtractor::describe`], and checks that there are as many codes as the model has.
+    ///
+    /// # Errors
+    /// [`FeatureError::Extractor`].
+    pub fn describe(&self, image: &Image) -> Result<GlobalDescriptor, FeatureError> {
+        let (model, global) = (self.0.model(), self.0.describe(image)?);
+        if global.len() != model.dim() {
+            let reason = format!("it made {} codes and not {}", global.len(), model.dim());
+            return Err(FeatureError::Extractor { name: model.name().to_owned(), reason });
+        }
+        Ok(global)
+    }
+}
+
+impl std::fmt::Debug for SharedGlobal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "SharedGlobal({})", self.model().name())
+    }
+}
+
+/// Equal when they are of one model.
+impl PartialEq for SharedGlobal {
+    fn eq(&self, other: &Self) -> bool {
+        self.model() == other.model()
+    }
+}

@@ -1,0 +1,436 @@
+#!/usr/bin/env python3
+"""Networks by PyTorch and ONNX Runtime, layer by layer, for ours to be held against.
+
+    .venv/bin/pip install numpy pillow onnx onnxruntime torch
+    .venv/bin/python scripts/oracle_networks.py write --weights $VEILOC_DATA/../weights
+    cargo build --release -p veiloc-networks --example layers
+    .venv/bin/python scripts/oracle_networks.py compare --weights $VEILOC_DATA/../weights \
+        --layers target/release/examples/layers --image $VEILOC_DATA/redkitchen/images/frame-000000.color.jpg
+
+`write` makes crates/networks/tests/data: `oracle.json` (numbers of layers, keypoints and descriptors of one drawn image) and
+small `.pth` and `.npz` files as PyTorch and NumPy write them. `compare` prints the largest difference of each layer over all its
+numbers, and times of one thread, ours and theirs in one run. Networks are written here from their papers' programs, with the
+weights as they are: nothing is folded and nothing left out. SuperPoint's detector head is made of numbers by a formula, as the
+weights that may be had for tests lack it: what is found with it is not SuperPoint.
+"""
+
+import argparse
+import json
+import subprocess
+import tempfile
+import time
+from collections import OrderedDict
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+import torch.nn.functional as F
+from PIL import Image
+
+DATA = Path(__file__).parent.parent / "crates/networks/tests/data"
+MARGIN = 32
+BORDER = 4
+SMALL = (160, 128)
+XFEAT = (800 - 2 * MARGIN, 576 - 2 * MARGIN)
+KEPT = 60
+
+
+def drawn(width: int, height: int) -> np.ndarray:
+    """Blocks with noise, in whole numbers, so that both sides have the very same."""
+    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    a, b = x // 11, y // 13
+    block = (a * 7 + b * 11 + (a ^ b) * 37) % 160
+    return ((block + (x * 7 + y * 13 + x * y) % 31 + x % 50).astype(np.float32) / np.float32(255)).astype(np.float32)
+
+
+def made_up(count: int) -> np.ndarray:
+    """Numbers from -0.05 to 0.05 by a formula."""
+    i = np.arange(count, dtype=np.uint64)
+    return ((((i * 2654435761) % 2**32) / 2**32 - 0.5) * 0.1).astype(np.float32)
+
+
+def continued(gray: np.ndarray, multiple: int) -> np.ndarray:
+    pads = []
+    for side in gray.shape:
+        whole = -(-(side + 2 * MARGIN) // multiple) * multiple
+        first = (whole - side) // 2
+        pads.append((first, whole - side - first))
+    return np.pad(gray, pads, mode="symmetric")
+
+
+class Names(OrderedDict):
+    """Layers by name, as they come."""
+
+    def keep(self, name, value):
+        self[name] = value
+        return value
+
+
+def alike(weights: dict, image: torch.Tensor) -> Names:
+    """ALNet with one head: nets/alnet.py of github.com/Shiaoming/ALIKE."""
+    layers = Names()
+    w = {k: torch.from_numpy(v) for k, v in weights.items()}
+
+    def norm(x, name):
+        return F.batch_norm(x, w[name + ".running_mean"], w[name + ".running_var"], w[name + ".weight"], w[name + ".bias"])
+
+    def block(x, name, residual):
+        y = norm(F.conv2d(x, w[name + ".conv1.weight"], padding=1), name + ".bn1")
+        layers.keep(name + ".first", y)
+        y = norm(F.conv2d(F.relu(y), w[name + ".conv2.weight"], padding=1), name + ".bn2")
+        layers.keep(name + ".second", y)
+        if residual:
+            y = y + F.conv2d(x, w[name + ".downsample.weight"], w[name + ".downsample.bias"])
+        return layers.keep(name, F.relu(y))
+
+    x1 = block(image, "block1", False)
+    x2 = block(F.max_pool2d(x1, 2), "block2", True)
+    x3 = block(F.max_pool2d(x2, 4), "block3", True)
+    x4 = block(F.max_pool2d(x3, 4), "block4", True)
+    levels = [layers.keep(f"level{i}", F.relu(F.conv2d(x, w[f"conv{i}.weight"]))) for i, x in enumerate((x1, x2, x3, x4), 1)]
+    up = lambda x, n: F.interpolate(x, scale_factor=n, mode="bilinear", align_corners=True)
+    joined = torch.cat([levels[0], up(levels[1], 2), up(levels[2], 8), up(levels[3], 32)], dim=1)
+    out = F.conv2d(joined, w["convhead2.weight"])
+    layers.keep("scores", torch.sigmoid(out[:, -1:]))
+    layers.keep("dense", F.normalize(out[:, :-1], dim=1))
+    return layers
+
+
+def superpoint(weights: dict, image: torch.Tensor) -> Names:
+    """SuperPointNet: demo_superpoint.py of github.com/magicleap/SuperPointPretrainedNetwork."""
+    layers = Names()
+    w = {k: torch.from_numpy(v) for k, v in weights.items()}
+
+    def conv(x, name):
+        return layers.keep(name, F.conv2d(x, w[name + ".weight"], w[name + ".bias"], padding=w[name + ".weight"].shape[-1] // 2))
+
+    x = image
+    for number in "1234":
+        x = F.relu(conv(F.relu(conv(x, f"conv{number}a")), f"conv{number}b"))
+        if number != "4":
+            x = F.max_pool2d(x, 2, 2)
+    for name, wide, own in [("scores", "convPa", "convPb"), ("descriptors", "convDa", "convDb")]:
+        layers.keep(name, F.conv2d(F.relu(conv(x, wide)), w[own + ".weight"], w[own + ".bias"]))
+    return layers
+
+
+def superpoint_weights(folder: Path) -> dict:
+    weights = dict(np.load(folder / "superpoint/superpoint_v1_encoder_desc.npz"))
+    for name, shape in [("convPa", (256, 128, 3, 3)), ("convPb", (65, 256, 1, 1))]:
+        weights[name + ".weight"] = made_up(int(np.prod(shape))).reshape(shape)
+        weights[name + ".bias"] = made_up(shape[0])
+    return weights
+
+
+def xfeat(path: Path, image: np.ndarray, inner: list[str]) -> tuple[Names, list[str]]:
+    model = onnx.load(path)
+    outputs = [output.name for output in model.graph.output]
+    model.graph.output.extend([onnx.ValueInfoProto(name=name) for name in inner])
+    session = onnxruntime.InferenceSession(model.SerializeToString(), one_thread())
+    names = outputs + inner
+    return Names(zip(names, map(torch.from_numpy, session.run(names, {"input": image})))), outputs
+
+
+def xfeat_inner(path: Path) -> list[str]:
+    """Some layers on the way: the sums where scales meet, and every sixth convolution's end."""
+    nodes = onnx.load(path).graph.node
+    sums = [n.output[0] for n in nodes if n.op_type == "Add"]
+    ends = [n.output[0] for n in nodes if n.op_type == "Relu"]
+    return sums + ends[::6]
+
+
+def nms(scores: torch.Tensor, radius: int, rounds: int) -> torch.Tensor:
+    """simple_nms of github.com/magicleap/SuperGluePretrainedNetwork."""
+    pool = lambda x: F.max_pool2d(x, 2 * radius + 1, stride=1, padding=radius)
+    kept = scores == pool(scores)
+    for _ in range(rounds):
+        near = pool(kept.float()) > 0
+        rest = torch.where(near, torch.zeros_like(scores), scores)
+        kept = kept | ((rest == pool(rest)) & ~near)
+    return kept
+
+
+def peaks(scores: torch.Tensor, size: tuple[int, int], radius: int, rounds: int, threshold: float) -> np.ndarray:
+    """x, y in the network's image, strongest first; those of the image and not on its border."""
+    height, width = scores.shape[-2:]
+    kept = (nms(scores, radius, rounds) & (scores > threshold))[0, 0].numpy()
+    (left, upper) = ((width - size[0]) // 2, (height - size[1]) // 2)
+    inside = np.zeros_like(kept)
+    inside[upper + BORDER : upper + size[1] - BORDER, left + BORDER : left + size[0] - BORDER] = True
+    y, x = np.nonzero(kept & inside)
+    return np.stack([x, y], 1), np.array([left, upper])
+
+
+def by_strength(points: np.ndarray, strength: np.ndarray) -> np.ndarray:
+    return np.argsort(-strength, kind="stable")[:KEPT]
+
+
+def sampled(dense: torch.Tensor, grid: torch.Tensor, mode: str, corners: bool) -> np.ndarray:
+    values = F.grid_sample(dense, grid[None, None], mode=mode, align_corners=corners)[0, :, 0]
+    return F.normalize(values, dim=0).T.numpy()
+
+
+def pixels(logits: torch.Tensor) -> torch.Tensor:
+    """Softmax over 64 positions and none, laid out as pixels."""
+    shares = torch.softmax(logits, 1)[:, :-1]
+    b, _, h, w = shares.shape
+    return shares.permute(0, 2, 3, 1).reshape(b, h, w, 8, 8).permute(0, 1, 3, 2, 4).reshape(b, 1, h * 8, w * 8)
+
+
+def keypoints_of_alike(layers: Names, size: tuple[int, int]) -> tuple[np.ndarray, ...]:
+    """DKD of ALIKE's soft_detect.py: radius 2, temperature 0.1."""
+    scores = layers["scores"]
+    points, offset = peaks(scores, size, 2, 2, 0.05)
+    strength = scores[0, 0].numpy()[points[:, 1], points[:, 0]]
+    order = by_strength(points, strength)
+    points, strength = points[order], strength[order]
+    padded = F.pad(scores, (2, 2, 2, 2))[0, 0].numpy()
+    steps = np.arange(-2, 3)
+    exact = []
+    for x, y in points:
+        patch = padded[y : y + 5, x : x + 5].astype(float)
+        weight = np.exp((patch - patch.max()) / 0.1)
+        exact.append([x + (weight * steps[None]).sum() / weight.sum(), y + (weight * steps[:, None]).sum() / weight.sum()])
+    exact = np.array(exact)
+    height, width = scores.shape[-2:]
+    grid = torch.from_numpy(exact / [width - 1, height - 1] * 2 - 1).float()
+    return exact - offset + 0.5, strength, sampled(layers["dense"], grid, "bilinear", True)
+
+
+def keypoints_of_superpoint(layers: Names, size: tuple[int, int]) -> tuple[np.ndarray, ...]:
+    """superpoint.py of SuperGluePretrainedNetwork, as hloc calls it."""
+    scores = pixels(layers["scores"])
+    points, offset = peaks(scores, size, 3, 2, 0.005)
+    strength = scores[0, 0].numpy()[points[:, 1], points[:, 0]]
+    order = by_strength(points, strength)
+    points, strength = points[order], strength[order]
+    dense = F.normalize(layers["descriptors"], dim=1)
+    h, w = dense.shape[-2:]
+    grid = (points - 4 + 0.5) / np.array([w * 8 - 4 - 0.5, h * 8 - 4 - 0.5]) * 2 - 1
+    return points - offset + 0.5, strength, sampled(dense, torch.from_numpy(grid).float(), "bilinear", True)
+
+
+def keypoints_of_xfeat(layers: Names, outputs: list[str], size: tuple[int, int]) -> tuple[np.ndarray, ...]:
+    """detectAndCompute of github.com/verlab/accelerated_features."""
+    feats, logits, reliability = (layers[name] for name in outputs)
+    scores = pixels(logits.permute(0, 3, 1, 2))
+    points, offset = peaks(scores, size, 2, 0, 0.05)
+    height, width = scores.shape[-2:]
+    grid = torch.from_numpy(points / [width - 1, height - 1] * 2 - 1).float()
+    factor = F.grid_sample(reliability, grid[None, None], mode="bilinear", align_corners=False)[0, 0, 0].numpy()
+    strength = scores[0, 0].numpy()[points[:, 1], points[:, 0]] * factor
+    order = by_strength(points, strength)
+    dense = F.normalize(feats.permute(0, 3, 1, 2), dim=1)
+    return (points - offset + 0.5)[order], strength[order], sampled(dense, grid[order], "bicubic", False)
+
+
+def xfeat_input(size: tuple[int, int]) -> np.ndarray:
+    gray = drawn(*size).astype(float)
+    gray = ((gray - gray.mean()) / np.sqrt(gray.var() + 1e-5)).astype(np.float32)
+    return continued(gray, 1)[None, None]
+
+
+def runs(folder: Path):
+    """Name, file for ours (`None`: made here), input, layers, keypoints."""
+    for name, file in [("alike", "alike-n"), ("alike-t", "alike-t")]:
+        image = torch.from_numpy(continued(drawn(*SMALL), 32))[None, None].repeat(1, 3, 1, 1)
+        layers = alike(dict(np.load(folder / f"alike/{file}.npz")), image)
+        yield name, folder / f"alike/{file}.pth", image.numpy(), layers, keypoints_of_alike(layers, SMALL), SMALL
+    image = torch.from_numpy(continued(drawn(*SMALL), 8))[None, None]
+    layers = superpoint(superpoint_weights(folder), image)
+    yield "superpoint", None, image.numpy(), layers, keypoints_of_superpoint(layers, SMALL), SMALL
+    path = folder / "xfeat/xfeat_800x576.onnx"
+    layers, outputs = xfeat(path, xfeat_input(XFEAT), xfeat_inner(path))
+    yield "xfeat", path, xfeat_input(XFEAT), layers, keypoints_of_xfeat(layers, outputs, XFEAT), XFEAT
+
+
+def write(folder: Path) -> None:
+    rng = np.random.default_rng(1)
+    document = {}
+    for name, _, _, layers, (points, strength, vectors), size in runs(folder):
+        entry = {"size": size, "layers": {}}
+        for layer, value in layers.items():
+            if layer == "dense":
+                continue
+            flat = value.detach().numpy().ravel()
+            at = np.sort(rng.choice(flat.size, 24, replace=False))
+            entry["layers"][layer] = {
+                "shape": list(value.shape),
+                "largest": float(np.abs(flat).max()),
+                "mean": float(flat.astype(float).mean()),
+                "at": at.tolist(),
+                "values": [float(f"{v:.7g}") for v in flat[at]],
+            }
+        entry["keypoints"] = np.round(np.c_[points, strength], 6).tolist()
+        entry["descriptors"] = np.round(vectors[:, :: max(1, vectors.shape[1] // 8)], 6).tolist()
+        document[name] = entry
+        print(f"{name}: {len(layers)} layers, {len(points)} keypoints")
+    lines = [f"{json.dumps(name)}: {json.dumps(entry)}" for name, entry in document.items()]
+    (DATA / "oracle.json").write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    small_network("corners.onnx", {"strides": [1, 1], "dilations": [1, 1]})
+    small_network("corners-plain.onnx", {})  # ONNX lets them be left out
+    small_files()
+
+
+def small_network(name: str, plain: dict) -> None:
+    """An ONNX network of any size that finds corners by a formula and describes them by patches, for tests of the command line:
+    scores are the smaller eigenvalue's like (the product over the sum of the squared gradients), descriptors 25 gray values four
+    pixels apart, less their mean."""
+    from onnx import TensorProto, helper, numpy_helper
+
+    gradients = np.zeros((2, 1, 3, 3), np.float32)
+    gradients[0, 0] = np.outer([1, 2, 1], [-1, 0, 1])
+    gradients[1, 0] = gradients[0, 0].T
+    box = np.ones((1, 1, 7, 7), np.float32) / 49
+    smooth = np.outer(*[np.array([1, 2, 3, 2, 1], np.float32) / 9] * 2)[None, None].astype(np.float32)
+    patch = np.zeros((25, 1, 17, 17), np.float32)
+    patch[np.arange(25), 0, np.arange(25) // 5 * 4, np.arange(25) % 5 * 4] = 1
+    patch -= patch.mean(0, keepdims=True)
+    tensors = {"gradients": gradients, "box": box, "smooth": smooth, "patch": patch, "little": np.float32([1e-3])}
+    tensors["split"] = np.array([1, 1], np.int64)
+    node = helper.make_node
+    nodes = [
+        node("Conv", ["image", "gradients"], ["g"], pads=[1] * 4, **plain),
+        node("Split", ["g", "split"], ["gx", "gy"], axis=1),
+        node("Mul", ["gx", "gx"], ["xx"]),
+        node("Mul", ["gy", "gy"], ["yy"]),
+        node("Mul", ["gx", "gy"], ["xy"]),
+        *[node("Conv", [name, "box"], ["s" + name], pads=[3] * 4, **plain) for name in ["xx", "yy", "xy"]],
+        node("Mul", ["sxx", "syy"], ["product"]),
+        node("Mul", ["sxy", "sxy"], ["crossed"]),
+        node("Sub", ["product", "crossed"], ["determinant"]),
+        node("Add", ["sxx", "syy"], ["sum"]),
+        node("Add", ["sum", "little"], ["trace"]),
+        node("Div", ["determinant", "trace"], ["scores"]),
+        node("Conv", ["image", "smooth"], ["calm"], pads=[2] * 4, **plain),
+        node("Conv", ["calm", "patch"], ["descriptors"], pads=[8] * 4, **plain),
+    ]
+    image = helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 1, "h", "w"])
+    outputs = [
+        helper.make_tensor_value_info("scores", TensorProto.FLOAT, [1, 1, "h", "w"]),
+        helper.make_tensor_value_info("descriptors", TensorProto.FLOAT, [1, 25, "h", "w"]),
+    ]
+    graph = helper.make_graph(nodes, "corners", [image], outputs, [numpy_helper.from_array(v, k) for k, v in tensors.items()])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    onnx.checker.check_model(model)
+    (DATA / name).write_bytes(model.SerializeToString())
+
+
+def small_files() -> None:
+    """Files of a few tensors: `plain` holds what `tests/weights.rs` expects of all of them."""
+    torch.manual_seed(3)
+    a = torch.arange(6, dtype=torch.float32).reshape(2, 3) / 4
+    tensors = OrderedDict([("a", a), ("turned", a.t()), ("part", a[1:]), ("count", torch.tensor(7))])
+    layer = torch.nn.Sequential(torch.nn.Conv2d(1, 2, 1), torch.nn.BatchNorm2d(2))
+    torch.save(tensors, DATA / "plain.pth")
+    torch.save(tensors, DATA / "old.pth", _use_new_zipfile_serialization=False)
+    torch.save({"epoch": 3, "best": 0.5, "state_dict": tensors}, DATA / "nested.pth")
+    torch.save(OrderedDict((k, v.half()) for k, v in list(tensors.items())[:3]), DATA / "half.pth")
+    torch.save(layer.state_dict(), DATA / "module.pth")
+    torch.save(torch.nn.ParameterDict({"a": torch.nn.Parameter(a)}).state_dict(), DATA / "parameters.pth")
+    torch.save(layer, DATA / "whole-module.pth")
+    torch.save(print, DATA / "function.pth")
+    np.savez(DATA / "plain.npz", a=a.numpy(), turned=np.ascontiguousarray(a.t().numpy()), part=a[1:].numpy(), count=np.array([7]))
+    np.savez_compressed(DATA / "packed.npz", a=a.numpy())
+    np.savez(DATA / "objects.npz", a=np.array([{"x": 1}], dtype=object))
+
+
+def one_thread() -> onnxruntime.SessionOptions:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    return options
+
+
+def ours(program: Path, model: str, file: Path, image: np.ndarray, layers: list[str]) -> list[np.ndarray]:
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "in").write_bytes(np.ascontiguousarray(image, np.float32).tobytes())
+        sides = [str(side) for side in image.shape[1:]]
+        command = [program, model, file, "run", Path(folder) / "in", *sides, folder, *layers]
+        shapes = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+        return [
+            np.fromfile(Path(folder) / f"{i}.f32", np.float32).reshape(json.loads(shape)) for i, shape in enumerate(shapes)
+        ]
+
+
+def compare(args: argparse.Namespace) -> None:
+    torch.set_num_threads(1)
+    folder = args.weights
+    with tempfile.TemporaryDirectory() as made:
+        head = Path(made) / "superpoint_v1.pth"
+        weights = OrderedDict((k, torch.from_numpy(v)) for k, v in superpoint_weights(folder).items())
+        torch.save(weights, head, _use_new_zipfile_serialization=False)
+        print("| network | layer | numbers | largest number | largest difference |\n|---|---|--:|--:|--:|")
+        for name, file, image, layers, _, _ in runs(folder):
+            layers = {k: v for k, v in layers.items() if k != "dense"}
+            # Outputs of XFeat's files by number: some have a number for a name.
+            asked = [str(i) if name == "xfeat" and i < 3 else layer for i, layer in enumerate(layers)]
+            for (layer, theirs), own in zip(layers.items(), ours(args.layers, name, file or head, image, asked)):
+                theirs = theirs.detach().numpy()
+                assert theirs.shape == own.shape, (name, layer)
+                off = float(np.abs(theirs - own).max())
+                print(f"| {name} | {layer} | {own.size} | {np.abs(theirs).max():.3g} | {off:.1e} |")
+        times(args, head, Path(made))
+
+
+def times(args: argparse.Namespace, head: Path, made: Path) -> None:
+    """One thread: ours from the image in memory to features; of theirs the network alone, on an input of the same size."""
+    gray = np.asarray(Image.open(args.image).convert("L"), np.float32) / 255
+    height, width = gray.shape
+    whole = lambda side, multiple, margin: -(-(side + 2 * margin) // multiple) * multiple
+    weights = args.weights
+    rows = [
+        ("xfeat", weights / "xfeat/xfeat_800x576.onnx", None, (1, 1, 576, 800)),
+        ("alike-t", weights / "alike/alike-t.pth", 3, (1, 3, whole(height, 32, 96), whole(width, 32, 96))),
+        ("alike", weights / "alike/alike-n.pth", 3, (1, 3, whole(height, 32, 96), whole(width, 32, 96))),
+        ("superpoint, its detector head made up", head, 1, (1, 1, whole(height, 8, 64), whole(width, 8, 64))),
+    ]
+    print(f"\n{width}x{height}, one thread, fastest of {args.repeat}, milliseconds\n")
+    print("| network | input | ours, all | keypoints | ONNX Runtime, same graph | PyTorch, its own graph |\n|---|---|--:|--:|--:|--:|")
+    for label, file, channels, shape in rows:
+        name = label.split(",")[0]
+        environment = {"RAYON_NUM_THREADS": "1"}
+        command = [args.layers, name, file, "time", args.image, "2048", str(args.repeat)]
+        told = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout.split()
+        graph = file
+        if channels:
+            graph = made / "graph.onnx"
+            subprocess.run([args.layers, name, file, "onnx", graph], check=True)
+        session = onnxruntime.InferenceSession(str(graph), one_thread())
+        image = np.random.default_rng(1).random(shape, np.float32)
+        runtime = fastest(args.repeat, lambda: session.run(None, {session.get_inputs()[0].name: image}))
+        torch_ms = ""
+        if channels:
+            network = alike if name.startswith("alike") else superpoint
+            tensors = superpoint_weights(weights) if name == "superpoint" else dict(np.load(file.with_suffix(".npz")))
+            with torch.inference_mode():
+                torch_ms = f"{fastest(args.repeat, lambda: network(tensors, torch.from_numpy(image))):.0f}"
+        print(f"| {label} | {shape[3]}x{shape[2]} | {float(told[0]):.0f} | {told[1]} | {runtime:.0f} | {torch_ms} |")
+
+
+def fastest(repeat: int, job) -> float:
+    best = float("inf")
+    for _ in range(repeat):
+        started = time.perf_counter()
+        job()
+        best = min(best, time.perf_counter() - started)
+    return best * 1e3
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    jobs = parser.add_subparsers(dest="job", required=True)
+    for name in ["write", "compare"]:
+        job = jobs.add_parser(name)
+        job.add_argument("--weights", type=Path, required=True, help="folder of the network files")
+        if name == "compare":
+            job.add_argument("--layers", type=Path, required=True, help="the example `layers` of veiloc-networks")
+            job.add_argument("--image", type=Path, required=True, help="an image to time extraction on")
+            job.add_argument("--repeat", type=int, default=7)
+    args = parser.parse_args()
+    write(args.weights) if args.job == "write" else compare(args)
+
+
+if __name__ == "__main__":
+    main()

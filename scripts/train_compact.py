@@ -1,0 +1,185 @@
+#!/usr/bin/env python3
+"""Trains the projection of compact descriptors: RootSIFT, 128 bytes, to 64 numbers of 4 bits.
+
+    .venv/bin/python scripts/train_compact.py --images $VEILOC_DATA/training-photos --veiloc target/release/veiloc \
+        --out crates/features/src/compact/projection.bin
+
+Linear discriminant analysis. Images are warped by random homographies, blurred, made darker, noisier; keypoints of an image
+and of its warped version that lie within 1.5 px of each other are pairs. Differences of pairs are what must not count (their
+covariance becomes a ball), differences of keypoints at large what must (the 64 directions in which they differ most are
+kept). One step of the 4 bits is the same for all numbers, so that Euclidean distance stays what discriminates.
+
+The file: 64 rows of 128 little endian i16, then 64 i32. Number `i` of RootSIFT `x` is `(Σ w[i, j] x[j] + o[i]) >> 18`, from
+-8 to 7: integers, so that every machine computes the same.
+
+Also prints what part of the keypoints of images that were not trained on finds its partner as nearest neighbour among those
+of 13 images, for RootSIFT and for projections to other lengths.
+"""
+
+import argparse
+import base64
+import gzip
+import hashlib
+import json
+import random
+import subprocess
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+SHIFT = 18
+LEVELS = 16
+SPREADS = 2.5  # standard deviations on either side that the levels cover
+FLOOR = 0.1  # added to variances of pairs, in parts of their mean
+PAIR_PX, RIGHT_PX = 1.5, 3.0
+FARTHEST = 230.0  # RootSIFT distance of a pair; farther are other orientations or scales at the same place
+WARPS = 2
+
+
+def names_by_hash(folder):
+    names = [str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()]
+    return sorted(names, key=lambda name: hashlib.sha256(name.encode()).hexdigest())
+
+
+def warp(image, draw):
+    """A homography and the image under it, taken by another camera in another light."""
+    height, width = image.shape[:2]
+    scale, turn, stretch = 2 ** draw.uniform(-0.7, 0.7), draw.gauss(0, 0.25), 2 ** draw.gauss(0, 0.25)
+    cos, sin = np.cos(turn), np.sin(turn)
+    affine = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]) @ np.diag([scale * stretch, scale / stretch, 1])
+    tilt = np.eye(3)
+    tilt[2, :2] = [draw.gauss(0, 0.2) / max(width, height) for _ in range(2)]
+    centred = np.array([[1, 0, -width / 2], [0, 1, -height / 2], [0, 0, 1]])
+    homography = np.linalg.inv(centred) @ tilt @ affine @ centred
+    sampling = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    out = cv2.warpPerspective(image, homography, (width, height), flags=sampling, borderMode=cv2.BORDER_REFLECT)
+    out = 255 * (out.astype(np.float32) / 255) ** (2 ** draw.gauss(0, 0.4)) * 2 ** draw.gauss(0, 0.3) + draw.gauss(0, 15)
+    if draw.random() < 0.4:
+        out = cv2.GaussianBlur(out, (0, 0), draw.uniform(0.4, 1.5))
+    noise = np.random.default_rng(draw.getrandbits(32)).normal(0, draw.uniform(0, 6), out.shape)
+    return homography, np.clip(out + noise, 0, 255).astype(np.uint8)
+
+
+def keypoints(args, names, folder):
+    """[(keypoints, descriptors) of an image, [(homography, (keypoints, descriptors))] of its warps]"""
+    homographies = {}
+    for number, name in enumerate(names):
+        image = cv2.imread(str(args.images / name))
+        if image is None:
+            continue
+        draw = random.Random(name)
+        cv2.imwrite(str(folder / f"{number:04d}_0.png"), image)
+        for k in range(1, WARPS + 1):
+            homography, warped = warp(image, draw)
+            homographies[f"{number:04d}", k] = homography
+            cv2.imwrite(str(folder / f"{number:04d}_{k}.png"), warped)
+    out = folder / "keypoints.jsonl.gz"
+    command = [args.veiloc, "--quiet", "eval", "keypoints", folder, "--max-keypoints", "1024", "-o", out]
+    subprocess.run(list(map(str, command)), check=True)
+    found = {}
+    with gzip.open(out) as lines:
+        for row in map(json.loads, lines):
+            bytes_ = np.frombuffer(base64.b64decode(row["descriptors"]), np.uint8)
+            found[Path(row["name"]).stem] = (np.array(row["keypoints"]).reshape(-1, 2), bytes_.reshape(-1, 128))
+    both = {}
+    for (number, k), homography in homographies.items():
+        both.setdefault(number, []).append((homography, found[f"{number}_{k}"]))
+    return [(found[f"{number}_0"], warps) for number, warps in both.items()]
+
+
+def moved(points, homography):
+    """Points under a homography; far away where they go behind the camera."""
+    ahead = np.c_[points, np.ones(len(points))] @ homography.T
+    out = ahead[:, :2] / ahead[:, 2:]
+    return np.where((ahead[:, 2:] > 0) & (np.abs(out) < 1e5), out, -1e4)
+
+
+def pairs(images):
+    """Descriptors of pairs, `[N, 128]` each; of several at one place the most similar."""
+    first, second = [], []
+    for (points, own), warps in images:
+        for homography, (other_points, other) in warps:
+            if not len(other_points):
+                continue
+            tree = cKDTree(other_points)
+            for i, near in enumerate(tree.query_ball_point(moved(points, homography), PAIR_PX)):
+                if near:
+                    away = ((other[near].astype(np.float32) - own[i]) ** 2).sum(1)
+                    if away.min() < FARTHEST**2:
+                        first.append(own[i])
+                        second.append(other[near[int(away.argmin())]])
+    return np.array(first, np.float64), np.array(second, np.float64)
+
+
+def discriminant(first, second, count):
+    """Mean and the `count` directions, `[count, 128]`, in which pairs differ by 1 and others most."""
+    apart = first - second
+    values, vectors = np.linalg.eigh(apart.T @ apart / len(apart) / 2)
+    whiten = vectors @ np.diag((values + FLOOR * values.mean()) ** -0.5) @ vectors.T
+    both = np.vstack([first, second])
+    _, directions = np.linalg.eigh(whiten @ np.cov(both.T) @ whiten)
+    return both.mean(0), directions[:, ::-1][:, :count].T @ whiten
+
+
+def integers(first, mean, directions):
+    """Weights `[count, 128]` i16 and offsets `[count]` i32 of the file."""
+    step = 2 * SPREADS * ((first - mean) @ directions.T).std() / LEVELS
+    weights = np.round(directions / step * 2**SHIFT)
+    assert np.abs(weights).max() < 2**15
+    offsets = np.round(-(directions @ mean) / step * 2**SHIFT)
+    return weights.astype("<i2"), offsets.astype("<i4")
+
+
+def project(weights, offsets, descriptors):
+    """`[N, count]`, -7.5 to 7.5: middles of the levels."""
+    sums = descriptors.astype(np.int64) @ weights.astype(np.int64).T + offsets
+    return np.clip(sums >> SHIFT, -LEVELS // 2, LEVELS // 2 - 1).astype(np.float32) + 0.5
+
+
+def found(images, encode, others=12):
+    """Of keypoints that have a partner, what part has it as nearest neighbour among those of the warped and other images."""
+    draw = np.random.default_rng(1)
+    encoded = [encode(own[1]) for own, _ in images]
+    right = total = 0
+    for number, ((points, _), warps) in enumerate(images):
+        for homography, (other_points, other) in warps:
+            drawn = [n for n in draw.permutation(len(images)) if n != number][:others]
+            pool = np.vstack([encode(other)] + [encoded[n] for n in drawn])
+            nearest = ((pool**2).sum(1) - 2 * encoded[number] @ pool.T).argmin(1)
+            at = moved(points, homography)
+            has = cKDTree(other_points).query(at)[0] < PAIR_PX
+            own = has & (nearest < len(other_points))
+            off = np.linalg.norm(other_points[nearest[own]] - at[own], axis=1)
+            right, total = right + int((off < RIGHT_PX).sum()), total + int(has.sum())
+    return right / total
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--images", type=Path, required=True)
+    parser.add_argument("--veiloc", type=Path, required=True)
+    parser.add_argument("--train", type=int, default=500, help="images, the first by a hash of their names")
+    parser.add_argument("--judge", type=int, default=30, help="images, the last")
+    parser.add_argument("--out", type=Path, help="where the 64 numbers of 4 bits go")
+    args = parser.parse_args()
+    names = names_by_hash(args.images)
+    with tempfile.TemporaryDirectory() as train, tempfile.TemporaryDirectory() as judge:
+        first, second = pairs(keypoints(args, names[: args.train], Path(train)))
+        judged = keypoints(args, names[-args.judge :], Path(judge))
+    print(f"{len(first)} pairs of {args.train} images")
+    print(f"RootSIFT, 128 bytes: {found(judged, lambda x: x.astype(np.float32)):.4f}")
+    for count in (32, 48, 64, 96):
+        mean, directions = discriminant(first, second, count)
+        weights, offsets = integers(first, mean, directions)
+        plain = found(judged, lambda x: ((x - mean) @ directions.T).astype(np.float32))
+        coarse = found(judged, lambda x: project(weights, offsets, x))
+        print(f"{count} numbers: {plain:.4f} as they are, {coarse:.4f} with 4 bits ({count // 2} bytes)")
+        if count == 64 and args.out:
+            args.out.write_bytes(weights.tobytes() + offsets.tobytes())
+
+
+if __name__ == "__main__":
+    main()
