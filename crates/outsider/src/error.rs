@@ -2,6 +2,7 @@
 
 use veiloc_attacks::AttackError;
 use veiloc_obfuscation::SealError;
+use veiloc_training::TrainingError;
 
 /// Why there is no network.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -13,16 +14,9 @@ pub enum NetworkError {
     /// An image cannot be obfuscated under the scheme.
     #[error(transparent)]
     Seal(#[from] SealError),
-    /// An option, or a number in a file, is none of those allowed.
-    #[error("{name} is {value}, allowed is {allowed}")]
-    Option {
-        /// Which.
-        name: &'static str,
-        /// What it is.
-        value: f64,
-        /// What it may be.
-        allowed: &'static str,
-    },
+    /// An option makes no sense, training failed, or a file is none.
+    #[error(transparent)]
+    Training(#[from] TrainingError),
     /// There is nothing to learn or to attack where positions are sent, or nothing but one scheme was learned.
     #[error("{found}: {expected}")]
     Scheme {
@@ -31,41 +25,4 @@ pub enum NetworkError {
         /// What would do.
         expected: String,
     },
-    /// Training left the numbers that can be computed with.
-    #[error("the loss of step {step} is not finite; a smaller learning rate may help")]
-    Diverged {
-        /// Step, from 0.
-        step: usize,
-    },
-    /// The bytes do not begin as such a file does.
-    #[error("this is no {expected}")]
-    NotANetwork {
-        /// What was to be read, and what writes it.
-        expected: &'static str,
-    },
-    /// The file is of another version.
-    #[error("the file is of version {found}, this program reads version {expected}; train again")]
-    Version {
-        /// The version in the file.
-        found: u32,
-        /// The version that is read.
-        expected: u32,
-    },
-    /// The file is cut short, or too long.
-    #[error("the file has {found} bytes, {expected} are expected; copy it again")]
-    Length {
-        /// Bytes that are there.
-        found: usize,
-        /// Bytes that such a file has.
-        expected: u64,
-    },
-    /// The bytes are not those that were written.
-    #[error("the file is damaged (checksum); copy it again")]
-    Checksum,
-    /// A learned number is not finite.
-    #[error("the file holds a number that is not finite; train again")]
-    NotFinite,
-    /// A training cannot go on with other options or images than it began with.
-    #[error("the training that is to go on was begun with other options or images; begin anew without it")]
-    OtherTraining,
 }

@@ -6,21 +6,17 @@
 //! - [`positions`]: end to end, from all rows of a query, descriptors and lines, to where on its line each keypoint
 //!   lies.
 //!
-//! Both are trained on the CPU by a small engine of their own, with derivatives by hand: equal seeds give equal
+//! Both are trained on the CPU by the engine of `veiloc-training`, with derivatives by hand: equal seeds give equal
 //! networks, whatever the number of threads, and a training that was interrupted goes on as if it had not been
 //! ([`TrainingState`]). Decision 0021 says why no library does this.
 #![forbid(unsafe_code)]
 
 mod engine;
 mod error;
-mod file;
 pub mod neighbours;
 mod options;
 pub mod positions;
-mod state;
-mod training;
 
 pub use error::NetworkError;
 pub use options::TrainingOptions;
-pub use state::{CurvePoint, TrainingState};
-pub use training::{Progress, Trained};
+pub use veiloc_training::{CurvePoint, Progress, Trained, TrainingState};

@@ -1,5 +1,8 @@
 //! What can be chosen in the training of any network.
 
+use veiloc_attacks::KnownImage;
+use veiloc_training::{Course, TrainingError, fingerprint};
+
 use crate::engine::encoder::Shape;
 use crate::error::NetworkError;
 
@@ -56,33 +59,51 @@ const MOST_LAYERS: usize = 64;
 
 /// What is wrong with a whole number.
 pub(crate) fn refuse(name: &'static str, value: usize, allowed: &'static str) -> NetworkError {
-    NetworkError::Option { name, value: value as f64, allowed }
+    TrainingError::refuse(name, value, allowed).into()
 }
 
 impl TrainingOptions {
     /// Everything but the shape.
     pub(crate) fn check(&self) -> Result<(), NetworkError> {
-        for (name, value) in
-            [("steps", self.steps), ("images", self.images), ("validate_every", self.validate_every)]
-        {
-            if value == 0 {
-                return Err(refuse(name, value, "at least 1"));
-            }
-        }
+        self.course().check()?;
         if self.keypoints < 2 {
             return Err(refuse("keypoints", self.keypoints, "at least 2"));
         }
-        let reals = [
-            ("learning_rate", self.learning_rate, self.learning_rate > 0.0, "a number above 0"),
-            ("weight_decay", self.weight_decay, self.weight_decay >= 0.0, "a number from 0"),
-            ("dropout", self.dropout, (0.0..0.95).contains(&self.dropout), "a share from 0 to below 0.95"),
-        ];
-        for (name, value, good, allowed) in reals {
-            if !good || !value.is_finite() {
-                return Err(NetworkError::Option { name, value, allowed });
-            }
+        if !(0.0..0.95).contains(&self.dropout) {
+            let allowed = "a share from 0 to below 0.95";
+            return Err(TrainingError::Option { name: "dropout", value: self.dropout, allowed }.into());
         }
         Ok(())
+    }
+
+    /// What the loop of any training needs.
+    pub(crate) fn course(&self) -> Course {
+        Course {
+            steps: self.steps,
+            images: self.images,
+            learning_rate: self.learning_rate,
+            weight_decay: self.weight_decay,
+            validate_every: self.validate_every,
+            seed: self.seed,
+        }
+    }
+
+    /// A number that is another one for other options or images.
+    pub(crate) fn fingerprint(&self, what: &str, sets: [&[KnownImage]; 2]) -> u64 {
+        fingerprint(|feed| {
+            feed(what.as_bytes());
+            feed(format!("{self:?}").as_bytes());
+            for set in sets {
+                feed(&(set.len() as u64).to_le_bytes());
+                for image in set {
+                    image.size().iter().for_each(|side| feed(&side.to_le_bytes()));
+                    for p in image.keypoints() {
+                        feed(&p.u.to_le_bytes());
+                        feed(&p.v.to_le_bytes());
+                    }
+                }
+            }
+        })
     }
 }
 

@@ -8,6 +8,7 @@ use veiloc_attacks::{AttackError, Descriptors, KnownImage, NeighbourLists};
 use veiloc_geometry::Pixel;
 use veiloc_outsider::neighbours::{NeighbourNetwork, train};
 use veiloc_outsider::{NetworkError, Progress, Trained, TrainingOptions, TrainingState};
+use veiloc_training::TrainingError;
 
 const DIMENSION: usize = 16;
 
@@ -73,7 +74,7 @@ fn a_training_that_was_interrupted_goes_on_as_if_it_had_not_been() {
     }
     let state = run(None, 2).expect("it learns").state;
     let other = train(&training, &[known(50)], 21, &options, Some(state), on).expect_err("another");
-    assert_eq!(other, NetworkError::OtherTraining);
+    assert_eq!(other, TrainingError::OtherTraining.into());
 }
 
 #[test]
@@ -139,27 +140,27 @@ fn what_is_written_is_read_back_and_what_is_damaged_is_refused() {
     let victim = Descriptors::new(&descriptors, DIMENSION).expect("whole");
     assert_eq!(again.predict(&victim, 9), network.predict(&victim, 9));
 
-    let refused = |bytes: &[u8]| NeighbourNetwork::decode(bytes).expect_err("refused");
+    let refused = |bytes: &[u8]| NeighbourNetwork::decode(bytes).map_err(of_training).expect_err("refused");
     for length in 0..bytes.len().min(60) {
         let error = refused(&bytes[..length]);
         assert!(
-            matches!(error, NetworkError::NotANetwork { .. } | NetworkError::Length { .. }),
+            matches!(error, TrainingError::NotANetwork { .. } | TrainingError::Length { .. }),
             "{length} {error}"
         );
     }
-    assert!(matches!(refused(&bytes[..bytes.len() - 1]), NetworkError::Length { .. }));
-    assert!(matches!(refused(&[bytes.as_slice(), &[0]].concat()), NetworkError::Length { .. }));
+    assert!(matches!(refused(&bytes[..bytes.len() - 1]), TrainingError::Length { .. }));
+    assert!(matches!(refused(&[bytes.as_slice(), &[0]].concat()), TrainingError::Length { .. }));
     let changed = |at: usize, to: u8| {
         let mut bytes = bytes.clone();
         bytes[at] = to;
         refused(&bytes)
     };
-    assert!(matches!(changed(0, b'X'), NetworkError::NotANetwork { .. }));
-    assert_eq!(changed(8, 9), NetworkError::Version { found: 9, expected: 1 });
-    assert!(matches!(changed(20, 7), NetworkError::Option { name: "heads", .. }), "24 by 7");
-    assert!(matches!(changed(27, 0xff), NetworkError::Option { name: "layers", .. }), "no memory is taken");
-    assert_eq!(changed(200, bytes[200] ^ 1), NetworkError::Checksum);
-    assert_eq!(changed(bytes.len() - 1, bytes[bytes.len() - 1] ^ 1), NetworkError::Checksum);
+    assert!(matches!(changed(0, b'X'), TrainingError::NotANetwork { .. }));
+    assert_eq!(changed(8, 9), TrainingError::Version { found: 9, expected: 1 });
+    assert!(matches!(changed(20, 7), TrainingError::Option { name: "heads", .. }), "24 by 7");
+    assert!(matches!(changed(27, 0xff), TrainingError::Option { name: "layers", .. }), "no memory is taken");
+    assert_eq!(changed(200, bytes[200] ^ 1), TrainingError::Checksum);
+    assert_eq!(changed(bytes.len() - 1, bytes[bytes.len() - 1] ^ 1), TrainingError::Checksum);
 }
 
 #[test]
@@ -195,4 +196,12 @@ fn what_makes_no_sense_is_refused() {
     assert!(with(&|o| o.dropout = 1.0).contains("dropout"));
     assert!(with(&|o| o.learning_rate = f64::NAN).contains("learning_rate"));
     assert!(with(&|o| o.learning_rate = 1e30).contains("not finite"));
+}
+
+/// What is wrong with a file.
+fn of_training(error: NetworkError) -> TrainingError {
+    match error {
+        NetworkError::Training(error) => error,
+        other => panic!("{other}"),
+    }
 }

@@ -13,6 +13,7 @@ use veiloc_obfuscation::audit::obfuscate_points;
 use veiloc_outsider::positions::{PositionNetwork, PositionTask, Sees, Told, recover, told, train};
 use veiloc_outsider::{NetworkError, Progress, Trained, TrainingOptions, TrainingState};
 use veiloc_query::Scheme;
+use veiloc_training::TrainingError;
 
 const DIMENSION: usize = 16;
 /// Each some 50 pixels wide.
@@ -202,18 +203,18 @@ fn a_training_that_was_interrupted_goes_on_as_if_it_had_not_been() {
         train(training, &validation, task, options, state(), |_| ControlFlow::Continue(()))
             .expect_err("another")
     };
-    assert_eq!(refused(&training, &other, &task), NetworkError::OtherTraining);
-    assert_eq!(refused(&training[..2], &options, &task), NetworkError::OtherTraining);
+    assert_eq!(refused(&training, &other, &task), TrainingError::OtherTraining.into());
+    assert_eq!(refused(&training[..2], &options, &task), TrainingError::OtherTraining.into());
     let mut whole_images = task;
     whole_images.crop = false;
-    assert_eq!(refused(&training, &options, &whole_images), NetworkError::OtherTraining);
+    assert_eq!(refused(&training, &options, &whole_images), TrainingError::OtherTraining.into());
 
     let bytes = state().expect("a state").encode();
     let refused = |bytes: &[u8]| TrainingState::decode(bytes).expect_err("refused");
     for length in [0, 7, 8, 11, 30, bytes.len() - 1] {
         let error = refused(&bytes[..length]);
         assert!(
-            matches!(error, NetworkError::NotANetwork { .. } | NetworkError::Length { .. }),
+            matches!(error, TrainingError::NotANetwork { .. } | TrainingError::Length { .. }),
             "{length} {error}"
         );
     }
@@ -222,10 +223,10 @@ fn a_training_that_was_interrupted_goes_on_as_if_it_had_not_been() {
         bytes[at] = to;
         refused(&bytes)
     };
-    assert_eq!(changed(8, 9), NetworkError::Version { found: 9, expected: 1 });
-    assert!(matches!(changed(50, 0xff), NetworkError::Length { .. }), "no memory is taken");
+    assert_eq!(changed(8, 9), TrainingError::Version { found: 9, expected: 1 });
+    assert!(matches!(changed(50, 0xff), TrainingError::Length { .. }), "no memory is taken");
     let middle = bytes.len() / 2;
-    assert_eq!(changed(middle, bytes[middle] ^ 1), NetworkError::Checksum);
+    assert_eq!(changed(middle, bytes[middle] ^ 1), TrainingError::Checksum);
 }
 
 #[test]
@@ -245,30 +246,30 @@ fn what_is_written_is_read_back_and_what_is_damaged_is_refused() {
     let bytes = network.encode();
     let again = PositionNetwork::decode(&bytes).expect("sound");
     assert_eq!((again.encode(), again.scheme(), again.sees()), (bytes.clone(), network.scheme(), Sees::Set));
-    let refused = |bytes: &[u8]| PositionNetwork::decode(bytes).expect_err("refused");
+    let refused = |bytes: &[u8]| PositionNetwork::decode(bytes).map_err(of_training).expect_err("refused");
     for length in 0..bytes.len().min(120) {
         let error = refused(&bytes[..length]);
         assert!(
-            matches!(error, NetworkError::NotANetwork { .. } | NetworkError::Length { .. }),
+            matches!(error, TrainingError::NotANetwork { .. } | TrainingError::Length { .. }),
             "{length} {error}"
         );
     }
-    assert!(matches!(refused(&[bytes.as_slice(), &[0]].concat()), NetworkError::Length { .. }));
+    assert!(matches!(refused(&[bytes.as_slice(), &[0]].concat()), TrainingError::Length { .. }));
     let changed = |at: usize, to: u8| {
         let mut bytes = bytes.clone();
         bytes[at] = to;
         refused(&bytes)
     };
-    assert_eq!(changed(8, 7), NetworkError::Version { found: 7, expected: 1 });
-    assert!(matches!(changed(28, 9), NetworkError::Option { name: "what it sees", .. }));
-    assert!(matches!(changed(39, 0x7f), NetworkError::Option { .. }), "no memory is taken");
-    assert_eq!(changed(400, bytes[400] ^ 1), NetworkError::Checksum);
+    assert_eq!(changed(8, 7), TrainingError::Version { found: 7, expected: 1 });
+    assert!(matches!(changed(28, 9), TrainingError::Option { name: "what it sees", .. }));
+    assert!(matches!(changed(39, 0x7f), TrainingError::Option { .. }), "no memory is taken");
+    assert_eq!(changed(400, bytes[400] ^ 1), TrainingError::Checksum);
     // Not a number, with a checksum that is right.
     let body = bytes.len() - 8;
     let mut poisoned = bytes[..body].to_vec();
     poisoned[body - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
     poisoned.extend(xxhash_rust::xxh3::xxh3_64(&poisoned).to_le_bytes());
-    assert_eq!(refused(&poisoned), NetworkError::NotFinite);
+    assert_eq!(refused(&poisoned), TrainingError::NotFinite);
 }
 
 #[test]
@@ -283,11 +284,14 @@ fn what_makes_no_sense_is_refused() {
     let mut mirrored = task("dcl");
     mirrored.mirror = true;
     assert!(
-        matches!(refused(&one, &mirrored, &options(1)), NetworkError::Option { name, .. } if name.contains("descriptor"))
+        matches!(refused(&one, &mirrored, &options(1)), NetworkError::Training(TrainingError::Option { name, .. }) if name.contains("descriptor"))
     );
     let mut heads = options(1);
     heads.heads = 5;
-    assert!(matches!(refused(&one, &task("dcl"), &heads), NetworkError::Option { name: "heads", .. }));
+    assert!(matches!(
+        refused(&one, &task("dcl"), &heads),
+        NetworkError::Training(TrainingError::Option { name: "heads", .. })
+    ));
 
     let network = trained(World::Nothing, &task("dcl"), &options(1)).network;
     let descriptors = one[0].descriptors();
@@ -297,4 +301,12 @@ fn what_makes_no_sense_is_refused() {
     assert!(matches!(recover(&network, &rows[1..], descriptors, 640, 480), Err(NetworkError::Attack(_))));
     let other = Descriptors::new(&[1, 2], 2).expect("one");
     assert!(matches!(recover(&network, &rows[..1], &other, 640, 480), Err(NetworkError::Attack(_))));
+}
+
+/// What is wrong with a file.
+fn of_training(error: NetworkError) -> TrainingError {
+    match error {
+        NetworkError::Training(error) => error,
+        other => panic!("{other}"),
+    }
 }

@@ -1,10 +1,10 @@
-//! What all trainings have in common: images, the network's size, how long, and going on after an interruption.
+//! What all trainings have in common: how long, how fast, and going on after an interruption.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use veiloc_audit::training::{ImageSets, Progress, TrainingOptions, TrainingState};
+use veiloc_inversion::{Course, Progress, TrainingState};
 
 use crate::exit::Failure;
 use crate::files;
@@ -14,15 +14,6 @@ use crate::ui::Ui;
 /// Arguments of every training.
 #[derive(clap::Args)]
 pub(super) struct CourseArgs {
-    /// Keypoints with descriptors to learn from, as `eval keypoints` writes them.
-    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
-    train: Vec<PathBuf>,
-    /// Keypoints of another place, by which the best step is chosen.
-    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
-    validate: Vec<PathBuf>,
-    /// Keypoints of a third place, which the final figures are of.
-    #[arg(long, num_args = 1.., value_name = "FILE")]
-    test: Vec<PathBuf>,
     /// The network's file. FILE.state beside it holds the training until all its steps are done.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
@@ -37,9 +28,6 @@ pub(super) struct CourseArgs {
     /// The same in hours. Default: no limit.
     #[arg(long, value_name = "N", value_parser = positive)]
     hours: Option<f64>,
-    /// Validation images at most, evenly picked.
-    #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    validation_images: u32,
     /// Steps of the optimizer.
     #[arg(long, default_value_t = 3000, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     steps: u32,
@@ -49,27 +37,12 @@ pub(super) struct CourseArgs {
     /// Images of a step; they are worked on side by side.
     #[arg(long, default_value_t = 2, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     images: u32,
-    /// Keypoints drawn from each of them.
-    #[arg(long, default_value_t = 512, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8192))]
-    keypoints: u32,
-    /// Length of what stands for a keypoint within the network.
-    #[arg(long, default_value_t = 96, value_name = "N")]
-    width: u32,
-    /// Heads of an attention layer; they divide the width.
-    #[arg(long, default_value_t = 4, value_name = "N")]
-    heads: u32,
-    /// Attention layers.
-    #[arg(long, default_value_t = 2, value_name = "N")]
-    layers: u32,
     /// Highest learning rate.
     #[arg(long, default_value_t = 1e-3, value_name = "RATE")]
     rate: f64,
     /// Decay of weights.
     #[arg(long, default_value_t = 0.01, value_name = "DECAY")]
     decay: f64,
-    /// Share of entries dropped behind each half of a layer.
-    #[arg(long, default_value_t = 0.1, value_name = "SHARE")]
-    dropout: f64,
     /// Seed of weights and draws; equal seeds give equal networks.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
@@ -82,24 +55,16 @@ pub(super) struct CourseArgs {
 const WRITE_EVERY: Duration = Duration::from_secs(60);
 
 impl CourseArgs {
-    pub(super) fn sets(&self) -> ImageSets {
-        ImageSets {
-            train: self.train.clone(),
-            validate: self.validate.clone(),
-            test: self.test.clone(),
-            validation_images: self.validation_images as usize,
+    /// What the loop of a training needs.
+    pub(super) fn course(&self) -> Course {
+        Course {
+            steps: self.steps as usize,
+            images: self.images as usize,
+            learning_rate: self.rate,
+            weight_decay: self.decay,
+            validate_every: self.every as usize,
+            seed: self.seed,
         }
-    }
-
-    pub(super) fn options(&self) -> TrainingOptions {
-        let mut options = TrainingOptions::default();
-        (options.steps, options.validate_every) = (self.steps as usize, self.every as usize);
-        (options.images, options.keypoints) = (self.images as usize, self.keypoints as usize);
-        (options.width, options.heads) = (self.width as usize, self.heads as usize);
-        options.layers = self.layers as usize;
-        (options.learning_rate, options.weight_decay) = (self.rate, self.decay);
-        (options.dropout, options.seed) = (self.dropout, self.seed);
-        options
     }
 
     fn state_file(&self) -> PathBuf {

@@ -1,6 +1,8 @@
 //! `veiloc train`: what an attacker teaches a machine.
 
+mod attention;
 mod course;
+mod inversion;
 mod neighbours;
 mod positions;
 
@@ -14,6 +16,8 @@ pub enum Command {
     Neighbours(neighbours::Args),
     /// The attention network that tells positions from all rows of a query, descriptors and lines.
     Positions(positions::Args),
+    /// The U-Net that makes images of descriptors and their places, their lines, or nothing but a bag of them.
+    Inversion(inversion::Args),
 }
 
 /// Runs one of `veiloc train`.
@@ -24,5 +28,6 @@ pub fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Neighbours(args) => neighbours::run(args, ui),
         Command::Positions(args) => positions::run(args, ui),
+        Command::Inversion(args) => inversion::run(args, ui),
     }
 }

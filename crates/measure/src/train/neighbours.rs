@@ -3,7 +3,7 @@
 use veiloc_audit::training::{NeighbourRun, train_neighbours, training_table};
 use veiloc_report::plots;
 
-use super::course::CourseArgs;
+use super::attention::AttentionArgs;
 use crate::exit::{Exit, Outcome};
 use crate::files;
 use crate::json_args::JsonArgs;
@@ -17,7 +17,7 @@ use crate::ui::Ui;
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    course: CourseArgs,
+    network: AttentionArgs,
     /// Nearest keypoints of an image that count as neighbours.
     #[arg(short, default_value_t = 20, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
@@ -26,8 +26,12 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let course = &args.course;
-    let run = NeighbourRun { sets: course.sets(), neighbours: args.k as usize, options: course.options() };
+    let course = &args.network.course;
+    let run = NeighbourRun {
+        sets: args.network.sets(),
+        neighbours: args.k as usize,
+        options: args.network.options(),
+    };
     let earlier = course.earlier(ui)?;
     let words = |judged: f64| format!("validation precision at 20 {:.2} %", 100.0 * judged);
     let (network, state, document) =

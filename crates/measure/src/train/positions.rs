@@ -5,7 +5,7 @@ use veiloc_audit::training::{PositionRun, PositionTask, Sees, position_table, tr
 use veiloc_query::{AngleBits, Scheme};
 use veiloc_report::plots;
 
-use super::course::CourseArgs;
+use super::attention::AttentionArgs;
 use crate::exit::{Exit, Outcome};
 use crate::files;
 use crate::json_args::JsonArgs;
@@ -20,7 +20,7 @@ use crate::ui::Ui;
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    course: CourseArgs,
+    network: AttentionArgs,
     /// Scheme under which images are sent.
     #[arg(long, value_name = "SCHEME")]
     scheme: Scheme,
@@ -52,7 +52,7 @@ enum Shown {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let course = &args.course;
+    let course = &args.network.course;
     let mut task = PositionTask::new(args.scheme).map_err(AuditError::from)?;
     task.sees = match args.sees {
         Shown::Set => Sees::Set,
@@ -61,7 +61,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     (task.mirror, task.crop) = (args.mirror, !args.no_crop);
     task.angle_bits = AngleBits::new(args.angle_bits)?;
-    let run = PositionRun { sets: course.sets(), task, options: course.options() };
+    let run = PositionRun { sets: args.network.sets(), task, options: args.network.options() };
     let earlier = course.earlier(ui)?;
     let words = |judged: f64| format!("{judged:+.4} bits told on validation images");
     let (network, state, document) =

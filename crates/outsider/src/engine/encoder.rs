@@ -4,10 +4,11 @@
 //! x [inputs, N] → matrix → (norm, attention, +; norm, two matrices, +) × layers → norm, matrix → [outputs, N]
 //! ```
 
+use veiloc_training::layers::{Linear, Norm, Normed, Places};
+
 use super::Matrix;
 use super::attention::{Looked, attend, attend_back};
 use super::dropout::Dropout;
-use super::layers::{Linear, Norm, Normed, Places};
 
 /// How large a network is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

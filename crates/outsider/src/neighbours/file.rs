@@ -1,10 +1,11 @@
 //! The file of a network of neighbours: dimension, width, heads and layers (`u32` each), then all numbers (`f32` each, in
 //! the order of the layers).
 
+use veiloc_training::file::{Format, Reader, Writer};
+
 use super::{Layers, NeighbourNetwork};
 use crate::engine::encoder::Shape;
 use crate::error::NetworkError;
-use crate::file::{Format, Reader, Writer};
 
 const FORMAT: Format = Format {
     magic: b"VLNEIGHB",

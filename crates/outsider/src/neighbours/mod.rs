@@ -19,14 +19,13 @@ use std::ops::ControlFlow;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{AttackError, Descriptors, KnownImage, NeighbourLists, likeliest_pairs};
+use veiloc_training::layers::Places;
+use veiloc_training::{Progress, Subject, Trained, TrainingState, begin, learn};
 
 use crate::engine::dropout::Dropout;
 use crate::engine::encoder::{Encoder, Shape};
-use crate::engine::layers::Places;
 use crate::error::NetworkError;
 use crate::options::{TrainingOptions, refuse};
-use crate::state::{TrainingState, fingerprint};
-use crate::training::{Progress, Subject, Trained, begin, learn};
 
 use lessons::Lesson;
 pub(crate) use lessons::input;
@@ -104,9 +103,9 @@ impl NeighbourNetwork {
 /// must be measured on a third one, as the step was chosen on these.
 ///
 /// # Errors
-/// [`NetworkError::Option`] for options that make no sense, [`NetworkError::Attack`] when there is nothing to learn or
-/// judge, or descriptors differ in dimension, [`NetworkError::Diverged`] when the loss is no number any more,
-/// [`NetworkError::OtherTraining`] when the earlier training was another one.
+/// [`TrainingError::Option`](veiloc_training::TrainingError::Option) for options that make no sense, [`NetworkError::Attack`] when there is nothing to learn or
+/// judge, or descriptors differ in dimension, [`TrainingError::Diverged`](veiloc_training::TrainingError::Diverged) when the loss is no number any more,
+/// [`TrainingError::OtherTraining`](veiloc_training::TrainingError::OtherTraining) when the earlier training was another one.
 pub fn train(
     training: &[KnownImage],
     validation: &[KnownImage],
@@ -133,9 +132,9 @@ pub fn train(
     numbers[layers.log_scale] = FIRST_SCALE.ln();
     let truth = validation.iter().map(|p| NeighbourLists::nearest(p.keypoints(), PRECISION_AT)).collect();
     let what = format!("neighbours {neighbours}");
-    let state = begin(numbers, fingerprint(&what, options, [training, validation]), earlier)?;
+    let state = begin(numbers, options.fingerprint(&what, [training, validation]), earlier)?;
     let subject = Neighbours { layers: layers.clone(), lessons, validation, truth, options };
-    let trained = learn(&subject, &places.decaying(), options, state, observe)?;
+    let trained = learn(&subject, &places.decaying(), &options.course(), state, observe)?;
     Ok(Trained {
         network: NeighbourNetwork { layers, numbers: trained.network },
         best_step: trained.best_step,

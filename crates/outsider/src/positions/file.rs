@@ -2,11 +2,12 @@
 //! and length of the scheme's name (`u32` each), the name, filled up with zeros to a multiple of four bytes, then all
 //! numbers (`f32` each, in the order of the layers).
 
+use veiloc_training::file::{Format, Reader, Writer};
+
 use super::waves::MOST_WAVES;
 use super::{Layers, PositionNetwork, Sees};
 use crate::engine::encoder::Shape;
 use crate::error::NetworkError;
-use crate::file::{Format, Reader, Writer};
 use crate::options::refuse;
 
 const FORMAT: Format = Format {
@@ -15,24 +16,16 @@ const FORMAT: Format = Format {
     expected: "network of positions; `veiloc train positions` writes one",
 };
 
-/// No honest name of a scheme is longer, bytes.
-const LONGEST_NAME: usize = 1024;
-
 impl PositionNetwork {
     /// The bytes of its file.
     pub fn encode(&self) -> Vec<u8> {
         let Shape { width, heads, layers, .. } = self.layers.shape;
-        let name = self.scheme.to_string();
         let sees = Sees::ALL.iter().position(|s| *s == self.layers.sees).unwrap_or(0);
         let mut file = Writer::new(&FORMAT);
         // A shape that was checked is small.
-        let head = [self.layers.dimension, width, heads, layers, sees, MOST_WAVES, name.len()];
+        let head = [self.layers.dimension, width, heads, layers, sees, MOST_WAVES];
         file.words(&head.map(|x| x as u32));
-        for four in name.as_bytes().chunks(4) {
-            let mut word = [0; 4];
-            word[..four.len()].copy_from_slice(four);
-            file.words(&[u32::from_le_bytes(word)]);
-        }
+        file.text(&self.scheme.to_string());
         file.numbers(&self.numbers);
         file.finish()
     }
@@ -43,28 +36,20 @@ impl PositionNetwork {
     /// [`NetworkError`] saying what is wrong: no network, another version, cut short, damaged.
     pub fn decode(bytes: &[u8]) -> Result<Self, NetworkError> {
         let mut file = Reader::new(bytes, &FORMAT)?;
-        let mut words = [0; 7];
+        let mut words = [0; 6];
         for word in &mut words {
             *word = file.word()? as usize;
         }
-        let [dimension, width, heads, layers, sees, waves, length] = words;
+        let [dimension, width, heads, layers, sees, waves] = words;
         let sees = Sees::ALL.get(sees).copied().ok_or_else(|| refuse("what it sees", sees, "0, 1 or 2"))?;
         if waves != MOST_WAVES {
             return Err(refuse("half waves", waves, "11"));
         }
-        if length > LONGEST_NAME {
-            return Err(refuse("length of the scheme's name", length, "up to 1024"));
-        }
-        let mut name = Vec::new();
-        while name.len() < length {
-            name.extend(file.word()?.to_le_bytes());
-        }
-        name.truncate(length);
+        let name = file.text("length of the scheme's name")?;
         let (layers, places) = Layers::new(dimension, sees, [width, heads, layers])?;
         file.seal(4 * places.count() as u64)?;
-        let name = String::from_utf8_lossy(&name);
         let scheme = name.parse().map_err(|_| NetworkError::Scheme {
-            found: name.to_string(),
+            found: name.clone(),
             expected: "no scheme is called so".to_owned(),
         })?;
         Ok(Self { layers, numbers: file.numbers(places.count())?, scheme })

@@ -27,10 +27,10 @@ use std::str::FromStr;
 
 use veiloc_attacks::Observation;
 use veiloc_query::{AngleBits, Scheme};
+use veiloc_training::layers::Places;
 
 use crate::engine::Matrix;
 use crate::engine::encoder::{Encoder, Shape};
-use crate::engine::layers::Places;
 use crate::error::NetworkError;
 use crate::options::TrainingOptions;
 

@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{AttackError, KnownImage};
+use veiloc_training::{Progress, Subject, Trained, TrainingState, begin, learn};
 
 use super::bins::Bins;
 use super::lessons::{Drawn, Lesson};
@@ -16,8 +17,6 @@ use crate::engine::exponential::softmax;
 use crate::error::NetworkError;
 use crate::neighbours::one_dimension;
 use crate::options::{TrainingOptions, refuse};
-use crate::state::{TrainingState, fingerprint};
-use crate::training::{Progress, Subject, Trained, begin, learn};
 
 /// Bins of a row in training. Answers are smooth, so that finer ones teach nothing more.
 const BINS: usize = 64;
@@ -29,9 +28,9 @@ const BINS: usize = 64;
 /// is said about an unseen place must be measured on a third one, as the step was chosen on these.
 ///
 /// # Errors
-/// [`NetworkError::Option`] for options that make no sense, [`NetworkError::Attack`] when there is nothing to learn or
+/// [`TrainingError::Option`](veiloc_training::TrainingError::Option) for options that make no sense, [`NetworkError::Attack`] when there is nothing to learn or
 /// judge, or descriptors differ in dimension, [`NetworkError::Seal`] when an image cannot be obfuscated,
-/// [`NetworkError::Diverged`] when the loss is no number any more, [`NetworkError::OtherTraining`] when the earlier
+/// [`TrainingError::Diverged`](veiloc_training::TrainingError::Diverged) when the loss is no number any more, [`TrainingError::OtherTraining`](veiloc_training::TrainingError::OtherTraining) when the earlier
 /// training was another one.
 pub fn train(
     training: &[KnownImage],
@@ -65,9 +64,9 @@ pub fn train(
         (drawn, bins, truth)
     });
     let what = format!("positions {task:?}");
-    let state = begin(numbers, fingerprint(&what, options, [training, validation]), earlier)?;
+    let state = begin(numbers, options.fingerprint(&what, [training, validation]), earlier)?;
     let subject = Positions { layers: layers.clone(), lessons, judged: judged.collect(), task, options };
-    let trained = learn(&subject, &places.decaying(), options, state, observe)?;
+    let trained = learn(&subject, &places.decaying(), &options.course(), state, observe)?;
     Ok(Trained {
         network: PositionNetwork { layers, numbers: trained.network, scheme: task.scheme },
         best_step: trained.best_step,

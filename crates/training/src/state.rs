@@ -15,12 +15,9 @@
 
 use xxhash_rust::xxh3::Xxh3;
 
-use veiloc_attacks::KnownImage;
-
-use crate::engine::optimizer::Memory;
-use crate::error::NetworkError;
+use crate::error::TrainingError;
 use crate::file::{Format, Reader, Writer};
-use crate::options::TrainingOptions;
+use crate::optimizer::Memory;
 
 const FORMAT: Format = Format {
     magic: b"VLTRAINS",
@@ -35,9 +32,8 @@ pub struct CurvePoint {
     pub step: usize,
     /// Mean loss of the steps since the last point, natural logarithms.
     pub loss: f64,
-    /// How good the network is on the validation images, the greater the better. Of neighbours: share of the
-    /// [`PRECISION_AT`](crate::neighbours::PRECISION_AT) likeliest that are among as many nearest. Of positions: bits that
-    /// it tells about a position, [`Told::information`](crate::positions::Told::information).
+    /// How good the network is on the validation images, as [`Subject::judge`](crate::Subject::judge) says: the greater the
+    /// better.
     pub judged: f64,
 }
 
@@ -104,8 +100,8 @@ impl TrainingState {
     /// From the bytes of its file.
     ///
     /// # Errors
-    /// [`NetworkError`] saying what is wrong: no training, another version, cut short, damaged.
-    pub fn decode(bytes: &[u8]) -> Result<Self, NetworkError> {
+    /// [`TrainingError`] saying what is wrong: no training, another version, cut short, damaged.
+    pub fn decode(bytes: &[u8]) -> Result<Self, TrainingError> {
         let mut file = Reader::new(bytes, &FORMAT)?;
         let fingerprint = file.long()?;
         let mut counts = [0u64; 5];
@@ -135,20 +131,9 @@ impl TrainingState {
     }
 }
 
-/// A number that is another one for other options or images.
-pub(crate) fn fingerprint(what: &str, options: &TrainingOptions, sets: [&[KnownImage]; 2]) -> u64 {
+/// A number that is another one for other options or images: `feed` gives the hash all that a training depends on.
+pub fn fingerprint(feed: impl FnOnce(&mut dyn FnMut(&[u8]))) -> u64 {
     let mut hash = Xxh3::new();
-    hash.update(what.as_bytes());
-    hash.update(format!("{options:?}").as_bytes());
-    for set in sets {
-        hash.update(&(set.len() as u64).to_le_bytes());
-        for image in set {
-            image.size().iter().for_each(|side| hash.update(&side.to_le_bytes()));
-            for p in image.keypoints() {
-                hash.update(&p.u.to_le_bytes());
-                hash.update(&p.v.to_le_bytes());
-            }
-        }
-    }
+    feed(&mut |bytes| hash.update(bytes));
     hash.digest()
 }

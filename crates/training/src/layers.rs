@@ -4,14 +4,14 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::{DMatrixView, DMatrixViewMut};
 
-use super::Matrix;
+use crate::Matrix;
 
 /// Added to the variance, so that a column without any is not divided by nothing.
 const FLOOR: f32 = 1e-5;
 
 /// Gives each layer its place, one after another.
 #[derive(Debug, Default)]
-pub(crate) struct Places {
+pub struct Places {
     used: usize,
     /// `[layers]`: where matrices stand, which are drawn at the start, and their inputs and outputs.
     matrices: Vec<Linear>,
@@ -20,14 +20,16 @@ pub(crate) struct Places {
 }
 
 impl Places {
-    pub(crate) fn linear(&mut self, from: usize, to: usize) -> Linear {
+    /// A matrix with a bias.
+    pub fn linear(&mut self, from: usize, to: usize) -> Linear {
         let layer = Linear { at: self.used, from, to };
         self.used += (from + 1) * to;
         self.matrices.push(layer);
         layer
     }
 
-    pub(crate) fn norm(&mut self, width: usize) -> Norm {
+    /// A norm.
+    pub fn norm(&mut self, width: usize) -> Norm {
         let layer = Norm { at: self.used, width };
         self.used += 2 * width;
         self.ones.push((layer.at, width));
@@ -35,18 +37,18 @@ impl Places {
     }
 
     /// A single number.
-    pub(crate) fn number(&mut self) -> usize {
+    pub fn number(&mut self) -> usize {
         self.used += 1;
         self.used - 1
     }
 
     /// How many numbers there are.
-    pub(crate) fn count(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.used
     }
 
     /// Matrices drawn evenly within `±√(6 / (inputs + outputs))` (Glorot), biases zero, norms neutral.
-    pub(crate) fn draw(&self, rng: &mut ChaCha8Rng) -> Vec<f32> {
+    pub fn draw(&self, rng: &mut ChaCha8Rng) -> Vec<f32> {
         let mut numbers = vec![0.0; self.used];
         for layer in &self.matrices {
             let bound = (6.0 / (layer.from + layer.to) as f32).sqrt();
@@ -59,7 +61,7 @@ impl Places {
     }
 
     /// Which numbers are entries of matrices, and so decay.
-    pub(crate) fn decaying(&self) -> Vec<bool> {
+    pub fn decaying(&self) -> Vec<bool> {
         let mut decays = vec![false; self.used];
         self.matrices.iter().for_each(|layer| decays[layer.weights()].fill(true));
         decays
@@ -68,7 +70,7 @@ impl Places {
 
 /// `y = W x + b`.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Linear {
+pub struct Linear {
     at: usize,
     from: usize,
     to: usize,
@@ -76,7 +78,7 @@ pub(crate) struct Linear {
 
 impl Linear {
     /// Where its matrix stands: column after column, a column an input.
-    pub(crate) fn weights(&self) -> std::ops::Range<usize> {
+    pub fn weights(&self) -> std::ops::Range<usize> {
         self.at..self.at + self.from * self.to
     }
 
@@ -85,7 +87,7 @@ impl Linear {
     }
 
     /// `[from, N]` → `[to, N]`.
-    pub(crate) fn forward(&self, numbers: &[f32], x: &Matrix) -> Matrix {
+    pub fn forward(&self, numbers: &[f32], x: &Matrix) -> Matrix {
         let end = self.weights().end;
         let bias = &numbers[end..end + self.to];
         let mut y = Matrix::zeros(self.to, x.ncols());
@@ -95,7 +97,7 @@ impl Linear {
     }
 
     /// Adds to the derivatives of its numbers, from what came in and the derivatives of what went out.
-    pub(crate) fn learn(&self, slopes: &mut [f32], x: &Matrix, dy: &Matrix) {
+    pub fn learn(&self, slopes: &mut [f32], x: &Matrix, dy: &Matrix) {
         let (weights, rest) = slopes[self.at..].split_at_mut(self.from * self.to);
         DMatrixViewMut::from_slice(weights, self.to, self.from).gemm(1.0, dy, &x.transpose(), 1.0);
         for column in dy.as_slice().chunks_exact(self.to) {
@@ -104,7 +106,7 @@ impl Linear {
     }
 
     /// [`Self::learn`], and the derivatives of what came in.
-    pub(crate) fn backward(&self, numbers: &[f32], slopes: &mut [f32], x: &Matrix, dy: &Matrix) -> Matrix {
+    pub fn backward(&self, numbers: &[f32], slopes: &mut [f32], x: &Matrix, dy: &Matrix) -> Matrix {
         self.learn(slopes, x, dy);
         // Transposed beforehand: a plain product of matrices is blocked, one with a transpose is not.
         self.matrix(numbers).transpose() * dy
@@ -113,14 +115,14 @@ impl Linear {
 
 /// Each column with mean 0 and variance 1, then stretched and moved by what was learned.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Norm {
+pub struct Norm {
     at: usize,
     width: usize,
 }
 
 /// What the way back through a norm needs.
 #[derive(Debug)]
-pub(crate) struct Normed {
+pub struct Normed {
     /// Columns of mean 0 and variance 1.
     columns: Matrix,
     /// By column, what it was divided by, inverted.
@@ -132,7 +134,8 @@ impl Norm {
         numbers[self.at..self.at + 2 * self.width].split_at(self.width)
     }
 
-    pub(crate) fn forward(&self, numbers: &[f32], x: &Matrix) -> (Matrix, Normed) {
+    /// What goes out, and what the way back needs.
+    pub fn forward(&self, numbers: &[f32], x: &Matrix) -> (Matrix, Normed) {
         let (gain, shift) = self.numbers(numbers);
         let count = self.width as f32;
         let mut columns = x.clone();
@@ -158,13 +161,7 @@ impl Norm {
     }
 
     /// Adds to the derivatives of its numbers and returns those of what came in.
-    pub(crate) fn backward(
-        &self,
-        numbers: &[f32],
-        slopes: &mut [f32],
-        normed: &Normed,
-        mut dy: Matrix,
-    ) -> Matrix {
+    pub fn backward(&self, numbers: &[f32], slopes: &mut [f32], normed: &Normed, mut dy: Matrix) -> Matrix {
         let (gain, _) = self.numbers(numbers);
         let (gains, shifts) = slopes[self.at..self.at + 2 * self.width].split_at_mut(self.width);
         let count = self.width as f32;

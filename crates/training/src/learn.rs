@@ -10,14 +10,14 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::engine::optimizer::Memory;
-use crate::engine::schedule::learning_rate;
-use crate::error::NetworkError;
-use crate::options::TrainingOptions;
+use crate::course::Course;
+use crate::error::TrainingError;
+use crate::optimizer::Memory;
+use crate::schedule::learning_rate;
 use crate::state::{Best, CurvePoint, TrainingState};
 
 /// What is learned.
-pub(crate) trait Subject: Sync {
+pub trait Subject: Sync {
     /// The loss of one image drawn by this generator, with its derivatives added to the `slopes`.
     fn lesson(&self, numbers: &[f32], slopes: &mut [f32], rng: &mut ChaCha8Rng) -> f64;
 
@@ -49,18 +49,22 @@ pub struct Trained<N> {
     pub state: TrainingState,
 }
 
-/// Trains from a state until all steps are done or the observer breaks off; returns the best numbers.
-pub(crate) fn learn(
+/// Trains from a state until all steps are done or the observer breaks off; returns the best numbers. `decays`: which numbers
+/// are entries of matrices ([`Places::decaying`](crate::layers::Places::decaying)).
+///
+/// # Errors
+/// [`TrainingError::Diverged`] when loss or slopes are no numbers any more.
+pub fn learn(
     subject: &impl Subject,
     decays: &[bool],
-    options: &TrainingOptions,
+    options: &Course,
     mut state: TrainingState,
     mut observe: impl FnMut(Progress<'_>) -> ControlFlow<()>,
-) -> Result<Trained<Vec<f32>>, NetworkError> {
+) -> Result<Trained<Vec<f32>>, TrainingError> {
     while state.step < options.steps {
         let (loss, mut slopes) = slopes(subject, &state.numbers, options, state.step);
         if !loss.is_finite() || slopes.iter().any(|s| !s.is_finite()) {
-            return Err(NetworkError::Diverged { step: state.step });
+            return Err(TrainingError::Diverged { step: state.step });
         }
         let rate = learning_rate(options.learning_rate, state.step, options.steps);
         let how = (rate, options.weight_decay);
@@ -91,12 +95,7 @@ pub(crate) fn learn(
 }
 
 /// Mean loss of the images of a step, and its derivatives.
-fn slopes(
-    subject: &impl Subject,
-    numbers: &[f32],
-    options: &TrainingOptions,
-    step: usize,
-) -> (f64, Vec<f32>) {
+fn slopes(subject: &impl Subject, numbers: &[f32], options: &Course, step: usize) -> (f64, Vec<f32>) {
     let of_image = |image: usize| {
         let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
         // Stream 0 drew the first weights.
@@ -117,11 +116,14 @@ fn slopes(
 }
 
 /// What a first state begins with, and what a later one must have begun with.
-pub(crate) fn begin(
+///
+/// # Errors
+/// [`TrainingError::OtherTraining`] when the earlier training was another one.
+pub fn begin(
     numbers: Vec<f32>,
     fingerprint: u64,
     earlier: Option<TrainingState>,
-) -> Result<TrainingState, NetworkError> {
+) -> Result<TrainingState, TrainingError> {
     match earlier {
         None => Ok(TrainingState {
             fingerprint,
@@ -134,6 +136,6 @@ pub(crate) fn begin(
             since: 0,
         }),
         Some(state) if state.fingerprint == fingerprint && state.numbers.len() == numbers.len() => Ok(state),
-        Some(_) => Err(NetworkError::OtherTraining),
+        Some(_) => Err(TrainingError::OtherTraining),
     }
 }

@@ -1,0 +1,20 @@
+//! The paper's Table 1 and more: image → keypoints → scheme → attack → network → image → how alike it is to the first.
+//!
+//! What is put through the network, beside what the paper puts there (keypoints themselves, and the closed form with true
+//! neighbours):
+//! - the graph attack with true neighbours, and the best attack of those who are told nothing ([`Realistic`]);
+//! - the guess from the single line, and the line itself, where a network was trained on lines;
+//! - descriptors in a bag, and nothing at all: what a network answers that was given no descriptor. A score says something
+//!   about leaks only beside that of nothing.
+
+mod attacked;
+mod document;
+mod judges;
+mod run;
+mod sheet;
+
+pub use attacked::Realistic;
+pub use document::{EvaluationDocument, RebuiltRow, SummaryRow, evaluation_table};
+pub use judges::{Judges, Scores};
+pub use run::{InversionEvaluation, evaluate_inversion};
+pub use sheet::{Sheet, Tile};
