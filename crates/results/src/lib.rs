@@ -1,12 +1,14 @@
 //! What an evaluation found: the figures that are counted, the JSON documents, and the tables for people.
 //!
 //! - [`Evaluation`] and what it is made of: the document of `eval pose` and `eval scene`; [`summarize`], [`table()`].
+//! - [`comparison`]: two runs on the same queries, with intervals.
 //! - [`metrics`]: pose errors, recall, medians. [`coverage`]: errors against covariances. [`chi_squared`].
 //! - [`text_table`]: tables that fit a terminal.
 //! - [`Hypotheses`]: how many samples a search may draw, as people write it.
 #![forbid(unsafe_code)]
 
 pub mod chi_squared;
+pub mod comparison;
 pub mod coverage;
 mod document;
 mod hypotheses;

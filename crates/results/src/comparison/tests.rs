@@ -1,0 +1,152 @@
+//! Comparisons of made-up runs whose differences are known.
+
+use serde_json::json;
+
+use super::*;
+
+/// A run of one row; an error that is not finite is a query without a pose.
+fn run(scheme: &str, errors: &[(&str, u64, f64)]) -> String {
+    let queries: Vec<_> = errors
+        .iter()
+        .map(|(name, seed, error)| {
+            json!({
+                "name": name, "scheme": scheme, "score": "likelihood", "prior": true, "fixed_hypotheses": null, "seed": seed,
+                "rotation_error_deg": finite(10.0 * error), "translation_error": finite(*error), "inliers": 1,
+                "ms": {"match": 2.0, "pose": 3.0},
+            })
+        })
+        .collect();
+    json!({
+        "version": 1, "command": "eval scene", "data": ["place"],
+        "schemes": [{"scheme": scheme, "recall": {"0.05/5": 1.0, "0.25/2": 1.0}}], "queries": queries,
+    })
+    .to_string()
+}
+
+fn read(scheme: &str, errors: &[(&str, u64, f64)]) -> Run {
+    Run::parse(&run(scheme, errors)).expect("a document")
+}
+
+const NAMES: [&str; 12] = ["a", "b", "c", "d", "e", "f", "g", "h", "i", "j", "k", "l"];
+
+fn errors(of: impl Fn(usize) -> f64) -> Vec<(&'static str, u64, f64)> {
+    NAMES.iter().enumerate().map(|(i, name)| (*name, 0, of(i))).collect()
+}
+
+fn figure<'a>(comparison: &'a Comparison, name: &str) -> &'a Figure {
+    comparison.rows[0].figures.iter().find(|f| f.figure == name).expect("a figure")
+}
+
+/// Hard queries are hard for both: a small gain on each is seen through a spread a hundred times as large.
+#[test]
+fn a_gain_on_every_query_is_seen_through_the_spread() {
+    let a = read("dcl", &errors(|i| 0.01 * (i + 1) as f64));
+    let b = read("dcl", &errors(|i| 0.0099 * (i + 1) as f64));
+    let found = compare(&a, &b, &ComparisonOptions::default()).expect("compared");
+    let translation = figure(&found, "median translation");
+    assert_eq!(translation.verdict, Verdict::BBetter);
+    assert!((translation.a.unwrap() - 0.065).abs() < 1e-12 && translation.difference.unwrap() < 0.0);
+    assert!(translation.low.unwrap() <= translation.high.unwrap());
+    assert_eq!((found.rows[0].nearer_in_b, found.rows[0].farther_in_b), (12, 0));
+    assert_eq!(figure(&found, "median time").verdict, Verdict::NotShown);
+    assert_eq!(figure(&found, "recall 0.05/5").a, Some(5.0 / 12.0));
+    // The other way round the other is better.
+    let back = compare(&b, &a, &ComparisonOptions::default()).expect("compared");
+    assert_eq!(figure(&back, "median translation").verdict, Verdict::ABetter);
+}
+
+/// What goes up as often as down is no difference, and a run is none from itself.
+#[test]
+fn noise_is_not_shown_as_a_difference() {
+    let a = read("dcl", &errors(|i| 0.01 + 0.001 * (i % 5) as f64));
+    let b = read("dcl", &errors(|i| 0.01 + 0.001 * ((i * 7 + 3) % 5) as f64));
+    let found = compare(&a, &b, &ComparisonOptions::default()).expect("compared");
+    assert!(found.rows[0].figures.iter().all(|f| f.verdict == Verdict::NotShown), "{found:?}");
+    let same = compare(&a, &a, &ComparisonOptions::default()).expect("compared");
+    assert!(same.rows[0].figures.iter().all(|f| (f.low, f.high) == (Some(0.0), Some(0.0))));
+    assert_eq!((same.rows[0].nearer_in_b, same.rows[0].farther_in_b), (0, 0));
+}
+
+/// The interval holds the truth about as often as it says: a run against one with independent noise of the same spread.
+#[test]
+fn intervals_hold_what_they_say() {
+    let mut draw = ChaCha8Rng::seed_from_u64(1);
+    let names: Vec<String> = (0..40).map(|i| i.to_string()).collect();
+    let mut noise = || -> Vec<(&str, u64, f64)> {
+        names.iter().map(|name| (name.as_str(), 0, draw.random_range(0.01..0.03))).collect()
+    };
+    let options = ComparisonOptions { draws: 300, ..ComparisonOptions::default() };
+    let held = (0..200)
+        .filter(|_| {
+            let found = compare(&read("dcl", &noise()), &read("dcl", &noise()), &options).expect("compared");
+            figure(&found, "median translation").verdict == Verdict::NotShown
+        })
+        .count();
+    assert!((180..=199).contains(&held), "{held} of 200");
+}
+
+#[test]
+fn who_gives_up_is_never_better() {
+    let a = read("dcl", &errors(|_| 0.5));
+    let b = read("dcl", &errors(|i| if i < 8 { f64::INFINITY } else { 0.001 }));
+    let found = compare(&a, &b, &ComparisonOptions::default()).expect("compared");
+    let translation = figure(&found, "median translation");
+    assert_eq!((translation.b, translation.difference, translation.high), (None, None, None));
+    assert!(found.table().contains("+∞"), "{}", found.table());
+    assert_eq!(found.rows[0].farther_in_b, 8);
+}
+
+/// Seeds of a query are drawn together: repeating a run makes nothing surer.
+#[test]
+fn seeds_of_one_query_count_once() {
+    let width = |seeds: u64| {
+        let of = |scale: f64| -> Vec<(&str, u64, f64)> {
+            let one = |i: usize, name| {
+                (0..seeds).map(move |seed| (name, seed, scale * (0.01 + 0.003 * ((i * 5) % 12) as f64)))
+            };
+            NAMES.iter().enumerate().flat_map(|(i, name)| one(i, *name)).collect()
+        };
+        let found = compare(&read("dcl", &of(1.0)), &read("dcl", &of(1.1)), &ComparisonOptions::default());
+        let found = found.expect("compared");
+        let translation = figure(&found, "median translation");
+        translation.high.unwrap() - translation.low.unwrap()
+    };
+    assert!((width(1) - width(8)).abs() < 1e-12, "{} {}", width(1), width(8));
+}
+
+#[test]
+fn rows_are_paired_by_name_or_as_asked() {
+    let a = read("points", &errors(|_| 0.01));
+    let b = read("dcl", &errors(|_| 0.02));
+    let only = compare(&a, &b, &ComparisonOptions::default()).expect("one row each");
+    assert_eq!((only.rows[0].a.as_str(), only.rows[0].b.as_str()), ("points, likelihood", "dcl, likelihood"));
+    let asked = |rows: [Option<&str>; 2]| ComparisonOptions {
+        rows: rows.map(|row| row.map(str::to_owned)),
+        ..ComparisonOptions::default()
+    };
+    assert!(compare(&a, &b, &asked([Some("points"), Some("dcl, likelihood")])).is_ok());
+    let error = compare(&a, &b, &asked([Some("dcl"), None])).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "no rows to compare: the first has points, likelihood; the second has dcl, likelihood"
+    );
+    let other = read("points", &[("elsewhere", 0, 0.1)]);
+    assert_eq!(
+        compare(&a, &other, &ComparisonOptions::default()),
+        Err(ComparisonError::NoQueries { row: "points, likelihood".to_owned() })
+    );
+}
+
+#[test]
+fn other_documents_are_refused_by_what_they_are() {
+    let good = run("dcl", &errors(|_| 0.01));
+    assert!(matches!(Run::parse(&good[..good.len() / 2]), Err(ComparisonError::Document(_))));
+    assert!(matches!(Run::parse("[]"), Err(ComparisonError::Document(_))));
+    let other = good.replace("eval scene", "eval stress");
+    assert_eq!(Run::parse(&other).unwrap_err(), ComparisonError::Command("eval stress".to_owned()));
+    let later = good.replace("\"version\":1", "\"version\":2");
+    assert_eq!(Run::parse(&later).unwrap_err(), ComparisonError::Version(2));
+    let twice = run("dcl", &[("a", 0, 0.1), ("a", 0, 0.2)]);
+    assert!(matches!(Run::parse(&twice), Err(ComparisonError::Twice { .. })));
+    assert!(Run::parse(&good.replace("0.05/5", "near")).is_err());
+}
