@@ -2,12 +2,23 @@
 
 use veiloc_mapping::BuildOptions;
 
+use crate::exit::Failure;
+use crate::feature_args::ModelFileArgs;
+use crate::global_args::{VLAD, global_named};
+
 /// What is extracted from an image, and what devices are asked to do.
 #[derive(clap::Args)]
 pub struct ExtractionArgs {
-    /// Kind of features.
-    #[arg(long, default_value = "sift", value_name = "KIND")]
+    /// What makes the features: sift, the name of a model (`veiloc models`), or a .toml file that describes one.
+    #[arg(long, default_value = "sift", value_name = "KIND|FILE")]
     features: String,
+    #[command(flatten)]
+    file: ModelFileArgs,
+    /// What makes the vector of a whole image by which retrieval ranks: vlad, which is summed up from the descriptors that are
+    /// sent; the name of a model (`veiloc models`), or a .toml file that describes one. All but vlad are made of the image and tell
+    /// more of it: devices refuse such a map unless their owners consent (`seal --image-global`).
+    #[arg(long, default_value = VLAD, value_name = "MODEL|FILE")]
+    global: String,
     /// Keypoints of an image at most, the strongest.
     #[arg(long, default_value_t = 4096, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
     max_keypoints: u32,
@@ -18,11 +29,15 @@ pub struct ExtractionArgs {
 
 impl ExtractionArgs {
     /// The library's options.
-    pub fn options(&self) -> BuildOptions {
+    ///
+    /// # Errors
+    /// A model that is unknown, has no file, or cannot be used.
+    pub fn options(&self) -> Result<BuildOptions, Failure> {
         let mut options = BuildOptions::default();
         options.settings.extraction.max_keypoints = self.max_keypoints;
         options.device.max_keypoints = self.query_keypoints;
-        options.features.clone_from(&self.features);
-        options
+        (options.features, options.extractors) = self.file.extractors(&self.features)?;
+        options.global = global_named(&self.global)?;
+        Ok(options)
     }
 }

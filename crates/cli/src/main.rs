@@ -9,7 +9,7 @@ mod commands;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 // Every command talks by these: they go by the names of their files.
 use veiloc_terminal::{exit, files, items, lists, stages, ui};
 
@@ -34,12 +34,17 @@ enum Command {
     /// Build, import, inspect and change maps.
     #[command(subcommand)]
     Map(commands::map::Command),
+    /// Say which learned features are known, and whether their network files are there.
+    Models(commands::models::Args),
     /// Turn images into sealed queries, as a device does.
     Seal(commands::seal::Args),
     /// Find where sealed queries were taken.
     Localize(commands::localize::Args),
     /// Serve maps: sealed queries in over HTTP, poses out.
     Serve(commands::serve::Args),
+    /// Make, list and revoke tokens of a service.
+    #[command(subcommand)]
+    Token(commands::token::Command),
     /// Ask a service where an image was taken, without sending it.
     #[command(subcommand)]
     Query(commands::query::Command),
@@ -56,7 +61,11 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let matches = match commands::serve::first_look(Cli::command()).try_get_matches() {
+        Ok(matches) => matches,
+        Err(error) => return answered(&error),
+    };
+    let cli = match Cli::from_arg_matches(&matches) {
         Ok(cli) => cli,
         Err(error) => return answered(&error),
     };
@@ -64,9 +73,14 @@ fn main() -> ExitCode {
     let result = exit::catching_panics(|| match &cli.command {
         Command::Demo(args) => commands::demo::run(args, &ui),
         Command::Map(command) => commands::map::run(command, &ui),
+        Command::Models(args) => commands::models::run(args, &ui),
         Command::Seal(args) => commands::seal::run(args, &ui),
         Command::Localize(args) => commands::localize::run(args, &ui),
-        Command::Serve(args) => commands::serve::run(args, &ui),
+        // What holds for it is not on the command line alone.
+        Command::Serve(_) => {
+            commands::serve::run(matches.subcommand().map_or(&matches, |(_, serve)| serve), &ui)
+        }
+        Command::Token(command) => commands::token::run(command, &ui),
         Command::Query(command) => commands::query::run(command, &ui),
         Command::Eval(command) => veiloc_measure::eval::run(command, &ui),
         Command::Attack(args) => veiloc_measure::attack::run(args, &ui),
@@ -99,7 +113,7 @@ fn answered(answer: &clap::Error) -> ExitCode {
 
 #[cfg(test)]
 mod tests {
-    use clap::{Arg, ArgAction, Command, CommandFactory as _};
+    use clap::{Arg, ArgAction, Command};
 
     use super::*;
 

@@ -56,6 +56,17 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval adversaries --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
          --train k.jsonl --schemes dcl --attacked 1 --quick --json",
     ),
+    ("token list", "token list --tokens tokens --json"),
+    (
+        "train inversion",
+        "train inversion --train images/map-00.png --validate images/query-0.png --steps 2 --every 1 --images 1 --width 2 \
+         --depth 2 --side 16 -o documents.net --json",
+    ),
+    (
+        "eval inversion",
+        "eval inversion images/query-1.png --network documents.net --max-keypoints 64 -k 5 --schemes dcl --json",
+    ),
+    ("eval compare", "eval compare compared.json compared.json --json"),
     ("attack", "attack --synthetic 60 --schemes dcl --attacks closed-form --json"),
     ("attack", "attack k.jsonl --known p.jsonl --images 1 --schemes dcl --attacks server-side --json"),
     (
@@ -75,6 +86,7 @@ fn ready() -> &'static Place {
             "foreign.txt",
             format!("query-0.png {}\nmap-00.png\nno-such.png\n", CAMERA.replace(',', " ")),
         );
+        place.run("token new phone --tokens tokens --maps lobby --days 1").succeeded();
         let few = "--max-keypoints 512 --query-keypoints 512";
         place
             .run(&format!("map build --posed posed --images images --list five.txt {few} -o five.vmap"))
@@ -102,6 +114,7 @@ fn ready() -> &'static Place {
             "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt";
         let few = EXTRACTION.join(" ");
         place.run(&format!("{problems} {few} -o p.jsonl --keypoints k.jsonl")).succeeded();
+        place.run("eval pose p.jsonl --schemes points --json compared.json").succeeded();
     });
     place
 }

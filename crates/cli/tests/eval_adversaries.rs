@@ -60,6 +60,7 @@ fn what_makes_no_sense_is_refused() {
         ("--keypoints no-such.jsonl", 1, "no-such.jsonl"),
         ("--keypoints k.jsonl", 1, "k.jsonl"),
         ("--posed p", 2, "--images"),
+        ("--keypoints k.jsonl --masks m", 2, "--posed"),
         ("--keypoints k.jsonl --adversaries nobody", 2, "outsider-statistic"),
         ("--keypoints k.jsonl --attacked 0", 2, "--attacked"),
     ] {

@@ -99,6 +99,52 @@ fn l13_what_is_hidden_changes_no_result() {
     assert_ne!(evaluated("images", "").0, evaluated("changed", "").0, "the measure does not see the leak");
 }
 
+/// What is attacked of a masked query is what a device sends of it.
+#[test]
+fn attacks_see_nothing_of_what_is_hidden() {
+    let place = place();
+    for k in 0..common::QUERIES {
+        save(place, &format!("masks-of-all/query-{k}.png.png"), white_but_for(person));
+    }
+    let hidden = |more: &str| {
+        place
+            .run(&format!(
+                "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt \
+                 --max-keypoints 1024 --query-keypoints 512 -o p.jsonl --keypoints masked.jsonl {more}"
+            ))
+            .succeeded();
+        let read = |name: &str| {
+            let text = String::from_utf8(place.read(name)).expect("text");
+            let line = |l: &str| serde_json::from_str::<serde_json::Value>(l).expect("JSON");
+            text.lines().map(line).collect::<Vec<_>>()
+        };
+        let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+        let mut count = 0;
+        for (problem, image) in read("p.jsonl").iter().zip(read("masked.jsonl")) {
+            // Back from the canonical camera to the image's own, but for its distortion: a pixel at most.
+            let canonical = &problem["camera"]["params"];
+            let own = |p: &serde_json::Value, i: usize| {
+                let ahead = (number(&p[i]) - number(&canonical[2 + i])) / number(&canonical[i]);
+                (330.0 * ahead + [201.0, 149.0][i]) as u32
+            };
+            count += image["keypoints"]
+                .as_array()
+                .expect("a list")
+                .iter()
+                .filter(|p| person(own(p, 0), own(p, 1)))
+                .count();
+        }
+        count
+    };
+    assert!(hidden("") > 20);
+    assert_eq!(hidden("--masks masks-of-all"), 0);
+    refused(
+        place,
+        "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt -o p.jsonl --masks nowhere",
+        &["nowhere", "query-0.png.png"],
+    );
+}
+
 #[test]
 fn masks_that_nobody_means_are_refused_and_nothing_is_written() {
     let place = place();

@@ -3,14 +3,14 @@
 use std::collections::BTreeSet;
 
 use rayon::prelude::*;
-use veiloc_descriptor::DescriptorView;
+use veiloc_descriptor::{DescriptorView, GlobalModel};
 use veiloc_map::{BuildSettings, MapImage, MapModel, PosedImage, PosedImages};
 use veiloc_query::Profile;
 
 use crate::complete::grow;
 use crate::diagnose::{diagnose, explain};
 use crate::error::MappingError;
-use crate::extract::{Extracted, Found, extract_all};
+use crate::extract::{Extracted, Found, Makers, extract_all};
 use crate::input::Input;
 use crate::matching::{Edge, Edges, match_pairs};
 use crate::options::{BuildOptions, for_images};
@@ -36,11 +36,12 @@ pub fn build(
     progress: &dyn Progress,
 ) -> Result<(MapModel, BuildReport), MappingError> {
     options.settings.check()?;
-    let extractors = input.extractors();
+    let extractors = input.extractors().unwrap_or(&options.extractors);
     let extractor = extractors.named(&options.features)?;
     let checked = input.check(|_| false)?;
+    let makers = Makers { extractor, global: options.global.as_ref() };
     let Found { images, features, skipped } =
-        extract_all(checked, extractor, options.settings.extraction, progress)?;
+        extract_all(checked, makers, options.settings.extraction, progress)?;
     let profile = profile(&features, options, progress)?;
     let mut model = MapModel::empty(profile, options.settings);
     append_images(&mut model, &images, features)?;
@@ -75,13 +76,17 @@ pub(crate) fn sort_points(model: &mut MapModel) {
     model.points.sort_by(|a, b| a.track.cmp(&b.track));
 }
 
-/// The vocabulary learned from a sample of all descriptors, and the rest of what devices need.
+/// What devices need: the model of whole images, or the vocabulary that is learned from a sample of all descriptors.
 pub(crate) fn profile(
     features: &[Extracted],
     options: &BuildOptions,
     progress: &dyn Progress,
 ) -> Result<Profile, MappingError> {
     let views: Vec<DescriptorView<'_>> = features.iter().map(|f| f.descriptors.view()).collect();
+    if let Some(global) = &options.global {
+        let kind = views.first().map(DescriptorView::kind).ok_or(MappingError::EmptyList)?;
+        return Ok(Profile::new(kind, GlobalModel::Named(global.model()))?.with_limits(options.device)?);
+    }
     let vocabulary = learn(&views, &options.settings, progress)?;
     Ok(Profile::vlad(vocabulary).with_limits(options.device)?)
 }
@@ -94,7 +99,10 @@ pub(crate) fn append_images(
 ) -> Result<(), MappingError> {
     let global = model.profile.global_model();
     let of_image = || MappingError::GlobalOfImage { name: global.name().to_owned() };
-    let globals = features.par_iter().map(|f| global.of_rows(f.descriptors.view()).ok_or_else(of_image));
+    let globals = features.par_iter().map(|found| {
+        let own = || found.global.clone().filter(|own| own.len() == global.global_len());
+        global.of_rows(found.descriptors.view()).or_else(own).ok_or_else(of_image)
+    });
     let globals: Vec<_> = globals.collect::<Result<_, _>>()?;
     for ((image, features), global) in images.iter().zip(features).zip(globals) {
         let known = model.cameras.iter().position(|c| *c == image.camera);

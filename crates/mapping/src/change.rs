@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
-use veiloc_descriptor::DescriptorView;
+use veiloc_descriptor::{DescriptorView, GlobalModel};
 use veiloc_map::{MapImage, MapModel, Observation, PosedImage};
 use veiloc_query::Profile;
 
@@ -11,7 +11,7 @@ use crate::build::{append_images, match_images};
 use crate::complete::grow;
 use crate::diagnose::explain;
 use crate::error::MappingError;
-use crate::extract::{Extracted, Found, extract_all};
+use crate::extract::{Extracted, Found, Makers, extract_all};
 use crate::input::Input;
 use crate::matching::Edges;
 use crate::options::for_images;
@@ -35,12 +35,20 @@ pub fn add(
     progress: &dyn Progress,
 ) -> Result<BuildReport, MappingError> {
     model.validate()?;
-    let extractors = input.extractors();
+    let extractors = input.extractors().cloned().unwrap_or_default();
     let extractor = extractors.of_kind(model.profile.descriptor_kind())?;
     let there: BTreeSet<&str> = model.images.iter().map(|i| i.name.as_str()).collect();
     let checked = input.check(|name| there.contains(name))?;
+    let global = match model.profile.global_model() {
+        GlobalModel::Vlad(_) => None,
+        GlobalModel::Named(asked) => {
+            let refused = || MappingError::GlobalOfImage { name: asked.name().to_owned() };
+            Some(input.global().filter(|own| own.model() == *asked).ok_or_else(refused)?)
+        }
+    };
+    let makers = Makers { extractor, global };
     let Found { images, features, skipped } =
-        extract_all(checked, extractor, model.settings.extraction, progress)?;
+        extract_all(checked, makers, model.settings.extraction, progress)?;
     let edges = join(model, &images, features, progress)?;
     let mut report = BuildReport::of(model, images.len(), skipped, edges.matches, edges.verified.len());
     explain(&mut report, model);

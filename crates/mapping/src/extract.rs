@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use veiloc_descriptor::Descriptors;
-use veiloc_features::{Extractor, FeatureError, Limits, extract_image};
+use veiloc_descriptor::{Descriptors, GlobalDescriptor};
+use veiloc_features::{Extractor, FeatureError, Image, Limits, SharedGlobal, extract_loaded, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::PosedImage;
 use veiloc_query::ExtractionLimits;
@@ -20,6 +20,15 @@ pub(crate) struct Extracted {
     pub(crate) keypoints: Vec<[f32; 2]>,
     /// `[N, dim]`
     pub(crate) descriptors: Descriptors,
+    /// Of the whole image, where one is asked for.
+    pub(crate) global: Option<GlobalDescriptor>,
+}
+
+/// What makes features of images, and what of each image as a whole.
+#[derive(Clone, Copy)]
+pub(crate) struct Makers<'a> {
+    pub(crate) extractor: &'a dyn Extractor,
+    pub(crate) global: Option<&'a SharedGlobal>,
 }
 
 /// Images that could be read, and what was made of them.
@@ -35,17 +44,17 @@ pub(crate) struct Found<'a, T> {
 /// Extracts the features of images, in their order.
 pub(crate) fn extract_all<'a>(
     input: Checked<'a>,
-    extractor: &dyn Extractor,
+    makers: Makers<'_>,
     limits: ExtractionLimits,
     progress: &dyn Progress,
 ) -> Result<Found<'a, Extracted>, MappingError> {
-    extract_each(input, extractor, limits, progress, |_, extracted| extracted)
+    extract_each(input, makers, limits, progress, |_, extracted| extracted)
 }
 
 /// The same, and does something with the features of each image while those of others are still extracted.
 pub(crate) fn extract_each<'a, T: Send>(
     input: Checked<'a>,
-    extractor: &dyn Extractor,
+    makers: Makers<'_>,
     limits: ExtractionLimits,
     progress: &dyn Progress,
     then: impl Fn(&PosedImage, Extracted) -> T + Sync,
@@ -55,7 +64,7 @@ pub(crate) fn extract_each<'a, T: Send>(
     let all: Vec<Result<(&PosedImage, T), BadImage>> = images
         .into_par_iter()
         .map(|image| {
-            let extracted = extract(&folder.join(&image.name), &image.camera, extractor, limits);
+            let extracted = extract(&folder.join(&image.name), &image.camera, makers, limits);
             progress.advance(1);
             let extracted =
                 extracted.map_err(|e| BadImage { name: image.name.clone(), reason: BadReason::Image(e) })?;
@@ -71,13 +80,15 @@ pub(crate) fn extract_each<'a, T: Send>(
 fn extract(
     path: &Path,
     camera: &Intrinsics,
-    extractor: &dyn Extractor,
+    makers: Makers<'_>,
     limits: ExtractionLimits,
 ) -> Result<Extracted, FeatureError> {
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
     let size = Some((camera.width, camera.height));
-    let features = extract_image(path, size, extractor, limits)?.features_in_file();
+    let image = Image::from(load_gray(path)?);
+    let global = makers.global.map(|own| own.describe(&image)).transpose()?;
+    let features = extract_loaded(image, path, size, makers.extractor, limits)?.features_in_file();
     let keypoints: Vec<[f32; 2]> =
         features.keypoints.iter().map(|k| [k.pixel.u as f32, k.pixel.v as f32]).collect();
-    Ok(Extracted { keypoints, descriptors: features.descriptors })
+    Ok(Extracted { keypoints, descriptors: features.descriptors, global })
 }

@@ -14,7 +14,7 @@ use crate::build::{append_images, profile};
 use crate::complete::Grid;
 use crate::diagnose::diagnose;
 use crate::error::MappingError;
-use crate::extract::{Extracted, Found, extract_each};
+use crate::extract::{Extracted, Found, Makers, extract_each};
 use crate::input::Input;
 use crate::options::BuildOptions;
 use crate::progress::Progress;
@@ -85,13 +85,14 @@ pub fn import(
     progress: &dyn Progress,
 ) -> Result<(MapModel, ImportReport), MappingError> {
     options.settings.check()?;
-    let extractors = input.extractors();
+    let extractors = input.extractors().unwrap_or(&options.extractors);
     let extractor = extractors.named(&options.features)?;
     let checked = input.check(|_| false)?;
     let wanted = options.settings.extraction;
     let generous = ExtractionLimits { max_keypoints: GENEROUS, ..wanted };
+    let makers = Makers { extractor, global: options.global.as_ref() };
     let Found { images, features, skipped } =
-        extract_each(checked, extractor, generous, progress, |image, found| {
+        extract_each(checked, makers, generous, progress, |image, found| {
             let observed = colmap.image_by_name(&image.name).map_or(&[][..], |i| &i.points2d);
             let joined = join(observed, &found.keypoints);
             keep_strongest(found, joined, wanted.max_keypoints as usize)
@@ -181,7 +182,7 @@ fn keep_strongest(found: Extracted, mut joined: Joined, limit: usize) -> (Extrac
         *keypoint = new as u32;
     }
     let keypoints = indices.iter().map(|k| found.keypoints[*k]).collect();
-    (Extracted { keypoints, descriptors: found.descriptors.select(indices) }, joined)
+    (Extracted { keypoints, descriptors: found.descriptors.select(indices), global: found.global }, joined)
 }
 
 /// Mean reprojection error of each point over its track, in the images.

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use veiloc_features::{Extractors, FeatureError};
+use veiloc_features::{Extractors, FeatureError, SharedGlobal};
 use veiloc_map::{PosedImage, PosedImages};
 
 use crate::bad_image::{BadImage, BadImages, BadReason};
@@ -17,6 +17,7 @@ pub struct Input<'a> {
     names: Option<&'a [String]>,
     on_bad: OnBadImage,
     extractors: Option<&'a Extractors>,
+    global: Option<&'a SharedGlobal>,
 }
 
 /// What to do when an image cannot be used.
@@ -32,7 +33,7 @@ pub enum OnBadImage {
 impl<'a> Input<'a> {
     /// All images of `posed`, whose names are relative to `folder`; none of them may be bad.
     pub const fn new(posed: &'a PosedImages, folder: &'a Path) -> Self {
-        Self { posed, folder, names: None, on_bad: OnBadImage::Refuse, extractors: None }
+        Self { posed, folder, names: None, on_bad: OnBadImage::Refuse, extractors: None, global: None }
     }
 
     /// Only the images with these names, in their order.
@@ -47,14 +48,25 @@ impl<'a> Input<'a> {
         Self { on_bad, ..self }
     }
 
-    /// What makes features, where that is more than the built-in extractors.
+    /// What makes features, where that is not what the options say, or, for images that join a map, more than the built-in
+    /// extractors.
     #[must_use]
     pub const fn with_extractors(self, extractors: &'a Extractors) -> Self {
         Self { extractors: Some(extractors), ..self }
     }
 
-    pub(crate) fn extractors(&self) -> Extractors {
-        self.extractors.cloned().unwrap_or_default()
+    /// What makes the global descriptors of images that join a map whose own were made of whole images.
+    #[must_use]
+    pub const fn with_global(self, global: &'a SharedGlobal) -> Self {
+        Self { global: Some(global), ..self }
+    }
+
+    pub(crate) const fn global(&self) -> Option<&'a SharedGlobal> {
+        self.global
+    }
+
+    pub(crate) const fn extractors(&self) -> Option<&'a Extractors> {
+        self.extractors
     }
 
     /// All posed images, also those that are not to be mapped.

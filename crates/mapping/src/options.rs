@@ -1,6 +1,7 @@
 //! What can be chosen when a map is built.
 
 use veiloc_descriptor::DescriptorKind;
+use veiloc_features::{Extractors, SharedGlobal};
 use veiloc_map::BuildSettings;
 use veiloc_query::ExtractionLimits;
 
@@ -10,6 +11,11 @@ use veiloc_query::ExtractionLimits;
 pub struct BuildOptions {
     /// Name of what makes the features. Default `sift`.
     pub features: String,
+    /// What makes features, by name. Default: the built-in ones, SIFT.
+    pub extractors: Extractors,
+    /// What makes the global descriptors, of each image as a whole. Default: none; they are summed up from the descriptors that
+    /// are sent, by a vocabulary that is learned. With one, devices refuse the map's profile unless their owners consent.
+    pub global: Option<SharedGlobal>,
     /// What devices extract; published in the profile.
     pub device: ExtractionLimits,
     /// What is done with the map's own images; kept in the map, for images that join later.
@@ -20,6 +26,8 @@ impl Default for BuildOptions {
     fn default() -> Self {
         Self {
             features: DescriptorKind::ROOT_SIFT.name().to_owned(),
+            extractors: Extractors::default(),
+            global: None,
             device: ExtractionLimits::default(),
             settings: BuildSettings::default(),
         }

@@ -3,8 +3,8 @@
 //! Its position is drawn around the positions of real keypoints. Its descriptor is made of descriptors of real rows that
 //! are sent, and of nothing else of the image. RootSIFT: quarters of several descriptors, mirrored (a mirrored patch has
 //! a valid descriptor), chosen so that they continue each other, with noise, and with the length and the largest number
-//! of real ones. Other kinds: each number from one of several descriptors, with noise, and with the length of a real
-//! one. Single statistics do not tell decoys from real rows; a classifier trained on decoys, or a search for the pieces
+//! of real ones. Other kinds: most numbers from one descriptor, the others from two more, with noise, and with the length of the
+//! first. Single statistics do not tell decoys from real rows; a classifier trained on decoys, or a search for the pieces
 //! among the rows, does better than chance. `docs/privacy.md` has the figures, `tests/decoys.rs` measures them.
 
 use rand::Rng;
@@ -26,6 +26,8 @@ const NOISE: f64 = 0.15;
 const CUTS: usize = 6;
 /// Rows that one decoy of a kind without a recipe of its own is mixed of.
 const PARENTS: usize = 3;
+/// Part of the numbers that the first of them gives: with fewer a decoy is farther from all rows than real ones are.
+const FIRST: f64 = 0.65;
 const ROOT_SIFT_DIM: usize = DescriptorKind::ROOT_SIFT.dim();
 
 /// Appends `count` decoys to the places of `real` keypoints.
@@ -90,18 +92,20 @@ pub(crate) fn add_descriptors<R: Rng + ?Sized>(
     Ok(())
 }
 
-/// Each number from one of a few different rows, drawn anew for each number, so that every number alone is distributed
-/// as in real rows; noise; then the length of another real row.
+/// Each number from one of a few different rows, drawn anew for each number and most often the first, so that every number
+/// alone is distributed as in real rows; noise; then the length of the first.
 fn mixture<R: Rng + ?Sized>(real: &Descriptors, rng: &mut R) -> Vec<u8> {
     let (kind, rows) = (real.kind(), real.view());
-    let parents: Vec<Vec<i16>> =
-        sample(rng, real.len(), PARENTS).into_iter().map(|row| rows.values(row).collect()).collect();
+    let chosen = sample(rng, real.len(), PARENTS).into_vec();
+    let parents: Vec<Vec<i16>> = chosen.iter().map(|&row| rows.values(row).collect()).collect();
     let length = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>().sqrt();
-    let like = rng.random_range(0..real.len());
-    let wanted = length(&mut rows.values(like).map(f64::from));
+    let wanted = length(&mut parents[0].iter().copied().map(f64::from));
     let spread = NOISE * wanted / (kind.dim() as f64).sqrt();
     let mut values: Vec<f64> = (0..kind.dim())
-        .map(|i| f64::from(parents[rng.random_range(0..PARENTS)][i]) + spread * normal(rng))
+        .map(|i| {
+            let parent = if rng.random::<f64>() < FIRST { 0 } else { rng.random_range(1..PARENTS) };
+            f64::from(parents[parent][i]) + spread * normal(rng)
+        })
         .collect();
     if kind.encoding() == Encoding::Unsigned {
         for value in &mut values {

@@ -63,12 +63,20 @@ pub enum SealError {
     },
     /// The profile asks for a global descriptor that is made of the image and not of the rows that are sent.
     #[error(
-        "the profile asks for a global descriptor of the image ({name}), which this device does not make"
+        "the profile asks for a global descriptor of the image ({name}, {codes} numbers), which tells of more than the rows \
+         that are sent; this device's owner did not consent to that very one"
     )]
     GlobalOfImage {
         /// Its name.
         name: String,
+        /// How many numbers it has.
+        codes: usize,
     },
+    /// The owner consented to a global descriptor of the image, and the features come without one.
+    #[error(
+        "the features come without the global descriptor of their image; extract them with the options they are sealed with"
+    )]
+    NoGlobal,
     /// There are too few keypoints, and decoys cannot be made.
     #[error(
         "{keypoints} keypoints are too few, and no decoys can be made of descriptors of kind {kind} to fill the query \

@@ -3,8 +3,7 @@
 use std::path::Path;
 
 use veiloc_features::{
-    ExtractedImage, Extractor, Extractors, FeatureError, Features, Image, Limits, Mask, extract_image,
-    load_gray,
+    ExtractedImage, Extractor, Extractors, FeatureError, Features, Image, Limits, Mask, load_gray,
 };
 use veiloc_geometry::Intrinsics;
 use veiloc_query::Profile;
@@ -23,8 +22,8 @@ pub enum ExtractError {
     Profile(#[from] SealError),
 }
 
-/// Features of an image as the profile asks for them, within what the device allows, and the camera of the image they
-/// are in: an image larger than the limit is made smaller first, and its camera with it.
+/// Features of an image as the profile asks for them, within what the device allows, with the global descriptor of the image where
+/// the owner consented to it, and the camera of the image they are in: an image larger than the limit is made smaller first, and its camera with it.
 ///
 /// Descriptors do not show the image's border (rule L11): the image is continued by its mirror image, and with another
 /// extractor keypoints that look over the border are left out.
@@ -38,7 +37,7 @@ pub fn extract(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), ExtractError> {
-    extract_with(&Extractors::for_sealing(), path, camera, profile, options)
+    extract_with(options.extractors(), path, camera, profile, options)
 }
 
 /// As [`extract`], of an image of which a mask hides a part. Nothing of what it hides is looked at: features of two images that
@@ -57,7 +56,7 @@ pub fn extract_masked(
     extract_loaded(image, path, camera, profile, options)
 }
 
-/// As [`extract`], with extractors of one's own.
+/// As [`extract`], with other extractors than those of the options.
 ///
 /// # Errors
 /// As [`extract`].
@@ -69,8 +68,7 @@ pub fn extract_with(
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), ExtractError> {
     let (extractor, limits) = asked(extractors, profile, options)?;
-    let image = extract_image(path, Some((camera.width, camera.height)), extractor, limits)?;
-    Ok(whole(image, extractor, camera))
+    extract_by(extractor, limits, Image::from(load_gray(path)?), path, camera, profile, options)
 }
 
 /// As [`extract`], of an image that is in memory already: `path` is the file it came from, or what messages are to call
@@ -85,11 +83,25 @@ pub fn extract_loaded(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), ExtractError> {
-    let extractors = Extractors::for_sealing();
-    let (extractor, limits) = asked(&extractors, profile, options)?;
+    let (extractor, limits) = asked(options.extractors(), profile, options)?;
+    extract_by(extractor, limits, image, path, camera, profile, options)
+}
+
+fn extract_by(
+    extractor: &dyn Extractor,
+    limits: Limits,
+    image: Image,
+    path: &Path,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+) -> Result<(Features, Intrinsics), ExtractError> {
     let size = Some((camera.width, camera.height));
+    // Of the image as it is seen here, without what masks hide (rules L13 and L14).
+    let global = options.image_global(profile)?.map(|own| own.describe(&image)).transpose()?;
     let image = veiloc_features::extract_loaded(image, path, size, extractor, limits)?;
-    Ok(whole(image, extractor, camera))
+    let (features, camera) = whole(image, extractor, camera);
+    Ok((Features { global, ..features }, camera))
 }
 
 /// What may be sealed of an image: no descriptor that shows the image's border, and with it where its keypoint is.

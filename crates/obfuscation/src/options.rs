@@ -1,5 +1,7 @@
 //! What the device decides: the scheme, how much it sends, and how far it follows a profile.
 
+use veiloc_descriptor::{GlobalModel, Vocabulary};
+use veiloc_features::{Extractors, SharedGlobal};
 use veiloc_query::{AngleBits, CoarseGravity, ExtractionLimits, FocalKnowledge, Hints, Profile, Scheme};
 
 use crate::SealError;
@@ -26,10 +28,13 @@ pub struct SealOptions {
     max_keypoints: Option<usize>,
     limits: DeviceLimits,
     hints: Hints,
+    extractors: Extractors,
+    image_global: Option<SharedGlobal>,
 }
 
 /// `dcl` with a vertical dividing line, 12-bit angles, as many keypoints as the profile asks for within
-/// [`DeviceLimits::default`]; the camera is calibrated, and gravity is not told.
+/// [`DeviceLimits::default`]; the camera is calibrated, gravity is not told, features are SIFT's ([`Extractors::for_sealing`]), and
+/// no global descriptor of the image is sent.
 impl Default for SealOptions {
     fn default() -> Self {
         Self {
@@ -38,6 +43,8 @@ impl Default for SealOptions {
             max_keypoints: None,
             limits: DeviceLimits::default(),
             hints: Hints::default(),
+            extractors: Extractors::for_sealing(),
+            image_global: None,
         }
     }
 }
@@ -103,6 +110,43 @@ impl SealOptions {
         self
     }
 
+    /// The same with other extractors than SIFT alone: those a program has for what it sends ([`Extractors::sealing`]). Which of
+    /// them is used, the profile says by its kind of descriptors; a kind that is not among them is refused.
+    #[must_use]
+    pub fn with_extractors(mut self, extractors: Extractors) -> Self {
+        self.extractors = extractors;
+        self
+    }
+
+    /// **The owner's consent** to send a global descriptor that this makes of the image, where the map asks for this very model.
+    ///
+    /// It tells of more than the rows do: of the light, and of what shows no keypoints (decision 0024, `docs/privacy.md`, rule
+    /// L14). Nothing a profile or a server says takes its place, and where the map asks for none, none is made.
+    #[must_use]
+    pub fn with_image_global(mut self, extractor: SharedGlobal) -> Self {
+        self.image_global = Some(extractor);
+        self
+    }
+
+    /// What makes the global descriptor of the image that this profile asks for; `None` where the rows say all it needs.
+    ///
+    /// # Errors
+    /// [`SealError::GlobalOfImage`] when the owner did not consent to this very model.
+    pub fn image_global(&self, profile: &Profile) -> Result<Option<&SharedGlobal>, SealError> {
+        match profile.global_model() {
+            GlobalModel::Vlad(_) => Ok(None),
+            GlobalModel::Named(asked) => match &self.image_global {
+                Some(own) if own.model() == *asked => Ok(Some(own)),
+                _ => Err(SealError::GlobalOfImage { name: asked.name().to_owned(), codes: asked.dim() }),
+            },
+        }
+    }
+
+    /// What makes features.
+    pub const fn extractors(&self) -> &Extractors {
+        &self.extractors
+    }
+
     /// What is said of the camera beside the rows.
     pub const fn hints(&self) -> Hints {
         self.hints
@@ -122,14 +166,13 @@ impl SealOptions {
     ///
     /// # Errors
     /// [`SealError::VocabularyTooLarge`] when the profile's vocabulary is beyond what the device allows, and
-    /// [`SealError::GlobalOfImage`] when it asks for a global descriptor that is not made of the rows: no device has an
-    /// extractor for one yet, and it would tell of more than the rows do.
+    /// [`SealError::GlobalOfImage`] when it asks for a global descriptor of the image that the owner did not consent to
+    /// ([`Self::with_image_global`]).
     pub fn bounded(&self, profile: &Profile) -> Result<ExtractionLimits, SealError> {
         let asked = profile.limits();
-        let Some(vocabulary) = profile.vocabulary() else {
-            return Err(SealError::GlobalOfImage { name: profile.global_model().name().to_owned() });
-        };
-        let (words, allowed) = (vocabulary.len(), self.limits.max_vocabulary_words);
+        self.image_global(profile)?;
+        let words = profile.vocabulary().map_or(0, Vocabulary::len);
+        let allowed = self.limits.max_vocabulary_words;
         if words > allowed {
             return Err(SealError::VocabularyTooLarge { words, allowed });
         }

@@ -27,6 +27,7 @@ const ANCHOR_CLEARANCE: f64 = 1.0;
 /// 3. Position, dithered by up to half a pixel (L2); anchor, line, code (L1, L9). Features with one position share
 ///    one dither and one line (L7).
 /// 4. Rows are shuffled (L3); strength, scale and orientation have been left behind (L4).
+/// 5. A global descriptor of the image goes with them only where the map asks for one and the owner consented to it (L14).
 ///
 /// The features are taken by value: an image is sealed once (L7). When the network fails, send the same bytes
 /// again; sealing a second time would draw second lines through the same keypoints, and their crossings are the
@@ -156,6 +157,10 @@ pub(crate) fn seal_frame<T>(
         }
     };
 
+    let image_global = match options.image_global(profile)? {
+        Some(_) => Some(features.global.clone().ok_or(SealError::NoGlobal)?),
+        None => None,
+    };
     let mut order: Vec<usize> = (0..rows).collect();
     order.shuffle(rng);
     let parts = QueryParts {
@@ -164,7 +169,7 @@ pub(crate) fn seal_frame<T>(
         angle_bits,
         rows: select(&lifted, order.iter().map(|&row| places.of[row])),
         descriptors: descriptors.select(order.iter().copied()),
-        image_global: None,
+        image_global,
         hints: options.hints(),
         turn,
     };

@@ -103,7 +103,7 @@ fn the_vocabulary_is_bounded_by_the_device() {
 fn a_global_descriptor_of_the_image_is_refused() {
     let global = GlobalModel::Named(NamedGlobal::new("all-of-it", 16_384).expect("a model"));
     let hostile = Profile::new(DescriptorKind::ROOT_SIFT, global).expect("a profile");
-    let refused = SealError::GlobalOfImage { name: "all-of-it".to_owned() };
+    let refused = SealError::GlobalOfImage { name: "all-of-it".to_owned(), codes: 16_384 };
     assert_eq!(sealed(&hostile, &SealOptions::default(), 300), Err(refused));
 }
 

@@ -165,7 +165,7 @@ fn l4_strength_scale_and_orientation_are_not_sent() {
                 row[0] = keypoint.scale.log2() as u8;
             }
             let descriptors = Descriptors::new(f.descriptors.kind(), rows).expect("whole rows");
-            bytes(&Features { descriptors, keypoints: f.keypoints.clone() })
+            bytes(&Features { descriptors, keypoints: f.keypoints.clone(), global: None })
         };
         assert_ne!(leaky(&plain), leaky(&other), "the measure does not see the leak");
 

@@ -223,7 +223,7 @@ proptest! {
         let bad = keypoints.iter().position(|k| !k.pixel.is_finite());
         let camera = Intrinsics::new("SIMPLE_RADIAL", 640, 480, &[focal, 320.0, 240.0, k]).expect("valid");
         let options = options(SCHEMES[scheme]).with_angle_bits(AngleBits::new(bits).expect("allowed"));
-        let sealed = seal(Features { keypoints, descriptors }, &camera, &profile(), &options, &mut rng(seed));
+        let sealed = seal(Features { keypoints, descriptors, global: None }, &camera, &profile(), &options, &mut rng(seed));
         match (&sealed, bad) {
             (Err(SealError::NotFinite { index }), bad) => prop_assert_eq!(Some(*index), bad),
             (_, Some(_)) => prop_assert!(false, "a position that is not finite was let through"),

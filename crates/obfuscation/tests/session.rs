@@ -46,7 +46,10 @@ fn seen(cam_from_world: &Rotation3<f64>) -> (Features, Vec<usize>) {
     for (keypoint, pixel) in keypoints.iter_mut().zip(pixels) {
         keypoint.pixel = pixel;
     }
-    (Features { keypoints, descriptors: all.descriptors.select(numbers.iter().copied()) }, numbers)
+    (
+        Features { keypoints, descriptors: all.descriptors.select(numbers.iter().copied()), global: None },
+        numbers,
+    )
 }
 
 fn lines(query: &SealedQuery) -> (Pencils, Vec<AnchoredLine>) {
@@ -328,7 +331,11 @@ fn a_camera_that_turned_far_starts_anew_and_says_nothing_twice() {
         for (keypoint, pixel) in keypoints.iter_mut().zip(pixels) {
             keypoint.pixel = pixel;
         }
-        let features = Features { keypoints, descriptors: whole.descriptors.select(numbers.iter().copied()) };
+        let features = Features {
+            keypoints,
+            descriptors: whole.descriptors.select(numbers.iter().copied()),
+            global: None,
+        };
         let options = SealOptions::default();
         let before = session.clone();
         let sealed = session.seal_with_truth(features, &camera(), &profile, &options, &held(turn), &mut rng);

@@ -83,6 +83,8 @@ impl SealedQuery {
             return Err(mismatch("rows", "a size class".to_owned(), rows.len().to_string()));
         }
         let version = Self::version_for(profile, scheme, turn)?;
+        // The global descriptor is made of what is sent, to the bit.
+        let descriptors = descriptors.settled();
         rows.check(scheme, AngleForm::of(version), angle_bits, &camera.pinhole(), turn)?;
         let model = profile.global_model();
         let told = image_global.as_ref().map_or_else(|| "none".to_owned(), |g| format!("{} codes", g.len()));

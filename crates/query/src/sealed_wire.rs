@@ -40,7 +40,7 @@ impl SealedQuery {
             descriptor_encoding: None,
             descriptor_norm: None,
             positions: Some(self.rows.pack(self.scheme, AngleForm::of(self.version), self.angle_bits)),
-            descriptors: Some(self.descriptors.as_bytes().to_vec()),
+            descriptors: Some(self.descriptors.packed()),
             global: Some(global),
             focal_known: None,
             gravity: None,
@@ -159,10 +159,10 @@ fn read(
     let rows = Rows::unpack(scheme, form, angle_bits, count, &positions);
     rows.check(scheme, form, angle_bits, &camera.pinhole(), turn)?;
     let descriptors = present("descriptors", message.descriptors)?;
-    if descriptors.len() != count * kind.dim() {
-        return Err(length("descriptors", count * kind.dim(), &descriptors));
+    if descriptors.len() != count * kind.packed_len() {
+        return Err(length("descriptors", count * kind.packed_len(), &descriptors));
     }
-    let descriptors = Descriptors::new(kind, descriptors).map_err(|e| refused("descriptors", &e))?;
+    let descriptors = Descriptors::from_packed(kind, &descriptors).map_err(|e| refused("descriptors", &e))?;
     let global = global_descriptor(version, kind, &present("global", message.global)?)?;
     let profile_id = ProfileId::from_bytes(id);
     let hints = match version {

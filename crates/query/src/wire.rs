@@ -159,6 +159,7 @@ impl KindFields {
         let encoding = match kind.encoding() {
             Encoding::Unsigned => 1,
             Encoding::Signed => 2,
+            Encoding::Coarse => 3,
         };
         Self { name: kind.name().to_owned(), dim: kind.dim() as u32, encoding, norm: kind.norm() }
     }
@@ -167,8 +168,9 @@ impl KindFields {
         let encoding = match self.encoding {
             1 => Encoding::Unsigned,
             2 => Encoding::Signed,
+            3 => Encoding::Coarse,
             value => {
-                let (field, allowed) = ("descriptor_encoding", "1 (unsigned) or 2 (signed)");
+                let (field, allowed) = ("descriptor_encoding", "1 (unsigned), 2 (signed) or 3 (coarse)");
                 return Err(QueryError::Field { field, value, allowed });
             }
         };

@@ -17,7 +17,7 @@ fn sealed(scheme: Scheme) -> Vec<u8> {
 /// version 4: stripes, and a later frame of a session.
 fn sealed_in_all(scheme: Scheme) -> Vec<Vec<u8>> {
     let bits = AngleBits::default();
-    let [v1, sift, own] =
+    let [v1, sift, own, _] =
         common::profiles(scheme, bits).map(|p| common::query_with(&p, scheme, bits, 256, 3));
     let older = |query: &SealedQuery| common::in_version_2(query.clone());
     let mut all = vec![v1.encode(), older(&sift).encode(), older(&own).encode(), sift.encode(), own.encode()];
@@ -144,7 +144,7 @@ fn hints() -> Vec<Hints> {
 #[test]
 fn what_a_device_says_of_its_camera() {
     let bits = AngleBits::default();
-    let [v1, v2, _] = common::profiles(Scheme::default(), bits);
+    let [v1, v2, ..] = common::profiles(Scheme::default(), bits);
     let row = AnchoredRow::new(AngleForm::HalfCircle, bits, veiloc_geometry::Anchor::FIRST, 1.0);
     let seal = |profile: &Profile, hints| {
         let query = common::query_with(profile, Scheme::default(), bits, 256, 3);
@@ -256,7 +256,7 @@ fn what_version_2_says_of_kinds_is_checked() {
         (12, 513, "descriptor_dim"),
         (12, u32::MAX, "descriptor_dim"),
         (13, 0, "descriptor_encoding"),
-        (13, 3, "descriptor_encoding"),
+        (13, 4, "descriptor_encoding"),
         (14, 0, "descriptor_norm"),
         (14, u32::MAX, "descriptor_norm"),
     ] {
@@ -458,7 +458,7 @@ proptest! {
     fn damaged_profiles_are_refused_or_read_unchanged(
         index in any::<prop::sample::Index>(),
         value in any::<u8>(),
-        form in 0..3_usize,
+        form in 0..4_usize,
     ) {
         let mut bytes = common::profiles(Scheme::default(), AngleBits::default())[form].encode();
         let at = index.index(bytes.len());

@@ -104,6 +104,7 @@ fn version_2_is_what_its_schema_says() {
     for (profile, name, dim, encoding, norm, global, codes) in [
         (common::profile_v2(), "sift", 128, 1, 512, "vlad", 512),
         (common::own_profile(), "own-kind", 48, 2, 300, "own-global", 40),
+        (common::compact_profile(), "compact", 64, 3, 374, "vlad", 256),
     ] {
         let message = reread("veiloc.v2.Profile", &profile.encode());
         assert_eq!(

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use veiloc::audit::{
     Attack, AttackDocument, AttackEvaluation, ImageGroup, attack_groups, attacks_table, keypoints_of_images,
 };
+use veiloc::device::Sift;
 use veiloc::query::ExtractionLimits;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -37,7 +38,7 @@ fn rendered_images(folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
 /// The paper's attack and the layout of the neighbour graph, both told the true neighbours, beside the guess.
 fn attack(images: &[PathBuf]) -> Result<AttackDocument, Box<dyn Error>> {
     let limits = ExtractionLimits { max_keypoints: 1024, ..ExtractionLimits::default() };
-    let images = keypoints_of_images(images, limits, &())?;
+    let images = keypoints_of_images(images, &Sift::default(), limits, &())?;
     let evaluation =
         AttackEvaluation { attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH], ..AttackEvaluation::default() };
     Ok(attack_groups(&evaluation, vec![ImageGroup { name: "own images".to_owned(), images }], &mut ())?)

@@ -10,7 +10,8 @@ pub use veiloc_client::{
     SealedImage, SessionFile, SessionFileError, printable, seal_image,
 };
 pub use veiloc_features::{
-    Extractor, Extractors, FeatureError, Features, GrayImage, Image, Keypoint, Sift, SiftOptions, load_gray,
+    Extractor, Extractors, FeatureError, Features, GlobalExtractor, GrayImage, Image, Keypoint, SharedGlobal,
+    Sift, SiftOptions, load_gray,
 };
 pub use veiloc_obfuscation::{
     DeviceLimits, ExtractError, KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors,

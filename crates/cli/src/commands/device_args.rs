@@ -6,6 +6,8 @@ use veiloc_query::{CoarseGravity, FocalKnowledge, Profile, Scheme};
 use crate::exit::Failure;
 use crate::ui::Ui;
 use veiloc_arguments::camera::{CameraArg, CameraSource};
+use veiloc_arguments::feature_args::MapFeatureArgs;
+use veiloc_arguments::global_args::ConsentArgs;
 
 /// How an image is sealed.
 #[derive(clap::Args)]
@@ -31,6 +33,10 @@ pub(crate) struct DeviceArgs {
     /// where little is seen. Default: not sent.
     #[arg(long, value_name = "X,Y,Z[,SD_DEG]", allow_hyphen_values = true)]
     gravity: Option<CoarseGravity>,
+    #[command(flatten)]
+    features: MapFeatureArgs,
+    #[command(flatten)]
+    consent: ConsentArgs,
 }
 
 impl DeviceArgs {
@@ -85,7 +91,9 @@ impl DeviceArgs {
         if let Some(wish) = profile.wish().filter(|wish| wish.scheme != self.scheme) {
             ui.say(format!("the profile asks for the scheme {}; {} is used", wish.scheme, self.scheme));
         }
-        let options = options.with_gravity(self.gravity);
+        let extractors = self.features.extractors(profile)?.sealing();
+        let options = options.with_gravity(self.gravity).with_extractors(extractors);
+        let options = self.consent.consented(options, profile, ui)?;
         Ok(self
             .max_keypoints
             .map_or_else(|| options.clone(), |n| options.clone().with_max_keypoints(n as usize)))

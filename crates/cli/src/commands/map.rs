@@ -6,6 +6,8 @@ mod self_test;
 use std::path::{Path, PathBuf};
 
 use veiloc_arguments::extraction_args::ExtractionArgs;
+use veiloc_arguments::feature_args::MapFeatureArgs;
+use veiloc_arguments::global_args::MapGlobalArgs;
 use veiloc_map::colmap::{read_model, read_posed};
 use veiloc_map::{Down, MapFile, MapLock, MapModel, PosedImages};
 use veiloc_mapping::{Input, MappingError, OnBadImage, Words};
@@ -145,6 +147,10 @@ pub(crate) struct AddArgs {
     #[command(flatten)]
     posed: PosedArgs,
     #[command(flatten)]
+    features: MapFeatureArgs,
+    #[command(flatten)]
+    global: MapGlobalArgs,
+    #[command(flatten)]
     self_test: SelfTestArgs,
     /// The map file to write. Default: the map itself.
     #[arg(long, short, value_name = "FILE")]
@@ -204,7 +210,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 
 fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     let given = args.posed.read()?;
-    let options = args.extraction.options();
+    let options = args.extraction.options()?;
     let (mut model, mut report) =
         veiloc_mapping::build(&given.input(), &options, &Stages::new(ui)).map_err(with_skip_bad)?;
     model.down = args.written.down;
@@ -218,7 +224,7 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
 
 fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     let colmap = read_model(&args.model)?;
-    let options = args.extraction.options();
+    let options = args.extraction.options()?;
     let posed = PosedImages::from(&colmap);
     let input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
     let (mut model, mut report) =
@@ -237,8 +243,13 @@ fn add(args: &AddArgs, ui: &Ui) -> Outcome {
     let given = args.posed.read()?;
     let change = Change::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = change.read()?;
-    let mut report =
-        veiloc_mapping::add(&mut model, &given.input(), &Stages::new(ui)).map_err(with_skip_bad)?;
+    let extractors = args.features.extractors(&model.profile)?;
+    let global = args.global.extractor(&model.profile)?;
+    let mut input = given.input().with_extractors(&extractors);
+    if let Some(global) = &global {
+        input = input.with_global(global);
+    }
+    let mut report = veiloc_mapping::add(&mut model, &input, &Stages::new(ui)).map_err(with_skip_bad)?;
     args.self_test.test(&mut model, &mut report.doubts, ui)?;
     change.write(&model)?;
     let told = Told { json: args.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };

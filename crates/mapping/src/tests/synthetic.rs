@@ -73,14 +73,18 @@ fn place(images: u32, points: usize) -> Place {
             descriptors.push(&std::array::from_fn::<u8, 128, _>(|_| rng.random_range(0..90))).unwrap();
             shown.push(None);
         }
-        features.push(Extracted { keypoints, descriptors });
+        features.push(Extracted { keypoints, descriptors, global: None });
         truth.push(shown);
     }
     Place { posed, points, features, truth }
 }
 
 fn copy(features: &Extracted) -> Extracted {
-    Extracted { keypoints: features.keypoints.clone(), descriptors: features.descriptors.clone() }
+    Extracted {
+        keypoints: features.keypoints.clone(),
+        descriptors: features.descriptors.clone(),
+        global: None,
+    }
 }
 
 fn empty_map() -> MapModel {

@@ -62,7 +62,7 @@ use crate::{SealError, SealOptions};
 /// #     let place = |i: u32| Pixel::new(f64::from(20 + i * 97 % 600), f64::from(20 + i * 61 % 440));
 /// #     let keypoints = (0..300).map(|i| Keypoint { pixel: place(i), scale: 2.0, orientation: 0.0, response: 1.0 });
 /// #     let bytes = (0..300 * 128_u32).map(|i| (i * 31 % 90) as u8).collect();
-/// #     Features { keypoints: keypoints.collect(), descriptors: Descriptors::new(kind, bytes).expect("rows") }
+/// #     Features { keypoints: keypoints.collect(), descriptors: Descriptors::new(kind, bytes).expect("rows"), global: None }
 /// # };
 ///
 /// let camera = "SIMPLE_RADIAL,640,480,525,320,240,-0.01".parse()?;

@@ -54,7 +54,7 @@ pub(crate) fn features_at(pixels: &[Pixel], seed: u64) -> Features {
             response: 1.0 / (1.0 + i as f32),
         })
         .collect();
-    Features { keypoints, descriptors: random_descriptors(pixels.len(), &mut rng) }
+    Features { keypoints, descriptors: random_descriptors(pixels.len(), &mut rng), global: None }
 }
 
 pub(crate) fn uniform_pixels(count: usize, seed: u64) -> Vec<Pixel> {

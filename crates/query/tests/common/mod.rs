@@ -60,9 +60,17 @@ pub(crate) fn query(scheme: Scheme, bits: AngleBits, count: usize, seed: u64) ->
     query_with(&profile(scheme, bits), scheme, bits, count, seed)
 }
 
+/// Compact descriptors, two numbers a byte, and a vocabulary of four words.
+pub(crate) fn compact_profile() -> Profile {
+    let kind = DescriptorKind::COMPACT;
+    let mut draw = Draw::new(8);
+    let words = (0..4 * kind.dim()).map(|_| draw.below(256) as u8).collect();
+    Profile::vlad(Descriptors::new(kind, words).and_then(Vocabulary::new).expect("four whole words"))
+}
+
 /// Every profile that tests seal with: of both versions, and with descriptors version 1 does not know.
-pub(crate) fn profiles(scheme: Scheme, bits: AngleBits) -> [Profile; 3] {
-    [profile(scheme, bits), profile_v2(), own_profile()]
+pub(crate) fn profiles(scheme: Scheme, bits: AngleBits) -> [Profile; 4] {
+    [profile(scheme, bits), profile_v2(), own_profile(), compact_profile()]
 }
 
 pub(crate) fn query_with(

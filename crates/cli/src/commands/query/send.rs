@@ -39,7 +39,7 @@ pub(crate) struct Args {
     /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
     /// with the deviations of that (docs/json.md). One pose of the device for all.
     #[arg(long, value_name = "FILE",
-        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "session", "progressive", "mask", "hide"])]
+        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "image_global", "session", "progressive", "mask", "hide"])]
     rig: Option<PathBuf>,
     /// Its camera: COLMAP's model name, width, height and parameters, for example
     /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which guesses the
@@ -145,14 +145,18 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
         SealImageError::Session(error) => session_args::failure(&error),
         error => error.into(),
     })?;
+    let of_image = options.image_global(&profile)?;
+    let beside =
+        of_image.map_or_else(String::new, |own| format!(" with {} of the image", own.model().name()));
     ui.say(format!(
-        "{}: {}{} keypoints, {} {} as {}, {} bytes",
+        "{}: {}{} keypoints, {} {} as {}{}, {} bytes",
         image.display(),
         hidden.said(),
         sealed.keypoints,
         sealed.query.len(),
         if args.progressive.enough().is_some() { "sealed" } else { "sent" },
         args.device.scheme(),
+        beside,
         sealed.query.encode().len()
     ));
     let refused = |error| match error {

@@ -50,6 +50,9 @@ struct ImageDocument {
     /// Class to how many of it were found to hide.
     #[serde(skip_serializing_if = "Option::is_none")]
     found_to_hide: Option<BTreeMap<String, usize>>,
+    /// Model of the global descriptor that was made of the image and is sent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    image_global: Option<String>,
     /// How well the focal length is known, as the query says.
     #[serde(skip_serializing_if = "Option::is_none")]
     focal_known: Option<&'static str>,
@@ -83,6 +86,8 @@ pub(super) fn run(
 ) -> Outcome {
     let jobs = jobs(args)?;
     let scheme = options.scheme().to_string();
+    let of_image = options.image_global(profile)?.map(|own| own.model().name().to_owned());
+    let beside = of_image.as_ref().map_or_else(String::new, |name| format!(" with {name} of the image"));
     let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
     let mut tally = Tally::begin("sealed", &items, ui);
     let stage = (jobs.len() > 1).then(|| ui.stage("Sealing", jobs.len() as u64));
@@ -107,7 +112,7 @@ pub(super) fn run(
             Ok((sealed, hidden)) => {
                 keep(&job.out, sealed, ui)?;
                 let said = format!(
-                    "{name}: {}{} keypoints, {} sent as {scheme}, {} bytes → {}",
+                    "{name}: {}{} keypoints, {} sent as {scheme}{beside}, {} bytes → {}",
                     hidden.said(),
                     sealed.found,
                     sealed.sent,
@@ -125,7 +130,7 @@ pub(super) fn run(
             }
             Err(fault) => tally.failed(&name, fault),
         }
-        images.push(document_of(name, &job.out, sealed));
+        images.push(document_of(name, &job.out, sealed, of_image.as_ref()));
         if let Some(stage) = &stage {
             stage.advance(1);
         }
@@ -149,7 +154,12 @@ fn keep(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
     files::write_or_print(out, &sealed.bytes, ui)
 }
 
-fn document_of(file: String, out: &Path, sealed: Result<(Sealed, HiddenPart), Fault>) -> ImageDocument {
+fn document_of(
+    file: String,
+    out: &Path,
+    sealed: Result<(Sealed, HiddenPart), Fault>,
+    of_image: Option<&String>,
+) -> ImageDocument {
     let (status, sealed, hidden, error) = match sealed {
         Ok((sealed, hidden)) => (Status::Sealed, Some(sealed), hidden, None),
         Err(fault) => (Status::Failed, None, HiddenPart::default(), Some(fault)),
@@ -163,6 +173,7 @@ fn document_of(file: String, out: &Path, sealed: Result<(Sealed, HiddenPart), Fa
         bytes: sealed.as_ref().map(|s| s.bytes.len()),
         hidden: hidden.share(),
         found_to_hide: hidden.found.map(|found| found.into_iter().collect()),
+        image_global: sealed.as_ref().and(of_image).cloned(),
         focal_known: sealed.as_ref().map(|s| s.focal.name()),
         error,
     }
