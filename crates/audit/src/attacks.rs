@@ -35,6 +35,9 @@ pub struct Attack {
 pub struct Needs {
     /// Who is a neighbour of whom.
     pub neighbours: bool,
+    /// Neighbours that a predictor names, those of the own anchor from among rows of near angles only; nothing to run on
+    /// a scheme without anchors.
+    pub near_angles: bool,
     /// Keypoints of other images of the place.
     pub other_images: bool,
     /// Map images with descriptors, whose positions are taken over.
@@ -53,6 +56,7 @@ impl Needs {
     /// Nothing: the sealed query alone.
     pub const NOTHING: Self = Self {
         neighbours: false,
+        near_angles: false,
         other_images: false,
         map_images: false,
         pose: false,
@@ -73,7 +77,7 @@ const OF_SERVER: Needs = Needs { pose: true, ..Needs::NEIGHBOURS };
 const SERVER: &str = "a server that has found the pose";
 
 /// All attacks, weakest first.
-pub const ATTACKS: [Attack; 16] = [
+pub const ATTACKS: [Attack; 17] = [
     Attack::PRIOR,
     Attack {
         name: "learned-prior",
@@ -107,6 +111,13 @@ pub const ATTACKS: [Attack; 16] = [
     },
     Attack::TRANSFER,
     Attack::GRAPH,
+    Attack {
+        name: "graph-near-angles",
+        words: "layout of the graph of neighbours of near angles",
+        holds: "",
+        needs: Needs { near_angles: true, ..Needs::NEIGHBOURS },
+        run: |a, rng| laid_out(a, &GraphOptions::default(), rng),
+    },
     Attack {
         name: "transfer-graph",
         words: "layout begun at positions of a map",

@@ -12,6 +12,7 @@ mod attempt;
 mod document;
 mod error;
 mod findings;
+mod gate;
 mod neighbours;
 mod observer;
 mod options;

@@ -40,6 +40,13 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), AuditError> {
     {
         return refuse(format!("{attack} needs a network that `veiloc train positions` wrote"));
     }
+    if matches!(evaluation.neighbours, NeighbourSource::Oracle | NeighbourSource::Transferred)
+        && let Some(attack) = evaluation.attacks.iter().find(|a| a.needs.near_angles)
+    {
+        return refuse(format!(
+            "{attack} narrows neighbours that are predicted from descriptors: say by what"
+        ));
+    }
     let needs = evaluation.attacks.iter().find(|a| a.needs.pose);
     let Some(server) = &evaluation.server else {
         return needs.map_or(Ok(()), |attack| {
@@ -67,7 +74,10 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), AuditError> {
 pub(super) fn rows(evaluation: &AttackEvaluation, trained: &TrainedPositions) -> Vec<Row> {
     let mut rows = Vec::new();
     for &scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
-        let known = |attack: &&Attack| !attack.needs.trained || trained.knows(scheme);
+        let known = |attack: &&Attack| {
+            let anchored = matches!(scheme, Scheme::Dcl(_));
+            (!attack.needs.trained || trained.knows(scheme)) && (!attack.needs.near_angles || anchored)
+        };
         let mut push = |attack, corrupt, frames| {
             rows.push(Row {
                 scheme,

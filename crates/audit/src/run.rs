@@ -15,6 +15,7 @@ use veiloc_sightings::RestingOptions;
 use super::attacks::Attack;
 use super::attempt::Attempt;
 use super::document::AttackDocument;
+use super::gate::narrowed;
 use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
 use super::observer::{AttackObserver, AttackTrial, ImageGroup, Progress};
 use super::options::AttackEvaluation;
@@ -39,6 +40,8 @@ struct Sent {
 struct Held<'a> {
     density: Density,
     neighbours: NeighbourLists,
+    /// All rows by how likely they are neighbours, where an attack narrows them.
+    ranked: Option<NeighbourLists>,
     transferred: Option<Transfer>,
     descriptors: Option<Descriptors>,
     trained: &'a TrainedPositions,
@@ -96,6 +99,7 @@ pub fn attack_groups(
     let transfers = evaluation.neighbours == NeighbourSource::Transferred
         || evaluation.attacks.iter().any(|a| a.needs.map_images);
     let several = evaluation.attacks.iter().any(|a| a.needs.frames);
+    let narrows = evaluation.attacks.iter().any(|a| a.needs.near_angles);
     let by_training = evaluation.attacks.iter().any(|a| a.needs.trained);
     let mut precision = Precision::default();
     let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
@@ -124,6 +128,12 @@ pub fn attack_groups(
             let size = (image.width, image.height);
             let transferred = if transfers { Some(from_others(&map, i, size, evaluation.k)?) } else { None };
             let nearest = NeighbourLists::nearest(&image.keypoints, evaluation.k);
+            let ranked = match &predictor {
+                Some(predictor) if narrows => {
+                    Some(predictor.predict(&descriptors(image)?, image.keypoints.len().saturating_sub(1))?)
+                }
+                _ => None,
+            };
             let neighbours = match (&predictor, &transferred) {
                 (Some(predictor), _) => predictor.predict(&descriptors(image)?, evaluation.k)?,
                 (None, Some(t)) if evaluation.neighbours == NeighbourSource::Transferred => {
@@ -142,6 +152,7 @@ pub fn attack_groups(
                 descriptors,
                 density,
                 neighbours,
+                ranked,
                 transferred,
                 own: i,
                 images: &map,
@@ -219,7 +230,14 @@ fn attack_image(
             sent = Some(Sent { scheme: row.scheme, observed, observations, guess_errors: Vec::new() });
         }
         let Some(sent) = &mut sent else { continue };
-        let corrupted = held.neighbours.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
+        let narrowed = match &held.ranked {
+            Some(ranked) if row.attack.needs.near_angles => {
+                Some(narrowed(ranked, &sent.observations, evaluation.k)?)
+            }
+            _ => None,
+        };
+        let told = narrowed.as_ref().unwrap_or(&held.neighbours);
+        let corrupted = told.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
         let seals: Vec<Vec<Observation>> = if row.attack.needs.seals {
             let more = 1..row.frames.unwrap_or(1);
             more.map(|k| send_again(evaluation, image, row.scheme, k)).collect::<Result<_, _>>()?

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
-use veiloc_features::{Limits, Progress, Sift, extract_image};
+use veiloc_features::{Extractor, Limits, Progress, extract_image};
 use veiloc_geometry::Pixel;
 use veiloc_query::ExtractionLimits;
 
@@ -17,9 +17,13 @@ use crate::error::DatasetError;
 ///
 /// # Errors
 /// [`DatasetError::Image`] when the file is no image.
-pub fn keypoints_of_image(path: &Path, limits: ExtractionLimits) -> Result<KeypointImage, DatasetError> {
+pub fn keypoints_of_image(
+    path: &Path,
+    extractor: &dyn Extractor,
+    limits: ExtractionLimits,
+) -> Result<KeypointImage, DatasetError> {
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
-    let image = extract_image(path, None, &Sift::default(), limits)?;
+    let image = extract_image(path, None, extractor, limits)?;
     let (features, (width, height)) = (image.features, image.size);
     Ok(KeypointImage {
         name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
@@ -41,6 +45,7 @@ fn rounded(p: Pixel) -> Pixel {
 /// The first in that order, if there is one.
 pub fn keypoints_of_images(
     paths: &[PathBuf],
+    extractor: &dyn Extractor,
     limits: ExtractionLimits,
     progress: &dyn Progress,
 ) -> Result<Vec<KeypointImage>, DatasetError> {
@@ -48,7 +53,7 @@ pub fn keypoints_of_images(
     let extracted: Vec<Result<KeypointImage, DatasetError>> = paths
         .par_iter()
         .map(|path| {
-            let image = keypoints_of_image(path, limits);
+            let image = keypoints_of_image(path, extractor, limits);
             progress.advance(1);
             image
         })
@@ -60,6 +65,7 @@ pub fn keypoints_of_images(
 #[cfg(test)]
 mod tests {
     use image::GrayImage;
+    use veiloc_features::Sift;
 
     use super::*;
     use crate::{encode_keypoints, read_keypoints};
@@ -84,7 +90,7 @@ mod tests {
         let paths = ["a.PNG", "b.png"].map(|name| folder.path().join(name));
         let mut limits = ExtractionLimits::default();
         (limits.max_keypoints, limits.max_image_side) = (40, 80);
-        let images = keypoints_of_images(&paths, limits, &()).expect("images");
+        let images = keypoints_of_images(&paths, &Sift::default(), limits, &()).expect("images");
         assert_eq!(images.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a.PNG", "b.png"]);
         let image = &images[0];
         assert_eq!((image.width, image.height), (80, 60), "made smaller");
@@ -104,6 +110,6 @@ mod tests {
         let file = folder.path().join("a.png");
         std::fs::write(&file, "no image").expect("written");
         let limits = ExtractionLimits::default();
-        says(keypoints_of_image(&file, limits).expect_err("no image"), "a.png");
+        says(keypoints_of_image(&file, &Sift::default(), limits).expect_err("no image"), "a.png");
     }
 }

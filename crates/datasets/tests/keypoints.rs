@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use veiloc_datasets::{KeypointImage, keypoints_of_image, read_keypoints};
+use veiloc_features::Sift;
 use veiloc_query::ExtractionLimits;
 use veiloc_testdata::real_data_test;
 
@@ -20,7 +21,8 @@ fn descriptors_are_laid_out_as_in_the_problem_files(data: &Path) {
     let all = read_keypoints(&data.join("problems/herzjesu_keypoints.jsonl.gz")).expect("keypoints");
     let theirs = all.iter().find(|p| p.name == "0002.jpg").expect("the image");
     let limits = ExtractionLimits { max_keypoints: 4096, max_image_side: 1024 };
-    let ours = keypoints_of_image(&data.join("herzjesu/images/0002.jpg"), limits).expect("an image");
+    let ours = keypoints_of_image(&data.join("herzjesu/images/0002.jpg"), &Sift::default(), limits)
+        .expect("an image");
     assert_eq!((ours.width, ours.height), (theirs.width, theirs.height));
 
     let cosine = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();

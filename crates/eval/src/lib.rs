@@ -23,7 +23,7 @@ mod scores;
 pub mod stress;
 
 pub use error::EvalError;
-pub use make_problems::{MadeProblem, ProblemSource, make_problems};
+pub use make_problems::{MadeProblem, ProblemSource, make_problems, masks_of};
 pub use poses::{
     GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses, pose_problem,
 };

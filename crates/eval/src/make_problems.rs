@@ -3,25 +3,26 @@
 //! What the pose stage is compared and fitted on. The map is built and opened as a server would, keypoints travel as
 //! the scheme `points` sends them, matching is that of localization.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::problems::{CameraLine, PoseLine, ProblemLine};
 use veiloc_datasets::{KeypointImage, seed_for};
-use veiloc_features::Progress;
+use veiloc_features::{Progress, load_mask, mask_in};
 use veiloc_localize::matching::match_points;
 use veiloc_localize::retrieval::retrieve;
 use veiloc_localize::{LocalizeOptions, observe_matches};
 use veiloc_map::{MapFile, PosedImages};
 use veiloc_mapping::{BuildOptions, Input};
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{SealTruth, extract, seal_with_truth};
+use veiloc_obfuscation::{ExtractError, SealTruth, extract, extract_masked, seal_with_truth};
 use veiloc_query::{Observations, Scheme, SealedQuery};
 use veiloc_robust::Correspondences;
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, posed_queries};
+use crate::road::{PlaceMap, PosedQuery, equipped, posed_queries};
 
 /// Where the problems come from.
 #[derive(Debug, Clone)]
@@ -38,6 +39,8 @@ pub struct ProblemSource<'a> {
     pub build: &'a BuildOptions,
     /// Retrieval and matching.
     pub localize: &'a LocalizeOptions,
+    /// Masks by the names of images: what they hide is not sent. An image without one is whole.
+    pub masks: &'a BTreeMap<String, PathBuf>,
     /// Seed of the keypoints' dither.
     pub seed: u64,
 }
@@ -50,6 +53,12 @@ pub struct MadeProblem {
     /// All its keypoints with descriptors, strongest first, matched or not, at the very positions of the problem. Decoys,
     /// which only a query below the smallest size class has, come last.
     pub keypoints: KeypointImage,
+}
+
+/// Where the mask of each image is expected to be: in a folder, by the image's name; none without a folder.
+pub fn masks_of(names: &[String], folder: Option<&Path>) -> BTreeMap<String, PathBuf> {
+    let of = |folder: &Path| names.iter().map(|n| (n.clone(), mask_in(folder, Path::new(n)))).collect();
+    folder.map(of).unwrap_or_default()
 }
 
 /// One problem a query, in the order of the list.
@@ -79,8 +88,15 @@ pub fn make_problems(
 }
 
 fn made(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result<MadeProblem, EvalError> {
-    let (profile, options) = (map.profile(), options_for(Scheme::Points));
-    let (features, camera) = extract(&query.path, &query.camera, profile, &options)?;
+    let profile = map.profile();
+    let options = equipped(options_for(Scheme::Points), source.build);
+    let (features, camera) = match source.masks.get(&query.name) {
+        Some(path) => {
+            let mask = load_mask(path).map_err(ExtractError::from)?;
+            extract_masked(&query.path, &mask, &query.camera, profile, &options)?
+        }
+        None => extract(&query.path, &query.camera, profile, &options)?,
+    };
     let strengths: Vec<f32> = features.keypoints.iter().map(|k| k.response).collect();
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(source.seed, &[&query.name]));
     let (sealed, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)

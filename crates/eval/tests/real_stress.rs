@@ -4,6 +4,7 @@ use std::path::Path;
 
 use veiloc_eval::negatives::{CameraSource, NegativeImage, NegativesEvaluation, evaluate_negatives};
 use veiloc_eval::stress::{Stress, StressEvaluation, evaluate_stress};
+use veiloc_features::Extractors;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_posed;
@@ -68,6 +69,7 @@ fn images_of_elsewhere_are_not_trusted(data: &Path) {
         schemes: vec![Scheme::Points, Scheme::default()],
         localize: LocalizeOptions::default(),
         seed: 0,
+        extractors: Extractors::for_sealing(),
     };
     let result = evaluate_negatives(&map, &evaluation, &()).expect("evaluated");
     assert!(images.len() >= 8 && result.unread.is_empty(), "{} images", images.len());

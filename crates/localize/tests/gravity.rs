@@ -84,6 +84,7 @@ fn poor(truth: &CameraFromWorld, seed: usize) -> Features {
     let mut few = Features {
         keypoints: kept.iter().map(|i| all.keypoints[*i]).collect(),
         descriptors: all.descriptors.select(kept.iter().copied()),
+        global: None,
     };
     for (i, keypoint) in few.keypoints.iter_mut().enumerate() {
         let angle = (i * 37 + seed) as f64;

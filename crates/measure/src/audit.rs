@@ -11,6 +11,7 @@ use veiloc_report::audit_page;
 
 use crate::attack::AdversaryArgs;
 use crate::exit::{Exit, Failure, Outcome};
+use crate::feature_args::ImageFeatureArgs;
 use crate::files;
 use crate::json_args::JsonArgs;
 use crate::stages::Stages;
@@ -56,6 +57,8 @@ pub struct Args {
     #[arg(long, value_delimiter = ',', value_name = "ATTACK,…")]
     attacks: Option<Vec<Attack>>,
     #[command(flatten)]
+    features: ImageFeatureArgs,
+    #[command(flatten)]
     adversary: AdversaryArgs,
     /// Keypoints of an image at most, the strongest.
     #[arg(long, default_value_t = 2048, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
@@ -77,7 +80,8 @@ pub fn run(args: &Args, ui: &Ui) -> Outcome {
     let report = report_path(&args.out)?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
     let bars = Stages::new(ui);
-    let inputs = Inputs::read(&args.inputs, args.images as usize, limits, &bars, ui)?;
+    let extractor = args.features.extractor()?;
+    let inputs = Inputs::read(&args.inputs, args.images as usize, extractor.as_ref(), limits, &bars, ui)?;
     let attacks = args.attacks.clone().unwrap_or_else(|| inputs.default_attacks());
     let options = AuditOptions {
         evaluation: AttackEvaluation {

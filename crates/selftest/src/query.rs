@@ -3,16 +3,35 @@
 use std::collections::BTreeMap;
 
 use rand_chacha::ChaCha20Rng;
-use veiloc_features::{Features, Keypoint};
+use veiloc_descriptor::{GlobalDescriptor, GlobalModel, NamedGlobal};
+use veiloc_features::{FeatureError, Features, GlobalExtractor, Image, Keypoint, SharedGlobal};
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_localize::Matched;
 use veiloc_map::{MapImage, MapModel};
 use veiloc_obfuscation::{SealError, SealOptions, seal};
 use veiloc_query::{Profile, Scheme, SealedQuery};
 
-/// How a device seals under a scheme when it decides nothing else.
-pub(crate) fn options_for(scheme: Scheme) -> SealOptions {
-    SealOptions::new(scheme).unwrap_or_else(|_| SealOptions::unprotected_points())
+/// How a device seals under a scheme when it decides nothing else but to send what the map asks for of whole images.
+pub(crate) fn options_for(scheme: Scheme, profile: &Profile) -> SealOptions {
+    let options = SealOptions::new(scheme).unwrap_or_else(|_| SealOptions::unprotected_points());
+    match profile.global_model() {
+        GlobalModel::Vlad(_) => options,
+        GlobalModel::Named(asked) => options.with_image_global(SharedGlobal::new(Stored(*asked))),
+    }
+}
+
+/// Global descriptors that the map keeps of its own images, and that are not made again.
+struct Stored(NamedGlobal);
+
+impl GlobalExtractor for Stored {
+    fn model(&self) -> NamedGlobal {
+        self.0
+    }
+
+    fn describe(&self, _: &Image) -> Result<GlobalDescriptor, FeatureError> {
+        let reason = "the map's own are used".to_owned();
+        Err(FeatureError::Extractor { name: self.0.name().to_owned(), reason })
+    }
 }
 
 /// Features of an image of a map, and the camera they are in: as a device would see them, which makes an image smaller
@@ -40,7 +59,8 @@ pub(crate) fn stored_features(
         response: 1.0 / (1.0 + rank as f32),
     };
     let keypoints = image.keypoints.iter().enumerate().map(keypoint).collect();
-    Ok((Features { keypoints, descriptors: image.descriptors.clone() }, seen))
+    let global = model.profile.vocabulary().is_none().then(|| image.global.clone());
+    Ok((Features { keypoints, descriptors: image.descriptors.clone(), global }, seen))
 }
 
 /// Seals the features of an image; a device draws from the operating system, here the draw must be repeatable.

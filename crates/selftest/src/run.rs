@@ -66,7 +66,7 @@ pub fn self_test(
 ) -> Result<SelfTest, SelfTestError> {
     let file = MapFile::of_model(model)?;
     for scheme in &options.schemes {
-        options_for(*scheme).bounded(&model.profile)?;
+        options_for(*scheme, &model.profile).bounded(&model.profile)?;
     }
     let chosen = spread(model.images.len(), options.images);
     progress.start("Testing the map", chosen.len());
@@ -106,7 +106,7 @@ fn trials_of(
     let truth = &model.images[image].cam_from_world;
     let mut first: Option<(SealedQuery, Matched)> = None;
     let mut trial = |scheme: &Scheme| {
-        let seal_options = options_for(*scheme);
+        let seal_options = options_for(*scheme, &model.profile);
         let (features, camera) = stored_features(model, &model.images[image], &seal_options).ok()?;
         let mut rng = ChaCha20Rng::seed_from_u64(options.seed);
         // Of the scheme itself, so that it draws the same whichever others are tested.

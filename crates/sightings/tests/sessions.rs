@@ -102,7 +102,7 @@ fn sealed(walk: Walk, scheme: &str, options: SessionOptions, seed: u64) -> Vec<S
                 Keypoint { pixel, scale: 2.0, orientation: 0.0, response: 1.0 }
             };
             let keypoints = points.iter().map(keypoint).collect();
-            let features = Features { keypoints, descriptors: descriptors.clone() };
+            let features = Features { keypoints, descriptors: descriptors.clone(), global: None };
             let error = Vector3::from_fn(|_, _| walk.gyroscope_deg.to_radians() * normal(&mut rng));
             let felt = Rotation3::from_scaled_axis(error) * *pose.rotation();
             let held = Orientation::in_world(felt).expect("finite");

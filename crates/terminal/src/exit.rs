@@ -13,6 +13,8 @@ pub enum Exit {
     Success,
     /// The input was refused, or nothing was localized.
     Refused,
+    /// The command line, or what stands for it, was used wrongly.
+    Usage,
     /// There is a pose, and something speaks against it.
     Doubtful,
     /// Results could not be written.
@@ -34,10 +36,11 @@ A reader that closes the pipe (`veiloc … | head`) has read enough: that is no 
 
 impl From<Exit> for ExitCode {
     fn from(exit: Exit) -> Self {
-        // 2, wrong usage, is clap's.
         Self::from(match exit {
             Exit::Success => 0,
             Exit::Refused => 1,
+            // As clap's own.
+            Exit::Usage => 2,
             Exit::Unwritten | Exit::Bug => 3,
             Exit::Doubtful => 4,
         })

@@ -1,8 +1,7 @@
 //! How many of the neighbours that are named are true, by descriptors alone and with angles.
 //!
-//! A row of Dual Convergent Lines tells the angle of its line, and near keypoints of one anchor have near angles. An
-//! outsider who predicts neighbours takes them from among those (the **gate**), which says much alone: a predictor that
-//! knows descriptors is then worth what it adds to drawing at random from the gate.
+//! The gate of near angles says much alone: a predictor that knows descriptors is then worth what it adds to drawing at
+//! random from it.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -13,15 +12,12 @@ use veiloc_query::{AngleBits, DclLayout, Scheme};
 
 use super::document::PrecisionRow;
 use crate::error::AuditError;
+use crate::gate;
 use crate::neighbours::{Predictor, descriptors};
 
 /// Neighbours a keypoint that the figures count, of the [`NEAREST`].
 const LENGTHS: [usize; 3] = [5, 10, 20];
 pub(super) const NEAREST: usize = 20;
-/// Share of an image's rows that pass the gate: those of the own anchor whose angles are nearest. On RedKitchen half of the
-/// true neighbours pass.
-const GATE: f64 = 0.05;
-
 /// Precision of a predictor over all keypoints of some images, by descriptors alone, with angles, and of angles alone.
 pub(super) fn rows(
     part: &'static str,
@@ -64,36 +60,7 @@ fn gate(image: &KeypointImage) -> Result<NeighbourLists, AuditError> {
     let (width, height) = (image.width, image.height);
     let sent = obfuscate_points(&image.keypoints, width, height, &scheme, AngleBits::default(), &mut rng)
         .map_err(|source| AuditError::Seal { name: image.name.clone(), source })?;
-    let rows: Vec<_> = Observation::of_sent(&sent)
-        .iter()
-        .map(|row| match row {
-            Observation::Pencil(row) => Some((row.anchor, row.line.direction.y.atan2(row.line.direction.x))),
-            _ => None,
-        })
-        .collect();
-    let pass = (GATE * rows.len() as f64).ceil() as usize;
-    let lists: Vec<Vec<u32>> = rows
-        .iter()
-        .enumerate()
-        .map(|(i, own)| {
-            let Some((anchor, angle)) = own else { return Vec::new() };
-            let mut others: Vec<(f64, u32)> = rows
-                .iter()
-                .enumerate()
-                .filter(|(j, _)| *j != i)
-                .filter_map(|(j, row)| row.filter(|r| r.0 == *anchor).map(|r| (turn(r.1, *angle), j as u32)))
-                .collect();
-            others.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            others.into_iter().take(pass).map(|o| o.1).collect()
-        })
-        .collect();
-    Ok(NeighbourLists::from_lists(&lists)?)
-}
-
-/// The angle between two directions.
-fn turn(a: f64, b: f64) -> f64 {
-    let d = (a - b).abs();
-    d.min(std::f64::consts::TAU - d)
+    Ok(gate::gate(&Observation::of_sent(&sent))?)
 }
 
 /// Named neighbours that are true and all that are named, of each length.

@@ -11,7 +11,7 @@ mod table;
 use std::path::PathBuf;
 
 use rayon::prelude::*;
-use veiloc_features::{Image, Progress, load_gray};
+use veiloc_features::{Extractors, Image, Progress, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
@@ -38,6 +38,8 @@ pub struct NegativesEvaluation {
     pub localize: LocalizeOptions,
     /// Seed of sealing.
     pub seed: u64,
+    /// What makes the features that the map asks for, as a device has it.
+    pub extractors: Extractors,
 }
 
 /// An image of elsewhere.
@@ -104,8 +106,8 @@ fn answers(
     let loaded = Image::from(load_gray(&image.path)?);
     let (known, source) = camera_of(image.camera.as_ref(), &image.path)?;
     let profile = map.profile();
-    let (features, camera) =
-        extract_loaded(loaded, &image.path, &known.intrinsics, profile, &options_for(Scheme::default()))?;
+    let extraction = options_for(Scheme::default()).with_extractors(evaluation.extractors.clone());
+    let (features, camera) = extract_loaded(loaded, &image.path, &known.intrinsics, profile, &extraction)?;
     let answer = |scheme: &Scheme| {
         let options = options_for(*scheme).with_focal(known.focal);
         let sent = send(&features, &camera, profile, &options, &image.name, evaluation.seed);

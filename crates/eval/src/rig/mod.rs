@@ -99,7 +99,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
     progress.start("Extracting queries", queries.len());
     let mut shown: Vec<(Features, Intrinsics)> = Vec::with_capacity(queries.len());
     for query in &queries {
-        shown.push(shown_under(evaluation.stress, query, map, place.seed)?);
+        shown.push(shown_under(evaluation.stress, query, map, &place.build, place.seed)?);
         progress.advance(1);
     }
     progress.finish();
@@ -110,7 +110,7 @@ pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Resu
             .iter()
             .zip(&shown)
             .map(|(query, (features, camera))| {
-                let options = sealed_under(evaluation.stress, *scheme);
+                let options = sealed_under(evaluation.stress, *scheme, &place.build);
                 let sent = send(features, camera, map.profile(), &options, &query.name, place.seed);
                 SealedQuery::decode(&sent.map_err(|e| e.to_string())?.bytes).map_err(|e| e.to_string())
             })

@@ -16,5 +16,5 @@ pub use place_map::PlaceMap;
 pub use posed_query::{PosedQuery, posed_queries, queries_of_place};
 pub use progressive::Sending;
 pub(crate) use progressive::send_and_ask;
-pub(crate) use send::{Sent, send};
+pub(crate) use send::{Sent, equipped, send};
 pub use upright::Upright;

@@ -20,7 +20,7 @@ use veiloc_robust::State;
 pub use options::{Negatives, SceneEvaluation};
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, Upright, localize_sent, queries_of_place, send};
+use crate::road::{PlaceMap, PosedQuery, Upright, equipped, localize_sent, queries_of_place, send};
 use crate::scores::scores_or_default;
 use negatives::localize_negatives;
 use veiloc_results::{Evaluation, NegativeSummary, QueryResult, Variant, summarize};
@@ -99,7 +99,7 @@ fn localize_all(
     progress: &dyn Progress,
 ) -> Result<Results, EvalError> {
     let profile = map.profile();
-    let extraction = options_for(Scheme::default());
+    let extraction = equipped(options_for(Scheme::default()), &evaluation.build);
     let mut by_recipe: Vec<Vec<QueryResult>> = Vec::new();
     progress.start("Localizing queries", queries.len());
     for query in queries {
@@ -116,7 +116,7 @@ fn localize_all(
         let told: Vec<_> = Upright::in_turn(upright, query, evaluation.seed).collect();
         for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| told.iter().map(move |g| (s, *g))) {
             let started = Instant::now();
-            let options = options_for(*scheme).with_gravity(gravity);
+            let options = equipped(options_for(*scheme), &evaluation.build).with_gravity(gravity);
             let sealed = send(&features, &camera, profile, &options, &query.name, evaluation.seed);
             let seal_ms = started.elapsed().as_secs_f64() * 1e3;
             for score in scores_or_default(&evaluation.scores) {

@@ -8,7 +8,7 @@ use veiloc_query::Scheme;
 
 use super::options::{Negatives, SceneEvaluation};
 use crate::error::EvalError;
-use crate::road::{PosedQuery, posed_queries, send, send_and_ask};
+use crate::road::{PosedQuery, equipped, posed_queries, send, send_and_ask};
 use crate::scores::scores_or_default;
 use veiloc_results::NegativeResult;
 
@@ -37,14 +37,14 @@ pub(crate) fn localize_negatives(
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<NegativeResult>>, EvalError> {
     let profile = map.profile();
-    let extraction = options_for(Scheme::default());
+    let extraction = equipped(options_for(Scheme::default()), &evaluation.build);
     let scores = scores_or_default(&evaluation.scores);
     let mut rows = vec![Vec::with_capacity(negatives.len()); evaluation.schemes.len() * scores.len()];
     progress.start("Localizing negatives", negatives.len());
     for negative in negatives {
         let (features, camera) = extract(&negative.path, &negative.camera, profile, &extraction)?;
         for (s, scheme) in evaluation.schemes.iter().enumerate() {
-            let options = options_for(*scheme);
+            let options = equipped(options_for(*scheme), &evaluation.build);
             let sent = send(&features, &camera, profile, &options, &negative.name, evaluation.seed);
             for (k, score) in scores.iter().enumerate() {
                 let mut result = NegativeResult {

@@ -15,13 +15,13 @@ use rayon::prelude::*;
 use veiloc_features::{Features, GrayImage, Image, Progress, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
-use veiloc_mapping::Input;
+use veiloc_mapping::{BuildOptions, Input};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealOptions, extract_loaded};
 use veiloc_query::{Scheme, SizeClass};
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, Upright, ask, queries_of_place, send};
+use crate::road::{PlaceMap, PosedQuery, Upright, ask, equipped, queries_of_place, send};
 use crate::scene::folder_name;
 use degrade::{degraded, mistaken};
 
@@ -113,19 +113,19 @@ fn under_each(
 ) -> Result<Vec<StressQuery>, EvalError> {
     let image = load_gray(&query.path).map_err(veiloc_obfuscation::ExtractError::from)?;
     // What does not touch the image shares its features: all maps ask for the same.
-    let plain = extracted(&image, query, &maps.all.file)?;
+    let plain = extracted(&image, query, &maps.all.file, &evaluation.build)?;
     let told: Vec<_> = Upright::in_turn(upright, query, evaluation.seed).collect();
     let mut results = Vec::new();
     for stress in stresses {
         let worse = match degraded(&image, *stress, &query.name, evaluation.seed) {
-            Some(worse) => Some(extracted(&worse, query, &maps.all.file)?),
+            Some(worse) => Some(extracted(&worse, query, &maps.all.file, &evaluation.build)?),
             None => None,
         };
         let (features, camera) = worse.as_ref().unwrap_or(&plain);
         let camera = mistaken(camera, *stress, &query.name, evaluation.seed).unwrap_or(*camera);
         for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| told.iter().map(move |g| (s, *g))) {
             let map = maps.under(*stress);
-            let options = sealed_under(*stress, *scheme).with_gravity(gravity);
+            let options = sealed_under(*stress, *scheme, &evaluation.build).with_gravity(gravity);
             let sent = send(features, &camera, map.profile(), &options, &query.name, evaluation.seed);
             let from_truth = |sent| {
                 let (truth, radius) = (&query.cam_from_world, evaluation.oracle_radius_px);
@@ -157,11 +157,12 @@ pub(crate) fn shown_under(
     stress: Stress,
     query: &PosedQuery,
     map: &MapFile,
+    build: &BuildOptions,
     seed: u64,
 ) -> Result<(Features, Intrinsics), EvalError> {
     let image = load_gray(&query.path).map_err(veiloc_obfuscation::ExtractError::from)?;
     let worse = degraded(&image, stress, &query.name, seed);
-    let (features, camera) = extracted(worse.as_ref().unwrap_or(&image), query, map)?;
+    let (features, camera) = extracted(worse.as_ref().unwrap_or(&image), query, map, build)?;
     let camera = mistaken(&camera, stress, "the device", seed).unwrap_or(camera);
     Ok((features, camera))
 }
@@ -170,15 +171,16 @@ fn extracted(
     image: &GrayImage,
     query: &PosedQuery,
     map: &MapFile,
+    build: &BuildOptions,
 ) -> Result<(Features, Intrinsics), EvalError> {
     let image = Image::from(image.clone());
-    let options = options_for(Scheme::default());
+    let options = equipped(options_for(Scheme::default()), build);
     Ok(extract_loaded(image, &query.path, &query.camera, map.profile(), &options)?)
 }
 
 /// How a device seals under a stress.
-pub(crate) fn sealed_under(stress: Stress, scheme: Scheme) -> SealOptions {
-    let options = options_for(scheme);
+pub(crate) fn sealed_under(stress: Stress, scheme: Scheme, build: &BuildOptions) -> SealOptions {
+    let options = equipped(options_for(scheme), build);
     match stress {
         Stress::FewKeypoints => options.with_max_keypoints(SizeClass::SMALLEST.rows()),
         Stress::None

@@ -106,6 +106,7 @@ impl Place {
         Features {
             keypoints: seen.iter().enumerate().map(keypoint).collect(),
             descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows"),
+            global: None,
         }
     }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_audit::{Attack, ImageGroup};
 use veiloc_datasets::{KeypointImage, keypoints_of_images, read_keypoints};
-use veiloc_features::Progress;
+use veiloc_features::{Extractor, Progress};
 use veiloc_query::ExtractionLimits;
 
 use crate::exit::Failure;
@@ -27,6 +27,7 @@ impl Inputs {
     pub(super) fn read(
         paths: &[PathBuf],
         most: usize,
+        extractor: &dyn Extractor,
         limits: ExtractionLimits,
         progress: &dyn Progress,
         ui: &Ui,
@@ -51,7 +52,7 @@ impl Inputs {
                     ui.say(format!("{}: the first {most} of {} images", path.display(), inside.len()));
                     inside.truncate(most);
                 }
-                groups.push(group(display_name(path), &inside, limits, progress)?);
+                groups.push(group(display_name(path), &inside, extractor, limits, progress)?);
             } else if holds_keypoints(path) {
                 let Some(group) = files.next() else { continue };
                 if group.images.len() > most {
@@ -74,7 +75,7 @@ impl Inputs {
             } else {
                 format!("{} images", loose.len())
             };
-            groups.push(group(name, &loose, limits, progress)?);
+            groups.push(group(name, &loose, extractor, limits, progress)?);
         }
         let mut inputs = Self { groups };
         inputs.drop_empty(ui)?;
@@ -150,11 +151,12 @@ fn paired(path: &Path, images: Vec<KeypointImage>, given: &mut [Vec<Item>]) -> G
 fn group(
     name: String,
     items: &[Item],
+    extractor: &dyn Extractor,
     limits: ExtractionLimits,
     progress: &dyn Progress,
 ) -> Result<Group, Failure> {
     let files: Vec<PathBuf> = items.iter().map(|item| item.path.clone()).collect();
-    let mut images = keypoints_of_images(&files, limits, progress)?;
+    let mut images = keypoints_of_images(&files, extractor, limits, progress)?;
     for (image, name) in images.iter_mut().zip(items::names(items)) {
         image.name = name;
     }

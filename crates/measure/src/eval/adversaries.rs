@@ -27,6 +27,10 @@ use crate::ui::Ui;
 pub struct Args {
     #[command(flatten)]
     place: MaybePlaceArgs,
+    /// Folder of the queries' masks, one for every query: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. What is
+    /// black in them is hidden, as with `seal --masks`.
+    #[arg(long, value_name = "DIR", requires = "posed")]
+    masks: Option<PathBuf>,
     /// Keypoints of images of which nobody has a map, as `eval keypoints` writes them; may be given beside a place.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     keypoints: Vec<PathBuf>,
@@ -91,8 +95,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             images: place.images,
             map_list: lists::read_list(&place.map_list)?,
             query_list: lists::read_list(&place.query_list)?,
-            build: args.extraction.options(),
+            build: args.extraction.options()?,
             localize: args.matching.localize_options(),
+            masks: args.masks.clone(),
         });
     }
     evaluation.files.clone_from(&args.keypoints);

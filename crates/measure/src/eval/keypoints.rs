@@ -6,6 +6,7 @@ use veiloc_datasets::{encode_keypoints, keypoints_of_images};
 use veiloc_query::ExtractionLimits;
 
 use crate::exit::{Exit, Outcome};
+use crate::feature_args::ImageFeatureArgs;
 use crate::files;
 use crate::items::{self, IMAGES};
 use crate::lists;
@@ -34,9 +35,12 @@ pub struct Args {
     /// Longest side, pixels; larger images are made smaller first, and positions are those of the smaller one.
     #[arg(long, default_value_t = 1600, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=8192))]
     max_size: u32,
+    #[command(flatten)]
+    features: ImageFeatureArgs,
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let extractor = args.features.extractor()?;
     let items = match &args.list {
         None => items::gather_all(&args.images, &IMAGES)?,
         Some(list) => {
@@ -49,7 +53,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
     let paths: Vec<PathBuf> = items.iter().map(|item| item.path.clone()).collect();
-    let mut images = keypoints_of_images(&paths, limits, &Stages::new(ui))?;
+    let mut images = keypoints_of_images(&paths, extractor.as_ref(), limits, &Stages::new(ui))?;
     for (image, name) in images.iter_mut().zip(items::names(&items)) {
         image.name = name;
     }

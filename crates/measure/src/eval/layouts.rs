@@ -91,7 +91,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     );
     let stress = &mut evaluation.stress;
     stress.query_cameras = queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect();
-    stress.build = args.extraction.options();
+    stress.build = args.extraction.options()?;
     stress.stresses.clone_from(&args.stress);
     stress.localize = args.matching.options(&args.pose);
     stress.seed = args.pose.run.seed;

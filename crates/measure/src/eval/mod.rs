@@ -1,8 +1,10 @@
 //! `veiloc eval`: localization measured on data with known poses, and against what theory allows.
 
 mod adversaries;
+mod compare;
 mod crb;
 mod half;
+mod inversion;
 mod keypoints;
 mod layouts;
 mod negatives;
@@ -44,6 +46,10 @@ pub enum Command {
     Adversaries(Box<adversaries::Args>),
     /// Layouts of dcl: how exact poses are beside those of points, and what attackers get out of each.
     Layouts(Box<layouts::Args>),
+    /// Two runs on the same queries, and which of their differences are more than chance.
+    Compare(compare::Args),
+    /// Images made of what attacks recover from queries, and how alike they are to those they were made of.
+    Inversion(Box<inversion::Args>),
     /// Keypoints and descriptors of images, as `attack` and the training of predictors read them.
     Keypoints(keypoints::Args),
 }
@@ -65,6 +71,8 @@ pub fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Tradeoff(args) => tradeoff::run(args, ui),
         Command::Adversaries(args) => adversaries::run(args, ui),
         Command::Layouts(args) => layouts::run(args, ui),
+        Command::Compare(args) => compare::run(args, ui),
+        Command::Inversion(args) => inversion::run(args, ui),
         Command::Keypoints(args) => keypoints::run(args, ui),
     }
 }

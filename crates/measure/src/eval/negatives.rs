@@ -12,6 +12,7 @@ use crate::camera::{CameraArg, CameraSource};
 use crate::eval::half::Half;
 use crate::exit::{Failure, Outcome};
 use crate::faults::fault_of;
+use crate::feature_args::MapFeatureArgs;
 use crate::items::{self, Fault, IMAGES, Item, SkipArgs, Tally};
 use crate::json_args::JsonArgs;
 use crate::lists;
@@ -48,6 +49,8 @@ pub struct Args {
     /// Schemes to compare.
     #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
     schemes: Vec<Scheme>,
+    #[command(flatten)]
+    features: MapFeatureArgs,
     #[command(flatten)]
     skip: SkipArgs,
     #[command(flatten)]
@@ -99,6 +102,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         schemes: args.schemes.clone(),
         localize: args.matching.options(&args.pose),
         seed: args.pose.run.seed,
+        extractors: args.features.extractors(map.profile())?.sealing(),
     };
     let result = if evaluation.images.is_empty() {
         Negatives::default()

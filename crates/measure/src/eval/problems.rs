@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_datasets::json_lines;
 use veiloc_datasets::{KeypointImage, encode_keypoints};
-use veiloc_eval::{ProblemSource, make_problems};
+use veiloc_eval::{ProblemSource, make_problems, masks_of};
 use veiloc_map::colmap::read_posed;
 
 use crate::eval::place::PlaceArgs;
@@ -31,6 +31,10 @@ pub struct Args {
     /// them: the very positions of the problems. They are in the clear, for tests of one's own images.
     #[arg(long, value_name = "FILE")]
     keypoints: Option<PathBuf>,
+    /// Folder of the queries' masks, one for every query: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. What is
+    /// black in them is hidden, as with `seal --masks`.
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
     /// Seed of the keypoints' dither.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
@@ -41,13 +45,15 @@ pub struct Args {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let query_list = lists::read_list(&args.place.query_list)?;
     let source = ProblemSource {
         posed: &read_posed(&args.place.posed)?,
         images: &args.place.images,
         map_list: &lists::read_list(&args.place.map_list)?,
-        query_list: &lists::read_list(&args.place.query_list)?,
-        build: &args.extraction.options(),
+        query_list: &query_list,
+        build: &args.extraction.options()?,
         localize: &args.matching.localize_options(),
+        masks: &masks_of(&query_list, args.masks.as_deref()),
         seed: args.seed,
     };
     let (lines, images): (Vec<String>, Vec<KeypointImage>) =

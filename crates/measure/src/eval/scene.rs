@@ -66,7 +66,7 @@ impl SceneArgs {
             query_list: queries.iter().map(|q| q.name.clone()).collect(),
             query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
             keep_map: self.keep_map.clone(),
-            build: self.extraction.options(),
+            build: self.extraction.options()?,
             schemes: self.report.schemes.clone(),
             scores: self.report.scores(&self.pose.engine),
             thresholds: self.report.thresholds.clone(),

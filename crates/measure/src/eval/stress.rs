@@ -82,7 +82,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         queries.iter().map(|q| q.name.clone()).collect(),
     );
     evaluation.query_cameras = queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect();
-    evaluation.build = args.extraction.options();
+    evaluation.build = args.extraction.options()?;
     evaluation.schemes.clone_from(&args.schemes);
     evaluation.stresses.clone_from(&args.stress);
     evaluation.thresholds.clone_from(&args.thresholds);

@@ -8,7 +8,7 @@ mod training;
 pub use bound::plot as bound;
 pub use layouts::plot as layouts;
 pub use tradeoff::plot as tradeoff;
-pub use training::{plot as training, positions};
+pub use training::{course, plot as training, positions};
 
 use plotters::style::RGBColor;
 

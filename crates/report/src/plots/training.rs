@@ -38,6 +38,16 @@ pub fn positions(document: &PositionDocument) -> Result<String, PlotError> {
     both(losses, judged, "bits told on validation images", &[("guess", 0.0)])
 }
 
+/// Loss and what is judged by step as an SVG document; `points` are step, loss, and what is judged.
+///
+/// # Errors
+/// [`PlotError::Nothing`] when there is nothing to draw.
+pub fn course(points: &[[f64; 3]], caption: &str) -> Result<String, PlotError> {
+    let losses = points.iter().map(|[step, loss, _]| (*step, *loss)).collect();
+    let judged = points.iter().map(|[step, _, judged]| (*step, *judged)).collect();
+    both(losses, judged, caption, &[])
+}
+
 fn both(
     losses: Vec<(f64, f64)>,
     judged: Vec<(f64, f64)>,

@@ -101,7 +101,9 @@ impl Adversary {
     /// Attacks it tries beside [`Self::attacks`] where time does not matter, seconds an image each.
     pub const fn thorough(self) -> &'static [&'static str] {
         match self {
-            Self::OutsiderStatistic | Self::OutsiderNeighbours => &["closed-form", "graph"],
+            Self::OutsiderStatistic | Self::OutsiderNeighbours => {
+                &["closed-form", "graph", "graph-near-angles"]
+            }
             Self::MapServer => &["transfer-graph"],
             _ => &[],
         }

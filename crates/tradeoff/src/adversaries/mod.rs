@@ -10,7 +10,7 @@ mod keypoints;
 mod options;
 mod table;
 
-use veiloc_eval::ProblemSource;
+use veiloc_eval::{ProblemSource, masks_of};
 use veiloc_features::Progress;
 
 use crate::error::TradeoffError;
@@ -41,6 +41,7 @@ pub fn evaluate_adversaries(
             query_list: &place.query_list,
             build: &place.build,
             localize: &place.localize,
+            masks: &masks_of(&place.query_list, place.masks.as_deref()),
             seed: evaluation.seed,
         };
         sets.push(Keypoints::of_place(&source, evaluation.attacked, progress)?);

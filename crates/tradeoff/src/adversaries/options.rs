@@ -25,6 +25,8 @@ pub struct Place {
     pub build: BuildOptions,
     /// Retrieval and matching.
     pub localize: LocalizeOptions,
+    /// Folder of the queries' masks ([`veiloc_features::mask_in`]): what they hide is not sent. Nothing is hidden when none.
+    pub masks: Option<PathBuf>,
 }
 
 /// What is attacked, and with what.

@@ -9,6 +9,8 @@ mod options;
 mod privacy;
 mod table;
 
+use std::collections::BTreeMap;
+
 use veiloc_eval::ProblemSource;
 use veiloc_eval::stress::{StressQuery, evaluate_stress};
 use veiloc_features::Progress;
@@ -43,6 +45,7 @@ pub fn evaluate_layouts(
         query_list: &stress.query_list,
         build: &stress.build,
         localize: &stress.localize,
+        masks: &BTreeMap::new(),
         seed: stress.seed,
     };
     let keypoints = Keypoints::of_place(&source, evaluation.attacked, progress)?;
