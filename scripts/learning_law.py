@@ -104,7 +104,7 @@ def attacked(args, place, name, left):
         if left() <= 0 or not args.attacked:
             return None
         command = [args.veiloc, "attack", place, "--schemes", "random-lines,dcl", "--images", args.attacked]
-        command += ["--attacks", "closed-form-consensus,graph", "--neighbours", "network"]
+        command += ["--attacks", "closed-form-consensus,graph,graph-near-angles", "--neighbours", "network"]
         command += ["--model", args.out / f"{name}.net", "--json", document.with_suffix(".new")]
         run(command, args.out / f"{name}.log")
         document.with_suffix(".new").rename(document)
@@ -152,7 +152,8 @@ def law(curve, seed=0):
     if len(curve) < 3:
         return None
     mean = lambda values: sum(values) / len(values)
-    needed = lambda a, b: (NEEDED / a) ** (1 / b) if b > 1e-3 else math.inf
+    # Beyond 10^30 images nobody can tell it from never.
+    needed = lambda a, b: (NEEDED / a) ** (1 / b) if b > 0 and math.log10(NEEDED / a) / b < 30 else math.inf
     a, b = fit(list(curve), [mean(v) for v in curve.values()])
     rng, slopes, images = random.Random(seed), [], []
     judged = len(next(iter(curve.values())))
@@ -212,39 +213,45 @@ def summarize(args, points):
 
 
 def plot(summary, path):
-    """Precision at 20 against images, both logarithmic, with the law as a line."""
-    shown = [c for c in summary["curves"] if c["predictor"] in ("network", "statistic", "network, angles") and c["points"]]
-    if not shown:
+    """Precision at 5, 10 and 20 against images, on a logarithmic axis: by descriptors alone, and with angles."""
+    rows = [r for r in summary["rows"] if "at_20" in r]
+    if not rows:
         return
-    width, height, left, top, right, bottom = 640, 400, 60, 20, 230, 50
-    most = max(n for c in shown for n, _ in c["points"])
-    span = (math.log(40), math.log(max(most, 60) * 1.2))
-    values = [v for c in shown for _, v in c["points"] if v > 0]
-    tall = (math.log(min(values) * 0.8), math.log(max(max(values), 0.3) * 1.2))
-    x = lambda n: left + (math.log(n) - span[0]) / (span[1] - span[0]) * (width - left - right)
-    y = lambda v: height - bottom - (math.log(v) - tall[0]) / (tall[1] - tall[0]) * (height - top - bottom)
-    svg = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif" font-size="12">']
-    svg.append(f'<rect width="{width}" height="{height}" fill="white"/>')
-    for n in (50, 100, 200, 400, 800, 1600):
-        if span[0] <= math.log(n) <= span[1]:
-            svg.append(f'<line x1="{x(n):.1f}" x2="{x(n):.1f}" y1="{top}" y2="{height - bottom}" stroke="#ddd"/>')
-            svg.append(f'<text x="{x(n):.1f}" y="{height - bottom + 16}" text-anchor="middle">{n}</text>')
-    for v in (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.6):
-        if tall[0] <= math.log(v) <= tall[1]:
-            svg.append(f'<line x1="{left}" x2="{width - right}" y1="{y(v):.1f}" y2="{y(v):.1f}" stroke="#ddd"/>')
-            svg.append(f'<text x="{left - 6}" y="{y(v) + 4:.1f}" text-anchor="end">{100 * v:.0f} %</text>')
-    places = sorted({c["place"] for c in shown})
-    dashes = {"network": "", "statistic": "2 3", "network, angles": "7 3"}
-    for i, curve in enumerate(shown):
-        color = COLORS[places.index(curve["place"]) % len(COLORS)]
-        dash = f' stroke-dasharray="{dashes[curve["predictor"]]}"'
-        points = " ".join(f"{x(n):.1f},{y(v):.1f}" for n, v in curve["points"] if v > 0)
-        svg.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2"{dash}/>')
-        svg += [f'<circle cx="{x(n):.1f}" cy="{y(v):.1f}" r="3" fill="{color}"/>' for n, v in curve["points"] if v > 0]
-        at = top + 16 + 18 * i
-        svg.append(f'<line x1="{width - right + 12}" x2="{width - right + 40}" y1="{at - 4}" y2="{at - 4}" stroke="{color}" stroke-width="2"{dash}/>')
-        svg.append(f'<text x="{width - right + 46}" y="{at}">{curve["predictor"]}, {curve["place"]}</text>')
-    svg.append(f'<text x="{left}" y="{height - 14}">images learned from; precision at 20 on places not learned from</text></svg>')
+    networks = sorted({r["network"] for r in rows}, key=lambda n: int(n.split("x")[0]))
+    counts = sorted({r["images"] for r in rows})
+    panel, height, left, top, bottom, legend = 300, 380, 46, 34, 48, 150
+    span = (math.log(40), math.log(max(counts[-1], 60) * 1.3))
+    svg = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{2 * panel + legend}" height="{height}" font-family="sans-serif" font-size="12">']
+    svg.append(f'<rect width="{2 * panel + legend}" height="{height}" fill="white"/>')
+    y = lambda v: height - bottom - v / 0.75 * (height - top - bottom)
+    for at, (title, who, plain) in enumerate((
+        ("descriptors alone", "network", "statistic"),
+        ("narrowed by angles (dcl)", "network, angles", "statistic, angles"),
+    )):
+        x = lambda n: at * panel + left + (math.log(n) - span[0]) / (span[1] - span[0]) * (panel - left - 12)
+        svg.append(f'<text x="{at * panel + left}" y="20" font-weight="bold">{title}</text>')
+        for n in (50, 100, 200, 400, 800, 1600):
+            if span[0] <= math.log(n) <= span[1]:
+                svg.append(f'<line x1="{x(n):.1f}" x2="{x(n):.1f}" y1="{top}" y2="{height - bottom}" stroke="#ddd"/>')
+                svg.append(f'<text x="{x(n):.1f}" y="{height - bottom + 16}" text-anchor="middle">{n}</text>')
+        for v in range(0, 71, 10):
+            svg.append(f'<line x1="{at * panel + left}" x2="{(at + 1) * panel - 12}" y1="{y(v / 100):.1f}" y2="{y(v / 100):.1f}" stroke="{"#999" if v == 100 * NEEDED else "#ddd"}"/>')
+            svg.append(f'<text x="{at * panel + left - 5}" y="{y(v / 100) + 4:.1f}" text-anchor="end">{v} %</text>')
+        for network, dash in zip(networks, ("5 3", "", "1 2")):
+            for key, color in zip(("at_5", "at_10", "at_20"), COLORS):
+                found = sorted((r["images"], r[key]) for r in rows if r["network"] == network and r["predictor"] == who)
+                line = " ".join(f"{x(n):.1f},{y(v):.1f}" for n, v in found)
+                svg.append(f'<polyline points="{line}" fill="none" stroke="{color}" stroke-width="2" stroke-dasharray="{dash}"/>')
+                svg += [f'<circle cx="{x(n):.1f}" cy="{y(v):.1f}" r="2.5" fill="{color}"/>' for n, v in found]
+        found = sorted({(r["images"], r["at_20"]) for r in rows if r["predictor"] == plain})
+        line = " ".join(f"{x(n):.1f},{y(v):.1f}" for n, v in found)
+        svg.append(f'<polyline points="{line}" fill="none" stroke="#555" stroke-width="1.5" stroke-dasharray="2 3"/>')
+    entries = [(f"at {k}, {n}", c, d) for n, d in zip(networks, ("5 3", "", "1 2")) for k, c in zip((5, 10, 20), COLORS)]
+    for i, (name, color, dash) in enumerate([*entries, ("at 20, statistic", "#555", "2 3")]):
+        at = top + 14 + 18 * i
+        svg.append(f'<line x1="{2 * panel}" x2="{2 * panel + 26}" y1="{at - 4}" y2="{at - 4}" stroke="{color}" stroke-width="2" stroke-dasharray="{dash}"/>')
+        svg.append(f'<text x="{2 * panel + 32}" y="{at}">{name}</text>')
+    svg.append(f'<text x="{left}" y="{height - 12}">images learned from; share of the neighbours named that are true, on places not learned from</text></svg>')
     path.write_text("\n".join(svg))
 
 

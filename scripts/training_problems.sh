@@ -3,11 +3,15 @@
 # untouched, so that they are fit for the final figures. Beside each, all keypoints of the same images with descriptors,
 # for `eval tradeoff`. Needs VEILOC_DATA and a release build.
 #
-#     VEILOC_DATA=../shared/data scripts/training_problems.sh FOLDER
+#     VEILOC_DATA=../shared/data scripts/training_problems.sh FOLDER [FEATURES]
+#
+# FEATURES as `veiloc map build --features` takes them; default sift.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 : "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
 out="${1:?name the folder the problems go to}"
+features="${2:-sift}"
+veiloc="${VEILOC:-target/release/veiloc}"
 mkdir -p "$out"
 lists="$(mktemp -d)"
 trap 'rm -rf "$lists"' EXIT
@@ -20,7 +24,7 @@ folds() {
     for fold in 0 1 2; do
         awk -v b="$block" -v f="$fold" 'int((NR - 1) / b) % 3 == f' "$names" > "$lists/query"
         awk -v b="$block" -v f="$fold" 'int((NR - 1) / b) % 3 != f' "$names" > "$lists/map"
-        target/release/veiloc -q eval problems --posed "$posed" --images "$images" \
+        "$veiloc" -q eval problems --features "$features" --posed "$posed" --images "$images" \
             --map-list "$lists/map" --query-list "$lists/query" -o "$lists/fold.jsonl" \
             --keypoints "$lists/fold_keypoints.jsonl"
         cat "$lists/fold.jsonl" >> "$lists/all"
