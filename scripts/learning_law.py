@@ -4,13 +4,15 @@
     scripts/learning_law.py --veiloc BIN --train KEYPOINTS --validate KEYPOINTS --test KEYPOINTS… --out FOLDER
 
 Each file of --test is a place, named after the file. Subsets are nested, by a hash of the images' names. For each of
---images and each network of --networks it trains `neighbours` and, for each scheme of --schemes, `positions`, one at a
-time. What is done is not done again, and what was interrupted goes on: stop it and start it as you like, --minutes says
-when it stops by itself. Whatever there is of results is fitted and drawn each time: FOLDER/law.json, FOLDER/law.svg.
+--images and each network of --networks it trains what --kinds names: `neighbours`, and `positions` for each scheme of
+--schemes, one at a time. What is done is not done again, and what was interrupted goes on: stop it and start it as you like, --minutes says
+when it stops by itself. Whatever there is of results is fitted and drawn each time: FOLDER/law.json, FOLDER/law.svg and
+FOLDER/positions.svg.
 
-The law is p = a nᵇ, least squares of the logarithms over the best network of each number of images. Its interval is a
-bootstrap: images of a place and points of the curve are both drawn with replacement. How many images it takes to the
-precision at which the graph attack begins to work is an extrapolation of that law and nothing more.
+The law of neighbours is p = a nᵇ, least squares of the logarithms over the best network of each number of images; that
+of positions is bits = a + b log2 n, because bits may be none. Intervals are a bootstrap: images of a place and points of
+the curve are both drawn with replacement. How many images it takes to the precision at which the graph attack begins to
+work, or to one bit told about every position, is an extrapolation of that law and nothing more.
 """
 
 import argparse
@@ -26,7 +28,11 @@ from pathlib import Path
 
 NEEDED = 0.60
 """Precision at 20 from which the graph attack works (docs/audit.md)."""
+ENOUGH = 1.0
+"""Bits told about a position that halve the error along its line."""
 DRAWS = 2000
+FOREVER = 30
+"""Beyond ten to this power of images nobody can tell it from never."""
 COLORS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7"]
 
 
@@ -39,7 +45,10 @@ def arguments():
     parser.add_argument("--out", required=True, type=Path)
     parser.add_argument("--images", default="50,100,200,400,800,1555", help="numbers of images; more than there are: all")
     parser.add_argument("--networks", default="64x2,128x4", help="WIDTHxLAYERS, several")
-    parser.add_argument("--schemes", default="dcl,random-lines", help="of the networks of positions; may be empty")
+    parser.add_argument("--kinds", default="neighbours,positions", help="of networks")
+    parser.add_argument("--schemes", default="dcl,random-lines", help="of the networks of positions")
+    parser.add_argument("--mirror", action="store_true", help="networks of positions see half of their images mirrored (SIFT alone)")
+    parser.add_argument("--validation-images", type=int, help="judge steps of networks of positions by so many")
     parser.add_argument("--steps", type=int, default=4000)
     parser.add_argument("--rate", type=float, default=0.002)
     parser.add_argument("--keypoints", type=int, default=512)
@@ -124,36 +133,61 @@ def collect(args):
     points = []
     for n in counts:
         for network in args.networks.split(","):
+            kinds = args.kinds.split(",")
             name = f"neighbours-{network}-{n}"
-            found = trained(args, ["neighbours"], files[n], name, network, left)
+            found = "neighbours" in kinds and trained(args, ["neighbours"], files[n], name, network, left)
             if found:
                 attacks = {label(place): attacked(args, place, name, left) for place in args.test}
                 points.append({"what": "neighbours", "network": network, "found": found, "attacks": attacks})
-            for scheme in filter(None, args.schemes.split(",")):
+            for scheme in args.schemes.split(",") if "positions" in kinds else []:
                 name = f"positions-{scheme.replace(':', '_').replace('/', '_')}-{network}-{n}"
-                found = trained(args, ["positions", "--scheme", scheme], files[n], name, network, left)
+                words = ["positions", "--scheme", scheme] + ["--mirror"] * args.mirror
+                if args.validation_images:
+                    words += ["--validation-images", args.validation_images]
+                found = trained(args, words, files[n], name, network, left)
                 if found:
                     points.append({"what": "positions", "network": network, "scheme": scheme, "found": found})
     return points
 
 
-def fit(counts, values):
-    """`a` and `b` of `a nᵇ`."""
-    x, y = [math.log(n) for n in counts], [math.log(v) for v in values]
+def line(x, y):
+    """`a` and `b` of `a + b x`."""
     mx, my = sum(x) / len(x), sum(y) / len(y)
     spread = sum((a - mx) ** 2 for a in x)
     slope = sum((a - mx) * (b - my) for a, b in zip(x, y)) / spread
-    return math.exp(my - slope * mx), slope
+    return my - slope * mx, slope
 
 
-def law(curve, seed=0):
-    """Power law of `{images: [value of each image judged]}`, with the 5 % and 95 % quantiles of a bootstrap."""
-    curve = {n: v for n, v in curve.items() if sum(v) > 0}
+def power(counts, values):
+    """`a` and `b` of `a nᵇ`; none where a value is not above zero."""
+    if min(values) <= 0:
+        return None
+    a, b = line([math.log(n) for n in counts], [math.log(v) for v in values])
+    return math.exp(a), b
+
+
+def growth(counts, values):
+    """`a` and `b` of `a + b log2 n`."""
+    return line([math.log2(n) for n in counts], values)
+
+
+def images_to_precision(a, b):
+    """Images at which the power law comes to what the graph attack needs."""
+    return 10 ** exponent if b > 0 and (exponent := math.log10(NEEDED / a) / b) < FOREVER else math.inf
+
+
+def images_to_bits(a, b):
+    """Images at which growth comes to a bit."""
+    return 10 ** exponent if b > 0 and (exponent := (ENOUGH - a) / b * math.log10(2)) < FOREVER else math.inf
+
+
+def law(curve, fit, needed, seed=0):
+    """The law of `{images: [value of each image judged]}`, with the 5 % and 95 % quantiles of a bootstrap."""
+    if fit is power:
+        curve = {n: v for n, v in curve.items() if sum(v) > 0}
     if len(curve) < 3:
         return None
     mean = lambda values: sum(values) / len(values)
-    # Beyond 10^30 images nobody can tell it from never.
-    needed = lambda a, b: (NEEDED / a) ** (1 / b) if b > 0 and math.log10(NEEDED / a) / b < 30 else math.inf
     a, b = fit(list(curve), [mean(v) for v in curve.values()])
     rng, slopes, images = random.Random(seed), [], []
     judged = len(next(iter(curve.values())))
@@ -161,9 +195,9 @@ def law(curve, seed=0):
         who = [rng.randrange(judged) for _ in range(judged)]
         points = [rng.choice(list(curve)) for _ in curve]
         values = [mean([curve[n][i] for i in who]) for n in points]
-        if len(set(points)) < 3 or min(values) <= 0:
+        drawn = fit(points, values) if len(set(points)) >= 3 else None
+        if drawn is None:
             continue
-        drawn = fit(points, values)
         slopes.append(drawn[1])
         images.append(needed(*drawn))
     quantile = lambda values, q: sorted(values)[int(q * (len(values) - 1))]
@@ -183,7 +217,7 @@ def summarize(args, points):
         with gzip.open(path) as lines:
             index[place], index["count " + place] = at, sum(1 for line in lines if line.strip())
         at += index["count " + place]
-    rows, curves = [], {}
+    rows, curves, told_curves = [], {}, {}
     for point in points:
         found = point["found"]
         n = found["images"][0]
@@ -204,7 +238,19 @@ def summarize(args, points):
                 row = {"images": n, "network": point["network"], "scheme": point["scheme"], "place": told["data"]}
                 keys = ("information_bits", "bits_over_prior", "median_px", "guess_median_px", "under_30px")
                 rows.append({**row, **{k: told[k] for k in keys}})
-    laws = [{"predictor": who, "place": place, **found} for (who, place), c in curves.items() if (found := law(c))]
+                if told["data"] != "all":
+                    series = told_curves.setdefault((point["scheme"], point["network"], label(Path(told["data"]))), {})
+                    series[n] = told["by_image"]
+    laws = [
+        {"predictor": who, "place": place, **found}
+        for (who, place), c in curves.items()
+        if (found := law(c, power, images_to_precision))
+    ]
+    laws += [
+        {"scheme": scheme, "network": network, "place": place, **found}
+        for (scheme, network, place), c in told_curves.items()
+        if (found := law(c, growth, images_to_bits))
+    ]
     mean_curves = [
         {"predictor": who, "place": place, "points": [[n, sum(v) / len(v)] for n, v in sorted(c.items())]}
         for (who, place), c in curves.items()
@@ -255,12 +301,59 @@ def plot(summary, path):
     path.write_text("\n".join(svg))
 
 
+def plot_positions(summary, path):
+    """Bits told about positions against images, on a logarithmic axis, a panel for each place."""
+    rows = [r for r in summary["rows"] if "information_bits" in r and r["place"] != "all"]
+    if not rows:
+        return
+    places, schemes = sorted({label(Path(r["place"])) for r in rows}), sorted({r["scheme"] for r in rows})
+    networks = sorted({r["network"] for r in rows}, key=lambda n: int(n.split("x")[0]))
+    panel, height, left, top, bottom, legend = 300, 320, 46, 34, 48, 170
+    width = len(places) * panel + legend
+    span = (math.log(40), math.log(max(r["images"] for r in rows) * 1.3))
+    least = min(0, *(r["information_bits"] for r in rows))
+    most = max(0.2, *(r["information_bits"] for r in rows))
+    y = lambda v: height - bottom - (v - least) / (most - least) * (height - top - bottom)
+    svg = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif" font-size="12">']
+    svg.append(f'<rect width="{width}" height="{height}" fill="white"/>')
+    for at, place in enumerate(places):
+        x = lambda n: at * panel + left + (math.log(n) - span[0]) / (span[1] - span[0]) * (panel - left - 12)
+        svg.append(f'<text x="{at * panel + left}" y="20" font-weight="bold">{place}</text>')
+        for n in (n for n in (50, 100, 200, 400, 800, 1600) if span[0] <= math.log(n) <= span[1]):
+            svg.append(f'<line x1="{x(n):.1f}" x2="{x(n):.1f}" y1="{top}" y2="{height - bottom}" stroke="#ddd"/>')
+            svg.append(f'<text x="{x(n):.1f}" y="{height - bottom + 16}" text-anchor="middle">{n}</text>')
+        for tenth in range(math.ceil(least * 10), math.floor(most * 10) + 1):
+            v = tenth / 10
+            svg.append(f'<line x1="{at * panel + left}" x2="{(at + 1) * panel - 12}" y1="{y(v):.1f}" y2="{y(v):.1f}" stroke="{"#ddd" if tenth else "#999"}"/>')
+            svg.append(f'<text x="{at * panel + left - 5}" y="{y(v) + 4:.1f}" text-anchor="end">{v:.1f}</text>')
+        for scheme, color in zip(schemes, COLORS):
+            for network, dash in zip(networks, ("5 3", "", "1 2")):
+                mine = lambda r: (r["scheme"], r["network"], label(Path(r["place"]))) == (scheme, network, place)
+                found = sorted((r["images"], r["information_bits"]) for r in rows if mine(r))
+                points = " ".join(f"{x(n):.1f},{y(v):.1f}" for n, v in found)
+                svg.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2" stroke-dasharray="{dash}"/>')
+                svg += [f'<circle cx="{x(n):.1f}" cy="{y(v):.1f}" r="2.5" fill="{color}"/>' for n, v in found]
+    entries = [(f"{s}, {n}", c, d) for s, c in zip(schemes, COLORS) for n, d in zip(networks, ("5 3", "", "1 2"))]
+    for i, (name, color, dash) in enumerate(entries):
+        at = top + 14 + 18 * i
+        svg.append(f'<line x1="{width - legend}" x2="{width - legend + 26}" y1="{at - 4}" y2="{at - 4}" stroke="{color}" stroke-width="2" stroke-dasharray="{dash}"/>')
+        svg.append(f'<text x="{width - legend + 32}" y="{at}">{name}</text>')
+    svg.append(f'<text x="{left}" y="{height - 12}">images learned from; bits told about a position beyond its line</text></svg>')
+    path.write_text("\n".join(svg))
+
+
 def show(summary):
     for row in summary["rows"]:
         print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()))
     for found in summary["laws"]:
         low, high = found["b_interval"]
         few, many = found["needed_interval"]
+        if "scheme" in found:
+            print(
+                f'{found["scheme"]}, {found["network"]}, {found["place"]}: bits = {found["a"]:+.4f} {found["b"]:+.4f} log2 n '
+                f"({low:+.4f} to {high:+.4f}); {ENOUGH:.0f} bit at {found['needed']:.2g} images ({few:.2g} to {many:.2g})"
+            )
+            continue
         print(
             f'{found["predictor"]}, {found["place"]}: precision at 20 = {found["a"]:.4f} n^{found["b"]:.3f} '
             f"({low:.3f} to {high:.3f}); {100 * NEEDED:.0f} % at {found['needed']:.2g} images ({few:.2g} to {many:.2g})"
@@ -273,6 +366,7 @@ def main():
     summary = summarize(args, collect(args))
     (args.out / "law.json").write_text(json.dumps(summary, indent=1))
     plot(summary, args.out / "law.svg")
+    plot_positions(summary, args.out / "positions.svg")
     show(summary)
 
 

@@ -38,7 +38,7 @@ const LEAST_LOG_EVIDENCE_OF_POINTS: f64 = 60.0;
 const CHANCE_LOG_EVIDENCE: f64 = 0.0;
 
 /// Least log likelihood by which a trusted pose beats the best other one.
-const LEAST_MARGIN: f64 = 8.0;
+pub(crate) const LEAST_MARGIN: f64 = 8.0;
 
 /// Largest standard deviation of a trusted camera centre, as a share of the distance to what it sees.
 const LOOSEST: f64 = 0.05;

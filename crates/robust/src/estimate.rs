@@ -187,7 +187,7 @@ fn conclude<'a>(
     }
     let known = search.beliefs();
     let mut covariance = if known.is_empty() { by_matches } else { uncertainty(known, free).1 };
-    let margin = search.margin(&polished.pose, &by_matches);
+    let margin = search.margin(&polished, &by_matches, options.estimate_noise);
     let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &by_matches, margin)
         .with_covariances(&covariance, &by_matches);
     confidence.log_evidence -= known.loss(&polished.pose);

@@ -9,6 +9,7 @@ use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector3};
 
+use crate::confidence::LEAST_MARGIN;
 use crate::minimal::Minimal;
 use crate::ransac::Estimator;
 use crate::rivals::margin;
@@ -207,6 +208,15 @@ impl<'a> Search<'a> {
     /// The guard: the refined pose must not be worse in the score it was refined for, over all correspondences. Without
     /// it a robust polish may slide into the collapse.
     pub(crate) fn polish(&self, start: &CameraFromWorld, estimate_noise: bool) -> Polished {
+        self.polish_knowing(&self.beliefs, start, estimate_noise)
+    }
+
+    /// The same with this known beside the matches.
+    fn polish_knowing(&self, known: &Beliefs, start: &CameraFromWorld, estimate_noise: bool) -> Polished {
+        let believed = |pose: &CameraFromWorld, mut system: System| {
+            known.add_to(pose, &mut system);
+            system
+        };
         match self.scale {
             Scale::Msac { threshold } => {
                 let active = self.within(start, 1.5);
@@ -219,7 +229,7 @@ impl<'a> Search<'a> {
                 let (mut pose, mut noise) = (*start, assumed);
                 for _ in 0..POLISH_ROUNDS {
                     let objective =
-                        |pose: &CameraFromWorld| self.believed(pose, self.kernel.linearize(pose, noise).0);
+                        |pose: &CameraFromWorld| believed(pose, self.kernel.linearize(pose, noise).0);
                     pose = descend(objective, &pose, ROUND_STEPS, 1e-7).pose;
                     if !estimate_noise {
                         break;
@@ -234,10 +244,10 @@ impl<'a> Search<'a> {
                 }
                 let active = self.possible(&pose, noise);
                 let objective = |pose: &CameraFromWorld| {
-                    self.believed(pose, linearize(&self.matches, &active, Loss::Likelihood { noise }, pose))
+                    believed(pose, linearize(&self.matches, &active, Loss::Likelihood { noise }, pose))
                 };
                 pose = descend(objective, &pose, FINAL_STEPS, FINAL_GAIN).pose;
-                let cost = |pose| self.kernel.cost_at(pose, noise) + self.beliefs.loss(pose);
+                let cost = |pose| self.kernel.cost_at(pose, noise) + known.loss(pose);
                 let kept = cost(&pose) <= cost(start);
                 Polished { pose: if kept { pose } else { *start }, noise, kept }
             }
@@ -305,9 +315,12 @@ impl<'a> Search<'a> {
 
     /// By how much the pose beats the best optimum that was met elsewhere; infinite when none was. The matches alone decide:
     /// what is known beside them may choose between two poses, and does not make the choice sure.
-    pub(crate) fn margin(&self, pose: &CameraFromWorld, covariance: &Symmetric6) -> f64 {
+    pub(crate) fn margin(&self, polished: &Polished, covariance: &Symmetric6, estimate_noise: bool) -> f64 {
+        let pose = &polished.pose;
         let own = self.cost(pose, f64::INFINITY) - self.beliefs.loss(pose);
-        margin(&self.optima, pose, own, covariance)
+        let nothing = Beliefs::default();
+        let refined = |other: &CameraFromWorld| self.polish_knowing(&nothing, other, estimate_noise).pose;
+        margin(&self.optima, pose, own, covariance, LEAST_MARGIN, refined)
     }
 }
 

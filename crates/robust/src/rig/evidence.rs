@@ -22,7 +22,9 @@ use veiloc_geometry::{Anchor, CameraFromWorld};
 
 use super::joint::Poses;
 use super::odometry::{Pull, Tie};
-use crate::confidence::{Confidence, free_direction, gains, least_log_evidence, log_det, log_poses, median};
+use crate::confidence::{
+    Confidence, LEAST_MARGIN, free_direction, gains, least_log_evidence, log_det, log_poses, median,
+};
 use crate::search::Search;
 use veiloc_likelihood::{
     Beliefs, Correspondences, Estimated, Matches, Symmetric6, inverse_or_infinite, with_shift,
@@ -236,6 +238,11 @@ impl Verdict {
     pub(super) fn shift(&mut self, step: &[f64; 6]) {
         self.covariance = with_shift(&self.covariance, step);
         self.by_matches = with_shift(&self.by_matches, step);
+    }
+
+    /// What the best other pose must be beaten by, before it is told how much of that counts once.
+    pub(super) fn least_margin(&self) -> f64 {
+        LEAST_MARGIN / self.share
     }
 
     /// All that speaks for and against the pose, when it beats the best other one by `margin`.

@@ -235,7 +235,8 @@ impl Asked<'_> {
             return Err(no_consensus(inlier_keypoints));
         }
         let mut verdict = verdict(&mut witnesses, &search.ties);
-        let mut confidence = verdict.confidence(&witnesses, poses, search.margin(poses, &verdict.by_matches));
+        let margin = search.margin(poses, &verdict.by_matches, verdict.least_margin(), options);
+        let mut confidence = verdict.confidence(&witnesses, poses, margin);
         confidence.log_evidence -= search.disbelief(&poses.cams);
         // A pose may be off by what another focal length would do to it, where that is too little to be estimated.
         for lens in &lenses {

@@ -7,7 +7,7 @@ use super::joint::{Poses, descend};
 use super::odometry::Tie;
 use crate::options::PoseOptions;
 use crate::search::{FINAL_GAIN, FINAL_STEPS, NOISE_RANGE, POLISH_ROUNDS, ROUND_STEPS};
-use veiloc_likelihood::{Loss, linearize};
+use veiloc_likelihood::{Loss, System, linearize};
 
 /// So many matches of the rig's noise are added to each frame's own: a few agreeing matches do not tell their noise.
 const BORROWED: f64 = 20.0;
@@ -29,13 +29,29 @@ pub(super) fn polish(
     start: &Poses,
     options: &PoseOptions,
 ) -> PolishedRig {
+    polish_knowing(true, frames, ties, start, options)
+}
+
+/// The same; whether what is known of a camera beside its matches takes part is `known`.
+pub(super) fn polish_knowing(
+    known: bool,
+    frames: &[Frame<'_>],
+    ties: &[Tie],
+    start: &Poses,
+    options: &PoseOptions,
+) -> PolishedRig {
     let kernel = |i: usize| frames[i].search.kernel();
+    let believed = |i: usize, cam: &CameraFromWorld, system: System| {
+        if known { frames[i].believed(cam, system) } else { system }
+    };
+    let loss =
+        |i: usize, cam: &CameraFromWorld| if known { frames[i].search.beliefs().loss(cam) } else { 0.0 };
     let assumed = options.noise_px;
     let mut poses = start.clone();
     let mut noise = vec![assumed; frames.len()];
     for _ in 0..POLISH_ROUNDS {
         let objective =
-            |i: usize, cam: &CameraFromWorld| frames[i].believed(cam, kernel(i).linearize(cam, noise[i]).0);
+            |i: usize, cam: &CameraFromWorld| believed(i, cam, kernel(i).linearize(cam, noise[i]).0);
         poses = descend(ties, objective, &poses, ROUND_STEPS, 1e-7);
         if !options.estimate_noise {
             break;
@@ -50,14 +66,14 @@ pub(super) fn polish(
     let active: Vec<Vec<usize>> =
         (0..frames.len()).map(|i| frames[i].search.possible(&poses.cams[i], noise[i])).collect();
     let objective = |i: usize, cam: &CameraFromWorld| {
-        let loss = Loss::Likelihood { noise: noise[i] };
-        frames[i].believed(cam, linearize(frames[i].search.matches(), &active[i], loss, cam))
+        let likelihood = Loss::Likelihood { noise: noise[i] };
+        believed(i, cam, linearize(frames[i].search.matches(), &active[i], likelihood, cam))
     };
     poses = descend(ties, objective, &poses, FINAL_STEPS, FINAL_GAIN);
     let cost = |poses: &Poses| {
         let of = |i: usize| {
             let cam = &poses.cams[i];
-            kernel(i).cost_at(cam, noise[i]) + frames[i].search.beliefs().loss(cam)
+            kernel(i).cost_at(cam, noise[i]) + loss(i, cam)
         };
         poses.tension(ties) + (0..frames.len()).map(of).sum::<f64>()
     };

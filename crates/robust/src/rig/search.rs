@@ -6,6 +6,8 @@ use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 use super::frame::Frame;
 use super::joint::{Poses, descend};
 use super::odometry::Tie;
+use super::polish::polish_knowing;
+use crate::options::PoseOptions;
 use crate::ransac::Estimator;
 use crate::rivals::margin;
 use crate::sampler::WeightedSampler;
@@ -141,10 +143,20 @@ impl<'a> RigSearch<'a> {
     }
 
     /// By how much the poses beat the best optimum that was met elsewhere; infinite when none was. The search must have
-    /// been settled.
-    pub(super) fn margin(&self, poses: &Poses, covariance: &Symmetric6) -> f64 {
+    /// been settled. Optima that come closer than `least` are refined first.
+    pub(super) fn margin(
+        &self,
+        poses: &Poses,
+        covariance: &Symmetric6,
+        least: f64,
+        options: &PoseOptions,
+    ) -> f64 {
         let own = self.settled_cost(poses) - self.disbelief(&poses.cams);
-        margin(&self.optima, &poses.rig, own, covariance)
+        let refined = |rig: &RigFromWorld| {
+            let start = Poses::rigid(&self.ties, *rig);
+            polish_knowing(false, &self.frames, &self.ties, &start, options).poses.rig
+        };
+        margin(&self.optima, &poses.rig, own, covariance, least, refined)
     }
 
     /// Noise of a frame's matches at a step of the ladder: what the odometry adds is descended into as well.
