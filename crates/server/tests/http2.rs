@@ -263,9 +263,9 @@ fn a_connection_ends_at_its_age_and_when_nothing_goes_on() {
         let files = Files::new();
         // Without a token it is unknown; with one it lives longer; idle it ends in any case.
         for (token, unknown, life, write) in [
-            ("none", 1500, 3_600_000, 3_600_000),
-            (PHONE, 1000, 2000, 3_600_000),
-            (PHONE, 3_600_000, 3_600_000, 1000),
+            ("none", 3000, 3_600_000, 3_600_000),
+            (PHONE, 2000, 4000, 3_600_000),
+            (PHONE, 3_600_000, 3_600_000, 3000),
         ] {
             let mut options = files.options();
             options.timeouts.unknown_life = Duration::from_millis(unknown);
@@ -372,7 +372,8 @@ fn turns_are_as_fair_as_between_connections() {
         let mut options = files.options();
         options.workers = NonZeroUsize::MIN;
         options.queue = NonZeroUsize::new(8).expect("not zero");
-        options.localize.pose.fixed_hypotheses = Some(3000);
+        // One takes longer than all of them take to arrive.
+        options.localize.pose.fixed_hypotheses = Some(60_000);
         let server = Running::start(options);
         let query = files.place.sealed(&truth());
         let mut greedy = Client::connect(server.address).await;

@@ -140,8 +140,9 @@ fn refusals_under_load_are_no_shorter_or_longer() {
     let server = Running::start(options);
     let answered = ask(&server);
     assert_eq!(kind_of(&answered), "trusted");
-    let limited = ask(&server);
-    assert_eq!(kind_of(&limited), "rate-limited");
+    // One a second: soon after the other, if not at once.
+    let limited = (0..100).map(|_| ask(&server)).find(|reply| kind_of(reply) == "rate-limited");
+    let limited = limited.expect("more than one a second");
 
     let mut options = files.options();
     options.timeouts.localize = Duration::from_millis(1);
@@ -152,7 +153,8 @@ fn refusals_under_load_are_no_shorter_or_longer() {
     let mut options = files.options();
     options.workers = NonZeroUsize::MIN;
     options.queue = NonZeroUsize::MIN;
-    options.localize.pose.fixed_hypotheses = Some(3000);
+    // One takes longer than all of them take to arrive.
+    options.localize.pose.fixed_hypotheses = Some(60_000);
     let server = Running::start(options);
     let replies: Vec<Vec<u8>> = std::thread::scope(|scope| {
         let all: Vec<_> = (0..12).map(|_| scope.spawn(|| ask(&server))).collect();

@@ -125,7 +125,7 @@ fn bad_heads_are_cut_off() {
 fn slow_clients_are_cut_off() {
     let files = Files::new();
     let mut options = files.open_options();
-    options.timeouts.head = Duration::from_millis(600);
+    options.timeouts.head = Duration::from_secs(3);
     options.timeouts.body = Duration::from_millis(600);
     options.connections = NonZeroUsize::new(64).expect("not zero");
     let server = Running::start(options);
@@ -193,7 +193,8 @@ fn a_full_queue_refuses_and_what_was_accepted_is_answered() {
     let mut options = files.open_options();
     options.workers = NonZeroUsize::MIN;
     options.queue = NonZeroUsize::MIN.saturating_add(1);
-    options.localize.pose.fixed_hypotheses = Some(3000);
+    // One takes longer than all of them take to arrive.
+    options.localize.pose.fixed_hypotheses = Some(60_000);
     let server = Running::start(options);
     let query = files.place.sealed(&truth());
     let responses: Vec<Response> = std::thread::scope(|scope| {
