@@ -27,6 +27,16 @@ pub enum MapError {
         /// Which files it must hold.
         wanted: &'static str,
     },
+    /// A model is to be written as text into a folder that holds a binary one.
+    #[error(
+        "{}: a binary COLMAP model is there, and would be read in the place of the text; remove its .bin files, or give \
+         another folder",
+        dir.display()
+    )]
+    BinaryModelThere {
+        /// The folder.
+        dir: PathBuf,
+    },
     /// A record of a COLMAP file is not what it should be.
     #[error("{}, {place}: {reason}", path.display())]
     Colmap {

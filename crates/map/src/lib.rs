@@ -9,7 +9,7 @@
 //! - [`SelfTest`]: how well a map localizes its own images, and the [`Calibration`] of covariances that follows.
 //! - [`Down`]: which way is down in the map, where somebody knows.
 //! - [`MapView`]: a map file whole, or with one image left out of it.
-//! - [`colmap`]: COLMAP's models, text and binary, read strictly; text written.
+//! - [`colmap`]: COLMAP's models, text and binary, read strictly and written; [`write_ply`] writes a map's points.
 //!
 //! # Who checks what
 //! A [`MapModel`] may be put together freely; [`MapModel::validate`] says whether it is a map, and [`write()`] asks it.
@@ -46,6 +46,7 @@ mod down;
 mod error;
 mod file;
 mod model;
+mod ply;
 mod posed;
 mod self_test;
 mod settings;
@@ -54,6 +55,7 @@ pub use down::{Down, DownError};
 pub use error::{MapError, Place, Record};
 pub use file::{FORMAT_VERSION, ImageView, MapFile, MapLock, MapMemory, MapView, Without, write};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
+pub use ply::write_ply;
 pub use posed::{PosedImage, PosedImages};
 pub use self_test::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest, SelfTest};
 pub use settings::BuildSettings;

@@ -1,5 +1,6 @@
-//! `veiloc map`: build, import, inspect and change maps.
+//! `veiloc map`: build, import, inspect, change and export maps.
 
+mod export;
 mod info;
 mod self_test;
 
@@ -35,6 +36,8 @@ pub(crate) enum Command {
     Remove(RemoveArgs),
     /// Write what a device needs to seal queries for a map; it holds no map data.
     Profile(ProfileArgs),
+    /// Write a map for other programs: as a COLMAP model, its points as a PLY file, or both.
+    Export(export::ExportArgs),
 }
 
 /// What a new map knows, where it goes, and how it is told.
@@ -205,6 +208,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Add(args) => add(args, ui),
         Command::Remove(args) => remove(args, ui),
         Command::Profile(args) => profile(args, ui),
+        Command::Export(args) => export::run(args, ui),
     }
 }
 
@@ -244,7 +248,7 @@ fn add(args: &AddArgs, ui: &Ui) -> Outcome {
     let change = Change::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = change.read()?;
     let extractors = args.features.extractors(&model.profile)?;
-    let global = args.global.extractor(&model.profile)?;
+    let global = args.global.extractor(&args.features.models(), &model.profile)?;
     let mut input = given.input().with_extractors(&extractors);
     if let Some(global) = &global {
         input = input.with_global(global);

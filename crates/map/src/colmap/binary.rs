@@ -9,7 +9,7 @@ use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
 use crate::error::{MapError, Place};
 
 /// COLMAP's `kInvalidPoint3DId`: the keypoint observes no point.
-const NO_POINT: u64 = u64::MAX;
+pub(super) const NO_POINT: u64 = u64::MAX;
 
 /// The parts of the model in a folder, its points only when they are asked for.
 pub(super) fn read(dir: &Path, with_points: bool) -> Result<Parts, MapError> {

@@ -9,16 +9,19 @@
 
 mod binary;
 mod export;
+mod folder;
 mod model;
 mod posed;
 mod text;
 mod write;
+mod write_binary;
 
 use std::path::Path;
 
 pub use export::export;
 pub use model::{ColmapImage, ColmapModel, ColmapPoint, ColmapPoint2d};
 pub use write::write_text;
+pub use write_binary::write_binary;
 
 use crate::error::MapError;
 use crate::posed::PosedImages;

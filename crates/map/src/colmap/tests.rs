@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_testdata::real_data_test;
 
-use super::{ColmapModel, read_model, read_posed, write_text};
+use super::{ColmapModel, read_model, read_posed, write_binary, write_text};
 use crate::{MapError, PosedImages};
 
 /// Written by pycolmap, see `scripts/oracle_colmap.py`: the same model as text and as binary.
@@ -76,16 +76,49 @@ fn text_and_binary_by_pycolmap_are_the_same_model() {
 #[test]
 fn what_is_written_is_read() {
     for model in [read_model(&fixture("binary")).unwrap(), read(CAMERAS, IMAGES, POINTS).unwrap()] {
-        let dir = tempfile::tempdir().unwrap();
-        write_text(&model, &dir.path().join("new")).unwrap();
-        let back = read_model(&dir.path().join("new")).unwrap();
-        assert_eq!((back.cameras(), back.points()), (model.cameras(), model.points()));
-        for (a, b) in back.images().iter().zip(model.images()) {
-            assert_eq!((a.id, &a.name, a.camera_id, &a.points2d), (b.id, &b.name, b.camera_id, &b.points2d));
-            assert!(a.cam_from_world.rotation_error_degrees(&b.cam_from_world) < 1e-10);
-            assert_eq!(a.cam_from_world.translation(), b.cam_from_world.translation());
+        for write in [write_text, write_binary] {
+            let dir = tempfile::tempdir().unwrap();
+            write(&model, &dir.path().join("new")).unwrap();
+            // A second time, over what is there.
+            write(&model, &dir.path().join("new")).unwrap();
+            let back = read_model(&dir.path().join("new")).unwrap();
+            assert_eq!((back.cameras(), back.points()), (model.cameras(), model.points()));
+            for (a, b) in back.images().iter().zip(model.images()) {
+                assert_eq!(
+                    (a.id, &a.name, a.camera_id, &a.points2d),
+                    (b.id, &b.name, b.camera_id, &b.points2d)
+                );
+                assert!(a.cam_from_world.rotation_error_degrees(&b.cam_from_world) < 1e-10);
+                assert_eq!(a.cam_from_world.translation(), b.cam_from_world.translation());
+            }
         }
     }
+}
+
+#[test]
+fn binary_files_are_those_of_pycolmap() {
+    let dir = tempfile::tempdir().unwrap();
+    write_binary(&read_model(&fixture("binary")).unwrap(), dir.path()).unwrap();
+    for name in ["cameras.bin", "images.bin", "points3D.bin"] {
+        let (ours, theirs) =
+            (fs::read(dir.path().join(name)).unwrap(), fs::read(fixture("binary").join(name)).unwrap());
+        assert_eq!(ours.len(), theirs.len(), "{name}");
+        // Quaternions are made of rotations again, so their last digits may differ.
+        if name != "images.bin" {
+            assert!(ours == theirs, "{name}");
+        }
+    }
+}
+
+#[test]
+fn text_is_not_written_beside_binary_files_that_hide_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let model = read_model(&fixture("text")).unwrap();
+    write_binary(&model, dir.path()).unwrap();
+    let before = fs::read(dir.path().join("images.bin")).unwrap();
+    assert!(matches!(write_text(&model, dir.path()), Err(MapError::BinaryModelThere { .. })));
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 3);
+    assert_eq!(fs::read(dir.path().join("images.bin")).unwrap(), before);
 }
 
 /// Each faulty text with the file and place that the message must name.

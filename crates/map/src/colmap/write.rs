@@ -1,27 +1,27 @@
 //! COLMAP's text files, written.
 
 use std::fmt::Write as _;
-use std::fs;
 use std::path::Path;
 
+use super::folder::write_files;
 use super::model::ColmapModel;
 use crate::error::MapError;
 
-/// Writes a model as `cameras.txt`, `images.txt` and `points3D.txt` into a folder, which is made if need be.
+/// Writes a model as `cameras.txt`, `images.txt` and `points3D.txt` into a folder, which is made if need be; each file is
+/// replaced whole.
 ///
 /// Every number is printed with as many digits as reading it back exactly takes.
 ///
 /// # Errors
+/// [`MapError::BinaryModelThere`] where the folder holds a binary model, which would be read in its place;
 /// [`MapError::Io`] naming the file.
 pub fn write_text(model: &ColmapModel, dir: &Path) -> Result<(), MapError> {
-    fs::create_dir_all(dir).map_err(MapError::io(dir))?;
-    for (name, content) in
-        [("cameras.txt", cameras(model)), ("images.txt", images(model)), ("points3D.txt", points(model))]
-    {
-        let path = dir.join(name);
-        fs::write(&path, content).map_err(MapError::io(&path))?;
+    if ["cameras.bin", "images.bin", "points3D.bin"].iter().any(|name| dir.join(name).exists()) {
+        return Err(MapError::BinaryModelThere { dir: dir.to_owned() });
     }
-    Ok(())
+    let files =
+        [("cameras.txt", cameras(model)), ("images.txt", images(model)), ("points3D.txt", points(model))];
+    write_files(dir, files.map(|(name, content)| (name, content.into_bytes())))
 }
 
 /// Formatting into a string cannot fail; this says so once.

@@ -1,0 +1,46 @@
+//! `veiloc map export`: a map for other programs.
+
+use std::path::PathBuf;
+
+use veiloc_map::colmap::{export, write_binary, write_text};
+use veiloc_map::{MapFile, write_ply};
+
+use crate::exit::{Exit, Outcome};
+use crate::ui::Ui;
+
+/// Write a map for other programs: as a COLMAP model, its points as a PLY file, or both.
+///
+/// The COLMAP model has the map's cameras, poses, keypoints and points with their tracks, for COLMAP, pycolmap and hloc;
+/// images and points are numbered from 1 in the map's order. Descriptors are not in it: `veiloc map import` extracts them
+/// from the images again. The PLY file has positions, in map units, mean reprojection errors and numbers of images, for
+/// programs that show point clouds.
+///
+/// Both show the place that was mapped: keep them as you keep the map.
+#[derive(clap::Args)]
+pub(crate) struct ExportArgs {
+    /// The map.
+    map: PathBuf,
+    /// Folder of the COLMAP model to write: cameras.bin, images.bin and points3D.bin. Made if need be. No default.
+    #[arg(long, value_name = "DIR", required_unless_present = "ply")]
+    colmap: Option<PathBuf>,
+    /// Write COLMAP's text files in the place of the binary ones.
+    #[arg(long, requires = "colmap")]
+    text: bool,
+    /// The PLY file of points to write. No default.
+    #[arg(long, value_name = "FILE")]
+    ply: Option<PathBuf>,
+}
+
+pub(super) fn run(args: &ExportArgs, ui: &Ui) -> Outcome {
+    let model = MapFile::open(&args.map)?.to_model();
+    if let Some(dir) = &args.colmap {
+        let write = if args.text { write_text } else { write_binary };
+        write(&export(&model)?, dir)?;
+        ui.say(format!("{}: {} images, {} points", dir.display(), model.images.len(), model.points.len()));
+    }
+    if let Some(path) = &args.ply {
+        write_ply(&model, path)?;
+        ui.say(format!("{}: {} points", path.display(), model.points.len()));
+    }
+    Ok(Exit::Success)
+}
