@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Everything at once that has ever taken the service down, and a well-behaved client beside it.
 
-    VEILOC_DATA=../shared/data scripts/chaos_soak.py --minutes 30 [--veiloc PROGRAM]
+    VEILOC_DATA=../shared/data scripts/chaos_soak.py --minutes 30 [--load 0.7] [--veiloc PROGRAM]
 
-A client with a token asks at 70 % of what the service was measured to answer, first alone, then beside: clients that send
+A client with a token asks at 70 % (--load) of what the service was measured to answer, first alone, then beside: clients that send
 byte by byte or nothing, wrong tokens, a flood of large queries from one token, the map replaced every few seconds (valid by
 renaming, by copying over, corrupt, truncated), the tokens replaced (valid, empty, deleted for a moment), a log whose reader
 stops and goes on or whose disk is full, and SIGTERM with a restart. Prints tables, and last `accepted N lost N`: of the queries whose whole body
@@ -271,11 +271,13 @@ def capacity(service):
 def main():
     parser = arguments(__doc__)
     parser.add_argument("--minutes", type=float, default=30)
+    parser.add_argument("--load", type=float, default=0.7,
+                        help="share of the capacity that the client asks for; beside one flooding token its fair share is a half")
     parser.add_argument("--seed", type=int, default=0, help="of what happens when")
     given = parser.parse_args()
     service = Service(Place(given.veiloc))
     wait_for(lambda: ask(service.port, "/readyz")[0] == 200, "readiness")
-    rate = 0.7 * capacity(service)
+    rate = given.load * capacity(service)
     quiet = Well(service, rate)
     time.sleep(min(60.0, given.minutes * 20))
     quiet.end()
@@ -308,7 +310,7 @@ def main():
     row("before", f"{memory:.0f}", descriptors)
     row("after", f"{after_memory:.0f}", after_descriptors)
     exits = ", ".join(map(str, service.exits)) or "none"
-    print(f"\n{rate:.1f} queries a second (70 % of capacity); exit codes of {service.restarts} restarts: {exits}")
+    print(f"\n{rate:.1f} queries a second ({100 * given.load:.0f} % of capacity); exit codes of {service.restarts} restarts: {exits}")
     service.server.stop(signal.SIGTERM)
     print(f"accepted {well.accepted} lost {well.lost}")
     sys.exit(1 if well.lost else 0)
