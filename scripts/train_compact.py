@@ -77,7 +77,7 @@ def keypoints(args, names, folder):
             homographies[f"{number:04d}", k] = homography
             cv2.imwrite(str(folder / f"{number:04d}_{k}.png"), warped)
     out = folder / "keypoints.jsonl.gz"
-    command = [args.veiloc, "--quiet", "eval", "keypoints", folder, "--max-keypoints", "1024", "-o", out]
+    command = [args.veiloc, "--quiet", "eval", "keypoints", folder, "--features", "sift", "--max-keypoints", "1024", "-o", out]
     subprocess.run(list(map(str, command)), check=True)
     found = {}
     with gzip.open(out) as lines:

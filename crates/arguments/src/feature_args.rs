@@ -38,8 +38,13 @@ fn engines() -> impl TypedValueParser<Value = Engine> {
 }
 
 impl ModelFileArgs {
+    /// The models that are known here, run by the engine that is asked for.
+    pub(crate) fn models(&self) -> Models {
+        models().with_engine(self.engine)
+    }
+
     fn open(&self, name: &str) -> Result<Arc<Learned>, NetworkError> {
-        models().with_engine(self.engine).open(name, self.model_file.as_deref()).map(Arc::new)
+        self.models().open(name, self.model_file.as_deref()).map(Arc::new)
     }
 
     /// The name of these features, and the extractors among which they are.
@@ -69,8 +74,8 @@ impl ModelFileArgs {
 /// What makes the features of images that no map is asked for.
 #[derive(clap::Args)]
 pub struct ImageFeatureArgs {
-    /// What makes the features: sift, compact, the name of a model (`veiloc models`), or a .toml file that describes one.
-    #[arg(long, default_value = "sift", value_name = "KIND|FILE")]
+    /// What makes the features: compact, sift, the name of a model (`veiloc models`), or a .toml file that describes one.
+    #[arg(long, default_value = Extractors::DEFAULT, value_name = "KIND|FILE")]
     features: String,
     #[command(flatten)]
     file: ModelFileArgs,
@@ -102,6 +107,11 @@ pub struct MapFeatureArgs {
 }
 
 impl MapFeatureArgs {
+    /// The models that are known here, run by the engine that is asked for.
+    pub fn models(&self) -> Models {
+        self.file.models()
+    }
+
     /// The built-in ones, and the model that a map asks for, if it asks for another.
     ///
     /// # Errors

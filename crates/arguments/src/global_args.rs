@@ -1,11 +1,11 @@
 //! Which global descriptors, and the consent to send one that is made of the image.
 
 use veiloc_features::SharedGlobal;
+use veiloc_networks::Models;
 use veiloc_obfuscation::SealOptions;
 use veiloc_query::Profile;
 
 use crate::exit::Failure;
-use crate::feature_args::models;
 use crate::ui::Ui;
 
 /// The name of global descriptors that are summed up from the rows that are sent.
@@ -15,11 +15,11 @@ pub const VLAD: &str = "vlad";
 ///
 /// # Errors
 /// An unknown model, no file for it, or one that cannot be used.
-pub(crate) fn global_named(name: &str) -> Result<Option<SharedGlobal>, Failure> {
+pub(crate) fn global_named(models: &Models, name: &str) -> Result<Option<SharedGlobal>, Failure> {
     if name == VLAD {
         return Ok(None);
     }
-    Ok(Some(SharedGlobal::new(models().open_global(name)?)))
+    Ok(Some(SharedGlobal::new(models.open_global(name)?)))
 }
 
 /// What makes the global descriptors that a map asks for.
@@ -32,13 +32,13 @@ pub struct MapGlobalArgs {
 }
 
 impl MapGlobalArgs {
-    /// The map's own, or nothing where its global descriptors are summed up from rows.
+    /// The map's own of these models, or nothing where its global descriptors are summed up from rows.
     ///
     /// # Errors
     /// An unknown model, no file for it, one that cannot be used, or another than the map's.
-    pub fn extractor(&self, profile: &Profile) -> Result<Option<SharedGlobal>, Failure> {
+    pub fn extractor(&self, models: &Models, profile: &Profile) -> Result<Option<SharedGlobal>, Failure> {
         let asked = profile.global_model().name();
-        let own = global_named(self.global.as_deref().unwrap_or(asked))?;
+        let own = global_named(models, self.global.as_deref().unwrap_or(asked))?;
         fits(profile, own.as_ref())?;
         Ok(own)
     }
@@ -62,6 +62,7 @@ impl ConsentArgs {
     pub fn consented(
         &self,
         options: SealOptions,
+        models: &Models,
         profile: &Profile,
         ui: &Ui,
     ) -> Result<SealOptions, Failure> {
@@ -82,7 +83,7 @@ impl ConsentArgs {
                 Ok(options)
             }
             Some(name) => {
-                let own = global_named(name)?;
+                let own = global_named(models, name)?;
                 fits(profile, own.as_ref())?;
                 ui.complain(format!(
                     "the global descriptor {asked} is made of the image and sent: it tells more of it than the rows do"

@@ -222,6 +222,7 @@ fn only(problem: &Problem, kept: &[usize], rows: &[Vec<usize>]) -> Problem {
         keypoint_of_match: kept.iter().map(|m| rows[*m][0]).collect(),
         points: pick(&problem.points, kept),
         cam_from_world: problem.cam_from_world,
+        features: problem.features.clone(),
         ratio: problem.ratio.as_ref().map(|r| pick(r, kept)),
         votes: problem.votes.as_ref().map(|v| pick(v, kept)),
         track_length: problem.track_length.as_ref().map(|t| pick(t, kept)),

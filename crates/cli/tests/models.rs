@@ -32,31 +32,31 @@ fn a_described_network_maps_seals_and_localizes() {
     let found = place.run("localize --map corners.vmap corners.vquery --json").succeeded().json();
     assert_eq!(found["queries"][0]["status"], "localized", "{found}");
 
-    // The audit and images of elsewhere take it too, and would not take SIFT in its place.
+    // The audit and images of elsewhere take it too, and would not take built-in features in its place.
     let audit = "audit images/query-0.png --no-synthetic --attacks closed-form --max-keypoints 256 --json";
     let attacked = place.run(&format!("{audit} {features} -o corners.html")).succeeded().json();
-    let sift = place.run(&format!("{audit} -o sift.html"));
-    assert_ne!(attacked["inputs"]["attacks"], sift.succeeded().json()["inputs"]["attacks"]);
+    let built_in = place.run(&format!("{audit} -o built-in.html"));
+    assert_ne!(attacked["inputs"]["attacks"], built_in.succeeded().json()["inputs"]["attacks"]);
     let elsewhere = "eval negatives --map corners.vmap --images images --schemes dcl";
     let asked = place.run(&format!("{elsewhere} {features} --json")).succeeded().json();
     assert!(asked["rows"][0]["negatives"].as_u64() > Some(0), "{asked}");
     refused(place, elsewhere, &["no features of the name \"corners\""]);
 
-    // Nobody says what corners are; another kind than the map's; SIFT rows for a map of corners.
+    // Nobody says what corners are; another kind than the map's; compact rows for a map of corners.
     refused(place, &format!("{seal} -o none.vquery"), &["no features of the name \"corners\"", "xfeat"]);
     refused(place, &format!("{seal} --features sift -o none.vquery"), &["never match", "corners", "sift"]);
-    let of_sift =
+    let of_compact =
         format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o none.vquery");
-    refused(place, &format!("{of_sift} {features}"), &["never match", "corners", "sift"]);
-    let sift = place
-        .run(&format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o sift.vquery"));
-    sift.succeeded();
-    let run = place.run("localize --map corners.vmap sift.vquery");
+    refused(place, &format!("{of_compact} {features}"), &["never match", "corners", "compact"]);
+    place
+        .run(&format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o compact.vquery"))
+        .succeeded();
+    let run = place.run("localize --map corners.vmap compact.vquery");
     assert!(run.code == Some(1) && run.stdout.contains("sealed with profile"), "{run}");
     refused(
         place,
-        &format!("{of_sift} --model-file {}", corners("onnx")),
-        &["--model-file", "sift has no network"],
+        &format!("{of_compact} --model-file {}", corners("onnx")),
+        &["--model-file", "compact has no network"],
     );
     place.write("cut.onnx", &std::fs::read(corners("onnx")).expect("a network")[..400]);
     refused(
@@ -101,6 +101,12 @@ fn l14_a_map_that_asks_for_the_image_needs_consent() {
     let found = place.run("localize --map whole.vmap whole.vquery --json").succeeded().json();
     assert_eq!(found["queries"][0]["status"], "localized", "{found}");
 
+    // Images of elsewhere are one's own to ask with.
+    let elsewhere = "eval negatives --map whole.vmap --images images --schemes dcl";
+    refused(place, elsewhere, &["\"corner-map\""]);
+    let asked = place.run(&format!("{elsewhere} --global {file} --json")).succeeded().json();
+    assert!(asked["rows"][0]["negatives"].as_u64() > Some(0), "{asked}");
+
     // A map that asks for none gets none, whatever was consented to.
     let run = place.run(&format!("{seal} place.vprofile --image-global {file} -o rows.vquery")).succeeded();
     assert!(run.stderr.contains("none is sent") && !run.stderr.contains("of the image,"), "{run}");
@@ -113,23 +119,25 @@ fn l14_a_map_that_asks_for_the_image_needs_consent() {
     place.run(&format!("{add} --global {file}")).succeeded();
 }
 
-/// Compact descriptors need no file, and the message is a quarter as long.
+/// Compact descriptors, the default, need no file, and the message is a quarter as long; RootSIFT is still to be had.
 #[test]
-fn a_map_of_compact_descriptors_seals_and_localizes() {
+fn maps_are_of_compact_descriptors_unless_told_otherwise() {
     let place = place();
-    let build = "map build --posed posed --images images --list map.txt --features compact -o compact.vmap";
+    let build = "map build --posed posed --images images --list map.txt --features sift -o sift.vmap";
     place.run(build).succeeded();
-    place.run("map profile compact.vmap -o compact.vprofile").succeeded();
+    place.run("map profile sift.vmap -o sift.vprofile").succeeded();
     let seal = format!("seal images/query-0.png --camera {CAMERA} --max-keypoints 512");
-    place.run(&format!("{seal} --profile compact.vprofile -o compact.vquery")).succeeded();
-    place.run(&format!("{seal} --profile place.vprofile -o long.vquery")).succeeded();
-    let (short, long) = (place.read("compact.vquery").len(), place.read("long.vquery").len());
+    place.run(&format!("{seal} --profile place.vprofile -o short.vquery")).succeeded();
+    place.run(&format!("{seal} --profile sift.vprofile -o long.vquery")).succeeded();
+    let (short, long) = (place.read("short.vquery").len(), place.read("long.vquery").len());
     assert!(10 * short < 3 * long, "{short} of {long} bytes");
-    let found = place.run("localize --map compact.vmap compact.vquery --json").succeeded().json();
-    assert_eq!(found["queries"][0]["state"], "trusted", "{found}");
+    for (map, query) in [("place", "short"), ("sift", "long")] {
+        let found = place.run(&format!("localize --map {map}.vmap {query}.vquery --json")).succeeded().json();
+        assert_eq!(found["queries"][0]["state"], "trusted", "{found}");
+    }
     refused(
         place,
-        &format!("{seal} --profile compact.vprofile --features sift -o none.vquery"),
+        &format!("{seal} --profile place.vprofile --features sift -o none.vquery"),
         &["never match"],
     );
     let run =

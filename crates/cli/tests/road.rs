@@ -132,8 +132,11 @@ fn the_device_chooses_the_scheme_whatever_the_profile_says() {
     let warned = said("points", "chosen.vquery");
     assert!(warned.contains("WARNING") && warned.contains("position of every keypoint is sent"), "{warned}");
 
-    // A profile of version 1 that asks for positions: told in one line, and not obeyed.
-    let profile = Profile::decode(&place.read("place.vprofile")).expect("a profile");
+    // A profile of version 1, which is of RootSIFT, that asks for positions: told in one line, and not obeyed.
+    let build = "map build --posed posed --images images --list map.txt --features sift -o sift.vmap";
+    place.run(build).succeeded();
+    place.run("map profile sift.vmap -o sift.vprofile").succeeded();
+    let profile = Profile::decode(&place.read("sift.vprofile")).expect("a profile");
     let wish = Wish { scheme: Scheme::Points, angle_bits: AngleBits::default() };
     place.write("greedy.vprofile", profile.to_v1(wish).expect("RootSIFT and VLAD").encode());
     let seal = format!("seal images/query-0.png --camera {CAMERA} --profile greedy.vprofile");
@@ -143,7 +146,7 @@ fn the_device_chooses_the_scheme_whatever_the_profile_says() {
     let query = SealedQuery::decode(&place.read("greedy.vquery")).expect("a query");
     assert_eq!((query.scheme(), query.version()), (Scheme::default(), WireVersion::V1));
     // The map, whose profile is version 2, takes the query of version 1.
-    let document = place.run("localize --map place.vmap greedy.vquery --json").succeeded().json();
+    let document = place.run("localize --map sift.vmap greedy.vquery --json").succeeded().json();
     assert_eq!(document["localized"], 1);
     let quiet = place.run(&format!("--quiet {seal} --scheme points -o greedy.vquery")).succeeded();
     assert!(quiet.stderr.contains("WARNING"), "quiet is no reason not to warn: {quiet}");
@@ -244,7 +247,7 @@ fn info_tells_what_is_in_the_map() {
     assert_eq!(info["format_version"], 2);
     assert_eq!(info["images"], MAP_VIEWS);
     assert_eq!(info["cameras"], 1);
-    assert_eq!((&info["descriptors"], &info["global"]), (&json!("sift"), &json!("vlad")));
+    assert_eq!((&info["descriptors"], &info["global"]), (&json!("compact"), &json!("vlad")));
     let bytes = place.read("place.vmap").len();
     assert_eq!(info["bytes"], bytes);
     let number = |key: &str| info[key].as_f64().unwrap_or_else(|| panic!("{key}: {run}"));

@@ -28,6 +28,8 @@ pub struct Problem {
     pub points: Vec<Point3<World>>,
     /// The true pose.
     pub cam_from_world: CameraFromWorld,
+    /// Name of the features that were matched: it says what matches are worth before geometry is asked.
+    pub features: String,
     /// Nearest over second-nearest descriptor distance, `[matches]`.
     pub ratio: Option<Vec<f64>>,
     /// Retrieved images that propose the pair, `[matches]`.
@@ -54,6 +56,9 @@ pub struct ProblemLine {
     pub points3d: Vec<[f64; 3]>,
     /// The true pose.
     pub cam_from_world: PoseLine,
+    /// Name of the features that were matched; `sift` when it is not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub features: Option<String>,
     /// Nearest over second-nearest descriptor distance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ratio: Option<Vec<f64>>,
@@ -97,10 +102,10 @@ pub struct PoseLine {
 }
 
 impl Problem {
-    /// Probability that each match is right, before geometry is asked, `[matches]`, for matches of RootSIFT; `None` when the file brings no ratio.
+    /// Probability that each match is right, before geometry is asked, `[matches]`; `None` when the file brings no ratio.
     pub fn prior(&self) -> Option<Vec<f64>> {
         let ratios = self.ratio.as_ref()?;
-        let prior = DescriptorKind::ROOT_SIFT.match_prior();
+        let prior = DescriptorKind::match_prior_of(&self.features);
         let at = |counts: &Option<Vec<u32>>, i: usize| counts.as_ref().map(|c| c[i]);
         let evidence = |(i, &ratio)| Evidence {
             ratio,
@@ -179,6 +184,7 @@ fn problem(line: ProblemLine) -> Result<Problem, String> {
         keypoint_of_match,
         points,
         cam_from_world,
+        features: line.features.unwrap_or_else(|| DescriptorKind::ROOT_SIFT.name().to_owned()),
         ratio: line.ratio,
         votes: line.votes,
         track_length: line.track_length,
@@ -239,6 +245,15 @@ mod tests {
         let felt = gravity("\"gravity_in_camera\":[0,1,0],\"gravity_in_world\":[0,1,0]").expect("given");
         assert_eq!(felt.in_world, Vector3::y());
         assert!(read(GOOD).expect("well formed")[0].gravity.is_none());
+    }
+
+    #[test]
+    fn matches_are_worth_what_their_features_say() {
+        let prior = |fields: &str| read(&with(fields)).expect("well formed")[0].prior().expect("ratios");
+        let of = |kind: DescriptorKind| prior(&format!("\"features\":\"{}\"", kind.name()));
+        assert_eq!(read(GOOD).expect("well formed")[0].prior(), Some(of(DescriptorKind::ROOT_SIFT)));
+        assert!(of(DescriptorKind::COMPACT)[0] > of(DescriptorKind::ROOT_SIFT)[0]);
+        assert!(prior("\"features\":\"unheard-of\"")[0] < of(DescriptorKind::ROOT_SIFT)[0]);
     }
 
     #[test]

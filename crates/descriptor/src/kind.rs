@@ -178,6 +178,11 @@ impl DescriptorKind {
         self.measured().map_or(UNMEASURED_PRIOR, |m| m.prior)
     }
 
+    /// The same of a kind that is known by its name alone, as files of matches have it.
+    pub fn match_prior_of(name: &str) -> MatchPrior {
+        MEASURED.iter().find(|m| m.kind.name() == name).map_or(UNMEASURED_PRIOR, |m| m.prior)
+    }
+
     /// Squared distance, squared code units, up to which a keypoint where a map point projects is taken for that point
     /// without a ratio test.
     pub fn same_point_distance(self) -> u32 {
@@ -297,6 +302,8 @@ mod tests {
         let middle = |prior: MatchPrior| -prior.full.offset / prior.full.ratio;
         let (own, sift) = (middle(kind.match_prior()), middle(DescriptorKind::ROOT_SIFT.match_prior()));
         assert!((own - sift).abs() < 0.03, "{own} {sift}");
+        assert_eq!(DescriptorKind::match_prior_of("superpoint"), kind.match_prior());
+        assert_eq!(DescriptorKind::match_prior_of("compact"), DescriptorKind::COMPACT.match_prior());
         let tiny = DescriptorKind::new("colour", 3, Encoding::Unsigned, 200).expect("a kind");
         assert_eq!(tiny.decoy_recipe(), None);
     }

@@ -157,6 +157,7 @@ fn line(
             q: query.cam_from_world.quaternion(),
             t: (*query.cam_from_world.translation()).into(),
         },
+        features: Some(map.profile().descriptor_kind().name().to_owned()),
         ratio: Some(matches.iter().map(|m| f64::from(m.ratio)).collect()),
         votes: Some(matches.iter().map(|m| m.votes).collect()),
         track_length: Some(matches.iter().map(|m| map.track_length(m.point) as u32).collect()),

@@ -70,6 +70,7 @@ fn images_of_elsewhere_are_not_trusted(data: &Path) {
         localize: LocalizeOptions::default(),
         seed: 0,
         extractors: Extractors::for_sealing(),
+        global: None,
     };
     let result = evaluate_negatives(&map, &evaluation, &()).expect("evaluated");
     assert!(images.len() >= 8 && result.unread.is_empty(), "{} images", images.len());

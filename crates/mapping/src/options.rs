@@ -1,6 +1,5 @@
 //! What can be chosen when a map is built.
 
-use veiloc_descriptor::DescriptorKind;
 use veiloc_features::{Extractors, SharedGlobal};
 use veiloc_map::BuildSettings;
 use veiloc_query::ExtractionLimits;
@@ -9,9 +8,9 @@ use veiloc_query::ExtractionLimits;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct BuildOptions {
-    /// Name of what makes the features. Default `sift`.
+    /// Name of what makes the features. Default [`Extractors::DEFAULT`].
     pub features: String,
-    /// What makes features, by name. Default: the built-in ones, SIFT.
+    /// What makes features, by name. Default: the built-in ones, SIFT and compact.
     pub extractors: Extractors,
     /// What makes the global descriptors, of each image as a whole. Default: none; they are summed up from the descriptors that
     /// are sent, by a vocabulary that is learned. With one, devices refuse the map's profile unless their owners consent.
@@ -25,7 +24,7 @@ pub struct BuildOptions {
 impl Default for BuildOptions {
     fn default() -> Self {
         Self {
-            features: DescriptorKind::ROOT_SIFT.name().to_owned(),
+            features: Extractors::DEFAULT.to_owned(),
             extractors: Extractors::default(),
             global: None,
             device: ExtractionLimits::default(),

@@ -8,7 +8,8 @@ pub mod eval;
 pub mod train;
 
 use veiloc_arguments::{
-    camera, extraction_args, faults, feature_args, json_args, localization_args, progressive_args,
+    camera, extraction_args, faults, feature_args, global_args, json_args, localization_args,
+    progressive_args,
 };
 // Every command talks by these: they go by the names of their files.
 use veiloc_terminal::{exit, files, items, lists, stages, ui};

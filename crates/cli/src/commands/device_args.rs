@@ -93,7 +93,7 @@ impl DeviceArgs {
         }
         let extractors = self.features.extractors(profile)?.sealing();
         let options = options.with_gravity(self.gravity).with_extractors(extractors);
-        let options = self.consent.consented(options, profile, ui)?;
+        let options = self.consent.consented(options, &self.features.models(), profile, ui)?;
         Ok(self
             .max_keypoints
             .map_or_else(|| options.clone(), |n| options.clone().with_max_keypoints(n as usize)))

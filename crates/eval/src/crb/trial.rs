@@ -128,6 +128,7 @@ pub(super) fn as_problem(name: &str, synthetic: &PointProblem) -> Problem {
         keypoint_of_match: (0..synthetic.pixels.len()).collect(),
         points: synthetic.points.clone(),
         cam_from_world: synthetic.cam_from_world,
+        features: "none".to_owned(),
         ratio: None,
         votes: None,
         track_length: None,

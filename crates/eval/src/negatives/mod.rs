@@ -11,12 +11,12 @@ mod table;
 use std::path::PathBuf;
 
 use rayon::prelude::*;
-use veiloc_features::{Extractors, Image, Progress, load_gray};
+use veiloc_features::{Extractors, Image, Progress, SharedGlobal, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{ExtractError, extract_loaded};
+use veiloc_obfuscation::{ExtractError, SealOptions, extract_loaded};
 use veiloc_query::Scheme;
 
 use crate::error::EvalError;
@@ -40,6 +40,19 @@ pub struct NegativesEvaluation {
     pub seed: u64,
     /// What makes the features that the map asks for, as a device has it.
     pub extractors: Extractors,
+    /// What makes the global descriptors of images, where the map's are made of them. Who evaluates owns the images, and so
+    /// consents.
+    pub global: Option<SharedGlobal>,
+}
+
+impl NegativesEvaluation {
+    fn seal_options(&self, scheme: Scheme) -> SealOptions {
+        let options = options_for(scheme).with_extractors(self.extractors.clone());
+        match &self.global {
+            Some(global) => options.with_image_global(global.clone()),
+            None => options,
+        }
+    }
 }
 
 /// An image of elsewhere.
@@ -106,10 +119,10 @@ fn answers(
     let loaded = Image::from(load_gray(&image.path)?);
     let (known, source) = camera_of(image.camera.as_ref(), &image.path)?;
     let profile = map.profile();
-    let extraction = options_for(Scheme::default()).with_extractors(evaluation.extractors.clone());
+    let extraction = evaluation.seal_options(Scheme::default());
     let (features, camera) = extract_loaded(loaded, &image.path, &known.intrinsics, profile, &extraction)?;
     let answer = |scheme: &Scheme| {
-        let options = options_for(*scheme).with_focal(known.focal);
+        let options = evaluation.seal_options(*scheme).with_focal(known.focal);
         let sent = send(&features, &camera, profile, &options, &image.name, evaluation.seed);
         match sent {
             Ok(sent) => {

@@ -13,6 +13,7 @@ use crate::eval::half::Half;
 use crate::exit::{Failure, Outcome};
 use crate::faults::fault_of;
 use crate::feature_args::MapFeatureArgs;
+use crate::global_args::MapGlobalArgs;
 use crate::items::{self, Fault, IMAGES, Item, SkipArgs, Tally};
 use crate::json_args::JsonArgs;
 use crate::lists;
@@ -51,6 +52,8 @@ pub struct Args {
     schemes: Vec<Scheme>,
     #[command(flatten)]
     features: MapFeatureArgs,
+    #[command(flatten)]
+    global: MapGlobalArgs,
     #[command(flatten)]
     skip: SkipArgs,
     #[command(flatten)]
@@ -103,6 +106,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         localize: args.matching.options(&args.pose),
         seed: args.pose.run.seed,
         extractors: args.features.extractors(map.profile())?.sealing(),
+        global: args.global.extractor(&args.features.models(), map.profile())?,
     };
     let result = if evaluation.images.is_empty() {
         Negatives::default()

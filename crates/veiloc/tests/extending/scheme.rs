@@ -37,6 +37,7 @@ fn a_scheme_of_ones_own_is_judged_by_poses_and_by_attacks() {
         keypoint_of_match: (0..made.pixels.len()).collect(),
         points: made.points.clone(),
         cam_from_world: made.cam_from_world,
+        features: "sift".to_owned(),
         ratio: None,
         votes: None,
         track_length: None,
