@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# A service from nothing, as a transcript: map, certificate, token, `veiloc serve`, one photograph sent, curl on the rest.
+# A service from nothing, as a transcript: map, certificate, token, `veiloc serve`, one image sent, curl on the rest.
 #
 #     VEILOC_DATA=../shared/data scripts/service_demo.sh
 set -euo pipefail
@@ -55,7 +55,7 @@ echo
 show "curl -s --cacert cert.pem $url/v1/maps | tr -s ' '"
 echo
 show "curl -s --cacert cert.pem $url/v1/openapi.json | grep -E '^    \"/'"
-show "curl -s --cacert cert.pem -H \"authorization: Bearer \$(cat operator.token)\" $url/metrics | grep -E 'requests_total|localizations|seconds_count|queue'"
+show "curl -s --cacert cert.pem -H \"authorization: Bearer \$(cat operator.token)\" $url/metrics | grep -E '^veiloc_(requests_total|localizations|request_seconds_count|queue)' | grep -v ' 0\$'"
 echo
 echo "\$ kill -TERM $server"
 kill -TERM "$server"

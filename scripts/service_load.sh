@@ -30,7 +30,7 @@ until grep -q '^serving' "$work/log"; do
 done
 address="$(sed -n 's/^serving.*\/\///p' "$work/log")"
 "$bin/examples/load" "$address" place "$work/query" 1 4 16 64
-curl -s "http://$address/metrics" | grep -E 'requests_total|localizations|queue_length|workers_busy'
+curl -s "http://$address/metrics" | grep -E '^veiloc_(requests_total|localizations|queue_length|workers_busy)' | grep -v ' 0$'
 kill -TERM "$server"
 wait "$server"
 server=
