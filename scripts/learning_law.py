@@ -258,88 +258,111 @@ def summarize(args, points):
     return {"version": 1, "rows": rows, "curves": mean_curves, "laws": laws}
 
 
+PANEL, LEFT, TOP, BOTTOM = 300, 46, 34, 48
+"""Of the plots: width of a panel, and its margins, pixels."""
+DASHES = ("5 3", "", "1 2")
+"""Of the networks, the smallest first."""
+
+
+class Plot:
+    """Panels side by side over the number of images, on a logarithmic axis, with a legend at the right."""
+
+    def __init__(self, panels, legend, height, most_images, least, most, ticks):
+        self.width, self.height, self.panels = panels * PANEL + legend, height, panels
+        self.span = (math.log(40), math.log(most_images * 1.3))
+        self.least, self.most, self.ticks = least, most, ticks
+        self.svg = [
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{self.width}" height="{height}" font-family="sans-serif" font-size="12">',
+            f'<rect width="{self.width}" height="{height}" fill="white"/>',
+        ]
+
+    def at(self, panel, images, value):
+        along = (math.log(images) - self.span[0]) / (self.span[1] - self.span[0])
+        up = (value - self.least) / (self.most - self.least)
+        return panel * PANEL + LEFT + along * (PANEL - LEFT - 12), self.height - BOTTOM - up * (self.height - TOP - BOTTOM)
+
+    def axes(self, panel, title):
+        """Lines of the ticks, each (value, text, whether it is drawn stronger)."""
+        low, left, right = self.height - BOTTOM, panel * PANEL + LEFT, (panel + 1) * PANEL - 12
+        self.svg.append(f'<text x="{left}" y="20" font-weight="bold">{title}</text>')
+        for n in (50, 100, 200, 400, 800, 1600):
+            if self.span[0] <= math.log(n) <= self.span[1]:
+                x, _ = self.at(panel, n, self.least)
+                self.svg.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{low}" stroke="#ddd"/>')
+                self.svg.append(f'<text x="{x:.1f}" y="{low + 16}" text-anchor="middle">{n}</text>')
+        for value, text, strong in self.ticks:
+            _, y = self.at(panel, 50, value)
+            color = "#999" if strong else "#ddd"
+            self.svg.append(f'<line x1="{left}" x2="{right}" y1="{y:.1f}" y2="{y:.1f}" stroke="{color}"/>')
+            self.svg.append(f'<text x="{left - 5}" y="{y + 4:.1f}" text-anchor="end">{text}</text>')
+
+    def curve(self, panel, found, color, dash, dots=True, width=2):
+        """A curve through (images, value)."""
+        where = [self.at(panel, n, v) for n, v in sorted(found)]
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in where)
+        self.svg.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="{width}" stroke-dasharray="{dash}"/>')
+        if dots:
+            self.svg += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{color}"/>' for x, y in where]
+
+    def write(self, entries, caption, path):
+        """With the legend's entries (name, color, dash)."""
+        x = self.panels * PANEL
+        for i, (name, color, dash) in enumerate(entries):
+            y = TOP + 14 + 18 * i
+            self.svg.append(f'<line x1="{x}" x2="{x + 26}" y1="{y - 4}" y2="{y - 4}" stroke="{color}" stroke-width="2" stroke-dasharray="{dash}"/>')
+            self.svg.append(f'<text x="{x + 32}" y="{y}">{name}</text>')
+        self.svg.append(f'<text x="{LEFT}" y="{self.height - 12}">{caption}</text></svg>')
+        path.write_text("\n".join(self.svg))
+
+
+def by_width(rows):
+    """The networks of the rows, the smallest first."""
+    return sorted({r["network"] for r in rows}, key=lambda n: int(n.split("x")[0]))
+
+
 def plot(summary, path):
-    """Precision at 5, 10 and 20 against images, on a logarithmic axis: by descriptors alone, and with angles."""
+    """Precision at 5, 10 and 20 against images: by descriptors alone, and with angles."""
     rows = [r for r in summary["rows"] if "at_20" in r]
     if not rows:
         return
-    networks = sorted({r["network"] for r in rows}, key=lambda n: int(n.split("x")[0]))
-    counts = sorted({r["images"] for r in rows})
-    panel, height, left, top, bottom, legend = 300, 380, 46, 34, 48, 150
-    span = (math.log(40), math.log(max(counts[-1], 60) * 1.3))
-    svg = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{2 * panel + legend}" height="{height}" font-family="sans-serif" font-size="12">']
-    svg.append(f'<rect width="{2 * panel + legend}" height="{height}" fill="white"/>')
-    y = lambda v: height - bottom - v / 0.75 * (height - top - bottom)
-    for at, (title, who, plain) in enumerate((
+    networks = by_width(rows)
+    ticks = [(v / 100, f"{v} %", v == 100 * NEEDED) for v in range(0, 71, 10)]
+    drawn = Plot(2, 150, 380, max(60, *(r["images"] for r in rows)), 0, 0.75, ticks)
+    for panel, (title, who, plain) in enumerate((
         ("descriptors alone", "network", "statistic"),
         ("narrowed by angles (dcl)", "network, angles", "statistic, angles"),
     )):
-        x = lambda n: at * panel + left + (math.log(n) - span[0]) / (span[1] - span[0]) * (panel - left - 12)
-        svg.append(f'<text x="{at * panel + left}" y="20" font-weight="bold">{title}</text>')
-        for n in (50, 100, 200, 400, 800, 1600):
-            if span[0] <= math.log(n) <= span[1]:
-                svg.append(f'<line x1="{x(n):.1f}" x2="{x(n):.1f}" y1="{top}" y2="{height - bottom}" stroke="#ddd"/>')
-                svg.append(f'<text x="{x(n):.1f}" y="{height - bottom + 16}" text-anchor="middle">{n}</text>')
-        for v in range(0, 71, 10):
-            svg.append(f'<line x1="{at * panel + left}" x2="{(at + 1) * panel - 12}" y1="{y(v / 100):.1f}" y2="{y(v / 100):.1f}" stroke="{"#999" if v == 100 * NEEDED else "#ddd"}"/>')
-            svg.append(f'<text x="{at * panel + left - 5}" y="{y(v / 100) + 4:.1f}" text-anchor="end">{v} %</text>')
-        for network, dash in zip(networks, ("5 3", "", "1 2")):
+        drawn.axes(panel, title)
+        for network, dash in zip(networks, DASHES):
             for key, color in zip(("at_5", "at_10", "at_20"), COLORS):
-                found = sorted((r["images"], r[key]) for r in rows if r["network"] == network and r["predictor"] == who)
-                line = " ".join(f"{x(n):.1f},{y(v):.1f}" for n, v in found)
-                svg.append(f'<polyline points="{line}" fill="none" stroke="{color}" stroke-width="2" stroke-dasharray="{dash}"/>')
-                svg += [f'<circle cx="{x(n):.1f}" cy="{y(v):.1f}" r="2.5" fill="{color}"/>' for n, v in found]
-        found = sorted({(r["images"], r["at_20"]) for r in rows if r["predictor"] == plain})
-        line = " ".join(f"{x(n):.1f},{y(v):.1f}" for n, v in found)
-        svg.append(f'<polyline points="{line}" fill="none" stroke="#555" stroke-width="1.5" stroke-dasharray="2 3"/>')
-    entries = [(f"at {k}, {n}", c, d) for n, d in zip(networks, ("5 3", "", "1 2")) for k, c in zip((5, 10, 20), COLORS)]
-    for i, (name, color, dash) in enumerate([*entries, ("at 20, statistic", "#555", "2 3")]):
-        at = top + 14 + 18 * i
-        svg.append(f'<line x1="{2 * panel}" x2="{2 * panel + 26}" y1="{at - 4}" y2="{at - 4}" stroke="{color}" stroke-width="2" stroke-dasharray="{dash}"/>')
-        svg.append(f'<text x="{2 * panel + 32}" y="{at}">{name}</text>')
-    svg.append(f'<text x="{left}" y="{height - 12}">images learned from; share of the neighbours named that are true, on places not learned from</text></svg>')
-    path.write_text("\n".join(svg))
+                found = [(r["images"], r[key]) for r in rows if r["network"] == network and r["predictor"] == who]
+                drawn.curve(panel, found, color, dash)
+        found = {(r["images"], r["at_20"]) for r in rows if r["predictor"] == plain}
+        drawn.curve(panel, found, "#555", "2 3", dots=False, width=1.5)
+    entries = [(f"at {k}, {n}", c, d) for n, d in zip(networks, DASHES) for k, c in zip((5, 10, 20), COLORS)]
+    caption = "images learned from; share of the neighbours named that are true, on places not learned from"
+    drawn.write([*entries, ("at 20, statistic", "#555", "2 3")], caption, path)
 
 
 def plot_positions(summary, path):
-    """Bits told about positions against images, on a logarithmic axis, a panel for each place."""
+    """Bits told about positions against images, a panel for each place."""
     rows = [r for r in summary["rows"] if "information_bits" in r and r["place"] != "all"]
     if not rows:
         return
     places, schemes = sorted({label(Path(r["place"])) for r in rows}), sorted({r["scheme"] for r in rows})
-    networks = sorted({r["network"] for r in rows}, key=lambda n: int(n.split("x")[0]))
-    panel, height, left, top, bottom, legend = 300, 320, 46, 34, 48, 170
-    width = len(places) * panel + legend
-    span = (math.log(40), math.log(max(r["images"] for r in rows) * 1.3))
+    networks = by_width(rows)
     least = min(0, *(r["information_bits"] for r in rows))
     most = max(0.2, *(r["information_bits"] for r in rows))
-    y = lambda v: height - bottom - (v - least) / (most - least) * (height - top - bottom)
-    svg = [f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif" font-size="12">']
-    svg.append(f'<rect width="{width}" height="{height}" fill="white"/>')
-    for at, place in enumerate(places):
-        x = lambda n: at * panel + left + (math.log(n) - span[0]) / (span[1] - span[0]) * (panel - left - 12)
-        svg.append(f'<text x="{at * panel + left}" y="20" font-weight="bold">{place}</text>')
-        for n in (n for n in (50, 100, 200, 400, 800, 1600) if span[0] <= math.log(n) <= span[1]):
-            svg.append(f'<line x1="{x(n):.1f}" x2="{x(n):.1f}" y1="{top}" y2="{height - bottom}" stroke="#ddd"/>')
-            svg.append(f'<text x="{x(n):.1f}" y="{height - bottom + 16}" text-anchor="middle">{n}</text>')
-        for tenth in range(math.ceil(least * 10), math.floor(most * 10) + 1):
-            v = tenth / 10
-            svg.append(f'<line x1="{at * panel + left}" x2="{(at + 1) * panel - 12}" y1="{y(v):.1f}" y2="{y(v):.1f}" stroke="{"#ddd" if tenth else "#999"}"/>')
-            svg.append(f'<text x="{at * panel + left - 5}" y="{y(v) + 4:.1f}" text-anchor="end">{v:.1f}</text>')
+    ticks = [(t / 10, f"{t / 10:.1f}", t == 0) for t in range(math.ceil(least * 10), math.floor(most * 10) + 1)]
+    drawn = Plot(len(places), 170, 320, max(r["images"] for r in rows), least, most, ticks)
+    for panel, place in enumerate(places):
+        drawn.axes(panel, place)
         for scheme, color in zip(schemes, COLORS):
-            for network, dash in zip(networks, ("5 3", "", "1 2")):
+            for network, dash in zip(networks, DASHES):
                 mine = lambda r: (r["scheme"], r["network"], label(Path(r["place"]))) == (scheme, network, place)
-                found = sorted((r["images"], r["information_bits"]) for r in rows if mine(r))
-                points = " ".join(f"{x(n):.1f},{y(v):.1f}" for n, v in found)
-                svg.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2" stroke-dasharray="{dash}"/>')
-                svg += [f'<circle cx="{x(n):.1f}" cy="{y(v):.1f}" r="2.5" fill="{color}"/>' for n, v in found]
-    entries = [(f"{s}, {n}", c, d) for s, c in zip(schemes, COLORS) for n, d in zip(networks, ("5 3", "", "1 2"))]
-    for i, (name, color, dash) in enumerate(entries):
-        at = top + 14 + 18 * i
-        svg.append(f'<line x1="{width - legend}" x2="{width - legend + 26}" y1="{at - 4}" y2="{at - 4}" stroke="{color}" stroke-width="2" stroke-dasharray="{dash}"/>')
-        svg.append(f'<text x="{width - legend + 32}" y="{at}">{name}</text>')
-    svg.append(f'<text x="{left}" y="{height - 12}">images learned from; bits told about a position beyond its line</text></svg>')
-    path.write_text("\n".join(svg))
+                drawn.curve(panel, [(r["images"], r["information_bits"]) for r in rows if mine(r)], color, dash)
+    entries = [(f"{s}, {n}", c, d) for s, c in zip(schemes, COLORS) for n, d in zip(networks, DASHES)]
+    drawn.write(entries, "images learned from; bits told about a position beyond its line", path)
 
 
 def show(summary):

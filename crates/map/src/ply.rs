@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use veiloc_replacing::{Readers, TargetLock, replace_file};
+use veiloc_replacing::write_whole;
 
 use crate::error::MapError;
 use crate::model::MapModel;
@@ -17,9 +17,7 @@ use crate::model::MapModel;
 /// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] naming the file.
 pub fn write_ply(map: &MapModel, path: &Path) -> Result<(), MapError> {
     map.validate()?;
-    let bytes = encode(map);
-    let lock = TargetLock::acquire(path).map_err(MapError::io(path))?;
-    replace_file(&lock, Readers::AsBefore, |out| out.write_all(&bytes)).map_err(MapError::io(path))
+    write_whole(path, &encode(map)).map_err(MapError::io(path))
 }
 
 fn encode(map: &MapModel) -> Vec<u8> {

@@ -1,5 +1,5 @@
 //! Replacing files whole: one writer of a file at a time ([`TargetLock`]), and whatever happens, the old file or the new one
-//! is there ([`replace_file`]).
+//! is there ([`replace_file`]; [`write_whole`] where nobody reads the old one first).
 //!
 //! ```
 //! use veiloc_replacing::{Readers, TargetLock, replace_file};
@@ -17,4 +17,4 @@ mod lock;
 mod replace;
 
 pub use lock::TargetLock;
-pub use replace::{Readers, replace_file};
+pub use replace::{Readers, replace_file, write_whole};

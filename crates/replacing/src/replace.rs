@@ -55,6 +55,16 @@ pub fn replace_file(
     sync_dir(dir)
 }
 
+/// Replaces a file by these bytes, as [`replace_file`] does, readable as is usual; for files of which nobody has to read the
+/// old content first.
+///
+/// # Errors
+/// The system's; then the old file stays.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let lock = TargetLock::acquire(path)?;
+    replace_file(&lock, Readers::AsBefore, |out| out.write_all(bytes))
+}
+
 fn write_and_rename(
     partial: &Path,
     path: &Path,

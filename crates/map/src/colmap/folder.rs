@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use veiloc_replacing::{Readers, TargetLock, replace_file};
+use veiloc_replacing::write_whole;
 
 use crate::error::MapError;
 
@@ -12,8 +12,7 @@ pub(super) fn write_files<const N: usize>(dir: &Path, files: [(&str, Vec<u8>); N
     fs::create_dir_all(dir).map_err(MapError::io(dir))?;
     for (name, content) in files {
         let path = dir.join(name);
-        let lock = TargetLock::acquire(&path).map_err(MapError::io(&path))?;
-        replace_file(&lock, Readers::AsBefore, |out| out.write_all(&content)).map_err(MapError::io(&path))?;
+        write_whole(&path, &content).map_err(MapError::io(&path))?;
     }
     Ok(())
 }
