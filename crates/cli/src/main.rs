@@ -58,6 +58,9 @@ enum Command {
     /// Teach a machine what an attacker would: to tell neighbours from descriptors.
     #[command(subcommand)]
     Train(veiloc_measure::train::Command),
+    /// Rendered places, written as data sets.
+    #[command(subcommand)]
+    Synth(veiloc_measure::synth::Command),
 }
 
 fn main() -> ExitCode {
@@ -86,6 +89,7 @@ fn main() -> ExitCode {
         Command::Attack(args) => veiloc_measure::attack::run(args, &ui),
         Command::Audit(args) => veiloc_measure::audit::run(args, &ui),
         Command::Train(command) => veiloc_measure::train::run(command, &ui),
+        Command::Synth(command) => veiloc_measure::synth::run(command, &ui),
     });
     let exit = result.unwrap_or_else(|failure| told(&failure, &ui));
     // Whatever else went wrong: who asked has not got the results there were.

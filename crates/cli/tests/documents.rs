@@ -34,6 +34,8 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval stress --posed posed --images images --map-list map.txt --query-list queries.txt {few} --optimum \
          --schemes dcl --stress half-hidden,sparse-map --json",
     ),
+    ("eval 7scenes", "eval 7scenes --root 7scenes --poses depth --schemes points,dcl --jobs 1 {few} --json"),
+    ("eval 7scenes", "eval aachen --root aachen --schemes dcl {few} --json"),
     (
         "eval negatives",
         "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",
@@ -86,6 +88,10 @@ fn ready() -> &'static Place {
             "foreign.txt",
             format!("query-0.png {}\nmap-00.png\nno-such.png\n", CAMERA.replace(',', " ")),
         );
+        for layout in ["7scenes", "aachen"] {
+            let small = "--map-views 12 --query-views 3 --width 320";
+            place.run(&format!("synth export --layout {layout} --out {layout} {small}")).succeeded();
+        }
         place.run("token new phone --tokens tokens --maps lobby --days 1").succeeded();
         let few = "--max-keypoints 512 --query-keypoints 512";
         place

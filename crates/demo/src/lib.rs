@@ -61,6 +61,7 @@ pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, 
         map_list: place.map_list.clone(),
         query_list: place.query_list.clone(),
         query_cameras: std::collections::BTreeMap::new(),
+        unposed: Vec::new(),
         keep_map: Some(options.out.join("place.vmap")),
         build: BuildOptions::default(),
         schemes: options.schemes.clone(),
@@ -75,6 +76,8 @@ pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, 
         sending: Sending::Whole,
         negatives: None,
         seed: options.seed,
+        work: None,
+        jobs: 1,
     };
     let result = evaluate_scene(&evaluation, progress)?;
     let map = MapFile::open(&options.out.join("place.vmap"))?;

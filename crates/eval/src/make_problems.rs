@@ -89,7 +89,8 @@ pub fn make_problems(
 
 fn made(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result<MadeProblem, EvalError> {
     let profile = map.profile();
-    let options = equipped(options_for(Scheme::Points), source.build);
+    let options =
+        equipped(options_for(Scheme::Points), &source.build.extractors, source.build.global.as_ref());
     let (features, camera) = match source.masks.get(&query.name) {
         Some(path) => {
             let mask = load_mask(path).map_err(ExtractError::from)?;

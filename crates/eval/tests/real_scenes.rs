@@ -27,6 +27,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
         map_list: thin("map.txt"),
         query_list: names(&folder.join("query.txt")).into_iter().step_by(3).collect(),
         query_cameras: std::collections::BTreeMap::new(),
+        unposed: Vec::new(),
         keep_map: None,
         build: BuildOptions::default(),
         schemes: schemes.iter().map(|s| s.parse().expect("a scheme")).collect(),
@@ -38,6 +39,8 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
         sending: Sending::Whole,
         negatives: None,
         seed: 0,
+        work: None,
+        jobs: 1,
     }
 }
 

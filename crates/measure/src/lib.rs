@@ -1,10 +1,11 @@
-//! The commands that measure and attack: `veiloc eval`, `attack`, `audit` and `train`. One file a command: its arguments, and
+//! The commands that measure and attack: `veiloc eval`, `attack`, `audit`, `train` and `synth`. One file a command: its arguments, and
 //! the few lines that hand them to the libraries.
 #![forbid(unsafe_code)]
 
 pub mod attack;
 pub mod audit;
 pub mod eval;
+pub mod synth;
 pub mod train;
 
 use veiloc_arguments::{

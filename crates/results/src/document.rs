@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_query::Scheme;
 use veiloc_robust::{ScoreKind, State};
 
 use crate::metrics::{PoseError, finite};
-use crate::state::as_text_if_any;
+use crate::state::{as_text_if_any, from_text_if_any};
 use crate::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
 /// The document that `eval pose --json` and `eval scene --json` print.
@@ -39,7 +39,7 @@ pub struct Evaluation {
 }
 
 /// How poses were estimated, beside scheme and score.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Variant {
     /// Name of the recipe; absent when single options were given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -80,11 +80,11 @@ pub struct SchemeSummary {
     /// How many got no pose, or one no better than chance; absent where the estimator was not asked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub not_found: Option<usize>,
-    /// Median over all queries, degrees; null when more than half were not localized.
+    /// Median over all judged queries, degrees; null when more than half were not localized.
     pub median_rotation_deg: Option<f64>,
-    /// Median over all queries, map units; null when more than half were not localized.
+    /// Median over all judged queries, map units; null when more than half were not localized.
     pub median_translation: Option<f64>,
-    /// Threshold (`translation/degrees`) to share of queries within it, 0 to 1.
+    /// Threshold (`translation/degrees`) to share of the judged queries within it, 0 to 1; empty when none is judged.
     pub recall: BTreeMap<String, f64>,
     /// How often the covariances of trusted poses hold the truth; absent when none is trusted.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
@@ -145,7 +145,7 @@ impl NegativeSummary {
 }
 
 /// One query under one row.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct QueryResult {
     /// Its name in the data.
     pub name: String,
@@ -165,11 +165,20 @@ pub struct QueryResult {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted: Option<bool>,
     /// What the estimator says the pose is worth; absent where it was not asked.
-    #[serde(serialize_with = "as_text_if_any", skip_serializing_if = "Option::is_none")]
+    #[serde(
+        default,
+        serialize_with = "as_text_if_any",
+        deserialize_with = "from_text_if_any",
+        skip_serializing_if = "Option::is_none"
+    )]
     pub state: Option<State>,
-    /// Degrees; null when not localized.
+    /// Whether the true pose is known. Where it is not, there are no errors, and no figure of the row counts the query but how
+    /// many there are and what became of them. Absent when true.
+    #[serde(default = "yes", skip_serializing_if = "is_true")]
+    pub is_judged: bool,
+    /// Degrees; null when not localized or not judged.
     pub rotation_error_deg: Option<f64>,
-    /// Map units; null when not localized.
+    /// Map units; null when not localized or not judged.
     pub translation_error: Option<f64>,
     /// The error against the covariance; absent when not localized, or where there is none.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
@@ -194,7 +203,7 @@ pub struct QueryResult {
 }
 
 /// What was sent for one query.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SentDocument {
     /// Rows that the server has seen, each counted once, decoys included.
     pub sent_rows: usize,
@@ -248,8 +257,17 @@ pub struct NegativeResult {
     pub correspondences: usize,
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands out references")]
+const fn is_true(is: &bool) -> bool {
+    *is
+}
+
+const fn yes() -> bool {
+    true
+}
+
 /// A pose in a document, world to camera.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PoseDocument {
     /// Hamilton quaternion `w x y z`.
     pub q: [f64; 4],
@@ -271,7 +289,7 @@ impl PoseDocument {
 }
 
 /// Facts about the map a scene was localized in.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct MapSummary {
     /// Registered images.
     pub images: usize,
@@ -295,6 +313,7 @@ impl QueryResult {
             cam_from_world: None,
             trusted: None,
             state: None,
+            is_judged: true,
             rotation_error_deg: None,
             translation_error: None,
             uncertainty: None,
@@ -323,6 +342,12 @@ impl QueryResult {
         self
     }
 
+    /// With an estimate, where nobody knows the truth.
+    pub fn answered(mut self, estimate: &CameraFromWorld) -> Self {
+        self.cam_from_world = Some(PoseDocument::of(estimate));
+        self
+    }
+
     /// Errors as numbers that compare, infinite when not localized.
     pub fn pose_error(&self) -> PoseError {
         match (self.rotation_error_deg, self.translation_error) {
@@ -332,6 +357,6 @@ impl QueryResult {
     }
 
     pub(crate) fn is_localized(&self) -> bool {
-        self.rotation_error_deg.is_some()
+        self.rotation_error_deg.is_some() || (!self.is_judged && self.cam_from_world.is_some())
     }
 }

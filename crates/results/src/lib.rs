@@ -1,6 +1,7 @@
 //! What an evaluation found: the figures that are counted, the JSON documents, and the tables for people.
 //!
 //! - [`Evaluation`] and what it is made of: the document of `eval pose` and `eval scene`; [`summarize`], [`table()`].
+//! - [`DataSetEvaluation`]: the same of the places of a data set; [`tables`]: its tables as papers print them.
 //! - [`comparison`]: two runs on the same queries, with intervals.
 //! - [`metrics`]: pose errors, recall, medians. [`coverage`]: errors against covariances. [`chi_squared`].
 //! - [`text_table`]: tables that fit a terminal.
@@ -10,15 +11,18 @@
 pub mod chi_squared;
 pub mod comparison;
 pub mod coverage;
+mod data_set;
 mod document;
 mod hypotheses;
 pub mod metrics;
 pub mod state;
 mod summary;
 mod table;
+pub mod tables;
 pub mod text_table;
 mod uncertainty;
 
+pub use data_set::{DataSetEvaluation, PlaceFacts, PlaceQuery, PlaceSummary, RunFacts};
 pub use document::{
     Evaluation, MapSummary, NegativeResult, NegativeSummary, PoseDocument, QueryResult, SchemeSummary,
     SeedSummary, SentDocument, SentSummary, Variant,

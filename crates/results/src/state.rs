@@ -1,6 +1,7 @@
 //! States in documents: `trusted`, `doubtful`, `not-found`.
 
-use serde::Serializer;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serializer};
 use veiloc_robust::State;
 
 /// As the state prints itself.
@@ -20,4 +21,14 @@ pub fn as_text_if_any<S: Serializer>(state: &Option<State>, serializer: S) -> Re
         Some(state) => as_text(state, serializer),
         None => serializer.serialize_none(),
     }
+}
+
+/// The state that [`as_text_if_any`] wrote.
+///
+/// # Errors
+/// Those of the deserializer, and for a text that is no state.
+pub fn from_text_if_any<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<State>, D::Error> {
+    let Some(text) = Option::<String>::deserialize(deserializer)? else { return Ok(None) };
+    let state = State::ALL.into_iter().find(|state| state.to_string() == text);
+    state.map(Some).ok_or_else(|| D::Error::custom(format!("{text:?} is no state")))
 }

@@ -28,7 +28,7 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
     let mut bytes: Vec<usize> = queries.iter().filter_map(|q| q.sealed_bytes).collect();
     bytes.sort_unstable();
     let wrong = |q: &QueryResult| !thresholds.iter().any(|t| q.pose_error().within(t));
-    let trusted_wrong = queries.iter().filter(|q| q.trusted == Some(true) && wrong(q)).count();
+    let trusted_wrong = queries.iter().filter(|q| q.trusted == Some(true) && q.is_judged && wrong(q)).count();
     let asked = queries.iter().any(|q| q.state.is_some());
     let count = |state| asked.then(|| queries.iter().filter(|q| q.state == Some(state)).count());
     let trusted = queries.iter().filter(|q| q.trusted == Some(true));
@@ -59,7 +59,8 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
 }
 
 fn of_seed(seed: u64, queries: &[&QueryResult], thresholds: &[Threshold]) -> SeedSummary {
-    let errors: Vec<PoseError> = queries.iter().map(|q| q.pose_error()).collect();
+    let errors: Vec<PoseError> = queries.iter().filter(|q| q.is_judged).map(|q| q.pose_error()).collect();
+    let thresholds = if errors.is_empty() && !queries.is_empty() { &[] } else { thresholds };
     let rotations: Vec<f64> = errors.iter().map(|e| e.rotation_deg).collect();
     let translations: Vec<f64> = errors.iter().map(|e| e.translation).collect();
     let asked = queries.iter().any(|q| q.trusted.is_some());
@@ -88,7 +89,7 @@ fn median_ms(queries: &[&QueryResult]) -> BTreeMap<String, f64> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::document::{SentDocument, Variant};
+    use crate::document::{PoseDocument, SentDocument, Variant};
 
     pub(crate) fn query(seed: u64, error: Option<(f64, f64)>) -> QueryResult {
         QueryResult {
@@ -104,6 +105,7 @@ pub(crate) mod tests {
                 Some(_) => State::Doubtful,
                 None => State::NotFound,
             }),
+            is_judged: true,
             rotation_error_deg: error.map(|e| e.0),
             translation_error: error.map(|e| e.1),
             uncertainty: None,
@@ -131,6 +133,22 @@ pub(crate) mod tests {
         assert!((s.recall["0.05/5"] - 1.0 / 3.0).abs() < 1e-12);
         assert_eq!(s.mean_inlier_ratio, Some(0.5));
         assert!(s.per_seed.is_empty(), "one seed has no spread");
+    }
+
+    #[test]
+    fn who_has_no_truth_is_counted_and_not_judged() {
+        let answered = |trusted| QueryResult {
+            is_judged: false,
+            cam_from_world: Some(PoseDocument { q: [1.0, 0.0, 0.0, 0.0], t: [0.0; 3] }),
+            trusted: Some(trusted),
+            ..query(0, None)
+        };
+        let queries = [query(0, Some((0.1, 0.01))), answered(true), answered(false)];
+        let s = summarize(&queries.iter().collect::<Vec<_>>(), &threshold());
+        assert_eq!((s.queries, s.localized, s.trusted, s.trusted_wrong), (3, 3, Some(2), Some(0)));
+        assert_eq!((s.median_translation, s.recall["0.05/5"]), (Some(0.01), 1.0));
+        let s = summarize(&queries[1..].iter().collect::<Vec<_>>(), &threshold());
+        assert_eq!((s.localized, s.median_translation, s.recall.len()), (2, None, 0));
     }
 
     #[test]

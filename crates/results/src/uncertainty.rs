@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 
@@ -10,7 +10,7 @@ use crate::coverage::{NormalizedError, shares};
 use crate::metrics::{finite, median};
 
 /// The error of a pose against the covariance it came with.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct QueryUncertainty {
     /// Standard deviation of the camera's position in its least certain direction, map units, which is the ± of answers;
     /// null when a direction is free.

@@ -25,6 +25,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         map_list: names(&folder.join("map.txt"), 2),
         query_list: names(&folder.join("query.txt"), 1).into_iter().take(6).collect(),
         query_cameras: std::collections::BTreeMap::new(),
+        unposed: Vec::new(),
         keep_map: None,
         build: BuildOptions::default(),
         schemes: vec![Scheme::default()],
@@ -36,6 +37,8 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         sending: Sending::Whole,
         negatives: None,
         seed: 0,
+        work: None,
+        jobs: 1,
     };
     SessionsEvaluation {
         place,

@@ -22,6 +22,7 @@ pub fn tables() -> BTreeMap<String, Fields> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/json.md");
     let text = fs::read_to_string(&path).expect("docs/json.md");
     let mut tables: BTreeMap<String, Fields> = BTreeMap::new();
+    let mut own_names: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     let mut command = None;
     for line in text.lines() {
         if let Some(heading) = line.strip_prefix("## ") {
@@ -33,8 +34,9 @@ pub fn tables() -> BTreeMap<String, Fields> {
         assert!(!meaning.is_empty(), "{command}: {field} has no meaning");
         let own = Field { optional: meaning.contains("absent"), nullable: meaning.contains("null") };
         let mut add = |name: String, field: Field| {
-            let again = tables.entry(command.clone()).or_default().insert(name.clone(), field);
-            assert!(again.is_none(), "{command}: {name} is there twice");
+            let own = own_names.entry(command.clone()).or_default();
+            assert!(own.insert(name.clone()), "{command}: {name} is there twice");
+            tables.entry(command.clone()).or_default().insert(name, field);
         };
         match unit.strip_prefix("as `").and_then(|u| u.strip_suffix('`')) {
             None => add(field.to_owned(), own),
@@ -46,7 +48,8 @@ pub fn tables() -> BTreeMap<String, Fields> {
                 };
                 for (name, inner) in fields {
                     let inner = Field { optional: inner.optional || own.optional, ..inner };
-                    add(format!("{field}.{name}"), inner);
+                    // `.` stands for the document itself.
+                    add(if field == "." { name } else { format!("{field}.{name}") }, inner);
                 }
             }
         }

@@ -20,7 +20,7 @@ use veiloc_obfuscation::{ExtractError, SealOptions, extract_loaded};
 use veiloc_query::Scheme;
 
 use crate::error::EvalError;
-use crate::road::{ask, send};
+use crate::road::{ask, equipped, send};
 use camera::camera_of;
 
 pub use camera::CameraSource;
@@ -47,11 +47,7 @@ pub struct NegativesEvaluation {
 
 impl NegativesEvaluation {
     fn seal_options(&self, scheme: Scheme) -> SealOptions {
-        let options = options_for(scheme).with_extractors(self.extractors.clone());
-        match &self.global {
-            Some(global) => options.with_image_global(global.clone()),
-            None => options,
-        }
+        equipped(options_for(scheme), &self.extractors, self.global.as_ref())
     }
 }
 

@@ -1,5 +1,6 @@
 //! One query asked and judged: what an evaluation keeps of it.
 
+use veiloc_geometry::CameraFromWorld;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_query::Scheme;
@@ -7,7 +8,7 @@ use veiloc_results::{QueryResult, QueryUncertainty, SentDocument};
 use veiloc_robust::{ScoreKind, State};
 
 use super::ask::{Answer, ask};
-use super::posed_query::PosedQuery;
+use super::posed_query::{AskedQuery, PosedQuery};
 use super::progressive::{Sending, send_and_ask};
 
 /// Localizes what crossed the network, and compares with the truth; that there is no pose is a result.
@@ -21,7 +22,7 @@ pub fn localize_one(
 ) -> QueryResult {
     let mut options = options.clone();
     options.pose.score = Some(score);
-    judge(&ask(map, bytes, &options), query, scheme, score)
+    judge(&ask(map, bytes, &options), &query.name, Some(&query.cam_from_world), scheme, score)
 }
 
 /// The same of a query that leaves the device in some way, with what was sent for it; where it took several messages, the time
@@ -29,14 +30,14 @@ pub fn localize_one(
 pub(crate) fn localize_sent(
     map: &MapFile,
     bytes: &[u8],
-    query: &PosedQuery,
+    query: &AskedQuery,
     scheme: Scheme,
     sending: Sending,
     options: &LocalizeOptions,
 ) -> QueryResult {
     let score = options.pose.score.unwrap_or_default();
     let asked = send_and_ask(map, bytes, map.profile(), sending, options);
-    let mut result = judge(&asked.answer, query, scheme, score);
+    let mut result = judge(&asked.answer, &query.name, query.truth.as_ref(), scheme, score);
     let exposed = asked.answer.found.as_ref().map_or(0, |found| found.inliers);
     result.sent = Some(SentDocument { sent_rows: asked.rows, sent_bytes: asked.bytes, exposed });
     if let Sending::Progressive(_) = sending {
@@ -45,15 +46,25 @@ pub(crate) fn localize_sent(
     result
 }
 
-fn judge(answer: &Answer, query: &PosedQuery, scheme: Scheme, score: ScoreKind) -> QueryResult {
-    let mut result = QueryResult::unsolved(&query.name, scheme, score);
+fn judge(
+    answer: &Answer,
+    name: &str,
+    truth: Option<&CameraFromWorld>,
+    scheme: Scheme,
+    score: ScoreKind,
+) -> QueryResult {
+    let mut result = QueryResult::unsolved(name, scheme, score);
+    result.is_judged = truth.is_some();
     result.state = Some(answer.state());
     result.ms.insert("decode".to_owned(), answer.decode_ms);
     match &answer.found {
         Ok(found) => {
-            let truth = &query.cam_from_world;
-            result = result.found(&found.cam_from_world, truth);
-            result.uncertainty = Some(QueryUncertainty::of(&found.cam_from_world, &found.covariance, truth));
+            result = match truth {
+                Some(truth) => result.found(&found.cam_from_world, truth),
+                None => result.answered(&found.cam_from_world),
+            };
+            result.uncertainty =
+                truth.map(|truth| QueryUncertainty::of(&found.cam_from_world, &found.covariance, truth));
             result.inliers = found.inlier_pairs;
             result.correspondences = found.pairs;
             result.hypotheses = found.hypotheses;

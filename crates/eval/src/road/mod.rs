@@ -13,7 +13,7 @@ pub(crate) use ask::{Answer, ask};
 pub use judge::localize_one;
 pub(crate) use judge::localize_sent;
 pub use place_map::PlaceMap;
-pub use posed_query::{PosedQuery, posed_queries, queries_of_place};
+pub use posed_query::{AskedQuery, PosedQuery, posed_queries, queries_of_place};
 pub use progressive::Sending;
 pub(crate) use progressive::send_and_ask;
 pub(crate) use send::{Sent, equipped, send};

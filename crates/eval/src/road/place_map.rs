@@ -19,7 +19,7 @@ pub struct PlaceMap {
     /// Facts about it.
     pub summary: MapSummary,
     /// Holds the file, where nobody wants to keep it.
-    _folder: TempDir,
+    _folder: Option<TempDir>,
 }
 
 impl PlaceMap {
@@ -46,6 +46,7 @@ impl PlaceMap {
         let folder =
             tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
         let path = keep.map_or_else(|| folder.path().join("place.vmap"), Path::to_owned);
+        let folder = keep.is_none().then_some(folder);
         veiloc_map::write(&model, &path)?;
         drop(model);
         let file = MapFile::open(&path)?;
@@ -54,5 +55,25 @@ impl PlaceMap {
         let summary =
             MapSummary { images: file.image_count(), points: file.point_count(), bytes, build_seconds };
         Ok(Self { file, summary, _folder: folder })
+    }
+
+    /// One that was built and kept earlier.
+    ///
+    /// # Errors
+    /// [`EvalError::Map`] when it is no map.
+    pub(crate) fn kept(path: &Path, summary: MapSummary) -> Result<Self, EvalError> {
+        Ok(Self { file: MapFile::open(path)?, summary, _folder: None })
+    }
+
+    /// The same, and a copy of its file there, if anywhere.
+    ///
+    /// # Errors
+    /// [`EvalError::Io`] when it cannot be written.
+    pub(crate) fn copied_to(self, keep: Option<&Path>) -> Result<Self, EvalError> {
+        if let Some(path) = keep {
+            let copy = || veiloc_replacing::write_whole(path, &std::fs::read(self.file.path())?);
+            copy().map_err(|source| EvalError::Io { path: path.to_owned(), source })?;
+        }
+        Ok(self)
     }
 }

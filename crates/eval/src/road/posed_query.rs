@@ -1,4 +1,4 @@
-//! Queries whose poses are known.
+//! Queries of evaluations, most of whose poses are known.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,6 +19,26 @@ pub struct PosedQuery {
     pub camera: Intrinsics,
     /// Where it truly was taken.
     pub cam_from_world: CameraFromWorld,
+}
+
+/// An image that asks for its place, whose pose may be known.
+#[derive(Debug, Clone)]
+pub struct AskedQuery {
+    /// Its name.
+    pub name: String,
+    /// Its file.
+    pub path: PathBuf,
+    /// Its camera.
+    pub camera: Intrinsics,
+    /// Where it truly was taken; where nobody knows, nothing is judged.
+    pub truth: Option<CameraFromWorld>,
+}
+
+impl From<PosedQuery> for AskedQuery {
+    fn from(query: PosedQuery) -> Self {
+        let truth = Some(query.cam_from_world);
+        Self { name: query.name, path: query.path, camera: query.camera, truth }
+    }
 }
 
 /// Images of these names with their true poses.

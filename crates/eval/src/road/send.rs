@@ -3,18 +3,21 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::seed_for;
-use veiloc_features::Features;
+use veiloc_features::{Extractors, Features, SharedGlobal};
 use veiloc_geometry::Intrinsics;
-use veiloc_mapping::BuildOptions;
 use veiloc_obfuscation::audit::{SealTruth, seal_with_truth};
 use veiloc_obfuscation::{SealError, SealOptions};
 use veiloc_query::Profile;
 
 /// The same for a device that has what the map is built with, and whose owner consents to a global descriptor of the image
 /// where the map's are such.
-pub(crate) fn equipped(options: SealOptions, build: &BuildOptions) -> SealOptions {
-    let options = options.with_extractors(build.extractors.sealing());
-    match &build.global {
+pub(crate) fn equipped(
+    options: SealOptions,
+    extractors: &Extractors,
+    global: Option<&SharedGlobal>,
+) -> SealOptions {
+    let options = options.with_extractors(extractors.sealing());
+    match global {
         Some(global) => options.with_image_global(global.clone()),
         None => options,
     }

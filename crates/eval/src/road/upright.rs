@@ -3,12 +3,12 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::seed_for;
+use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_map::{Down, PosedImages};
 use veiloc_query::CoarseGravity;
 use veiloc_synth::problems::normal;
 
-use super::PosedQuery;
 use crate::error::EvalError;
 use crate::poses::mean_down;
 
@@ -44,35 +44,31 @@ impl Upright {
     }
 
     /// What the device tells of a query; equal seeds and names give equal noise.
-    fn told(&self, query: &PosedQuery, seed: u64) -> Option<CoarseGravity> {
-        let exact = query.cam_from_world.rotation() * Vector3::from(self.down.in_world());
-        let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[&query.name, "gravity"]));
+    fn told(&self, name: &str, cam_from_world: &CameraFromWorld, seed: u64) -> Option<CoarseGravity> {
+        let exact = cam_from_world.rotation() * Vector3::from(self.down.in_world());
+        let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[name, "gravity"]));
         // A turn about the direction itself changes nothing: what is left is the noise about the two axes across it.
         let turn = Vector3::from_fn(|_, _| self.sd_deg.to_radians() * normal(&mut rng));
         let felt = Rotation3::from_scaled_axis(turn) * exact;
         CoarseGravity::new(felt.into(), self.sd_deg).ok()
     }
 
-    /// What is told of a query in turn: nothing, and then gravity where that is asked for.
+    /// What is told of a query in turn: nothing, and then gravity where that is asked for and its pose is known.
     pub(crate) fn in_turn(
         asked: Option<&Self>,
-        query: &PosedQuery,
+        name: &str,
+        truth: Option<&CameraFromWorld>,
         seed: u64,
     ) -> impl Iterator<Item = Option<CoarseGravity>> {
-        std::iter::once(None).chain(asked.map(|upright| upright.told(query, seed)))
+        let told = asked.zip(truth).map(|(upright, truth)| upright.told(name, truth, seed));
+        std::iter::once(None).chain(told)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use veiloc_geometry::CameraFromWorld;
     use veiloc_synth::problems::random_pose;
-
-    fn query(i: usize, cam_from_world: CameraFromWorld) -> PosedQuery {
-        let camera = "PINHOLE,640,480,500,500,320,240".parse().expect("a camera");
-        PosedQuery { name: format!("{i}.jpg"), path: "".into(), camera, cam_from_world }
-    }
 
     #[test]
     fn what_is_told_errs_by_what_is_said() {
@@ -81,13 +77,13 @@ mod tests {
         let n = 2000;
         let mut sum = 0.0;
         for i in 0..n {
-            let query = query(i, random_pose(&mut rng));
-            let told: Vec<_> = Upright::in_turn(Some(&upright), &query, 7).collect();
+            let (name, truth) = (format!("{i}.jpg"), random_pose(&mut rng));
+            let told: Vec<_> = Upright::in_turn(Some(&upright), &name, Some(&truth), 7).collect();
             let [None, Some(gravity)] = told[..] else { panic!("nothing, then gravity") };
-            assert_eq!(upright.told(&query, 7), Some(gravity), "equal seeds, equal noise");
-            let exact = query.cam_from_world.rotation() * Vector3::from(upright.down.in_world());
+            assert_eq!(upright.told(&name, &truth, 7), Some(gravity), "equal seeds, equal noise");
+            let exact = truth.rotation() * Vector3::from(upright.down.in_world());
             sum += exact.angle(&Vector3::from(gravity.in_camera())).to_degrees().powi(2) / 2.0;
-            assert_eq!(Upright::in_turn(None, &query, 7).collect::<Vec<_>>(), [None]);
+            assert_eq!(Upright::in_turn(None, &name, Some(&truth), 7).collect::<Vec<_>>(), [None]);
         }
         let about_each = (sum / n as f64).sqrt();
         assert!((about_each - 4.0).abs() < 0.2, "{about_each}");

@@ -4,26 +4,25 @@
 //! had crossed a network. No stage is short-cut because truth is at hand.
 
 mod negatives;
+mod one_query;
 mod options;
+mod work;
 
 use std::path::Path;
-use std::time::Instant;
 
-use veiloc_features::{Progress, load_mask, mask_in};
+use rayon::prelude::*;
+use veiloc_features::Progress;
 use veiloc_map::MapFile;
 use veiloc_mapping::Input;
-use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{ExtractError, extract, extract_masked};
-use veiloc_query::Scheme;
-use veiloc_robust::State;
 
 pub use options::{Negatives, SceneEvaluation};
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, Upright, equipped, localize_sent, queries_of_place, send};
-use crate::scores::scores_or_default;
+use crate::road::{AskedQuery, PlaceMap, Upright, queries_of_place};
 use negatives::localize_negatives;
-use veiloc_results::{Evaluation, NegativeSummary, QueryResult, Variant, summarize};
+use one_query::localize_query;
+use veiloc_results::{Evaluation, NegativeSummary, QueryResult, summarize};
+use work::Work;
 
 /// Builds the map and localizes every query under every scheme and score.
 ///
@@ -45,18 +44,15 @@ pub fn evaluate_scene(
         None => None,
     };
 
+    let queries: Vec<AskedQuery> =
+        queries.into_iter().map(AskedQuery::from).chain(evaluation.unposed()).collect();
     let upright = evaluation.gravity_sd_deg;
     let upright = upright.map(|sd| Upright::of(&evaluation.posed, &evaluation.map_list, sd)).transpose()?;
-    let input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
-    let PlaceMap { file: map, summary, .. } = &PlaceMap::build(
-        &input,
-        &evaluation.build,
-        true,
-        evaluation.keep_map.as_deref(),
-        upright.map(|upright| upright.down()),
-        progress,
-    )?;
-    let (mut schemes, queries) = localize_all(map, &queries, upright.as_ref(), evaluation, progress)?;
+    let work = evaluation.work.as_deref().map(Work::in_folder).transpose()?;
+    let PlaceMap { file: map, summary, .. } =
+        &place_map(evaluation, upright.as_ref(), work.as_ref(), progress)?;
+    let (mut schemes, queries) =
+        localize_all(map, &queries, upright.as_ref(), evaluation, work.as_ref(), progress)?;
     let mut negatives = Vec::new();
     if let Some(posed) = &strange_queries {
         let by_row = localize_negatives(map, posed, evaluation, progress)?;
@@ -88,73 +84,74 @@ pub fn folder_name(images: &Path) -> String {
     }
 }
 
+/// The map of the place: what the work folder has of the same images, or built.
+fn place_map(
+    evaluation: &SceneEvaluation,
+    upright: Option<&Upright>,
+    work: Option<&Work>,
+    progress: &dyn Progress,
+) -> Result<PlaceMap, EvalError> {
+    let keep = evaluation.keep_map.as_deref();
+    let kept = work.map(|work| work.map_of(evaluation, upright)).transpose()?;
+    if let Some(there) = kept.as_ref().and_then(|kept| kept.open()) {
+        return there?.copied_to(keep);
+    }
+    let input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
+    let path = kept.as_ref().map(|kept| kept.path()).or(keep);
+    let map = PlaceMap::build(
+        &input,
+        &evaluation.build,
+        true,
+        path,
+        upright.map(|upright| upright.down()),
+        progress,
+    )?;
+    match &kept {
+        Some(kept) => {
+            kept.remember(&map.summary)?;
+            map.copied_to(keep)
+        }
+        None => Ok(map),
+    }
+}
+
 type Results = (Vec<veiloc_results::SchemeSummary>, Vec<QueryResult>);
 
-/// Seals each query once a scheme, and again with gravity where that is asked for; localizes it with every score.
+/// Localizes every query under every recipe; several queries at a time where that is asked for. What the work folder has is not
+/// computed again.
 fn localize_all(
     map: &MapFile,
-    queries: &[PosedQuery],
+    queries: &[AskedQuery],
     upright: Option<&Upright>,
     evaluation: &SceneEvaluation,
+    work: Option<&Work>,
     progress: &dyn Progress,
 ) -> Result<Results, EvalError> {
-    let profile = map.profile();
-    let extraction = equipped(options_for(Scheme::default()), &evaluation.build);
-    let mut by_recipe: Vec<Vec<QueryResult>> = Vec::new();
+    let finished = work.map(|work| work.finished(map, evaluation)).transpose()?;
     progress.start("Localizing queries", queries.len());
-    for query in queries {
-        let started = Instant::now();
-        let (features, camera) = match &evaluation.masks {
-            Some(folder) => {
-                let mask = load_mask(&mask_in(folder, Path::new(&query.name))).map_err(ExtractError::from)?;
-                extract_masked(&query.path, &mask, &query.camera, profile, &extraction)?
-            }
-            None => extract(&query.path, &query.camera, profile, &extraction)?,
+    let one = |query: &AskedQuery| -> Result<Vec<QueryResult>, EvalError> {
+        let compute = || localize_query(map, query, upright, evaluation);
+        let rows = match &finished {
+            Some(finished) => finished.get_or(query, evaluation, compute)?,
+            None => compute()?,
         };
-        let extract_ms = started.elapsed().as_secs_f64() * 1e3;
-        let mut recipe = 0;
-        let told: Vec<_> = Upright::in_turn(upright, query, evaluation.seed).collect();
-        for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| told.iter().map(move |g| (s, *g))) {
-            let started = Instant::now();
-            let options = equipped(options_for(*scheme), &evaluation.build).with_gravity(gravity);
-            let sealed = send(&features, &camera, profile, &options, &query.name, evaluation.seed);
-            let seal_ms = started.elapsed().as_secs_f64() * 1e3;
-            for score in scores_or_default(&evaluation.scores) {
-                let mut result = match &sealed {
-                    Ok(sent) => {
-                        let mut localize = evaluation.localize.clone();
-                        localize.pose.score = Some(score);
-                        localize_sent(map, &sent.bytes, query, *scheme, evaluation.sending, &localize)
-                    }
-                    Err(error) => {
-                        let mut unsealed = QueryResult::unsolved(&query.name, *scheme, score).because(error);
-                        unsealed.state = Some(State::NotFound);
-                        unsealed
-                    }
-                };
-                result.variant = Variant {
-                    prior: evaluation.localize.use_prior,
-                    fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
-                    gravity: upright.map(|upright| match gravity {
-                        None => "none".to_owned(),
-                        Some(_) => upright.sd_deg().to_string(),
-                    }),
-                    ..Variant::default()
-                };
-                result.seed = evaluation.seed;
-                result.ms.insert("extract".to_owned(), extract_ms);
-                result.ms.insert("seal".to_owned(), seal_ms);
-                result.sealed_bytes = Some(sealed.as_ref().map_or(0, |sent| sent.bytes.len()));
-                if by_recipe.len() == recipe {
-                    by_recipe.push(Vec::new());
-                }
-                by_recipe[recipe].push(result);
-                recipe += 1;
-            }
-        }
         progress.advance(1);
-    }
+        Ok(rows)
+    };
+    let rows: Vec<Vec<QueryResult>> = if evaluation.jobs == 1 {
+        queries.iter().map(one).collect::<Result<_, _>>()?
+    } else {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(evaluation.jobs).build();
+        let pool = pool.map_err(|e| EvalError::Options(format!("{} jobs: {e}", evaluation.jobs)))?;
+        pool.install(|| queries.par_iter().map(one).collect::<Result<_, _>>())?
+    };
     progress.finish();
+    // From rows by query to queries by row.
+    let count = rows.first().map_or(0, Vec::len);
+    let mut by_recipe: Vec<Vec<QueryResult>> = vec![Vec::with_capacity(queries.len()); count];
+    for of_query in rows {
+        by_recipe.iter_mut().zip(of_query).for_each(|(recipe, result)| recipe.push(result));
+    }
     let summaries = by_recipe
         .iter()
         .map(|results| summarize(&results.iter().collect::<Vec<_>>(), &evaluation.thresholds))

@@ -37,14 +37,22 @@ pub(crate) fn localize_negatives(
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<NegativeResult>>, EvalError> {
     let profile = map.profile();
-    let extraction = equipped(options_for(Scheme::default()), &evaluation.build);
+    let extraction = equipped(
+        options_for(Scheme::default()),
+        &evaluation.build.extractors,
+        evaluation.build.global.as_ref(),
+    );
     let scores = scores_or_default(&evaluation.scores);
     let mut rows = vec![Vec::with_capacity(negatives.len()); evaluation.schemes.len() * scores.len()];
     progress.start("Localizing negatives", negatives.len());
     for negative in negatives {
         let (features, camera) = extract(&negative.path, &negative.camera, profile, &extraction)?;
         for (s, scheme) in evaluation.schemes.iter().enumerate() {
-            let options = equipped(options_for(*scheme), &evaluation.build);
+            let options = equipped(
+                options_for(*scheme),
+                &evaluation.build.extractors,
+                evaluation.build.global.as_ref(),
+            );
             let sent = send(&features, &camera, profile, &options, &negative.name, evaluation.seed);
             for (k, score) in scores.iter().enumerate() {
                 let mut result = NegativeResult {

@@ -10,7 +10,7 @@ use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
 use veiloc_robust::ScoreKind;
 
-use crate::road::Sending;
+use crate::road::{AskedQuery, Sending};
 use veiloc_results::metrics::Threshold;
 
 /// What to evaluate.
@@ -26,6 +26,8 @@ pub struct SceneEvaluation {
     pub query_list: Vec<String>,
     /// Cameras of queries that are known better than the model's, by name; the model's are used for the others.
     pub query_cameras: BTreeMap<String, Intrinsics>,
+    /// Queries whose true poses nobody knows, after the others: they are localized and not judged.
+    pub unposed: Vec<(String, Intrinsics)>,
     /// Where to keep the map; a temporary file when none.
     pub keep_map: Option<PathBuf>,
     /// How the map is built.
@@ -49,6 +51,23 @@ pub struct SceneEvaluation {
     pub negatives: Option<Negatives>,
     /// Seed of sealing and sampling.
     pub seed: u64,
+    /// Folder for what is computed: the map, and the results of each query as soon as it is finished. An evaluation of the
+    /// same images with the same options takes them from there, also one that was interrupted. Nothing is kept when none.
+    pub work: Option<PathBuf>,
+    /// Queries that are localized at the same time, at least 1. With more than one, times are those of a busy machine.
+    pub jobs: usize,
+}
+
+impl SceneEvaluation {
+    /// The queries that nobody judges.
+    pub(super) fn unposed(&self) -> impl Iterator<Item = AskedQuery> {
+        self.unposed.iter().map(|(name, camera)| AskedQuery {
+            name: name.clone(),
+            path: self.images.join(name),
+            camera: *camera,
+            truth: None,
+        })
+    }
 }
 
 /// Where queries of another place are.

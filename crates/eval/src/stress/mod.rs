@@ -114,7 +114,8 @@ fn under_each(
     let image = load_gray(&query.path).map_err(veiloc_obfuscation::ExtractError::from)?;
     // What does not touch the image shares its features: all maps ask for the same.
     let plain = extracted(&image, query, &maps.all.file, &evaluation.build)?;
-    let told: Vec<_> = Upright::in_turn(upright, query, evaluation.seed).collect();
+    let told: Vec<_> =
+        Upright::in_turn(upright, &query.name, Some(&query.cam_from_world), evaluation.seed).collect();
     let mut results = Vec::new();
     for stress in stresses {
         let worse = match degraded(&image, *stress, &query.name, evaluation.seed) {
@@ -174,13 +175,13 @@ fn extracted(
     build: &BuildOptions,
 ) -> Result<(Features, Intrinsics), EvalError> {
     let image = Image::from(image.clone());
-    let options = equipped(options_for(Scheme::default()), build);
+    let options = equipped(options_for(Scheme::default()), &build.extractors, build.global.as_ref());
     Ok(extract_loaded(image, &query.path, &query.camera, map.profile(), &options)?)
 }
 
 /// How a device seals under a stress.
 pub(crate) fn sealed_under(stress: Stress, scheme: Scheme, build: &BuildOptions) -> SealOptions {
-    let options = equipped(options_for(scheme), build);
+    let options = equipped(options_for(scheme), &build.extractors, build.global.as_ref());
     match stress {
         Stress::FewKeypoints => options.with_max_keypoints(SizeClass::SMALLEST.rows()),
         Stress::None

@@ -3,6 +3,7 @@
 mod adversaries;
 mod compare;
 mod crb;
+mod data_set;
 mod half;
 mod inversion;
 mod keypoints;
@@ -16,6 +17,7 @@ mod rig;
 mod scene;
 mod sessions;
 mod stress;
+mod tables;
 mod tradeoff;
 
 use crate::exit::Outcome;
@@ -26,6 +28,15 @@ use crate::ui::Ui;
 pub enum Command {
     /// The whole road on a place with known poses: build the map, seal the queries, localize them.
     Scene(Box<scene::Args>),
+    /// 7Scenes: all its scenes, from the folders as they are unpacked.
+    #[command(name = "7scenes")]
+    SevenScenes(Box<data_set::seven_scenes::Args>),
+    /// Cambridge Landmarks: its scenes.
+    Cambridge(Box<data_set::cambridge::Args>),
+    /// Aachen Day-Night, v1 and v1.1, with the file for visuallocalization.net.
+    Aachen(Box<data_set::aachen::Args>),
+    /// Tables as papers print them, of what a data set's command or `eval scene` found.
+    Tables(tables::Args),
     /// One place, and queries of it in the dark, moved, half hidden, small, in a sparse map, with few keypoints.
     Stress(Box<stress::Args>),
     /// Images of elsewhere, asked for their place in a map: how many get a pose that is trusted.
@@ -61,6 +72,10 @@ pub enum Command {
 pub fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Scene(args) => scene::run(args, ui),
+        Command::SevenScenes(args) => data_set::seven_scenes::run(args, ui),
+        Command::Cambridge(args) => data_set::cambridge::run(args, ui),
+        Command::Aachen(args) => data_set::aachen::run(args, ui),
+        Command::Tables(args) => tables::run(args, ui),
         Command::Stress(args) => stress::run(args, ui),
         Command::Negatives(args) => negatives::run(args, ui),
         Command::Rig(args) => rig::run(args, ui),

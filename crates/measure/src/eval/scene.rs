@@ -34,6 +34,13 @@ pub struct Args {
     /// them is hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
+    /// Folder for what is computed: the map, and the results of each query as soon as it is finished. A run that was interrupted
+    /// goes on from there, and what the same images and options gave before is not computed again. Default: nothing is kept.
+    #[arg(long, value_name = "DIR")]
+    work: Option<PathBuf>,
+    /// Queries that are localized at the same time; with more than one, times are those of a busy machine.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: u16,
 }
 
 /// A place, how its map is built, and how queries are localized in it: what `eval scene` and `eval rig` start from.
@@ -65,6 +72,7 @@ impl SceneArgs {
             map_list: lists::read_list(&self.place.map_list)?,
             query_list: queries.iter().map(|q| q.name.clone()).collect(),
             query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
+            unposed: Vec::new(),
             keep_map: self.keep_map.clone(),
             build: self.extraction.options()?,
             schemes: self.report.schemes.clone(),
@@ -76,6 +84,8 @@ impl SceneArgs {
             sending: Sending::Whole,
             negatives: None,
             seed: self.pose.run.seed,
+            work: None,
+            jobs: 1,
         })
     }
 }
@@ -118,6 +128,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         gravity_sd_deg: args.gravity.sd_deg,
         negatives: args.negatives.negatives()?,
         masks: args.masks.clone(),
+        work: args.work.clone(),
+        jobs: args.jobs.into(),
         sending: args.progressive.enough().map_or(Sending::Whole, Sending::Progressive),
         ..args.scene.evaluation()?
     };

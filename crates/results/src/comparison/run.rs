@@ -16,7 +16,7 @@ pub enum ComparisonError {
     Document(String),
     /// A document of another command.
     #[error(
-        "this is a document of {0:?}, and only those of `eval scene --json` and `eval pose --json` are compared"
+        "this is a document of {0:?}, and only those of `eval scene`, `pose`, `7scenes`, `cambridge` and `aachen` are compared"
     )]
     Command(String),
     /// A version that is not known here.
@@ -47,6 +47,9 @@ pub enum ComparisonError {
         row: String,
     },
 }
+
+/// Whose documents are compared.
+const COMMANDS: [&str; 5] = ["eval scene", "eval pose", "eval 7scenes", "eval cambridge", "eval aachen"];
 
 /// Name and seed.
 type Key = (String, u64);
@@ -101,10 +104,19 @@ struct One {
     fixed_hypotheses: Option<usize>,
     #[serde(default)]
     gravity: Option<String>,
+    /// Of documents of several places.
+    #[serde(default)]
+    place: Option<String>,
+    #[serde(default = "yes")]
+    is_judged: bool,
     seed: u64,
     rotation_error_deg: Option<f64>,
     translation_error: Option<f64>,
     ms: BTreeMap<String, f64>,
+}
+
+const fn yes() -> bool {
+    true
 }
 
 impl One {
@@ -119,6 +131,7 @@ impl One {
             row.extend(self.fixed_hypotheses.map(|n| format!("{n} hypotheses")));
         }
         row.extend(self.gravity.as_ref().map(|gravity| format!("gravity {gravity}")));
+        row.extend(self.place.clone());
         row.join(", ")
     }
 
@@ -140,7 +153,7 @@ impl Run {
         let no_document = |error: serde_json::Error| ComparisonError::Document(error.to_string());
         let value: Value = serde_json::from_str(json).map_err(no_document)?;
         let head = Head::deserialize(&value).map_err(no_document)?;
-        if !["eval scene", "eval pose"].contains(&head.command.as_str()) {
+        if !COMMANDS.contains(&head.command.as_str()) {
             return Err(ComparisonError::Command(head.command));
         }
         if head.version != 1 {
@@ -148,7 +161,7 @@ impl Run {
         }
         let document = Document::deserialize(&value).map_err(no_document)?;
         let mut rows: BTreeMap<String, Row> = BTreeMap::new();
-        for result in &document.queries {
+        for result in document.queries.iter().filter(|result| result.is_judged) {
             let row = result.row();
             let key = (result.name.clone(), result.seed);
             if rows.entry(row.clone()).or_default().insert(key, result.query()).is_some() {

@@ -55,6 +55,7 @@ fn a_place_of_another_layout_is_mapped_and_evaluated() {
             map_list: place.posed.names(),
             query_list: queries.map(|q| q.0).collect(),
             query_cameras: BTreeMap::new(),
+            unposed: Vec::new(),
             keep_map: None,
             build: BuildOptions::default(),
             schemes: vec!["dcl".parse().expect("a scheme")],
@@ -66,6 +67,8 @@ fn a_place_of_another_layout_is_mapped_and_evaluated() {
             sending: Sending::Whole,
             negatives: None,
             seed: 0,
+            work: None,
+            jobs: 1,
         },
         &(),
     )

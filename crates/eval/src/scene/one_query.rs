@@ -1,0 +1,79 @@
+//! One query of a scene: sealed once a scheme, and again with gravity where that is asked for; localized with every score.
+
+use std::path::Path;
+use std::time::Instant;
+
+use veiloc_features::{load_mask, mask_in};
+use veiloc_map::MapFile;
+use veiloc_obfuscation::audit::options_for;
+use veiloc_obfuscation::{ExtractError, extract, extract_masked};
+use veiloc_query::Scheme;
+use veiloc_results::{QueryResult, Variant};
+use veiloc_robust::State;
+
+use super::options::SceneEvaluation;
+use crate::error::EvalError;
+use crate::road::{AskedQuery, Upright, equipped, localize_sent, send};
+use crate::scores::scores_or_default;
+
+/// The results of a query, in the order of the table's rows.
+pub(super) fn localize_query(
+    map: &MapFile,
+    query: &AskedQuery,
+    upright: Option<&Upright>,
+    evaluation: &SceneEvaluation,
+) -> Result<Vec<QueryResult>, EvalError> {
+    let profile = map.profile();
+    let equipped = |scheme| {
+        equipped(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
+    };
+    let extraction = equipped(Scheme::default());
+    let started = Instant::now();
+    let (features, camera) = match &evaluation.masks {
+        Some(folder) => {
+            let mask = load_mask(&mask_in(folder, Path::new(&query.name))).map_err(ExtractError::from)?;
+            extract_masked(&query.path, &mask, &query.camera, profile, &extraction)?
+        }
+        None => extract(&query.path, &query.camera, profile, &extraction)?,
+    };
+    let extract_ms = started.elapsed().as_secs_f64() * 1e3;
+    let told: Vec<_> =
+        Upright::in_turn(upright, &query.name, query.truth.as_ref(), evaluation.seed).collect();
+    let mut results = Vec::new();
+    for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| told.iter().map(move |g| (s, *g))) {
+        let started = Instant::now();
+        let options = equipped(*scheme).with_gravity(gravity);
+        let sealed = send(&features, &camera, profile, &options, &query.name, evaluation.seed);
+        let seal_ms = started.elapsed().as_secs_f64() * 1e3;
+        for score in scores_or_default(&evaluation.scores) {
+            let mut result = match &sealed {
+                Ok(sent) => {
+                    let mut localize = evaluation.localize.clone();
+                    localize.pose.score = Some(score);
+                    localize_sent(map, &sent.bytes, query, *scheme, evaluation.sending, &localize)
+                }
+                Err(error) => {
+                    let mut unsealed = QueryResult::unsolved(&query.name, *scheme, score).because(error);
+                    unsealed.is_judged = query.truth.is_some();
+                    unsealed.state = Some(State::NotFound);
+                    unsealed
+                }
+            };
+            result.variant = Variant {
+                prior: evaluation.localize.use_prior,
+                fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
+                gravity: upright.map(|upright| match gravity {
+                    None => "none".to_owned(),
+                    Some(_) => upright.sd_deg().to_string(),
+                }),
+                ..Variant::default()
+            };
+            result.seed = evaluation.seed;
+            result.ms.insert("extract".to_owned(), extract_ms);
+            result.ms.insert("seal".to_owned(), seal_ms);
+            result.sealed_bytes = Some(sealed.as_ref().map_or(0, |sent| sent.bytes.len()));
+            results.push(result);
+        }
+    }
+    Ok(results)
+}

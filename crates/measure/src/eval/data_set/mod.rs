@@ -1,0 +1,11 @@
+//! `veiloc eval 7scenes`, `cambridge` and `aachen`: every place of a published data set, one after another.
+
+pub(super) mod aachen;
+pub(super) mod cambridge;
+mod options;
+mod run;
+pub(super) mod seven_scenes;
+mod submission;
+
+pub(super) use options::DataSetArgs;
+pub(super) use run::{DataSet, evaluate};

@@ -1,0 +1,190 @@
+//! The places of a data set, evaluated one after another, and the document of all of them.
+
+use veiloc_eval::road::Sending;
+use veiloc_eval::{SceneEvaluation, evaluate_scene};
+use veiloc_map::{PosedImage, PosedImages};
+use veiloc_places::{Place, PlaceError};
+use veiloc_results::tables::{Format, TableData, TableOptions, tables};
+use veiloc_results::{
+    DataSetEvaluation, Evaluation, PlaceFacts, PlaceQuery, PlaceSummary, QueryResult, RunFacts, summarize,
+    table,
+};
+use veiloc_robust::{AnchoredSolver, ScoreKind};
+
+use super::options::{DataSetArgs, cores};
+use crate::exit::{Exit, Failure, Outcome};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// A data set, as far as evaluating it goes.
+pub(in crate::eval) struct DataSet {
+    /// The command, as `eval 7scenes`.
+    pub(super) command: &'static str,
+    /// Bounds of recall, map units and degrees.
+    pub(super) thresholds: &'static [(f64, f64)],
+    /// The paper's inlier threshold for points, pixels.
+    pub(super) paper_max_error_px: f64,
+}
+
+/// Evaluates the places, and prints what came of them. Each is read when its turn comes.
+pub(in crate::eval) fn evaluate(
+    data_set: &DataSet,
+    places: &[String],
+    read: &dyn Fn(&str) -> Result<Place, PlaceError>,
+    args: &DataSetArgs,
+    ui: &Ui,
+) -> Result<(DataSetEvaluation, Exit), Failure> {
+    // All are read once before the first is computed: what is missing is told at once.
+    let places: Vec<Place> =
+        places.iter().map(|name| Ok(read(name)?)).collect::<Result<_, PlaceError>>().map_err(refused)?;
+    let mut document = DataSetEvaluation {
+        version: 1,
+        command: data_set.command,
+        data: places.iter().map(|place| place.name.clone()).collect(),
+        run: facts(args),
+        seed: args.pose.run.seed,
+        places: Vec::new(),
+        schemes: Vec::new(),
+        queries: Vec::new(),
+    };
+    for place in &places {
+        place.remarks.iter().for_each(|remark| ui.complain(format!("{}: {remark}", place.name)));
+        ui.say(format!(
+            "{}: {} images for the map, {} queries{}",
+            place.name,
+            place.mapped.images().len(),
+            place.queries.len(),
+            if place.is_official { "" } else { " (not the published place)" }
+        ));
+        let evaluation = scene_of(place, data_set, args)?;
+        let found = evaluate_scene(&evaluation, &Stages::new(ui))?;
+        add(&mut document, place, found, &evaluation);
+    }
+    let json = serde_json::to_string(&document)?;
+    let judged = TableData::parse(&json);
+    let text = match &judged {
+        Ok(data) => tables(
+            data,
+            &TableOptions {
+                format: Format::Markdown,
+                cells: None,
+                thresholds: args.thresholds(data_set.thresholds),
+                published: true,
+                draws: 2000,
+                seed: 0,
+            },
+        ),
+        // Nobody here knows the truth: what became of the queries is all there is to tell.
+        Err(_) => {
+            let parts = document.schemes.iter().map(|row| row.summary.clone()).collect::<Vec<_>>();
+            table(&parts)
+        }
+    };
+    args.json.print(&text, &document, ui)?;
+    let localized = document.schemes.iter().any(|row| row.summary.localized > 0);
+    Ok((document, if localized { Exit::Success } else { Exit::Refused }))
+}
+
+/// A data set that cannot be read, in words.
+pub(in crate::eval) fn refused(error: PlaceError) -> Failure {
+    Failure::with_help(error.to_string(), "see `docs/data-sets.md` for the layout of each data set")
+}
+
+/// Prints, as the commands end.
+pub(in crate::eval) fn outcome(found: Result<(DataSetEvaluation, Exit), Failure>) -> Outcome {
+    found.map(|(_, exit)| exit)
+}
+
+fn facts(args: &DataSetArgs) -> RunFacts {
+    RunFacts {
+        veiloc: env!("CARGO_PKG_VERSION").to_owned(),
+        command_line: std::env::args().skip(1).collect(),
+        system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        cores: cores(),
+        jobs: args.jobs(),
+    }
+}
+
+fn scene_of(place: &Place, data_set: &DataSet, args: &DataSetArgs) -> Result<SceneEvaluation, Failure> {
+    let known = place.queries.iter().filter_map(|query| {
+        Some(PosedImage {
+            name: query.name.clone(),
+            camera: query.camera,
+            cam_from_world: query.cam_from_world?,
+            seen: Vec::new(),
+        })
+    });
+    let images = place.mapped.images().iter().cloned().chain(known).collect();
+    let posed = PosedImages::new(images, place.mapped.points().to_vec()).map_err(|e| refused(e.into()))?;
+    let (known, unknown): (Vec<_>, Vec<_>) =
+        place.queries.iter().partition(|query| query.cam_from_world.is_some());
+    let mut localize = args.matching.options(&args.pose);
+    if args.paper {
+        localize.pose.score = Some(ScoreKind::Msac);
+        localize.pose.anchored_solver = Some(AnchoredSolver::P6lp);
+        localize.pose.max_error_px = data_set.paper_max_error_px;
+        localize.use_prior = false;
+    }
+    Ok(SceneEvaluation {
+        posed,
+        images: place.images.clone(),
+        map_list: place.mapped.names(),
+        query_list: known.iter().map(|query| query.name.clone()).collect(),
+        query_cameras: std::collections::BTreeMap::new(),
+        unposed: unknown.iter().map(|query| (query.name.clone(), query.camera)).collect(),
+        keep_map: None,
+        build: args.build()?,
+        schemes: args.schemes.clone(),
+        scores: localize.pose.score.into_iter().collect(),
+        thresholds: args.thresholds(data_set.thresholds),
+        localize,
+        gravity_sd_deg: None,
+        masks: None,
+        sending: Sending::Whole,
+        negatives: None,
+        seed: args.pose.run.seed,
+        work: args.work.as_ref().map(|folder| folder.join(&place.name)),
+        jobs: args.jobs(),
+    })
+}
+
+/// Adds what was found of a place.
+fn add(document: &mut DataSetEvaluation, place: &Place, found: Evaluation, evaluation: &SceneEvaluation) {
+    document.places.push(PlaceFacts {
+        name: place.name.clone(),
+        is_official: place.is_official,
+        queries: place.queries.len(),
+        remarks: place.remarks.clone(),
+        map: found.map,
+    });
+    let condition_of = |name: &str| {
+        let query = place.queries.iter().find(|query| query.name == name);
+        query.and_then(|query| query.condition.clone())
+    };
+    let mut conditions: Vec<Option<String>> = Vec::new();
+    for query in &place.queries {
+        if !conditions.contains(&query.condition) {
+            conditions.push(query.condition.clone());
+        }
+    }
+    // Rows of the table stand one after another, a query each.
+    let rows = found.queries.chunks(place.queries.len().max(1));
+    for (row, summary) in rows.zip(found.schemes) {
+        for condition in &conditions {
+            let own: Vec<&QueryResult> =
+                row.iter().filter(|query| condition_of(&query.name) == *condition).collect();
+            let summary =
+                if conditions.len() == 1 { summary.clone() } else { summarize(&own, &evaluation.thresholds) };
+            document.schemes.push(PlaceSummary {
+                place: place.name.clone(),
+                condition: condition.clone(),
+                summary,
+            });
+        }
+    }
+    document.queries.extend(found.queries.into_iter().map(|result| PlaceQuery {
+        place: Some(place.name.clone()),
+        condition: condition_of(&result.name),
+        result,
+    }));
+}

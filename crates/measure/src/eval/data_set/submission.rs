@@ -1,0 +1,47 @@
+//! Files of results as visuallocalization.net judges them.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use veiloc_results::DataSetEvaluation;
+
+use crate::exit::Failure;
+use crate::files;
+use crate::ui::Ui;
+
+/// Writes a file a scheme: of each query with a pose the name of its file, quaternion and translation, world to camera. Queries
+/// without one are left out, and count as not localized there.
+pub(super) fn write_submissions(path: &Path, document: &DataSetEvaluation, ui: &Ui) -> Result<(), Failure> {
+    let mut by_scheme: BTreeMap<&str, String> = BTreeMap::new();
+    let mut without: BTreeMap<&str, usize> = BTreeMap::new();
+    for query in &document.queries {
+        let result = &query.result;
+        let text = by_scheme.entry(&result.scheme).or_default();
+        let Some(pose) = &result.cam_from_world else {
+            *without.entry(&result.scheme).or_default() += 1;
+            continue;
+        };
+        let name = result.name.rsplit('/').next().unwrap_or(&result.name);
+        let [w, x, y, z] = pose.q;
+        let [tx, ty, tz] = pose.t;
+        writeln!(text, "{name} {w} {x} {y} {z} {tx} {ty} {tz}")
+            .expect("a string takes all that is written to it");
+    }
+    let one = by_scheme.len() == 1;
+    for (scheme, text) in &by_scheme {
+        let path = if one { path.to_owned() } else { named(path, scheme) };
+        files::write(&path, text.as_bytes())?;
+        let lost = without.get(scheme).map_or(String::new(), |n| format!("; {n} queries have no pose"));
+        ui.say(format!("{}: {} poses{lost}", path.display(), text.lines().count()));
+    }
+    Ok(())
+}
+
+/// `results.txt` becomes `results-dcl.txt`.
+fn named(path: &Path, scheme: &str) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().map_or(String::new(), |ending| format!(".{}", ending.to_string_lossy()));
+    let scheme = scheme.replace([':', '/', '='], "-");
+    path.with_file_name(format!("{stem}-{scheme}{ending}"))
+}

@@ -1,0 +1,195 @@
+//! Aachen Day-Night, v1 (a VisualSFM model) and v1.1 (a COLMAP model): `images_upright/`, `3D-models/`, `queries/`.
+//! Sattler et al., *Benchmarking 6DOF Outdoor Visual Localization in Changing Conditions*, CVPR 2018; Zhang et al.,
+//! *Reference Pose Generation for Long-term Visual Localization via Learned Features and View Synthesis*, IJCV 2021.
+//!
+//! Poses of its queries are not published: <https://www.visuallocalization.net> judges files of results.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_map::colmap::read_posed;
+use veiloc_map::{PosedImage, PosedImages};
+
+use crate::error::PlaceError;
+use crate::files::{Found, MissingImages, size};
+use crate::lines::{Line, read_text};
+use crate::nvm::read_nvm;
+use crate::official::is_whole;
+use crate::place::{Place, Query};
+use crate::radial;
+
+const GET: &str = "get it from https://www.visuallocalization.net/datasets/ (Aachen Day-Night)";
+
+/// A version of the data set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Version {
+    /// 4328 map images: `3D-models/aachen_cvpr2018_db.nvm`. The paper's.
+    V1,
+    /// 6697 map images: `3D-models/aachen_v_1_1/`.
+    V1_1,
+}
+
+impl FromStr for Version {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "1" | "v1" | "1.0" => Ok(Self::V1),
+            "1.1" | "v1.1" => Ok(Self::V1_1),
+            _ => Err(format!("{text:?} is no version; they are 1 and 1.1")),
+        }
+    }
+}
+
+impl Version {
+    /// The newest of which a model is there; the first one when there is none.
+    pub fn in_folder(root: &Path) -> Self {
+        if Self::V1_1.model(root).is_dir() { Self::V1_1 } else { Self::V1 }
+    }
+
+    fn model(self, root: &Path) -> PathBuf {
+        root.join("3D-models").join(match self {
+            Self::V1 => "aachen_cvpr2018_db.nvm",
+            Self::V1_1 => "aachen_v_1_1",
+        })
+    }
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::V1 => "aachen",
+            Self::V1_1 => "aachen-v1.1",
+        }
+    }
+}
+
+/// Conditions that queries are taken under, as their lists are named.
+pub const CONDITIONS: [&str; 2] = ["day", "night"];
+
+/// Reads the data set; `truth` are poses of queries by name, for copies of it whose poses are known ([`read_poses`]).
+///
+/// # Errors
+/// [`PlaceError`] naming what is missing and where users get it, or the line that is not what it should be.
+pub fn read(
+    root: &Path,
+    version: Version,
+    conditions: &[String],
+    truth: Option<&BTreeMap<String, CameraFromWorld>>,
+    missing: MissingImages,
+) -> Result<Place, PlaceError> {
+    let images = root.join("images_upright");
+    let mut found = Found::new(&images, missing);
+    let mut remarks = Vec::new();
+    let mapped = match version {
+        Version::V1 => by_nvm(&version.model(root), &images, &mut found, &mut remarks)?,
+        Version::V1_1 => by_colmap(&version.model(root), &mut found)?,
+    };
+    let mut queries = Vec::new();
+    for condition in conditions {
+        let path = root.join("queries").join(format!("{condition}_time_queries_with_intrinsics.txt"));
+        for (name, camera) in listed_queries(&path)? {
+            if let Some(there) = found.look_for(&name) {
+                let cam_from_world = truth.and_then(|truth| truth.get(&name)).copied();
+                queries.push(Query {
+                    name: there,
+                    camera,
+                    cam_from_world,
+                    condition: Some(condition.clone()),
+                });
+            }
+        }
+    }
+    remarks.extend(found.finish(GET)?);
+    let whole = is_whole("aachen", version.name(), mapped.images().len(), queries.len());
+    Ok(Place { name: version.name().to_owned(), images, mapped, queries, is_official: whole, remarks })
+}
+
+fn by_nvm(
+    path: &Path,
+    folder: &Path,
+    found: &mut Found,
+    remarks: &mut Vec<String>,
+) -> Result<PosedImages, PlaceError> {
+    if !path.is_file() {
+        let remedy = GET.to_owned();
+        return Err(PlaceError::Missing { path: path.to_owned(), what: "the model of v1", remedy });
+    }
+    let model = read_nvm(path)?;
+    remarks.extend(model.remark());
+    let mut images = Vec::new();
+    for known in &model.cameras {
+        let listed = known.name.strip_prefix("./").unwrap_or(&known.name);
+        let Some(name) = found.look_for(listed) else { continue };
+        let camera = radial::camera(known.focal, known.distortion, size(&folder.join(&name))?)
+            .map_err(|e| PlaceError::Unusable { path: path.to_owned(), reason: format!("{listed}: {e}") })?;
+        images.push(PosedImage {
+            name,
+            camera,
+            cam_from_world: known.cam_from_world,
+            seen: known.seen.clone(),
+        });
+    }
+    Ok(PosedImages::new(images, model.points)?)
+}
+
+fn by_colmap(path: &Path, found: &mut Found) -> Result<PosedImages, PlaceError> {
+    if !path.is_dir() {
+        let remedy = GET.to_owned();
+        return Err(PlaceError::Missing { path: path.to_owned(), what: "the model of v1.1", remedy });
+    }
+    let model = read_posed(path)?;
+    let mut images = Vec::new();
+    for image in model.images() {
+        if let Some(name) = found.look_for(&image.name) {
+            images.push(PosedImage { name, ..image.clone() });
+        }
+    }
+    Ok(PosedImages::new(images, model.points().to_vec())?)
+}
+
+/// A list of queries as hloc has it too, `name MODEL W H PARAMS…`.
+///
+/// # Errors
+/// [`PlaceError`] naming file and line.
+pub fn listed_queries(path: &Path) -> Result<Vec<(String, Intrinsics)>, PlaceError> {
+    let remedy = format!("{GET}, or ask for other conditions with --conditions");
+    let text = read_text(path, "the list of queries with their cameras", &remedy)?;
+    let mut queries: Vec<(String, Intrinsics)> = Vec::new();
+    for line in Line::all(path, &text) {
+        let [name, model, ..] = line.words[..] else {
+            return Err(line.fault("a query is its name and its camera"));
+        };
+        let (w, h) = (line.number(2, "the width")?, line.number(3, "the height")?);
+        let params: Vec<f64> = (4..line.words.len())
+            .map(|at| line.number(at, "a parameter of the camera"))
+            .collect::<Result<_, _>>()?;
+        let camera = Intrinsics::new(model, w, h, &params).map_err(|e| line.fault(e.to_string()))?;
+        queries.push((name.to_owned(), camera));
+    }
+    if queries.is_empty() {
+        let reason = format!("lists no query; {GET}");
+        return Err(PlaceError::Unusable { path: path.to_owned(), reason });
+    }
+    Ok(queries)
+}
+
+/// Poses of images as files of results have them, `name qw qx qy qz tx ty tz`, world to camera, by name.
+///
+/// # Errors
+/// [`PlaceError`] naming file and line.
+pub fn read_poses(path: &Path) -> Result<BTreeMap<String, CameraFromWorld>, PlaceError> {
+    let text = read_text(path, "the list of poses", "name another")?;
+    let mut poses = BTreeMap::new();
+    for line in Line::all(path, &text) {
+        let pose = CameraFromWorld::from_quaternion(
+            line.numbers(1, "the quaternion")?,
+            line.numbers(5, "the translation")?,
+        );
+        let pose = pose.ok_or_else(|| line.fault("the quaternion is no rotation"))?;
+        if poses.insert(line.words[0].to_owned(), pose).is_some() {
+            return Err(line.fault(format!("{} is there twice", line.words[0])));
+        }
+    }
+    Ok(poses)
+}

@@ -1,0 +1,163 @@
+//! Cambridge Landmarks: `<scene>/dataset_train.txt` and `dataset_test.txt` list images with their poses,
+//! `<scene>/reconstruction.nvm` has the cameras. Kendall et al., *PoseNet*, ICCV 2015.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_map::{PosedImage, PosedImages};
+
+use crate::error::PlaceError;
+use crate::files::{Found, MissingImages, size};
+use crate::lines::{Line, pose_at, read_text};
+use crate::nvm::{NvmModel, read_nvm};
+use crate::official::is_whole;
+use crate::place::{Place, Query};
+use crate::radial;
+
+const GET: &str =
+    "get the scene from https://www.repository.cam.ac.uk (Cambridge Landmarks) and unpack it whole";
+
+/// Scenes that the paper leaves out because of their many geometric outliers, as earlier works do.
+pub const LEFT_OUT: [&str; 2] = ["GreatCourt", "Street"];
+
+/// Names of the scenes in a folder: those that have both lists, by name.
+///
+/// # Errors
+/// [`PlaceError`] when the folder cannot be read, or holds none.
+pub fn scenes(root: &Path) -> Result<Vec<String>, PlaceError> {
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(root).map_err(PlaceError::io(root))? {
+        let entry = entry.map_err(PlaceError::io(root))?;
+        let has = |file: &str| entry.path().join(file).is_file();
+        if has("dataset_train.txt") && has("dataset_test.txt") {
+            names.push(entry.file_name().to_string_lossy().into_owned());
+        }
+    }
+    names.sort();
+    if names.is_empty() {
+        return Err(PlaceError::Missing {
+            path: root.to_owned(),
+            what: "a scene (a folder with dataset_train.txt and dataset_test.txt)",
+            remedy: GET.to_owned(),
+        });
+    }
+    Ok(names)
+}
+
+/// An image of a list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Listed {
+    /// Its name, relative to the scene's folder.
+    pub name: String,
+    /// Where it was taken.
+    pub cam_from_world: CameraFromWorld,
+}
+
+/// Reads a list: three lines of head, then `path x y z qw qx qy qz`, centre and the quaternion that turns the world into the
+/// camera. What stands before the scene's own folder in a path (`D:/…/GreatCourt/`) is of the authors' machine.
+///
+/// # Errors
+/// [`PlaceError`] naming file and line.
+pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, PlaceError> {
+    let text = read_text(path, "the list of its images", GET)?;
+    let mut listed = Vec::new();
+    for line in Line::all(path, &text) {
+        if line.words[0] == "Visual" || line.words[0].starts_with("ImageFile") {
+            continue;
+        }
+        let at = line.words.len().checked_sub(7).filter(|at| *at > 0);
+        let at = at.ok_or_else(|| line.fault("an image is its path, x y z and a quaternion"))?;
+        let path = line.words[..at].join(" ").replace('\\', "/");
+        let name = path.rsplit_once(&format!("/{scene}/")).map_or(path.as_str(), |(_, tail)| tail);
+        let pose = pose_at(line.numbers(at, "the position")?, line.numbers(at + 3, "the quaternion")?);
+        let cam_from_world = pose.ok_or_else(|| line.fault("the quaternion is no rotation"))?;
+        listed.push(Listed { name: name.to_owned(), cam_from_world });
+    }
+    if listed.is_empty() {
+        let reason = format!("lists no image; {GET}");
+        return Err(PlaceError::Unusable { path: path.to_owned(), reason });
+    }
+    Ok(listed)
+}
+
+/// Reads a scene. Cameras are those of its `reconstruction.nvm`, or `camera` for all images.
+///
+/// # Errors
+/// [`PlaceError`] naming what is missing and where users get it, or the line that is not what it should be.
+pub fn read_scene(
+    root: &Path,
+    scene: &str,
+    camera: Option<&Intrinsics>,
+    missing: MissingImages,
+) -> Result<Place, PlaceError> {
+    let folder = root.join(scene);
+    let lists = ["dataset_train.txt", "dataset_test.txt"].map(|file| read_list(&folder.join(file), scene));
+    let [mapped, queries] = lists;
+    let (mapped, queries) = (mapped?, queries?);
+    let model = match camera {
+        Some(_) => NvmModel::default(),
+        None => model(&folder)?,
+    };
+    let by_stem: BTreeMap<&str, usize> =
+        model.cameras.iter().enumerate().map(|(at, camera)| (stem(&camera.name), at)).collect();
+    let mut found = Found::new(&folder, missing);
+    let mut posed = |listed: &Listed| -> Result<Option<PosedImage>, PlaceError> {
+        let Some(name) = found.look_for(&listed.name) else { return Ok(None) };
+        let (camera, seen) = match camera {
+            Some(camera) => (*camera, Vec::new()),
+            None => {
+                let path = folder.join("reconstruction.nvm");
+                let known = by_stem.get(stem(&listed.name)).map(|at| &model.cameras[*at]);
+                let known = known.ok_or_else(|| PlaceError::Unusable {
+                    path: path.clone(),
+                    reason: format!("has no camera of {}; {GET}, or give --camera", listed.name),
+                })?;
+                let camera = radial::camera(known.focal, known.distortion, size(&folder.join(&name))?)
+                    .map_err(|e| PlaceError::Unusable { path, reason: format!("{}: {e}", listed.name) })?;
+                (camera, known.seen.clone())
+            }
+        };
+        Ok(Some(PosedImage { name, camera, cam_from_world: listed.cam_from_world, seen }))
+    };
+    let mut side = |listed: &[Listed]| -> Result<Vec<PosedImage>, PlaceError> {
+        listed.iter().filter_map(|image| posed(image).transpose()).collect()
+    };
+    let (mapped, queries) = (side(&mapped)?, side(&queries)?);
+    let mut remarks: Vec<String> = found.finish(GET)?.into_iter().collect();
+    remarks.extend(model.remark());
+    let counts = (mapped.len(), queries.len());
+    Ok(Place {
+        name: scene.to_owned(),
+        images: folder,
+        mapped: PosedImages::new(mapped, model.points)?,
+        queries: queries
+            .into_iter()
+            .map(|image| Query {
+                name: image.name,
+                camera: image.camera,
+                cam_from_world: Some(image.cam_from_world),
+                condition: None,
+            })
+            .collect(),
+        is_official: is_whole("cambridge", scene, counts.0, counts.1),
+        remarks,
+    })
+}
+
+fn model(folder: &Path) -> Result<NvmModel, PlaceError> {
+    let path = folder.join("reconstruction.nvm");
+    if !path.is_file() {
+        return Err(PlaceError::Missing {
+            path,
+            what: "the model, which has the focal lengths,",
+            remedy: format!("{GET}, or give all images one camera with --camera"),
+        });
+    }
+    read_nvm(&path)
+}
+
+/// A name without its ending: lists say `.png` where models say `.jpg`.
+fn stem(name: &str) -> &str {
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
+}

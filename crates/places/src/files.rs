@@ -1,0 +1,85 @@
+//! Files of images that lists name, whatever they were converted to.
+
+use std::path::{Path, PathBuf};
+
+use crate::error::PlaceError;
+
+/// What to do about images that a list names and that are not there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum MissingImages {
+    /// Nothing is read.
+    #[default]
+    Refuse,
+    /// They are left out, and counted in the place's remarks; the place is not the published one then.
+    LeaveOut,
+}
+
+/// Endings that images of the data sets were found with; the one of the list is tried first.
+const ENDINGS: [&str; 4] = ["png", "jpg", "jpeg", "JPG"];
+
+/// The name under which an image of a list is there, if it is: as listed, or with another ending.
+pub(crate) fn present(folder: &Path, name: &str) -> Option<String> {
+    let there = |name: &str| folder.join(name).is_file();
+    if there(name) {
+        return Some(name.to_owned());
+    }
+    let (stem, _) = name.rsplit_once('.')?;
+    ENDINGS.iter().map(|ending| format!("{stem}.{ending}")).find(|other| there(other))
+}
+
+/// Counts what a list names and what is there of it.
+#[derive(Debug)]
+pub(crate) struct Found {
+    folder: PathBuf,
+    policy: MissingImages,
+    named: usize,
+    missing: usize,
+    first: Option<String>,
+}
+
+impl Found {
+    pub(crate) fn new(folder: &Path, policy: MissingImages) -> Self {
+        Self { folder: folder.to_owned(), policy, named: 0, missing: 0, first: None }
+    }
+
+    /// The name under which an image is there.
+    pub(crate) fn look_for(&mut self, name: &str) -> Option<String> {
+        self.named += 1;
+        let found = present(&self.folder, name);
+        if found.is_none() {
+            self.missing += 1;
+            self.first.get_or_insert_with(|| name.to_owned());
+        }
+        found
+    }
+
+    /// Refuses what is missing, or says what was left out; `None` when all is there.
+    pub(crate) fn finish(self, get: &str) -> Result<Option<String>, PlaceError> {
+        let Some(first) = self.first else { return Ok(None) };
+        let (missing, named) = (self.missing, self.named);
+        match self.policy {
+            MissingImages::LeaveOut if missing < named => {
+                Ok(Some(format!("{missing} of {named} listed images are not there and were left out")))
+            }
+            MissingImages::LeaveOut | MissingImages::Refuse => Err(PlaceError::MissingImages {
+                folder: self.folder,
+                missing,
+                named,
+                first,
+                remedy: if missing < named {
+                    format!("{get}, or evaluate what is there with --available-only")
+                } else {
+                    get.to_owned()
+                },
+            }),
+        }
+    }
+}
+
+/// Width and height of an image, from its head.
+pub(crate) fn size(path: &Path) -> Result<(u32, u32), PlaceError> {
+    image::image_dimensions(path).map_err(|source| match source {
+        image::ImageError::IoError(source) => PlaceError::Io { path: path.to_owned(), source },
+        source => PlaceError::Image { path: path.to_owned(), source },
+    })
+}

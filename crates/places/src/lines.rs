@@ -1,0 +1,75 @@
+//! Lists of a data set, line by line, with errors that name the line.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use crate::error::PlaceError;
+
+/// A text file of the data set; when it is not there, the error says what it is and where users get it.
+pub(crate) fn read_text(path: &Path, what: &'static str, remedy: &str) -> Result<String, PlaceError> {
+    match std::fs::read(path) {
+        Ok(bytes) => String::from_utf8(bytes).map_err(|_| PlaceError::Unusable {
+            path: path.to_owned(),
+            reason: "is not text; get the file again".to_owned(),
+        }),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+            Err(PlaceError::Missing { path: path.to_owned(), what, remedy: remedy.to_owned() })
+        }
+        Err(e) => Err(PlaceError::io(path)(e)),
+    }
+}
+
+/// The words of a line, with what it takes to say what is wrong with them.
+pub(crate) struct Line<'a> {
+    pub(crate) path: &'a Path,
+    pub(crate) number: usize,
+    pub(crate) words: Vec<&'a str>,
+}
+
+impl<'a> Line<'a> {
+    /// All lines that hold something, numbered from 1.
+    pub(crate) fn all(path: &'a Path, text: &'a str) -> impl Iterator<Item = Self> {
+        let line = move |(number, line): (usize, &'a str)| Self {
+            path,
+            number,
+            words: line.split_whitespace().collect(),
+        };
+        (1..).zip(text.lines()).map(line).filter(|line| !line.words.is_empty())
+    }
+
+    /// A fault of this line.
+    pub(crate) fn fault(&self, reason: impl Into<String>) -> PlaceError {
+        PlaceError::line(self.path, self.number, reason)
+    }
+
+    /// The word at this place as a number.
+    pub(crate) fn number<T: FromStr>(&self, at: usize, what: &str) -> Result<T, PlaceError> {
+        let word = self.words.get(at).ok_or_else(|| self.fault(format!("{what} is missing")))?;
+        word.parse().map_err(|_| self.fault(format!("{what} is {word:?}, which is no number of its kind")))
+    }
+
+    /// `N` finite numbers from this place on.
+    pub(crate) fn numbers<const N: usize>(&self, from: usize, what: &str) -> Result<[f64; N], PlaceError> {
+        let mut numbers = [0.0; N];
+        for (k, number) in numbers.iter_mut().enumerate() {
+            *number = self.number(from + k, what)?;
+        }
+        if numbers.iter().any(|n: &f64| !n.is_finite()) {
+            return Err(self.fault(format!("{what} is not finite")));
+        }
+        Ok(numbers)
+    }
+}
+
+/// The pose of a camera of this centre that turns the world by a quaternion `w x y z`.
+pub(crate) fn pose_at(center: [f64; 3], wxyz: [f64; 4]) -> Option<CameraFromWorld> {
+    let q = Quaternion::new(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
+    if !q.norm().is_finite() || q.norm() < 1e-12 {
+        return None;
+    }
+    let rotation = UnitQuaternion::from_quaternion(q).to_rotation_matrix();
+    Some(CameraFromWorld::new(rotation, -(rotation * Vector3::from(center))))
+}

@@ -1,0 +1,141 @@
+//! VisualSFM's models (`.nvm`), as Aachen and Cambridge Landmarks bring them.
+//!
+//! Of each camera: `name focal qw qx qy qz cx cy cz distortion 0`, the quaternion turning the world into the camera (`x`
+//! right, `y` down), `c` its centre. Of each point: position, colour, and the cameras that see it. A file may hold several
+//! models, each in a world of its own. Format: C. Wu, VisualSFM documentation.
+
+use std::path::Path;
+
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::Point3;
+use veiloc_geometry::frames::World;
+
+use crate::error::PlaceError;
+use crate::lines::{Line, pose_at};
+
+/// Fields behind the name of a camera.
+const CAMERA_FIELDS: usize = 10;
+
+/// A camera of a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NvmCamera {
+    /// Name of its image.
+    pub name: String,
+    /// Focal length, pixels.
+    pub focal: f64,
+    /// `r` of `undistorted = measured (1 + r |measured|²)`, in units of the focal length.
+    pub distortion: f64,
+    /// Where it was taken.
+    pub cam_from_world: CameraFromWorld,
+    /// Which points it sees, ascending.
+    pub seen: Vec<u32>,
+}
+
+/// A model.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct NvmModel {
+    /// Its cameras, in the order of the file.
+    pub cameras: Vec<NvmCamera>,
+    /// Its points, model units.
+    pub points: Vec<Point3<World>>,
+    /// Cameras of further models in the file: they stand in other worlds, and are not read.
+    pub left_out: usize,
+}
+
+impl NvmModel {
+    /// What is to be said of further models in the file, if there are any.
+    pub(crate) fn remark(&self) -> Option<String> {
+        let n = self.left_out;
+        (n > 0).then(|| {
+            format!("{n} cameras of further models in the NVM file were left out: they stand in other worlds")
+        })
+    }
+}
+
+/// Reads the first model of a file.
+///
+/// # Errors
+/// [`PlaceError`] naming file and line: no NVM file, one with a fixed calibration, numbers that are none, a file that ends
+/// early, a point that is seen by a camera that is not there.
+pub fn read_nvm(path: &Path) -> Result<NvmModel, PlaceError> {
+    let bytes = std::fs::read(path).map_err(PlaceError::io(path))?;
+    // Names may be in any encoding; only those that are listed elsewhere are looked for.
+    parse(path, &String::from_utf8_lossy(&bytes))
+}
+
+/// The same of its text; `path` is what errors name.
+///
+/// # Errors
+/// As [`read_nvm`].
+pub fn parse(path: &Path, text: &str) -> Result<NvmModel, PlaceError> {
+    let mut lines = Line::all(path, text);
+    let early = |what: &str| PlaceError::Unusable {
+        path: path.to_owned(),
+        reason: format!("ends before its {what}; get the file again"),
+    };
+    let head = lines.next().ok_or_else(|| early("first line"))?;
+    if head.words[0] != "NVM_V3" {
+        return Err(head.fault("does not begin with NVM_V3, as VisualSFM's models do"));
+    }
+    if head.words.len() > 1 {
+        return Err(head.fault(
+            "has one calibration for all cameras, which is not read; write the model without FixedK",
+        ));
+    }
+    let mut model = NvmModel::default();
+    let count: usize =
+        lines.next().ok_or_else(|| early("number of cameras"))?.number(0, "the number of cameras")?;
+    for _ in 0..count {
+        model.cameras.push(camera(&lines.next().ok_or_else(|| early("cameras"))?)?);
+    }
+    let count: usize = lines.next().map_or(Ok(0), |line| line.number(0, "the number of points"))?;
+    for id in 0..count {
+        let line = lines.next().ok_or_else(|| early("points"))?;
+        let id = u32::try_from(id).map_err(|_| line.fault("there are more points than can be counted"))?;
+        let [x, y, z] = line.numbers(0, "a position")?;
+        model.points.push(Point3::new(x, y, z));
+        let seen: usize = line.number(6, "the number of measurements")?;
+        for k in 0..seen {
+            let camera: usize = line.number(7 + 4 * k, "a camera's number")?;
+            let camera = model
+                .cameras
+                .get_mut(camera)
+                .ok_or_else(|| line.fault(format!("is seen by camera {camera}, which is not there")))?;
+            if camera.seen.last() != Some(&id) {
+                camera.seen.push(id);
+            }
+        }
+    }
+    // Further models, each with its cameras and points; a 0 ends them, and behind it stands what only VisualSFM reads.
+    while let Some(line) = lines.next() {
+        let count: usize = line.number(0, "the number of cameras of the next model")?;
+        if count == 0 {
+            break;
+        }
+        model.left_out = model.left_out.saturating_add(count);
+        let mut rest = lines.by_ref().skip(count);
+        let points: usize = rest.next().map_or(Ok(0), |line| line.number(0, "the number of points"))?;
+        if points > 0 {
+            rest.nth(points - 1);
+        }
+    }
+    Ok(model)
+}
+
+fn camera(line: &Line<'_>) -> Result<NvmCamera, PlaceError> {
+    let at =
+        line.words.len().checked_sub(CAMERA_FIELDS).filter(|at| *at > 0).ok_or_else(|| {
+            line.fault("a camera is name, focal length, quaternion, centre, distortion and 0")
+        })?;
+    let [focal] = line.numbers(at, "the focal length")?;
+    let wxyz = line.numbers(at + 1, "the quaternion")?;
+    let center = line.numbers(at + 5, "the centre")?;
+    let [distortion] = line.numbers(at + 8, "the distortion")?;
+    Ok(NvmCamera {
+        name: line.words[..at].join(" "),
+        focal,
+        distortion,
+        cam_from_world: pose_at(center, wxyz).ok_or_else(|| line.fault("the quaternion is no rotation"))?,
+        seen: Vec::new(),
+    })
+}

@@ -1,0 +1,233 @@
+//! 7Scenes: `<scene>/TrainSplit.txt` and `TestSplit.txt` name sequences, `<scene>/seq-XX/frame-XXXXXX.color.png` are the
+//! images. Shotton et al., *Scene Coordinate Regression Forests for Camera Relocalization in RGB-D Images*, CVPR 2013.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use veiloc_geometry::nalgebra::{Matrix3, Vector3};
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_map::{PosedImage, PosedImages};
+
+use crate::error::PlaceError;
+use crate::files::{Found, MissingImages, size};
+use crate::lines::{Line, read_text};
+use crate::official::is_whole;
+use crate::place::{Place, Query};
+
+const GET: &str = "get the scene from https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes/ and \
+                   unpack its sequences";
+const GET_LISTS: &str = "get the lists `pgt/sfm/7scenes` of https://github.com/tsattler/visloc_pseudo_gt_limitations and \
+                         name their folder with --pseudo-ground-truth, or take the depth camera's poses with --poses depth";
+
+/// Focal length of the colour camera where nothing says it, pixels of images 640 wide: what evaluations of the depth camera's
+/// poses take.
+const FOCAL: f64 = 525.0;
+
+/// Whose poses are taken for true.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Truth {
+    /// The depth camera's, by KinectFusion: `frame-XXXXXX.pose.txt`. They are of the depth camera, beside the colour
+    /// camera that took the images, so that nobody's error is below some centimetres.
+    Depth,
+    /// Those of structure from motion, in lists `<scene>_train.txt` and `<scene>_test.txt` in this folder: the pseudo ground
+    /// truth of Brachmann et al., *On the Limits of Pseudo Ground Truth in Visual Camera Re-localisation*, ICCV 2021.
+    Sfm(PathBuf),
+}
+
+impl Truth {
+    /// The lists of structure from motion, in the folders where they are found beside the scenes: `pgt_sfm`, and `pgt/sfm/7scenes`
+    /// as their authors have it.
+    pub fn sfm_beside(root: &Path) -> Self {
+        let places = ["pgt_sfm", "pgt/sfm/7scenes"].map(|folder| root.join(folder));
+        let [first, _] = &places;
+        Self::Sfm(places.iter().find(|folder| folder.is_dir()).unwrap_or(first).clone())
+    }
+}
+
+/// Names of the scenes in a folder: those that have both splits, by name.
+///
+/// # Errors
+/// [`PlaceError`] when the folder cannot be read, or holds none.
+pub fn scenes(root: &Path) -> Result<Vec<String>, PlaceError> {
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(root).map_err(PlaceError::io(root))? {
+        let entry = entry.map_err(PlaceError::io(root))?;
+        let has = |file: &str| entry.path().join(file).is_file();
+        if has("TrainSplit.txt") && has("TestSplit.txt") {
+            names.push(entry.file_name().to_string_lossy().into_owned());
+        }
+    }
+    names.sort();
+    if names.is_empty() {
+        return Err(PlaceError::Missing {
+            path: root.to_owned(),
+            what: "a scene (a folder with TrainSplit.txt and TestSplit.txt)",
+            remedy: GET.to_owned(),
+        });
+    }
+    Ok(names)
+}
+
+/// Reads a scene.
+///
+/// # Errors
+/// [`PlaceError`] naming what is missing and where users get it, or the line that is not what it should be.
+pub fn read_scene(
+    root: &Path,
+    scene: &str,
+    truth: &Truth,
+    missing: MissingImages,
+) -> Result<Place, PlaceError> {
+    let folder = root.join(scene);
+    let mut found = Found::new(&folder, missing);
+    let mut sides = Vec::new();
+    let splits = [sequences(&folder.join("TrainSplit.txt"))?, sequences(&folder.join("TestSplit.txt"))?];
+    for (side, list) in ["train", "test"].into_iter().enumerate() {
+        sides.push(match truth {
+            Truth::Depth => by_depth(&folder, &splits[side], &mut found)?,
+            Truth::Sfm(lists) => {
+                let path = lists.join(format!("{scene}_{list}.txt"));
+                by_list(&path, &folder, &splits[1 - side], &mut found)?
+            }
+        });
+    }
+    let remarks = found.finish(GET)?.into_iter().collect();
+    let [mapped, queries] = <[Vec<PosedImage>; 2]>::try_from(sides).expect("two splits");
+    let counts = (mapped.len(), queries.len());
+    Ok(Place {
+        name: scene.to_owned(),
+        images: folder,
+        mapped: PosedImages::new(mapped, Vec::new())?,
+        queries: queries
+            .into_iter()
+            .map(|image| Query {
+                name: image.name,
+                camera: image.camera,
+                cam_from_world: Some(image.cam_from_world),
+                condition: None,
+            })
+            .collect(),
+        is_official: is_whole("7scenes", scene, counts.0, counts.1),
+        remarks,
+    })
+}
+
+/// The folders of the sequences of a split, which names them `sequence3` or `seq-03`.
+fn sequences(path: &Path) -> Result<BTreeSet<String>, PlaceError> {
+    let text = read_text(path, "the list of its sequences", GET)?;
+    let of = |line: Line<'_>| {
+        let name = line.words[0];
+        let number = name.strip_prefix("sequence").or_else(|| name.strip_prefix("seq-"));
+        let number = number.and_then(|n| n.parse::<u32>().ok());
+        let number =
+            number.ok_or_else(|| line.fault(format!("{name:?} is no sequence; one is written sequence3")))?;
+        Ok(format!("seq-{number:02}"))
+    };
+    Line::all(path, &text).map(of).collect()
+}
+
+/// All frames of these sequences, with the poses of the depth camera.
+fn by_depth(
+    folder: &Path,
+    sequences: &BTreeSet<String>,
+    found: &mut Found,
+) -> Result<Vec<PosedImage>, PlaceError> {
+    let mut cameras = Cameras::default();
+    let mut images = Vec::new();
+    for sequence in sequences {
+        let path = folder.join(sequence);
+        let mut frames = BTreeSet::new();
+        match std::fs::read_dir(&path) {
+            Ok(entries) => {
+                for entry in entries {
+                    let name = entry.map_err(PlaceError::io(&path))?.file_name();
+                    frames.extend(name.to_string_lossy().strip_suffix(".pose.txt").map(str::to_owned));
+                }
+            }
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
+            Err(e) => return Err(PlaceError::io(&path)(e)),
+        }
+        if frames.is_empty() {
+            found.look_for(&format!("{sequence}/frame-000000.color.png"));
+        }
+        for frame in frames {
+            let Some(name) = found.look_for(&format!("{sequence}/{frame}.color.png")) else { continue };
+            let camera = cameras.of(folder, &name, |width| FOCAL * f64::from(width) / 640.0)?;
+            let cam_from_world = depth_pose(&path.join(format!("{frame}.pose.txt")))?;
+            images.push(PosedImage { name, camera, cam_from_world, seen: Vec::new() });
+        }
+    }
+    Ok(images)
+}
+
+/// The inverse of the 4 × 4 matrix of a file, which takes the camera to the world.
+fn depth_pose(path: &Path) -> Result<CameraFromWorld, PlaceError> {
+    let text = read_text(path, "the pose of a frame", GET)?;
+    let unusable = |reason: &str| PlaceError::Unusable { path: path.to_owned(), reason: reason.to_owned() };
+    let rows = Line::all(path, &text).map(|line| line.numbers::<4>(0, "a number of the matrix"));
+    let rows: Vec<[f64; 4]> = rows.collect::<Result<_, _>>()?;
+    let [x, y, z, [0.0, 0.0, 0.0, 1.0]] = rows[..] else {
+        return Err(unusable("is no 4 × 4 matrix with 0 0 0 1 as its last row; get the sequence again"));
+    };
+    let turned = Matrix3::from_fn(|row, column| [x, y, z][row][column]);
+    let center = Vector3::new(x[3], y[3], z[3]);
+    // The rotation is rounded; the centre is kept as it is told.
+    CameraFromWorld::from_matrix(turned.transpose(), Vector3::zeros())
+        .map(|pose| CameraFromWorld::new(*pose.rotation(), -(pose.rotation() * center)))
+        .ok_or_else(|| unusable("turns by no rotation; leave the frame out, or get the sequence again"))
+}
+
+/// The images of a list of pseudo ground truth, `name qw qx qy qz tx ty tz focal`, world to camera; none of them may be of the
+/// other split's sequences.
+fn by_list(
+    path: &Path,
+    folder: &Path,
+    others: &BTreeSet<String>,
+    found: &mut Found,
+) -> Result<Vec<PosedImage>, PlaceError> {
+    let text = read_text(path, "the SfM pseudo ground truth", GET_LISTS)?;
+    let mut cameras = Cameras::default();
+    let mut images = Vec::new();
+    for line in Line::all(path, &text) {
+        let listed = line.words[0];
+        let sequence = listed.split('/').next().unwrap_or_default();
+        if others.contains(sequence) {
+            return Err(line.fault(format!(
+                "{listed} is of a sequence of the other split: map images would be queries; get lists and splits again"
+            )));
+        }
+        let (wxyz, t) = (line.numbers(1, "the quaternion")?, line.numbers(5, "the translation")?);
+        let [focal] = line.numbers(8, "the focal length")?;
+        let pose = CameraFromWorld::from_quaternion(wxyz, t);
+        let cam_from_world = pose.ok_or_else(|| line.fault("the quaternion is no rotation"))?;
+        let Some(name) = found.look_for(listed) else { continue };
+        let camera = cameras.of(folder, &name, |_| focal)?;
+        images.push(PosedImage { name, camera, cam_from_world, seen: Vec::new() });
+    }
+    // The lists are in no order.
+    images.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(images)
+}
+
+/// Sizes by sequence: all frames of a sequence have one.
+#[derive(Default)]
+struct Cameras(BTreeMap<String, (u32, u32)>);
+
+impl Cameras {
+    fn of(
+        &mut self,
+        folder: &Path,
+        name: &str,
+        focal: impl FnOnce(u32) -> f64,
+    ) -> Result<Intrinsics, PlaceError> {
+        let sequence = name.split('/').next().unwrap_or_default();
+        let path = folder.join(name);
+        let (w, h) = match self.0.get(sequence) {
+            Some(size) => *size,
+            None => *self.0.entry(sequence.to_owned()).or_insert(size(&path)?),
+        };
+        let params = [focal(w), f64::from(w) / 2.0, f64::from(h) / 2.0];
+        Intrinsics::new("SIMPLE_PINHOLE", w, h, &params)
+            .map_err(|e| PlaceError::Unusable { path, reason: e.to_string() })
+    }
+}

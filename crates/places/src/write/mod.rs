@@ -1,0 +1,126 @@
+//! A place written as a data set: the folders and lists that the readers of this crate, and others, read.
+
+mod aachen;
+mod cambridge;
+mod lists;
+mod seven_scenes;
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+
+use crate::error::PlaceError;
+use crate::radial;
+
+/// The layout of a data set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Layout {
+    /// 7Scenes, with both kinds of poses.
+    SevenScenes,
+    /// Cambridge Landmarks.
+    Cambridge,
+    /// Aachen Day-Night v1.
+    Aachen,
+    /// Aachen Day-Night v1.1.
+    AachenV1_1,
+}
+
+impl Layout {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::SevenScenes, Self::Cambridge, Self::Aachen, Self::AachenV1_1];
+
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SevenScenes => "7scenes",
+            Self::Cambridge => "cambridge",
+            Self::Aachen => "aachen",
+            Self::AachenV1_1 => "aachen-v1.1",
+        }
+    }
+}
+
+impl FromStr for Layout {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let known = Self::ALL.into_iter().find(|layout| layout.name() == text);
+        known.ok_or_else(|| {
+            format!("{text:?} is no layout; they are 7scenes, cambridge, aachen and aachen-v1.1")
+        })
+    }
+}
+
+/// A view of the place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// Where it is taken.
+    pub cam_from_world: CameraFromWorld,
+    /// What it is for.
+    pub role: Role,
+}
+
+/// What a view is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// The map is built from it.
+    Map,
+    /// A query.
+    Query,
+    /// A query in the dark, where the layout knows such; elsewhere it is like any other.
+    NightQuery,
+}
+
+/// A lens as a layout can say it, in pixels of an image of this size.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    /// Focal length, pixels.
+    pub focal: f64,
+    /// `r` of an NVM file; 0 for 7Scenes, whose lists have no lens.
+    pub distortion: f64,
+    /// Width and height, pixels.
+    pub size: (u32, u32),
+}
+
+impl Lens {
+    /// What a layout can say of an image of this size, with the field of view of the data set's own.
+    pub fn of(layout: Layout, size: (u32, u32)) -> Self {
+        let (focal, distortion) = match layout {
+            Layout::SevenScenes => (525.0 / 640.0, 0.0),
+            Layout::Cambridge => (1670.0 / 1920.0, 0.02),
+            Layout::Aachen | Layout::AachenV1_1 => (1084.59 / 1600.0, 0.0811),
+        };
+        Self { focal: focal * f64::from(size.0), distortion, size }
+    }
+
+    /// The camera that a reader makes of it.
+    ///
+    /// # Errors
+    /// [`PlaceError::Unusable`] for an image of no size.
+    pub fn camera(&self) -> Result<Intrinsics, PlaceError> {
+        radial::camera(self.focal, self.distortion, self.size)
+            .map_err(|e| PlaceError::Unusable { path: PathBuf::new(), reason: e.to_string() })
+    }
+}
+
+/// Writes the lists, and has the images saved: `save` is called once for each view, in their order, with the number of the
+/// view and the path of its file, whose folder is there.
+///
+/// # Errors
+/// [`PlaceError::Io`] naming the file, and what `save` answers.
+pub fn write(
+    layout: Layout,
+    root: &Path,
+    scene: &str,
+    lens: &Lens,
+    views: &[View],
+    save: &mut dyn FnMut(usize, &Path) -> Result<(), PlaceError>,
+) -> Result<(), PlaceError> {
+    match layout {
+        Layout::SevenScenes => seven_scenes::write(root, scene, lens, views, save),
+        Layout::Cambridge => cambridge::write(root, scene, lens, views, save),
+        Layout::Aachen => aachen::write(root, aachen::Model::Nvm, lens, views, save),
+        Layout::AachenV1_1 => aachen::write(root, aachen::Model::Colmap, lens, views, save),
+    }
+}
