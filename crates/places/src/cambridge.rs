@@ -104,19 +104,18 @@ pub fn read_scene(
     let mut found = Found::new(&folder, missing);
     let mut posed = |listed: &Listed| -> Result<Option<PosedImage>, PlaceError> {
         let Some(name) = found.look_for(&listed.name) else { return Ok(None) };
-        let (camera, seen) = match camera {
-            Some(camera) => (*camera, Vec::new()),
-            None => {
-                let path = folder.join("reconstruction.nvm");
-                let known = by_stem.get(stem(&listed.name)).map(|at| &model.cameras[*at]);
-                let known = known.ok_or_else(|| PlaceError::Unusable {
-                    path: path.clone(),
-                    reason: format!("has no camera of {}; {GET}, or give --camera", listed.name),
-                })?;
-                let camera = radial::camera(known.focal, known.distortion, size(&folder.join(&name))?)
-                    .map_err(|e| PlaceError::Unusable { path, reason: format!("{}: {e}", listed.name) })?;
-                (camera, known.seen.clone())
-            }
+        let (camera, seen) = if let Some(camera) = camera {
+            (*camera, Vec::new())
+        } else {
+            let path = folder.join("reconstruction.nvm");
+            let known = by_stem.get(stem(&listed.name)).map(|at| &model.cameras[*at]);
+            let known = known.ok_or_else(|| PlaceError::Unusable {
+                path: path.clone(),
+                reason: format!("has no camera of {}; {GET}, or give --camera", listed.name),
+            })?;
+            let camera = radial::camera(known.focal, known.distortion, size(&folder.join(&name))?)
+                .map_err(|e| PlaceError::Unusable { path, reason: format!("{}: {e}", listed.name) })?;
+            (camera, known.seen.clone())
         };
         Ok(Some(PosedImage { name, camera, cam_from_world: listed.cam_from_world, seen }))
     };

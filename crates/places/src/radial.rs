@@ -14,7 +14,7 @@ const RADII: usize = 64;
 /// The camera of an image of this size, centre in its middle, with the focal length (pixels) and the distortion of an NVM file.
 pub(crate) fn camera(focal: f64, distortion: f64, (w, h): (u32, u32)) -> Result<Intrinsics, IntrinsicsError> {
     let (cx, cy) = (f64::from(w) / 2.0, f64::from(h) / 2.0);
-    if distortion == 0.0 || !(focal > 0.0) {
+    if distortion == 0.0 || focal <= 0.0 {
         return Intrinsics::new("SIMPLE_PINHOLE", w, h, &[focal, cx, cy]);
     }
     let [k1, k2] = fitted(distortion, cx.hypot(cy) / focal);

@@ -1,6 +1,6 @@
 //! Documents that tables are made of: those of data sets and of single places.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
 use serde::Deserialize;
 
@@ -49,7 +49,9 @@ impl TableData {
         let mut queries = document.queries;
         let places = if document.places.is_empty() {
             let name = document.data.join(", ");
-            queries.iter_mut().for_each(|query| query.place = Some(name.clone()));
+            for query in &mut queries {
+                query.place = Some(name.clone());
+            }
             vec![(name, false)]
         } else {
             document.places.into_iter().map(|place| (place.name, place.is_official)).collect()
@@ -90,12 +92,12 @@ impl TableData {
 
     /// Columns: places, or conditions where the one place has such.
     pub(super) fn columns(&self) -> Vec<String> {
-        let conditions: BTreeMap<&str, ()> =
-            self.queries.iter().filter_map(|query| Some((query.condition.as_deref()?, ()))).collect();
+        let conditions: BTreeSet<&str> =
+            self.queries.iter().filter_map(|query| query.condition.as_deref()).collect();
         if conditions.is_empty() {
             self.places.iter().map(|(name, _)| name.clone()).collect()
         } else {
-            conditions.into_keys().map(str::to_owned).collect()
+            conditions.into_iter().map(str::to_owned).collect()
         }
     }
 

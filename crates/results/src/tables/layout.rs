@@ -56,7 +56,9 @@ impl Sheet {
         };
         let rule: Vec<String> = self.head.iter().map(|_| "---".to_owned()).collect();
         let mut out = format!("{}\n\n{}{}", self.title, line(&self.head), line(&rule).replace(' ', ""));
-        self.rows.iter().for_each(|row| out.push_str(&line(row)));
+        for row in &self.rows {
+            out.push_str(&line(row));
+        }
         for note in &self.notes {
             write!(out, "\n{note}\n").expect("a string takes all that is written to it");
         }
@@ -72,7 +74,9 @@ impl Sheet {
         out.push_str(&"c".repeat(self.head.len() - 1));
         write!(out, "}}\n\\toprule\n{}\\midrule\n", line(&self.head))
             .expect("a string takes all that is written to it");
-        self.rows.iter().for_each(|row| out.push_str(&line(row)));
+        for row in &self.rows {
+            out.push_str(&line(row));
+        }
         out.push_str("\\bottomrule\n\\end{tabular}\n");
         for note in &self.notes {
             writeln!(out, "% {note}").expect("a string takes all that is written to it");
@@ -86,7 +90,9 @@ impl Sheet {
             format!("{}\r\n", cells.join(","))
         };
         let mut out = line(&self.head);
-        self.rows.iter().for_each(|row| out.push_str(&line(row)));
+        for row in &self.rows {
+            out.push_str(&line(row));
+        }
         out
     }
 }

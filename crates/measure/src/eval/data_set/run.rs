@@ -36,7 +36,7 @@ pub(in crate::eval) fn evaluate(
 ) -> Result<(DataSetEvaluation, Exit), Failure> {
     // All are read once before the first is computed: what is missing is told at once.
     let places: Vec<Place> =
-        places.iter().map(|name| Ok(read(name)?)).collect::<Result<_, PlaceError>>().map_err(refused)?;
+        places.iter().map(|name| read(name)).collect::<Result<_, _>>().map_err(refused)?;
     let mut document = DataSetEvaluation {
         version: 1,
         command: data_set.command,
@@ -62,23 +62,20 @@ pub(in crate::eval) fn evaluate(
     }
     let json = serde_json::to_string(&document)?;
     let judged = TableData::parse(&json);
-    let text = match &judged {
-        Ok(data) => tables(
-            data,
-            &TableOptions {
-                format: Format::Markdown,
-                cells: None,
-                thresholds: args.thresholds(data_set.thresholds),
-                published: true,
-                draws: 2000,
-                seed: 0,
-            },
-        ),
+    let text = if let Ok(data) = &judged {
+        let options = TableOptions {
+            format: Format::Markdown,
+            cells: None,
+            thresholds: args.thresholds(data_set.thresholds),
+            published: true,
+            draws: 2000,
+            seed: 0,
+        };
+        tables(data, &options)
+    } else {
         // Nobody here knows the truth: what became of the queries is all there is to tell.
-        Err(_) => {
-            let parts = document.schemes.iter().map(|row| row.summary.clone()).collect::<Vec<_>>();
-            table(&parts)
-        }
+        let rows: Vec<_> = document.schemes.iter().map(|row| row.summary.clone()).collect();
+        table(&rows)
     };
     args.json.print(&text, &document, ui)?;
     let localized = document.schemes.iter().any(|row| row.summary.localized > 0);
