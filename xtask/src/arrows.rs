@@ -48,6 +48,7 @@ const ARROWS: &[(&str, &[&str])] = &[
         "eval",
         &[
             "datasets",
+            "descriptor",
             "features",
             "geometry",
             "localize",

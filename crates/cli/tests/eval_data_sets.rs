@@ -112,6 +112,26 @@ fn an_interruption_loses_no_query_and_tables_are_made_again() {
     assert_eq!(again.lines().count(), 3);
     let third = evaluated(&place, "7scenes", "--work work");
     assert_eq!(third["queries"], resumed["queries"], "nothing is computed a third time");
+    // An interruption while the map was built: features and matches are there, and the map is the same to the byte.
+    let map = || {
+        let files = fs::read_dir(place.path("work/room")).expect("a folder").flatten();
+        let maps = files.map(|file| file.path()).filter(|path| path.extension().is_some_and(|e| e == "vmap"));
+        maps.collect::<Vec<_>>().pop().expect("a map")
+    };
+    let (path, bytes) = (map(), fs::read(map()).expect("a map"));
+    let kept = || {
+        (
+            fs::read_dir(place.path("work/room/features")).expect("kept").count(),
+            place.read("work/room/matches.bin"),
+        )
+    };
+    let before = kept();
+    assert_eq!(before.0, 16, "an image each");
+    assert!(before.1.len() > 10_000);
+    fs::remove_file(&path).expect("removed");
+    assert_eq!(evaluated(&place, "7scenes", "--work work")["queries"], resumed["queries"]);
+    assert!(fs::read(&path).expect("built again") == bytes);
+    assert!(kept() == before, "nothing was extracted or matched again");
     // Other options, or another image, are other queries.
     evaluated(&place, "7scenes", "--work work --seed 7");
     assert_eq!(journal().lines().count(), 6);
@@ -131,6 +151,11 @@ fn an_interruption_loses_no_query_and_tables_are_made_again() {
         assert!(text.lines().any(|line| line.starts_with(begins)), "{text}");
         assert!(text.contains("Not the published data") || format == "csv", "{text}");
         assert!(!text.contains("DSAC"), "{text}");
+    }
+    place.run("eval tables results.json --plot plots").succeeded();
+    for plot in ["position.svg", "orientation.svg", "times.svg"] {
+        let svg = String::from_utf8(place.read(&format!("plots/{plot}"))).expect("text");
+        assert!(svg.contains("dcl") && svg.contains("</svg>"), "{plot}");
     }
     // Two runs on the same queries are compared, place by place.
     place.write("whole.json", whole.to_string());

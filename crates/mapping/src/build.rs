@@ -12,6 +12,7 @@ use crate::diagnose::{diagnose, explain};
 use crate::error::MappingError;
 use crate::extract::{Extracted, Found, Makers, extract_all};
 use crate::input::Input;
+use crate::kept_matches::KeptMatches;
 use crate::matching::{Edge, Edges, match_pairs};
 use crate::options::{BuildOptions, for_images};
 use crate::pairs::{MIN_SEEDS, Seeds, pairs_by_pose, pairs_by_seeds};
@@ -49,7 +50,14 @@ pub fn build(
     let settings = &for_images(&options.settings, images.len());
     let mut scene = Scene::of(&model, settings);
     let focus: Vec<u32> = (0..images.len() as u32).collect();
-    let edges = match_images(&scene, seeds_of(input.posed(), &images), &focus, settings, progress);
+    let edges = match_images(
+        &scene,
+        seeds_of(input.posed(), &images),
+        &focus,
+        settings,
+        input.kept_matches(),
+        progress,
+    );
     progress.start("Triangulating points", 1);
     grow(&mut scene, &edges.verified, settings);
     let points = scene.finish();
@@ -129,20 +137,24 @@ pub(crate) fn match_images(
     mut seeds: Seeds,
     focus: &[u32],
     settings: &BuildSettings,
+    kept: Option<&dyn KeptMatches>,
     progress: &dyn Progress,
 ) -> Edges {
     let descriptors: &[DescriptorView<'_>] = &scene.descriptors;
     let unknown: Vec<u32> = focus.iter().copied().filter(|i| seeds[*i as usize].len() < MIN_SEEDS).collect();
     let first = pairs_by_pose(&scene.views, &unknown);
     progress.start("Matching first pairs", first.len());
-    let mut edges = match_pairs(&first, &scene.views, descriptors, settings.max_ratio, progress);
+    let names: Option<Vec<[u8; 32]>> =
+        kept.map(|kept| descriptors.par_iter().map(|own| kept.name(*own)).collect());
+    let kept = kept.zip(names.as_deref());
+    let mut edges = match_pairs(&first, &scene.views, descriptors, settings.max_ratio, kept, progress);
     add_seeds(scene, &edges.verified, &mut seeds);
 
     let known: BTreeSet<(u32, u32)> = first.into_iter().collect();
     let mut pairs = pairs_by_seeds(&scene.views, &seeds, focus, settings.pairs_per_image as usize);
     pairs.retain(|p| !known.contains(p));
     progress.start("Matching pairs", pairs.len());
-    edges.extend(match_pairs(&pairs, &scene.views, descriptors, settings.max_ratio, progress));
+    edges.extend(match_pairs(&pairs, &scene.views, descriptors, settings.max_ratio, kept, progress));
     edges.sort();
     edges
 }

@@ -8,6 +8,7 @@ use veiloc_map::{PosedImage, PosedImages};
 
 use crate::bad_image::{BadImage, BadImages, BadReason};
 use crate::error::MappingError;
+use crate::kept_matches::KeptMatches;
 
 /// Images that are to be mapped: their poses, and the folder of their files.
 #[derive(Debug, Clone, Copy)]
@@ -18,6 +19,7 @@ pub struct Input<'a> {
     on_bad: OnBadImage,
     extractors: Option<&'a Extractors>,
     global: Option<&'a SharedGlobal>,
+    matches: Option<&'a dyn KeptMatches>,
 }
 
 /// What to do when an image cannot be used.
@@ -33,7 +35,15 @@ pub enum OnBadImage {
 impl<'a> Input<'a> {
     /// All images of `posed`, whose names are relative to `folder`; none of them may be bad.
     pub const fn new(posed: &'a PosedImages, folder: &'a Path) -> Self {
-        Self { posed, folder, names: None, on_bad: OnBadImage::Refuse, extractors: None, global: None }
+        Self {
+            posed,
+            folder,
+            names: None,
+            on_bad: OnBadImage::Refuse,
+            extractors: None,
+            global: None,
+            matches: None,
+        }
     }
 
     /// Only the images with these names, in their order.
@@ -59,6 +69,16 @@ impl<'a> Input<'a> {
     #[must_use]
     pub const fn with_global(self, global: &'a SharedGlobal) -> Self {
         Self { global: Some(global), ..self }
+    }
+
+    /// Where matches of pairs are kept, for builds that are done again or go on; images that join a map are matched anew.
+    #[must_use]
+    pub const fn with_kept_matches(self, matches: &'a dyn KeptMatches) -> Self {
+        Self { matches: Some(matches), ..self }
+    }
+
+    pub(crate) const fn kept_matches(&self) -> Option<&'a dyn KeptMatches> {
+        self.matches
     }
 
     pub(crate) const fn global(&self) -> Option<&'a SharedGlobal> {

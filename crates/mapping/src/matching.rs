@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
+use crate::kept_matches::KeptMatches;
 use crate::progress::Progress;
 use crate::triangulation::{Sight, nearest_to_both_rays};
 use crate::view::View;
@@ -42,12 +43,14 @@ impl Edges {
     }
 }
 
-/// Matches the pairs and checks what is found; in the order of the pairs whatever the threads do.
+/// Matches the pairs and checks what is found; in the order of the pairs whatever the threads do. `kept`: where matches are
+/// kept, and the name of each image's descriptors there.
 pub(crate) fn match_pairs(
     pairs: &[(u32, u32)],
     views: &[View],
     descriptors: &[DescriptorView<'_>],
     max_ratio: f32,
+    kept: Option<(&dyn KeptMatches, &[[u8; 32]])>,
     progress: &dyn Progress,
 ) -> Edges {
     let options = MatchOptions::default().with_mutual(true).with_max_ratio(Some(max_ratio));
@@ -55,7 +58,15 @@ pub(crate) fn match_pairs(
         .par_iter()
         .map(|&(i, j)| {
             let (a, b) = (i as usize, j as usize);
-            let matches = match_descriptors(descriptors[a], descriptors[b], &options);
+            let find = || match_descriptors(descriptors[a], descriptors[b], &options);
+            let matches = match kept {
+                Some((kept, names)) => kept.get(&names[a], &names[b], &options).unwrap_or_else(|| {
+                    let found = find();
+                    kept.keep(&names[a], &names[b], &options, &found);
+                    found
+                }),
+                None => find(),
+            };
             let relation = Epipolar::between(&views[a], &views[b]);
             let verified = matches
                 .iter()

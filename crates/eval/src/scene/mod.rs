@@ -96,11 +96,15 @@ fn place_map(
     if let Some(there) = kept.as_ref().and_then(|kept| kept.open()) {
         return there?.copied_to(keep);
     }
-    let input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
+    let mut input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
+    let keeping = work.map(|work| work.keeping_features(evaluation)).transpose()?;
+    if let Some(work) = work {
+        input = input.with_kept_matches(work.matches());
+    }
     let path = kept.as_ref().map(|kept| kept.path()).or(keep);
     let map = PlaceMap::build(
         &input,
-        &evaluation.build,
+        keeping.as_ref().unwrap_or(&evaluation.build),
         true,
         path,
         upright.map(|upright| upright.down()),
@@ -108,6 +112,7 @@ fn place_map(
     )?;
     match &kept {
         Some(kept) => {
+            work.map_or(Ok(()), |work| work.matches().finish())?;
             kept.remember(&map.summary)?;
             map.copied_to(keep)
         }

@@ -34,7 +34,7 @@ pub struct Args {
     /// them is hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
-    /// Folder for what is computed: the map, and the results of each query as soon as it is finished. A run that was interrupted
+    /// Folder for what is computed: features and matches of map images, the map, and the results of each query as soon as it is finished. A run that was interrupted
     /// goes on from there, and what the same images and options gave before is not computed again. Default: nothing is kept.
     #[arg(long, value_name = "DIR")]
     work: Option<PathBuf>,

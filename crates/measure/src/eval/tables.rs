@@ -2,10 +2,12 @@
 
 use std::path::PathBuf;
 
+use veiloc_report::plots::{self, ErrorAxis};
 use veiloc_results::metrics::Threshold;
 use veiloc_results::tables::{Cells, Format, TableData, TableOptions, tables};
 
 use crate::exit::{Exit, Failure, Outcome};
+use crate::files;
 use crate::ui::Ui;
 
 /// Tables as papers print them, of what an evaluation found.
@@ -35,6 +37,9 @@ pub struct Args {
     /// Leave the figures of others out.
     #[arg(long)]
     ours_only: bool,
+    /// Draw position.svg, orientation.svg (the share of queries within a bound) and times.svg into this folder.
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
     /// Draws of the bootstrap behind the intervals.
     #[arg(long, default_value_t = 2000, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
     draws: u32,
@@ -65,5 +70,17 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         seed: args.seed,
     };
     ui.print(tables(&data, &options));
+    if let Some(folder) = &args.plot {
+        files::make_folder(folder)?;
+        let drawn = [
+            ("position.svg", plots::errors(&data, ErrorAxis::Position)?),
+            ("orientation.svg", plots::errors(&data, ErrorAxis::Orientation)?),
+            ("times.svg", plots::times(&data)?),
+        ];
+        for (name, svg) in drawn {
+            files::write(&folder.join(name), svg.as_bytes())?;
+        }
+        ui.say(format!("{}: position.svg, orientation.svg, times.svg", folder.display()));
+    }
     Ok(Exit::Success)
 }

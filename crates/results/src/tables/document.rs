@@ -7,6 +7,19 @@ use serde::Deserialize;
 use super::TablesError;
 use crate::data_set::{PlaceFacts, PlaceQuery};
 use crate::document::QueryResult;
+use crate::metrics::median;
+use crate::table::STAGES;
+
+/// Errors of the queries of one row in one column.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ErrorCurve {
+    /// The place, or the condition.
+    pub place: String,
+    /// The row.
+    pub row: String,
+    /// Of each query: of the position, map units, and of the orientation, degrees; infinite without a pose.
+    pub errors: Vec<(f64, f64)>,
+}
 
 /// What tables need of a document.
 #[derive(Debug, Clone)]
@@ -108,6 +121,38 @@ impl TableData {
         };
         let results = self.queries.iter().filter(of_column).map(|query| &query.result);
         results.filter(|result| self.row_of(result) == row).collect()
+    }
+
+    /// The errors of every row in every column, as far as they are judged.
+    pub fn error_curves(&self) -> Vec<ErrorCurve> {
+        let rows = self.rows();
+        let of_column = |place: String| {
+            let of_row = move |row: &String| {
+                let errors = self.cell(row, &place).into_iter().map(|result| {
+                    let error = result.pose_error();
+                    (error.translation, error.rotation_deg)
+                });
+                ErrorCurve { place: place.clone(), row: row.clone(), errors: errors.collect() }
+            };
+            rows.iter().map(of_row).collect::<Vec<_>>()
+        };
+        let all = self.columns().into_iter().flat_map(of_column);
+        all.filter(|curve| !curve.errors.is_empty()).collect()
+    }
+
+    /// Median milliseconds of each stage of every row, over all places; stages without a time are left out.
+    pub fn stage_times(&self) -> Vec<(String, Vec<(&'static str, f64)>)> {
+        let of_row = |row: String| {
+            let results: Vec<&QueryResult> =
+                self.columns().iter().flat_map(|column| self.cell(&row, column)).collect();
+            let stages = STAGES.into_iter().filter_map(|stage| {
+                let times: Vec<f64> =
+                    results.iter().filter_map(|result| result.ms.get(stage).copied()).collect();
+                (!times.is_empty()).then(|| (stage, median(&times)))
+            });
+            (row, stages.collect())
+        };
+        self.rows().into_iter().map(of_row).collect()
     }
 
     /// Whether every place is the published one.

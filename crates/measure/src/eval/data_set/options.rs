@@ -32,7 +32,7 @@ pub(in crate::eval) struct DataSetArgs {
     /// 7Scenes, 18 for Cambridge, 8 for Aachen; lines divided by √2). Default: the likelihood, as in service.
     #[arg(long, conflicts_with_all = ["score", "solver", "max_error"])]
     pub(super) paper: bool,
-    /// Folder for what is computed: maps, and the results of each query as soon as it is finished. A run that was interrupted
+    /// Folder for what is computed: features and matches of map images, maps, and the results of each query as soon as it is finished. A run that was interrupted
     /// goes on from there, and what the same images and options gave before is not computed again. Default: nothing is kept.
     #[arg(long, value_name = "DIR")]
     pub(super) work: Option<PathBuf>,
