@@ -89,6 +89,8 @@ fn draw(
             .configure_mesh()
             .x_desc(unit)
             .y_desc("queries within, %")
+            .y_label_formatter(&|share| format!("{share:.0}"))
+            .x_label_formatter(&|error| format!("{error}"))
             .light_line_style(TRANSPARENT)
             .draw()
             .map_err(fault)?;
@@ -113,7 +115,7 @@ fn draw(
         }
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::LowerRight)
+            .position(SeriesLabelPosition::UpperLeft)
             .background_style(WHITE.mix(0.8))
             .label_font(("sans-serif", 11))
             .draw()

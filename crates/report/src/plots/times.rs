@@ -13,7 +13,9 @@ const BAR: u32 = 34;
 /// # Errors
 /// [`PlotError::Nothing`] when the document has none.
 pub fn plot(data: &TableData) -> Result<String, PlotError> {
-    let rows = data.stage_times();
+    // The axis counts upward, and the first row stands at the top.
+    let mut rows = data.stage_times();
+    rows.reverse();
     let longest = rows.iter().map(|(_, stages)| stages.iter().map(|s| s.1).sum::<f64>()).fold(0.0, f64::max);
     if longest <= 0.0 {
         return Err(PlotError::Nothing("no times to draw"));
@@ -32,7 +34,7 @@ fn draw(rows: &[(String, Vec<(&'static str, f64)>)], longest: f64, text: &mut St
         .margin(8)
         .x_label_area_size(36)
         .y_label_area_size(150)
-        .build_cartesian_2d(0.0..1.05 * longest, (0..count.saturating_sub(1)).into_segmented())
+        .build_cartesian_2d(0.0..1.25 * longest, (0..count.saturating_sub(1)).into_segmented())
         .map_err(fault)?;
     let name = |at: &SegmentValue<usize>| match at {
         SegmentValue::CenterOf(at) => rows.get(*at).map(|row| row.0.clone()).unwrap_or_default(),
@@ -40,6 +42,7 @@ fn draw(rows: &[(String, Vec<(&'static str, f64)>)], longest: f64, text: &mut St
     };
     chart
         .configure_mesh()
+        .x_label_formatter(&|ms| format!("{ms}"))
         .disable_y_mesh()
         .light_line_style(TRANSPARENT)
         .x_desc("ms of a query, median of each stage")
