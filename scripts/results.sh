@@ -4,7 +4,7 @@
 #     VEILOC_DATA=../shared/data scripts/results.sh > results.txt
 set -euo pipefail
 cd "$(dirname "$0")/.."
-: "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
+: "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real images}"
 
 cargo build --release --quiet
 veiloc() {
@@ -31,10 +31,30 @@ echo "# The collapse: both scores for dcl at equal hypotheses, without the prior
 scene redkitchen --schemes dcl --scores msac,likelihood --hypotheses 1000 --no-prior --thresholds 0.05/5
 scene herzjesu --schemes dcl --scores msac,likelihood --hypotheses 1000 --no-prior --thresholds 0.1/2,0.25/5
 
-echo
-echo "# An imported COLMAP model"
 out="$(mktemp -d)"
 trap 'rm -rf "$out"' EXIT
+
+echo
+echo "# The paper's ablations"
+for place in redkitchen herzjesu; do
+    scene $place --schemes points,random-lines,dcl,dcl:s=2,dcl:s=3,dcl:horizontal --json "$out/$place.json" > /dev/null
+    veiloc eval tables "$out/$place.json" | sed "s|$out/||g"
+    for other in dcl:s=2 dcl:s=3 dcl:horizontal; do
+        veiloc eval compare "$out/$place.json" "$out/$place.json" --row dcl --against $other | sed "s|$out/||g"
+    done
+done
+
+echo
+echo "# A rendered place in the layout of each data set"
+for layout in 7scenes cambridge aachen aachen-v1.1; do
+    veiloc synth export --layout $layout --out "$out/$layout" | sed "s|$out/||g"
+    truth=()
+    case $layout in aachen*) truth=(--truth "$out/$layout/queries/poses.txt") ;; esac
+    veiloc eval ${layout%-v1.1} --root "$out/$layout" --jobs 1 "${truth[@]}" | sed "s|$out/||g"
+done
+
+echo
+echo "# An imported COLMAP model"
 veiloc map import --model "$VEILOC_DATA/lund-door/sparse" --images "$VEILOC_DATA/lund-door/images" -o "$out/lund.vmap" \
     | sed "s|$out/||g"
 
