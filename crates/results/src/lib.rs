@@ -4,6 +4,7 @@
 //! - [`DataSetEvaluation`]: the same of the places of a data set; [`tables`]: its tables as papers print them.
 //! - [`comparison`]: two runs on the same queries, with intervals.
 //! - [`metrics`]: pose errors, recall, medians. [`coverage`]: errors against covariances. [`chi_squared`].
+//! - [`pose_lines`]: poses as lines of other programs' files (hloc, visuallocalization.net, TUM).
 //! - [`text_table`]: tables that fit a terminal.
 //! - [`Hypotheses`]: how many samples a search may draw, as people write it.
 #![forbid(unsafe_code)]
@@ -15,6 +16,7 @@ mod data_set;
 mod document;
 mod hypotheses;
 pub mod metrics;
+pub mod pose_lines;
 pub mod state;
 mod summary;
 mod table;

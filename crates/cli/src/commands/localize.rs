@@ -1,18 +1,24 @@
 //! `veiloc localize`: sealed queries to poses, each trusted, doubtful or not found.
 
+mod document;
+mod from_images;
 mod rig;
+mod written;
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
 use veiloc_geometry::Point3;
-use veiloc_localize::{GravityUse, Localization, LocalizeError, LocalizeOptions, localize};
+use veiloc_localize::{LocalizeError, LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_query::{PositionHint, SealedQuery};
-use veiloc_results::PoseDocument;
-use veiloc_robust::{Confidence, PositionPrior, State};
+use veiloc_robust::{PositionPrior, State};
 
+use self::document::{
+    Document, ErrorDocument, NoPoseKind, Query, Status, UNUSED_GRAVITY, found_query, lost_query,
+    not_localized, table, withheld,
+};
+use self::from_images::ImageArgs;
+use self::written::{Answered, WrittenArgs};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::items::{self, Fault, FaultKind, Item, SEALED, SkipArgs, Tally};
@@ -30,19 +36,26 @@ use veiloc_arguments::localization_args::{MatchArgs, PoseArgs};
 /// doubtful, else with 0.
 ///
 /// With `--rig` the queries of a session give one pose of the device that took them.
+///
+/// With `--queries LIST --images DIR` both sides run here: each image of the list is sealed as a device does it, and what it would
+/// send is localized. Poses go to files of other programs with `--out-hloc`, `--out-submission`, `--out-colmap` and `--out-tum`:
+/// doubtful ones too, unless `--trusted-only` is given.
 #[derive(clap::Args)]
+#[command(mut_args(from_images::tie_to_list))]
 pub(crate) struct Args {
     /// The map.
     #[arg(long, value_name = "FILE")]
     map: PathBuf,
     /// Sealed queries, as `veiloc seal` writes them; folders, of which all `.vquery` files in them and in their
     /// sub-folders are taken; `-` for one from stdin.
-    #[arg(required_unless_present = "rig", value_name = "SEALED|FOLDER")]
+    #[arg(required_unless_present_any = ["rig", "list"], value_name = "SEALED|FOLDER")]
     queries: Vec<PathBuf>,
     /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
     /// with the deviations of that (docs/json.md). One pose of the device for all.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["queries", "skip_bad"])]
     rig: Option<PathBuf>,
+    #[command(flatten)]
+    images: ImageArgs,
     #[command(flatten)]
     pose: PoseArgs,
     #[command(flatten)]
@@ -55,135 +68,12 @@ pub(crate) struct Args {
     #[arg(long)]
     trusted_only: bool,
     #[command(flatten)]
+    written: WrittenArgs,
+    #[command(flatten)]
     skip: SkipArgs,
     /// Print one JSON document to stdout, with what became of every query.
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Serialize)]
-struct Document {
-    version: u32,
-    map: String,
-    localized: usize,
-    not_localized: usize,
-    failed: usize,
-    queries: Vec<Query>,
-}
-
-/// What became of a query.
-#[derive(Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Status {
-    /// It has a pose; whether to trust it is said beside it.
-    Localized,
-    /// It was read, and no pose was found.
-    NotLocalized,
-    /// The file could not be used.
-    Failed,
-}
-
-/// What stands for gravity that took no part, because the map does not know which way is down.
-const UNUSED_GRAVITY: &str = "unused";
-
-/// Why a query has no pose, for programs.
-#[derive(Clone, Copy, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum NoPoseKind {
-    /// Too few matches agree.
-    NoPose,
-    /// It was sealed for another map, or for an older state of this one.
-    WrongProfile,
-    /// The map holds nothing to localize in.
-    EmptyMap,
-    /// There is a doubtful pose, and trusted ones only are wanted.
-    Withheld,
-}
-
-/// Why a query has no pose.
-#[derive(Serialize)]
-#[serde(untagged)]
-enum ErrorDocument {
-    NotLocalized { kind: NoPoseKind, message: String },
-    Failed(Fault),
-}
-
-impl ErrorDocument {
-    fn message(&self) -> &str {
-        match self {
-            Self::NotLocalized { message, .. } => message,
-            Self::Failed(fault) => &fault.message,
-        }
-    }
-}
-
-#[derive(Serialize)]
-struct Query {
-    file: String,
-    status: Status,
-    /// What the answer is worth.
-    state: &'static str,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    cam_from_world: Option<PoseDocument>,
-    /// Projection centre in the map, map units.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    center: Option<[f64; 3]>,
-    /// Standard deviation of the centre in its least certain direction, map units: the ± of the text.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    position_sd: Option<f64>,
-    /// Rows and columns: a rotation vector `w` about the camera's axes (radians), then a vector `v` along them (map
-    /// units), of `R' = exp(w) R`, `t' = exp(w) t + v`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    covariance: Option<[[f64; 6]; 6]>,
-    /// Standard deviation that the agreeing rows show, pixels of the query's camera.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    noise_px: Option<f64>,
-    /// Estimated focal length over the one the query names.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    focal_scale: Option<f64>,
-    /// What became of the direction of gravity that the query tells; absent when it tells none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    gravity: Option<&'static str>,
-    /// Whether nothing speaks against the pose, and what does.
-    trusted: bool,
-    doubts: Vec<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    confidence: Option<ConfidenceDocument>,
-    inliers: usize,
-    matches: usize,
-    hypotheses: usize,
-    ms: BTreeMap<&'static str, f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    error: Option<ErrorDocument>,
-}
-
-/// What speaks for and against a pose; see `veiloc_robust::Confidence`.
-#[derive(Serialize)]
-struct ConfidenceDocument {
-    /// Natural logarithm of the evidence against chance.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    log_evidence: Option<f64>,
-    /// Log likelihood by which the pose beats the best other one; absent when no other was found.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    margin: Option<f64>,
-    /// Standard deviation of the camera centre in its least certain direction, map units.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    center_sd: Option<f64>,
-    /// Standard deviation of the orientation about its least certain axis, degrees.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rotation_sd_deg: Option<f64>,
-}
-
-impl ConfidenceDocument {
-    fn of(confidence: &Confidence) -> Self {
-        let finite = |x: f64| x.is_finite().then_some(x);
-        Self {
-            log_evidence: finite(confidence.log_evidence),
-            margin: finite(confidence.margin),
-            center_sd: finite(confidence.center_sd),
-            rotation_sd_deg: finite(confidence.rotation_sd_deg),
-        }
-    }
 }
 
 pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
@@ -199,16 +89,30 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         return rig::run(&args.map, rig, &options, args.trusted_only, args.json, ui);
     }
     let map = MapFile::open(&args.map)?;
-    let items = items::gather(&args.queries, &SEALED);
+    let sealing = args.images.read(&map, ui)?;
+    let items = match &sealing {
+        Some(sealing) => sealing.items(),
+        None => items::gather(&args.queries, &SEALED),
+    };
+    args.written.check(&items, sealing.is_some())?;
     let mut tally = Tally::begin("localized", &items, ui);
     let stage = (items.len() > 1).then(|| ui.stage("Localizing", items.len() as u64));
-    let mut queries = Vec::new();
-    for item in &items {
-        let query = answer(item, &map, &options, args.trusted_only);
+    let (mut queries, mut cameras) = (Vec::new(), Vec::new());
+    for (index, item) in items.iter().enumerate() {
+        let (file, sealed, camera) = match &sealing {
+            Some(sealing) => {
+                let sealed = sealing.seal(index)?;
+                let camera = sealed.as_ref().ok().map(|(_, camera)| *camera);
+                (item.name().to_owned(), sealed.map(|(query, _)| query), camera)
+            }
+            None => (item.path.display().to_string(), read_sealed(item), None),
+        };
+        let query = answer(file, sealed, &map, &options, args.trusted_only);
         if let Some(ErrorDocument::Failed(fault)) = &query.error {
             tally.failed(&query.file, fault);
         }
         queries.push(query);
+        cameras.push(camera);
         if let Some(stage) = &stage {
             stage.advance(1);
         }
@@ -216,6 +120,12 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(stage) = &stage {
         stage.finish();
     }
+    let poses = items.iter().zip(&queries).zip(&cameras).map(|((item, query), camera)| Answered {
+        name: written::name_of(item, sealing.is_some()),
+        pose: query.cam_from_world,
+        camera: *camera,
+    });
+    args.written.write(&poses.collect::<Vec<_>>(), ui)?;
     let count = |status| queries.iter().filter(|q| q.status == status).count();
     let document = Document {
         version: 2,
@@ -250,35 +160,25 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     })
 }
 
-impl Query {
-    /// Whether it has a pose that something speaks against.
-    fn is_doubtful(&self) -> bool {
-        self.status == Status::Localized && !self.trusted
-    }
-
-    /// Whether it was read, and cannot be used here: it is for another map.
-    fn is_refused(&self) -> bool {
-        matches!(self.error, Some(ErrorDocument::NotLocalized { kind: NoPoseKind::WrongProfile, .. }))
-    }
-}
-
-/// What there is to say of one file.
-fn answer(item: &Item, map: &MapFile, options: &LocalizeOptions, trusted_only: bool) -> Query {
-    let file = item.path.display().to_string();
-    let found = match &item.fault {
-        Some(fault) => Err(ErrorDocument::Failed(fault.clone())),
-        None => decode(&item.path).map_err(ErrorDocument::Failed).and_then(|query| {
-            localize(&query, map, options).map_err(|error| match error {
-                LocalizeError::WrongProfile { .. } | LocalizeError::Frame { .. } => {
-                    not_localized(NoPoseKind::WrongProfile, &error)
-                }
-                LocalizeError::EmptyMap => not_localized(NoPoseKind::EmptyMap, &error),
-                LocalizeError::NoPose { .. } | LocalizeError::Stopped => {
-                    not_localized(NoPoseKind::NoPose, &error)
-                }
-            })
-        }),
-    };
+/// What there is to say of one query: what is called `file`, and the sealed query or why there is none.
+fn answer(
+    file: String,
+    sealed: Result<SealedQuery, Fault>,
+    map: &MapFile,
+    options: &LocalizeOptions,
+    trusted_only: bool,
+) -> Query {
+    let found = sealed.map_err(ErrorDocument::Failed).and_then(|query| {
+        localize(&query, map, options).map_err(|error| match error {
+            LocalizeError::WrongProfile { .. } | LocalizeError::Frame { .. } => {
+                not_localized(NoPoseKind::WrongProfile, &error)
+            }
+            LocalizeError::EmptyMap => not_localized(NoPoseKind::EmptyMap, &error),
+            LocalizeError::NoPose { .. } | LocalizeError::Stopped => {
+                not_localized(NoPoseKind::NoPose, &error)
+            }
+        })
+    });
     match found {
         Ok(found) if trusted_only && found.state != State::Trusted => withheld(found_query(file, &found)),
         Ok(found) => found_query(file, &found),
@@ -286,8 +186,12 @@ fn answer(item: &Item, map: &MapFile, options: &LocalizeOptions, trusted_only: b
     }
 }
 
-fn not_localized(kind: NoPoseKind, error: &LocalizeError) -> ErrorDocument {
-    ErrorDocument::NotLocalized { kind, message: error.to_string() }
+/// The sealed query of a file.
+fn read_sealed(item: &Item) -> Result<SealedQuery, Fault> {
+    match &item.fault {
+        Some(fault) => Err(fault.clone()),
+        None => decode(&item.path),
+    }
 }
 
 fn decode(path: &Path) -> Result<SealedQuery, Fault> {
@@ -296,120 +200,4 @@ fn decode(path: &Path) -> Result<SealedQuery, Fault> {
         let remedy = "seal the image again with `veiloc seal`, and send the file unchanged";
         Fault::new(FaultKind::Damaged, format_args!("{e}; {remedy}"))
     })
-}
-
-fn found_query(file: String, found: &Localization) -> Query {
-    let pose = &found.cam_from_world;
-    let c = pose.center().coords;
-    Query {
-        file,
-        status: Status::Localized,
-        state: name_of(found.state),
-        cam_from_world: Some(PoseDocument::of(pose)),
-        center: Some([c.x, c.y, c.z]),
-        position_sd: Some(found.confidence.center_sd),
-        covariance: Some(found.covariance),
-        noise_px: Some(found.noise_px),
-        focal_scale: Some(found.focal_scale),
-        gravity: match found.gravity {
-            GravityUse::NotTold => None,
-            GravityUse::Used => Some("used"),
-            GravityUse::MapDoesNotKnow => Some(UNUSED_GRAVITY),
-        },
-        trusted: found.confidence.is_trusted(),
-        doubts: found.confidence.doubts().iter().map(ToString::to_string).collect(),
-        confidence: Some(ConfidenceDocument::of(&found.confidence)),
-        inliers: found.inliers,
-        matches: found.matches,
-        hypotheses: found.hypotheses,
-        ms: [
-            ("retrieve", found.times.retrieve_ms),
-            ("match", found.times.match_ms),
-            ("pose", found.times.pose_ms),
-        ]
-        .into(),
-        error: None,
-    }
-}
-
-/// The same without its pose, and everything that is said of the pose but what speaks against it.
-fn withheld(query: Query) -> Query {
-    let message = format!(
-        "its pose is withheld: {}; send another frame of the same session, or move on by a step or more first",
-        query.doubts.join("; ")
-    );
-    Query {
-        status: Status::NotLocalized,
-        cam_from_world: None,
-        center: None,
-        position_sd: None,
-        covariance: None,
-        error: Some(ErrorDocument::NotLocalized { kind: NoPoseKind::Withheld, message }),
-        ..query
-    }
-}
-
-const fn name_of(state: State) -> &'static str {
-    match state {
-        State::Trusted => "trusted",
-        State::Doubtful => "doubtful",
-        State::NotFound => "not-found",
-    }
-}
-
-fn lost_query(file: String, error: ErrorDocument) -> Query {
-    let status = match error {
-        ErrorDocument::NotLocalized { .. } => Status::NotLocalized,
-        ErrorDocument::Failed(_) => Status::Failed,
-    };
-    Query {
-        file,
-        status,
-        state: name_of(State::NotFound),
-        cam_from_world: None,
-        center: None,
-        position_sd: None,
-        covariance: None,
-        noise_px: None,
-        focal_scale: None,
-        gravity: None,
-        trusted: false,
-        doubts: Vec::new(),
-        confidence: None,
-        inliers: 0,
-        matches: 0,
-        hypotheses: 0,
-        ms: BTreeMap::new(),
-        error: Some(error),
-    }
-}
-
-/// A line for each query that was answered; files that could not be used are told on stderr.
-fn table(document: &Document) -> String {
-    use std::fmt::Write as _;
-    let answered = || document.queries.iter().filter(|q| q.status != Status::Failed);
-    let width = answered().map(|q| q.file.chars().count()).max().unwrap_or(0);
-    let mut text = String::new();
-    for q in answered() {
-        let state = q.state;
-        let _ = match (&q.center, &q.error) {
-            (Some([x, y, z]), _) => {
-                let sd = q.position_sd.unwrap_or(f64::INFINITY);
-                let total: f64 = q.ms.values().sum();
-                writeln!(
-                    text,
-                    "{:<width$}  {state:<9}  at ({x:.3}, {y:.3}, {z:.3}) ± {sd:.4}  {} of {} matches agree  {total:.0} ms{}",
-                    q.file,
-                    q.inliers,
-                    q.matches,
-                    if q.trusted { String::new() } else { format!("  {}", q.doubts.join("; ")) },
-                )
-            }
-            (None, error) => {
-                let why = error.as_ref().map_or("not localized", ErrorDocument::message);
-                writeln!(text, "{:<width$}  {state:<9}  {why}", q.file)
-            }
-        };
-    }
-    text
 }

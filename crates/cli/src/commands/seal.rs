@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_client::{Mask, Orientation, SealImageError, SealedImage, SessionFile, seal_image, seal_masked};
 use veiloc_features::FeatureError;
+use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::SealOptions;
 use veiloc_query::{FocalKnowledge, Profile};
 
@@ -75,10 +76,13 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
 }
 
 /// One image sealed.
-struct Sealed {
+pub(crate) struct Sealed {
     /// How well its focal length is known.
     focal: FocalKnowledge,
-    bytes: Vec<u8>,
+    /// Its camera.
+    pub(crate) camera: Intrinsics,
+    /// What a device sends.
+    pub(crate) bytes: Vec<u8>,
     /// Keypoints found in the image.
     found: usize,
     /// Rows sent.
@@ -86,14 +90,14 @@ struct Sealed {
 }
 
 /// The session that images are frames of, and how the camera was held.
-struct InSession<'a> {
+pub(crate) struct InSession<'a> {
     file: &'a mut SessionFile,
     held: Orientation,
 }
 
 /// Seals one image, all a device does with it. What is wrong with the image is a fault of it; a session that cannot be kept ends
 /// the command.
-fn seal_one(
+pub(crate) fn seal_one(
     path: &Path,
     camera: CameraSource,
     profile: &Profile,
@@ -121,7 +125,7 @@ fn seal_one(
     match sealed {
         Ok(SealedImage { query, keypoints }) => {
             let (bytes, sent) = (query.encode(), query.len());
-            Ok(Ok(Sealed { focal: known.focal, bytes, found: keypoints, sent }))
+            Ok(Ok(Sealed { focal: known.focal, camera: *camera, bytes, found: keypoints, sent }))
         }
         Err(SealImageError::Extract(error)) => Ok(Err(fault_of(&error))),
         Err(SealImageError::Seal { source, .. }) => Ok(Err(Fault::new(FaultKind::Unfit, source))),

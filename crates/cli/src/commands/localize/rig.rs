@@ -11,7 +11,7 @@ use veiloc_query::SealedFrame;
 use veiloc_results::PoseDocument;
 use veiloc_robust::State;
 
-use super::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
+use super::document::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
 use crate::commands::rig_file;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;

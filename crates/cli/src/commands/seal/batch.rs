@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use veiloc_client::SessionFile;
 use veiloc_features::mask_in;
-use veiloc_obfuscation::{KnownCamera, SealOptions};
+use veiloc_obfuscation::SealOptions;
 use veiloc_query::Profile;
 
 use super::{Args, InSession, Sealed, seal_one};
+use crate::commands::listed::images_of_list;
 use crate::commands::mask_args::{HiddenPart, Hiding};
 use crate::exit::{Failure, Outcome};
 use crate::files;
@@ -248,40 +249,11 @@ fn images(args: &Args) -> Result<Vec<(Item, CameraSource)>, Failure> {
     if args.images.iter().any(|path| files::is_standard(path)) {
         return Err(Failure::with_help("-: images are not read from stdin", "give a file or a folder"));
     }
-    let camera = args.device.camera(args.camera.as_ref())?;
     let Some(list) = &args.list else {
+        let camera = args.device.camera(args.camera.as_ref())?;
         return Ok(items::gather(&args.images, &IMAGES).into_iter().map(|item| (item, camera)).collect());
     };
-    let folder = lists::one_folder(&args.images)?;
-    let (cameras, names): (Vec<CameraSource>, Vec<String>) = lists::read_with_cameras(list)?
-        .into_iter()
-        .map(|listed| {
-            let at = || format!("{}: line {}: {}", list.display(), listed.line, listed.name);
-            let inside = |c| matches!(c, std::path::Component::Normal(_) | std::path::Component::CurDir);
-            if !Path::new(&listed.name).components().all(inside) {
-                return Err(Failure::with_help(
-                    format!("{} leads out of {}", at(), folder.display()),
-                    "name images relative to the folder given, without `..`",
-                ));
-            }
-            let camera = match (listed.camera, &args.camera) {
-                (Some(intrinsics), None) => {
-                    CameraSource::Given(KnownCamera { intrinsics, focal: args.device.known_of_given() })
-                }
-                (None, _) => camera,
-                (Some(_), Some(_)) => {
-                    return Err(Failure::with_help(
-                        format!("{} has a camera of its own, and --camera is given too", at()),
-                        "leave out --camera, or give a list of names only",
-                    ));
-                }
-            };
-            Ok((camera, listed.name))
-        })
-        .collect::<Result<Vec<_>, Failure>>()?
-        .into_iter()
-        .unzip();
-    Ok(items::listed(folder, names.iter().map(String::as_str)).into_iter().zip(cameras).collect())
+    images_of_list(list, lists::one_folder(&args.images)?, &args.device, args.camera.as_ref())
 }
 
 /// Two images of one name would overwrite each other's query.

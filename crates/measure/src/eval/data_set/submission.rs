@@ -1,10 +1,10 @@
 //! Files of results as visuallocalization.net judges them.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use veiloc_results::DataSetEvaluation;
+use veiloc_results::pose_lines::{base_name, hloc_line};
 
 use crate::exit::Failure;
 use crate::files;
@@ -22,11 +22,14 @@ pub(super) fn write_submissions(path: &Path, document: &DataSetEvaluation, ui: &
             *without.entry(&result.scheme).or_default() += 1;
             continue;
         };
-        let name = result.name.rsplit('/').next().unwrap_or(&result.name);
-        let [w, x, y, z] = pose.q;
-        let [tx, ty, tz] = pose.t;
-        writeln!(text, "{name} {w} {x} {y} {z} {tx} {ty} {tz}")
-            .expect("a string takes all that is written to it");
+        let line = hloc_line(base_name(&result.name), pose).ok_or_else(|| {
+            Failure::with_help(
+                format!("{}: its name has white space, which ends a name in a file of results", result.name),
+                "give the image another name",
+            )
+        })?;
+        text.push_str(&line);
+        text.push('\n');
     }
     let one = by_scheme.len() == 1;
     for (scheme, text) in &by_scheme {

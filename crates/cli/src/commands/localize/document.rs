@@ -1,0 +1,268 @@
+//! What `veiloc localize` says of each query: its document, and its lines for people.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use veiloc_localize::{GravityUse, Localization, LocalizeError};
+use veiloc_results::PoseDocument;
+use veiloc_robust::{Confidence, State};
+
+use crate::items::Fault;
+
+/// The document of `veiloc localize --json`.
+#[derive(Serialize)]
+pub(super) struct Document {
+    pub(super) version: u32,
+    pub(super) map: String,
+    pub(super) localized: usize,
+    pub(super) not_localized: usize,
+    pub(super) failed: usize,
+    pub(super) queries: Vec<Query>,
+}
+
+/// What became of a query.
+#[derive(Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Status {
+    /// It has a pose; whether to trust it is said beside it.
+    Localized,
+    /// It was read, and no pose was found.
+    NotLocalized,
+    /// The file could not be used.
+    Failed,
+}
+
+/// What stands for gravity that took no part, because the map does not know which way is down.
+pub(super) const UNUSED_GRAVITY: &str = "unused";
+
+/// Why a query has no pose, for programs.
+#[derive(Clone, Copy, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum NoPoseKind {
+    /// Too few matches agree.
+    NoPose,
+    /// It was sealed for another map, or for an older state of this one.
+    WrongProfile,
+    /// The map holds nothing to localize in.
+    EmptyMap,
+    /// There is a doubtful pose, and trusted ones only are wanted.
+    Withheld,
+}
+
+/// Why a query has no pose.
+#[derive(Serialize)]
+#[serde(untagged)]
+pub(super) enum ErrorDocument {
+    NotLocalized { kind: NoPoseKind, message: String },
+    Failed(Fault),
+}
+
+impl ErrorDocument {
+    pub(super) fn message(&self) -> &str {
+        match self {
+            Self::NotLocalized { message, .. } => message,
+            Self::Failed(fault) => &fault.message,
+        }
+    }
+}
+
+#[derive(Serialize)]
+pub(super) struct Query {
+    pub(super) file: String,
+    pub(super) status: Status,
+    /// What the answer is worth.
+    pub(super) state: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) cam_from_world: Option<PoseDocument>,
+    /// Projection centre in the map, map units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) center: Option<[f64; 3]>,
+    /// Standard deviation of the centre in its least certain direction, map units: the ± of the text.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) position_sd: Option<f64>,
+    /// Rows and columns: a rotation vector `w` about the camera's axes (radians), then a vector `v` along them (map
+    /// units), of `R' = exp(w) R`, `t' = exp(w) t + v`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) covariance: Option<[[f64; 6]; 6]>,
+    /// Standard deviation that the agreeing rows show, pixels of the query's camera.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) noise_px: Option<f64>,
+    /// Estimated focal length over the one the query names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) focal_scale: Option<f64>,
+    /// What became of the direction of gravity that the query tells; absent when it tells none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) gravity: Option<&'static str>,
+    /// Whether nothing speaks against the pose, and what does.
+    pub(super) trusted: bool,
+    pub(super) doubts: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) confidence: Option<ConfidenceDocument>,
+    pub(super) inliers: usize,
+    pub(super) matches: usize,
+    pub(super) hypotheses: usize,
+    pub(super) ms: BTreeMap<&'static str, f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) error: Option<ErrorDocument>,
+}
+
+/// What speaks for and against a pose; see `veiloc_robust::Confidence`.
+#[derive(Serialize)]
+pub(super) struct ConfidenceDocument {
+    /// Natural logarithm of the evidence against chance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    log_evidence: Option<f64>,
+    /// Log likelihood by which the pose beats the best other one; absent when no other was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    margin: Option<f64>,
+    /// Standard deviation of the camera centre in its least certain direction, map units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    center_sd: Option<f64>,
+    /// Standard deviation of the orientation about its least certain axis, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rotation_sd_deg: Option<f64>,
+}
+
+impl ConfidenceDocument {
+    pub(super) fn of(confidence: &Confidence) -> Self {
+        let finite = |x: f64| x.is_finite().then_some(x);
+        Self {
+            log_evidence: finite(confidence.log_evidence),
+            margin: finite(confidence.margin),
+            center_sd: finite(confidence.center_sd),
+            rotation_sd_deg: finite(confidence.rotation_sd_deg),
+        }
+    }
+}
+
+impl Query {
+    /// Whether it has a pose that something speaks against.
+    pub(super) fn is_doubtful(&self) -> bool {
+        self.status == Status::Localized && !self.trusted
+    }
+
+    /// Whether it was read, and cannot be used here: it is for another map.
+    pub(super) fn is_refused(&self) -> bool {
+        matches!(self.error, Some(ErrorDocument::NotLocalized { kind: NoPoseKind::WrongProfile, .. }))
+    }
+}
+
+pub(super) fn not_localized(kind: NoPoseKind, error: &LocalizeError) -> ErrorDocument {
+    ErrorDocument::NotLocalized { kind, message: error.to_string() }
+}
+
+pub(super) fn found_query(file: String, found: &Localization) -> Query {
+    let pose = &found.cam_from_world;
+    let c = pose.center().coords;
+    Query {
+        file,
+        status: Status::Localized,
+        state: name_of(found.state),
+        cam_from_world: Some(PoseDocument::of(pose)),
+        center: Some([c.x, c.y, c.z]),
+        position_sd: Some(found.confidence.center_sd),
+        covariance: Some(found.covariance),
+        noise_px: Some(found.noise_px),
+        focal_scale: Some(found.focal_scale),
+        gravity: match found.gravity {
+            GravityUse::NotTold => None,
+            GravityUse::Used => Some("used"),
+            GravityUse::MapDoesNotKnow => Some(UNUSED_GRAVITY),
+        },
+        trusted: found.confidence.is_trusted(),
+        doubts: found.confidence.doubts().iter().map(ToString::to_string).collect(),
+        confidence: Some(ConfidenceDocument::of(&found.confidence)),
+        inliers: found.inliers,
+        matches: found.matches,
+        hypotheses: found.hypotheses,
+        ms: [
+            ("retrieve", found.times.retrieve_ms),
+            ("match", found.times.match_ms),
+            ("pose", found.times.pose_ms),
+        ]
+        .into(),
+        error: None,
+    }
+}
+
+/// The same without its pose, and everything that is said of the pose but what speaks against it.
+pub(super) fn withheld(query: Query) -> Query {
+    let message = format!(
+        "its pose is withheld: {}; send another frame of the same session, or move on by a step or more first",
+        query.doubts.join("; ")
+    );
+    Query {
+        status: Status::NotLocalized,
+        cam_from_world: None,
+        center: None,
+        position_sd: None,
+        covariance: None,
+        error: Some(ErrorDocument::NotLocalized { kind: NoPoseKind::Withheld, message }),
+        ..query
+    }
+}
+
+pub(super) const fn name_of(state: State) -> &'static str {
+    match state {
+        State::Trusted => "trusted",
+        State::Doubtful => "doubtful",
+        State::NotFound => "not-found",
+    }
+}
+
+pub(super) fn lost_query(file: String, error: ErrorDocument) -> Query {
+    let status = match error {
+        ErrorDocument::NotLocalized { .. } => Status::NotLocalized,
+        ErrorDocument::Failed(_) => Status::Failed,
+    };
+    Query {
+        file,
+        status,
+        state: name_of(State::NotFound),
+        cam_from_world: None,
+        center: None,
+        position_sd: None,
+        covariance: None,
+        noise_px: None,
+        focal_scale: None,
+        gravity: None,
+        trusted: false,
+        doubts: Vec::new(),
+        confidence: None,
+        inliers: 0,
+        matches: 0,
+        hypotheses: 0,
+        ms: BTreeMap::new(),
+        error: Some(error),
+    }
+}
+
+/// A line for each query that was answered; files that could not be used are told on stderr.
+pub(super) fn table(document: &Document) -> String {
+    use std::fmt::Write as _;
+    let answered = || document.queries.iter().filter(|q| q.status != Status::Failed);
+    let width = answered().map(|q| q.file.chars().count()).max().unwrap_or(0);
+    let mut text = String::new();
+    for q in answered() {
+        let state = q.state;
+        let _ = match (&q.center, &q.error) {
+            (Some([x, y, z]), _) => {
+                let sd = q.position_sd.unwrap_or(f64::INFINITY);
+                let total: f64 = q.ms.values().sum();
+                writeln!(
+                    text,
+                    "{:<width$}  {state:<9}  at ({x:.3}, {y:.3}, {z:.3}) ± {sd:.4}  {} of {} matches agree  {total:.0} ms{}",
+                    q.file,
+                    q.inliers,
+                    q.matches,
+                    if q.trusted { String::new() } else { format!("  {}", q.doubts.join("; ")) },
+                )
+            }
+            (None, error) => {
+                let why = error.as_ref().map_or("not localized", ErrorDocument::message);
+                writeln!(text, "{:<width$}  {state:<9}  {why}", q.file)
+            }
+        };
+    }
+    text
+}

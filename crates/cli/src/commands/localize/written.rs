@@ -1,0 +1,155 @@
+//! Poses of queries, written for other programs.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use veiloc_geometry::Intrinsics;
+use veiloc_map::colmap::{ColmapImage, ColmapModel, write_binary, write_text};
+use veiloc_results::PoseDocument;
+use veiloc_results::pose_lines::{base_name, hloc_line, tum_line, tum_stamps};
+
+use crate::exit::Failure;
+use crate::files;
+use crate::items::Item;
+use crate::ui::Ui;
+
+/// Files of poses.
+#[derive(clap::Args)]
+pub(super) struct WrittenArgs {
+    /// Write the poses as hloc's file of results: `name qw qx qy qz tx ty tz`, world to camera, in the order of the list, under its
+    /// names; of sealed queries their paths without `.vquery`. Queries without a pose are left out. Default: not written.
+    #[arg(long, value_name = "FILE")]
+    out_hloc: Option<PathBuf>,
+    /// Write the poses as visuallocalization.net judges them: as --out-hloc, with the names of the files alone. Default: not
+    /// written.
+    #[arg(long, value_name = "FILE")]
+    out_submission: Option<PathBuf>,
+    /// Write the images of the list that have a pose as a COLMAP model, cameras as they were given, without points. Default: not
+    /// written.
+    #[arg(long, value_name = "DIR", requires = "list")]
+    out_colmap: Option<PathBuf>,
+    /// Write COLMAP's text files in the place of the binary ones.
+    #[arg(long, requires = "out_colmap")]
+    text: bool,
+    /// Write the poses as a TUM trajectory: `time tx ty tz qx qy qz qw`, camera to world. The time is the number in each file's
+    /// name where all are named by seconds with a point, else the index in the list. Default: not written.
+    #[arg(long, value_name = "FILE")]
+    out_tum: Option<PathBuf>,
+}
+
+/// What became of a query.
+pub(super) struct Answered {
+    pub(super) name: String,
+    pub(super) pose: Option<PoseDocument>,
+    /// Of the image as it was taken, where it was sealed here.
+    pub(super) camera: Option<Intrinsics>,
+}
+
+/// What a query is called in files of poses: by its image's name, as far as it is known.
+pub(super) fn name_of(item: &Item, is_image: bool) -> String {
+    let name = item.name();
+    if is_image { name } else { name.strip_suffix(".vquery").unwrap_or(name) }.to_owned()
+}
+
+impl WrittenArgs {
+    /// Refuses, before the work, names that files of poses cannot hold.
+    ///
+    /// # Errors
+    /// A name with white space, or two images of one name.
+    pub(super) fn check(&self, items: &[Item], are_images: bool) -> Result<(), Failure> {
+        if let Some(out) = self.files().find(|path| files::is_standard(path)) {
+            return Err(Failure::with_help(
+                format!("{}: stdout is for the answers", out.display()),
+                "name a file; ./- is one of this name",
+            ));
+        }
+        let mut seen = BTreeSet::new();
+        let called = items.iter().map(|item| name_of(item, are_images));
+        for name in called.filter(|_| self.out_hloc.is_some() || self.out_submission.is_some()) {
+            let of_file = base_name(&name);
+            let said = if self.out_hloc.is_some() { &name } else { of_file };
+            if said.contains(char::is_whitespace) {
+                return Err(Failure::with_help(
+                    format!("{name:?} has white space, which ends a name in a file of results"),
+                    "leave it out of the list, or give the image another name",
+                ));
+            }
+            if self.out_submission.is_some() && !seen.insert(of_file.to_owned()) {
+                return Err(Failure::with_help(
+                    format!("two queries are called {of_file}, and a submission has names of files alone"),
+                    "write --out-hloc, which has whole names, or localize them in two calls",
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn files(&self) -> impl Iterator<Item = &Path> {
+        [&self.out_hloc, &self.out_submission, &self.out_colmap, &self.out_tum]
+            .into_iter()
+            .filter_map(|path| path.as_deref())
+    }
+
+    /// Writes what is asked for.
+    ///
+    /// # Errors
+    /// What cannot be written.
+    pub(super) fn write(&self, answered: &[Answered], ui: &Ui) -> Result<(), Failure> {
+        let posed = || answered.iter().filter_map(|query| Some((query, query.pose?)));
+        let hloc = |named: fn(&str) -> &str| -> String {
+            let lines = posed().filter_map(|(query, pose)| hloc_line(named(&query.name), &pose));
+            lines.flat_map(|line| [line, "\n".to_owned()]).collect()
+        };
+        if let Some(path) = &self.out_hloc {
+            save(path, &hloc(|name| name), answered.len(), ui)?;
+        }
+        if let Some(path) = &self.out_submission {
+            save(path, &hloc(base_name), answered.len(), ui)?;
+        }
+        if let Some(path) = &self.out_tum {
+            let stamps = tum_stamps(answered.iter().map(|query| query.name.as_str()));
+            let lines = answered
+                .iter()
+                .zip(stamps)
+                .filter_map(|(query, stamp)| Some(tum_line(&stamp, &query.pose?.pose()?) + "\n"));
+            save(path, &lines.collect::<String>(), answered.len(), ui)?;
+        }
+        if let Some(dir) = &self.out_colmap {
+            let model = colmap_model(posed())?;
+            let write = if self.text { write_text } else { write_binary };
+            write(&model, dir)?;
+            ui.say(format!("{}: {} images", dir.display(), model.images().len()));
+        }
+        Ok(())
+    }
+}
+
+fn save(path: &Path, lines: &str, queries: usize, ui: &Ui) -> Result<(), Failure> {
+    files::write(path, lines.as_bytes())?;
+    ui.say(format!("{}: poses of {} of {queries} queries", path.display(), lines.lines().count()));
+    Ok(())
+}
+
+/// Images with poses and their cameras, each camera once.
+fn colmap_model<'a>(
+    posed: impl Iterator<Item = (&'a Answered, PoseDocument)>,
+) -> Result<ColmapModel, Failure> {
+    let mut cameras: Vec<Intrinsics> = Vec::new();
+    let mut images = Vec::new();
+    for (query, pose) in posed {
+        let (Some(camera), Some(cam_from_world)) = (query.camera, pose.pose()) else { continue };
+        let known = cameras.iter().position(|c| *c == camera);
+        let index = known.unwrap_or_else(|| {
+            cameras.push(camera);
+            cameras.len() - 1
+        });
+        images.push(ColmapImage {
+            id: images.len() as u32 + 1,
+            name: query.name.clone(),
+            camera_id: index as u32 + 1,
+            cam_from_world,
+            points2d: Vec::new(),
+        });
+    }
+    Ok(ColmapModel::new((1..).zip(cameras).collect(), images, Vec::new())?)
+}
