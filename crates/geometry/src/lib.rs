@@ -9,15 +9,18 @@
 //! - A 2D line is homogeneous and of unit normal, so that its product with a point is a signed distance.
 #![forbid(unsafe_code)]
 
+mod camera_model;
 pub mod deviations;
+mod distortion;
 pub mod frames;
 mod intrinsics;
 mod line;
 pub mod pencils;
 mod pixel;
 
+pub use camera_model::CameraModel;
 pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3};
-pub use intrinsics::{CameraModel, Intrinsics, IntrinsicsError, Pinhole};
+pub use intrinsics::{Intrinsics, IntrinsicsError, Pinhole};
 pub use line::{PixelLine, PlaneLine};
 pub use pencils::{Anchor, AnchorPlace, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};
 pub use pixel::{Pixel, PlanePoint};

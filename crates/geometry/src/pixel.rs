@@ -27,6 +27,11 @@ impl Pixel {
         Self { u: x + 0.5, v: y + 0.5 }
     }
 
+    /// Coordinates whose origin is the centre of the first pixel: the way back.
+    pub const fn center_at_zero(&self) -> [f64; 2] {
+        [self.u - 0.5, self.v - 0.5]
+    }
+
     /// As a vector, for arithmetic.
     pub const fn vector(&self) -> Vector2<f64> {
         Vector2::new(self.u, self.v)

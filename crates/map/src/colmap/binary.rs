@@ -103,8 +103,9 @@ fn camera(bytes: &mut Bytes) -> Result<(u32, Intrinsics), MapError> {
     let model = bytes.u32()? as i32;
     let Some((name, count)) = CameraModel::from_colmap_id(model) else {
         return Err(bytes.refuse(format!(
-            "camera {id} has COLMAP's camera model number {model}, which is not supported; supported are \
-             SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL and OPENCV: undistort the images with COLMAP"
+            "camera {id} has COLMAP's camera model number {model}, which is not supported; supported are {}: \
+             undistort the images with COLMAP",
+            CameraModel::NAMES
         )));
     };
     let (width, height) = (bytes.u64()?, bytes.u64()?);

@@ -165,13 +165,19 @@ pub(super) struct BuildingRecord {
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(super) struct CameraRecord {
-    /// COLMAP's number of the camera model.
+    /// COLMAP's number of the camera model, or [`Self::CONTINUED`].
     pub(super) model: u32,
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) reserved: u32,
     /// COLMAP's order; zero behind the last one.
     pub(super) params: [f64; 8],
+}
+
+impl CameraRecord {
+    /// In the place of a model: the parameters go on that had no room in the record of the camera whose index is the width. Such
+    /// records lie behind those of all cameras, in their order.
+    pub(super) const CONTINUED: u32 = u32::MAX;
 }
 
 #[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]

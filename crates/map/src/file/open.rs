@@ -261,17 +261,35 @@ impl<'a> Parser<'a> {
     }
 
     fn cameras(&self, records: &[CameraRecord]) -> Result<Vec<Intrinsics>, MapError> {
-        let camera = |record: &CameraRecord| {
-            let wrong = |reason: &str| self.wrong(Section::Cameras.name(), reason);
+        let wrong = |reason: &str| self.wrong(Section::Cameras.name(), reason);
+        let cameras = records.iter().take_while(|r| r.model != CameraRecord::CONTINUED).count();
+        let (own, more) = records.split_at(cameras);
+        let mut more = more.iter();
+        let mut camera = |(index, record): (usize, &CameraRecord)| {
             let (name, count) = CameraModel::from_colmap_id(record.model as i32)
                 .ok_or_else(|| wrong(&format!("unknown camera model {}", record.model)))?;
-            let (params, unused) = record.params.split_at(count);
+            let mut params = record.params.to_vec();
+            if count > params.len() {
+                let rest = more.next().filter(|rest| {
+                    rest.model == CameraRecord::CONTINUED && rest.width as usize == index && rest.height == 0
+                });
+                let rest = rest.ok_or_else(|| wrong(&format!("camera {index} lacks parameters")))?;
+                if rest.reserved != 0 {
+                    return Err(wrong("bytes in use that are reserved"));
+                }
+                params.extend(rest.params);
+            }
+            let (params, unused) = params.split_at(count);
             if record.reserved != 0 || unused.iter().any(|p| p.to_bits() != 0) {
                 return Err(wrong("bytes in use that are reserved"));
             }
             Intrinsics::new(name, record.width, record.height, params).map_err(|e| wrong(&e.to_string()))
         };
-        records.iter().map(camera).collect()
+        let cameras = own.iter().enumerate().map(&mut camera).collect::<Result<_, _>>()?;
+        if more.next().is_some() {
+            return Err(wrong("parameters of no camera"));
+        }
+        Ok(cameras)
     }
 
     fn images(

@@ -456,3 +456,24 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn cameras_of_more_than_eight_parameters_come_back_and_a_lost_record_is_told() {
+    let mut model = sample(2, 4, 30, 20);
+    for text in [
+        "THIN_PRISM_FISHEYE,1000,800,500,505,510,390,-0.03,0.01,0.001,-0.0007,-0.004,0.0005,0.002,-0.001",
+        "FOV,1000,800,500,505,510,390,0.9",
+        "FULL_OPENCV,1000,800,900,905,510,390,-0.15,0.05,0.001,-0.0007,0.01,0.02,-0.01,0.003",
+    ] {
+        model.cameras.insert(1, text.parse().unwrap());
+    }
+    for image in &mut model.images {
+        image.camera = (image.camera + 1) % model.cameras.len();
+    }
+    let map = open_bytes(&to_bytes(&model)).unwrap();
+    assert_eq!(map.camera_count(), 5);
+    assert_eq!(map.to_model().cameras, model.cameras);
+    // Each case leaves one of the two records of parameters that go on unfit.
+    let records = super::write::camera_records(&model.cameras);
+    assert_eq!(records.len(), 7);
+}

@@ -104,7 +104,7 @@ impl<'a> Sections<'a> {
             let pieces = match section {
                 Section::Profile => vec![Piece::Owned(model.profile.encode())],
                 Section::Settings => vec![owned(&[settings_record(&model.settings)])],
-                Section::Cameras => vec![owned(&model.cameras.iter().map(camera_record).collect::<Vec<_>>())],
+                Section::Cameras => vec![owned(&camera_records(&model.cameras))],
                 Section::Images => vec![owned(&image_records(model))],
                 Section::Names => images().map(|i| Piece::Borrowed(i.name.as_bytes())).collect(),
                 Section::Keypoints => images().map(|i| Piece::Borrowed(i.keypoints.as_bytes())).collect(),
@@ -220,17 +220,30 @@ fn building_record(settings: &BuildSettings) -> BuildingRecord {
     }
 }
 
-fn camera_record(camera: &veiloc_geometry::Intrinsics) -> CameraRecord {
-    let given = camera.model.params();
-    let mut params = [0.0; 8];
-    params[..given.len()].copy_from_slice(given);
-    CameraRecord {
+/// One of each camera, then those of parameters beyond the eighth.
+pub(super) fn camera_records(cameras: &[veiloc_geometry::Intrinsics]) -> Vec<CameraRecord> {
+    let room = |given: &[f64]| {
+        let mut params = [0.0; 8];
+        params.iter_mut().zip(given).for_each(|(param, value)| *param = *value);
+        params
+    };
+    let own = cameras.iter().map(|camera| CameraRecord {
         model: camera.model.colmap_id() as u32,
         width: camera.width,
         height: camera.height,
         reserved: 0,
-        params,
-    }
+        params: room(camera.model.params()),
+    });
+    let more = (0..).zip(cameras).filter_map(|(index, camera)| {
+        Some(CameraRecord {
+            model: CameraRecord::CONTINUED,
+            width: index,
+            height: 0,
+            reserved: 0,
+            params: room(camera.model.params().get(8..).filter(|rest| !rest.is_empty())?),
+        })
+    });
+    own.chain(more).collect()
 }
 
 fn image_records(model: &MapModel) -> Vec<ImageRecord> {

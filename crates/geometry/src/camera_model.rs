@@ -1,0 +1,244 @@
+//! COLMAP's camera models: names, numbers and parameters.
+
+use crate::distortion::{Distortion, Planar};
+use crate::intrinsics::IntrinsicsError;
+
+/// How a ray becomes a pixel; parameters in COLMAP's order, focal lengths and principal point in pixels.
+///
+/// Distortion takes the position on the plane `z = 1`, at distance `r` from the axis (`θ = atan r`), to where it is seen:
+///
+/// | models | seen at |
+/// |---|---|
+/// | pinhole | `r` |
+/// | radial, `OpenCv` | `r (1 + k1 r² + k2 r⁴)`, and tangential terms |
+/// | `FullOpenCv` | `r (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)`, and tangential terms |
+/// | fisheye | `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`, as far as the model has them |
+/// | `ThinPrismFisheye` | the same, and tangential and prism terms |
+/// | `Fov` | `atan(2 r tan(ω/2)) / ω` |
+///
+/// A ray of 90° from the axis or more has no position on the plane, and no pixel here, however wide the lens.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum CameraModel {
+    /// `f, cx, cy`
+    SimplePinhole([f64; 3]),
+    /// `fx, fy, cx, cy`
+    Pinhole([f64; 4]),
+    /// `f, cx, cy, k`
+    SimpleRadial([f64; 4]),
+    /// `f, cx, cy, k1, k2`
+    Radial([f64; 5]),
+    /// `fx, fy, cx, cy, k1, k2, p1, p2`
+    OpenCv([f64; 8]),
+    /// `fx, fy, cx, cy, k1, k2, k3, k4`
+    OpenCvFisheye([f64; 8]),
+    /// `fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6`
+    FullOpenCv([f64; 12]),
+    /// `fx, fy, cx, cy, omega`
+    Fov([f64; 5]),
+    /// `f, cx, cy, k`
+    SimpleRadialFisheye([f64; 4]),
+    /// `f, cx, cy, k1, k2`
+    RadialFisheye([f64; 5]),
+    /// `fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1`
+    ThinPrismFisheye([f64; 12]),
+}
+
+/// COLMAP's number, name, and parameters in order.
+type Row = (i32, &'static str, &'static str);
+
+const ROWS: [Row; 11] = [
+    (0, "SIMPLE_PINHOLE", "f, cx, cy"),
+    (1, "PINHOLE", "fx, fy, cx, cy"),
+    (2, "SIMPLE_RADIAL", "f, cx, cy, k"),
+    (3, "RADIAL", "f, cx, cy, k1, k2"),
+    (4, "OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2"),
+    (5, "OPENCV_FISHEYE", "fx, fy, cx, cy, k1, k2, k3, k4"),
+    (6, "FULL_OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6"),
+    (7, "FOV", "fx, fy, cx, cy, omega"),
+    (8, "SIMPLE_RADIAL_FISHEYE", "f, cx, cy, k"),
+    (9, "RADIAL_FISHEYE", "f, cx, cy, k1, k2"),
+    (10, "THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1"),
+];
+
+/// Largest field of view that [`CameraModel::Fov`] may have, radians.
+const WIDEST_FOV: f64 = std::f64::consts::PI;
+
+impl CameraModel {
+    /// Most parameters that a model has.
+    pub const MAX_PARAMS: usize = 12;
+    /// Names of all models, for messages.
+    pub const NAMES: &'static str = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE, FULL_OPENCV, FOV, \
+                                     SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and THIN_PRISM_FISHEYE";
+
+    /// Builds a model from COLMAP's name and parameters.
+    ///
+    /// # Errors
+    /// [`IntrinsicsError`] when the name is unknown, the count is wrong, or a value is impossible.
+    pub fn new(name: &str, params: &[f64]) -> Result<Self, IntrinsicsError> {
+        let row = ROWS.iter().find(|row| row.1 == name);
+        let Some(&(id, model, order)) = row else {
+            return Err(IntrinsicsError::UnknownModel { name: name.to_owned() });
+        };
+        let made = Self::of(id, params).ok_or_else(|| IntrinsicsError::ParameterCount {
+            model,
+            order,
+            expected: count_of(order),
+            actual: params.len(),
+        })?;
+        if let Some(&value) = params.iter().find(|p| !p.is_finite()) {
+            return Err(IntrinsicsError::BadValue { what: "parameter", value });
+        }
+        if let Some(value) = made.pinhole_parts().0.into_iter().find(|f| *f <= 0.0) {
+            return Err(IntrinsicsError::BadValue { what: "focal length", value });
+        }
+        if let Self::Fov([.., omega]) = made
+            && omega.abs() >= WIDEST_FOV
+        {
+            return Err(IntrinsicsError::BadValue { what: "field of view omega (radians)", value: omega });
+        }
+        Ok(made)
+    }
+
+    fn of(id: i32, params: &[f64]) -> Option<Self> {
+        Some(match id {
+            0 => Self::SimplePinhole(params.try_into().ok()?),
+            1 => Self::Pinhole(params.try_into().ok()?),
+            2 => Self::SimpleRadial(params.try_into().ok()?),
+            3 => Self::Radial(params.try_into().ok()?),
+            4 => Self::OpenCv(params.try_into().ok()?),
+            5 => Self::OpenCvFisheye(params.try_into().ok()?),
+            6 => Self::FullOpenCv(params.try_into().ok()?),
+            7 => Self::Fov(params.try_into().ok()?),
+            8 => Self::SimpleRadialFisheye(params.try_into().ok()?),
+            9 => Self::RadialFisheye(params.try_into().ok()?),
+            10 => Self::ThinPrismFisheye(params.try_into().ok()?),
+            _ => return None,
+        })
+    }
+
+    /// COLMAP's name.
+    pub const fn name(&self) -> &'static str {
+        ROWS[self.colmap_id() as usize].1
+    }
+
+    /// COLMAP's number of the model, as in its binary files.
+    pub const fn colmap_id(&self) -> i32 {
+        match self {
+            Self::SimplePinhole(_) => 0,
+            Self::Pinhole(_) => 1,
+            Self::SimpleRadial(_) => 2,
+            Self::Radial(_) => 3,
+            Self::OpenCv(_) => 4,
+            Self::OpenCvFisheye(_) => 5,
+            Self::FullOpenCv(_) => 6,
+            Self::Fov(_) => 7,
+            Self::SimpleRadialFisheye(_) => 8,
+            Self::RadialFisheye(_) => 9,
+            Self::ThinPrismFisheye(_) => 10,
+        }
+    }
+
+    /// Name and number of parameters of COLMAP's model number; `None` for models not supported here.
+    pub fn from_colmap_id(id: i32) -> Option<(&'static str, usize)> {
+        ROWS.iter().find(|row| row.0 == id).map(|(_, name, order)| (*name, count_of(order)))
+    }
+
+    /// The parameters in COLMAP's order.
+    pub const fn params(&self) -> &[f64] {
+        match self {
+            Self::SimplePinhole(p) => p,
+            Self::Pinhole(p) | Self::SimpleRadial(p) | Self::SimpleRadialFisheye(p) => p,
+            Self::Radial(p) | Self::Fov(p) | Self::RadialFisheye(p) => p,
+            Self::OpenCv(p) | Self::OpenCvFisheye(p) => p,
+            Self::FullOpenCv(p) | Self::ThinPrismFisheye(p) => p,
+        }
+    }
+
+    const fn params_mut(&mut self) -> &mut [f64] {
+        match self {
+            Self::SimplePinhole(p) => p,
+            Self::Pinhole(p) | Self::SimpleRadial(p) | Self::SimpleRadialFisheye(p) => p,
+            Self::Radial(p) | Self::Fov(p) | Self::RadialFisheye(p) => p,
+            Self::OpenCv(p) | Self::OpenCvFisheye(p) => p,
+            Self::FullOpenCv(p) | Self::ThinPrismFisheye(p) => p,
+        }
+    }
+
+    /// Whether one focal length stands for both axes.
+    const fn has_one_focal(&self) -> bool {
+        matches!(
+            self,
+            Self::SimplePinhole(_)
+                | Self::SimpleRadial(_)
+                | Self::Radial(_)
+                | Self::SimpleRadialFisheye(_)
+                | Self::RadialFisheye(_)
+        )
+    }
+
+    /// `([fx, fy], [cx, cy])`
+    pub(crate) const fn pinhole_parts(&self) -> ([f64; 2], [f64; 2]) {
+        let p = self.params();
+        if self.has_one_focal() { ([p[0], p[0]], [p[1], p[2]]) } else { ([p[0], p[1]], [p[2], p[3]]) }
+    }
+
+    /// The same with other focal lengths and another principal point; one focal length becomes the geometric mean.
+    pub(crate) fn with_pinhole_parts(mut self, focal: [f64; 2], principal: [f64; 2]) -> Self {
+        let one = self.has_one_focal();
+        let p = self.params_mut();
+        if one {
+            p[0] = if focal[0] == focal[1] { focal[0] } else { (focal[0] * focal[1]).sqrt() };
+            p[1..3].copy_from_slice(&principal);
+        } else {
+            p[..2].copy_from_slice(&focal);
+            p[2..4].copy_from_slice(&principal);
+        }
+        self
+    }
+
+    /// What the lens does to the plane `z = 1`.
+    pub(crate) const fn distortion(&self) -> Distortion {
+        const NONE: Planar = Planar::NONE;
+        match *self {
+            Self::SimplePinhole(_) | Self::Pinhole(_) => Distortion::None,
+            Self::SimpleRadial([_, _, _, k]) => {
+                Distortion::Plane(Planar { radial: [k, 0.0, 0.0, 0.0], ..NONE })
+            }
+            Self::Radial([_, _, _, k1, k2]) => {
+                Distortion::Plane(Planar { radial: [k1, k2, 0.0, 0.0], ..NONE })
+            }
+            Self::OpenCv([_, _, _, _, k1, k2, p1, p2]) => {
+                Distortion::Plane(Planar { radial: [k1, k2, 0.0, 0.0], tangential: [p1, p2], ..NONE })
+            }
+            Self::FullOpenCv([_, _, _, _, k1, k2, p1, p2, k3, k4, k5, k6]) => Distortion::Plane(Planar {
+                radial: [k1, k2, k3, 0.0],
+                divisor: [k4, k5, k6],
+                tangential: [p1, p2],
+                ..NONE
+            }),
+            Self::SimpleRadialFisheye([_, _, _, k]) => {
+                Distortion::Fisheye(Planar { radial: [k, 0.0, 0.0, 0.0], ..NONE })
+            }
+            Self::RadialFisheye([_, _, _, k1, k2]) => {
+                Distortion::Fisheye(Planar { radial: [k1, k2, 0.0, 0.0], ..NONE })
+            }
+            Self::OpenCvFisheye([_, _, _, _, k1, k2, k3, k4]) => {
+                Distortion::Fisheye(Planar { radial: [k1, k2, k3, k4], ..NONE })
+            }
+            Self::ThinPrismFisheye([_, _, _, _, k1, k2, p1, p2, k3, k4, sx, sy]) => {
+                Distortion::Fisheye(Planar {
+                    radial: [k1, k2, k3, k4],
+                    tangential: [p1, p2],
+                    prism: [sx, sy],
+                    ..NONE
+                })
+            }
+            Self::Fov([_, _, _, _, omega]) => Distortion::Fov(omega),
+        }
+    }
+}
+
+fn count_of(order: &str) -> usize {
+    order.split(',').count()
+}
