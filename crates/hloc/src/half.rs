@@ -1,0 +1,75 @@
+//! Numbers of 16 bits, IEEE 754's binary16, which Rust does not have.
+
+/// The number that these bits are; exact.
+pub(crate) fn from_bits(bits: u16) -> f32 {
+    let sign = u32::from(bits >> 15) << 31;
+    let (exponent, mantissa) = (u32::from(bits >> 10 & 0x1f), u32::from(bits & 0x3ff));
+    match exponent {
+        // Zero and what is below the least normal number.
+        0 => f32::from_bits(sign | (mantissa as f32 / 16_777_216.0).to_bits()),
+        0x1f => f32::from_bits(sign | 0x7f80_0000 | mantissa << 13),
+        _ => f32::from_bits(sign | (exponent + 112) << 23 | mantissa << 13),
+    }
+}
+
+/// The nearest number of 16 bits, ties to even; infinite where there is none.
+pub(crate) fn to_bits(value: f32) -> u16 {
+    let bits = value.to_bits();
+    let sign = (bits >> 16 & 0x8000) as u16;
+    let magnitude = bits & 0x7fff_ffff;
+    if magnitude > 0x7f80_0000 {
+        return sign | 0x7e00;
+    }
+    if magnitude >= 0x4780_0000 {
+        return sign | 0x7c00;
+    }
+    if magnitude < 0x3880_0000 {
+        // Below the least normal number these count in steps of 2^-24, which a float32 multiplies exactly.
+        let steps = f32::from_bits(magnitude) * 16_777_216.0;
+        return sign | steps.round_ties_even() as u16;
+    }
+    let rounded = magnitude + 0xfff + (magnitude >> 13 & 1);
+    sign | ((rounded >> 13) - (112 << 10)) as u16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_number_comes_back() {
+        for bits in 0..=u16::MAX {
+            let value = from_bits(bits);
+            if value.is_nan() {
+                assert!(from_bits(to_bits(value)).is_nan(), "{bits:#x}");
+            } else {
+                assert_eq!(to_bits(value), bits, "{value}");
+            }
+        }
+    }
+
+    #[test]
+    fn known_numbers_and_halfway_cases() {
+        for (bits, value) in [
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x7bff, 65504.0),
+            (0x0001, 2.0_f32.powi(-24)),
+            (0x03ff, 1023.0 / 16_777_216.0),
+            (0x0400, 2.0_f32.powi(-14)),
+            (0x3555, 0.333_251_95),
+        ] {
+            assert_eq!(from_bits(bits), value);
+            assert_eq!(to_bits(value), bits);
+        }
+        // Between 1 and the next number, 1 + 2^-10: the middle goes to the even one.
+        assert_eq!(to_bits(1.0 + 2.0_f32.powi(-11)), 0x3c00);
+        assert_eq!(to_bits(1.0 + 3.0 * 2.0_f32.powi(-11)), 0x3c02);
+        assert_eq!(to_bits(1.0 + 2.0_f32.powi(-11) + 2.0_f32.powi(-20)), 0x3c01);
+        assert_eq!(to_bits(65519.9), 0x7bff);
+        assert_eq!(to_bits(65520.0), 0x7c00);
+        assert_eq!(to_bits(1e10), 0x7c00);
+        assert_eq!(to_bits(f32::NEG_INFINITY), 0xfc00);
+        assert_eq!(to_bits(-0.0), 0x8000);
+    }
+}
