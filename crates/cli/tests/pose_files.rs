@@ -69,7 +69,8 @@ fn a_list_of_images_becomes_files_of_the_poses_of_the_answers() {
         let center = pose(h).center().coords;
         assert!((center.x - n[0]).abs() + (center.y - n[1]).abs() + (center.z - n[2]).abs() < 1e-12);
         let back = CameraFromWorld::from_quaternion([n[6], n[3], n[4], n[5]], [0.0; 3]).expect("a rotation");
-        assert!(back.inverse().rotation().angle_to(pose(h).rotation()) < 1e-9);
+        let apart = back.inverse().rotation().matrix() - pose(h).rotation().matrix();
+        assert!(apart.norm() < 1e-9, "{apart}");
     }
 
     let model = read_posed(&place.path("poses/model")).expect("a model");

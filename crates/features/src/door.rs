@@ -53,7 +53,8 @@ pub fn extract_image(
 /// call it. Of what a mask hid ([`Image::without`]) there is nothing in the features: no keypoint that looks there is kept.
 ///
 /// # Errors
-/// [`FeatureError`]: not of the camera's size, or what the extractor says.
+/// [`FeatureError`]: not of the camera's size, or what the extractor says; features that are stored ([`Extractor::stored`]) of an
+/// image that a mask hides a part of.
 pub fn extract_loaded(
     image: Image,
     path: &Path,
@@ -68,8 +69,21 @@ pub fn extract_loaded(
         return Err(FeatureError::ImageSize { path: path.into(), actual: size_in_file, camera, turn });
     }
     let image = image.limited(limits.max_side);
-    let mut features = extractor.extract(&image, limits.max_keypoints)?;
     let kind = extractor.kind();
+    let mut features = match extractor.stored() {
+        Some(_) if image.hidden().is_some() => {
+            let reason = "they were made of the whole image, and a mask hides a part of it; extract them of the image \
+                          without that part, or seal it with features that are made here";
+            return Err(FeatureError::Extractor { name: kind.name().to_owned(), reason: reason.to_owned() });
+        }
+        Some(stored) => {
+            let scale = |own: u32, file: u32| f64::from(own) / f64::from(file);
+            let columns = scale(image.width(), size_in_file.0);
+            let rows = scale(image.height(), size_in_file.1);
+            stored.features(path, size_in_file)?.scaled(columns, rows).strongest(limits.max_keypoints)
+        }
+        None => extractor.extract(&image, limits.max_keypoints)?,
+    };
     if features.descriptors.kind() != kind || features.keypoints.len() != features.descriptors.len() {
         return Err(FeatureError::Extractor {
             name: kind.name().to_owned(),

@@ -1,5 +1,6 @@
 //! What makes features of an image: SIFT, and whatever else a program brings.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use veiloc_descriptor::DescriptorKind;
@@ -35,6 +36,20 @@ pub trait Extractor: Send + Sync {
     fn sight(&self) -> f64 {
         self.reach()
     }
+
+    /// Features that were made before and are looked up; `None`, unless said otherwise, for what makes them of the image.
+    fn stored(&self) -> Option<&dyn Stored> {
+        None
+    }
+}
+
+/// Features that were made elsewhere and are kept by the names of images.
+pub trait Stored: Send + Sync {
+    /// All features of the image in this file, of `size` pixels: strongest first, in pixels of the file.
+    ///
+    /// # Errors
+    /// [`FeatureError::Extractor`] where there are none of it, or of an image of another size.
+    fn features(&self, path: &Path, size: (u32, u32)) -> Result<Features, FeatureError>;
 }
 
 /// One that is shared: a network is read once, for the map and for what is sealed.
@@ -53,6 +68,10 @@ impl<T: Extractor + ?Sized> Extractor for Arc<T> {
 
     fn sight(&self) -> f64 {
         (**self).sight()
+    }
+
+    fn stored(&self) -> Option<&dyn Stored> {
+        (**self).stored()
     }
 }
 

@@ -40,13 +40,13 @@ impl Extractors {
         Self(vec![Arc::new(Sift::for_sealing()), Arc::new(Compact::for_sealing())])
     }
 
-    /// These as a device uses them for what it sends: the built-in ones as [`Self::for_sealing`] has them, the others as they
-    /// are.
+    /// These as a device uses them for what it sends: the built-in ones as [`Self::for_sealing`] has them, the others, and
+    /// features that are stored, as they are.
     #[must_use]
     pub fn sealing(&self) -> Self {
         let own = Self::for_sealing();
         let of = |e: &Arc<dyn Extractor>| {
-            let known = own.0.iter().find(|own| own.kind() == e.kind());
+            let known = own.0.iter().find(|own| own.kind() == e.kind() && e.stored().is_none());
             Arc::clone(known.unwrap_or(e))
         };
         Self(self.0.iter().map(of).collect())

@@ -74,6 +74,16 @@ impl Features {
         }
     }
 
+    /// The first `most`, which are the strongest.
+    #[must_use]
+    pub(crate) fn strongest(mut self, most: usize) -> Self {
+        if self.keypoints.len() > most {
+            self.keypoints.truncate(most);
+            self.descriptors = self.descriptors.select(0..most);
+        }
+        self
+    }
+
     /// The same features with keypoints in an image of another size: `u` times `columns`, `v` times `rows`.
     ///
     /// For an image that was scaled down before extraction, with `columns = old width / new width`. Descriptors stay.

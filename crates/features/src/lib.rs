@@ -48,7 +48,7 @@ pub use compact::{Compact, compact};
 pub use door::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use error::FeatureError;
 pub use exif::{exif_camera, guessed_camera};
-pub use extractor::{Extractor, Sift};
+pub use extractor::{Extractor, Sift, Stored};
 pub use extractors::Extractors;
 pub use global::{GlobalExtractor, SharedGlobal};
 pub use gray::GrayImage;

@@ -34,7 +34,9 @@ fn damaged_files_are_errors_or_less_is_in_them() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("damaged.h5");
     let mut random = Random(88_172_645_463_325_252);
-    for name in ["feats-half.h5", "feats-single-packed.h5", "feats-double-v114.h5", "matches.h5", "globals.h5"] {
+    for name in
+        ["feats-half.h5", "feats-single-packed.h5", "feats-double-v114.h5", "matches.h5", "globals.h5"]
+    {
         let good = std::fs::read(data(name)).expect("a file");
         let (mut refused, mut read) = (0, 0);
         for case in 0..240 {

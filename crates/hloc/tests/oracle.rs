@@ -173,7 +173,9 @@ fn bytes_of_a_kind_come_back() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("feats.h5");
     let lengths: Vec<f64> = (0..4)
-        .map(|i| features.descriptors.view().values(i).map(|v| f64::from(v).powi(2)).sum::<f64>().sqrt() / 256.0)
+        .map(|i| {
+            features.descriptors.view().values(i).map(|v| f64::from(v).powi(2)).sum::<f64>().sqrt() / 256.0
+        })
         .collect();
     assert!(lengths.iter().all(|length| (0.5..1.1).contains(length)), "{lengths:?}");
     write_features(&path, [("a.png".to_owned(), ImageFeatures::of(&features, (64, 48)))]).expect("written");
