@@ -17,6 +17,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("features", &["geometry", "descriptor", "kernels"]),
     ("obfuscation", &["geometry", "descriptor", "features", "query"]),
     ("networks", &["descriptor", "features", "geometry"]),
+    ("hloc", &["descriptor", "features", "geometry", "replacing"]),
     ("detector", &["features", "networks"]),
     ("judge", &["features", "networks"]),
     ("client", &["features", "geometry", "obfuscation", "query"]),
@@ -158,6 +159,7 @@ const ARROWS: &[(&str, &[&str])] = &[
         &[
             "features",
             "geometry",
+            "hloc",
             "localize",
             "mapping",
             "networks",
@@ -202,6 +204,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "detector",
             "features",
             "geometry",
+            "hloc",
             "localize",
             "map",
             "mapping",

@@ -1,10 +1,11 @@
 //! Which features, and where the network of learned ones is found.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use veiloc_features::{Extractor, Extractors};
+use veiloc_hloc::{HlocError, StoredFeatures};
 use veiloc_networks::{Engine, Learned, Models, NetworkError};
 use veiloc_query::Profile;
 
@@ -31,6 +32,10 @@ pub struct ModelFileArgs {
     /// built with `--features onnxruntime`). They round differently: use one for a map and its queries.
     #[arg(long, value_name = "ENGINE", default_value = Engine::default().name(), value_parser = engines())]
     engine: Engine,
+    /// Take features from this file of hloc's (HDF5, by the images' names) instead of extracting them; --features says whose they are:
+    /// a name that is known, or a new one. A map and its queries must be of features of one name. Default: features are extracted.
+    #[arg(long, value_name = "FILE.h5", conflicts_with = "model_file")]
+    features_file: Option<PathBuf>,
 }
 
 fn engines() -> impl TypedValueParser<Value = Engine> {
@@ -52,12 +57,25 @@ impl ModelFileArgs {
     /// # Errors
     /// An unknown model, no file for it, or one that cannot be used.
     pub(crate) fn extractors(&self, features: &str) -> Result<(String, Extractors), Failure> {
+        if let Some(file) = &self.features_file {
+            let stored = self.stored(file, features)?;
+            return Ok((stored.kind().name().to_owned(), Extractors::default().with(stored)));
+        }
         if Extractors::default().named(features).is_ok() {
             self.needs_no_file(features)?;
             return Ok((features.to_owned(), Extractors::default()));
         }
         let learned = self.open(features)?;
         Ok((learned.kind().name().to_owned(), Extractors::default().with(learned)))
+    }
+
+    /// Features of a file, of the kind of this name.
+    fn stored(&self, file: &Path, features: &str) -> Result<StoredFeatures, HlocError> {
+        let built_in = Extractors::default().named(features).map(|own| own.kind()).ok();
+        let models = self.models();
+        let described = || models.all().find(|found| found.description.name() == features);
+        let known = built_in.or_else(|| described().map(|found| found.description.kind()));
+        StoredFeatures::open(file, features, known)
     }
 
     fn needs_no_file(&self, features: &str) -> Result<(), Failure> {
@@ -87,6 +105,9 @@ impl ImageFeatureArgs {
     /// # Errors
     /// An unknown model, no file for it, or one that cannot be used.
     pub fn extractor(&self) -> Result<Arc<dyn Extractor>, Failure> {
+        if let Some(file) = &self.file.features_file {
+            return Ok(Arc::new(self.file.stored(file, &self.features)?));
+        }
         if let Ok(built_in) = Extractors::default().shared(&self.features) {
             self.file.needs_no_file(&self.features)?;
             return Ok(built_in);

@@ -36,6 +36,8 @@ enum Command {
     Map(commands::map::Command),
     /// Say which learned features are known, and whether their network files are there.
     Models(commands::models::Args),
+    /// Extract features of images for other programs.
+    Features(commands::features::Args),
     /// Turn images into sealed queries, as a device does.
     Seal(commands::seal::Args),
     /// Find where sealed queries were taken.
@@ -77,6 +79,7 @@ fn main() -> ExitCode {
         Command::Demo(args) => commands::demo::run(args, &ui),
         Command::Map(command) => commands::map::run(command, &ui),
         Command::Models(args) => commands::models::run(args, &ui),
+        Command::Features(args) => commands::features::run(args, &ui),
         Command::Seal(args) => commands::seal::run(args, &ui),
         Command::Localize(args) => commands::localize::run(args, &ui),
         // What holds for it is not on the command line alone.

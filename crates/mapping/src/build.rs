@@ -50,14 +50,17 @@ pub fn build(
     let settings = &for_images(&options.settings, images.len());
     let mut scene = Scene::of(&model, settings);
     let focus: Vec<u32> = (0..images.len() as u32).collect();
-    let edges = match_images(
-        &scene,
-        seeds_of(input.posed(), &images),
-        &focus,
-        settings,
-        input.kept_matches(),
-        progress,
-    );
+    let Matched { edges, pairs } = match input.pairs_of(&images)? {
+        Some(pairs) => match_given(&scene, pairs, settings, input.kept_matches(), progress),
+        None => match_images(
+            &scene,
+            seeds_of(input.posed(), &images),
+            &focus,
+            settings,
+            input.kept_matches(),
+            progress,
+        ),
+    };
     progress.start("Triangulating points", 1);
     grow(&mut scene, &edges.verified, settings);
     let points = scene.finish();
@@ -76,6 +79,8 @@ pub fn build(
     model.link_keypoints();
     let mut report = BuildReport::of(&model, images.len(), skipped, edges.matches, edges.verified.len());
     explain(&mut report, &model);
+    let name = |index: u32| images[index as usize].name.clone();
+    report.pairs = pairs.into_iter().map(|(a, b)| (name(a), name(b))).collect();
     Ok((model, report))
 }
 
@@ -131,6 +136,35 @@ pub(crate) fn append_images(
     Ok(())
 }
 
+/// What was matched.
+pub(crate) struct Matched {
+    /// Best first.
+    pub(crate) edges: Edges,
+    /// Which images with which.
+    pub(crate) pairs: Vec<(u32, u32)>,
+}
+
+/// Names of the descriptors of each image, where matches are kept.
+fn names_of(scene: &Scene<'_>, kept: Option<&dyn KeptMatches>) -> Option<Vec<[u8; 32]>> {
+    kept.map(|kept| scene.descriptors.par_iter().map(|own| kept.name(*own)).collect())
+}
+
+/// Matches these pairs, and no others.
+fn match_given(
+    scene: &Scene<'_>,
+    pairs: Vec<(u32, u32)>,
+    settings: &BuildSettings,
+    kept: Option<&dyn KeptMatches>,
+    progress: &dyn Progress,
+) -> Matched {
+    let names = names_of(scene, kept);
+    let kept = kept.zip(names.as_deref());
+    progress.start("Matching pairs", pairs.len());
+    let mut edges = match_pairs(&pairs, &scene.views, &scene.descriptors, settings.max_ratio, kept, progress);
+    edges.sort();
+    Matched { edges, pairs }
+}
+
 /// Matches the images of `focus` with each other and with the rest, best edges first.
 pub(crate) fn match_images(
     scene: &Scene<'_>,
@@ -139,13 +173,12 @@ pub(crate) fn match_images(
     settings: &BuildSettings,
     kept: Option<&dyn KeptMatches>,
     progress: &dyn Progress,
-) -> Edges {
+) -> Matched {
     let descriptors: &[DescriptorView<'_>] = &scene.descriptors;
     let unknown: Vec<u32> = focus.iter().copied().filter(|i| seeds[*i as usize].len() < MIN_SEEDS).collect();
     let first = pairs_by_pose(&scene.views, &unknown);
     progress.start("Matching first pairs", first.len());
-    let names: Option<Vec<[u8; 32]>> =
-        kept.map(|kept| descriptors.par_iter().map(|own| kept.name(*own)).collect());
+    let names = names_of(scene, kept);
     let kept = kept.zip(names.as_deref());
     let mut edges = match_pairs(&first, &scene.views, descriptors, settings.max_ratio, kept, progress);
     add_seeds(scene, &edges.verified, &mut seeds);
@@ -156,7 +189,9 @@ pub(crate) fn match_images(
     progress.start("Matching pairs", pairs.len());
     edges.extend(match_pairs(&pairs, &scene.views, descriptors, settings.max_ratio, kept, progress));
     edges.sort();
-    edges
+    pairs.extend(known);
+    pairs.sort_unstable();
+    Matched { edges, pairs }
 }
 
 /// The points that each image is known to see.

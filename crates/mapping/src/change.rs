@@ -67,7 +67,7 @@ pub(crate) fn join(
     let settings = for_images(&model.settings, model.images.len());
     let mut scene = Scene::of(model, &settings);
     let focus: Vec<u32> = (before..model.images.len() as u32).collect();
-    let edges = match_images(&scene, seeds_of_map(model), &focus, &settings, None, progress);
+    let edges = match_images(&scene, seeds_of_map(model), &focus, &settings, None, progress).edges;
     progress.start("Triangulating points", 1);
     grow(&mut scene, &edges.verified, &settings);
     let points = scene.finish();

@@ -15,6 +15,17 @@ pub enum MappingError {
     /// No image was named.
     #[error("the list of images is empty; name at least one")]
     EmptyList,
+    /// None of the pairs that are given is of images that are mapped.
+    #[error(
+        "none of the {given} pairs that are given is of two of the {images} images that are mapped; give pairs with the names of \
+         the posed images"
+    )]
+    NoPairs {
+        /// Pairs that were given.
+        given: usize,
+        /// Images that are mapped.
+        images: usize,
+    },
     /// Images cannot be used.
     #[error("{0}")]
     BadImages(BadImages),

@@ -1,6 +1,6 @@
 //! What is to be mapped: which images, where their files are, and what to do about those that cannot be used.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use veiloc_features::{Extractors, FeatureError, SharedGlobal};
@@ -20,6 +20,7 @@ pub struct Input<'a> {
     extractors: Option<&'a Extractors>,
     global: Option<&'a SharedGlobal>,
     matches: Option<&'a dyn KeptMatches>,
+    pairs: Option<&'a [(String, String)]>,
 }
 
 /// What to do when an image cannot be used.
@@ -43,6 +44,7 @@ impl<'a> Input<'a> {
             extractors: None,
             global: None,
             matches: None,
+            pairs: None,
         }
     }
 
@@ -75,6 +77,26 @@ impl<'a> Input<'a> {
     #[must_use]
     pub const fn with_kept_matches(self, matches: &'a dyn KeptMatches) -> Self {
         Self { matches: Some(matches), ..self }
+    }
+
+    /// Which images to match with which when a map is built, by their names, instead of those that seem to show the same; pairs of
+    /// images that are not mapped do not count.
+    #[must_use]
+    pub const fn with_pairs(self, pairs: &'a [(String, String)]) -> Self {
+        Self { pairs: Some(pairs), ..self }
+    }
+
+    /// The pairs that are given, as indices of these images, each once and in order.
+    pub(crate) fn pairs_of(&self, images: &[&PosedImage]) -> Result<Option<Vec<(u32, u32)>>, MappingError> {
+        let Some(pairs) = self.pairs else { return Ok(None) };
+        let index: BTreeMap<&str, u32> = images.iter().map(|image| image.name.as_str()).zip(0..).collect();
+        let of = |name: &String| index.get(name.as_str()).copied();
+        let known = pairs.iter().filter_map(|(a, b)| Some((of(a)?, of(b)?))).filter(|(a, b)| a != b);
+        let known: BTreeSet<(u32, u32)> = known.map(|(a, b)| (a.min(b), a.max(b))).collect();
+        if known.is_empty() {
+            return Err(MappingError::NoPairs { given: pairs.len(), images: images.len() });
+        }
+        Ok(Some(known.into_iter().collect()))
     }
 
     pub(crate) const fn kept_matches(&self) -> Option<&'a dyn KeptMatches> {

@@ -18,6 +18,8 @@ pub struct BuildReport {
     pub matches: usize,
     /// Those that agree with the poses.
     pub verified: usize,
+    /// Which images were matched with which, in the order of the images; empty where a map is imported, or images join one.
+    pub pairs: Vec<(String, String)>,
     /// Why the map may be good for nothing; empty for a map that looks sound.
     pub doubts: Vec<Doubt>,
 }
@@ -32,7 +34,7 @@ impl BuildReport {
     ) -> Self {
         let mut doubts = Doubt::of_matches(matches, verified);
         doubts.extend(doubts_about(model));
-        Self { images, skipped, matches, verified, doubts }
+        Self { images, skipped, matches, verified, pairs: Vec::new(), doubts }
     }
 }
 

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use veiloc_arguments::extraction_args::ExtractionArgs;
 use veiloc_arguments::feature_args::MapFeatureArgs;
 use veiloc_arguments::global_args::MapGlobalArgs;
+use veiloc_hloc::{read_pairs, write_pairs};
 use veiloc_map::colmap::{read_model, read_posed};
 use veiloc_map::{Down, MapFile, MapLock, MapModel, PosedImages};
 use veiloc_mapping::{Input, MappingError, OnBadImage, Words};
@@ -103,7 +104,21 @@ pub(crate) struct BuildArgs {
     #[command(flatten)]
     keep: KeepArgs,
     #[command(flatten)]
+    pairs: PairArgs,
+    #[command(flatten)]
     written: WrittenArgs,
+}
+
+/// Which images are matched with which.
+#[derive(clap::Args)]
+struct PairArgs {
+    /// Match these pairs of images and no others: two names a line, as hloc's lists have them. Default: those that seem to show the
+    /// same, by poses and points.
+    #[arg(long, value_name = "FILE")]
+    pairs: Option<PathBuf>,
+    /// Write the pairs that were matched as such a list. Default: not written.
+    #[arg(long, value_name = "FILE")]
+    out_pairs: Option<PathBuf>,
 }
 
 /// Make a map of a complete COLMAP model: its points and observations are kept.
@@ -215,8 +230,17 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
 fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
     let given = args.posed.read()?;
     let options = args.extraction.options()?;
+    let pairs = args.pairs.pairs.as_deref().map(read_pairs).transpose()?;
+    let input = match &pairs {
+        Some(pairs) => given.input().with_pairs(pairs),
+        None => given.input(),
+    };
     let (mut model, mut report) =
-        veiloc_mapping::build(&given.input(), &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+        veiloc_mapping::build(&input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+    if let Some(path) = &args.pairs.out_pairs {
+        write_pairs(path, report.pairs.iter().map(|(a, b)| (a.as_str(), b.as_str())))?;
+        ui.say(format!("{}: {} pairs", path.display(), report.pairs.len()));
+    }
     model.down = args.written.down;
     args.self_test.test(&mut model, &mut report.doubts, ui)?;
     args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;

@@ -2,6 +2,7 @@
 
 pub(crate) mod demo;
 mod device_args;
+pub(crate) mod features;
 pub(crate) mod listed;
 pub(crate) mod localize;
 pub(crate) mod map;

@@ -42,13 +42,14 @@ pub(super) struct ImageArgs {
 
 /// What says how images are sealed means nothing of sealed queries.
 pub(super) fn tie_to_list(arg: Arg) -> Arg {
-    const OF_SEALING: [&str; 8] = [
+    const OF_SEALING: [&str; 9] = [
         "scheme",
         "max_keypoints",
         "focal_known",
         "gravity",
         "features",
         "model_file",
+        "features_file",
         "engine",
         "image_global",
     ];
