@@ -1,7 +1,46 @@
 //! COLMAP's camera models: names, numbers and parameters.
 
 use crate::distortion::{Distortion, Planar};
-use crate::intrinsics::IntrinsicsError;
+
+/// Why intrinsics were refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum IntrinsicsError {
+    /// The model has no such name, or is one that is not supported.
+    #[error("camera model {name:?} is not supported; supported are {}", CameraModel::NAMES)]
+    UnknownModel {
+        /// The name as given.
+        name: String,
+    },
+    /// The model takes another number of parameters.
+    #[error("camera model {model} takes {expected} parameters ({order}), {actual} were given")]
+    ParameterCount {
+        /// COLMAP's name of the model.
+        model: &'static str,
+        /// Its parameters in order.
+        order: &'static str,
+        /// How many there should be.
+        expected: usize,
+        /// How many were given.
+        actual: usize,
+    },
+    /// A number is NaN, infinite, or not positive where it must be.
+    #[error("camera {what} is {value}, which no camera has")]
+    BadValue {
+        /// Which number.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// A text did not follow `MODEL,WIDTH,HEIGHT,PARAMS…`.
+    #[error(
+        "camera {text:?} does not read as MODEL,WIDTH,HEIGHT,PARAMS… (for example PINHOLE,640,480,525,525,320,240)"
+    )]
+    Syntax {
+        /// The text as given.
+        text: String,
+    },
+}
 
 /// How a ray becomes a pixel; parameters in COLMAP's order, focal lengths and principal point in pixels.
 ///

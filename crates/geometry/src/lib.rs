@@ -18,9 +18,9 @@ mod line;
 pub mod pencils;
 mod pixel;
 
-pub use camera_model::CameraModel;
+pub use camera_model::{CameraModel, IntrinsicsError};
 pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3};
-pub use intrinsics::{Intrinsics, IntrinsicsError, Pinhole};
+pub use intrinsics::{Intrinsics, Pinhole};
 pub use line::{PixelLine, PlaneLine};
 pub use pencils::{Anchor, AnchorPlace, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};
 pub use pixel::{Pixel, PlanePoint};

@@ -101,7 +101,7 @@ fn map_of(place: &Place, settings: &BuildSettings) -> MapModel {
     append_images(&mut model, &images, place.features.iter().map(copy).collect()).unwrap();
     let mut scene = Scene::of(&model, settings);
     let focus: Vec<u32> = (0..images.len() as u32).collect();
-    let edges = match_images(&scene, vec![Vec::new(); images.len()], &focus, settings, None, &());
+    let edges = match_images(&scene, vec![Vec::new(); images.len()], &focus, settings, None, &()).edges;
     grow(&mut scene, &edges.verified, settings);
     model.points = scene.finish();
     sort_points(&mut model);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
-use veiloc_features::{Extractor, Extractors, FeatureError, Features, Image, Keypoint};
+use veiloc_features::{Extractor, Extractors, FeatureError, Features, Image, Keypoint, Stored};
 use veiloc_geometry::Pixel;
 use veiloc_mapping::BuildOptions;
 use veiloc_replacing::write_whole;
@@ -75,6 +75,11 @@ impl Extractor for Keeping {
 
     fn sight(&self) -> f64 {
         self.inner.sight()
+    }
+
+    /// What is looked up need not be kept.
+    fn stored(&self) -> Option<&dyn Stored> {
+        self.inner.stored()
     }
 }
 

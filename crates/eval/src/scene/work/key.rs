@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use sha2::{Digest as _, Sha256};
-use veiloc_features::{Image, load_gray};
+use veiloc_features::{Features, Image, load_gray};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_obfuscation::ExtractError;
 
@@ -69,13 +69,28 @@ impl Key {
         // An image that cannot be read is named by whoever builds the map.
         let Ok(gray) = load_gray(&evaluation.images.join(name)) else { return Ok(()) };
         let image = Image::from(gray);
-        let features = extractor.extract(&image, 64).map_err(ExtractError::from)?;
-        self.numbers(features.keypoints.iter().flat_map(|k| [k.pixel.u, k.pixel.v]));
-        self.bytes(features.descriptors.as_bytes());
+        match extractor.stored() {
+            // One image does not tell for the others: somebody made each.
+            Some(stored) => {
+                for name in evaluation.map_list.iter().chain(&evaluation.query_list) {
+                    let path = evaluation.images.join(name);
+                    let Ok(gray) = load_gray(&path) else { continue };
+                    if let Ok(features) = stored.features(&path, (gray.width(), gray.height())) {
+                        self.features(&features);
+                    }
+                }
+            }
+            None => self.features(&extractor.extract(&image, 64).map_err(ExtractError::from)?),
+        }
         if let Some(global) = &evaluation.build.global {
             self.debug(&global.describe(&image).map_err(ExtractError::from)?.as_codes());
         }
         Ok(())
+    }
+
+    fn features(&mut self, features: &Features) {
+        self.numbers(features.keypoints.iter().flat_map(|k| [k.pixel.u, k.pixel.v]));
+        self.bytes(features.descriptors.as_bytes());
     }
 
     pub(super) fn digest(self) -> [u8; 32] {
