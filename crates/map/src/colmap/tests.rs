@@ -130,7 +130,7 @@ fn faulty_text_is_refused_by_name_and_line() {
         ("parameter count", [cameras("1 PINHOLE 640 480 1 2"), i(""), p("")], "cameras.txt, line 1"),
         ("not a number", [cameras("1 PINHOLE 640 480 a 1 1 1"), i(""), p("")], "cameras.txt, line 1"),
         ("negative size", [cameras("1 PINHOLE -640 480 1 1 1 1"), i(""), p("")], "cameras.txt, line 1"),
-        ("unknown model", [cameras("1 FOV 640 480 1 1 1 1 1"), i(""), p("")], "not supported"),
+        ("unknown model", [cameras("1 DIVISION 640 480 1 1 1 1 1"), i(""), p("")], "not supported"),
         ("camera twice", [CAMERAS.repeat(2), i(""), p("")], "camera 1 is defined twice"),
         ("NaN pose", [c(), i("1 1 0 0 0 nan 0 0 1 a.jpg"), p("")], "images.txt, line 1"),
         ("zero quaternion", [c(), i("1 0 0 0 0 0 0 0 1 a.jpg"), p("")], "images.txt, line 1"),
@@ -257,7 +257,7 @@ fn hostile_counts_are_refused_before_memory_is_asked_for() {
 
 #[test]
 fn faulty_binary_records_are_refused() {
-    let error = damaged("cameras.bin", |bytes| bytes[12] = 9).unwrap_err().to_string();
+    let error = damaged("cameras.bin", |bytes| bytes[12] = 99).unwrap_err().to_string();
     assert!(error.contains("cameras.bin") && error.contains("not supported"), "{error}");
     let nan = f64::NAN.to_le_bytes();
     let error = damaged("images.bin", |bytes| bytes[12..20].copy_from_slice(&nan)).unwrap_err().to_string();
