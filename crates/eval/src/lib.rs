@@ -2,6 +2,7 @@
 //!
 //! - [`evaluate_scene`]: the whole road, from images to poses, on a place with known poses ([`Negatives`]: and on queries
 //!   of another place).
+//! - [`drawn_queries`]: what a report draws of single queries and no document holds.
 //! - [`stress`]: the same place with queries in the dark, moved, half hidden, small, few keypoints, or a sparse map.
 //! - [`negatives`]: images of elsewhere, which must not be found in a map.
 //! - [`evaluate_rig`]: the same for sessions of several images with simulated odometry.
@@ -28,4 +29,6 @@ pub use poses::{
     GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses, pose_problem,
 };
 pub use rig::{RigEvaluation, evaluate_rig, walk_of};
-pub use scene::{Negatives, SceneEvaluation, evaluate_scene, folder_name};
+pub use scene::{
+    DrawnQuery, DrawnScheme, Negatives, SceneEvaluation, drawn_queries, evaluate_scene, folder_name,
+};

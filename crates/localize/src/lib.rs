@@ -42,7 +42,7 @@ mod verdict;
 pub use correspondences::{MatchedObservations, observe_matches};
 pub use error::LocalizeError;
 pub use localizer::{
-    GravityUse, Localization, LocalizeOptions, Matched, MatchedQuery, StageTimes, localize, localize_matched,
-    match_in, match_query,
+    GravityUse, Localization, LocalizeOptions, Matched, MatchedPair, MatchedQuery, StageTimes, localize,
+    localize_matched, match_in, match_query,
 };
 pub use rig::{FrameLocalization, RigLocalization, localize_rig};

@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::MatchOptions;
 use veiloc_geometry::CameraFromWorld;
-use veiloc_map::{MapFile, MapView};
+use veiloc_map::{MapFile, MapView, PointId};
 use veiloc_query::{CoarseGravity, SealedQuery};
 use veiloc_robust::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_robust::{
@@ -103,12 +103,25 @@ pub struct Localization {
     pub inlier_pairs: usize,
     /// Pairs of a row and a map point: what the pose was estimated from.
     pub pairs: usize,
+    /// The pairs themselves, `[pairs]`, sorted by row.
+    pub matched: Vec<MatchedPair>,
     /// Hypotheses drawn.
     pub hypotheses: usize,
     /// The images that were matched, best first.
     pub retrieved: Vec<Retrieved>,
     /// Time of each stage.
     pub times: StageTimes,
+}
+
+/// A row of the query and a map point proposed for it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MatchedPair {
+    /// Row of the query.
+    pub row: usize,
+    /// The map point.
+    pub point: PointId,
+    /// Whether it agrees with the pose.
+    pub agrees: bool,
 }
 
 /// A query matched with a map: what its pose is estimated from.
@@ -247,6 +260,7 @@ pub fn localize_matched(
     options: &LocalizeOptions,
 ) -> Result<Localization, LocalizeError> {
     let matched_at = Instant::now();
+    let points: Vec<PointId> = matched.matches.iter().map(|m| m.point).collect();
     let MatchedQuery { problem, match_of, rows, retrieved, retrieve_ms, match_ms } =
         problem_of(query, map, matched, options);
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
@@ -260,6 +274,10 @@ pub fn localize_matched(
     let Verdict { covariance, confidence, state } =
         own.in_map(map.file(), query.scheme(), problem.points.len())?;
     let agreeing = match_of.iter().zip(&estimate.inliers).filter_map(|(m, agrees)| agrees.then_some(*m));
+    let agreeing: BTreeSet<usize> = agreeing.collect();
+    let pairs = rows.iter().zip(points).enumerate();
+    let matched =
+        pairs.map(|(m, (row, point))| MatchedPair { row: *row, point, agrees: agreeing.contains(&m) });
     Ok(Localization {
         cam_from_world: estimate.cam_from_world,
         covariance,
@@ -275,8 +293,9 @@ pub fn localize_matched(
         focal_scale: estimate.focal_scale,
         inliers: estimate.inlier_keypoints,
         pairs: rows.len(),
-        matches: distinct(rows.into_iter()),
-        inlier_pairs: distinct(agreeing),
+        matched: matched.collect(),
+        matches: distinct(rows.iter().copied()),
+        inlier_pairs: agreeing.len(),
         hypotheses: estimate.hypotheses,
         retrieved,
         times: StageTimes { retrieve_ms, match_ms, pose_ms: ms(matched_at, Instant::now()) },

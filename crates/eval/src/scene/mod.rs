@@ -3,6 +3,7 @@
 //! The map is built, written and opened again as a server would; every query is sealed, encoded and decoded as if it
 //! had crossed a network. No stage is short-cut because truth is at hand.
 
+mod drawing;
 mod negatives;
 mod one_query;
 mod options;
@@ -15,6 +16,7 @@ use veiloc_features::Progress;
 use veiloc_map::MapFile;
 use veiloc_mapping::Input;
 
+pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
 pub use options::{Negatives, SceneEvaluation};
 
 use crate::error::EvalError;
