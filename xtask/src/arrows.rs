@@ -134,7 +134,13 @@ const ARROWS: &[(&str, &[&str])] = &[
             "training",
         ],
     ),
-    ("report", &["attacks", "audit", "eval", "geometry", "query", "results", "tradeoff"]),
+    (
+        "report",
+        &[
+            "attacks", "audit", "eval", "geometry", "localize", "map", "query", "results", "robust",
+            "tradeoff",
+        ],
+    ),
     (
         "demo",
         &[
@@ -212,6 +218,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "networks",
             "obfuscation",
             "query",
+            "report",
             "results",
             "robust",
             "selftest",

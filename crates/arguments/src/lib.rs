@@ -10,6 +10,7 @@ pub mod global_args;
 pub mod json_args;
 pub mod localization_args;
 pub mod progressive_args;
+pub mod report_args;
 pub mod settings;
 
 // Every command talks by these: they go by the names of their files.

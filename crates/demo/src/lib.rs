@@ -82,7 +82,14 @@ pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, 
     let result = evaluate_scene(&evaluation, progress)?;
     let map = MapFile::open(&options.out.join("place.vmap"))?;
     let attacked = attack::attack_all(&place, &map, options, progress)?;
-    let page = page::page(&place, &map, &result, &attacked, options);
+    let found = page::Found {
+        place: &place,
+        map: &map,
+        asked: &evaluation,
+        evaluation: &result,
+        attacked: &attacked,
+    };
+    let page = page::page(&found, options, progress)?;
     let report = options.out.join("report.html");
     std::fs::write(&report, veiloc_report::html(&page))
         .map_err(|source| DemoError::Io { path: report.clone(), source })?;

@@ -1,27 +1,38 @@
 //! Fills the demo's report with what was measured.
 
-use veiloc_geometry::CameraFromWorld;
-use veiloc_map::{MapFile, PointId};
+use veiloc_eval::{DrawnQuery, SceneEvaluation, drawn_queries};
+use veiloc_features::Progress;
+use veiloc_map::MapFile;
 
 use veiloc_audit::Attack;
-use veiloc_report::{Card, Report, TopView, TopViewScheme};
+use veiloc_report::{Card, PlaceView, QueryDrawing, Report, RunReport, SeenQuery, worst_first};
+use veiloc_results::tables::TableData;
 use veiloc_results::{Evaluation, SchemeSummary};
 
 use crate::attack::Attacked;
+use crate::error::DemoError;
 use crate::options::DemoOptions;
-use crate::place::RenderedPlace;
+use crate::place::{RenderedPlace, image};
 
-/// Map points the top view draws at most; more only make the file larger.
-const DRAWN_POINTS: usize = 4000;
+/// Queries drawn, worst first, beside the one that stages show.
+const DRAWN: usize = 5;
+
+/// What the page is about.
+pub(crate) struct Found<'a> {
+    pub(crate) place: &'a RenderedPlace,
+    pub(crate) map: &'a MapFile,
+    pub(crate) asked: &'a SceneEvaluation,
+    pub(crate) evaluation: &'a Evaluation,
+    pub(crate) attacked: &'a Attacked,
+}
 
 pub(crate) fn page(
-    place: &RenderedPlace,
-    map: &MapFile,
-    evaluation: &Evaluation,
-    attacked: &Attacked,
+    found: &Found<'_>,
     options: &DemoOptions,
-) -> Report {
-    let mut page = Report {
+    progress: &dyn Progress,
+) -> Result<Report, DemoError> {
+    let Found { place, map, asked, evaluation, attacked } = found;
+    let mut run = RunReport {
         title: "veiloc demo".to_owned(),
         lead: format!(
             "A room that nobody has photographed was rendered from {} places and turned into a map. Then {} hidden views \
@@ -29,15 +40,38 @@ pub(crate) fn page(
             place.map_list.len(),
             place.query_list.len()
         ),
-        ..Report::default()
+        cards: cards(evaluation, attacked),
+        details: details(evaluation, options),
+        ..RunReport::default()
     };
-    page.cards = cards(evaluation, attacked);
-    page.localization.clone_from(&evaluation.schemes);
-    page.attacks.clone_from(&attacked.document.attacks);
-    page.queries.clone_from(&attacked.panels);
-    page.top_view = Some(top_view(place, map, evaluation));
-    page.details = details(evaluation, options);
-    page
+    let rows = evaluation.schemes.iter().map(|row| (None, row));
+    let queries = evaluation.queries.iter().map(|query| (None, query));
+    let view = PlaceView { up: Some([0.0, 0.0, 1.0]), ..PlaceView::of_map("", map) };
+    run.add_place(view, rows, queries, &|name| place.pose_of(name));
+    let json = serde_json::to_string(evaluation).unwrap_or_default();
+    if let Ok(data) = TableData::parse(&json) {
+        run.add_figures(&data);
+    }
+    let shown = place.query_list.first().cloned();
+    let mut names: Vec<String> = shown.into_iter().collect();
+    for (_, name) in worst_first(&run.rows, &run.outcomes).into_iter().take(DRAWN) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let drawn = drawn_queries(asked, map, &names, progress)?;
+    run.drawings = drawn.iter().map(|query| QueryDrawing::of(query, 0, map, true)).collect();
+    Ok(Report {
+        run,
+        seen: drawn.first().map(seen).transpose()?,
+        attacked: attacked.drawn.clone(),
+        attacks: attacked.document.attacks.clone(),
+    })
+}
+
+fn seen(query: &DrawnQuery) -> Result<SeenQuery, DemoError> {
+    let image = image(&query.path)?;
+    Ok(SeenQuery { name: query.name.clone(), image, keypoints: query.keypoints.clone() })
 }
 
 fn find<'a>(evaluation: &'a Evaluation, scheme: &str) -> Option<&'a SchemeSummary> {
@@ -78,41 +112,6 @@ fn cards(evaluation: &Evaluation, attacked: &Attacked) -> Vec<Card> {
         }
     }
     cards
-}
-
-fn top_view(place: &RenderedPlace, map: &MapFile, evaluation: &Evaluation) -> TopView {
-    let step = map.point_count().div_ceil(DRAWN_POINTS).max(1);
-    let points = (0..map.point_count())
-        .step_by(step)
-        .map(|i| {
-            let p = map.point(PointId(i as u32)).coords;
-            [p.x, p.y, p.z]
-        })
-        .collect();
-    let true_pose = |name: &str| place.pose_of(name);
-    let schemes = evaluation
-        .schemes
-        .iter()
-        .map(|s| TopViewScheme {
-            scheme: s.scheme.clone(),
-            cameras: evaluation
-                .queries
-                .iter()
-                .filter(|q| q.scheme == s.scheme && q.score == s.score)
-                .filter_map(|q| {
-                    let estimate: Option<CameraFromWorld> = q.cam_from_world.as_ref().and_then(|p| p.pose());
-                    Some((true_pose(&q.name)?, estimate))
-                })
-                .collect(),
-        })
-        .collect();
-    TopView {
-        points,
-        right: place.right,
-        up: place.up,
-        mapping: place.map_list.iter().filter_map(|name| true_pose(name)).collect(),
-        schemes,
-    }
 }
 
 fn details(evaluation: &Evaluation, options: &DemoOptions) -> Vec<(String, String)> {

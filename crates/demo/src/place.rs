@@ -22,9 +22,6 @@ pub(crate) struct RenderedPlace {
     pub(crate) map_list: Vec<String>,
     pub(crate) query_list: Vec<String>,
     poses: Vec<(String, CameraFromWorld)>,
-    /// Directions of the map that point right and up when seen from above.
-    pub(crate) right: [f64; 3],
-    pub(crate) up: [f64; 3],
 }
 
 impl RenderedPlace {
@@ -76,16 +73,7 @@ pub(crate) fn render(options: &DemoOptions, progress: &dyn Progress) -> Result<R
         })
         .collect();
     write_text(&ColmapModel::new(vec![(1, camera)], posed_images, Vec::new())?, &posed)?;
-    Ok(RenderedPlace {
-        posed,
-        images,
-        camera,
-        map_list,
-        query_list,
-        poses,
-        right: [1.0, 0.0, 0.0],
-        up: [0.0, 1.0, 0.0],
-    })
+    Ok(RenderedPlace { posed, images, camera, map_list, query_list, poses })
 }
 
 /// A rendered image in colour, for the report.

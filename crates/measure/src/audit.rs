@@ -140,7 +140,7 @@ fn report_path(out: &Path) -> Result<PathBuf, Failure> {
 }
 
 /// What was typed, with quotes where a shell needs them.
-fn command_line() -> String {
+pub(crate) fn command_line() -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./,=:%+@".contains(c);
     let quoted = |word: String| {
         if !word.is_empty() && word.chars().all(plain) {

@@ -10,7 +10,7 @@ pub mod train;
 
 use veiloc_arguments::{
     camera, extraction_args, faults, feature_args, global_args, json_args, localization_args,
-    progressive_args,
+    progressive_args, report_args,
 };
 // Every command talks by these: they go by the names of their files.
 use veiloc_terminal::{exit, files, items, lists, stages, ui};

@@ -23,11 +23,16 @@ pub(super) const NOT_LOCALIZED: &str = "<span class=\"none\">not localized</span
 
 /// A length in metres: millimetres, centimetres or metres, two or three digits.
 pub(super) fn length(metres: Option<f64>) -> String {
+    length_or(metres, NOT_LOCALIZED)
+}
+
+/// The same, with other words where there is none.
+pub(super) fn length_or(metres: Option<f64>, none: &str) -> String {
     match metres {
         Some(m) if m.is_finite() && m.abs() < 0.01 => format!("{:.1} mm", 1e3 * m),
         Some(m) if m.is_finite() && m.abs() < 1.0 => format!("{:.1} cm", 1e2 * m),
         Some(m) if m.is_finite() => format!("{m:.2} m"),
-        _ => NOT_LOCALIZED.to_owned(),
+        _ => none.to_owned(),
     }
 }
 

@@ -1,4 +1,4 @@
-//! The two tables: how well it localizes, and how much it leaks.
+//! The tables: how well it localizes, whether to trust it, what it takes, and how much it leaks.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -7,53 +7,91 @@ use super::format::{degrees, escape, length, milliseconds, percent, pixels, sche
 use veiloc_audit::{Attack, AttackSummary, capital};
 use veiloc_results::{STAGES, SchemeSummary};
 
-pub(super) fn localization(rows: &[SchemeSummary]) -> String {
+/// A row of a table: what it is called (HTML), what the scheme does, and its figures.
+pub(super) struct TableRow<'a> {
+    pub(super) name: String,
+    pub(super) what: &'static str,
+    pub(super) summary: &'a SchemeSummary,
+}
+
+/// Errors and recall, a row a scheme.
+pub(super) fn localization(rows: &[TableRow<'_>]) -> String {
     if rows.is_empty() {
         return String::new();
     }
-    let mut thresholds: Vec<&String> =
-        rows.iter().flat_map(|r| r.recall.keys()).collect::<BTreeSet<_>>().into_iter().collect();
+    let keys = rows.iter().flat_map(|r| r.summary.recall.keys());
+    let mut thresholds: Vec<&String> = keys.collect::<BTreeSet<_>>().into_iter().collect();
     let key = |t: &str| t.split_once('/').and_then(|(d, _)| d.parse::<f64>().ok()).unwrap_or(f64::INFINITY);
     thresholds.sort_by(|a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
-    let several_scores = rows.iter().any(|a| rows.iter().any(|b| a.scheme == b.scheme && a.score != b.score));
     let mut out = String::from(
-        "<section><h2>How well cameras are found</h2>\
-         <p>Each hidden view was sent under every scheme, and the server answered where the camera stood. \
-         Errors are measured against the true pose; a view that was not localized counts as infinitely wrong.</p>\
-         <div class=\"scroll\"><table><thead><tr><th>Scheme</th><th>Localized</th><th>Position error<br>(median)</th>\
-         <th>Rotation error<br>(median)</th>",
+        "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Errors and recall\"><table><thead><tr>\
+         <th scope=\"col\">Scheme</th><th scope=\"col\">Localized</th><th scope=\"col\">Position error<br>(median)</th>\
+         <th scope=\"col\">Rotation error<br>(median)</th>",
     );
     for t in &thresholds {
-        let _ = write!(out, "<th>Within<br>{}</th>", threshold_words(t));
+        let _ = write!(out, "<th scope=\"col\">Within<br>{}</th>", threshold_words(t));
     }
-    out.push_str("<th>Agreeing<br>matches</th><th>Query size</th></tr></thead><tbody>");
-    for row in rows {
-        let (name, what) = scheme_words(&row.scheme);
-        let score = if several_scores { format!(" · {}", escape(&row.score)) } else { String::new() };
+    out.push_str(
+        "<th scope=\"col\">Agreeing<br>matches</th><th scope=\"col\">Query size</th></tr></thead><tbody>",
+    );
+    for TableRow { name, what, summary } in rows {
         let _ = write!(
             out,
-            "<tr><th>{name}{score}<small>{what}</small></th><td>{} of {}</td><td>{}</td><td>{}</td>",
-            row.localized,
-            row.queries,
-            length(row.median_translation),
-            degrees(row.median_rotation_deg)
+            "<tr><th scope=\"row\">{name}<small>{what}</small></th><td>{} of {}</td><td>{}</td><td>{}</td>",
+            summary.localized,
+            summary.queries,
+            length(summary.median_translation),
+            degrees(summary.median_rotation_deg)
         );
         for t in &thresholds {
-            let share = row.recall.get(*t).copied();
+            let share = summary.recall.get(*t).copied();
             let _ = write!(out, "<td>{}{}</td>", percent(share), bar(share));
         }
-        let bytes = row.sealed_bytes.map_or_else(|| "–".to_owned(), |b| format!("{:.1} kB", b as f64 / 1e3));
-        let _ = write!(out, "<td>{}</td><td>{bytes}</td></tr>", percent(row.mean_inlier_ratio));
+        let bytes =
+            summary.sealed_bytes.map_or_else(|| "–".to_owned(), |b| format!("{:.1} kB", b as f64 / 1e3));
+        let _ = write!(out, "<td>{}</td><td>{bytes}</td></tr>", percent(summary.mean_inlier_ratio));
     }
-    out.push_str("</tbody></table></div>");
-    out.push_str(&stage_times(rows, several_scores));
-    out.push_str("</section>");
-    out
+    out + "</tbody></table></div>"
 }
 
-fn stage_times(rows: &[SchemeSummary], several_scores: bool) -> String {
-    let known: BTreeSet<&String> = rows.iter().flat_map(|r| r.median_ms.keys()).collect();
-    // As a query goes through them; what is not on that road comes last.
+/// What the estimator says of its poses, and how right it is; nothing where it was not asked.
+pub(super) fn trust(rows: &[TableRow<'_>]) -> String {
+    let asked: Vec<&TableRow<'_>> = rows.iter().filter(|row| row.summary.trusted.is_some()).collect();
+    if asked.is_empty() {
+        return String::new();
+    }
+    let mut out = String::from(
+        "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Trust\"><table><thead><tr><th scope=\"col\">Scheme</th>\
+         <th scope=\"col\">Trusted</th><th scope=\"col\">Trusted,<br>yet wrong</th><th scope=\"col\">Doubtful</th>\
+         <th scope=\"col\">Not found</th><th scope=\"col\">Error over ±<br>(median)</th><th scope=\"col\">Truth within the<br>90 % region</th>\
+         </tr></thead><tbody>",
+    );
+    for row in asked {
+        let s = row.summary;
+        let count = |n: Option<usize>| n.map_or_else(|| "–".to_owned(), |n| n.to_string());
+        let wrong = if s.trusted_wrong.is_some_and(|n| n > 0) { " class=\"leak\"" } else { "" };
+        let known = s.uncertainty.as_ref();
+        let ratio = known.and_then(|u| u.center_error_over_sd);
+        let ninety = known.and_then(|u| u.coverage.get("90").copied());
+        let _ = write!(
+            out,
+            "<tr><th scope=\"row\">{}</th><td>{}</td><td{wrong}>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            row.name,
+            count(s.trusted),
+            count(s.trusted_wrong),
+            count(s.doubtful),
+            count(s.not_found),
+            ratio.map_or_else(|| "–".to_owned(), |r| format!("{r:.2}")),
+            percent(ninety),
+        );
+    }
+    out + "</tbody></table></div>"
+}
+
+/// Median time of each stage, as a query goes through them.
+pub(super) fn stage_times(rows: &[TableRow<'_>]) -> String {
+    let known: BTreeSet<&String> = rows.iter().flat_map(|r| r.summary.median_ms.keys()).collect();
+    // What is not on that road comes last.
     let place = |stage: &str| STAGES.iter().position(|s| *s == stage).unwrap_or(STAGES.len());
     let mut stages: Vec<&String> = known.into_iter().collect();
     stages.sort_by_key(|stage| place(stage));
@@ -61,22 +99,21 @@ fn stage_times(rows: &[SchemeSummary], several_scores: bool) -> String {
         return String::new();
     }
     let mut out = String::from(
-        "<h3>Time per query, median</h3><div class=\"scroll\"><table><thead><tr><th>Scheme</th>",
+        "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Times\"><table><thead><tr>\
+         <th scope=\"col\">Scheme</th>",
     );
     for stage in &stages {
-        let _ = write!(out, "<th>{}</th>", escape(stage));
+        let _ = write!(out, "<th scope=\"col\">{}</th>", escape(stage));
     }
     out.push_str("</tr></thead><tbody>");
     for row in rows {
-        let score = if several_scores { format!(" · {}", escape(&row.score)) } else { String::new() };
-        let _ = write!(out, "<tr><th>{}{score}</th>", scheme_words(&row.scheme).0);
+        let _ = write!(out, "<tr><th scope=\"row\">{}</th>", row.name);
         for stage in &stages {
-            let _ = write!(out, "<td>{}</td>", milliseconds(row.median_ms.get(*stage).copied()));
+            let _ = write!(out, "<td>{}</td>", milliseconds(row.summary.median_ms.get(*stage).copied()));
         }
         out.push_str("</tr>");
     }
-    out.push_str("</tbody></table></div>");
-    out
+    out + "</tbody></table></div>"
 }
 
 /// `"0.05/5"` as `5.0 cm, 5°`.
@@ -88,9 +125,13 @@ fn threshold_words(key: &str) -> String {
     }
 }
 
+/// A bar whose width is the share; drawn, since the page's policy takes no styles at elements.
 fn bar(share: Option<f64>) -> String {
-    let width = share.filter(|s| s.is_finite()).unwrap_or(0.0).clamp(0.0, 1.0);
-    format!("<span class=\"bar\"><i style=\"width:{:.0}%\"></i></span>", 100.0 * width)
+    let width = 46.0 * share.filter(|s| s.is_finite()).unwrap_or(0.0).clamp(0.0, 1.0);
+    format!(
+        "<svg class=\"bar\" viewBox=\"0 0 46 7\" aria-hidden=\"true\"><rect width=\"46\" height=\"7\" rx=\"3.5\" class=\"rail\"/>\
+         <rect width=\"{width:.1}\" height=\"7\" rx=\"3.5\" class=\"fill\"/></svg>"
+    )
 }
 
 pub(super) fn attacks(rows: &[AttackSummary]) -> String {
@@ -98,13 +139,10 @@ pub(super) fn attacks(rows: &[AttackSummary]) -> String {
         return String::new();
     }
     let mut out = String::from(
-        "<section><h2>What an attacker learns</h2>\
-         <p>The attacker sees what the server sees and tries to put every keypoint back into the image. \
-         To be on the safe side it is told which keypoints are neighbours. \
-         The guess uses nothing but the single line: an attack is only worth something where it beats the guess.</p>\
-         <div class=\"scroll attacks\"><table><thead><tr><th>Scheme</th><th>Attack</th><th>Mean error</th><th>Median error</th>\
-         <th>Recovered to<br>within 30 px</th><th>Learned beyond<br>the guess</th><th>Images</th><th>Time a<br>image</th>\
-         </tr></thead><tbody>",
+        "<div class=\"scroll attacks\" tabindex=\"0\" role=\"region\" aria-label=\"Attacks\"><table><thead><tr><th scope=\"col\">Scheme\
+         </th><th scope=\"col\">Attack</th><th scope=\"col\">Mean error</th><th scope=\"col\">Median error</th>\
+         <th scope=\"col\">Recovered to<br>within 30 px</th><th scope=\"col\">Learned beyond<br>the guess</th><th scope=\"col\">Images</th>\
+         <th scope=\"col\">Time a<br>image</th></tr></thead><tbody>",
     );
     let mut last = None;
     for row in rows {
@@ -122,7 +160,7 @@ pub(super) fn attacks(rows: &[AttackSummary]) -> String {
         let bits = Some(row.bits_over_prior).filter(|b| b.is_finite() && !guess);
         let _ = write!(
             out,
-            "<tr{class}><th>{name}</th><td>{}</td><td>{}</td><td>{}</td><td{leak}>{}{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr{class}><th scope=\"row\">{name}</th><td>{}</td><td>{}</td><td>{}</td><td{leak}>{}{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             escape(&capital(row.attack.words)),
             pixels(row.mean_px),
             pixels(row.median_px),
@@ -136,7 +174,7 @@ pub(super) fn attacks(rows: &[AttackSummary]) -> String {
     out.push_str(
         "</tbody></table></div><p class=\"note\">One bit more than the guess halves the attacker's error; a negative \
          number means that the attack did worse than guessing. A large error therefore shows that this attack fails, \
-         not that no attack can succeed.</p></section>",
+         not that no attack can succeed.</p>",
     );
     out
 }

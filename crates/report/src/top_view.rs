@@ -4,24 +4,55 @@ use std::fmt::Write as _;
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
+use veiloc_robust::State;
 
-use super::data::{TopView, TopViewScheme};
-use super::format::{length, scheme_words};
+use super::format::{escape, length};
 
 /// Map points drawn at most.
 const MOST_POINTS: usize = 3500;
+/// Cameras of the map drawn at most.
+const MOST_CAMERAS: usize = 300;
 /// Width of the drawing in its own units.
 const WIDTH: f64 = 520.0;
 
-pub(super) fn section(view: &TopView) -> String {
+/// Cameras and map points seen from above.
+pub(crate) struct TopView<'a> {
+    /// Name of what several drawings share, on the page.
+    pub(crate) id: String,
+    /// Map points, map units (metres).
+    pub(crate) points: &'a [[f64; 3]],
+    /// Unit direction of the map that points right on the page.
+    pub(crate) right: [f64; 3],
+    /// Unit direction of the map that points up on the page.
+    pub(crate) up: [f64; 3],
+    /// Poses of the images in the map.
+    pub(crate) mapping: &'a [CameraFromWorld],
+    /// One drawing per row.
+    pub(crate) rows: Vec<TopViewRow>,
+}
+
+/// The queries of one row.
+#[derive(Debug, Clone)]
+pub(crate) struct TopViewRow {
+    /// What the row is called.
+    pub(crate) name: String,
+    /// Its queries.
+    pub(crate) cameras: Vec<TopCamera>,
+}
+
+/// A query.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct TopCamera {
+    pub(crate) truth: Option<CameraFromWorld>,
+    pub(crate) estimate: Option<CameraFromWorld>,
+    pub(crate) state: Option<State>,
+}
+
+/// Legend and drawings; nothing when there is nothing finite to show.
+pub(crate) fn figures(view: &TopView<'_>) -> String {
     let Some(plan) = Plan::new(view) else { return String::new() };
-    let mut out = String::from(
-        "<section><h2>The place from above</h2><p>Every hidden view, drawn where the camera really stood and where \
-         the server put it. A filled wedge on its hollow one is a camera that was found. A wedge has its tip where the camera \
-         stood and opens to where it looked.</p>",
-    );
-    out.push_str(&legend());
-    let mut ground = String::new();
+    let judged = view.rows.iter().flat_map(|row| &row.cameras).any(|camera| camera.truth.is_some());
+    let mut out = legend(judged);
     let step = view.points.len().div_ceil(MOST_POINTS).max(1);
     let mut cloud = String::new();
     for p in view.points.iter().step_by(step) {
@@ -30,54 +61,69 @@ pub(super) fn section(view: &TopView) -> String {
             let _ = write!(cloud, "M{:.1} {:.1}h0", q.x, q.y);
         }
     }
-    let _ = write!(ground, "<path class=\"mappoint\" stroke-width=\"1.6\" d=\"{cloud}\"/>");
-    for pose in &view.mapping {
+    let mut ground = format!("<path class=\"mappoint\" stroke-width=\"1.6\" d=\"{cloud}\"/>");
+    for pose in view.mapping.iter().step_by(view.mapping.len().div_ceil(MOST_CAMERAS).max(1)) {
         let _ = write!(ground, "<path class=\"mapcam\" stroke-width=\"1\" d=\"{}\"/>", plan.wedge(pose, 7.0));
     }
-    out.push_str("<div class=\"two\">");
-    for group in alike(&view.schemes) {
+    // Drawn once, and referred to.
+    let _ = write!(
+        out,
+        "<svg width=\"0\" height=\"0\" class=\"shared\" aria-hidden=\"true\"><defs><g id=\"{}\">{ground}</g></defs></svg>\
+         <div class=\"two\">",
+        view.id
+    );
+    let ground = format!("<use href=\"#{}\"/>", view.id);
+    for group in alike(&view.rows) {
         out.push_str(&figure(&group, &plan, &ground));
     }
-    out.push_str("</div></section>");
-    out
+    out + "</div>"
 }
 
-fn legend() -> String {
+fn legend(judged: bool) -> String {
     let wedge = "M2 11L6 1L10 11Z";
     let entry = |class: &str, words: &str| {
         format!(
             "<li><svg viewBox=\"0 0 12 12\" aria-hidden=\"true\"><path class=\"{class}\" stroke-width=\"1\" d=\"{wedge}\"/></svg>{words}</li>"
         )
     };
+    let found = if judged {
+        [
+            entry("truecam", "true camera"),
+            entry("near", "estimate, under 5 cm off"),
+            entry("mid", "under 25 cm"),
+            entry("far", "farther off"),
+        ]
+        .concat()
+    } else {
+        [entry("near", "trusted estimate"), entry("mid", "doubtful estimate")].concat()
+    };
+    let lost = "<li><svg viewBox=\"0 0 12 12\" aria-hidden=\"true\"><path class=\"lost\" stroke-width=\"2\" d=\"M2 2L10 10M10 2L2 10\"/>\
+                </svg>not localized</li>";
     format!(
-        "<ul class=\"legend\">{}{}{}{}{}<li><svg viewBox=\"0 0 12 12\" aria-hidden=\"true\"><path class=\"lost\" \
-         stroke-width=\"2\" d=\"M2 2L10 10M10 2L2 10\"/></svg>not localized</li><li><svg viewBox=\"0 0 12 12\" \
-         aria-hidden=\"true\"><path class=\"mappoint\" stroke-width=\"5\" d=\"M6 6h0\"/></svg>map point</li></ul>",
+        "<ul class=\"legend\">{}{found}{}<li><svg viewBox=\"0 0 12 12\" aria-hidden=\"true\"><path class=\"mappoint\" \
+         stroke-width=\"5\" d=\"M6 6h0\"/></svg>map point</li></ul>",
         entry("mapcam", "image in the map"),
-        entry("truecam", "true camera"),
-        entry("near", "estimate, under 5 cm off"),
-        entry("mid", "under 25 cm"),
-        entry("far", "farther off"),
+        if judged { lost } else { "" },
     )
 }
 
 /// How far off one estimate is; as the legend has it.
-fn class(truth: &CameraFromWorld, estimate: Option<&CameraFromWorld>) -> &'static str {
-    match estimate.filter(|pose| pose.is_finite()).map(|pose| pose.translation_error(truth)) {
-        None => "lost",
+fn class(camera: &TopCamera) -> &'static str {
+    let Some(pose) = camera.estimate.filter(CameraFromWorld::is_finite) else { return "lost" };
+    match camera.truth.map(|truth| pose.translation_error(&truth)) {
+        None if camera.state == Some(State::Doubtful) => "mid",
+        None => "near",
         Some(error) if error < 0.05 => "near",
         Some(error) if error < 0.25 => "mid",
         Some(_) => "far",
     }
 }
 
-/// Schemes whose drawings would look the same share one.
-fn alike(schemes: &[TopViewScheme]) -> Vec<Vec<&TopViewScheme>> {
-    let classes = |scheme: &TopViewScheme| -> Vec<&'static str> {
-        scheme.cameras.iter().map(|(truth, estimate)| class(truth, estimate.as_ref())).collect()
-    };
-    let mut groups: Vec<Vec<&TopViewScheme>> = Vec::new();
-    for scheme in schemes {
+/// Rows whose drawings would look the same share one.
+fn alike(rows: &[TopViewRow]) -> Vec<Vec<&TopViewRow>> {
+    let classes = |row: &TopViewRow| -> Vec<&'static str> { row.cameras.iter().map(class).collect() };
+    let mut groups: Vec<Vec<&TopViewRow>> = Vec::new();
+    for scheme in rows {
         // Where nothing is farther off than a wedge is long, nobody sees a difference.
         let own = classes(scheme);
         let seen = own.contains(&"far");
@@ -89,41 +135,42 @@ fn alike(schemes: &[TopViewScheme]) -> Vec<Vec<&TopViewScheme>> {
     groups
 }
 
-fn figure(group: &[&TopViewScheme], plan: &Plan, ground: &str) -> String {
-    let scheme = group[0];
+fn figure(group: &[&TopViewRow], plan: &Plan, ground: &str) -> String {
+    let row = group[0];
     let (mut drawn, mut off_page, mut lost) = (String::new(), 0, 0);
-    for (truth, _) in &scheme.cameras {
-        let _ =
-            write!(drawn, "<path class=\"truecam\" stroke-width=\"1.5\" d=\"{}\"/>", plan.wedge(truth, 15.0));
+    for truth in row.cameras.iter().filter_map(|camera| camera.truth) {
+        let wedge = plan.wedge(&truth, 15.0);
+        let _ = write!(drawn, "<path class=\"truecam\" stroke-width=\"1.5\" d=\"{wedge}\"/>");
     }
-    for (truth, estimate) in &scheme.cameras {
-        if let Some(pose) = estimate.filter(CameraFromWorld::is_finite) {
-            let class = class(truth, Some(&pose));
+    for camera in &row.cameras {
+        if let Some(pose) = camera.estimate.filter(CameraFromWorld::is_finite) {
             if plan.holds(plan.place(pose.center().coords)) {
-                let _ = write!(drawn, "<path class=\"{class}\" d=\"{}\"/>", plan.wedge(&pose, 10.0));
+                let _ =
+                    write!(drawn, "<path class=\"{}\" d=\"{}\"/>", class(camera), plan.wedge(&pose, 10.0));
             } else {
                 off_page += 1;
             }
         } else {
+            lost += 1;
+            let Some(truth) = camera.truth else { continue };
             let q = plan.place(truth.center().coords);
             let (x, y) = (q.x - 5.0, q.y - 5.0);
             let cross = format!("M{x:.1} {y:.1}l10 10m0 -10l-10 10");
             let _ = write!(drawn, "<path class=\"lost\" stroke-width=\"2\" d=\"{cross}\"/>");
-            lost += 1;
         }
     }
-    let mut words = format!("{} of {} localized.", scheme.cameras.len() - lost, scheme.cameras.len());
+    let mut words = format!("{} of {} localized.", row.cameras.len() - lost, row.cameras.len());
     if off_page > 0 {
         let _ = write!(words, " {off_page} estimated so far away that they are off this page.");
     }
-    let names: Vec<String> = group.iter().map(|s| scheme_words(&s.scheme).0).collect();
+    let names: Vec<String> = group.iter().map(|row| escape(&row.name)).collect();
     let name = names.join(", ");
     if group.len() > 1 {
         words.push_str(" The same under each of these schemes; the first is drawn.");
     }
     format!(
-        "<figure><svg viewBox=\"0 0 {WIDTH:.0} {:.0}\" role=\"img\" aria-label=\"The place from above\">{ground}{drawn}{}</svg>\
-         <figcaption><b>{name}.</b> {words}</figcaption></figure>",
+        "<figure><svg viewBox=\"0 0 {WIDTH:.0} {:.0}\" role=\"img\" aria-label=\"The place from above, {name}\">{ground}{drawn}{}\
+         </svg><figcaption><b>{name}.</b> {words}</figcaption></figure>",
         plan.height,
         plan.scale_bar()
     )
@@ -141,13 +188,13 @@ struct Plan {
 
 impl Plan {
     /// Fits all but the farthest map points and every true camera. `None` when there is nothing finite to show.
-    fn new(view: &TopView) -> Option<Self> {
+    fn new(view: &TopView<'_>) -> Option<Self> {
         let (right, up) = (Vector3::from(view.right), Vector3::from(view.up));
         let flat = |p: Vector3<f64>| Vector2::new(right.dot(&p), up.dot(&p));
-        let cameras =
-            view.mapping.iter().chain(view.schemes.iter().flat_map(|s| s.cameras.iter().map(|c| &c.0)));
-        let cameras: Vec<Vector2<f64>> =
-            cameras.filter(|c| c.is_finite()).map(|c| flat(c.center().coords)).collect();
+        let queries =
+            view.rows.iter().flat_map(|row| &row.cameras).filter_map(|camera| camera.truth.as_ref());
+        let cameras = view.mapping.iter().chain(queries).filter(|pose| pose.is_finite());
+        let cameras: Vec<Vector2<f64>> = cameras.map(|pose| flat(pose.center().coords)).collect();
         let points: Vec<Vector2<f64>> = view.points.iter().map(|p| flat(Vector3::from(*p))).collect();
         let range = |axis: usize| {
             let mut along: Vec<f64> = points.iter().map(|p| p[axis]).filter(|x| x.is_finite()).collect();
@@ -209,12 +256,13 @@ impl Plan {
 mod tests {
     use super::*;
 
-    fn scheme(name: &str, off: Option<f64>) -> TopViewScheme {
+    fn scheme(name: &str, off: Option<f64>) -> TopViewRow {
         let at =
             |x: f64| CameraFromWorld::from_quaternion([1.0, 0.0, 0.0, 0.0], [x, 0.0, 0.0]).expect("a pose");
-        TopViewScheme {
-            scheme: name.to_owned(),
-            cameras: vec![(at(0.0), off.map(at)), (at(1.0), Some(at(1.0)))],
+        let camera = |truth, estimate| TopCamera { truth: Some(truth), estimate, state: None };
+        TopViewRow {
+            name: name.to_owned(),
+            cameras: vec![camera(at(0.0), off.map(at)), camera(at(1.0), Some(at(1.0)))],
         }
     }
 

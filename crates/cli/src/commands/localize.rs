@@ -2,6 +2,7 @@
 
 mod document;
 mod from_images;
+mod report;
 mod rig;
 mod written;
 
@@ -52,7 +53,7 @@ pub(crate) struct Args {
     queries: Vec<PathBuf>,
     /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
     /// with the deviations of that (docs/json.md). One pose of the device for all.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["queries", "skip_bad"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["queries", "skip_bad", "report_file"])]
     rig: Option<PathBuf>,
     #[command(flatten)]
     images: ImageArgs,
@@ -69,6 +70,8 @@ pub(crate) struct Args {
     trusted_only: bool,
     #[command(flatten)]
     written: WrittenArgs,
+    #[command(flatten)]
+    report: report::ReportArgs,
     #[command(flatten)]
     skip: SkipArgs,
     /// Print one JSON document to stdout, with what became of every query.
@@ -97,7 +100,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     args.written.check(&items, sealing.is_some())?;
     let mut tally = Tally::begin("localized", &items, ui);
     let stage = (items.len() > 1).then(|| ui.stage("Localizing", items.len() as u64));
-    let (mut queries, mut cameras) = (Vec::new(), Vec::new());
+    let (mut queries, mut cameras, mut drawable) = (Vec::new(), Vec::new(), Vec::new());
     for (index, item) in items.iter().enumerate() {
         let (file, sealed, camera) = match &sealing {
             Some(sealing) => {
@@ -107,6 +110,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
             }
             None => (item.path.display().to_string(), read_sealed(item), None),
         };
+        drawable.push(sealed.as_ref().ok().filter(|_| args.report.is_asked()).cloned());
         let query = answer(file, sealed, &map, &options, args.trusted_only);
         if let Some(ErrorDocument::Failed(fault)) = &query.error {
             tally.failed(&query.file, fault);
@@ -135,6 +139,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         failed: count(Status::Failed),
         queries,
     };
+    args.report.write(&document, &drawable, &map, &options, ui)?;
     if args.json {
         ui.json(&document)?;
     } else {

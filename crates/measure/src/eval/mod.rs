@@ -5,6 +5,7 @@ mod compare;
 mod crb;
 mod data_set;
 mod half;
+mod html;
 mod inversion;
 mod keypoints;
 mod layouts;

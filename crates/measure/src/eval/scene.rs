@@ -6,6 +6,7 @@ use veiloc_eval::road::Sending;
 use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 
+use crate::eval::html::{self, HtmlArgs};
 use crate::eval::place::{GravityArgs, PlaceArgs};
 use crate::eval::report::ReportArgs;
 use crate::exit::{Failure, Outcome};
@@ -41,6 +42,8 @@ pub struct Args {
     /// Queries that are localized at the same time; with more than one, times are those of a busy machine.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     jobs: u16,
+    #[command(flatten)]
+    html: HtmlArgs,
 }
 
 /// A place, how its map is built, and how queries are localized in it: what `eval scene` and `eval rig` start from.
@@ -124,7 +127,7 @@ impl NegativeArgs {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let evaluation = SceneEvaluation {
+    let mut evaluation = SceneEvaluation {
         gravity_sd_deg: args.gravity.sd_deg,
         negatives: args.negatives.negatives()?,
         masks: args.masks.clone(),
@@ -133,6 +136,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         sending: args.progressive.enough().map_or(Sending::Whole, Sending::Progressive),
         ..args.scene.evaluation()?
     };
+    let report = args.html.begin(1)?;
+    if let Some(report) = &report {
+        report.keep_map(&mut evaluation);
+    }
     let result = evaluate_scene(&evaluation, &Stages::new(ui))?;
     if let Some(map) = &result.map {
         ui.say(format!(
@@ -144,6 +151,13 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             map.build_seconds,
             map.build_seconds / map.images.max(1) as f64,
         ));
+    }
+    if let Some(mut report) = report {
+        let rows = result.schemes.iter().map(|row| (None, row));
+        let queries = result.queries.iter().map(|query| (None, query));
+        report.add("", &evaluation, rows, queries, ui)?;
+        let title = format!("Localization in {}", result.data.join(", "));
+        report.write(&title, &serde_json::to_string(&result)?, html::details(evaluation.seed), ui)?;
     }
     args.scene.report.finish(&result, ui)
 }

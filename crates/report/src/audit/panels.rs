@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use veiloc_attacks::ErrorSummary;
 use veiloc_geometry::Pixel;
 
-use crate::data::SchemePanel;
-use crate::query_figures::{CLASSES, dots, sent as sent_layers};
+use crate::attacked::CLASSES;
+use crate::sent::{dots, sent as sent_layers};
 use veiloc_audit::{Shown, ShownAttack, ShownScheme};
 use veiloc_audit::{percent, px};
 
@@ -97,15 +97,7 @@ impl<'a> Panels<'a> {
 
     /// What is sent under a scheme.
     pub(super) fn sent(&self, scheme: &ShownScheme, caption: &str) -> String {
-        let panel = SchemePanel {
-            scheme: scheme.scheme.to_string(),
-            sent: scheme.sent.clone(),
-            truth: Vec::new(),
-            recovered: Vec::new(),
-            guessed: Vec::new(),
-            size: self.shown.size,
-        };
-        let (layers, remark) = sent_layers(&panel);
+        let (layers, remark) = sent_layers(&scheme.sent, self.shown.size);
         format!(
             "{}{layers}</svg><figcaption><b>{caption}</b> {remark}</figcaption></figure>",
             self.open("What is sent", 0.05)

@@ -12,6 +12,7 @@ use veiloc_results::{
 use veiloc_robust::{AnchoredSolver, ScoreKind};
 
 use super::options::{DataSetArgs, cores};
+use crate::eval::html;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
@@ -47,6 +48,7 @@ pub(in crate::eval) fn evaluate(
         schemes: Vec::new(),
         queries: Vec::new(),
     };
+    let mut report = args.html.begin(places.len())?;
     for place in &places {
         place.remarks.iter().for_each(|remark| ui.complain(format!("{}: {remark}", place.name)));
         ui.say(format!(
@@ -56,11 +58,25 @@ pub(in crate::eval) fn evaluate(
             place.queries.len(),
             if place.is_official { "" } else { " (not the published place)" }
         ));
-        let evaluation = scene_of(place, data_set, args)?;
+        let mut evaluation = scene_of(place, data_set, args)?;
+        if let Some(report) = &report {
+            report.keep_map(&mut evaluation);
+        }
         let found = evaluate_scene(&evaluation, &Stages::new(ui))?;
         add(&mut document, place, found, &evaluation);
+        if let Some(report) = &mut report {
+            let rows = document.schemes.iter().filter(|row| row.place == place.name);
+            let rows = rows.map(|row| (row.condition.as_deref(), &row.summary));
+            let queries = document.queries.iter().filter(|query| query.place.as_ref() == Some(&place.name));
+            let queries = queries.map(|query| (query.condition.as_deref(), &query.result));
+            report.add(&place.name, &evaluation, rows, queries, ui)?;
+        }
     }
     let json = serde_json::to_string(&document)?;
+    if let Some(report) = report {
+        let title = format!("veiloc {}", data_set.command);
+        report.write(&title, &json, html::details(document.seed), ui)?;
+    }
     let judged = TableData::parse(&json);
     let text = if let Ok(data) = &judged {
         let options = TableOptions {
