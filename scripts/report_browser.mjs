@@ -1,0 +1,148 @@
+// Reports in a real browser, driven by playwright-core: Chromium, light and dark, wide and narrow, with scripts and without.
+//
+//     node scripts/report_browser.mjs --tools DIR --out DIR PAGE.html…
+//
+// `--tools`: a folder in which playwright-core is installed (`npm install --prefix DIR playwright-core`); `--chromium`: the browser
+// (default /usr/bin/chromium). Screenshots go to `--out`. What is held of every page:
+//
+// 1. Nothing is asked of any network, nothing is written to the console, nothing breaks the page's own policy.
+// 2. The page is no wider than the window; headings are in order; images and controls have names; text stands out (WCAG AA).
+// 3. The place is drawn: not blank, another when dragged, by keys, by touch; the query chosen from the list is told.
+// 4. Without scripts the place from above stands there instead, and every section with it.
+import { createRequire } from "node:module";
+import { mkdirSync, readFileSync } from "node:fs";
+import path from "node:path";
+import { pathToFileURL } from "node:url";
+import { parseArgs } from "node:util";
+
+const { values: given, positionals: pages } = parseArgs({
+  allowPositionals: true,
+  options: { tools: { type: "string" }, out: { type: "string" }, chromium: { type: "string", default: "/usr/bin/chromium" } },
+});
+const { chromium } = createRequire(path.resolve(given.tools, "x.js"))("playwright-core");
+const out = path.resolve(given.out);
+mkdirSync(out, { recursive: true });
+
+let wrong = 0;
+const check = (what, holds, more = "") => {
+  if (!holds) wrong += 1;
+  console.log(`${holds ? "ok   " : "WRONG"} ${what}${more ? `: ${more}` : ""}`);
+};
+
+const VIEWS = [
+  { name: "wide-light", colorScheme: "light", viewport: { width: 1280, height: 900 } },
+  { name: "wide-dark", colorScheme: "dark", viewport: { width: 1280, height: 900 } },
+  { name: "narrow-light", colorScheme: "light", viewport: { width: 390, height: 844 }, hasTouch: true },
+  { name: "narrow-dark", colorScheme: "dark", viewport: { width: 390, height: 844 }, hasTouch: true },
+];
+
+/** In the page: what is wrong with it as a document. */
+function faults() {
+  const found = [];
+  const wide = document.documentElement.scrollWidth - innerWidth;
+  if (wide > 0) found.push(`${wide} px wider than the window`);
+  let level = 0;
+  for (const heading of document.querySelectorAll("h1,h2,h3,h4")) {
+    const own = Number(heading.tagName[1]);
+    if (own > level + 1) found.push(`h${own} below h${level}: ${heading.textContent}`);
+    level = own;
+  }
+  if (document.querySelectorAll("h1").length !== 1) found.push("not one h1");
+  const name = (e) => e.getAttribute("aria-label") || e.labels?.[0]?.textContent || e.textContent;
+  for (const e of document.querySelectorAll("button,select,input,canvas,a")) if (!name(e)?.trim()) found.push(`no name: ${e.outerHTML.slice(0, 80)}`);
+  for (const svg of document.querySelectorAll("figure svg")) if (!svg.getAttribute("aria-label") && !svg.closest("[aria-hidden]")) found.push(`no name: ${svg.outerHTML.slice(0, 80)}`);
+  for (const table of document.querySelectorAll("table")) if (!table.querySelector("thead th[scope]") || !table.querySelector("tbody th[scope]")) found.push("a table without headers");
+  // Text against the nearest colour behind it.
+  const rgba = (text) => { const n = text.match(/[\d.]+/g).map(Number); return [n[0], n[1], n[2], n[3] ?? 1]; };
+  const light = (c) => { const [r, g, b] = c.map((v) => { const s = v / 255; return s <= 0.03928 ? s / 12.92 : ((s + 0.055) / 1.055) ** 2.4; }); return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  const seen = new Set();
+  for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+    const e = node.parentElement;
+    if (!node.textContent.trim() || e.closest("script,style,option,defs") || !e.checkVisibility() || seen.has(e)) continue;
+    seen.add(e);
+    const style = getComputedStyle(e), inSvg = e.closest("svg");
+    let behind = e;
+    while (behind && rgba(getComputedStyle(behind).backgroundColor)[3] < 1) behind = behind.parentElement;
+    const back = behind ? rgba(getComputedStyle(behind).backgroundColor) : [255, 255, 255];
+    const [a, b] = [light(rgba(inSvg ? style.fill : style.color).slice(0, 3)), light(back.slice(0, 3))];
+    const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    if (ratio < 4.5) found.push(`contrast ${ratio.toFixed(2)}: ${node.textContent.trim().slice(0, 40)}`);
+  }
+  return found;
+}
+
+/** In the page: the canvas as a number for its content, and how many colours it has. */
+function canvasState(canvas) {
+  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+  copy.drawImage(canvas, 0, 0);
+  const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+  const words = new Uint32Array(data.buffer), colors = new Set();
+  let hash = 0;
+  for (const word of words) { hash = (hash * 31 + word) | 0; if (colors.size < 1000) colors.add(word); }
+  return { hash, colors: colors.size };
+}
+
+const browser = await chromium.launch({ executablePath: given.chromium, args: ["--no-sandbox"] });
+for (const file of pages) {
+  const label = path.basename(file, ".html");
+  const address = pathToFileURL(path.resolve(file)).href;
+  const policy = readFileSync(file, "utf8").match(/Content-Security-Policy" content="([^"]*)"/)?.[1] ?? "";
+  check(`${label}: its policy allows no network`, policy.startsWith("default-src 'none'; img-src data:;") && !policy.includes("unsafe"));
+  for (const { name, ...view } of VIEWS) {
+    const at = `${label} ${name}`;
+    const context = await browser.newContext(view);
+    const page = await context.newPage();
+    const said = [], asked = [];
+    page.on("console", (message) => said.push(message.text()));
+    page.on("pageerror", (error) => said.push(String(error)));
+    page.on("request", (request) => { if (request.url() !== address && !request.url().startsWith("data:")) asked.push(request.url()); });
+    await page.goto(address);
+    for (const details of await page.locator("details").all()) await details.evaluate((e) => { e.open = true; });
+    const found = await page.evaluate(faults);
+    check(`${at}: a sound document`, found.length === 0, found.slice(0, 6).join("; "));
+    const canvas = page.locator(".space canvas").first();
+    await canvas.scrollIntoViewIfNeeded();
+    const first = await canvas.evaluate(canvasState);
+    check(`${at}: the place is drawn`, first.colors > 50, `${first.colors} colours`);
+    const box = await canvas.boundingBox();
+    const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+    let last = first;
+    const changed = async (what) => { const now = await canvas.evaluate(canvasState); check(`${at}: ${what} turns it`, now.hash !== last.hash && now.colors > 50); last = now; };
+    await page.mouse.move(x, y); await page.mouse.down(); await page.mouse.move(x + 90, y + 30, { steps: 4 }); await page.mouse.up();
+    await changed("dragging");
+    await canvas.focus();
+    await page.keyboard.press("ArrowRight"); await page.keyboard.press("+");
+    await changed("the keyboard");
+    if (view.hasTouch) {
+      const cdp = await context.newCDPSession(page);
+      const touch = (type, touchPoints) => cdp.send("Input.dispatchTouchEvent", { type, touchPoints });
+      await touch("touchStart", [{ x, y }]); await touch("touchMove", [{ x: x + 60, y: y + 10 }]); await touch("touchEnd", []);
+      await changed("a finger");
+    }
+    await page.keyboard.press("0");
+    const query = page.locator(".space select[data-part=query]").first();
+    const names = await query.locator("option").allTextContents();
+    await query.selectOption({ index: 1 });
+    check(`${at}: a chosen query is told`, (await page.locator(".told").first().textContent()).startsWith(`${names[1]} · `));
+    await page.locator(".space").first().screenshot({ path: path.join(out, `${label}-${name}-query.png`) });
+    await page.locator(".space button[data-part=reset]").first().click();
+    await page.locator(".space").first().screenshot({ path: path.join(out, `${label}-${name}-place.png`) });
+    for (const details of await page.locator("details").all()) await details.evaluate((e, open) => { e.open = open; }, false);
+    const one = page.locator("details.query").first();
+    if (await one.count()) { await one.evaluate((e) => { e.open = true; }); await one.screenshot({ path: path.join(out, `${label}-${name}-details.png`) }); }
+    await page.screenshot({ path: path.join(out, `${label}-${name}.png`), fullPage: true });
+    check(`${at}: the console is empty`, said.length === 0, said.slice(0, 3).join("; "));
+    check(`${at}: nothing is asked of a network`, asked.length === 0, asked.slice(0, 3).join("; "));
+    await context.close();
+  }
+  const context = await browser.newContext({ ...VIEWS[0], javaScriptEnabled: false });
+  const page = await context.newPage();
+  await page.goto(address);
+  check(`${label} without scripts: the place from above`, await page.locator(".flat svg[role=img]").first().isVisible());
+  check(`${label} without scripts: no dead controls`, !(await page.locator(".live").first().isVisible()));
+  await context.close();
+}
+await browser.close();
+console.log(wrong ? `${wrong} wrong` : "all as it should be");
+process.exit(wrong ? 1 : 0);
