@@ -64,6 +64,7 @@ pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, 
         unposed: Vec::new(),
         keep_map: Some(options.out.join("place.vmap")),
         build: BuildOptions::default(),
+        compress: None,
         schemes: options.schemes.clone(),
         scores: Vec::new(),
         thresholds: vec![

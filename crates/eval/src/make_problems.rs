@@ -161,7 +161,7 @@ fn line(
         features: Some(map.profile().descriptor_kind().name().to_owned()),
         ratio: Some(matches.iter().map(|m| f64::from(m.ratio)).collect()),
         votes: Some(matches.iter().map(|m| m.votes).collect()),
-        track_length: Some(matches.iter().map(|m| map.track_length(m.point) as u32).collect()),
+        track_length: Some(matches.iter().map(|m| map.seen_by(m.point) as u32).collect()),
         seen_from: Some(
             matches
                 .iter()

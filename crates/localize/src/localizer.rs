@@ -313,6 +313,6 @@ pub(crate) fn distinct(numbers: impl Iterator<Item = usize>) -> usize {
 
 /// Probability that a match is right, before geometry is asked.
 fn prior_of(m: &PointMatch, map: MapView<'_>, prior: &MatchPrior) -> f64 {
-    let track_length = u32::try_from(map.track_length(m.point)).ok();
+    let track_length = u32::try_from(map.seen_by(m.point)).ok();
     match_probability(prior, &Evidence { ratio: f64::from(m.ratio), votes: Some(m.votes), track_length })
 }

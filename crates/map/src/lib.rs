@@ -8,6 +8,7 @@
 //!   [`MapLock`] is for whoever reads a map to change it.
 //! - [`SelfTest`]: how well a map localizes its own images, and the [`Calibration`] of covariances that follows.
 //! - [`Down`]: which way is down in the map, where somebody knows.
+//! - [`Compressed`]: what a small map remembers of the whole one it was made of.
 //! - [`MapView`]: a map file whole, or with one image left out of it.
 //! - [`colmap`]: COLMAP's models, text and binary, read strictly and written; [`write_ply`] writes a map's points.
 //!
@@ -42,6 +43,7 @@
 #![forbid(unsafe_code)]
 
 pub mod colmap;
+mod compressed;
 mod down;
 mod error;
 mod file;
@@ -51,9 +53,13 @@ mod posed;
 mod self_test;
 mod settings;
 
+pub use compressed::{Compressed, Remembered};
 pub use down::{Down, DownError};
 pub use error::{MapError, Place, Record};
-pub use file::{FORMAT_VERSION, ImageView, MapFile, MapLock, MapMemory, MapView, Without, write};
+pub use file::{
+    Evidence, FORMAT_VERSION, ImageView, MapFile, MapLock, MapMemory, MapView, PointWithout, Without,
+    byte_count, write,
+};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
 pub use ply::write_ply;
 pub use posed::{PosedImage, PosedImages};

@@ -8,6 +8,7 @@ use veiloc_geometry::nalgebra::Matrix3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_query::Profile;
 
+use crate::compressed::Compressed;
 use crate::down::Down;
 use crate::error::{MapError, Record};
 use crate::self_test::SelfTest;
@@ -35,6 +36,7 @@ pub struct Observation {
 }
 
 /// An image of the map. All of its keypoints are kept, also those that see no point: images added later may need them.
+/// (A compressed map keeps only some of those that see one.)
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapImage {
     /// File name, relative to the folder of the images; unique in the map.
@@ -83,6 +85,8 @@ pub struct MapModel {
     pub self_test: Option<SelfTest>,
     /// Which way is down, where somebody knows; images that join or leave do not change it.
     pub down: Option<Down>,
+    /// What it was made of, where it is a compressed map: such a map takes no images in and lets none go.
+    pub compressed: Option<Compressed>,
 }
 
 impl MapModel {
@@ -96,6 +100,7 @@ impl MapModel {
             profile,
             self_test: None,
             down: None,
+            compressed: None,
         }
     }
 
@@ -151,6 +156,10 @@ impl MapModel {
         }
         if let Some(Err(reason)) = self.self_test.as_ref().map(SelfTest::check) {
             return refuse(Record::Map, format!("has an impossible self-test: {reason}"));
+        }
+        let lengths = || self.points.iter().map(|p| p.track.len());
+        if let Some(Err(reason)) = self.compressed.as_ref().map(|c| c.check(lengths())) {
+            return refuse(Record::Map, reason);
         }
         let many = [self.cameras.len(), self.images.len(), self.points.len()];
         if many.iter().any(|n| *n >= u32::MAX as usize) {

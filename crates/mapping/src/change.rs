@@ -9,6 +9,7 @@ use veiloc_query::Profile;
 
 use crate::build::{append_images, match_images};
 use crate::complete::grow;
+use crate::compress::refuse_compressed;
 use crate::diagnose::explain;
 use crate::error::MappingError;
 use crate::extract::{Extracted, Found, Makers, extract_all};
@@ -35,6 +36,7 @@ pub fn add(
     progress: &dyn Progress,
 ) -> Result<BuildReport, MappingError> {
     model.validate()?;
+    refuse_compressed(model)?;
     let extractors = input.extractors().cloned().unwrap_or_default();
     let extractor = extractors.of_kind(model.profile.descriptor_kind())?;
     let there: BTreeSet<&str> = model.images.iter().map(|i| i.name.as_str()).collect();
@@ -109,6 +111,7 @@ pub fn remove(
     progress: &dyn Progress,
 ) -> Result<(), MappingError> {
     model.validate()?;
+    refuse_compressed(model)?;
     let leaving = leaving(model, names)?;
     let staying: Vec<usize> = (0..model.images.len()).filter(|i| !leaving.contains(&(*i as u32))).collect();
     let settings = model.settings;

@@ -94,6 +94,23 @@ pub enum MappingError {
         /// Points of the model.
         points: usize,
     },
+    /// The map was made small, and keeps too little for that.
+    #[error(
+        "the map is a compressed one, which no image can join or leave, and which cannot be made smaller: do it to the \
+         map that it was made of, and compress that again"
+    )]
+    Compressed,
+    /// A map cannot be made so small.
+    #[error(
+        "{bytes} bytes are too few: poses, names and global descriptors of the images take {least} alone; ask for more, \
+         or build a map of fewer images"
+    )]
+    TooSmall {
+        /// Bytes that were asked for.
+        bytes: u64,
+        /// Bytes that a map without any point has.
+        least: u64,
+    },
     /// The limits for devices are out of range.
     #[error(transparent)]
     Profile(#[from] QueryError),

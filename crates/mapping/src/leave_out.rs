@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use veiloc_geometry::Point3;
-use veiloc_map::{BuildSettings, MapModel, MapPoint, Observation, PointId, Without};
+use veiloc_map::{BuildSettings, Evidence, MapModel, Observation, PointId, PointWithout, Without};
 
 use crate::options::for_images;
 use crate::scene::Scene;
@@ -34,7 +34,7 @@ impl<'a> LeaveOut<'a> {
         Without { image, points: seen.into_iter().map(|id| (id, self.point_without(id, image))).collect() }
     }
 
-    fn point_without(&self, id: PointId, image: usize) -> Option<MapPoint> {
+    fn point_without(&self, id: PointId, image: usize) -> Option<PointWithout> {
         let mut point = self.scene.points[id.index()].clone();
         point.track.retain(|node| node.0 as usize != image);
         let (nodes, sights) = self.scene.sights(&point.track);
@@ -46,6 +46,6 @@ impl<'a> LeaveOut<'a> {
         let agreeing = nodes.iter().zip(&found.agree).filter_map(|(node, agrees)| agrees.then_some(node));
         let track: Vec<Observation> =
             agreeing.map(|&(image, keypoint)| Observation { image, keypoint }).collect();
-        Some(MapPoint { position: Point3::from_vector(found.position), track, error: 0.0 })
+        Some(PointWithout { position: Point3::from_vector(found.position), evidence: Evidence::Track(track) })
     }
 }

@@ -10,6 +10,7 @@
 //! - [`build`]: a map of images whose poses are known.
 //! - [`add`], [`remove`]: images join and leave; what they do not touch stays as it is, bit for bit.
 //! - [`import`]: a complete COLMAP model, whose points and observations are kept.
+//! - [`compress`]: a map made small: the points that help most, each with a few of its descriptors.
 //! - [`LeaveOut`]: the map as it would be without one of its images.
 //! - [`diagnose`]: the likely reason why images do not fit together.
 //! - [`BuildReport`]: what it came to, and every [`Doubt`] about the map.
@@ -49,6 +50,7 @@ mod bad_image;
 mod build;
 mod change;
 mod complete;
+mod compress;
 mod diagnose;
 mod error;
 mod extract;
@@ -70,6 +72,7 @@ mod vocabulary;
 pub use bad_image::{BadImage, BadImages, BadReason, SkippedImages};
 pub use build::build;
 pub use change::{Words, add, remove};
+pub use compress::{CompressOptions, Compression, compress};
 pub use diagnose::diagnose;
 pub use error::MappingError;
 pub use import::{ImportReport, import};

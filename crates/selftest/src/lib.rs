@@ -26,6 +26,7 @@
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
+mod compressed;
 mod fit;
 #[cfg(test)]
 mod fit_tests;
@@ -35,6 +36,7 @@ mod run;
 mod summary;
 mod trial;
 
+pub use compressed::{self_test_compressed, smallest_within};
 pub use fit::fit;
 pub use run::{SelfTestError, SelfTestOptions, is_testable, self_test};
 pub use trial::Trial;

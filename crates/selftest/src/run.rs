@@ -4,8 +4,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use rayon::prelude::*;
 use veiloc_localize::{LocalizeOptions, Matched, localize_matched, match_in};
-use veiloc_map::{MapError, MapFile, MapModel, MapView, PointId, SelfTest};
-use veiloc_mapping::{LeaveOut, Progress};
+use veiloc_map::{MapError, MapFile, MapModel, MapView, PointId, SelfTest, Without};
+use veiloc_mapping::{LeaveOut, MappingError, Progress};
 use veiloc_obfuscation::SealError;
 use veiloc_query::{Scheme, SealedQuery};
 
@@ -41,6 +41,9 @@ pub enum SelfTestError {
     /// The map does not hold together.
     #[error(transparent)]
     Map(#[from] MapError),
+    /// The map cannot be made small.
+    #[error(transparent)]
+    Mapping(#[from] MappingError),
     /// No device could seal a query for the map.
     #[error("no query can be sealed for the map, so it cannot test itself: {0}")]
     Seal(#[from] SealError),
@@ -65,16 +68,27 @@ pub fn self_test(
     progress: &dyn Progress,
 ) -> Result<SelfTest, SelfTestError> {
     let file = MapFile::of_model(model)?;
+    let leave_out = LeaveOut::of(model);
+    test_in(model, &file, &|image| leave_out.without(image), options, progress)
+}
+
+/// Localizes images of a map, each left out, in a file that may be another one with the same images.
+pub(crate) fn test_in(
+    model: &MapModel,
+    file: &MapFile,
+    without: &(dyn Fn(usize) -> Without + Sync),
+    options: &SelfTestOptions,
+    progress: &dyn Progress,
+) -> Result<SelfTest, SelfTestError> {
     for scheme in &options.schemes {
         options_for(*scheme, &model.profile).bounded(&model.profile)?;
     }
     let chosen = spread(model.images.len(), options.images);
     progress.start("Testing the map", chosen.len());
-    let leave_out = LeaveOut::of(model);
     let by_image: Vec<Vec<Option<Trial>>> = chosen
         .par_iter()
         .map(|&image| {
-            let trials = trials_of(model, &file, &leave_out, image, options);
+            let trials = trials_of(model, file, &without(image), image, options);
             progress.advance(1);
             trials
         })
@@ -97,12 +111,11 @@ pub fn self_test(
 fn trials_of(
     model: &MapModel,
     file: &MapFile,
-    leave_out: &LeaveOut<'_>,
+    without: &Without,
     image: usize,
     options: &SelfTestOptions,
 ) -> Vec<Option<Trial>> {
-    let without = leave_out.without(image);
-    let view = MapView::without(file, &without);
+    let view = MapView::without(file, without);
     let truth = &model.images[image].cam_from_world;
     let mut first: Option<(SealedQuery, Matched)> = None;
     let mut trial = |scheme: &Scheme| {

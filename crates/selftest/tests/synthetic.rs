@@ -6,9 +6,10 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, PlanePoint, Point3, Rigid3};
-use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
+use veiloc_map::{BuildSettings, Evidence, MapImage, MapModel, MapPoint, Observation};
+use veiloc_mapping::{CompressOptions, compress};
 use veiloc_query::{Profile, Scheme};
-use veiloc_selftest::{SelfTest, SelfTestOptions, self_test};
+use veiloc_selftest::{SelfTest, SelfTestOptions, self_test, self_test_compressed, smallest_within};
 
 const IMAGES: usize = 10;
 const NOISE_PX: f64 = 0.4;
@@ -167,7 +168,8 @@ fn points_are_triangulated_again_without_the_image() {
     assert_eq!(without.image, 3);
     let point = without.points[id].as_ref().expect("others see it");
     assert!(point.position.distance(&truth) < 0.05, "{:?}", point.position);
-    assert!(point.track.iter().all(|o| o.image != 3) && point.track.len() >= 3);
+    let Evidence::Track(track) = &point.evidence else { panic!("{point:?}") };
+    assert!(track.iter().all(|o| o.image != 3) && track.len() >= 3);
     let all = model.images[3].point_of_keypoint.iter().flatten().count();
     assert_eq!(without.points.len(), all, "the points it sees, and no others");
     // Of three views two are left, which is too few.
@@ -188,4 +190,37 @@ fn a_map_whose_poses_are_wrong_fails() {
     assert!(tested(&model, &[Scheme::Points]).failed());
     let empty = MapModel::empty(model.profile, model.settings);
     assert_eq!(tested(&empty, &Scheme::ALL).images, 0);
+}
+
+/// A small map localizes images of the whole one, left out of both, and trusts what it finds; and what it is told of points
+/// without an image is what the whole map would know, not what the few keypoints left in it do.
+#[test]
+fn a_small_map_localizes_the_images_of_the_whole_one() {
+    let whole = place();
+    let bytes = veiloc_map::byte_count(&whole) / 6;
+    let small = compress(&whole, &CompressOptions::new(bytes), &()).expect("a small map");
+    let mut options = SelfTestOptions::default();
+    options.schemes = vec![Scheme::Points, Scheme::default()];
+    let test = self_test_compressed(&whole, &small, &options, &()).expect("a map that can be tested");
+    assert_eq!(test.images, 10);
+    for scheme in &test.schemes {
+        assert_eq!((scheme.localized, scheme.trusted), (10, 10), "{scheme:?}");
+        assert!(scheme.within_of_scale[1] == 10, "{scheme:?}");
+        assert!((0.2..4.0).contains(&scheme.calibration.factor), "{scheme:?}");
+    }
+    let kept = MapModel { self_test: Some(test), ..small.model };
+    kept.validate().expect("a self-test belongs into a small map");
+}
+
+/// The smallest map that loses nothing is smaller than the whole one, and as good by its own test.
+#[test]
+fn the_smallest_map_is_found_by_its_recall() {
+    let whole = place();
+    let mut options = SelfTestOptions::default();
+    options.schemes = vec![Scheme::default()];
+    let found = smallest_within(&whole, 0.0, &CompressOptions::new(1), &options, &());
+    let small = found.expect("a map that can be tested").expect("one that loses nothing");
+    assert!(veiloc_map::byte_count(&small.model) * 4 < veiloc_map::byte_count(&whole));
+    let test = small.model.self_test.expect("tested");
+    assert_eq!((test.schemes[0].trusted, test.schemes[0].within_of_scale[1]), (10, 10));
 }

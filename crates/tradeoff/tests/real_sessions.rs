@@ -28,6 +28,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         unposed: Vec::new(),
         keep_map: None,
         build: BuildOptions::default(),
+        compress: None,
         schemes: vec![Scheme::default()],
         scores: Vec::new(),
         thresholds: vec!["0.05/5".parse().expect("a threshold")],

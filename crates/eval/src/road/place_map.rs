@@ -5,9 +5,9 @@ use std::time::Instant;
 
 use tempfile::TempDir;
 use veiloc_features::Progress;
-use veiloc_map::{Down, MapFile};
-use veiloc_mapping::{BuildOptions, Input, build};
-use veiloc_selftest::{SelfTestOptions, is_testable, self_test};
+use veiloc_map::{Down, MapFile, MapModel};
+use veiloc_mapping::{BuildOptions, CompressOptions, Input, build, compress};
+use veiloc_selftest::{SelfTestOptions, is_testable, self_test, self_test_compressed};
 
 use crate::error::EvalError;
 use veiloc_results::MapSummary;
@@ -43,6 +43,32 @@ impl PlaceMap {
         if tested && is_testable(&model) {
             model.self_test = Some(self_test(&model, &SelfTestOptions::default(), progress)?);
         }
+        Self::written(model, build_seconds, keep)
+    }
+
+    /// The same place with a map so many times smaller, as `veiloc map compress` makes it.
+    ///
+    /// # Errors
+    /// [`EvalError`] when it cannot be made so small, written or opened.
+    pub(crate) fn compressed(
+        self,
+        times: f64,
+        keep: Option<&Path>,
+        progress: &dyn Progress,
+    ) -> Result<Self, EvalError> {
+        let started = Instant::now();
+        let whole = self.file.to_model();
+        let options = CompressOptions::new((self.summary.bytes as f64 / times) as u64);
+        let mut small = compress(&whole, &options, progress)?;
+        let seconds = self.summary.build_seconds + started.elapsed().as_secs_f64();
+        if whole.self_test.is_some() {
+            let test = self_test_compressed(&whole, &small, &SelfTestOptions::default(), progress)?;
+            small.model.self_test = Some(test);
+        }
+        Self::written(small.model, seconds, keep)
+    }
+
+    fn written(model: MapModel, build_seconds: f64, keep: Option<&Path>) -> Result<Self, EvalError> {
         let folder =
             tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
         let path = keep.map_or_else(|| folder.path().join("place.vmap"), Path::to_owned);

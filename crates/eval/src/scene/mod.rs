@@ -51,8 +51,12 @@ pub fn evaluate_scene(
     let upright = evaluation.gravity_sd_deg;
     let upright = upright.map(|sd| Upright::of(&evaluation.posed, &evaluation.map_list, sd)).transpose()?;
     let work = evaluation.work.as_deref().map(Work::in_folder).transpose()?;
-    let PlaceMap { file: map, summary, .. } =
-        &place_map(evaluation, upright.as_ref(), work.as_ref(), progress)?;
+    let keep = evaluation.keep_map.as_deref();
+    let PlaceMap { file: map, summary, .. } = &match evaluation.compress {
+        None => place_map(evaluation, keep, upright.as_ref(), work.as_ref(), progress)?,
+        Some(times) => place_map(evaluation, None, upright.as_ref(), work.as_ref(), progress)?
+            .compressed(times, keep, progress)?,
+    };
     let (mut schemes, queries) =
         localize_all(map, &queries, upright.as_ref(), evaluation, work.as_ref(), progress)?;
     let mut negatives = Vec::new();
@@ -89,11 +93,11 @@ pub fn folder_name(images: &Path) -> String {
 /// The map of the place: what the work folder has of the same images, or built.
 fn place_map(
     evaluation: &SceneEvaluation,
+    keep: Option<&Path>,
     upright: Option<&Upright>,
     work: Option<&Work>,
     progress: &dyn Progress,
 ) -> Result<PlaceMap, EvalError> {
-    let keep = evaluation.keep_map.as_deref();
     let kept = work.map(|work| work.map_of(evaluation, upright)).transpose()?;
     if let Some(there) = kept.as_ref().and_then(|kept| kept.open()) {
         return there?.copied_to(keep);

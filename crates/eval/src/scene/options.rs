@@ -32,6 +32,8 @@ pub struct SceneEvaluation {
     pub keep_map: Option<PathBuf>,
     /// How the map is built.
     pub build: BuildOptions,
+    /// How many times smaller the map is made than it is built; it stays as it is when none.
+    pub compress: Option<f64>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
     /// Scores, in the order of the table; empty for the default.

@@ -47,11 +47,13 @@ pub(super) enum Section {
     SelfTest = 13,
     /// From version 2 on, where somebody knows it.
     Down = 14,
+    /// From version 2 on, in maps that were compressed.
+    Compressed = 15,
 }
 
 impl Section {
     /// In the order of their codes, which are 1, 2, 3, ...
-    pub(super) const ALL: [Self; 14] = [
+    pub(super) const ALL: [Self; 15] = [
         Self::Profile,
         Self::Settings,
         Self::Cameras,
@@ -66,6 +68,7 @@ impl Section {
         Self::Building,
         Self::SelfTest,
         Self::Down,
+        Self::Compressed,
     ];
 
     /// The sections a file of this version must have, in order.
@@ -77,7 +80,7 @@ impl Section {
     }
 
     /// What a file may have from version 2 on.
-    pub(super) const OPTIONAL: &[Self] = &[Self::SelfTest, Self::Down];
+    pub(super) const OPTIONAL: &[Self] = &[Self::SelfTest, Self::Down, Self::Compressed];
 
     /// Whether these are the sections of a file of this version: all that it must have, and what it may have, in order.
     pub(super) fn fit(version: u32, codes: impl Iterator<Item = u32> + Clone) -> bool {
@@ -108,6 +111,7 @@ impl Section {
             Self::Building => "building",
             Self::SelfTest => "self-test",
             Self::Down => "down",
+            Self::Compressed => "compressed",
         }
     }
 }
@@ -243,6 +247,23 @@ pub(super) struct SchemeTestRecord {
     pub(super) factor: f64,
     pub(super) rotation_floor: f64,
     pub(super) translation_floor: f64,
+}
+
+/// What a compressed map was made of; the records of its points follow.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct CompressedRecord {
+    pub(super) bytes: u64,
+    pub(super) keypoints: u64,
+    pub(super) points: u64,
+}
+
+/// What a compressed map remembers of a point.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct RememberedRecord {
+    pub(super) seen_by: u32,
+    pub(super) covariance: [f32; 6],
 }
 
 /// XXH3-64 of header and table, the header's own checksum taken as zero.

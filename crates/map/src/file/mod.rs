@@ -1,5 +1,6 @@
 //! The map file: how a map lies on disk, how it is replaced safely, and how it is opened.
 
+mod compressed;
 mod layout;
 mod open;
 mod self_test;
@@ -11,8 +12,8 @@ mod write;
 pub use layout::FORMAT_VERSION;
 pub use open::MapMemory;
 pub use view::{ImageView, MapFile};
-pub use without::{MapView, Without};
-pub use write::{MapLock, write};
+pub use without::{Evidence, MapView, PointWithout, Without};
+pub use write::{MapLock, byte_count, write};
 
 #[cfg(test)]
 mod tests;

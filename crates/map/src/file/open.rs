@@ -16,9 +16,10 @@ use super::layout::{
     ALIGN, BuildingRecord, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
     ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
 };
-use super::self_test;
 use super::view::{ImageEntry, LargeSections, MapFile};
 use super::write::{IN_MEMORY, in_memory};
+use super::{compressed, self_test};
+use crate::compressed::Compressed;
 use crate::down::Down;
 use crate::error::MapError;
 use crate::model::{MapModel, is_name, is_rigid};
@@ -72,7 +73,7 @@ impl MapFile {
         let parser = Parser { path, bytes: &bytes };
         let (version, sections) = parser.sections()?;
         let parts = parser.parts(&sections)?;
-        let Parts { profile, settings, cameras, images, self_test, down, large } = parts;
+        let Parts { profile, settings, cameras, images, self_test, down, compressed, large } = parts;
         Ok(Self {
             path: path.to_owned(),
             bytes,
@@ -83,6 +84,7 @@ impl MapFile {
             images,
             self_test,
             down,
+            compressed,
             large,
             noise: OnceLock::new(),
             covariances: OnceLock::new(),
@@ -100,6 +102,7 @@ struct Parts {
     images: Vec<ImageEntry>,
     self_test: Option<SelfTest>,
     down: Option<Down>,
+    compressed: Option<Compressed>,
     large: LargeSections,
 }
 
@@ -220,7 +223,17 @@ impl<'a> Parser<'a> {
                 Down::kept(*vector).map_err(|e| self.wrong(Section::Down.name(), &e))
             })
             .transpose()?;
-        Ok(Parts { profile, settings, cameras, images, self_test, down, large })
+        let compressed = sections[Section::Compressed as usize - 1].clone();
+        let compressed = compressed
+            .map(|range| {
+                let starts = std::iter::once(0).chain(points.iter().map(|p| p.track_end as usize));
+                let lengths: Vec<usize> =
+                    points.iter().zip(starts).map(|(p, start)| p.track_end as usize - start).collect();
+                compressed::decode(&self.bytes[range], lengths.into_iter())
+                    .map_err(|e| self.wrong(Section::Compressed.name(), &e))
+            })
+            .transpose()?;
+        Ok(Parts { profile, settings, cameras, images, self_test, down, compressed, large })
     }
 
     /// Of version 1, the words are those of the profile and the rest defaults.

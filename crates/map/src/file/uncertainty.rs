@@ -32,8 +32,12 @@ impl MapFile {
     /// Covariance of a point's position in the world frame, map units squared: finite, symmetric, positive definite.
     ///
     /// Computed from the keypoints of its track when it is first asked for, and kept; poses and cameras are taken for exact.
+    /// A compressed map tells what the whole one knew.
     /// It is large along the rays of a point that is seen under a small angle, and never NaN.
     pub fn point_covariance(&self, id: PointId) -> [[f64; 3]; 3] {
+        if let Some(remembered) = self.remembered(id) {
+            return remembered.covariance();
+        }
         let kept =
             self.covariances.get_or_init(|| (0..self.point_count()).map(|_| OnceLock::new()).collect());
         let compute = || {

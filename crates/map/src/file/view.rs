@@ -12,6 +12,7 @@ use veiloc_query::Profile;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{NO_POINT, ObservationRecord, PointRecord};
+use crate::compressed::{Compressed, Remembered};
 use crate::down::Down;
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
 use crate::self_test::SelfTest;
@@ -31,6 +32,7 @@ pub struct MapFile {
     pub(super) images: Vec<ImageEntry>,
     pub(super) self_test: Option<SelfTest>,
     pub(super) down: Option<Down>,
+    pub(super) compressed: Option<Compressed>,
     pub(super) large: LargeSections,
     /// Computed when it is first asked for.
     pub(super) noise: OnceLock<f64>,
@@ -97,6 +99,11 @@ impl MapFile {
         self.down
     }
 
+    /// What it was made of, where it is a compressed map.
+    pub const fn compressed(&self) -> Option<&Compressed> {
+        self.compressed.as_ref()
+    }
+
     /// Number of cameras.
     pub fn camera_count(&self) -> usize {
         self.cameras.len()
@@ -138,6 +145,15 @@ impl MapFile {
         self.points()[id.index()].error
     }
 
+    /// Number of images that see a point of this map: of the whole map where this one is a compressed one.
+    pub fn seen_by(&self, id: PointId) -> usize {
+        self.remembered(id).map_or_else(|| self.track_length(id), |r| r.seen_by as usize)
+    }
+
+    pub(super) fn remembered(&self, id: PointId) -> Option<&Remembered> {
+        self.compressed.as_ref().and_then(|c| c.of_points.get(id.index()))
+    }
+
     /// Number of observations of a point of this map.
     pub fn track_length(&self, id: PointId) -> usize {
         self.track_range(id).len()
@@ -173,6 +189,7 @@ impl MapFile {
             profile: self.profile.clone(),
             self_test: self.self_test.clone(),
             down: self.down,
+            compressed: self.compressed.clone(),
         }
     }
 

@@ -6,7 +6,8 @@ use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
 use super::view::{ImageView, MapFile};
-use crate::model::{MapPoint, Observation, PointId};
+use crate::compressed::Remembered;
+use crate::model::{Observation, PointId};
 
 /// What changes in a map when one of its images is left out.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,7 +15,25 @@ pub struct Without {
     /// Index of the image.
     pub image: usize,
     /// The points that it sees: as they are without it, or gone. All other points stay as they are.
-    pub points: BTreeMap<PointId, Option<MapPoint>>,
+    pub points: BTreeMap<PointId, Option<PointWithout>>,
+}
+
+/// A point as it is without an image that sees it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PointWithout {
+    /// Where, map units.
+    pub position: Point3<World>,
+    /// What holds it there.
+    pub evidence: Evidence,
+}
+
+/// What holds a point where it is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Evidence {
+    /// The keypoints of the map that see it, in rising order.
+    Track(Vec<Observation>),
+    /// What keypoints told that a compressed map no longer has.
+    Remembered(Remembered),
 }
 
 /// A map file, whole or with one image left out. Indices of images and points are those of the file.
@@ -69,32 +88,31 @@ impl<'a> MapView<'a> {
         }
     }
 
-    /// Number of observations of a point.
-    pub fn track_length(&self, id: PointId) -> usize {
-        match self.changed(id) {
-            Some(Some(point)) => point.track.len(),
-            _ => self.map.track_length(id),
+    /// Number of images that see a point; of the whole map where this one is a compressed one.
+    pub fn seen_by(&self, id: PointId) -> usize {
+        match self.evidence(id) {
+            Some(Evidence::Track(track)) => track.len(),
+            Some(Evidence::Remembered(remembered)) => remembered.seen_by as usize,
+            None => self.map.seen_by(id),
         }
     }
 
     /// Covariance of a point's position; see [`MapFile::point_covariance`].
     pub fn point_covariance(&self, id: PointId) -> [[f64; 3]; 3] {
-        match self.changed(id) {
-            Some(Some(point)) => self.map.covariance_of(&point.position, point.track.iter().copied()),
-            _ => self.map.point_covariance(id),
+        match self.evidence(id) {
+            Some(Evidence::Track(track)) => self.map.covariance_of(&self.point(id), track.iter().copied()),
+            Some(Evidence::Remembered(remembered)) => remembered.covariance(),
+            None => self.map.point_covariance(id),
         }
     }
 
-    /// Who sees a point, in rising order.
-    pub fn track(&self, id: PointId) -> Vec<Observation> {
-        match self.changed(id) {
-            Some(Some(point)) => point.track.clone(),
-            _ => self.map.track(id).collect(),
-        }
+    /// What holds a point that the image left out sees too; `None` of all others.
+    fn evidence(&self, id: PointId) -> Option<&'a Evidence> {
+        self.changed(id).and_then(|point| point.as_ref()).map(|point| &point.evidence)
     }
 
     /// What became of a point that the image left out sees.
-    fn changed(&self, id: PointId) -> Option<&'a Option<MapPoint>> {
+    fn changed(&self, id: PointId) -> Option<&'a Option<PointWithout>> {
         self.without.and_then(|w| w.points.get(&id))
     }
 }

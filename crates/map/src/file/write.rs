@@ -12,7 +12,7 @@ use super::layout::{
     ALIGN, BuildingRecord, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
     ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
 };
-use super::self_test;
+use super::{compressed, self_test};
 use crate::error::MapError;
 use crate::model::MapModel;
 use crate::settings::BuildSettings;
@@ -67,6 +67,11 @@ impl MapLock {
 /// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] naming the file.
 pub fn write(model: &MapModel, path: &Path) -> Result<(), MapError> {
     MapLock::acquire(path)?.write(model)
+}
+
+/// How many bytes the file of a map has. The map need not hold together yet.
+pub fn byte_count(model: &MapModel) -> u64 {
+    Sections::of(model).head().0.length
 }
 
 /// The bytes of a map file, in memory.
@@ -129,12 +134,16 @@ impl<'a> Sections<'a> {
                     model.self_test.iter().map(|t| Piece::Owned(self_test::encode(t))).collect()
                 }
                 Section::Down => model.down.iter().map(|down| owned(&down.in_world())).collect(),
+                Section::Compressed => {
+                    model.compressed.iter().map(|c| Piece::Owned(compressed::encode(c))).collect()
+                }
             };
             (section, pieces)
         };
         let is_there = |section: &Section| match section {
             Section::SelfTest => model.self_test.is_some(),
             Section::Down => model.down.is_some(),
+            Section::Compressed => model.compressed.is_some(),
             _ => true,
         };
         let there = Section::ALL.into_iter().filter(is_there);

@@ -18,7 +18,7 @@ use crate::view::View;
 use crate::vocabulary::learn;
 
 /// Cameras on an arc, points in a box before them.
-struct Place {
+pub(super) struct Place {
     posed: Vec<PosedImage>,
     points: Vec<Vector3<f64>>,
     features: Vec<Extracted>,
@@ -28,7 +28,7 @@ struct Place {
 
 const NOISE_PX: f32 = 0.3;
 
-fn place(images: u32, points: usize) -> Place {
+pub(super) fn place(images: u32, points: usize) -> Place {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let camera: Intrinsics = "OPENCV,640,480,500,505,322,238,-0.08,0.02,0.001,-0.0005".parse().unwrap();
     let points: Vec<Vector3<f64>> = (0..points)
@@ -94,7 +94,7 @@ fn empty_map() -> MapModel {
 }
 
 /// What `build` does behind extraction.
-fn map_of(place: &Place, settings: &BuildSettings) -> MapModel {
+pub(super) fn map_of(place: &Place, settings: &BuildSettings) -> MapModel {
     let mut model = empty_map();
     model.settings = *settings;
     let images: Vec<&PosedImage> = place.posed.iter().collect();

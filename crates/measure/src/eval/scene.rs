@@ -42,6 +42,9 @@ pub struct Args {
     /// Queries that are localized at the same time; with more than one, times are those of a busy machine.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     jobs: u16,
+    /// Localize in a map so many times smaller, as `veiloc map compress --ratio` makes it. Default: in the map as it is built.
+    #[arg(long, value_name = "TIMES", value_parser = above_one)]
+    compress: Option<f64>,
     #[command(flatten)]
     html: HtmlArgs,
 }
@@ -78,6 +81,7 @@ impl SceneArgs {
             unposed: Vec::new(),
             keep_map: self.keep_map.clone(),
             build: self.extraction.options()?,
+            compress: None,
             schemes: self.report.schemes.clone(),
             scores: self.report.scores(&self.pose.engine),
             thresholds: self.report.thresholds.clone(),
@@ -126,6 +130,14 @@ impl NegativeArgs {
     }
 }
 
+/// A number above 1.
+fn above_one(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(times) if times > 1.0 && times.is_finite() => Ok(times),
+        _ => Err("not a finite number above 1".to_owned()),
+    }
+}
+
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = SceneEvaluation {
         gravity_sd_deg: args.gravity.sd_deg,
@@ -133,6 +145,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         masks: args.masks.clone(),
         work: args.work.clone(),
         jobs: args.jobs.into(),
+        compress: args.compress,
         sending: args.progressive.enough().map_or(Sending::Whole, Sending::Progressive),
         ..args.scene.evaluation()?
     };

@@ -28,12 +28,22 @@ struct Info {
     profile: String,
     /// Which way is down, a unit vector in the axes of the map; null when nobody has said it.
     down: Option<[f64; 3]>,
+    /// What it was made of, where it is a compressed map; null otherwise.
+    compressed: Option<CompressedInfo>,
     self_test: Option<SelfTestInfo>,
     warnings: Vec<Warning>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     skipped: Vec<Skipped>,
     #[serde(skip_serializing_if = "Option::is_none")]
     image_list: Option<Vec<ImageInfo>>,
+}
+
+/// The whole map that a compressed one was made of.
+#[derive(Serialize)]
+struct CompressedInfo {
+    bytes: u64,
+    keypoints: u64,
+    points: u64,
 }
 
 /// Why the map may be good for nothing.
@@ -133,6 +143,11 @@ fn facts(map: &MapFile, path: &Path) -> Info {
         global: map.profile().global_model().name().to_owned(),
         profile: map.profile().id().to_string(),
         down: map.down().map(|down| down.in_world()),
+        compressed: map.compressed().map(|c| CompressedInfo {
+            bytes: c.bytes,
+            keypoints: c.keypoints,
+            points: c.points,
+        }),
         self_test: map.self_test().map(SelfTestInfo::of),
         warnings: Vec::new(),
         skipped: Vec::new(),
@@ -160,6 +175,15 @@ fn describe(info: &Info) -> String {
     let unknown = || "not known: gravity that queries tell is not used".to_owned();
     let down = info.down.map_or_else(unknown, |[x, y, z]| format!("({x:.4}, {y:.4}, {z:.4})"));
     text.extend(["  down        ", &down, "\n"]);
+    if let Some(whole) = &info.compressed {
+        let times = whole.bytes as f64 / info.bytes.max(1) as f64;
+        text.extend([format!(
+            "  compressed  {times:.1} times, from {:.1} MB with {} points and {} keypoints; images neither join nor leave it\n",
+            whole.bytes as f64 / 1e6,
+            whole.points,
+            whole.keypoints
+        )]);
+    }
     match &info.self_test {
         Some(test) => text.push_str(&test.describe()),
         None => text.push_str("  self-test   none: covariances are calibrated by those of other maps\n"),

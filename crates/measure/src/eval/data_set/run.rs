@@ -147,6 +147,7 @@ fn scene_of(place: &Place, data_set: &DataSet, args: &DataSetArgs) -> Result<Sce
         unposed: unknown.iter().map(|query| (query.name.clone(), query.camera)).collect(),
         keep_map: None,
         build: args.build()?,
+        compress: None,
         schemes: args.schemes.clone(),
         scores: localize.pose.score.into_iter().collect(),
         thresholds: args.thresholds(data_set.thresholds),

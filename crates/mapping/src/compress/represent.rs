@@ -1,0 +1,69 @@
+//! Which keypoints of a point stay: those whose descriptors stand best for those of all.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+use veiloc_map::{MapModel, Observation, PointId};
+
+use crate::progress::Progress;
+
+/// Keypoints of a track that are compared with each other, at most: a track of a thousand would take a million distances,
+/// and spread over it so many say the same.
+const COMPARED: usize = 48;
+
+/// Of each chosen point up to `most` keypoints, in rising order.
+///
+/// Greedy k-medoids: the first is nearest to all others, each further one takes the most away from the sum of squared
+/// distances of all to the nearest that stays.
+pub(super) fn represent(
+    model: &MapModel,
+    chosen: &[PointId],
+    most: usize,
+    progress: &dyn Progress,
+) -> BTreeMap<PointId, Vec<Observation>> {
+    progress.start("Choosing descriptors", chosen.len());
+    let kept = chosen
+        .par_iter()
+        .map(|id| {
+            let track = &model.points[id.index()].track;
+            let kept = if track.len() <= most { track.clone() } else { medoids(model, &spread(track), most) };
+            progress.advance(1);
+            (*id, kept)
+        })
+        .collect();
+    progress.finish();
+    kept
+}
+
+fn medoids(model: &MapModel, track: &[Observation], most: usize) -> Vec<Observation> {
+    let rows: Vec<Vec<i16>> = track
+        .iter()
+        .map(|o| model.images[o.image as usize].descriptors.view().values(o.keypoint as usize).collect())
+        .collect();
+    let distance = |a: &[i16], b: &[i16]| -> i64 {
+        a.iter().zip(b).map(|(a, b)| (i64::from(*a) - i64::from(*b)).pow(2)).sum()
+    };
+    let distances: Vec<Vec<i64>> =
+        rows.iter().map(|a| rows.iter().map(|b| distance(a, b)).collect()).collect();
+    let mut nearest = vec![i64::MAX; rows.len()];
+    let mut staying: Vec<usize> = Vec::with_capacity(most);
+    while staying.len() < most {
+        let left = |candidate: usize| -> i128 {
+            nearest.iter().zip(&distances[candidate]).map(|(near, d)| i128::from(*near.min(d))).sum()
+        };
+        let free = (0..rows.len()).filter(|i| !staying.contains(i));
+        let Some(best) = free.min_by_key(|i| (left(*i), *i)) else { break };
+        for (near, d) in nearest.iter_mut().zip(&distances[best]) {
+            *near = (*near).min(*d);
+        }
+        staying.push(best);
+    }
+    staying.sort_unstable();
+    staying.into_iter().map(|i| track[i]).collect()
+}
+
+/// Up to [`COMPARED`] of a track, spread evenly.
+fn spread(track: &[Observation]) -> Vec<Observation> {
+    let count = track.len().min(COMPARED);
+    (0..count).map(|i| track[i * track.len() / count]).collect()
+}
