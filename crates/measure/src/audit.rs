@@ -149,6 +149,7 @@ pub(crate) fn command_line() -> String {
             format!("'{}'", word.replace('\'', r"'\''"))
         }
     };
-    let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
+    let words = veiloc_terminal::command_line::words().into_iter();
+    let words = words.map(|word| quoted(word.to_string_lossy().into_owned()));
     std::iter::once("veiloc".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }

@@ -4,6 +4,7 @@
 //!   and in the place, which is turned in the browser.
 //! - [`html`] does so for the demo ([`Report`]), stage by stage, with what leaked.
 //! - [`audit_page`] does so for an audit ([`veiloc_audit::Audit`]).
+//! - [`map_picture`]: a map from above as one small drawing.
 //! - [`plots`]: documents of evaluations as SVG.
 //!
 //! Whoever measured fills plain data; images, lines and what agrees with a pose are in no document and come from whoever
@@ -19,6 +20,7 @@ mod data;
 mod embed;
 mod format;
 mod histogram;
+mod map_picture;
 mod page;
 pub mod plots;
 mod run;
@@ -35,6 +37,7 @@ mod tests;
 pub use audit::audit_page;
 pub use card::Card;
 pub use data::{AttackedBy, AttackedScheme, Report, SeenQuery};
+pub use map_picture::map_picture;
 pub use page::html;
 pub use run::{
     PlaceView, QueryDrawing, QueryOutcome, RowState, RunFigure, RunReport, RunRow, SentDrawing, run_page,

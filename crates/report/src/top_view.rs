@@ -13,7 +13,7 @@ const MOST_POINTS: usize = 3500;
 /// Cameras of the map drawn at most.
 const MOST_CAMERAS: usize = 300;
 /// Width of the drawing in its own units.
-const WIDTH: f64 = 520.0;
+pub(super) const WIDTH: f64 = 520.0;
 
 /// Cameras and map points seen from above.
 pub(crate) struct TopView<'a> {
@@ -53,18 +53,7 @@ pub(crate) fn figures(view: &TopView<'_>) -> String {
     let Some(plan) = Plan::new(view) else { return String::new() };
     let judged = view.rows.iter().flat_map(|row| &row.cameras).any(|camera| camera.truth.is_some());
     let mut out = legend(judged);
-    let step = view.points.len().div_ceil(MOST_POINTS).max(1);
-    let mut cloud = String::new();
-    for p in view.points.iter().step_by(step) {
-        let q = plan.place(Vector3::from(*p));
-        if plan.holds(q) {
-            let _ = write!(cloud, "M{:.1} {:.1}h0", q.x, q.y);
-        }
-    }
-    let mut ground = format!("<path class=\"mappoint\" stroke-width=\"1.6\" d=\"{cloud}\"/>");
-    for pose in view.mapping.iter().step_by(view.mapping.len().div_ceil(MOST_CAMERAS).max(1)) {
-        let _ = write!(ground, "<path class=\"mapcam\" stroke-width=\"1\" d=\"{}\"/>", plan.wedge(pose, 7.0));
-    }
+    let ground = plan.ground(view);
     // Drawn once, and referred to.
     let _ = write!(
         out,
@@ -177,18 +166,18 @@ fn figure(group: &[&TopViewRow], plan: &Plan, ground: &str) -> String {
 }
 
 /// From the map to the page.
-struct Plan {
+pub(super) struct Plan {
     right: Vector3<f64>,
     up: Vector3<f64>,
     low: Vector2<f64>,
     /// Page units per metre.
     scale: f64,
-    height: f64,
+    pub(super) height: f64,
 }
 
 impl Plan {
     /// Fits all but the farthest map points and every true camera. `None` when there is nothing finite to show.
-    fn new(view: &TopView<'_>) -> Option<Self> {
+    pub(super) fn new(view: &TopView<'_>) -> Option<Self> {
         let (right, up) = (Vector3::from(view.right), Vector3::from(view.up));
         let flat = |p: Vector3<f64>| Vector2::new(right.dot(&p), up.dot(&p));
         let queries =
@@ -214,6 +203,24 @@ impl Plan {
         // A tall place is centred on the page.
         let low = Vector2::new(low.x - (WIDTH / scale - wide) / 2.0, low.y);
         Some(Self { right, up, low, scale, height: scale * tall })
+    }
+
+    /// The map's points and the cameras of its images.
+    pub(super) fn ground(&self, view: &TopView<'_>) -> String {
+        let step = view.points.len().div_ceil(MOST_POINTS).max(1);
+        let mut cloud = String::new();
+        for p in view.points.iter().step_by(step) {
+            let q = self.place(Vector3::from(*p));
+            if self.holds(q) {
+                let _ = write!(cloud, "M{:.1} {:.1}h0", q.x, q.y);
+            }
+        }
+        let mut ground = format!("<path class=\"mappoint\" stroke-width=\"1.6\" d=\"{cloud}\"/>");
+        for pose in view.mapping.iter().step_by(view.mapping.len().div_ceil(MOST_CAMERAS).max(1)) {
+            let wedge = self.wedge(pose, 7.0);
+            let _ = write!(ground, "<path class=\"mapcam\" stroke-width=\"1\" d=\"{wedge}\"/>");
+        }
+        ground
     }
 
     fn place(&self, p: Vector3<f64>) -> Vector2<f64> {

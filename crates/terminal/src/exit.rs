@@ -2,7 +2,6 @@
 
 use std::io::ErrorKind;
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
-use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, ThreadId};
 
@@ -34,16 +33,17 @@ Exit codes:
 
 A reader that closes the pipe (`veiloc … | head`) has read enough: that is no error.";
 
-impl From<Exit> for ExitCode {
-    fn from(exit: Exit) -> Self {
-        Self::from(match exit {
-            Exit::Success => 0,
-            Exit::Refused => 1,
+impl Exit {
+    /// The number that the process ends with.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Success => 0,
+            Self::Refused => 1,
             // As clap's own.
-            Exit::Usage => 2,
-            Exit::Unwritten | Exit::Bug => 3,
-            Exit::Doubtful => 4,
-        })
+            Self::Usage => 2,
+            Self::Unwritten | Self::Bug => 3,
+            Self::Doubtful => 4,
+        }
     }
 }
 

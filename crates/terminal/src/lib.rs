@@ -4,9 +4,11 @@
 //! - [`lists`]: lists of images, with or without their cameras.
 //! - [`files`]: whole files in and out, never half-written.
 //! - [`ui`]: all that is printed; [`progress`]: how far a stage of work has come; [`stages`]: the same of a library's work.
+//! - [`command_line`]: what was typed, for documents that tell it.
 //! - [`exit`]: how a command ends, and whose fault a failure is.
 #![forbid(unsafe_code)]
 
+pub mod command_line;
 pub mod exit;
 pub mod files;
 pub mod items;

@@ -109,9 +109,10 @@ pub(in crate::eval) fn outcome(found: Result<(DataSetEvaluation, Exit), Failure>
 }
 
 fn facts(args: &DataSetArgs) -> RunFacts {
+    let words = veiloc_terminal::command_line::words().into_iter();
     RunFacts {
         veiloc: env!("CARGO_PKG_VERSION").to_owned(),
-        command_line: std::env::args().skip(1).collect(),
+        command_line: words.map(|word| word.to_string_lossy().into_owned()).collect(),
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
         cores: cores(),
         jobs: args.jobs(),

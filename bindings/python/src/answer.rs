@@ -1,0 +1,187 @@
+//! Where a query was taken, whoever says so: a map of this process, or a service.
+
+use std::collections::BTreeMap;
+
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_localize::{GravityUse, Localization, RigLocalization};
+use veiloc_map::MapFile;
+use veiloc_robust::Confidence;
+
+use crate::arrays;
+use crate::errors::{Fault, Result};
+use crate::pose::CameraPose;
+
+/// Where a sealed query was taken.
+#[pyclass(frozen, module = "veiloc")]
+#[derive(Clone)]
+pub(crate) struct Answer {
+    pose: Option<CameraFromWorld>,
+    covariance: [[f64; 6]; 6],
+    /// ± of the position, map units.
+    #[pyo3(get)]
+    position_sd: f64,
+    #[pyo3(get)]
+    state: String,
+    #[pyo3(get)]
+    doubts: Vec<String>,
+    #[pyo3(get)]
+    log_evidence: f64,
+    #[pyo3(get)]
+    inliers: usize,
+    #[pyo3(get)]
+    matches: usize,
+    #[pyo3(get)]
+    iterations: usize,
+    #[pyo3(get)]
+    noise_px: Option<f64>,
+    #[pyo3(get)]
+    focal_scale: Option<f64>,
+    #[pyo3(get)]
+    gravity: Option<&'static str>,
+    #[pyo3(get)]
+    retrieved: Vec<String>,
+    #[pyo3(get)]
+    ms: BTreeMap<&'static str, f64>,
+    #[pyo3(get)]
+    frames: Vec<CameraPose>,
+}
+
+#[pymethods]
+impl Answer {
+    /// The pose in the map; None when a doubtful one was to be withheld. Of a rig it is the rig's.
+    #[getter]
+    fn pose(&self) -> Option<CameraPose> {
+        self.pose.map(CameraPose)
+    }
+
+    /// Where the camera is, `[3]`, map units; None without a pose.
+    #[getter]
+    fn center<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        self.pose.map(|pose| arrays::vector3(py, &pose.center().coords))
+    }
+
+    /// Covariance, `[6, 6]`: a rotation vector about the camera's axes (radians), then a vector along them (map units).
+    #[getter]
+    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        arrays::matrix(py, self.covariance.into_iter())
+    }
+
+    /// Covariance of the centre in the map's axes, `[3, 3]`, map units squared; None without a pose.
+    #[getter]
+    fn center_covariance<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        let of = |pose: CameraFromWorld| pose.center_covariance(&self.covariance);
+        self.pose.map(|pose| arrays::matrix(py, of(pose).into_iter())).transpose()
+    }
+
+    /// Whether nothing speaks against the pose.
+    #[getter]
+    fn trusted(&self) -> bool {
+        self.state == "trusted"
+    }
+
+    fn __bool__(&self) -> bool {
+        self.pose.is_some()
+    }
+
+    fn __repr__(&self) -> String {
+        let Some(pose) = &self.pose else { return format!("<Answer {}: withheld>", self.state) };
+        let c = pose.center().coords;
+        format!(
+            "<Answer {}: at ({:.3}, {:.3}, {:.3}) ± {:.4}, {} of {} matches agree>",
+            self.state, c.x, c.y, c.z, self.position_sd, self.inliers, self.matches
+        )
+    }
+}
+
+impl Answer {
+    fn told(pose: CameraFromWorld, covariance: &[[f64; 6]; 6], confidence: &Confidence) -> Self {
+        Self {
+            pose: Some(pose),
+            covariance: *covariance,
+            position_sd: confidence.center_sd,
+            state: confidence.state().to_string(),
+            doubts: confidence.doubts().iter().map(ToString::to_string).collect(),
+            log_evidence: confidence.log_evidence,
+            inliers: 0,
+            matches: 0,
+            iterations: 0,
+            noise_px: None,
+            focal_scale: None,
+            gravity: None,
+            retrieved: Vec::new(),
+            ms: BTreeMap::new(),
+            frames: Vec::new(),
+        }
+    }
+
+    /// Of a query that a map of this process localized.
+    pub(crate) fn of_localization(found: &Localization, map: &MapFile) -> Self {
+        Self {
+            inliers: found.inliers,
+            matches: found.matches,
+            iterations: found.hypotheses,
+            noise_px: Some(found.noise_px),
+            focal_scale: Some(found.focal_scale),
+            gravity: match found.gravity {
+                GravityUse::NotTold => None,
+                GravityUse::Used => Some("used"),
+                GravityUse::MapDoesNotKnow => Some("unused"),
+            },
+            retrieved: found.retrieved.iter().map(|r| map.image(r.image).name().to_owned()).collect(),
+            ms: times(found.times.retrieve_ms, found.times.match_ms, found.times.pose_ms),
+            ..Self::told(found.cam_from_world, &found.covariance, &found.confidence)
+        }
+    }
+
+    /// Of a rig's queries; the pose is the rig's.
+    pub(crate) fn of_rig(found: &RigLocalization) -> Self {
+        let rig = &found.rig_from_world;
+        let sum =
+            |count: fn(&veiloc_localize::FrameLocalization) -> usize| found.frames.iter().map(count).sum();
+        Self {
+            inliers: sum(|f| f.inliers),
+            matches: sum(|f| f.matches),
+            iterations: found.hypotheses,
+            noise_px: found.noise_px(),
+            focal_scale: found.focal_scale(),
+            ms: times(found.times.retrieve_ms, found.times.match_ms, found.times.pose_ms),
+            frames: found.frames.iter().map(|f| CameraPose(f.cam_from_world)).collect(),
+            ..Self::told(
+                CameraFromWorld::new(*rig.rotation(), *rig.translation()),
+                &found.covariance,
+                &found.confidence,
+            )
+        }
+    }
+
+    /// What a service answered.
+    pub(crate) fn of_service(answer: &veiloc_query::Answer) -> Result<Self> {
+        let pose = answer.pose.as_ref();
+        let refused = || Fault::other("the service answered a pose that is none");
+        let found =
+            pose.map(|p| CameraFromWorld::from_quaternion(p.rotation, p.translation).ok_or_else(refused));
+        Ok(Self {
+            pose: found.transpose()?,
+            covariance: pose.map_or([[f64::INFINITY; 6]; 6], |p| p.covariance),
+            position_sd: pose.map_or(f64::INFINITY, veiloc_query::AnswerPose::position_sd),
+            state: answer.state().to_string(),
+            doubts: answer.doubts.iter().map(|d| d.text.clone()).collect(),
+            log_evidence: answer.log_evidence,
+            inliers: answer.inliers as usize,
+            matches: answer.matches as usize,
+            iterations: answer.hypotheses as usize,
+            noise_px: answer.fit.map(|fit| fit.noise_px),
+            focal_scale: answer.fit.map(|fit| fit.focal_scale),
+            gravity: None,
+            retrieved: Vec::new(),
+            ms: times(answer.times.retrieve_ms, answer.times.match_ms, answer.times.pose_ms),
+            frames: Vec::new(),
+        })
+    }
+}
+
+fn times(retrieve: f64, matching: f64, pose: f64) -> BTreeMap<&'static str, f64> {
+    [("retrieve", retrieve), ("match", matching), ("pose", pose)].into()
+}

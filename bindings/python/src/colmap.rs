@@ -1,0 +1,94 @@
+//! COLMAP models, read without COLMAP: what hloc's steps need of one.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+use numpy::{IntoPyArray, PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use veiloc_map::colmap::read_model;
+
+use crate::arrays;
+use crate::camera::{camera_of, undistorted};
+use crate::errors::Result;
+use crate::pose::CameraPose;
+
+/// A COLMAP model, text or binary.
+///
+/// Raises (`open`):
+///     MapError: it cannot be read.
+#[pyclass(frozen, module = "veiloc")]
+pub(crate) struct ColmapModel {
+    model: veiloc_map::colmap::ColmapModel,
+    row_of_point: HashMap<u64, i64>,
+}
+
+#[pymethods]
+impl ColmapModel {
+    /// Reads the model of a folder.
+    #[staticmethod]
+    fn open(py: Python<'_>, folder: PathBuf) -> Result<Self> {
+        let model = py.detach(|| read_model(&folder))?;
+        let row_of_point = (0..).zip(model.points()).map(|(row, point)| (point.id, row)).collect();
+        Ok(Self { model, row_of_point })
+    }
+
+    /// Names of its images.
+    #[getter]
+    fn image_names(&self) -> Vec<String> {
+        self.model.image_names()
+    }
+
+    /// Pose of an image; None without such an image.
+    fn pose(&self, name: &str) -> Option<CameraPose> {
+        self.model.image_by_name(name).map(|image| CameraPose(image.cam_from_world))
+    }
+
+    /// Camera of an image, a dictionary; None without such an image.
+    fn camera<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(image) = self.model.image_by_name(name) else { return Ok(None) };
+        let camera = self.model.camera_of(image);
+        let told = PyDict::new(py);
+        told.set_item("model", camera.model.name())?;
+        told.set_item("width", camera.width)?;
+        told.set_item("height", camera.height)?;
+        told.set_item("params", camera.model.params().to_vec())?;
+        Ok(Some(told))
+    }
+
+    /// The point that each keypoint of an image sees, `[N]` rows of `points` (int64), -1 where none; None without such an
+    /// image.
+    fn point_rows<'py>(&self, py: Python<'py>, name: &str) -> Option<Bound<'py, PyArray1<i64>>> {
+        let row = |point: Option<u64>| point.and_then(|id| self.row_of_point.get(&id)).copied().unwrap_or(-1);
+        let image = self.model.image_by_name(name)?;
+        Some(image.points2d.iter().map(|p| row(p.point)).collect::<Vec<i64>>().into_pyarray(py))
+    }
+
+    /// Its points, `[N, 3]`, map units.
+    #[getter]
+    fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        arrays::matrix(py, self.model.points().iter().map(|p| p.position.coords.into()))
+    }
+
+    fn __len__(&self) -> usize {
+        self.model.images().len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<ColmapModel of {} images, {} points>", self.model.images().len(), self.model.points().len())
+    }
+}
+
+/// Pixels of an image as those of the same camera without distortion, `[N, 2]`.
+///
+/// Raises:
+///     InputError: a pixel that no ray belongs to.
+#[pyfunction]
+pub(crate) fn undistort<'py>(
+    py: Python<'py>,
+    points2d: &Bound<'py, PyAny>,
+    camera: &Bound<'py, PyAny>,
+) -> Result<Bound<'py, PyArray2<f64>>> {
+    let pixels = undistorted(&camera_of(camera)?, arrays::pixels("points2d", points2d)?)?;
+    Ok(arrays::matrix(py, pixels.iter().map(|p| [p.u, p.v]))?)
+}

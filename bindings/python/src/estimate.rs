@@ -1,0 +1,294 @@
+//! Poses from correspondences, called as PoseLib's are: points, lines of any direction, and anchored lines.
+
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_geometry::{Anchor, Intrinsics, Pencils, PixelLine, Point3};
+use veiloc_query::{LayoutTurn, Scheme};
+use veiloc_robust::{
+    Correspondences, FocalKnowledge, Gravity, PoseEstimate, PoseOptions, PoseProblem, PositionPrior,
+    estimate_pose,
+};
+
+use crate::arrays;
+use crate::camera::{camera_of, undistorted};
+use crate::errors::{Fault, Result};
+use crate::options::pose_options;
+use crate::pose::CameraPose;
+use crate::waiting::released;
+
+/// A pose and what is known of it.
+type Estimated<'py> = (CameraPose, Bound<'py, PyDict>);
+
+/// Anchors and angles, `[N]` both.
+type Anchored<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
+
+/// What a caller may know beside the correspondences.
+#[derive(Default)]
+struct Known<'a, 'py> {
+    keypoints: Option<&'a Bound<'py, PyAny>>,
+    prior: Option<&'a Bound<'py, PyAny>>,
+    gravity: Option<&'a Bound<'py, PyAny>>,
+    position: Option<&'a Bound<'py, PyAny>>,
+    focal: &'a str,
+}
+
+/// Pose of a camera from points of the image and points of the map.
+///
+/// Args:
+///     points2d: `[N, 2]` pixels of the image as it was taken (the centre of its first pixel is (0.5, 0.5)).
+///     points3d: `[N, 3]` map units.
+///     camera: `{"model", "width", "height", "params"}` with COLMAP's models, or `"MODEL,WIDTH,HEIGHT,PARAMS…"`.
+///     ransac_opt: `max_iterations` (10000), `min_iterations` (200), `success_prob` (0.9999), `seed` (0),
+///         `score` (`"likelihood"`; `"msac"`), `max_reproj_error` (pixels, 4; of `"msac"`), `noise_px` (pixels, 2; of the
+///         likelihood), `expected_inlier_ratio` (0.2), `fixed_iterations` (none), `min_inliers` (10), `anchored_solver`.
+///     bundle_opt: `estimate_noise` (True): the final refinement takes the noise that the inliers show.
+///     keypoints: `[N]` numbers; correspondences of one keypoint share theirs. Default: each has its own.
+///     prior: `[N]` probabilities that a correspondence is right. Default: all alike.
+///     gravity: `(down_in_camera [3], down_in_world [3])` and perhaps a deviation in degrees (2).
+///     position: `(x, y, z, sd)`: where the camera roughly is, map units.
+///     focal: `"calibrated"`, `"exif"` or `"unknown"`: how well the focal length is known; it is estimated unless calibrated.
+///
+/// Returns:
+///     The pose and a dictionary: `inliers` `[N]` bool, `num_inliers`, `inlier_ratio`, `iterations`, `refinements`,
+///     `model_score` (lower is better), `noise_px`, `focal_scale`, `covariance` `[6, 6]` (radians, then map units),
+///     `center_covariance` `[3, 3]`, `state` (`"trusted"`, `"doubtful"` or `"not-found"`), `doubts`, `log_evidence`.
+///
+/// Raises:
+///     InputError: shapes, numbers or options that are not possible.
+///     NotLocalizedError: no pose is supported by the correspondences.
+#[pyfunction]
+#[pyo3(signature = (points2d, points3d, camera, ransac_opt=None, bundle_opt=None, *, keypoints=None, prior=None, gravity=None, position=None, focal="calibrated"))]
+#[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+pub(crate) fn estimate_absolute_pose<'py>(
+    py: Python<'py>,
+    points2d: &Bound<'py, PyAny>,
+    points3d: &Bound<'py, PyAny>,
+    camera: &Bound<'py, PyAny>,
+    ransac_opt: Option<&Bound<'py, PyDict>>,
+    bundle_opt: Option<&Bound<'py, PyDict>>,
+    keypoints: Option<&Bound<'py, PyAny>>,
+    prior: Option<&Bound<'py, PyAny>>,
+    gravity: Option<&Bound<'py, PyAny>>,
+    position: Option<&Bound<'py, PyAny>>,
+    focal: &str,
+) -> Result<Estimated<'py>> {
+    let camera = camera_of(camera)?;
+    let pixels = undistorted(&camera, arrays::pixels("points2d", points2d)?)?;
+    let known = Known { keypoints, prior, gravity, position, focal };
+    estimate(
+        py,
+        &camera,
+        Correspondences::Points { pixels },
+        points3d,
+        &known,
+        pose_options(ransac_opt, bundle_opt)?,
+    )
+}
+
+/// Pose of a camera from lines of the image, each through the keypoint of a map point, and those points.
+///
+/// Args:
+///     lines2d: `[N, 3]`, `a u + b v + c = 0` in pixels of the image without distortion, of any scale.
+///     points3d, camera, ransac_opt, bundle_opt, keypoints, prior, gravity, position, focal: as of
+///         `estimate_absolute_pose`.
+///
+/// Returns:
+///     As `estimate_absolute_pose`.
+///
+/// Raises:
+///     InputError: shapes, numbers or options that are not possible.
+///     NotLocalizedError: no pose is supported by the correspondences.
+#[pyfunction]
+#[pyo3(signature = (lines2d, points3d, camera, ransac_opt=None, bundle_opt=None, *, keypoints=None, prior=None, gravity=None, position=None, focal="calibrated"))]
+#[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+pub(crate) fn estimate_absolute_pose_lines<'py>(
+    py: Python<'py>,
+    lines2d: &Bound<'py, PyAny>,
+    points3d: &Bound<'py, PyAny>,
+    camera: &Bound<'py, PyAny>,
+    ransac_opt: Option<&Bound<'py, PyDict>>,
+    bundle_opt: Option<&Bound<'py, PyDict>>,
+    keypoints: Option<&Bound<'py, PyAny>>,
+    prior: Option<&Bound<'py, PyAny>>,
+    gravity: Option<&Bound<'py, PyAny>>,
+    position: Option<&Bound<'py, PyAny>>,
+    focal: &str,
+) -> Result<Estimated<'py>> {
+    let camera = camera_of(camera)?;
+    let line = |(index, line): (usize, [f64; 3])| {
+        PixelLine::from_homogeneous(Vector3::from(line))
+            .ok_or_else(|| Fault::input(format_args!("lines2d: number {index} is no line")))
+    };
+    let lines = arrays::rows::<3>("lines2d", lines2d)?.into_iter().enumerate().map(line);
+    let observations = Correspondences::Lines { lines: lines.collect::<Result<_>>()? };
+    let known = Known { keypoints, prior, gravity, position, focal };
+    estimate(py, &camera, observations, points3d, &known, pose_options(ransac_opt, bundle_opt)?)
+}
+
+/// Pose of a camera from anchored lines (Dual Convergent Lines), each through the keypoint of a map point.
+///
+/// Args:
+///     anchors: `[N]`, the anchor of each line, from 0.
+///     angles: `[N]` radians, where each half-plane leads from its anchor, as `anchored_lines` measures them.
+///     points3d, camera, ransac_opt, bundle_opt, keypoints, prior, gravity, position, focal: as of
+///         `estimate_absolute_pose`.
+///     layout: `"dcl"` or `"dcl:..."`, as schemes are written.
+///
+/// Returns:
+///     As `estimate_absolute_pose`.
+///
+/// Raises:
+///     InputError: shapes, numbers or options that are not possible.
+///     NotLocalizedError: no pose is supported by the correspondences, or all lines run through one anchor.
+#[pyfunction]
+#[pyo3(signature = (anchors, angles, points3d, camera, ransac_opt=None, bundle_opt=None, *, layout="dcl", keypoints=None, prior=None, gravity=None, position=None, focal="calibrated"))]
+#[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+pub(crate) fn estimate_absolute_pose_anchored<'py>(
+    py: Python<'py>,
+    anchors: &Bound<'py, PyAny>,
+    angles: &Bound<'py, PyAny>,
+    points3d: &Bound<'py, PyAny>,
+    camera: &Bound<'py, PyAny>,
+    ransac_opt: Option<&Bound<'py, PyDict>>,
+    bundle_opt: Option<&Bound<'py, PyDict>>,
+    layout: &str,
+    keypoints: Option<&Bound<'py, PyAny>>,
+    prior: Option<&Bound<'py, PyAny>>,
+    gravity: Option<&Bound<'py, PyAny>>,
+    position: Option<&Bound<'py, PyAny>>,
+    focal: &str,
+) -> Result<Estimated<'py>> {
+    let camera = camera_of(camera)?;
+    let pencils = pencils_of(&camera, layout)?;
+    let anchors = arrays::numbers::<i64>("anchors", anchors)?;
+    let angles = arrays::numbers::<f64>("angles", angles)?;
+    if anchors.len() != angles.len() {
+        let (a, b) = (anchors.len(), angles.len());
+        return Err(Fault::input(format_args!("anchors: {a} of {b}; each line has one")));
+    }
+    let anchor = |index: i64| {
+        let anchor = usize::try_from(index).ok().and_then(Anchor::new).filter(|a| a.index() < pencils.len());
+        anchor.ok_or_else(|| Fault::input(format_args!("anchors: {index} of {} there are", pencils.len())))
+    };
+    let lines: Result<Vec<_>> =
+        anchors.into_iter().zip(angles).map(|(index, angle)| Ok((anchor(index)?, angle))).collect();
+    let observations = Correspondences::Anchored { lines: lines?, pencils };
+    let known = Known { keypoints, prior, gravity, position, focal };
+    estimate(py, &camera, observations, points3d, &known, pose_options(ransac_opt, bundle_opt)?)
+}
+
+/// Anchor and angle of each keypoint under a layout of Dual Convergent Lines: what it would tell of them, unrounded.
+///
+/// Args:
+///     points2d: `[N, 2]` pixels of the image as it was taken.
+///     camera: as of `estimate_absolute_pose`.
+///     layout: `"dcl"` or `"dcl:..."`.
+///
+/// Returns:
+///     `anchors` `[N]` (int64) and `angles` `[N]` radians in [0, 2π).
+///
+/// Raises:
+///     InputError: shapes, numbers or a layout that are not possible.
+#[pyfunction]
+#[pyo3(signature = (points2d, camera, layout="dcl"))]
+pub(crate) fn anchored_lines<'py>(
+    py: Python<'py>,
+    points2d: &Bound<'py, PyAny>,
+    camera: &Bound<'py, PyAny>,
+    layout: &str,
+) -> Result<Anchored<'py>> {
+    let camera = camera_of(camera)?;
+    let pencils = pencils_of(&camera, layout)?;
+    let pixels = undistorted(&camera, arrays::pixels("points2d", points2d)?)?;
+    let line = |pixel| {
+        let anchor = pencils.anchor_of(pixel);
+        (anchor.index() as i64, pencils.angle_of(anchor, pixel))
+    };
+    let (anchors, angles): (Vec<i64>, Vec<f64>) = pixels.into_iter().map(line).unzip();
+    Ok((anchors.into_pyarray(py), angles.into_pyarray(py)))
+}
+
+fn pencils_of(camera: &Intrinsics, layout: &str) -> Result<Pencils> {
+    let Scheme::Dcl(layout) = layout.parse::<Scheme>()? else {
+        return Err(Fault::input(format_args!("layout: {layout:?} has no anchors; dcl has")));
+    };
+    let pencils = layout.pencils(&camera.pinhole(), LayoutTurn::default());
+    pencils.ok_or_else(|| Fault::input("camera: no layout fits a camera of this size and focal length"))
+}
+
+fn estimate<'py>(
+    py: Python<'py>,
+    camera: &Intrinsics,
+    observations: Correspondences,
+    points3d: &Bound<'py, PyAny>,
+    known: &Known<'_, 'py>,
+    (options, seed): (PoseOptions, u64),
+) -> Result<Estimated<'py>> {
+    let points = arrays::points("points3d", points3d)?;
+    let keypoints = match known.keypoints {
+        Some(keypoints) => arrays::numbers::<i64>("keypoints", keypoints)?
+            .into_iter()
+            .map(|k| usize::try_from(k).map_err(|_| Fault::input("keypoints: numbers from 0 on are needed")))
+            .collect::<Result<_>>()?,
+        None => (0..points.len()).collect(),
+    };
+    let mut problem = PoseProblem::new(camera.pinhole(), observations, keypoints, points);
+    problem.prior = known.prior.map(|prior| arrays::numbers::<f64>("prior", prior)).transpose()?;
+    problem.gravity = known.gravity.map(gravity_of).transpose()?;
+    problem.position = known.position.map(position_of).transpose()?;
+    problem.focal = match known.focal.parse::<veiloc_query::FocalKnowledge>().map_err(Fault::input)? {
+        veiloc_query::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
+        veiloc_query::FocalKnowledge::Exif => FocalKnowledge::Exif,
+        veiloc_query::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
+    };
+    let found = released(py, &options.stop, || {
+        estimate_pose(&problem, &options, &mut ChaCha8Rng::seed_from_u64(seed))
+    })??;
+    Ok((found.cam_from_world.into(), info(py, &found)?))
+}
+
+fn gravity_of(gravity: &Bound<'_, PyAny>) -> Result<Gravity> {
+    let refused = || {
+        Fault::input("gravity: (down_in_camera [3], down_in_world [3]) or with a deviation in degrees behind")
+    };
+    let parts: Vec<Bound<'_, PyAny>> = gravity.try_iter().map_err(|_| refused())?.collect::<PyResult<_>>()?;
+    let (camera, world, sd_deg) = match parts.as_slice() {
+        [camera, world] => (camera, world, Gravity::PHONE_SD_DEG),
+        [camera, world, sd] => (camera, world, sd.extract::<f64>().map_err(|_| refused())?),
+        _ => return Err(refused()),
+    };
+    let in_camera = Vector3::from(arrays::vector::<3>("gravity", camera)?);
+    let in_world = Vector3::from(arrays::vector::<3>("gravity", world)?);
+    Ok(Gravity { in_camera, in_world, sd_deg })
+}
+
+/// Where a camera roughly is, from four numbers.
+pub(crate) fn position_of(position: &Bound<'_, PyAny>) -> Result<PositionPrior> {
+    let [x, y, z, sd] = arrays::vector::<4>("position", position)?;
+    Ok(PositionPrior { center: Point3::new(x, y, z), sd })
+}
+
+fn info<'py>(py: Python<'py>, found: &PoseEstimate) -> PyResult<Bound<'py, PyDict>> {
+    let info = PyDict::new(py);
+    let count = found.inliers.len().max(1);
+    info.set_item("inliers", found.inliers.clone().into_pyarray(py))?;
+    info.set_item("num_inliers", found.inlier_count)?;
+    info.set_item("num_inlier_keypoints", found.inlier_keypoints)?;
+    info.set_item("inlier_ratio", found.inlier_count as f64 / count as f64)?;
+    info.set_item("iterations", found.hypotheses)?;
+    info.set_item("refinements", usize::from(found.refined))?;
+    info.set_item("model_score", found.score)?;
+    info.set_item("noise_px", found.noise_px)?;
+    info.set_item("focal_scale", found.focal_scale)?;
+    info.set_item("covariance", arrays::matrix(py, found.covariance.into_iter())?)?;
+    info.set_item("center_covariance", arrays::matrix(py, found.center_covariance().into_iter())?)?;
+    info.set_item("state", found.confidence.state().to_string())?;
+    info.set_item("log_evidence", found.confidence.log_evidence)?;
+    let doubts: Vec<String> = found.confidence.doubts().iter().map(ToString::to_string).collect();
+    info.set_item("doubts", doubts)?;
+    Ok(info)
+}

@@ -1,0 +1,98 @@
+//! Images and masks as Python gives them: files, or arrays of numpy.
+
+use std::path::{Path, PathBuf};
+
+use numpy::ndarray::{ArrayView2, ArrayView3};
+use numpy::{PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+use veiloc_features::{GrayImage, Image, Mask, load_gray, load_mask};
+
+use crate::errors::{Fault, Result};
+
+/// An image that is still to be read, or an array: what messages call it, and where it comes from.
+pub(crate) enum Given {
+    File(PathBuf),
+    Array(GrayImage),
+}
+
+impl Given {
+    /// A path, or an array `[H, W]` or `[H, W, 3]` of bytes, or `[H, W]` of floats in [0, 1].
+    pub(crate) fn of(image: &Bound<'_, PyAny>) -> Result<Self> {
+        if let Ok(path) = image.extract::<PathBuf>() {
+            return Ok(Self::File(path));
+        }
+        let gray = if let Ok(array) = image.extract::<PyReadonlyArray2<'_, u8>>() {
+            let (height, width, samples) = bytes2(array.as_array())?;
+            GrayImage::from_luma8(width, height, &samples)
+        } else if let Ok(array) = image.extract::<PyReadonlyArray3<'_, u8>>() {
+            let (height, width, samples) = bytes3(array.as_array())?;
+            GrayImage::from_rgb8(width, height, &samples)
+        } else if let Ok(array) = image.extract::<PyReadonlyArray2<'_, f32>>() {
+            let view = array.as_array();
+            GrayImage::new(side(view.ncols())?, side(view.nrows())?, view.iter().copied().collect())
+        } else {
+            return Err(Fault::input(
+                "image: a path, or an array [H, W] or [H, W, 3] of uint8 (red, green, blue), or [H, W] of float32 in [0, 1]",
+            ));
+        };
+        Ok(Self::Array(gray?))
+    }
+
+    /// What messages call it.
+    pub(crate) fn name(&self) -> &Path {
+        match self {
+            Self::File(path) => path,
+            Self::Array(_) => Path::new("the array"),
+        }
+    }
+
+    /// The file, where a camera can be read from.
+    pub(crate) fn file(&self) -> Result<&Path> {
+        match self {
+            Self::File(path) => Ok(path),
+            Self::Array(_) => Err(Fault::input("camera: an array tells none; give it")),
+        }
+    }
+
+    /// The pixels, without what the mask hides.
+    pub(crate) fn load(&self, mask: Option<&Mask>) -> Result<Image> {
+        let gray = match self {
+            Self::File(path) => load_gray(path)?,
+            Self::Array(gray) => gray.clone(),
+        };
+        let image = Image::from(gray);
+        Ok(match mask {
+            Some(mask) => image.without(mask)?,
+            None => image,
+        })
+    }
+}
+
+/// A mask: a file in which black hides, or an array `[H, W]` of bool in which True hides.
+pub(crate) fn mask_of(mask: &Bound<'_, PyAny>) -> Result<Mask> {
+    if let Ok(path) = mask.extract::<PathBuf>() {
+        return Ok(load_mask(&path)?);
+    }
+    let refused = |_| Fault::input("mask: a path, or an array [H, W] of bool in which True hides");
+    let array = mask.extract::<PyReadonlyArray2<'_, bool>>().map_err(refused)?;
+    let view = array.as_array();
+    Ok(Mask::new(side(view.ncols())?, side(view.nrows())?, |x, y| view[[y as usize, x as usize]])?)
+}
+
+fn side(length: usize) -> Result<u32> {
+    u32::try_from(length).map_err(|_| Fault::input("image: it is too large"))
+}
+
+fn bytes2(view: ArrayView2<'_, u8>) -> Result<(u32, u32, Vec<u8>)> {
+    Ok((side(view.nrows())?, side(view.ncols())?, view.iter().copied().collect()))
+}
+
+fn bytes3(view: ArrayView3<'_, u8>) -> Result<(u32, u32, Vec<u8>)> {
+    let (height, width, channels) = view.dim();
+    if channels != 3 {
+        return Err(Fault::input(format_args!(
+            "image: [H, W, 3] is needed, not [{height}, {width}, {channels}]"
+        )));
+    }
+    Ok((side(height)?, side(width)?, view.iter().copied().collect()))
+}

@@ -1,0 +1,112 @@
+//! Poses as Python sees them, by PoseLib's names.
+
+use numpy::{IntoPyArray, PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyType;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Matrix3, Vector3};
+use veiloc_solvers::RadialPose;
+
+use crate::arrays;
+use crate::errors::{Fault, Result};
+
+/// A pose of a camera in the world, `x_cam = R x_world + t`.
+///
+/// Made of a quaternion or a rotation matrix; without either it turns nothing.
+///
+/// Args:
+///     q: quaternion `[w, x, y, z]` of any length.
+///     t: translation, `[3]`, map units; zero by default.
+///     R: rotation matrix, `[3, 3]`, instead of `q`.
+///
+/// Raises:
+///     InputError: a number is not finite, or `R` is no rotation.
+#[pyclass(frozen, module = "veiloc", eq, from_py_object)]
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) struct CameraPose(pub(crate) CameraFromWorld);
+
+/// Quaternion and translation, to be made of again.
+type Parts = (Vec<f64>, Vec<f64>);
+
+#[pymethods]
+impl CameraPose {
+    #[new]
+    #[pyo3(signature = (q=None, t=None, *, R=None))]
+    #[expect(non_snake_case, reason = "the name that the keyword has in Python")]
+    fn new(
+        q: Option<&Bound<'_, PyAny>>,
+        t: Option<&Bound<'_, PyAny>>,
+        R: Option<&Bound<'_, PyAny>>,
+    ) -> Result<Self> {
+        let t = t.map_or(Ok([0.0; 3]), |t| arrays::vector::<3>("t", t))?;
+        let pose = match (q, R) {
+            (Some(_), Some(_)) => return Err(Fault::input("give q or R, not both")),
+            (_, Some(matrix)) => {
+                let rows = arrays::sample::<3, 3>("R", matrix)?;
+                CameraFromWorld::from_matrix(Matrix3::from_fn(|i, j| rows[i][j]), Vector3::from(t))
+            }
+            (Some(q), None) => CameraFromWorld::from_quaternion(arrays::vector::<4>("q", q)?, t),
+            (None, None) => CameraFromWorld::from_quaternion([1.0, 0.0, 0.0, 0.0], t),
+        };
+        pose.map(Self).ok_or_else(|| Fault::input("these numbers are not finite, or turn by no rotation"))
+    }
+
+    /// Quaternion `[w, x, y, z]` of length 1 with `w >= 0`, `[4]`.
+    #[getter]
+    fn q<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.0.quaternion().to_vec().into_pyarray(py)
+    }
+
+    /// Translation, `[3]`, map units.
+    #[getter]
+    fn t<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        arrays::vector3(py, self.0.translation())
+    }
+
+    /// Rotation matrix, `[3, 3]`, world to camera.
+    #[getter(R)]
+    fn rotation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        arrays::matrix3(py, self.0.rotation().matrix())
+    }
+
+    /// `[R | t]`, `[3, 4]`.
+    #[getter(Rt)]
+    fn rotation_and_translation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (r, t) = (self.0.rotation().matrix(), self.0.translation());
+        let row = |i: usize| std::array::from_fn::<f64, 4, _>(|j| if j < 3 { r[(i, j)] } else { t[i] });
+        arrays::matrix(py, (0..3).map(row))
+    }
+
+    /// Where the camera is, `-Rᵀ t`, `[3]`, map units.
+    #[getter]
+    fn center<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        arrays::vector3(py, &self.0.center().coords)
+    }
+
+    /// How far another pose is: degrees between the orientations, and map units between the centres.
+    fn error(&self, other: &Self) -> (f64, f64) {
+        (self.0.rotation_error_degrees(&other.0), self.0.translation_error(&other.0))
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> (Bound<'py, PyType>, Parts) {
+        (py.get_type::<Self>(), (self.0.quaternion().to_vec(), self.0.translation().as_slice().to_vec()))
+    }
+
+    fn __repr__(&self) -> String {
+        let ([w, x, y, z], t) = (self.0.quaternion(), self.0.translation());
+        format!("CameraPose(q=[{w:.6}, {x:.6}, {y:.6}, {z:.6}], t=[{:.6}, {:.6}, {:.6}])", t.x, t.y, t.z)
+    }
+}
+
+impl From<CameraFromWorld> for CameraPose {
+    fn from(pose: CameraFromWorld) -> Self {
+        Self(pose)
+    }
+}
+
+impl From<RadialPose> for CameraPose {
+    /// The depth along the ray that the lines share is not known, and 0 here, as in PoseLib.
+    fn from(pose: RadialPose) -> Self {
+        Self(CameraFromWorld::new(pose.rotation, Vector3::new(pose.offset.x, pose.offset.y, 0.0)))
+    }
+}

@@ -1,0 +1,89 @@
+//! What a device needs to seal for a map, as a value of Python.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::errors::{Fault, Result};
+
+/// What a device needs to seal a query for a map. It holds no map data, and decides nothing that protects the device.
+///
+/// From `Map.profile`, `Client.profile`, a file (`Profile.open`) or bytes (`Profile.from_bytes`); `bytes(profile)` is what a
+/// file holds.
+#[pyclass(frozen, module = "veiloc", from_py_object)]
+#[derive(Clone)]
+pub(crate) struct Profile(pub(crate) veiloc_query::Profile);
+
+#[pymethods]
+impl Profile {
+    /// Reads a profile file, as `veiloc map profile` writes it.
+    ///
+    /// Raises:
+    ///     QueryError: the file cannot be read, or holds no profile.
+    #[staticmethod]
+    fn open(path: PathBuf) -> Result<Self> {
+        let bytes = std::fs::read(&path).map_err(|e| Fault::file(&path, e))?;
+        veiloc_query::Profile::decode(&bytes).map(Self).map_err(|e| Fault::file(&path, e))
+    }
+
+    /// A profile of its bytes.
+    ///
+    /// Raises:
+    ///     QueryError: they are none.
+    #[staticmethod]
+    fn from_bytes(data: &[u8]) -> Result<Self> {
+        Ok(Self(veiloc_query::Profile::decode(data)?))
+    }
+
+    fn __bytes__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.0.encode())
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        Ok((py.get_type::<Self>().getattr("from_bytes")?, (self.__bytes__(py),)))
+    }
+
+    /// Its identity, a text: queries of another one are refused.
+    #[getter]
+    fn id(&self) -> String {
+        self.0.id().to_string()
+    }
+
+    /// Name of the features that are sent.
+    #[getter]
+    fn features(&self) -> String {
+        self.0.descriptor_kind().name().to_owned()
+    }
+
+    /// Name of what makes the global descriptor.
+    #[getter]
+    fn global_descriptor(&self) -> String {
+        self.0.global_model().name().to_owned()
+    }
+
+    /// Most keypoints that it asks for.
+    #[getter]
+    fn max_keypoints(&self) -> u32 {
+        self.0.limits().max_keypoints
+    }
+
+    /// Longest side of an image that it asks for, pixels.
+    #[getter]
+    fn max_image_side(&self) -> u32 {
+        self.0.limits().max_image_side
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        self.0.id() == other.0.id()
+    }
+
+    fn __hash__(&self) -> u64 {
+        let [a, b, c, d, e, f, g, h, ..] = *self.0.id().as_bytes();
+        u64::from_le_bytes([a, b, c, d, e, f, g, h])
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Profile {}: {} features, {}>", self.0.id(), self.features(), self.global_descriptor())
+    }
+}

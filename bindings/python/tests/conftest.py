@@ -1,0 +1,101 @@
+"""What all tests share: problems with known answers, and the real images where they are."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import veiloc
+
+CAMERA = {"model": "PINHOLE", "width": 640, "height": 480, "params": [525.0, 530.0, 318.0, 243.0]}
+
+
+def rotation(rng, most=np.pi):
+    """A rotation matrix drawn at random, turning by at most so much."""
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    angle = rng.uniform(0, most)
+    k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+class Problem:
+    """Points of the world and their pixels under a known pose, some of them wrong."""
+
+    def __init__(self, seed, count=200, noise=0.5, outliers=0.3, camera=CAMERA):
+        rng = np.random.default_rng(seed)
+        self.camera = camera
+        self.R, self.t = rotation(rng), rng.normal(size=3)
+        fx, fy, cx, cy = camera["params"]
+        self.exact = rng.uniform([0, 0], [camera["width"], camera["height"]], (count, 2))
+        depth = rng.uniform(2, 8, count)
+        rays = np.column_stack([(self.exact - [cx, cy]) / [fx, fy], np.ones(count)])
+        self.bearings = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        self.points3d = (rays * depth[:, None] - self.t) @ self.R
+        self.points2d = self.exact + noise * rng.normal(size=(count, 2))
+        wrong = rng.permutation(count)[: int(outliers * count)]
+        self.points2d[wrong] = rng.uniform([0, 0], [camera["width"], camera["height"]], (len(wrong), 2))
+        self.inliers = np.ones(count, bool)
+        self.inliers[wrong] = False
+        self.pose = veiloc.CameraPose(R=self.R, t=self.t)
+        self.K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+        self.lines2d = self._lines(rng)
+
+    def _lines(self, rng):
+        angles = rng.uniform(0, np.pi, len(self.points2d))
+        normals = np.column_stack([-np.sin(angles), np.cos(angles)])
+        return np.column_stack([normals, -(normals * self.points2d).sum(1)])
+
+    def errors(self, R, t):
+        """Degrees, and units of the world."""
+        return self.pose.error(veiloc.CameraPose(R=np.asarray(R), t=np.asarray(t)))
+
+
+@pytest.fixture
+def problem():
+    return Problem(7)
+
+
+@pytest.fixture(scope="session")
+def redkitchen():
+    """The folder of the real images; a test without them is skipped."""
+    data = os.environ.get("VEILOC_DATA")
+    if not data or not (Path(data) / "redkitchen").is_dir():
+        pytest.skip("VEILOC_DATA does not name a folder with redkitchen")
+    return Path(data) / "redkitchen"
+
+
+@pytest.fixture(scope="session")
+def program():
+    """Runs the package's program; returns what it printed, and fails when it did."""
+    path = shutil.which("veiloc", path=str(Path(sys.executable).parent))
+    assert path, "the package installs a program beside the interpreter"
+
+    def run(*words, codes=(0,)):
+        done = subprocess.run([path, *map(str, words)], capture_output=True, text=True)
+        assert done.returncode in codes, done.stderr
+        return done.stdout
+
+    return run
+
+
+def every(names, count):
+    """So many of the names, spread evenly."""
+    step = max(1, len(names) // count)
+    return names[::step][:count]
+
+
+@pytest.fixture(scope="session")
+def kitchen(redkitchen):
+    """A map of a part of RedKitchen, tested, and queries beside it: (map, camera, images, queries)."""
+    posed = veiloc.ColmapModel.open(redkitchen / "posed")
+    names = [line.strip() for line in (redkitchen / "map.txt").read_text().splitlines() if line.strip()]
+    queries = [line.strip() for line in (redkitchen / "query.txt").read_text().splitlines() if line.strip()]
+    model = veiloc.Map.build(
+        redkitchen / "posed", redkitchen / "images", names=every(names, 28), self_test=False
+    )
+    return model, posed.camera(queries[0]), redkitchen / "images", every(queries, 6), posed

@@ -1,0 +1,196 @@
+"""Robust estimation: the pose that PoseLib, pycolmap and OpenCV find, from points and from lines; arguments and options."""
+
+import numpy as np
+import pytest
+
+import veiloc
+from conftest import CAMERA, Problem
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_points_as_poselib(seed):
+    poselib = pytest.importorskip("poselib")
+    p = Problem(seed)
+    pose, info = veiloc.estimate_absolute_pose(p.points2d, p.points3d, p.camera)
+    theirs, their_info = poselib.estimate_absolute_pose(
+        p.points2d, p.points3d, p.camera, {"max_reproj_error": 4.0}, {}
+    )
+    # Both are off by what half a pixel of noise comes to.
+    assert max(pose.error(veiloc.CameraPose(q=theirs.q, t=theirs.t))) < 0.05
+    assert max(p.pose.error(pose)) < 0.05
+    assert set(their_info) - {"inliers"} <= set(info) | {"inliers"}, "PoseLib's names"
+    assert np.mean(np.asarray(their_info["inliers"]) == info["inliers"]) > 0.95
+    assert info["inliers"].dtype == bool and info["inliers"].sum() == info["num_inliers"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_as_pycolmap(seed):
+    pycolmap = pytest.importorskip("pycolmap")
+    p = Problem(seed)
+    camera = pycolmap.Camera(model="PINHOLE", width=640, height=480, params=p.camera["params"])
+    theirs = pycolmap.estimate_and_refine_absolute_pose(p.points2d, p.points3d, camera)
+    pose, _ = veiloc.estimate_absolute_pose(p.points2d, p.points3d, camera)
+    rigid = theirs["cam_from_world"]
+    R, t = rigid.rotation.matrix(), rigid.translation
+    assert max(pose.error(veiloc.CameraPose(R=R, t=t))) < 0.05
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_as_opencv(seed):
+    cv2 = pytest.importorskip("cv2")
+    camera = {
+        "model": "OPENCV",
+        "width": 640,
+        "height": 480,
+        "params": [525.0, 530.0, 318.0, 243.0, -0.1, 0.02, 0.001, -0.0005],
+    }
+    p = Problem(seed)
+    # The same world through a lens: in the axes of pixels that both share, shifted alike.
+    rotation, _ = cv2.Rodrigues(p.R)
+    distortion = np.array(camera["params"][4:])
+    pixels, _ = cv2.projectPoints(p.points3d, rotation, p.t, p.K, distortion)
+    pixels = pixels.reshape(-1, 2)
+    ok, r, t, _ = cv2.solvePnPRansac(p.points3d, pixels, p.K, distortion)
+    assert ok
+    theirs = veiloc.CameraPose(R=cv2.Rodrigues(r)[0], t=t.ravel())
+    pose, _ = veiloc.estimate_absolute_pose(pixels, p.points3d, camera)
+    assert max(pose.error(theirs)) < 0.02
+    flat = cv2.undistortPoints(pixels[:, None], p.K, distortion, P=p.K).reshape(-1, 2)
+    assert np.abs(veiloc.undistort(pixels, camera) - flat).max() < 0.05
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_lines_and_anchored_lines_find_the_pose(seed):
+    p = Problem(seed, count=300)
+    pose, info = veiloc.estimate_absolute_pose_lines(p.lines2d, p.points3d, p.camera)
+    assert max(p.pose.error(pose)) < 0.2
+    assert info["state"] == "trusted"
+    anchors, angles = veiloc.anchored_lines(p.points2d, p.camera)
+    assert set(anchors) == {0, 1}
+    pose, info = veiloc.estimate_absolute_pose_anchored(anchors, angles, p.points3d, p.camera)
+    assert max(p.pose.error(pose)) < 0.3
+    assert info["covariance"].shape == (6, 6)
+
+
+def test_all_lines_of_one_anchor_are_no_pose():
+    p = Problem(1)
+    _, angles = veiloc.anchored_lines(p.points2d, p.camera)
+    with pytest.raises(veiloc.NotLocalizedError, match="same anchor"):
+        veiloc.estimate_absolute_pose_anchored(np.zeros(len(angles)), angles, p.points3d, p.camera)
+
+
+def test_equal_seeds_give_equal_poses_whatever_the_arrays(problem):
+    p = problem
+    pose, _ = veiloc.estimate_absolute_pose(p.points2d, p.points3d, p.camera)
+    for points2d, points3d in [
+        (p.points2d.tolist(), p.points3d.tolist()),
+        (np.asfortranarray(p.points2d), np.ascontiguousarray(p.points3d[::-1])[::-1]),
+    ]:
+        again, _ = veiloc.estimate_absolute_pose(points2d, points3d, "PINHOLE,640,480,525,530,318,243")
+        assert again == pose
+    other, _ = veiloc.estimate_absolute_pose(p.points2d, p.points3d, p.camera, {"seed": 5})
+    assert max(other.error(pose)) < 0.01
+
+
+def test_options_have_poselibs_names_and_others_are_refused(problem):
+    p = problem
+    call = lambda **options: veiloc.estimate_absolute_pose(p.points2d, p.points3d, p.camera, options)
+    _, info = call(min_iterations=50, max_iterations=50, success_prob=0.99, seed=1)
+    assert info["iterations"] == 50
+    _, info = call(score="msac", max_reproj_error=4.0)
+    assert info["num_inliers"] > 100
+    for options, words in [
+        ({"max_reproj_error": 4.0}, "noise_px"),
+        ({"score": "msac", "noise_px": 1.0}, "max_reproj_error"),
+        ({"progressive_sampling": True}, "prior="),
+        ({"max_iteration": 5}, "max_iterations"),
+        ({"success_prob": 2.0}, "confidence"),
+        ({"max_iterations": "many"}, "max_iterations: many is not possible"),
+        ({"score": "best"}, "likelihood"),
+    ]:
+        with pytest.raises(veiloc.InputError, match=words):
+            call(**options)
+    with pytest.raises(veiloc.InputError, match="loss_type"):
+        veiloc.estimate_absolute_pose(p.points2d, p.points3d, p.camera, {}, {"loss_type": "HUBER"})
+
+
+@pytest.mark.parametrize(
+    "camera, words",
+    [
+        ({**CAMERA, "params": [1.0, 2.0]}, "takes 4 parameters"),
+        ({**CAMERA, "model": "FISHEYE"}, "not supported"),
+        ({**CAMERA, "focal": 3}, "focal"),
+        ({"model": "PINHOLE"}, "width"),
+        ({**CAMERA, "width": -1}, "width"),
+        (17, "model"),
+        ("PINHOLE,640", "does not read as"),
+    ],
+)
+def test_impossible_cameras_are_named(problem, camera, words):
+    with pytest.raises(veiloc.InputError, match=words):
+        veiloc.estimate_absolute_pose(problem.points2d, problem.points3d, camera)
+
+
+def test_impossible_arrays_are_named(problem):
+    p = problem
+    call = veiloc.estimate_absolute_pose
+    holes = p.points2d.copy()
+    holes[3, 1] = np.nan
+    for points2d, points3d, words in [
+        (p.points2d[:2], p.points3d[:2], "3"),
+        (p.points2d[:5], p.points3d, "points"),
+        (p.points2d, p.points2d, r"points3d: an array \[N, 3\] of numbers is needed, not \[200, 2\]"),
+        (holes, p.points3d, "number 3"),
+        ("pixels", p.points3d, "points2d"),
+        (np.zeros((0, 2)), np.zeros((0, 3)), "3"),
+        (p.points2d, np.full((200, 3), np.inf), "point"),
+    ]:
+        with pytest.raises(veiloc.InputError, match=words):
+            call(points2d, points3d, p.camera)
+    with pytest.raises(veiloc.InputError, match="lines2d: number 0"):
+        veiloc.estimate_absolute_pose_lines(np.zeros((10, 3)), np.zeros((10, 3)), p.camera)
+    with pytest.raises(veiloc.InputError, match="anchors: 7"):
+        veiloc.estimate_absolute_pose_anchored([7] * 10, [0.5] * 10, np.zeros((10, 3)), p.camera)
+
+
+def test_wrong_matches_are_no_pose():
+    rng = np.random.default_rng(0)
+    pixels, points = rng.uniform(0, 480, (60, 2)), rng.normal(size=(60, 3))
+    with pytest.raises(veiloc.NotLocalizedError):
+        veiloc.estimate_absolute_pose(pixels, points, CAMERA)
+
+
+def test_what_is_known_beside_the_matches_helps(problem):
+    p = problem
+    gravity = (p.R @ [0, 0, -1.0], [0, 0, -1.0])
+    center = p.pose.center
+    pose, _ = veiloc.estimate_absolute_pose_lines(
+        p.lines2d,
+        p.points3d,
+        p.camera,
+        gravity=gravity,
+        position=(*center, 0.5),
+        prior=np.where(p.inliers, 0.9, 0.1),
+        keypoints=np.arange(len(p.points2d)),
+        focal="exif",
+    )
+    assert max(p.pose.error(pose)) < 0.3
+    for wrong in [{"gravity": (1, 2)}, {"position": (0, 0, 0)}, {"prior": [2.0] * 200}, {"focal": "guess"}]:
+        with pytest.raises(veiloc.InputError):
+            veiloc.estimate_absolute_pose_lines(p.lines2d, p.points3d, p.camera, **wrong)
+
+
+def test_poses_speak_poselibs_language():
+    q, t = np.array([0.9, 0.1, -0.2, 0.3]), [1.0, 2.0, 3.0]
+    pose = veiloc.CameraPose(2 * q, t)
+    assert np.allclose(pose.q, q / np.linalg.norm(q)) and np.allclose(pose.t, t)
+    assert np.allclose(pose.R @ pose.R.T, np.eye(3)) and np.allclose(pose.Rt, np.column_stack([pose.R, pose.t]))
+    assert np.allclose(pose.center, -pose.R.T @ pose.t)
+    assert veiloc.CameraPose(R=pose.R, t=t).error(pose) < (1e-9, 1e-9)
+    poselib = pytest.importorskip("poselib")
+    theirs = poselib.CameraPose()
+    theirs.q, theirs.t = pose.q, pose.t
+    assert np.allclose(theirs.R, pose.R) and np.allclose(theirs.Rt, pose.Rt)
+    for wrong in [{"q": [0, 0, 0, 0]}, {"R": np.zeros((3, 3))}, {"q": [1, 0, 0, 0], "R": np.eye(3)}, {"q": [1, 2]}]:
+        with pytest.raises(veiloc.InputError):
+            veiloc.CameraPose(**wrong)
