@@ -22,28 +22,40 @@ pub(crate) struct Answer {
     /// ± of the position, map units.
     #[pyo3(get)]
     position_sd: f64,
+    /// `"trusted"` or `"doubtful"`.
     #[pyo3(get)]
     state: String,
+    /// What speaks against the pose, in words.
     #[pyo3(get)]
     doubts: Vec<String>,
+    /// Natural logarithm of the evidence against chance.
     #[pyo3(get)]
     log_evidence: f64,
+    /// Rows of the query that agree with the pose.
     #[pyo3(get)]
     inliers: usize,
+    /// Rows of the query that were matched.
     #[pyo3(get)]
     matches: usize,
+    /// Samples drawn.
     #[pyo3(get)]
     iterations: usize,
+    /// Standard deviation that the agreeing rows show, pixels; None where nobody tells.
     #[pyo3(get)]
     noise_px: Option<f64>,
+    /// Estimated focal length over the one the query names, 1 when it was not estimated; None where nobody tells.
     #[pyo3(get)]
     focal_scale: Option<f64>,
+    /// What became of gravity: `"used"`, `"unused"` by a map that does not know which way is down; None when not told.
     #[pyo3(get)]
     gravity: Option<&'static str>,
+    /// Names of the map's images that were matched, best first; empty from a service.
     #[pyo3(get)]
     retrieved: Vec<String>,
+    /// Milliseconds of `retrieve`, `match` and `pose`.
     #[pyo3(get)]
     ms: BTreeMap<&'static str, f64>,
+    /// Of a rig: the pose of each camera.
     #[pyo3(get)]
     frames: Vec<CameraPose>,
 }

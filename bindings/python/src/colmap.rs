@@ -14,9 +14,6 @@ use crate::errors::Result;
 use crate::pose::CameraPose;
 
 /// A COLMAP model, text or binary.
-///
-/// Raises (`open`):
-///     MapError: it cannot be read.
 #[pyclass(frozen, module = "veiloc")]
 pub(crate) struct ColmapModel {
     model: veiloc_map::colmap::ColmapModel,
@@ -26,6 +23,9 @@ pub(crate) struct ColmapModel {
 #[pymethods]
 impl ColmapModel {
     /// Reads the model of a folder.
+    ///
+    /// Raises:
+    ///     MapError: it cannot be read.
     #[staticmethod]
     fn open(py: Python<'_>, folder: PathBuf) -> Result<Self> {
         let model = py.detach(|| read_model(&folder))?;

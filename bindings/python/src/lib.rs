@@ -8,7 +8,7 @@
 //! - [`solvers`], [`estimate`]: poses from correspondences, called as PoseLib's.
 //! - [`images`], [`profile`], [`device`], [`session`]: what a device does. [`map`], [`colmap`], [`answer`]: what a server
 //!   does. [`client`]: how one asks the other. [`attacks`]: what leaks.
-//! - [`program`]: the command line.
+//! - [`rendered`]: a place to try it all on. [`program`]: the command line.
 #![forbid(unsafe_code)]
 
 mod answer;
@@ -26,6 +26,7 @@ mod options;
 mod pose;
 mod profile;
 mod program;
+mod rendered;
 mod session;
 mod solvers;
 mod waiting;
@@ -55,6 +56,8 @@ mod _native {
     use crate::profile::Profile;
     #[pymodule_export]
     use crate::program::run_program;
+    #[pymodule_export]
+    use crate::rendered::render_place;
     #[pymodule_export]
     use crate::session::Session;
     #[pymodule_export]

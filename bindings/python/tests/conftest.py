@@ -23,6 +23,12 @@ def rotation(rng, most=np.pi):
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
 
 
+def near(pose, truth, degrees=2.0, units=0.1):
+    """Whether a pose is within so many degrees, and units of the world, of the truth."""
+    off = pose.error(truth)
+    return off[0] < degrees and off[1] < units
+
+
 class Problem:
     """Points of the world and their pixels under a known pose, some of them wrong."""
 
@@ -69,6 +75,11 @@ def redkitchen():
     return Path(data) / "redkitchen"
 
 
+def every(names, count):
+    """So many of the names, spread evenly."""
+    return names[:: max(1, len(names) // count)][:count]
+
+
 @pytest.fixture(scope="session")
 def program():
     """Runs the package's program; returns what it printed, and fails when it did."""
@@ -83,19 +94,34 @@ def program():
     return run
 
 
-def every(names, count):
-    """So many of the names, spread evenly."""
-    step = max(1, len(names) // count)
-    return names[::step][:count]
+class Ground:
+    """A place that is mapped, and queries beside it, of which all is known."""
+
+    def __init__(self, images, views, mapped, queries, **options):
+        self.images, self.queries = images, queries
+        self.views = {name: (camera, pose) for name, camera, pose in views}
+        self.mapped = [(name, *self.views[name]) for name in mapped]
+        self.map = veiloc.Map.build(self.mapped, images, self_test=False, **options)
+        self.camera = self.views[queries[0]][0]
+
+    def pose(self, name):
+        return self.views[name][1]
+
+
+@pytest.fixture(scope="session")
+def rendered(tmp_path_factory):
+    """A rendered room: it needs no data."""
+    folder = tmp_path_factory.mktemp("rendered")
+    mapped, queries = veiloc.render_place(folder)
+    names = lambda views: [view[0] for view in views]
+    return Ground(folder, mapped + queries, names(mapped), names(queries), down=[0, 0, -1])
 
 
 @pytest.fixture(scope="session")
 def kitchen(redkitchen):
-    """A map of a part of RedKitchen, tested, and queries beside it: (map, camera, images, queries)."""
+    """A part of RedKitchen."""
     posed = veiloc.ColmapModel.open(redkitchen / "posed")
-    names = [line.strip() for line in (redkitchen / "map.txt").read_text().splitlines() if line.strip()]
-    queries = [line.strip() for line in (redkitchen / "query.txt").read_text().splitlines() if line.strip()]
-    model = veiloc.Map.build(
-        redkitchen / "posed", redkitchen / "images", names=every(names, 28), self_test=False
-    )
-    return model, posed.camera(queries[0]), redkitchen / "images", every(queries, 6), posed
+    names = lambda file, count: every((redkitchen / file).read_text().split(), count)
+    mapped, queries = names("map.txt", 28), names("query.txt", 6)
+    views = [(name, posed.camera(name), posed.pose(name)) for name in mapped + queries]
+    return Ground(redkitchen / "images", views, mapped, queries)

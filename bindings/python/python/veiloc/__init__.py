@@ -5,6 +5,7 @@
 - The device: `extract`, `obfuscate`, `seal`, `Session`, `Profile`, and `Client`, which asks a service.
 - The server: `Map`.
 - What leaks: `attack`, `audit`.
+- `render_place`: a place to try it all on.
 - `veiloc.hloc`: the last step of hloc, on lines instead of points.
 
 Pixels are COLMAP's: the centre of the first pixel is (0.5, 0.5). Poses are world to camera. Everything that goes wrong is a
@@ -35,6 +36,7 @@ from veiloc._native import (
     p5lp_radial,
     p6lp,
     p6lp_dual_radial,
+    render_place,
     seal,
     u4lp,
     undistort,
@@ -89,6 +91,7 @@ __all__ = [
     "p5lp_radial",
     "p6lp",
     "p6lp_dual_radial",
+    "render_place",
     "seal",
     "u4lp",
     "undistort",

@@ -1,0 +1,188 @@
+"""Both roads: what Python localizes is, bit for bit, what the program localizes; on a rendered room, and on real images."""
+
+import json
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+import veiloc
+from conftest import Problem, near
+
+
+@pytest.fixture(params=["rendered", "kitchen"])
+def ground(request):
+    return request.getfixturevalue(request.param)
+
+
+def test_poses_are_the_programs_to_the_bit(ground, program, tmp_path):
+    ground.map.save(tmp_path / "place.vmap")
+    opened = veiloc.Map.open(tmp_path / "place.vmap")
+    sealed, file = {}, lambda query: f"{query.replace('/', '-')}.vquery"
+    for query in ground.queries:
+        sealed[query] = veiloc.seal(ground.images / query, ground.camera, opened.profile)
+        (tmp_path / file(query)).write_bytes(sealed[query])
+    files = sorted(tmp_path.glob("*.vquery"))
+    found = program("localize", "--map", tmp_path / "place.vmap", *files, "--json", codes=(0, 4))
+    by_file = {entry["file"].rsplit("/", 1)[-1]: entry for entry in json.loads(found)["queries"]}
+    assert len(by_file) == len(ground.queries) >= 3
+    found_near = 0
+    for query, data in sealed.items():
+        answer, theirs = opened.localize(data), by_file[file(query)]
+        pose = theirs["cam_from_world"]
+        assert [*answer.pose.q, *answer.pose.t] == [*pose["q"], *pose["t"]], "bit for bit"
+        assert answer.position_sd == theirs["position_sd"] and answer.state == theirs["state"]
+        assert (answer.covariance == np.array(theirs["covariance"])).all()
+        assert answer.pose == ground.map.localize(data).pose, "the map in memory is the one in the file"
+        found_near += near(answer.pose, ground.pose(query))
+    assert found_near >= len(ground.queries) - 1
+
+
+def test_a_map_the_program_builds_is_the_same(rendered, program, tmp_path):
+    rendered.map.save(tmp_path / "ours.vmap")
+    opened = veiloc.Map.open(tmp_path / "ours.vmap")
+    told = json.loads(program("map", "info", tmp_path / "ours.vmap", "--json"))
+    assert told["images"] == len(opened) and told["points"] == len(opened.points)
+    assert told["profile"] == opened.profile.id and told["down"] == list(opened.down)
+
+
+def test_maps_grow_and_shrink_and_show_themselves(rendered):
+    model, names = rendered.map, rendered.map.image_names
+    assert len(model) == len(names) == len(model.poses) == len(rendered.mapped)
+    assert model.poses[names[0]] == rendered.pose(names[0])
+    assert model.points.shape[1] == 3 and len(model.points) > 300
+    assert model._repr_svg_().startswith("<svg") and "mapcam" in model._repr_svg_()
+    smaller = model.remove(names[:2], self_test=False)
+    assert len(smaller) == len(names) - 2 and smaller.profile == model.profile
+    again = smaller.add(rendered.mapped, rendered.images, names=names[:1], self_test=False)
+    assert len(again) == len(names) - 1
+    with pytest.raises(veiloc.MapError, match="nowhere.png"):
+        model.remove(["nowhere.png"])
+    with pytest.raises(veiloc.ImageError, match="skip_bad=True"):
+        smaller.add(rendered.mapped, rendered.images, names=["nowhere.png"])
+    assert model.tested is None
+    tested = model.self_test(images=4, schemes=["dcl"])
+    assert tested["dcl"]["images"] == 4 and tested["dcl"]["localized"] >= 2
+
+
+def test_sealing_says_what_it_sends_and_hides_the_rest(rendered):
+    model, camera, image = rendered.map, rendered.camera, rendered.images / rendered.queries[0]
+    profile, truth = model.profile, rendered.pose(rendered.queries[0])
+    assert veiloc.Profile.from_bytes(bytes(profile)) == profile == pickle.loads(pickle.dumps(profile))
+    first, second = (veiloc.seal(image, camera, profile, max_keypoints=256) for _ in range(2))
+    assert first != second, "everything random comes from the system"
+    told = veiloc.describe_query(first)
+    assert told["scheme"] == "dcl" and told["rows"] == 256 and told["bytes"] == len(first)
+    image_module = pytest.importorskip("PIL.Image")
+    rgb = np.asarray(image_module.open(image).convert("RGB"))
+    for given in [rgb, np.asfortranarray(rgb), rgb.mean(axis=2).astype(np.float32) / 255]:
+        answer = model.localize(veiloc.seal(given, camera, profile))
+        assert near(answer.pose, truth)
+    hidden = np.zeros(rgb.shape[:2], bool)
+    hidden[:, :120] = True
+    keypoints = veiloc.extract(rgb, mask=hidden)["keypoints"]
+    assert len(keypoints) and keypoints[:, 0].min() > 120
+    assert len(keypoints) < len(veiloc.extract(image)["keypoints"])
+    for scheme in ["random-lines", "coordinate-permutation", "points", "dcl:horizontal"]:
+        sealed = veiloc.seal(rgb, camera, profile, scheme=scheme)
+        assert veiloc.describe_query(sealed)["scheme"] == scheme
+        assert near(model.localize(sealed).pose, truth)
+    down = truth.R @ [0, 0, -1]
+    answer = model.localize(veiloc.seal(image, camera, profile, gravity=[*down, 1.0]))
+    assert answer.gravity == "used"
+
+
+def test_sessions_go_on_after_the_program_ended(rendered):
+    session, frames = veiloc.Session(), []
+    for query in rendered.queries[:2]:
+        pose = rendered.pose(query)
+        image = rendered.images / query
+        frames.append((session.seal(image, rendered.camera, rendered.map.profile, orientation=pose.q), pose))
+        session = veiloc.Session.from_bytes(bytes(session))
+    assert session.frames == 2
+    # The rig's frame is the world's own: each camera stands on it where it truly stands.
+    answer = rendered.map.localize_rig(frames)
+    assert len(answer.frames) == 2
+    assert near(answer.pose, veiloc.CameraPose())
+    with pytest.raises(veiloc.InputError, match="frames"):
+        rendered.map.localize_rig([(b"", 1)])
+    with pytest.raises(veiloc.Error):
+        veiloc.Session.from_bytes(b"nothing")
+
+
+def test_what_cannot_be_used_is_named(rendered, tmp_path):
+    model, camera, image = rendered.map, rendered.camera, rendered.images / rendered.queries[0]
+    sealed = veiloc.seal(image, camera, model.profile)
+    for data in [b"nothing", b"", sealed[: len(sealed) // 2], bytes(1000)]:
+        with pytest.raises(veiloc.QueryError):
+            model.localize(data)
+    with pytest.raises(veiloc.QueryError, match="none"):
+        veiloc.Profile.open(tmp_path / "none")
+    with pytest.raises(veiloc.ImageError, match="none.jpg"):
+        veiloc.seal(tmp_path / "none.jpg", camera, model.profile)
+    with pytest.raises(veiloc.ImageError):
+        veiloc.seal(image, "PINHOLE,100,100,90,90,50,50", model.profile)
+    with pytest.raises(veiloc.QueryError, match="scheme"):
+        veiloc.seal(image, camera, model.profile, scheme="lines")
+    with pytest.raises(veiloc.InputError, match="image"):
+        veiloc.seal(np.zeros((4, 4, 2), np.int16), camera, model.profile)
+    with pytest.raises(veiloc.InputError, match="camera"):
+        veiloc.seal(np.zeros((300, 400), np.uint8), None, model.profile)
+    with pytest.raises(veiloc.MapError, match="none.vmap"):
+        veiloc.Map.open(tmp_path / "none.vmap")
+    other = model.remove(model.image_names[:2], retrain=True, self_test=False)
+    with pytest.raises(veiloc.WrongProfileError):
+        other.localize(sealed)
+    with pytest.raises(veiloc.Error):
+        veiloc.seal(np.full((300, 400), 128, np.uint8), camera, model.profile)
+
+
+def test_progress_is_told_and_may_end_the_call(rendered):
+    build = lambda progress: veiloc.Map.build(
+        rendered.mapped, rendered.images, self_test=False, progress=progress
+    )
+    told = []
+    build(lambda stage, done, total: told.append((stage, done, total)))
+    assert len({stage for stage, _, _ in told}) >= 2
+    assert all(0 <= done <= total for _, done, total in told)
+
+    def enough(stage, done, total):
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        build(enough)
+
+
+def test_other_threads_run_while_a_pose_is_estimated():
+    p = Problem(0, count=2000, outliers=0.9)
+    count, done = 0, threading.Event()
+
+    def spin():
+        nonlocal count
+        while not done.is_set():
+            count += 1
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    try:
+        veiloc.estimate_absolute_pose(p.points2d, p.points3d, p.camera, {"fixed_iterations": 5000})
+    finally:
+        done.set()
+        thread.join()
+    assert count > 1000
+
+
+def test_attacks_tell_what_leaks(rendered):
+    image = rendered.images / rendered.queries[0]
+    asked = {"attacks": ["closed-form"], "max_keypoints": 256, "schemes": ["random-lines", "dcl"]}
+    found = veiloc.attack([image], **asked)
+    rows = {(row["scheme"], row["attack"]): row["median_px"] for row in found["attacks"]}
+    assert rows["random-lines", "closed-form"] < rows["dcl", "closed-form"]
+    assert "closed-form" in veiloc.attack_names()
+    with pytest.raises(veiloc.InputError, match="no attack"):
+        veiloc.attack([image], attacks=["guessing"])
+    told = veiloc.audit([image], **asked)
+    assert told["command"] == "audit" and told["conclusion"]
+    with pytest.raises(veiloc.ImageError):
+        veiloc.attack([rendered.images / "none.png"])
