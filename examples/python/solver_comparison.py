@@ -35,7 +35,8 @@ def main() -> None:
 
     def anchored(pixels, points):
         sent = veiloc.obfuscate(pixels, 640, 480, "dcl")
-        return veiloc.estimate_absolute_pose_anchored(sent["anchors"], sent["angles"], points, CAMERA)[0]
+        lines = sent["anchors"], sent["angles"]
+        return veiloc.estimate_absolute_pose_anchored(*lines, points, CAMERA, layout_focal=sent["layout_focal"])[0]
 
     ways = {
         "points": lambda pixels, points: veiloc.estimate_absolute_pose(pixels, points, CAMERA)[0],

@@ -12,7 +12,7 @@ use crate::workspace::Workspace;
 /// Lines of a room, tests left out, above which it is to be split.
 const MOST_LINES: usize = 5000;
 /// Lines of a file, tests included, above which it is to be split.
-const MOST_LINES_OF_A_FILE: usize = 500;
+pub(crate) const MOST_LINES_OF_A_FILE: usize = 500;
 
 /// Rooms above the bound, each with its reason.
 const LARGE_ROOMS: &[(&str, &str)] = &[];

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::process::Command;
 
+use crate::rooms::MOST_LINES_OF_A_FILE;
+
 /// The room that may hold `unsafe` code.
 const UNSAFE_ROOM: &str = "crates/kernels/";
 
@@ -41,9 +43,15 @@ fn check_file(name: &str, text: &str, faults: &mut Vec<String>) {
         if !text.starts_with("//!") {
             faults.push(format!("{name}: does not open with `//!` saying what it is for"));
         }
-        let is_root = name.starts_with("crates/") && name.ends_with("/src/lib.rs");
+        let is_ours = name.starts_with("crates/") || name.starts_with("bindings/");
+        let is_root = is_ours && name.ends_with("/src/lib.rs");
         if is_root && !name.starts_with(UNSAFE_ROOM) && !text.contains("#![forbid(unsafe_code)]") {
             faults.push(format!("{name}: lacks #![forbid(unsafe_code)]"));
+        }
+        // Bindings are no rooms, which are bounded elsewhere.
+        let lines = text.lines().count();
+        if name.starts_with("bindings/") && lines > MOST_LINES_OF_A_FILE {
+            faults.push(format!("{name}: {lines} lines, at most {MOST_LINES_OF_A_FILE}"));
         }
     }
     if name.starts_with("xtask/") || name == "Cargo.lock" {
@@ -73,6 +81,9 @@ mod tests {
         let mut faults = Vec::new();
         check_file("crates/map/src/lib.rs", "fn main() {}", &mut faults);
         assert_eq!(faults.len(), 2, "{faults:?}");
+        faults.clear();
+        check_file("bindings/python/src/lib.rs", "//! A module.", &mut faults);
+        assert_eq!(faults.len(), 1, "{faults:?}");
         faults.clear();
         check_file("docs/x.md", "see /home/me/data", &mut faults);
         assert_eq!(faults.len(), 1, "{faults:?}");

@@ -79,7 +79,7 @@ fn document(py: Python<'_>, text: serde_json::Result<String>) -> Result<Bound<'_
 /// Raises:
 ///     ImageError, InputError, Error: images, names, or attacks that need more than images.
 #[pyfunction]
-#[pyo3(signature = (images, *, attacks=None, schemes=None, features=Extractors::DEFAULT, max_keypoints=2048, max_image_side=1600, seed=0, progress=None))]
+#[pyo3(signature = (images, *, attacks=None, schemes=None, features="compact", max_keypoints=2048, max_image_side=1600, seed=0, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn attack<'py>(
     py: Python<'py>,
@@ -117,7 +117,7 @@ pub(crate) fn attack<'py>(
 /// Raises:
 ///     As `attack`.
 #[pyfunction]
-#[pyo3(signature = (images, *, attacks=None, schemes=None, features=Extractors::DEFAULT, max_keypoints=2048, max_image_side=1600, seed=0, synthetic=0, progress=None))]
+#[pyo3(signature = (images, *, attacks=None, schemes=None, features="compact", max_keypoints=2048, max_image_side=1600, seed=0, synthetic=0, progress=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn audit<'py>(
     py: Python<'py>,

@@ -36,7 +36,7 @@ use crate::waiting::released;
 /// Raises:
 ///     ImageError: the image or the mask cannot be used, or `features` is unknown.
 #[pyfunction]
-#[pyo3(signature = (image, *, features=Extractors::DEFAULT, max_keypoints=2048, max_image_side=2048, mask=None))]
+#[pyo3(signature = (image, *, features="compact", max_keypoints=2048, max_image_side=2048, mask=None))]
 pub(crate) fn extract<'py>(
     py: Python<'py>,
     image: &Bound<'py, PyAny>,
@@ -81,7 +81,7 @@ pub(crate) fn extract<'py>(
 ///     seed: of the generator.
 ///
 /// Returns:
-///     `kind` and its arrays: `"anchored"` with `anchors` `[N]` and `angles` `[N]`; `"lines"` with `lines` `[N, 3]`;
+///     `kind` and its arrays: `"anchored"` with `anchors` `[N]`, `angles` `[N]` and `layout_focal`; `"lines"` with `lines` `[N, 3]`;
 ///     `"either"` with `lines` `[N, 2, 3]`, of which one is right; `"points"` with `points` `[N, 2]`.
 ///
 /// Raises:
@@ -117,8 +117,9 @@ pub(crate) fn obfuscate<'py>(
             let flat: Vec<[f64; 3]> = pairs.iter().flatten().map(coefficients).collect();
             told.set_item("lines", arrays::matrix(py, flat.into_iter())?.reshape([pairs.len(), 2, 3])?)?;
         }
-        Observations::Anchored { lines, .. } => {
+        Observations::Anchored { pencils, lines } => {
             told.set_item("kind", "anchored")?;
+            told.set_item("layout_focal", pencils.camera().mean_focal())?;
             let anchors: Vec<i64> = lines.iter().map(|l| l.anchor.index() as i64).collect();
             let angles: Vec<f64> = lines.iter().map(|l| l.angle).collect();
             told.set_item("anchors", anchors.into_pyarray(py))?;

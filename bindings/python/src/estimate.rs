@@ -6,7 +6,7 @@ use pyo3::types::PyDict;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_geometry::{Anchor, Intrinsics, Pencils, PixelLine, Point3};
+use veiloc_geometry::{Anchor, Intrinsics, Pencils, Pinhole, PixelLine, Point3};
 use veiloc_query::{LayoutTurn, Scheme};
 use veiloc_robust::{
     Correspondences, FocalKnowledge, Gravity, PoseEstimate, PoseOptions, PoseProblem, PositionPrior,
@@ -55,7 +55,7 @@ struct Known<'a, 'py> {
 /// Returns:
 ///     The pose and a dictionary: `inliers` `[N]` bool, `num_inliers`, `inlier_ratio`, `iterations`, `refinements`,
 ///     `model_score` (lower is better), `noise_px`, `focal_scale`, `covariance` `[6, 6]` (radians, then map units),
-///     `center_covariance` `[3, 3]`, `state` (`"trusted"`, `"doubtful"` or `"not-found"`), `doubts`, `log_evidence`.
+///     `center_covariance` `[3, 3]`, `free_direction` (`[3]`, along which nothing says where the camera is, else None), `state` (`"trusted"`, `"doubtful"` or `"not-found"`), `doubts`, `log_evidence`.
 ///
 /// Raises:
 ///     InputError: shapes, numbers or options that are not possible.
@@ -137,6 +137,8 @@ pub(crate) fn estimate_absolute_pose_lines<'py>(
 ///     points3d, camera, ransac_opt, bundle_opt, keypoints, prior, gravity, position, focal: as of
 ///         `estimate_absolute_pose`.
 ///     layout: `"dcl"` or `"dcl:..."`, as schemes are written.
+///     layout_focal: the focal length that the angles were taken with, pixels, where that is not the camera's: `obfuscate`
+///         says which.
 ///
 /// Returns:
 ///     As `estimate_absolute_pose`.
@@ -145,7 +147,7 @@ pub(crate) fn estimate_absolute_pose_lines<'py>(
 ///     InputError: shapes, numbers or options that are not possible.
 ///     NotLocalizedError: no pose is supported by the correspondences, or all lines run through one anchor.
 #[pyfunction]
-#[pyo3(signature = (anchors, angles, points3d, camera, ransac_opt=None, bundle_opt=None, *, layout="dcl", keypoints=None, prior=None, gravity=None, position=None, focal="calibrated"))]
+#[pyo3(signature = (anchors, angles, points3d, camera, ransac_opt=None, bundle_opt=None, *, layout="dcl", layout_focal=None, keypoints=None, prior=None, gravity=None, position=None, focal="calibrated"))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn estimate_absolute_pose_anchored<'py>(
     py: Python<'py>,
@@ -156,6 +158,7 @@ pub(crate) fn estimate_absolute_pose_anchored<'py>(
     ransac_opt: Option<&Bound<'py, PyDict>>,
     bundle_opt: Option<&Bound<'py, PyDict>>,
     layout: &str,
+    layout_focal: Option<f64>,
     keypoints: Option<&Bound<'py, PyAny>>,
     prior: Option<&Bound<'py, PyAny>>,
     gravity: Option<&Bound<'py, PyAny>>,
@@ -163,7 +166,7 @@ pub(crate) fn estimate_absolute_pose_anchored<'py>(
     focal: &str,
 ) -> Result<Estimated<'py>> {
     let camera = camera_of(camera)?;
-    let pencils = pencils_of(&camera, layout)?;
+    let pencils = pencils_of(&camera, layout, layout_focal)?;
     let anchors = arrays::numbers::<i64>("anchors", anchors)?;
     let angles = arrays::numbers::<f64>("angles", angles)?;
     if anchors.len() != angles.len() {
@@ -202,7 +205,7 @@ pub(crate) fn anchored_lines<'py>(
     layout: &str,
 ) -> Result<Anchored<'py>> {
     let camera = camera_of(camera)?;
-    let pencils = pencils_of(&camera, layout)?;
+    let pencils = pencils_of(&camera, layout, None)?;
     let pixels = undistorted(&camera, arrays::pixels("points2d", points2d)?)?;
     let line = |pixel| {
         let anchor = pencils.anchor_of(pixel);
@@ -212,11 +215,14 @@ pub(crate) fn anchored_lines<'py>(
     Ok((anchors.into_pyarray(py), angles.into_pyarray(py)))
 }
 
-fn pencils_of(camera: &Intrinsics, layout: &str) -> Result<Pencils> {
+/// The anchors of a camera; angles are about their directions, and so of the focal length that they were taken with.
+fn pencils_of(camera: &Intrinsics, layout: &str, focal: Option<f64>) -> Result<Pencils> {
     let Scheme::Dcl(layout) = layout.parse::<Scheme>()? else {
         return Err(Fault::input(format_args!("layout: {layout:?} has no anchors; dcl has")));
     };
-    let pencils = layout.pencils(&camera.pinhole(), LayoutTurn::default());
+    let own = camera.pinhole();
+    let of = Pinhole { focal: focal.map_or(own.focal, |focal| [focal; 2]), ..own };
+    let pencils = layout.pencils(&of, LayoutTurn::default());
     pencils.ok_or_else(|| Fault::input("camera: no layout fits a camera of this size and focal length"))
 }
 
@@ -286,6 +292,7 @@ fn info<'py>(py: Python<'py>, found: &PoseEstimate) -> PyResult<Bound<'py, PyDic
     info.set_item("focal_scale", found.focal_scale)?;
     info.set_item("covariance", arrays::matrix(py, found.covariance.into_iter())?)?;
     info.set_item("center_covariance", arrays::matrix(py, found.center_covariance().into_iter())?)?;
+    info.set_item("free_direction", found.free_direction.map(|d| d.to_vec().into_pyarray(py)))?;
     info.set_item("state", found.confidence.state().to_string())?;
     info.set_item("log_evidence", found.confidence.log_evidence)?;
     let doubts: Vec<String> = found.confidence.doubts().iter().map(ToString::to_string).collect();

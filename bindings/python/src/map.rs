@@ -7,7 +7,6 @@ use numpy::PyArray2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use veiloc_client::{CameraFromRig, SealedFrame};
-use veiloc_features::Extractors;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localize::{LocalizeOptions, localize, localize_rig};
 use veiloc_map::colmap::{read_model, read_posed};
@@ -96,7 +95,7 @@ impl Map {
     /// Raises:
     ///     MapError, ImageError: what cannot be read, or makes no map.
     #[staticmethod]
-    #[pyo3(signature = (posed, images, *, names=None, features=Extractors::DEFAULT, down=None, self_test=true, skip_bad=false, progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, self_test=true, skip_bad=false, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn build(
         py: Python<'_>,
@@ -134,7 +133,7 @@ impl Map {
     /// Raises:
     ///     MapError, ImageError: what cannot be read, or makes no map.
     #[staticmethod]
-    #[pyo3(signature = (model, images, *, features=Extractors::DEFAULT, down=None, self_test=true, skip_bad=false, progress=None))]
+    #[pyo3(signature = (model, images, *, features="compact", down=None, self_test=true, skip_bad=false, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn from_colmap(
         py: Python<'_>,
@@ -381,7 +380,7 @@ impl Map {
             let points =
                 (0..self.file.point_count()).map(|i| self.file.point(PointId(i as u32)).coords.into());
             let cameras = self.file.images().map(|image| *image.cam_from_world());
-            veiloc_report::map_picture(points.collect(), cameras.collect(), self.down())
+            veiloc_report::map_picture(&points.collect::<Vec<_>>(), &cameras.collect::<Vec<_>>(), self.down())
         })
     }
 

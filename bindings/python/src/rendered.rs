@@ -42,7 +42,9 @@ pub(crate) fn render_place(
 ) -> Result<(Views, Views)> {
     let (most_mapped, most_queries) = (30, 9);
     if mapped > most_mapped || queries > most_queries {
-        return Err(Fault::input(format_args!("at most {most_mapped} views for the map and {most_queries} others")));
+        return Err(Fault::input(format_args!(
+            "at most {most_mapped} views for the map and {most_queries} others"
+        )));
     }
     let camera: Intrinsics = CAMERA.parse()?;
     released(py, &Stop::default(), || {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import veiloc
-from conftest import CAMERA, Problem
+from conftest import CAMERA, Problem, near
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -72,11 +72,33 @@ def test_lines_and_anchored_lines_find_the_pose(seed):
     assert info["covariance"].shape == (6, 6)
 
 
-def test_all_lines_of_one_anchor_are_no_pose():
+@pytest.mark.parametrize("layout", ["dcl", "dcl:horizontal", "dcl:angle=30", "dcl:s=2"])
+def test_what_a_scheme_leaves_of_keypoints_gives_the_pose(layout):
+    camera = {**CAMERA, "params": [525.0, 525.0, 320.0, 240.0]}
+    p = Problem(2, count=300, camera=camera)
+    sent = veiloc.obfuscate(p.points2d, 640, 480, layout)
+    assert sent["kind"] == "anchored"
+    pose, _ = veiloc.estimate_absolute_pose_anchored(
+        sent["anchors"], sent["angles"], p.points3d, camera, layout=layout, layout_focal=sent["layout_focal"]
+    )
+    assert near(pose, p.pose, 0.3, 0.03)
+    for scheme, repeat in [("random-lines", 1), ("coordinate-permutation", 2)]:
+        sent = veiloc.obfuscate(p.points2d, 640, 480, scheme)
+        keypoints = np.repeat(np.arange(len(p.points2d)), repeat)
+        pose, _ = veiloc.estimate_absolute_pose_lines(
+            sent["lines"].reshape(-1, 3), p.points3d[keypoints], camera, keypoints=keypoints
+        )
+        assert near(pose, p.pose, 0.3, 0.03)
+
+
+def test_lines_of_one_anchor_leave_a_direction_free():
     p = Problem(1)
-    _, angles = veiloc.anchored_lines(p.points2d, p.camera)
-    with pytest.raises(veiloc.NotLocalizedError, match="same anchor"):
-        veiloc.estimate_absolute_pose_anchored(np.zeros(len(angles)), angles, p.points3d, p.camera)
+    anchors, angles = veiloc.anchored_lines(p.points2d, p.camera)
+    of = anchors == 1
+    lines = anchors[of], angles[of]
+    _, info = veiloc.estimate_absolute_pose_anchored(*lines, p.points3d[of], p.camera)
+    assert info["state"] == "doubtful" and "one anchor" in info["doubts"][0]
+    assert np.isinf(info["covariance"][3, 3]) and np.linalg.norm(info["free_direction"]) == pytest.approx(1)
 
 
 def test_equal_seeds_give_equal_poses_whatever_the_arrays(problem):

@@ -140,7 +140,9 @@ def test_results_are_hlocs_within_what_lines_cost(pipeline, tmp_path, scheme):
         errors.append((*ours.error(posed.pose(query)), *theirs[query].error(posed.pose(query))))
     degrees, metres, their_degrees, their_metres = np.median(errors, axis=0)
     assert their_metres < 0.1, "hloc's own steps work on these files"
-    assert metres < 0.02 + 2 * their_metres and degrees < 0.5 + 2 * their_degrees
+    # Of points there is as much as hloc has; of a line half of that, in a map whose points two images saw.
+    cost = 0.005 if scheme == "points" else 0.02
+    assert metres < cost + 2 * their_metres and degrees < 10 * cost + 2 * their_degrees
     logs = pickle.loads((tmp_path / "results.txt_logs.pkl").read_bytes())
     log = logs["loc"][queries[0]]
     assert log["PnP_ret"]["num_inliers"] > 0 and log["num_matches"] >= len(log["points3D_ids"])
@@ -184,7 +186,5 @@ def test_files_that_do_not_fit_are_named(pipeline, tmp_path):
         call({4: root / "features.h5"})
     with pytest.raises(veiloc.InputError, match="max_error"):
         call({}, config={"max_error": 3})
-    with pytest.raises(veiloc.InputError, match="sectors"):
-        call({}, scheme="dcl:axis=90:sectors=4:anchors=0/-1+0/1")
     with pytest.raises(veiloc.QueryError, match="scheme"):
         call({}, scheme="lines")

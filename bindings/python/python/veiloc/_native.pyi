@@ -285,6 +285,7 @@ def estimate_absolute_pose_anchored(
     bundle_opt: Options | None = None,
     *,
     layout: str = "dcl",
+    layout_focal: float | None = None,
     keypoints: npt.ArrayLike | None = None,
     prior: npt.ArrayLike | None = None,
     gravity: Gravity | None = None,

@@ -51,7 +51,7 @@ def main(
         covisibility_clustering: localize with each cluster of images that see the same, and keep the best.
         prepend_camera_name: write the folder of a query before its name.
         config: `ransac_opt` and `bundle_opt` of `veiloc.estimate_absolute_pose`.
-        scheme: how keypoints are hidden: `"points"` (not at all), `"dcl"` and its layouts of two halves, `"random-lines"`,
+        scheme: how keypoints are hidden: `"points"` (not at all), `"dcl"` and its layouts, `"random-lines"`,
             `"coordinate-permutation"`.
         angle_bits: bits of a line's angle.
         seed: of all that is random.
@@ -198,8 +198,6 @@ def _estimate(
     """The pose from what the scheme leaves of the keypoints; one with several points counts once."""
     if hiding["scheme"] == "points":
         return _native.estimate_absolute_pose(keypoints[own], points, camera, keypoints=own, **options)
-    if "sectors=" in hiding["scheme"]:
-        raise InputError("scheme: layouts of sectors are told by a sealed query; here there are those of two halves")
     # Of a keypoint one line is sent, however many points it is matched to.
     used, back = np.unique(own, return_inverse=True)
     flat = _native.undistort(keypoints[used], camera)
@@ -214,6 +212,7 @@ def _estimate(
             points,
             camera,
             layout=hiding["scheme"],
+            layout_focal=sent["layout_focal"],
             keypoints=own,
             **options,
         )
