@@ -1,6 +1,8 @@
 """`veiloc.hloc`: files as hloc has them in, its results file out, beside the same step done with pycolmap."""
 
 import pickle
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -164,6 +166,13 @@ def test_options_of_hloc_mean_what_they_mean_there(pipeline, tmp_path):
     assert len(read_results(results)) == len(queries)
     logs = pickle.loads((tmp_path / "results.txt_logs.pkl").read_bytes())
     assert all(log["covisibility_clustering"] for log in logs["loc"].values())
+
+
+def test_the_example_runs_on_such_a_folder(pipeline, capsys):
+    root, _, queries = pipeline
+    example = Path(__file__).parents[3] / "examples/python/hloc_pipeline.py"
+    runpy.run_path(str(example))["main"](root)
+    assert capsys.readouterr().out.count("points and lines are") == len(queries)
 
 
 def test_files_that_do_not_fit_are_named(pipeline, tmp_path):
