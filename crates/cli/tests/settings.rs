@@ -57,6 +57,8 @@ fn what_is_wrong_is_told_with_its_line_before_anything_is_opened() {
         ("maps = \".\"\ntokens = \"t\"", "--allow-anonymous", 2, &["cannot be used with"]),
         ("maps = \".\"", "--client-ca ca.pem", 2, &["--cert"]),
         ("maps = \".\"\ntokens = \"none\"", "", 1, &["none"]),
+        ("maps = \".\"\npage-folder = \"p\"", "", 2, &["--page"]),
+        ("maps = \".\"\npage-folder = \"no-page\"", "--page", 1, &["no-page"]),
     ] {
         folder.write("veiloc.toml", text);
         let run = folder.run(&format!("serve --listen 127.0.0.1:0 --config veiloc.toml {flags}"));

@@ -33,6 +33,9 @@ pub enum DemoError {
     /// The attacks could not run.
     #[error(transparent)]
     Audit(#[from] veiloc_audit::AuditError),
+    /// The place could not be mapped.
+    #[error(transparent)]
+    Mapping(#[from] veiloc_mapping::MappingError),
     /// The map could not be opened.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),

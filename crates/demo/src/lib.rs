@@ -11,6 +11,7 @@ mod error;
 mod options;
 mod page;
 mod place;
+mod views;
 
 use std::path::PathBuf;
 
@@ -29,6 +30,7 @@ use veiloc_results::metrics::Threshold;
 
 pub use error::DemoError;
 pub use options::DemoOptions;
+pub use views::{HiddenViews, map_place};
 
 /// The document of `veiloc demo --json`.
 #[derive(Debug, Clone, Serialize)]

@@ -50,7 +50,14 @@ pub fn exif_camera(path: &Path) -> Result<Intrinsics, FeatureError> {
 /// # Errors
 /// As [`exif_camera`], but for what EXIF says.
 pub fn guessed_camera(path: &Path) -> Result<Intrinsics, FeatureError> {
-    let size = header(path)?.size;
+    guessed_camera_of(path, header(path)?.size)
+}
+
+/// As [`guessed_camera`], for an image in memory of this width and height; `path` is what messages are to call it.
+///
+/// # Errors
+/// [`FeatureError::NoFocal`] for a size that no camera has.
+pub fn guessed_camera_of(path: &Path, size: (u32, u32)) -> Result<Intrinsics, FeatureError> {
     camera(path, size, GUESS * f64::from(size.0.max(size.1)))
 }
 

@@ -57,6 +57,16 @@ impl GrayImage {
         Ok(Self { width, height, data })
     }
 
+    /// As [`Self::from_rgb8`], of bytes `[height, width, 4]`, as a browser's canvas has them: transparency is ignored.
+    ///
+    /// # Errors
+    /// [`FeatureError::Empty`] or [`FeatureError::Length`].
+    pub fn from_rgba8(width: u32, height: u32, samples: &[u8]) -> Result<Self, FeatureError> {
+        check_size(width, height, 4, samples.len())?;
+        let data = samples.chunks_exact(4).map(|rgba| luma(rgba[0], rgba[1], rgba[2])).collect();
+        Ok(Self { width, height, data })
+    }
+
     /// Columns.
     pub const fn width(&self) -> u32 {
         self.width

@@ -47,7 +47,7 @@ pub use colour::{ColourImage, load_colour};
 pub use compact::{Compact, compact};
 pub use door::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use error::FeatureError;
-pub use exif::{exif_camera, guessed_camera};
+pub use exif::{exif_camera, guessed_camera, guessed_camera_of};
 pub use extractor::{Extractor, Sift, Stored};
 pub use extractors::Extractors;
 pub use global::{GlobalExtractor, SharedGlobal};

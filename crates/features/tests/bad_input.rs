@@ -43,6 +43,11 @@ fn sizes_and_samples_are_checked() {
     assert!(matches!(short, Err(FeatureError::Length { expected: 16, actual: 15, .. })));
     assert!(GrayImage::new(u32::MAX, u32::MAX, vec![0.0; 4]).is_err());
     assert!(GrayImage::from_rgb8(2, 2, &[0; 11]).is_err());
+    assert!(GrayImage::from_rgba8(2, 2, &[0; 15]).is_err());
+    // A canvas's pixels are those of the file, whatever it says of transparency.
+    let rgba = [9, 200, 31, 0, 77, 5, 250, 255];
+    let rgb: Vec<u8> = rgba.chunks(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    assert_eq!(GrayImage::from_rgba8(2, 1, &rgba).ok(), GrayImage::from_rgb8(2, 1, &rgb).ok());
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut data = vec![0.5; 12];
         data[7] = bad;

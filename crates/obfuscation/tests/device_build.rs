@@ -6,7 +6,7 @@ use std::process::Command;
 use serde_json::Value;
 
 /// Rooms of the device's road, as far as there are such. Whatever they reach must do without.
-const DEVICE: [&str; 3] = ["veiloc-features", "veiloc-obfuscation", "veiloc-client"];
+const DEVICE: [&str; 4] = ["veiloc-features", "veiloc-obfuscation", "veiloc-client", "veiloc-web"];
 const FEATURE: &str = "ground-truth";
 
 /// Dependencies of a package, but for tests: name and features asked for.

@@ -3,11 +3,13 @@
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use veiloc_access::is_map_name;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapMemory;
+use veiloc_page::Page;
 use veiloc_transport::{Conduct, ListenAddress, TlsFiles};
 
 use crate::error::ServerError;
@@ -137,6 +139,10 @@ pub struct ServerOptions {
     pub watch: Option<Duration>,
     /// How to localize.
     pub localize: LocalizeOptions,
+    /// The page to serve at `/`; `None` for none.
+    pub page: Option<Arc<Page>>,
+    /// Most points of a map that the page is shown, to whoever may ask for the map. Default 0: none.
+    pub page_points: usize,
 }
 
 impl ServerOptions {
@@ -167,6 +173,8 @@ impl ServerOptions {
             timeouts: Timeouts::default(),
             watch: Some(Duration::from_secs(2)),
             localize: LocalizeOptions::default(),
+            page: None,
+            page_points: 0,
         }
     }
 

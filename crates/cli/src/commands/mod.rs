@@ -8,6 +8,7 @@ pub(crate) mod localize;
 pub(crate) mod map;
 mod mask_args;
 pub(crate) mod models;
+mod page_args;
 pub(crate) mod query;
 mod rig_file;
 pub(crate) mod seal;

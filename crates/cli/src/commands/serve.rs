@@ -4,6 +4,7 @@ use std::net::SocketAddr;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::Arc;
 use std::time::Duration;
 
 use clap::{Args as _, FromArgMatches as _};
@@ -14,6 +15,7 @@ use veiloc_server::{
     TlsFiles, run_until_signal,
 };
 
+use crate::commands::page_args::{About, page};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 use veiloc_arguments::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
@@ -128,6 +130,15 @@ pub(crate) struct Args {
     /// Seconds between two looks whether files were replaced.
     #[arg(long, default_value_t = 2.0, value_parser = positive, value_name = "SECONDS")]
     watch: f64,
+    /// Serve a page at `/` that shows what leaves a device and where it is. Default: no page.
+    #[arg(long)]
+    page: bool,
+    /// The page's files, as bindings/web/build.sh makes them. Default: the folder veiloc-page beside the program.
+    #[arg(long, requires = "page", value_name = "DIR")]
+    page_folder: Option<PathBuf>,
+    /// Most points of a map that the page shows to whoever may ask for the map: they tell what the place looks like.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    page_points: usize,
     /// How much to log: off, error, warn, info, debug or trace.
     #[arg(long, default_value = "info", value_name = "LEVEL")]
     log: LevelFilter,
@@ -361,6 +372,11 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     #[cfg(feature = "opentelemetry")]
     options.otlp.clone_from(&args.otlp);
     options.localize = args.matching.options(&args.pose);
+    if args.page {
+        let about = About { points: args.page_points, views: Vec::new() };
+        options.page = Some(Arc::new(page(args.page_folder.as_ref(), &about)?));
+        options.page_points = args.page_points;
+    }
     Ok(options)
 }
 

@@ -6,6 +6,7 @@ mod body;
 mod localize;
 mod maps;
 mod openapi;
+mod page;
 mod record;
 mod rig;
 mod status;
@@ -25,8 +26,15 @@ use crate::state::App;
 
 /// All addresses.
 pub(crate) fn router(app: Arc<App>) -> Router {
-    Router::new()
-        .route("/v1/maps", get(maps::list))
+    // Without a page there is nothing of it: its addresses are as unknown as any others.
+    let page = match &app.options.page {
+        Some(_) => Router::new()
+            .route("/", get(page::index))
+            .route("/page/{file}", get(page::file))
+            .route("/page/points/{name}", get(page::points)),
+        None => Router::new(),
+    };
+    page.route("/v1/maps", get(maps::list))
         .route("/v1/maps/{name}/profile", get(maps::profile))
         .route("/v1/maps/{name}/localize", post(localize::localize))
         .route("/v1/maps/{name}/localize-rig", post(rig::localize_rig))

@@ -23,7 +23,7 @@ use crate::state::App;
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("veiloc-request-id");
 
 /// Addresses that answer anybody.
-const OPEN: [&str; 4] = ["/healthz", "/readyz", "/v1/openapi.json", "other"];
+const OPEN: [&str; 6] = ["/healthz", "/readyz", "/v1/openapi.json", "/", "/page/{file}", "other"];
 
 pub(super) async fn record(State(app): State<Arc<App>>, mut request: Request, next: Next) -> Response {
     let trail = Arc::new(Trail::begin(app.ids.next()));

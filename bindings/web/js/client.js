@@ -1,0 +1,170 @@
+// A positioning service, and who asks it. What is sent is a sealed query; a retry sends the same bytes (rule L7).
+
+import { VeilocError } from "./core.js";
+
+const QUERY = "application/x-protobuf";
+/** Statuses after which the same bytes may be sent again. */
+const AGAIN = new Set([408, 429, 503, 504]);
+
+/** Words of the other side, fit for a screen. */
+const printable = (text) =>
+  // Controls, and marks that turn the direction of writing.
+  String(text ?? "").replace(/[\u0000-\u001f\u007f-\u009f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]/g, "").slice(0, 500);
+
+const isLoopback = (host) => host === "localhost" || host === "[::1]" || /^127(\.\d+){3}$/.test(host);
+
+const pause = (milliseconds, signal) =>
+  new Promise((done, fail) => {
+    const timer = setTimeout(done, milliseconds);
+    signal?.addEventListener("abort", () => {
+      clearTimeout(timer);
+      fail(signal.reason);
+    }, { once: true });
+  });
+
+export class Client {
+  #base;
+  #options;
+
+  constructor(server, options = {}) {
+    const url = new URL(server, globalThis.location?.href);
+    const plain = url.protocol === "http:" && !isLoopback(url.hostname) && !options.insecureHttp;
+    if (plain || !/^https?:$/.test(url.protocol)) {
+      throw new VeilocError("address", `${url.origin}: token and query would travel in the open; use https`);
+    }
+    if (url.username || url.password || url.search || url.hash) {
+      throw new VeilocError("address", `${url.origin}: give scheme, host, port and path; identify with a token`);
+    }
+    const token = options.token?.trim();
+    if (token && !/^[\x21-\x7e]+$/.test(token)) throw new VeilocError("token", "a token is one word");
+    this.#base = url.href.replace(/\/+$/, "");
+    this.#options = { retries: 4, longestPause: 20_000, timeout: 60_000, ...options, token };
+  }
+
+  /** The maps that the token may ask for. */
+  async maps() {
+    const reply = await this.#ask(`${this.#base}/v1/maps`, {});
+    return (await json(reply)).maps.map((map) => ({ ...map, name: printable(map.name) }));
+  }
+
+  /** The current profile of a map, to be given to `load`. */
+  async profile(map) {
+    const reply = await this.#ask(this.#of(map, "profile"), {});
+    check(reply, QUERY);
+    return new Uint8Array(await reply.arrayBuffer());
+  }
+
+  /** The answer to a sealed query: its bytes, or what `device.sealed` gave. */
+  async localize(map, query, options = {}) {
+    if (query.lopsided) throw new VeilocError("lopsided", query.lopsided);
+    const bytes = query instanceof Uint8Array ? query : query.bytes;
+    return this.#localize(map, bytes, options);
+  }
+
+  /** The same in steps, no more of them than a trusted pose takes (decision 0020). */
+  async localizeProgressive(map, sealed, options = {}) {
+    if (sealed.lopsided) throw new VeilocError("lopsided", sealed.lopsided);
+    const steps = [];
+    let last;
+    for (const rows of sealed.steps) {
+      const bytes = await sealed.step(rows);
+      try {
+        const answer = await this.#localize(map, bytes, options);
+        last = { answer };
+      } catch (error) {
+        if (error.kind !== "not-localized") throw error;
+        last = { error };
+      }
+      const outcome = last.error ? "not-found" : last.answer.trusted ? "trusted" : "doubtful";
+      steps.push({ rows, bytes: bytes.byteLength, outcome });
+      const close = !options.accurateTo || (last.answer?.position_sd ?? Infinity) <= options.accurateTo;
+      if (last.answer?.trusted && close) break;
+    }
+    if (last?.error) throw Object.assign(last.error, { steps });
+    return { answer: last.answer, steps };
+  }
+
+  async #localize(map, bytes, { trustedOnly, near, signal }) {
+    const headers = { "content-type": QUERY, accept: "application/json" };
+    if (trustedOnly) headers["veiloc-trusted-only"] = "true";
+    if (near) headers["veiloc-near"] = near.join(",");
+    const reply = await this.#ask(this.#of(map, "localize"), { method: "POST", headers, body: bytes }, signal);
+    const answer = await json(reply);
+    if (typeof answer.trusted !== "boolean" || !Array.isArray(answer.doubts)) {
+      throw new VeilocError("bad-answer", "the answer is none of a positioning service");
+    }
+    for (const doubt of answer.doubts) doubt.text = printable(doubt.text);
+    if (trustedOnly && !answer.trusted) {
+      // A service that knows nothing of the wish tells the pose: then it is withheld here.
+      for (const field of ["cam_from_world", "center", "covariance", "center_covariance", "position_sd"]) delete answer[field];
+    }
+    return answer;
+  }
+
+  #of(map, resource) {
+    if (!/^[A-Za-z0-9_.-]{1,64}$/.test(map) || map === "." || map === "..") {
+      throw new VeilocError("map-name", `${printable(map)} is no name of a map`);
+    }
+    return `${this.#base}/v1/maps/${map}/${resource}`;
+  }
+
+  async #ask(url, request, signal) {
+    const { token, retries, longestPause, timeout } = this.#options;
+    const headers = { ...request.headers, ...(token && { authorization: `Bearer ${token}` }) };
+    for (let tries = 0; ; tries += 1) {
+      const limit = AbortSignal.timeout(timeout);
+      let reply;
+      let failure;
+      try {
+        reply = await fetch(url, {
+          ...request,
+          headers,
+          // Nothing of the browser's own goes along, and nobody else is asked.
+          credentials: "omit",
+          referrerPolicy: "no-referrer",
+          redirect: "error",
+          signal: signal ? AbortSignal.any([signal, limit]) : limit,
+        });
+        if (reply.ok) return reply;
+        failure = await refusal(reply);
+      } catch (error) {
+        if (signal?.aborted) throw signal.reason;
+        failure = new VeilocError("network", `the service cannot be reached: ${error.message}`, { maySendAgain: true });
+      }
+      const wait = failure.retryAfter !== undefined ? failure.retryAfter * 1000 : 500 * 2 ** tries;
+      if (!failure.maySendAgain || tries >= retries || wait > longestPause) throw failure;
+      await pause(wait, signal);
+    }
+  }
+}
+
+async function refusal(reply) {
+  const document = await reply.json().catch(() => ({}));
+  const problem = printable(document?.type).replace(/^urn:veiloc:problem:/, "");
+  const { status } = reply;
+  const words = document?.detail ? `${printable(document.title)}: ${printable(document.detail)}` : `the service answered with status ${status}`;
+  let kind = "refused";
+  if (status === 422) kind = "not-localized";
+  else if (status === 401) kind = "token";
+  else if (problem === "wrong-profile") kind = "wrong-profile";
+  else if (AGAIN.has(status)) kind = "busy";
+  const seconds = Number.parseFloat(reply.headers.get("retry-after"));
+  return new VeilocError(kind, words, {
+    status,
+    problem,
+    maySendAgain: AGAIN.has(status),
+    ...(Number.isFinite(seconds) && { retryAfter: seconds }),
+  });
+}
+
+function check(reply, type) {
+  const own = (reply.headers.get("content-type") ?? "").split(";")[0].trim().toLowerCase();
+  if (own !== type) throw new VeilocError("bad-answer", `the answer is ${printable(own)}, not ${type}; perhaps another service answered`);
+}
+
+async function json(reply) {
+  check(reply, "application/json");
+  return reply.json().catch(() => {
+    throw new VeilocError("bad-answer", "the answer is no JSON");
+  });
+}

@@ -1,0 +1,52 @@
+// The WebAssembly and how it is talked to: one message in, one reply out (bindings/web/src/message.rs).
+
+/** An error with a name for programs. */
+export class VeilocError extends Error {
+  constructor(kind, message, more = {}) {
+    super(message);
+    this.name = "VeilocError";
+    this.kind = kind;
+    Object.assign(this, more);
+  }
+}
+
+/** The library of one worker. */
+export class Core {
+  #exports;
+
+  /** From the bytes, or what `fetch` gives, or a compiled module. It imports nothing: what it cannot be given it cannot reach. */
+  static async load(source) {
+    const core = new Core();
+    if (source instanceof WebAssembly.Module) {
+      core.#exports = (await WebAssembly.instantiate(source, {})).exports;
+    } else if (source instanceof Uint8Array || source instanceof ArrayBuffer) {
+      core.#exports = (await WebAssembly.instantiate(source, {})).instance.exports;
+    } else {
+      core.#exports = (await WebAssembly.instantiateStreaming(source, {})).instance.exports;
+    }
+    return core;
+  }
+
+  /** Does what `head` asks for with the bytes behind it, given in parts; throws `VeilocError`. */
+  call(head, ...parts) {
+    const { memory, veiloc_room, veiloc_call, veiloc_reply } = this.#exports;
+    const text = new TextEncoder().encode(JSON.stringify(head));
+    const length = parts.reduce((sum, part) => sum + part.byteLength, 4 + text.byteLength);
+    let at = veiloc_room(length) >>> 0;
+    if (at === 0) throw new VeilocError("image", "the image is larger than any that is read");
+    new DataView(memory.buffer).setUint32(at, text.byteLength, true);
+    at += 4;
+    for (const part of [text, ...parts]) {
+      const bytes = new Uint8Array(part.buffer ?? part, part.byteOffset ?? 0, part.byteLength);
+      new Uint8Array(memory.buffer).set(bytes, at);
+      at += part.byteLength;
+    }
+    const size = veiloc_call() >>> 0;
+    const begin = veiloc_reply() >>> 0;
+    const reply = new Uint8Array(memory.buffer).slice(begin, begin + size);
+    const words = new DataView(reply.buffer).getUint32(0, true);
+    const answer = JSON.parse(new TextDecoder().decode(reply.subarray(4, 4 + words)));
+    if (answer.error !== undefined) throw new VeilocError(answer.kind, answer.error);
+    return { head: answer, bytes: reply.slice(4 + words) };
+  }
+}

@@ -1,0 +1,45 @@
+// The worker: seals off the page's own thread, so that the page stays awake. Pixels never leave it.
+
+import { Core, VeilocError } from "./core.js";
+
+let core;
+
+const random = () => crypto.getRandomValues(new Uint8Array(32));
+
+/** Red, green, blue and alpha of an image as it is stored: no colour is converted. */
+function pixels(image) {
+  if (!(image instanceof ImageBitmap)) return image;
+  const { width, height } = image;
+  const context = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+  context.drawImage(image, 0, 0);
+  image.close();
+  return context.getImageData(0, 0, width, height);
+}
+
+const jobs = {
+  load: async ({ wasm }) => {
+    core = await Core.load(wasm instanceof WebAssembly.Module ? wasm : fetch(wasm));
+    return { head: {} };
+  },
+  call: ({ head, bytes }) => core.call(head, ...(bytes ? [bytes] : [])),
+  session: ({ head }) => core.call(head, random()),
+  seal: ({ head, image }) => {
+    const { width, height, data } = pixels(image);
+    const began = performance.now();
+    const reply = core.call({ ...head, width, height }, random(), data);
+    reply.head.milliseconds = performance.now() - began;
+    return reply;
+  },
+};
+
+self.onmessage = async ({ data: { id, job, ...rest } }) => {
+  try {
+    const { head, bytes } = await jobs[job](rest);
+    self.postMessage({ id, head, bytes }, bytes ? [bytes.buffer] : []);
+  } catch (error) {
+    const known = error instanceof VeilocError;
+    // A trap leaves the library in an unknown state: whoever holds the worker starts another.
+    const kind = known ? error.kind : error instanceof WebAssembly.RuntimeError ? "broken" : "worker";
+    self.postMessage({ id, error: { kind, message: String(error?.message ?? error) } });
+  }
+};

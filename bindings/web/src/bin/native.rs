@@ -1,0 +1,66 @@
+//! The native half of `scripts/web_browser.mjs`: what a program seals of the same image with the same random bytes, and whether
+//! what a browser sent is nothing but sealed queries.
+//!
+//! - `native seal IMAGE CAMERA PROFILE SEED_HEX OUT ROUNDS`: seals as `veiloc seal` does but for where randomness comes from; prints
+//!   the milliseconds of the fastest round.
+//! - `native check PROFILE FILE…`: each file is one sealed query of the profile, and nothing besides.
+
+#![forbid(unsafe_code)]
+
+use std::error::Error;
+use std::io::Write as _;
+use std::path::Path;
+use std::time::Instant;
+
+use rand_chacha::ChaCha20Rng;
+use rand_chacha::rand_core::SeedableRng;
+use veiloc_obfuscation::{SealOptions, extract, seal};
+use veiloc_query::{Profile, SealedQuery};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    match arguments[..] {
+        ["seal", image, camera, profile, seed, out, rounds] => {
+            let profile = Profile::decode(&std::fs::read(profile)?)?;
+            let (camera, seed, options) = (camera.parse()?, bytes(seed)?, SealOptions::default());
+            let mut best = f64::INFINITY;
+            for _ in 0..rounds.parse::<usize>()?.max(1) {
+                let began = Instant::now();
+                let (features, camera) = extract(Path::new(image), &camera, &profile, &options)?;
+                let mut rng = ChaCha20Rng::from_seed(seed);
+                let query = seal(features, &camera, &profile, &options, &mut rng)?;
+                let encoded = query.encode();
+                best = best.min(began.elapsed().as_secs_f64() * 1e3);
+                std::fs::write(out, encoded)?;
+            }
+            writeln!(std::io::stdout(), "{best:.1}")?;
+        }
+        ["check", profile, ref files @ ..] => {
+            let profile = Profile::decode(&std::fs::read(profile)?)?;
+            for file in files {
+                let bytes = std::fs::read(file)?;
+                let query = SealedQuery::decode(&bytes).map_err(|e| format!("{file}: {e}"))?;
+                profile.check(&query).map_err(|e| format!("{file}: {e}"))?;
+                // A message has one form: nothing hides beside the query.
+                if query.encode() != bytes {
+                    return Err(format!("{file}: it holds more than a sealed query").into());
+                }
+                writeln!(std::io::stdout(), "{} {}", query.scheme(), query.len())?;
+            }
+        }
+        _ => {
+            return Err(
+                "native seal IMAGE CAMERA PROFILE SEED_HEX OUT ROUNDS | native check PROFILE FILE…".into()
+            );
+        }
+    }
+    Ok(())
+}
+
+fn bytes(hex: &str) -> Result<[u8; 32], Box<dyn Error>> {
+    let byte = |i: usize| hex.get(2 * i..2 * i + 2).and_then(|two| u8::from_str_radix(two, 16).ok());
+    let all: Option<Vec<u8>> = (0..32).map(byte).collect();
+    let all = all.filter(|_| hex.len() == 64).ok_or("64 hexadecimal digits are expected")?;
+    Ok(all.try_into().map_err(|_| "32 bytes are expected")?)
+}

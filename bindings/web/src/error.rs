@@ -1,0 +1,94 @@
+//! What can go wrong, with a name for programs.
+
+use veiloc_attacks::AttackError;
+use veiloc_features::FeatureError;
+use veiloc_obfuscation::{ExtractError, SealError, SessionAnchorsError, SessionBytesError};
+use veiloc_query::{Lopsided, QueryError};
+
+/// Why a call gives nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum WebError {
+    /// The message is not one that the loader of this version writes.
+    #[error("the call cannot be read: {reason}; load loader and WebAssembly of one version")]
+    Request {
+        /// What is wrong.
+        reason: String,
+    },
+    /// A handle that nothing is kept under.
+    #[error("no {what} is kept under {handle}; it was given back, or the worker was started anew")]
+    Gone {
+        /// `profile`, `session` or `query`.
+        what: &'static str,
+        /// The number.
+        handle: u32,
+    },
+    /// Bytes that are no profile.
+    #[error("these bytes are no profile: {0}")]
+    Profile(QueryError),
+    /// A camera that no image has.
+    #[error("camera {text:?}: {reason}")]
+    Camera {
+        /// What was given.
+        text: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// An option that is no option.
+    #[error("option {name}: {reason}")]
+    Option {
+        /// Its name.
+        name: &'static str,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The image cannot be extracted from.
+    #[error(transparent)]
+    Image(#[from] FeatureError),
+    /// The image cannot be sealed.
+    #[error(transparent)]
+    Seal(#[from] SealError),
+    /// A query that could not fix a pose.
+    #[error(transparent)]
+    Lopsided(#[from] Lopsided),
+    /// A query that does not belong to the profile.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// Anchors that cannot be tied so.
+    #[error(transparent)]
+    Anchors(#[from] SessionAnchorsError),
+    /// Bytes that are no session.
+    #[error(transparent)]
+    Session(#[from] SessionBytesError),
+    /// An attack that cannot run.
+    #[error(transparent)]
+    Attack(#[from] AttackError),
+}
+
+impl WebError {
+    /// For programs: what `VeilocError.kind` is in the npm package.
+    pub const fn kind(&self) -> &'static str {
+        match self {
+            Self::Request { .. } => "call",
+            Self::Gone { .. } => "gone",
+            Self::Profile(_) => "profile",
+            Self::Camera { .. } => "camera",
+            Self::Option { .. } | Self::Anchors(_) => "option",
+            Self::Image(_) => "image",
+            Self::Seal(_) => "seal",
+            Self::Lopsided(_) => "lopsided",
+            Self::Query(_) => "query",
+            Self::Session(_) => "session",
+            Self::Attack(_) => "attack",
+        }
+    }
+}
+
+impl From<ExtractError> for WebError {
+    fn from(error: ExtractError) -> Self {
+        match error {
+            ExtractError::Image(error) => Self::Image(error),
+            ExtractError::Profile(error) => Self::Seal(error),
+            other => Self::Option { name: "image", reason: other.to_string() },
+        }
+    }
+}

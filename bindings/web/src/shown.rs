@@ -1,0 +1,149 @@
+//! What a query tells and what an attacker makes of it: for the screen of the device that sealed it.
+//!
+//! The attacks are the audit's (`veiloc-attacks`), run on what was sealed. Those that need neighbours are told the true ones, which a
+//! query does not tell: what is shown is the most that such an attack could recover.
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use serde::Serialize;
+use veiloc_attacks::{
+    ClosedFormOptions, ErrorSummary, GraphOptions, KnownSegment, NeighbourLists, Observation, closed_form,
+    errors_px, graph, prior_only,
+};
+use veiloc_geometry::Pixel;
+use veiloc_query::Observations;
+
+use crate::error::WebError;
+use crate::message::{self, floats};
+use crate::sealing::Kept;
+
+/// Attacks that can be shown: name and words of the audit's table, and whether true neighbours are told.
+pub const ATTACKS: [(&str, &str, bool); 4] = [
+    ("prior", "guess from the single line", false),
+    ("closed-form", "the paper's attack (closed form)", true),
+    ("closed-form-informed", "closed form that knows the scheme", true),
+    ("graph", "layout of the neighbour graph", true),
+];
+
+/// Neighbours that an oracle tells of each keypoint, as in the audit.
+pub const NEIGHBOURS: usize = 20;
+
+#[derive(Serialize)]
+struct ShowReply {
+    width: u32,
+    height: u32,
+    /// Segments: `[S, 4]` floats come first.
+    segments: usize,
+    /// Keypoints that were found, in the image given: `[K, 2]` floats come then.
+    keypoints: usize,
+    /// Rows that are no decoys: `[R, 2]` floats, in the camera of the query, come last.
+    real: usize,
+    /// Anchors that lie somewhere.
+    anchors: Vec<[f64; 2]>,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+struct AttackReply {
+    attack: &'static str,
+    words: &'static str,
+    told_neighbours: bool,
+    width: u32,
+    height: u32,
+    /// `[R, 2]` floats of answers, then `[R, 2]` of the truth.
+    count: usize,
+    median_px: Option<f64>,
+    under_10px: Option<f64>,
+    /// Median error of the guess that uses no neighbours.
+    guess_median_px: Option<f64>,
+}
+
+/// Lines, keypoints found and keypoints sent.
+pub fn show(kept: &Kept) -> Vec<u8> {
+    let camera = kept.query.camera();
+    let sent = kept.query.observations();
+    let anchors = match &sent {
+        Observations::Anchored { pencils, .. } => {
+            pencils.anchors().filter_map(|anchor| pencils.position(anchor)).map(|p| [p.u, p.v]).collect()
+        }
+        _ => Vec::new(),
+    };
+    let observations = Observation::of_sent(&sent);
+    let segments: Vec<f64> = observations
+        .iter()
+        .flat_map(|observation| KnownSegment::of(observation, camera.width, camera.height))
+        .filter(|segment| !segment.is_empty())
+        .flat_map(|segment| {
+            let (a, b) = (segment.at(segment.near), segment.at(segment.far));
+            [a.u, a.v, b.u, b.v]
+        })
+        .collect();
+    let real: Vec<Pixel> = kept.truth.iter().flatten().copied().collect();
+    let reply = ShowReply {
+        width: camera.width,
+        height: camera.height,
+        segments: segments.len() / 4,
+        keypoints: kept.found.len(),
+        real: real.len(),
+        anchors,
+    };
+    let found = kept.found.iter().flatten().copied();
+    message::write(&reply, &floats(segments.into_iter().chain(found).chain(flat(&real))))
+}
+
+/// Answers of an attack, beside the truth. Decoys hide nothing, so they are left out, as in the audit.
+///
+/// # Errors
+/// [`WebError::Option`] for an attack that is not shown; [`WebError::Attack`].
+pub fn attack(kept: &Kept, name: &str) -> Result<Vec<u8>, WebError> {
+    let known = ATTACKS.iter().find(|attack| attack.0 == name);
+    let (attack, words, told_neighbours) = *known.ok_or_else(|| {
+        let names = ATTACKS.map(|attack| attack.0).join(", ");
+        WebError::Option { name: "attack", reason: format!("{name:?} is not shown; there are {names}") }
+    })?;
+    let camera = kept.query.camera();
+    let (width, height) = (camera.width, camera.height);
+    let (observations, truth): (Vec<Observation>, Vec<Pixel>) =
+        Observation::of_sent(&kept.query.observations())
+            .into_iter()
+            .zip(&kept.truth)
+            .filter_map(|(observation, truth)| Some((observation, (*truth)?)))
+            .unzip();
+    let guesses = prior_only(&observations, width, height);
+    let answers = match attack {
+        "prior" => guesses.clone(),
+        "graph" => {
+            let neighbours = NeighbourLists::nearest(&truth, NEIGHBOURS);
+            let mut rng = ChaCha8Rng::seed_from_u64(0);
+            graph(&observations, &neighbours, width, height, &GraphOptions::default(), &mut rng)?.pixels
+        }
+        _ => {
+            let neighbours = NeighbourLists::nearest(&truth, NEIGHBOURS);
+            let options = match attack {
+                "closed-form" => ClosedFormOptions::default(),
+                _ => ClosedFormOptions::informed(),
+            };
+            let found = closed_form(&observations, &neighbours, width, height, &options)?;
+            found.iter().map(|answer| answer.pixel).collect()
+        }
+    };
+    let errors = ErrorSummary::of(&errors_px(answers.iter().copied(), &truth));
+    let of_guess = ErrorSummary::of(&errors_px(guesses, &truth));
+    let finite = |number: f64| number.is_finite().then_some(number);
+    let reply = AttackReply {
+        attack,
+        words,
+        told_neighbours,
+        width,
+        height,
+        count: truth.len(),
+        median_px: finite(errors.median_px),
+        under_10px: finite(errors.under_10px),
+        guess_median_px: finite(of_guess.median_px),
+    };
+    Ok(message::write(&reply, &floats(flat(&answers).chain(flat(&truth)))))
+}
+
+fn flat(pixels: &[Pixel]) -> impl Iterator<Item = f64> + '_ {
+    pixels.iter().flat_map(|pixel| [pixel.u, pixel.v])
+}
