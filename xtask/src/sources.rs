@@ -7,6 +7,8 @@ use crate::rooms::MOST_LINES_OF_A_FILE;
 
 /// The room that may hold `unsafe` code.
 const UNSAFE_ROOM: &str = "crates/kernels/";
+/// Where exports keep their names, which the edition calls `#[unsafe(no_mangle)]` (decision 0027): no lint can forbid that.
+const EXPORTS: &str = "bindings/web/";
 
 /// Beginnings of paths that exist on one person's machine only.
 const PERSONAL_PATHS: &[&str] = &["/home/", "/root/", "/Users/"];
@@ -45,8 +47,15 @@ fn check_file(name: &str, text: &str, faults: &mut Vec<String>) {
         }
         let is_ours = name.starts_with("crates/") || name.starts_with("bindings/");
         let is_root = is_ours && name.ends_with("/src/lib.rs");
-        if is_root && !name.starts_with(UNSAFE_ROOM) && !text.contains("#![forbid(unsafe_code)]") {
-            faults.push(format!("{name}: lacks #![forbid(unsafe_code)]"));
+        let is_exporting = name.starts_with(EXPORTS);
+        let lint = if is_exporting { "#![deny(unsafe_code)]" } else { "#![forbid(unsafe_code)]" };
+        if is_root && !name.starts_with(UNSAFE_ROOM) && !text.contains(lint) {
+            faults.push(format!("{name}: lacks {lint}"));
+        }
+        if is_exporting
+            && ["unsafe {", "unsafe fn", "unsafe impl", "unsafe extern"].iter().any(|u| text.contains(u))
+        {
+            faults.push(format!("{name}: has unsafe code; only the names of exports may take the word here"));
         }
         // Bindings are no rooms, which are bounded elsewhere.
         let lines = text.lines().count();
@@ -87,6 +96,22 @@ mod tests {
         faults.clear();
         check_file("docs/x.md", "see /home/me/data", &mut faults);
         assert_eq!(faults.len(), 1, "{faults:?}");
+    }
+
+    #[test]
+    fn exports_keep_their_names_and_nothing_else() {
+        let mut faults = Vec::new();
+        check_file("bindings/web/src/lib.rs", "//! Calls.\n#![deny(unsafe_code)]\n", &mut faults);
+        check_file(
+            "bindings/web/src/exports.rs",
+            "//! Calls.\n#[unsafe(no_mangle)]\nfn f() {}\n",
+            &mut faults,
+        );
+        assert!(faults.is_empty(), "{faults:?}");
+        check_file("bindings/web/src/lib.rs", "//! Calls.\n", &mut faults);
+        check_file("bindings/web/src/exports.rs", "//! Calls.\nfn f() { unsafe { g() } }\n", &mut faults);
+        check_file("bindings/python/src/lib.rs", "//! Calls.\n#![deny(unsafe_code)]\n", &mut faults);
+        assert_eq!(faults.len(), 3, "{faults:?}");
     }
 
     #[test]
