@@ -17,6 +17,11 @@ pub struct JsonArgs {
 }
 
 impl JsonArgs {
+    /// Whether the document goes to stdout, where nothing else may stand then.
+    pub fn takes_stdout(&self) -> bool {
+        self.json.as_deref().is_some_and(files::is_standard)
+    }
+
     /// Stdout holds either the document or the table, never both.
     ///
     /// # Errors

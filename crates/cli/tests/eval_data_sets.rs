@@ -61,7 +61,14 @@ fn every_layout_is_written_and_evaluated() {
         assert_eq!(right(&evaluated(&place, "7scenes", &format!("--poses {poses}"))), 2);
     }
     export(&place, "cambridge");
-    assert_eq!(right(&evaluated(&place, "cambridge", "")), 2);
+    let attacking = "--attack 1 --attack-neighbours 100 --attack-json attacks.json";
+    assert_eq!(right(&evaluated(&place, "cambridge", attacking)), 2);
+    let attacks: Value = serde_json::from_slice(&place.read("attacks.json")).expect("a document");
+    assert_eq!((&attacks["command"], &attacks["k"]), (&"eval adversaries".into(), &100.into()));
+    let rows = attacks["rows"].as_array().expect("rows");
+    let who: Vec<&str> = rows.iter().filter_map(|row| row["adversary"].as_str()).collect();
+    assert!(["map-server", "pose-server", "true-neighbours"].iter().all(|a| who.contains(a)), "{who:?}");
+    assert!(rows.iter().all(|row| row["scheme"] == "dcl" && row["data"] == "room"), "{attacks}");
     export(&place, "aachen");
     let told = "--truth aachen/queries/poses.txt --submission results.txt --work work";
     assert_eq!(right(&evaluated(&place, "aachen", told)), 4, "day and night of each scheme");

@@ -1,6 +1,7 @@
 //! `veiloc eval 7scenes`, `cambridge` and `aachen`: every place of a published data set, one after another.
 
 pub(super) mod aachen;
+mod adversaries;
 pub(super) mod cambridge;
 mod options;
 mod run;

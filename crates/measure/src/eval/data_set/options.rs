@@ -6,6 +6,7 @@ use veiloc_places::MissingImages;
 use veiloc_query::Scheme;
 use veiloc_results::metrics::Threshold;
 
+use super::adversaries::AttackArgs;
 use crate::eval::html::HtmlArgs;
 use crate::exit::Failure;
 use crate::extraction_args::ExtractionArgs;
@@ -47,6 +48,8 @@ pub(in crate::eval) struct DataSetArgs {
     pub(super) pose: PoseArgs,
     #[command(flatten)]
     pub(super) matching: MatchArgs,
+    #[command(flatten)]
+    pub(super) attack: AttackArgs,
     #[command(flatten)]
     pub(super) html: HtmlArgs,
     #[command(flatten)]

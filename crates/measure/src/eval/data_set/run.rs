@@ -49,6 +49,7 @@ pub(in crate::eval) fn evaluate(
         queries: Vec::new(),
     };
     let mut report = args.html.begin(places.len())?;
+    let mut attacked = None;
     for place in &places {
         place.remarks.iter().for_each(|remark| ui.complain(format!("{}: {remark}", place.name)));
         ui.say(format!(
@@ -63,6 +64,7 @@ pub(in crate::eval) fn evaluate(
             report.keep_map(&mut evaluation);
         }
         let found = evaluate_scene(&evaluation, &Stages::new(ui))?;
+        args.attack.attack(&place.name, &evaluation, &mut attacked, ui)?;
         add(&mut document, place, found, &evaluation);
         if let Some(report) = &mut report {
             let rows = document.schemes.iter().filter(|row| row.place == place.name);
@@ -94,6 +96,7 @@ pub(in crate::eval) fn evaluate(
         table(&rows)
     };
     args.json.print(&text, &document, ui)?;
+    args.attack.finish(attacked.as_ref(), args.json.takes_stdout(), ui)?;
     let localized = document.schemes.iter().any(|row| row.summary.localized > 0);
     Ok((document, if localized { Exit::Success } else { Exit::Refused }))
 }
