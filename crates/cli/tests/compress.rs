@@ -38,7 +38,7 @@ fn a_small_map_answers_and_says_what_it_was_made_of() {
         let refused = place.run(command);
         assert!(refused.code == Some(1) && refused.stderr.contains(expected), "{refused}");
     }
-    for command in ["--ratio 0", "--ratio NaN", "--size -1", "--recall-loss 101"] {
+    for command in ["--ratio 0", "--ratio NaN", "--size 0", "--recall-loss 101"] {
         let refused = place.run(&format!("map compress place.vmap {command} -o tiny.vmap"));
         assert!(refused.code == Some(1) && refused.stderr.contains("give"), "{refused}");
     }

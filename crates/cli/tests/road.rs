@@ -226,6 +226,7 @@ fn info_tells_what_is_in_the_map() {
             "bytes",
             "bytes_per_point",
             "cameras",
+            "compressed",
             "descriptors",
             "down",
             "file",

@@ -21,7 +21,7 @@ use crate::ui::Ui;
 pub(super) struct ImageArgs {
     /// Images instead of sealed queries: their names, one a line, relative to --images; behind each name its camera (MODEL W H
     /// PARAMS…, as in hloc's query lists), or nothing where --camera or its EXIF says it. Each is sealed as `veiloc seal` does
-    /// it, by the options below, and localized from what would be sent.
+    /// it, by the options below, and localized from what would be sent. Default: queries that were sealed elsewhere.
     #[arg(
         long = "queries",
         value_name = "LIST",
