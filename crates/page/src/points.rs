@@ -41,7 +41,11 @@ mod tests {
             let mut all: Vec<usize> = order(count).collect();
             let half: Vec<usize> = all[..count / 2].to_vec();
             let low = half.iter().filter(|index| **index < count / 2).count();
-            assert!(low.abs_diff(count / 4) <= 2, "{count}: {low} of the first half lie in the lower one");
+            // The golden section leaves gaps that grow with the logarithm; one part after the other would be off by a quarter.
+            assert!(
+                low.abs_diff(count / 4) <= 2 + count / 64,
+                "{count}: {low} of the first half lie in the lower one"
+            );
             all.sort_unstable();
             assert_eq!(all, (0..count).collect::<Vec<_>>());
         }

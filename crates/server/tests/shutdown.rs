@@ -123,7 +123,9 @@ fn what_never_ends_does_not_keep_it() {
             server.handle.stop_now();
         }
         let stopped = server.stop();
-        assert_eq!((stopped.given_up, stopped.forced), (1, forced));
+        // The connection that asked for metrics may be closing still.
+        assert!((1..=2).contains(&stopped.given_up), "{}", stopped.given_up);
+        assert_eq!(stopped.forced, forced);
         assert!(Response::try_read(&mut stream).is_none());
     }
 }
