@@ -11,7 +11,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_localize::{LocalizeOptions, localize, localize_rig};
 use veiloc_map::colmap::{read_model, read_posed};
 use veiloc_map::{Down, MapFile, MapLock, MapModel, PointId, PosedImage, PosedImages, SelfTest};
-use veiloc_mapping::{BuildOptions, Input, OnBadImage, Words};
+use veiloc_mapping::{BuildOptions, Doubt, Input, OnBadImage, Words};
 use veiloc_query::SealedQuery;
 use veiloc_selftest::{SelfTestOptions, is_testable, self_test};
 
@@ -62,16 +62,15 @@ const fn on_bad(skip_bad: bool) -> OnBadImage {
     if skip_bad { OnBadImage::Skip } else { OnBadImage::Refuse }
 }
 
-/// Tests the map, and keeps the result in it.
-fn tested(model: &mut MapModel, wanted: bool, told: &Told) -> Result<()> {
-    if wanted && is_testable(model) {
-        let test = self_test(model, &SelfTestOptions::default(), told).map_err(Fault::map)?;
-        model.self_test = Some(test);
-    }
-    Ok(())
-}
-
 impl Map {
+    /// A model that was built or changed, tested where that is wanted.
+    fn finished(mut model: MapModel, doubts: &[Doubt], wanted: bool, told: &Told) -> Result<Self> {
+        if wanted && is_testable(&model) {
+            model.self_test = Some(self_test(&model, &SelfTestOptions::default(), told).map_err(Fault::map)?);
+        }
+        Self::of_model(&model, doubts.iter().map(ToString::to_string).collect())
+    }
+
     fn of_model(model: &MapModel, warnings: Vec<String>) -> Result<Self> {
         Ok(Self { file: Arc::new(MapFile::of_model(model)?), warnings })
     }
@@ -119,8 +118,7 @@ impl Map {
             }
             let (mut model, report) = veiloc_mapping::build(&input, &options, told)?;
             model.down = down;
-            tested(&mut model, self_test, told)?;
-            Self::of_model(&model, report.doubts.iter().map(ToString::to_string).collect())
+            Self::finished(model, &report.doubts, self_test, told)
         })?
     }
 
@@ -154,8 +152,7 @@ impl Map {
             let input = Input::new(&posed, &images).on_bad_image(on_bad(skip_bad));
             let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, told)?;
             model.down = down;
-            tested(&mut model, self_test, told)?;
-            Self::of_model(&model, report.doubts.iter().map(ToString::to_string).collect())
+            Self::finished(model, &report.doubts, self_test, told)
         })?
     }
 
@@ -204,8 +201,7 @@ impl Map {
             }
             let mut model = self.file.to_model();
             let report = veiloc_mapping::add(&mut model, &input, told)?;
-            tested(&mut model, self_test, told)?;
-            Self::of_model(&model, report.doubts.iter().map(ToString::to_string).collect())
+            Self::finished(model, &report.doubts, self_test, told)
         })?
     }
 
@@ -232,8 +228,7 @@ impl Map {
             let mut model = self.file.to_model();
             veiloc_mapping::remove(&mut model, &names, words, told)?;
             model.self_test = None;
-            tested(&mut model, self_test, told)?;
-            Self::of_model(&model, Vec::new())
+            Self::finished(model, &[], self_test, told)
         })?
     }
 

@@ -10,19 +10,19 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::problems::{CameraLine, PoseLine, ProblemLine};
 use veiloc_datasets::{KeypointImage, seed_for};
-use veiloc_features::{Progress, load_mask, mask_in};
+use veiloc_features::{Progress, mask_in};
 use veiloc_localize::matching::match_points;
 use veiloc_localize::retrieval::retrieve;
 use veiloc_localize::{LocalizeOptions, observe_matches};
 use veiloc_map::{MapFile, PosedImages};
 use veiloc_mapping::{BuildOptions, Input};
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{ExtractError, SealTruth, extract, extract_masked, seal_with_truth};
+use veiloc_obfuscation::{SealTruth, seal_with_truth};
 use veiloc_query::{Observations, Scheme, SealedQuery};
 use veiloc_robust::Correspondences;
 
 use crate::error::EvalError;
-use crate::road::{PlaceMap, PosedQuery, equipped, posed_queries};
+use crate::road::{PlaceMap, PosedQuery, equipped, extracted, posed_queries};
 
 /// Where the problems come from.
 #[derive(Debug, Clone)]
@@ -91,13 +91,8 @@ fn made(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result
     let profile = map.profile();
     let options =
         equipped(options_for(Scheme::Points), &source.build.extractors, source.build.global.as_ref());
-    let (features, camera) = match source.masks.get(&query.name) {
-        Some(path) => {
-            let mask = load_mask(path).map_err(ExtractError::from)?;
-            extract_masked(&query.path, &mask, &query.camera, profile, &options)?
-        }
-        None => extract(&query.path, &query.camera, profile, &options)?,
-    };
+    let mask = source.masks.get(&query.name).map(PathBuf::as_path);
+    let (features, camera) = extracted(&query.path, mask, &query.camera, profile, &options)?;
     let strengths: Vec<f32> = features.keypoints.iter().map(|k| k.response).collect();
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(source.seed, &[&query.name]));
     let (sealed, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)

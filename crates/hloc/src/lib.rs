@@ -34,10 +34,10 @@
 #![forbid(unsafe_code)]
 
 mod archive;
+mod binary16;
 mod error;
 mod features;
 mod globals;
-mod half;
 mod matches;
 mod numbers;
 mod pairs;

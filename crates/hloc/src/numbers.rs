@@ -2,7 +2,7 @@
 
 use hdf5_pure::{Dataset, Datatype, DatatypeByteOrder};
 
-use crate::half;
+use crate::binary16;
 
 /// Most numbers of a dataset: 64 million, a quarter of a gigabyte. hloc's largest descriptors are a tenth of it.
 const MOST: u64 = 1 << 26;
@@ -44,7 +44,7 @@ impl Stored {
         eight[..bytes.len()].copy_from_slice(bytes);
         let word = u64::from_le_bytes(eight);
         match self {
-            Self::Half => half::from_bits(word as u16),
+            Self::Half => binary16::from_bits(word as u16),
             Self::Single => f32::from_bits(word as u32),
             Self::Double => f64::from_bits(word) as f32,
             Self::Unsigned(_) => word as f32,

@@ -8,8 +8,8 @@ use hdf5_pure::{
 };
 use veiloc_replacing::write_whole;
 
+use crate::binary16;
 use crate::error::HlocError;
-use crate::half;
 
 /// Numbers as they are stored.
 pub(crate) enum Values {
@@ -75,7 +75,7 @@ impl Tree {
             match dataset.values {
                 Values::Half(values) => {
                     let bytes: Vec<u8> =
-                        values.iter().flat_map(|value| half::to_bits(*value).to_le_bytes()).collect();
+                        values.iter().flat_map(|value| binary16::to_bits(*value).to_le_bytes()).collect();
                     builder.with_raw_data(half_type(), bytes, values.len() as u64);
                 }
                 Values::Single(values) => _ = builder.with_f32_data(&values),

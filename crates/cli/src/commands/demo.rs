@@ -19,7 +19,7 @@ const SHOWN_POINTS: usize = 20_000;
 
 /// Render a place, map it, localize hidden queries, attack them, write a report.
 ///
-/// Needs no data and no network. Everything after the renderer is what real photographs go through, from pixels on. With --page
+/// Needs no data and no network. Everything after the renderer is what real images go through, from pixels on. With --page
 /// the place is mapped and shown on a page of this machine, where hidden views are there to pick.
 #[derive(clap::Args)]
 pub(crate) struct Args {

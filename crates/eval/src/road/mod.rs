@@ -2,6 +2,7 @@
 //! and decoded as if it had crossed a network. No stage is short-cut because truth is at hand.
 
 mod ask;
+mod extracted;
 mod judge;
 mod place_map;
 mod posed_query;
@@ -10,6 +11,7 @@ mod send;
 mod upright;
 
 pub(crate) use ask::{Answer, ask};
+pub(crate) use extracted::extracted;
 pub use judge::localize_one;
 pub(crate) use judge::localize_sent;
 pub use place_map::PlaceMap;

@@ -1,19 +1,18 @@
 //! What drawings need of single queries and documents do not hold: the lines that were sent, and which of them agree with the
 //! pose. Collected on request, for a report on the user's own machine.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use veiloc_features::{Progress, load_mask, mask_in};
+use veiloc_features::Progress;
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_localize::{Localization, localize};
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{ExtractError, extract, extract_masked};
 use veiloc_query::{Scheme, SealedQuery};
 
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
-use crate::road::{equipped, send};
+use crate::road::{equipped, extracted, send};
 use crate::scores::scores_or_default;
 
 /// One query with all that was sent of it.
@@ -87,13 +86,8 @@ fn drawn_query(
     };
     let path = evaluation.images.join(name);
     let extraction = equipped(Scheme::default());
-    let (features, used) = match &evaluation.masks {
-        Some(folder) => {
-            let mask = load_mask(&mask_in(folder, Path::new(name))).map_err(ExtractError::from)?;
-            extract_masked(&path, &mask, &camera, profile, &extraction)?
-        }
-        None => extract(&path, &camera, profile, &extraction)?,
-    };
+    let mask = evaluation.mask_of(name);
+    let (features, used) = extracted(&path, mask.as_deref(), &camera, profile, &extraction)?;
     let mut localize_options = evaluation.localize.clone();
     localize_options.pose.score = scores_or_default(&evaluation.scores).first().copied();
     let mut sent = Vec::new();

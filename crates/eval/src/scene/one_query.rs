@@ -1,19 +1,16 @@
 //! One query of a scene: sealed once a scheme, and again with gravity where that is asked for; localized with every score.
 
-use std::path::Path;
 use std::time::Instant;
 
-use veiloc_features::{load_mask, mask_in};
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{ExtractError, extract, extract_masked};
 use veiloc_query::Scheme;
 use veiloc_results::{QueryResult, Variant};
 use veiloc_robust::State;
 
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
-use crate::road::{AskedQuery, Upright, equipped, localize_sent, send};
+use crate::road::{AskedQuery, Upright, equipped, extracted, localize_sent, send};
 use crate::scores::scores_or_default;
 
 /// The results of a query, in the order of the table's rows.
@@ -29,13 +26,8 @@ pub(super) fn localize_query(
     };
     let extraction = equipped(Scheme::default());
     let started = Instant::now();
-    let (features, camera) = match &evaluation.masks {
-        Some(folder) => {
-            let mask = load_mask(&mask_in(folder, Path::new(&query.name))).map_err(ExtractError::from)?;
-            extract_masked(&query.path, &mask, &query.camera, profile, &extraction)?
-        }
-        None => extract(&query.path, &query.camera, profile, &extraction)?,
-    };
+    let mask = evaluation.mask_of(&query.name);
+    let (features, camera) = extracted(&query.path, mask.as_deref(), &query.camera, profile, &extraction)?;
     let extract_ms = started.elapsed().as_secs_f64() * 1e3;
     let told: Vec<_> =
         Upright::in_turn(upright, &query.name, query.truth.as_ref(), evaluation.seed).collect();

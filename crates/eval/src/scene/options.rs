@@ -1,8 +1,9 @@
 //! What is evaluated on a place with known poses.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use veiloc_features::mask_in;
 use veiloc_geometry::Intrinsics;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::PosedImages;
@@ -61,6 +62,11 @@ pub struct SceneEvaluation {
 }
 
 impl SceneEvaluation {
+    /// Where the mask of a query is, when queries have masks.
+    pub(super) fn mask_of(&self, name: &str) -> Option<PathBuf> {
+        self.masks.as_deref().map(|folder| mask_in(folder, Path::new(name)))
+    }
+
     /// The queries that nobody judges.
     pub(super) fn unposed(&self) -> impl Iterator<Item = AskedQuery> {
         self.unposed.iter().map(|(name, camera)| AskedQuery {

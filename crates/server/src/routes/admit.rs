@@ -32,6 +32,20 @@ pub(super) fn admit(
     Ok(caller)
 }
 
+/// The map that somebody asks something of who may; the trail learns which.
+pub(super) fn asked(
+    app: &App,
+    guest: &Guest,
+    trail: &Trail,
+    name: Result<Path<String>, PathRejection>,
+    headers: &HeaderMap,
+) -> Result<Arc<Hosted>, Problem> {
+    let caller = admit(app, guest, trail, headers)?;
+    let hosted = wanted(app, &caller, name)?;
+    trail.about(hosted.name.as_str().into());
+    Ok(hosted)
+}
+
 /// The map that is asked for. One that the caller may not ask for is no other than one that does not exist: nobody is told
 /// what else is served.
 pub(super) fn wanted(

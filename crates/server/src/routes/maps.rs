@@ -11,7 +11,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::admit::{admit, wanted};
+use super::admit::{admit, asked};
 use crate::problem::Problem;
 use crate::state::App;
 use veiloc_admission::Guest;
@@ -74,9 +74,7 @@ pub(super) async fn profile(
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let caller = admit(&app, &guest, &trail, &headers)?;
-    let hosted = wanted(&app, &caller, name)?;
-    trail.about(hosted.name.as_str().into());
+    let hosted = asked(&app, &guest, &trail, name, &headers)?;
     let common = [(ETAG, hosted.etag.as_str()), (CACHE_CONTROL, "no-cache")];
     Ok(if knows(&headers, &hosted.etag) {
         (StatusCode::NOT_MODIFIED, common).into_response()

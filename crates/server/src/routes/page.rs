@@ -17,7 +17,7 @@ use veiloc_admission::Guest;
 use veiloc_observe::Trail;
 use veiloc_page::{Page, PageFile, thinned};
 
-use super::admit::{admit, wanted};
+use super::admit::asked;
 use crate::problem::Problem;
 use crate::state::App;
 
@@ -53,9 +53,7 @@ pub(super) async fn points(
     name: Result<Path<String>, PathRejection>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let caller = admit(&app, &guest, &trail, &headers)?;
-    let hosted = wanted(&app, &caller, name)?;
-    trail.about(hosted.name.as_str().into());
+    let hosted = asked(&app, &guest, &trail, name, &headers)?;
     let bytes = thinned(&hosted.map, app.options.page_points);
     Ok(([(CONTENT_TYPE, "application/octet-stream"), (CACHE_CONTROL, "no-cache")], bytes).into_response())
 }

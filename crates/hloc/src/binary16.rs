@@ -1,35 +1,15 @@
-//! Numbers of 16 bits, IEEE 754's binary16, which Rust does not have.
+//! Numbers of 16 bits, IEEE 754's binary16, which Rust does not have: as bits, as files hold them.
+
+use half::f16;
 
 /// The number that these bits are; exact.
 pub(crate) fn from_bits(bits: u16) -> f32 {
-    let sign = u32::from(bits >> 15) << 31;
-    let (exponent, mantissa) = (u32::from(bits >> 10 & 0x1f), u32::from(bits & 0x3ff));
-    match exponent {
-        // Zero and what is below the least normal number.
-        0 => f32::from_bits(sign | (mantissa as f32 / 16_777_216.0).to_bits()),
-        0x1f => f32::from_bits(sign | 0x7f80_0000 | mantissa << 13),
-        _ => f32::from_bits(sign | (exponent + 112) << 23 | mantissa << 13),
-    }
+    f16::from_bits(bits).to_f32()
 }
 
 /// The nearest number of 16 bits, ties to even; infinite where there is none.
 pub(crate) fn to_bits(value: f32) -> u16 {
-    let bits = value.to_bits();
-    let sign = (bits >> 16 & 0x8000) as u16;
-    let magnitude = bits & 0x7fff_ffff;
-    if magnitude > 0x7f80_0000 {
-        return sign | 0x7e00;
-    }
-    if magnitude >= 0x4780_0000 {
-        return sign | 0x7c00;
-    }
-    if magnitude < 0x3880_0000 {
-        // Below the least normal number these count in steps of 2^-24, which a float32 multiplies exactly.
-        let steps = f32::from_bits(magnitude) * 16_777_216.0;
-        return sign | steps.round_ties_even() as u16;
-    }
-    let rounded = magnitude + 0xfff + (magnitude >> 13 & 1);
-    sign | ((rounded >> 13) - (112 << 10)) as u16
+    f16::from_f32(value).to_bits()
 }
 
 #[cfg(test)]

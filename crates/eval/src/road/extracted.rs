@@ -1,0 +1,30 @@
+//! The features of a query, of all of its image or of what its mask leaves.
+
+use std::path::Path;
+
+use veiloc_features::{Features, load_mask};
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{ExtractError, SealOptions, extract, extract_masked};
+use veiloc_query::Profile;
+
+use crate::error::EvalError;
+
+/// Features of an image as a device extracts them, with the camera they are in.
+///
+/// # Errors
+/// [`EvalError`] when the image or its mask cannot be used.
+pub(crate) fn extracted(
+    image: &Path,
+    mask: Option<&Path>,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+) -> Result<(Features, Intrinsics), EvalError> {
+    Ok(match mask {
+        Some(mask) => {
+            let mask = load_mask(mask).map_err(ExtractError::from)?;
+            extract_masked(image, &mask, camera, profile, options)?
+        }
+        None => extract(image, camera, profile, options)?,
+    })
+}
