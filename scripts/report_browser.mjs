@@ -7,7 +7,7 @@
 //
 // 1. Nothing is asked of any network, nothing is written to the console, nothing breaks the page's own policy.
 // 2. The page is no wider than the window; headings are in order; images and controls have names; text stands out (WCAG AA).
-// 3. The place is drawn: not blank, another when dragged, by keys, by touch; the query chosen from the list is told.
+// 3. Of pages with a place, it is drawn: not blank, another when dragged, by keys, by touch; the query chosen from the list is told.
 // 4. Without scripts the place from above stands there instead, and every section with it.
 import { createRequire } from "node:module";
 import { mkdirSync, readFileSync } from "node:fs";
@@ -83,6 +83,37 @@ function canvasState(canvas) {
   return { hash, colors: colors.size };
 }
 
+/** The place: drawn, turned by everything that turns it, and its queries told. */
+async function turnPlace(page, context, { at, file, touch }) {
+  const canvas = page.locator(".space canvas").first();
+  await canvas.scrollIntoViewIfNeeded();
+  const first = await canvas.evaluate(canvasState);
+  check(`${at}: the place is drawn`, first.colors > 50, `${first.colors} colours`);
+  const box = await canvas.boundingBox();
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  let last = first;
+  const changed = async (what) => { const now = await canvas.evaluate(canvasState); check(`${at}: ${what} turns it`, now.hash !== last.hash && now.colors > 50); last = now; };
+  await page.mouse.move(x, y); await page.mouse.down(); await page.mouse.move(x + 90, y + 30, { steps: 4 }); await page.mouse.up();
+  await changed("dragging");
+  await canvas.focus();
+  await page.keyboard.press("ArrowRight"); await page.keyboard.press("+");
+  await changed("the keyboard");
+  if (touch) {
+    const cdp = await context.newCDPSession(page);
+    const send = (type, touchPoints) => cdp.send("Input.dispatchTouchEvent", { type, touchPoints });
+    await send("touchStart", [{ x, y }]); await send("touchMove", [{ x: x + 60, y: y + 10 }]); await send("touchEnd", []);
+    await changed("a finger");
+  }
+  await page.keyboard.press("0");
+  const query = page.locator(".space select[data-part=query]").first();
+  const names = await query.locator("option").allTextContents();
+  await query.selectOption({ index: 1 });
+  check(`${at}: a chosen query is told`, (await page.locator(".told").first().textContent()).startsWith(`${names[1]} · `));
+  await page.locator(".space").first().screenshot({ path: path.join(out, `${file}-query.png`) });
+  await page.locator(".space button[data-part=reset]").first().click();
+  await page.locator(".space").first().screenshot({ path: path.join(out, `${file}-place.png`) });
+}
+
 const browser = await chromium.launch({ executablePath: given.chromium, args: ["--no-sandbox"] });
 for (const file of pages) {
   const label = path.basename(file, ".html");
@@ -101,33 +132,9 @@ for (const file of pages) {
     for (const details of await page.locator("details").all()) await details.evaluate((e) => { e.open = true; });
     const found = await page.evaluate(faults);
     check(`${at}: a sound document`, found.length === 0, found.slice(0, 6).join("; "));
-    const canvas = page.locator(".space canvas").first();
-    await canvas.scrollIntoViewIfNeeded();
-    const first = await canvas.evaluate(canvasState);
-    check(`${at}: the place is drawn`, first.colors > 50, `${first.colors} colours`);
-    const box = await canvas.boundingBox();
-    const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
-    let last = first;
-    const changed = async (what) => { const now = await canvas.evaluate(canvasState); check(`${at}: ${what} turns it`, now.hash !== last.hash && now.colors > 50); last = now; };
-    await page.mouse.move(x, y); await page.mouse.down(); await page.mouse.move(x + 90, y + 30, { steps: 4 }); await page.mouse.up();
-    await changed("dragging");
-    await canvas.focus();
-    await page.keyboard.press("ArrowRight"); await page.keyboard.press("+");
-    await changed("the keyboard");
-    if (view.hasTouch) {
-      const cdp = await context.newCDPSession(page);
-      const touch = (type, touchPoints) => cdp.send("Input.dispatchTouchEvent", { type, touchPoints });
-      await touch("touchStart", [{ x, y }]); await touch("touchMove", [{ x: x + 60, y: y + 10 }]); await touch("touchEnd", []);
-      await changed("a finger");
-    }
-    await page.keyboard.press("0");
-    const query = page.locator(".space select[data-part=query]").first();
-    const names = await query.locator("option").allTextContents();
-    await query.selectOption({ index: 1 });
-    check(`${at}: a chosen query is told`, (await page.locator(".told").first().textContent()).startsWith(`${names[1]} · `));
-    await page.locator(".space").first().screenshot({ path: path.join(out, `${label}-${name}-query.png`) });
-    await page.locator(".space button[data-part=reset]").first().click();
-    await page.locator(".space").first().screenshot({ path: path.join(out, `${label}-${name}-place.png`) });
+    const pictures = await page.locator("img").evaluateAll((all) => all.map((e) => e.alt.trim() !== "" && e.complete && e.naturalWidth > 0));
+    check(`${at}: ${pictures.length} images are shown and named`, pictures.every(Boolean));
+    if (await page.locator(".space canvas").count()) await turnPlace(page, context, { at, file: `${label}-${name}`, touch: view.hasTouch });
     for (const details of await page.locator("details").all()) await details.evaluate((e, open) => { e.open = open; }, false);
     const one = page.locator("details.query").first();
     if (await one.count()) { await one.evaluate((e) => { e.open = true; }); await one.screenshot({ path: path.join(out, `${label}-${name}-details.png`) }); }
@@ -139,8 +146,12 @@ for (const file of pages) {
   const context = await browser.newContext({ ...VIEWS[0], javaScriptEnabled: false });
   const page = await context.newPage();
   await page.goto(address);
-  check(`${label} without scripts: the place from above`, await page.locator(".flat svg[role=img]").first().isVisible());
-  check(`${label} without scripts: no dead controls`, !(await page.locator(".live").first().isVisible()));
+  if (await page.locator(".space").count()) {
+    check(`${label} without scripts: the place from above`, await page.locator(".flat svg[role=img]").first().isVisible());
+    check(`${label} without scripts: no dead controls`, !(await page.locator(".live").first().isVisible()));
+  } else {
+    check(`${label} without scripts: its tables`, await page.locator("table").first().isVisible());
+  }
   await context.close();
 }
 await browser.close();

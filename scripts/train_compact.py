@@ -1,19 +1,22 @@
 #!/usr/bin/env python3
-"""Trains the projection of compact descriptors: RootSIFT, 128 bytes, to 64 numbers of 4 bits.
+"""Trains the projection of compact descriptors: RootSIFT to 64 numbers of 4 bits, or the descriptors of a network to 48.
 
     .venv/bin/python scripts/train_compact.py --images $VEILOC_DATA/training-photos --veiloc target/release/veiloc \
         --out crates/features/src/compact/projection.bin
+    .venv/bin/python scripts/train_compact.py --images $VEILOC_DATA/training-photos --veiloc target/release/veiloc \
+        --features xfeat --train 200
 
 Linear discriminant analysis. Images are warped by random homographies, blurred, made darker, noisier; keypoints of an image
 and of its warped version that lie within 1.5 px of each other are pairs. Differences of pairs are what must not count (their
-covariance becomes a ball), differences of keypoints at large what must (the 64 directions in which they differ most are
+covariance becomes a ball), differences of keypoints at large what must (the directions in which they differ most are
 kept). One step of the 4 bits is the same for all numbers, so that Euclidean distance stays what discriminates.
 
-The file: 64 rows of 128 little endian i16, then 64 i32. Number `i` of RootSIFT `x` is `(Σ w[i, j] x[j] + o[i]) >> 18`, from
--8 to 7: integers, so that every machine computes the same.
+The file: 64 (48) rows of little endian i16, one for each number of a descriptor, then as many i32. Number `i` of a descriptor `x` is
+`(Σ w[i, j] x[j] + o[i]) >> 18`, from -8 to 7: integers, so that every machine computes the same. Of a network's descriptors `x[j]`
+is the signed number that a byte stands for, and it is shifted by 16.
 
 Also prints what part of the keypoints of images that were not trained on finds its partner as nearest neighbour among those
-of 13 images, for RootSIFT and for projections to other lengths.
+of 13 images, for the descriptors as they are and for projections to other lengths.
 """
 
 import argparse
@@ -30,12 +33,16 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-SHIFT = 18
+SHIFT = {"sift": 18, "learned": 16}  # learned descriptors vary less, so that weights are larger
 LEVELS = 16
-SPREADS = 2.5  # standard deviations on either side that the levels cover
-FLOOR = 0.1  # added to variances of pairs, in parts of their mean
+# By what is projected; of networks' chosen for XFeat and ALIKE on 18 images that are neither learned from nor judged by.
+COUNT = {"sift": 64, "learned": 48}  # numbers of the file
+SPREADS = {"sift": 2.5, "learned": 3.2}  # standard deviations on either side that the levels cover
+FLOOR = {"sift": 0.1, "learned": 0.5}  # added to variances of pairs, in parts of their mean
 PAIR_PX, RIGHT_PX = 1.5, 3.0
-FARTHEST = 230.0  # RootSIFT distance of a pair; farther are other orientations or scales at the same place
+# Distance of a pair; farther are other orientations or scales at the same place. Of networks' in parts of their length: their
+# numbers have both signs, so that descriptors of different places are farther from each other than RootSIFT's.
+FARTHEST = {"sift": 230.0, "learned": 0.8}
 WARPS = 2
 
 
@@ -77,13 +84,15 @@ def keypoints(args, names, folder):
             homographies[f"{number:04d}", k] = homography
             cv2.imwrite(str(folder / f"{number:04d}_{k}.png"), warped)
     out = folder / "keypoints.jsonl.gz"
-    command = [args.veiloc, "--quiet", "eval", "keypoints", folder, "--features", "sift", "--max-keypoints", "1024", "-o", out]
+    command = [args.veiloc, "--quiet", "eval", "keypoints", folder, "--features", args.features, "--max-keypoints", "1024", "-o", out]
     subprocess.run(list(map(str, command)), check=True)
     found = {}
     with gzip.open(out) as lines:
         for row in map(json.loads, lines):
-            bytes_ = np.frombuffer(base64.b64decode(row["descriptors"]), np.uint8)
-            found[Path(row["name"]).stem] = (np.array(row["keypoints"]).reshape(-1, 2), bytes_.reshape(-1, 128))
+            numbers = np.frombuffer(base64.b64decode(row["descriptors"]), np.uint8).astype(np.int16)
+            if args.features != "sift":
+                numbers -= 128
+            found[Path(row["name"]).stem] = (np.array(row["keypoints"]).reshape(-1, 2), numbers.reshape(-1, row["descriptor_dim"]))
     both = {}
     for (number, k), homography in homographies.items():
         both.setdefault(number, []).append((homography, found[f"{number}_{k}"]))
@@ -97,8 +106,8 @@ def moved(points, homography):
     return np.where((ahead[:, 2:] > 0) & (np.abs(out) < 1e5), out, -1e4)
 
 
-def pairs(images):
-    """Descriptors of pairs, `[N, 128]` each; of several at one place the most similar."""
+def pairs(images, farthest):
+    """Descriptors of pairs, `[N, numbers]` each; of several at one place the most similar."""
     first, second = [], []
     for (points, own), warps in images:
         for homography, (other_points, other) in warps:
@@ -108,35 +117,37 @@ def pairs(images):
             for i, near in enumerate(tree.query_ball_point(moved(points, homography), PAIR_PX)):
                 if near:
                     away = ((other[near].astype(np.float32) - own[i]) ** 2).sum(1)
-                    if away.min() < FARTHEST**2:
+                    if away.min() < farthest**2:
                         first.append(own[i])
                         second.append(other[near[int(away.argmin())]])
     return np.array(first, np.float64), np.array(second, np.float64)
 
 
-def discriminant(first, second, count):
-    """Mean and the `count` directions, `[count, 128]`, in which pairs differ by 1 and others most."""
+def discriminant(first, second, count, floor):
+    """Mean and the `count` directions, `[count, numbers]`, in which pairs differ by 1 and others most."""
     apart = first - second
     values, vectors = np.linalg.eigh(apart.T @ apart / len(apart) / 2)
-    whiten = vectors @ np.diag((values + FLOOR * values.mean()) ** -0.5) @ vectors.T
+    whiten = vectors @ np.diag((values + floor * values.mean()) ** -0.5) @ vectors.T
     both = np.vstack([first, second])
     _, directions = np.linalg.eigh(whiten @ np.cov(both.T) @ whiten)
     return both.mean(0), directions[:, ::-1][:, :count].T @ whiten
 
 
-def integers(first, mean, directions):
-    """Weights `[count, 128]` i16 and offsets `[count]` i32 of the file."""
-    step = 2 * SPREADS * ((first - mean) @ directions.T).std() / LEVELS
-    weights = np.round(directions / step * 2**SHIFT)
+def integers(first, mean, directions, spreads, shift):
+    """Weights `[count, numbers]` i16 and offsets `[count]` i32 of the file."""
+    step = 2 * spreads * ((first - mean) @ directions.T).std() / LEVELS
+    weights = np.round(directions / step * 2**shift)
     assert np.abs(weights).max() < 2**15
-    offsets = np.round(-(directions @ mean) / step * 2**SHIFT)
-    return weights.astype("<i2"), offsets.astype("<i4")
+    offsets = np.round(-(directions @ mean) / step * 2**shift)
+    # The median length of what comes out, with middles of levels kept as multiples of 16: what `DescriptorKind::norm` says.
+    coarse = 16 * project(weights, offsets, first, shift)
+    return weights.astype("<i2"), offsets.astype("<i4"), float(np.median(np.linalg.norm(coarse, axis=1)))
 
 
-def project(weights, offsets, descriptors):
+def project(weights, offsets, descriptors, shift):
     """`[N, count]`, -7.5 to 7.5: middles of the levels."""
-    sums = descriptors.astype(np.int64) @ weights.astype(np.int64).T + offsets
-    return np.clip(sums >> SHIFT, -LEVELS // 2, LEVELS // 2 - 1).astype(np.float32) + 0.5
+    sums = descriptors.astype(np.int64) @ weights.astype(np.int64).T + offsets.astype(np.int64)
+    return np.clip(sums >> shift, -LEVELS // 2, LEVELS // 2 - 1).astype(np.float32) + 0.5
 
 
 def found(images, encode, others=12):
@@ -161,24 +172,33 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, required=True)
     parser.add_argument("--veiloc", type=Path, required=True)
+    parser.add_argument("--features", default="sift", help="sift, or a model of `veiloc models` whose file VEILOC_MODELS finds")
     parser.add_argument("--train", type=int, default=500, help="images, the first by a hash of their names")
     parser.add_argument("--judge", type=int, default=30, help="images, the last")
-    parser.add_argument("--out", type=Path, help="where the 64 numbers of 4 bits go")
+    parser.add_argument("--out", type=Path, help="where the projection goes")
     args = parser.parse_args()
     names = names_by_hash(args.images)
     with tempfile.TemporaryDirectory() as train, tempfile.TemporaryDirectory() as judge:
-        first, second = pairs(keypoints(args, names[: args.train], Path(train)))
+        which = args.features if args.features in FARTHEST else "learned"
+        farthest, shift = FARTHEST[which], SHIFT[which]
+        learned = keypoints(args, names[: args.train], Path(train))
+        if which == "learned":
+            farthest *= np.median(np.concatenate([np.linalg.norm(own[1].astype(float), axis=1) for own, _ in learned]))
+        first, second = pairs(learned, farthest)
         judged = keypoints(args, names[-args.judge :], Path(judge))
     print(f"{len(first)} pairs of {args.train} images")
-    print(f"RootSIFT, 128 bytes: {found(judged, lambda x: x.astype(np.float32)):.4f}")
-    for count in (32, 48, 64, 96):
-        mean, directions = discriminant(first, second, count)
-        weights, offsets = integers(first, mean, directions)
+    own = first.shape[1]
+    print(f"{args.features}, {own} bytes: {found(judged, lambda x: x.astype(np.float32)):.4f}", flush=True)
+    for count in [count for count in (32, 48, 64, 96, 128) if count <= own]:
+        mean, directions = discriminant(first, second, count, FLOOR[which])
+        weights, offsets, length = integers(first, mean, directions, SPREADS[which], shift)
         plain = found(judged, lambda x: ((x - mean) @ directions.T).astype(np.float32))
-        coarse = found(judged, lambda x: project(weights, offsets, x))
-        print(f"{count} numbers: {plain:.4f} as they are, {coarse:.4f} with 4 bits ({count // 2} bytes)")
-        if count == 64 and args.out:
-            args.out.write_bytes(weights.tobytes() + offsets.tobytes())
+        coarse = found(judged, lambda x: project(weights, offsets, x, shift))
+        print(f"{count} numbers: {plain:.4f} as they are, {coarse:.4f} with 4 bits ({count // 2} bytes)", flush=True)
+        if count == COUNT[which]:
+            print(f"   their median length is {length:.0f}")
+            if args.out:
+                args.out.write_bytes(weights.tobytes() + offsets.tobytes())
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ use veiloc_training::{Course, CurvePoint, Trained};
 
 use crate::example::Example;
 use crate::inverter::Inverter;
+use crate::task::InversionTask;
 
 /// The document that `veiloc train inversion --json` writes.
 #[derive(Debug, Clone, Serialize)]
@@ -18,8 +19,12 @@ pub struct InversionDocument {
     pub images: [usize; 2],
     /// Keypoints of the images that were learned from.
     pub keypoints: usize,
+    /// How the network is built: `unet` or `invsfm`.
+    pub form: &'static str,
     /// What the network is given of places: `places`, `lines` or `bag`.
     pub sees: &'static str,
+    /// Percent of an image's descriptors that at most stood in wrong places while it was learned from.
+    pub wrong_percent: u8,
     /// Scheme of the lines; `points` where it sees none.
     pub scheme: String,
     /// Length of the descriptors.
@@ -71,14 +76,22 @@ impl From<&CurvePoint> for CurveRow {
 
 impl InversionDocument {
     /// Of a training; `images` are those learned from and those that chose the step.
-    pub fn new(trained: &Trained<Inverter>, course: &Course, images: [&[Example]; 2], seconds: f64) -> Self {
+    pub fn new(
+        trained: &Trained<Inverter>,
+        (task, course): (&InversionTask, &Course),
+        images: [&[Example]; 2],
+        seconds: f64,
+    ) -> Self {
+        let wrong_percent = task.wrong_percent();
         let shape = trained.network.shape();
         Self {
             version: 1,
             command: "train inversion",
             images: images.map(<[Example]>::len),
             keypoints: images[0].iter().map(Example::keypoints).sum(),
+            form: shape.form.name(),
             sees: shape.sees.name(),
+            wrong_percent,
             scheme: trained.network.scheme().to_string(),
             dimension: shape.dimension,
             width: shape.width,
@@ -106,9 +119,10 @@ pub fn inversion_table(document: &InversionDocument) -> String {
     }
     let [train, validate] = document.images;
     format!(
-        "{}\n{} numbers, given {}: learned from {train} images, best of {} steps on {validate}: {}.\n",
+        "{}\n{} numbers ({}), given {}: learned from {train} images, best of {} steps on {validate}: {}.\n",
         table.render(),
         document.parameters,
+        document.form,
         document.sees,
         document.steps_done,
         document.best_step

@@ -62,6 +62,14 @@ pub enum InversionError {
     /// No network takes places.
     #[error("none of the networks takes places; train one with `veiloc train inversion`")]
     NoNetwork,
+    /// A network that is given no places was to learn which places are wrong.
+    #[error(
+        "which places are wrong is learned by networks that are given places, and this one is given {sees}; use --sees places"
+    )]
+    NoPlaces {
+        /// What it is given.
+        sees: &'static str,
+    },
     /// A network that sees lines was not told the scheme, or another was.
     #[error("{found}: {expected}")]
     Scheme {

@@ -42,6 +42,8 @@ pub struct Example {
 #[derive(Debug, Clone)]
 pub(crate) struct Lesson {
     pub(crate) placed: Placed,
+    /// `[N]`: which descriptors stand where they belong.
+    pub(crate) right: Vec<bool>,
     pub(crate) truth: Matrix,
 }
 
@@ -100,10 +102,11 @@ impl Example {
     pub(crate) fn whole(&self, task: &InversionTask, rng: &mut ChaCha8Rng) -> Result<Lesson, SealError> {
         let all: Vec<usize> = (0..self.keypoints.len()).collect();
         let placed = self.placed(&all, &self.keypoints, self.size, task, rng)?;
-        Ok(Lesson { placed, truth: colours(&self.whole) })
+        Ok(Lesson { placed, right: vec![true; all.len()], truth: colours(&self.whole) })
     }
 
-    /// Some of the keypoints, of the whole image or of a part as an image of its own.
+    /// Some of the keypoints, of the whole image or of a part as an image of its own; some of them in wrong places, where the
+    /// task says so.
     pub(crate) fn draw(&self, task: &InversionTask, rng: &mut ChaCha8Rng) -> Result<Lesson, SealError> {
         let mut kept: Vec<usize> = (0..self.keypoints.len()).collect();
         let (mut places, mut size, mut truth) = (self.keypoints.clone(), self.size, None);
@@ -133,9 +136,10 @@ impl Example {
         let count = (share * kept.len() as f64).ceil() as usize;
         let (drawn, _) = kept.partial_shuffle(rng, count);
         let drawn = drawn.to_vec();
-        let chosen: Vec<Pixel> = drawn.iter().map(|i| places[*i]).collect();
+        let mut chosen: Vec<Pixel> = drawn.iter().map(|i| places[*i]).collect();
+        let right = places::misplace(&mut chosen, size, self.grid, task.most_wrong(), rng);
         let placed = self.placed(&drawn, &chosen, size, task, rng)?;
-        Ok(Lesson { placed, truth: colours(truth.as_ref().unwrap_or(&self.whole)) })
+        Ok(Lesson { placed, right, truth: colours(truth.as_ref().unwrap_or(&self.whole)) })
     }
 
     fn placed(

@@ -1,7 +1,7 @@
 //! A trained network, and its file.
 //!
 //! ```text
-//! "VLINVERT"            8 bytes
+//! "VLINVERT"            8 bytes; "VLINVSFM" for three U-Nets in a row
 //! version               u32, 1
 //! dimension, width, levels, cells of the longer side, what it sees (0 places, 1 lines, 2 bag),
 //! length of the scheme's name                                          u32 each
@@ -20,20 +20,21 @@ use veiloc_training::file::{Format, Reader, Writer};
 
 use crate::error::InversionError;
 use crate::example::{columns, descriptors};
-use crate::network::{Grid, Placed, Sees, Shape, UNet};
+use crate::network::{Form, Grid, Made, Network, Placed, Sees, Shape};
 use crate::pixels::to_image;
 use crate::places;
 
-const FORMAT: Format = Format {
-    magic: b"VLINVERT",
-    version: 1,
-    expected: "inversion network; `veiloc train inversion` writes one",
-};
+/// What networks of each form are written as.
+const FORMATS: [(Form, Format); 2] = [
+    (Form::UNet, Format { magic: b"VLINVERT", version: 1, expected: EXPECTED }),
+    (Form::InvSfm, Format { magic: b"VLINVSFM", version: 1, expected: EXPECTED }),
+];
+const EXPECTED: &str = "inversion network; `veiloc train inversion` writes one";
 
 /// Makes an image of descriptors; made by [`crate::train`] or [`Self::decode`].
 #[derive(Debug, Clone)]
 pub struct Inverter {
-    net: UNet,
+    net: Network,
     numbers: Vec<f32>,
     scheme: Scheme,
 }
@@ -50,7 +51,7 @@ pub enum Known<'a> {
 }
 
 impl Inverter {
-    pub(crate) fn new(net: UNet, numbers: Vec<f32>, scheme: Scheme) -> Self {
+    pub(crate) fn new(net: Network, numbers: Vec<f32>, scheme: Scheme) -> Self {
         Self { net, numbers, scheme }
     }
 
@@ -80,6 +81,39 @@ impl Inverter {
         known: Known<'_>,
         times: u32,
     ) -> Result<ColourImage, InversionError> {
+        let (placed, made) = self.made(image, known, times)?;
+        Ok(to_image(&made.colours, placed.grid))
+    }
+
+    /// How far each of these descriptors is believed to stand where it was placed, `[N]`, from 0 to 1; NaN for one that is
+    /// placed beyond the image. `None` of a network that judges no places ([`Form::UNet`]).
+    ///
+    /// # Errors
+    /// As [`Self::invert`].
+    pub fn beliefs(
+        &self,
+        image: &KeypointImage,
+        places: &[Pixel],
+    ) -> Result<Option<Vec<f32>>, InversionError> {
+        if self.shape().form == Form::UNet {
+            return Ok(None);
+        }
+        let (placed, made) = self.made(image, Known::Places(places), 1)?;
+        Ok(made.stages.map(|stages| {
+            let mut beliefs = vec![f32::NAN; places.len()];
+            for (descriptor, cell, _) in &placed.shares {
+                beliefs[*descriptor as usize] = 1.0 / (1.0 + (-stages.odds[*cell as usize]).exp());
+            }
+            beliefs
+        }))
+    }
+
+    fn made(
+        &self,
+        image: &KeypointImage,
+        known: Known<'_>,
+        times: u32,
+    ) -> Result<(Placed, Made), InversionError> {
         let (bytes, dimension) = descriptors(image, self.shape().dimension)?;
         let size = [image.width, image.height];
         let one = self.shape().grid(size);
@@ -98,15 +132,16 @@ impl Inverter {
         let rows = bytes.chunks_exact(dimension);
         let count = rows.len();
         let placed = Placed { grid, descriptors: columns(rows, dimension, count), shares };
-        let (colours, _) = self.net.forward(&self.numbers, &placed);
-        Ok(to_image(&colours, grid))
+        let (made, _) = self.net.forward(&self.numbers, &placed);
+        Ok((placed, made))
     }
 
     /// The bytes of its file.
     pub fn encode(&self) -> Vec<u8> {
-        let Shape { dimension, width, depth, side, sees } = *self.shape();
+        let Shape { form, dimension, width, depth, side, sees } = *self.shape();
         let sees = Sees::ALL.iter().position(|s| *s == sees).unwrap_or(0);
-        let mut file = Writer::new(&FORMAT);
+        let of_form = FORMATS.iter().find(|(of, _)| *of == form);
+        let mut file = Writer::new(&of_form.unwrap_or(&FORMATS[0]).1);
         // A shape that was checked is small.
         file.words(&[dimension, width, depth, side, sees].map(|x| x as u32));
         file.text(&self.scheme.to_string());
@@ -119,7 +154,9 @@ impl Inverter {
     /// # Errors
     /// [`InversionError`] saying what is wrong: no network, another version, cut short, damaged.
     pub fn decode(bytes: &[u8]) -> Result<Self, InversionError> {
-        let mut file = Reader::new(bytes, &FORMAT)?;
+        let written = FORMATS.iter().find(|(_, format)| bytes.starts_with(format.magic));
+        let (form, format) = written.unwrap_or(&FORMATS[0]);
+        let mut file = Reader::new(bytes, format)?;
         let mut words = [0; 5];
         for word in &mut words {
             *word = file.word()? as usize;
@@ -128,9 +165,9 @@ impl Inverter {
         let refuse = TrainingError::refuse;
         let sees = Sees::ALL.get(sees).copied().ok_or_else(|| refuse("what it sees", sees, "0, 1 or 2"))?;
         let name = file.text("length of the scheme's name")?;
-        let shape = Shape { dimension, width, depth, side, sees };
+        let shape = Shape { form: *form, dimension, width, depth, side, sees };
         shape.check()?;
-        let (net, places) = UNet::new(shape);
+        let (net, places) = Network::new(shape);
         file.seal(4 * places.count() as u64)?;
         let unknown = || InversionError::Scheme { found: name.clone(), expected: "no scheme is called so" };
         let scheme = name.parse().map_err(|_| unknown())?;

@@ -1,6 +1,6 @@
 //! Images from descriptors: what whoever has keypoints, or only what was sent, can make of a query.
 //!
-//! - [`train`]: a U-Net learns from images of elsewhere; equal seeds give equal networks, whatever the number of threads, and
+//! - [`train`]: a U-Net, or three in a row ([`Form`]), learn from images of elsewhere; equal seeds give equal networks, whatever the number of threads, and
 //!   an interrupted training goes on as if it had not been.
 //! - [`Inverter`]: the network, from descriptors and what is known of their places to an image. Places may be those of the
 //!   keypoints (the paper's upper bound), those an attack recovered, lines as they were sent, or nothing at all ([`Sees`]).
@@ -26,7 +26,7 @@ pub use document::{CurveRow, InversionDocument, inversion_table};
 pub use error::InversionError;
 pub use example::Example;
 pub use inverter::{Inverter, Known};
-pub use network::{Grid, Sees, Shape};
+pub use network::{Form, Grid, Sees, Shape};
 pub use read::{read_examples, refuse_shared};
 pub use task::InversionTask;
 pub use training::train;

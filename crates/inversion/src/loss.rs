@@ -10,13 +10,48 @@
 
 use veiloc_training::Matrix;
 
-use crate::network::Grid;
+use crate::network::{Grid, Made, Placed, Stages};
+
+/// What a wrong belief costs beside colours that are off.
+const OF_BELIEF: f32 = 1.0;
 
 /// Scales at which changes count, each of half the sides of the one before.
 const SCALES: usize = 3;
 
+/// The loss of what a network made, and its derivatives: that of the colours, and of earlier stages that of the first image and
+/// of what they believe. `right`, `[N]`: which descriptors stand where they belong.
+pub(crate) fn loss_of(made: &Made, placed: &Placed, right: &[bool], truth: &Matrix) -> (f64, Made) {
+    let (mut sum, colours) = loss(placed.grid, &made.colours, truth);
+    let stages = made.stages.as_ref().map(|stages| {
+        let (first, coarse) = loss(placed.grid, &stages.coarse, truth);
+        let (wrong, odds) = belief(&stages.odds, placed, right);
+        sum += first + f64::from(OF_BELIEF) * wrong;
+        Stages { odds: odds * OF_BELIEF, coarse }
+    });
+    (sum, Made { colours, stages })
+}
+
+/// What beliefs cost, in natural logarithms, the mean over the cells in which something stands, and its derivatives. `odds`,
+/// `[1, cells]`: their logarithms. Of what shares a cell the share that belongs there is to be believed.
+fn belief(odds: &Matrix, placed: &Placed, right: &[bool]) -> (f64, Matrix) {
+    let full = placed.full();
+    let mut belongs = vec![0.0f32; full.len()];
+    for (descriptor, cell, share) in &placed.shares {
+        belongs[*cell as usize] += if right[*descriptor as usize] { *share } else { 0.0 };
+    }
+    let share = 1.0 / full.iter().filter(|full| **full > 0.0).count().max(1) as f32;
+    let (mut sum, mut slopes) = (0.0, Matrix::zeros(1, full.len()));
+    for (cell, full) in full.iter().enumerate().filter(|(_, full)| **full > 0.0) {
+        let (z, truth) = (odds[cell], belongs[cell] / full);
+        // −truth ln b − (1 − truth) ln (1 − b) with b = 1 / (1 + exp(−z)), without ever taking the logarithm of nothing.
+        sum += f64::from(share * (z.max(0.0) - truth * z + (-z.abs()).exp().ln_1p()));
+        slopes[cell] = share * (1.0 / (1.0 + (-z).exp()) - truth);
+    }
+    (sum, slopes)
+}
+
 /// The loss of these colours, `[3, cells]` both, and its derivatives.
-pub(crate) fn loss(grid: Grid, colours: &Matrix, truth: &Matrix) -> (f64, Matrix) {
+fn loss(grid: Grid, colours: &Matrix, truth: &Matrix) -> (f64, Matrix) {
     let difference = colours - truth;
     let share = 1.0 / difference.len() as f32;
     let mut slopes = difference.map(|d| share * sign(d));
@@ -109,6 +144,34 @@ mod tests {
                     slopes[at]
                 );
             }
+        }
+    }
+
+    #[test]
+    fn a_belief_costs_what_it_is_off() {
+        let grid = Grid { width: 4, height: 1 };
+        let descriptors = Matrix::zeros(2, 3);
+        // One that belongs to cell 0, one that does not to cell 1, and both kinds in cell 2; nothing in cell 3.
+        let shares = vec![(0, 0, 1.0), (1, 1, 1.0), (0, 2, 1.0), (2, 2, 1.0)];
+        let placed = Placed { grid, descriptors, shares };
+        let right = [true, false, false];
+        let of = |odds: [f32; 4]| belief(&Matrix::from_row_slice(1, 4, &odds), &placed, &right);
+        let (even, _) = of([0.0; 4]);
+        assert!((even - 2.0f64.ln()).abs() < 1e-6, "{even}");
+        let (known, slopes) = of([20.0, -20.0, 0.0, 7.0]);
+        assert!((known - 2.0f64.ln() / 3.0).abs() < 1e-6, "{known}: one cell cannot be told");
+        assert!(slopes.iter().all(|slope| slope.abs() < 1e-6), "{slopes}");
+        assert!(of([-200.0, 200.0, 0.0, 0.0]).0.is_finite(), "as wrong as can be");
+        let odds = [0.3, -0.7, 1.1, 0.2];
+        let (_, slopes) = of(odds);
+        for cell in 0..4 {
+            let moved = |by: f32| {
+                let mut odds = odds;
+                odds[cell] += by;
+                of(odds).0
+            };
+            let numeric = (moved(1e-2) - moved(-1e-2)) / 2e-2;
+            assert!((numeric - f64::from(slopes[cell])).abs() < 1e-4, "{cell}: {numeric} {}", slopes[cell]);
         }
     }
 }

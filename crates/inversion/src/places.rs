@@ -1,5 +1,7 @@
 //! From places in an image to cells of a grid: keypoints, answers of attacks, and lines as they were sent.
 
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{KnownSegment, Observation};
 use veiloc_geometry::Pixel;
 
@@ -55,8 +57,53 @@ pub(crate) fn along(observations: &[Observation], size: [u32; 2], grid: Grid) ->
     shares
 }
 
+/// Wrong places are at least so many cells away.
+const NEAREST_WRONG: f64 = 2.0;
+
+/// Puts some of these places elsewhere, and tells which were left where they belong, `[N]`.
+///
+/// In half of the draws all are right; in the others a share of them up to `most` is wrong. A wrong place is anywhere, or off by
+/// two cells to half the image, small errors as likely as large ones: attacks are off by both kinds. Draws nothing for a `most`
+/// of nothing.
+pub(crate) fn misplace(
+    places: &mut [Pixel],
+    size: [u32; 2],
+    grid: Grid,
+    most: f64,
+    rng: &mut ChaCha8Rng,
+) -> Vec<bool> {
+    let mut right = vec![true; places.len()];
+    if most <= 0.0 {
+        return right;
+    }
+    let share = rng.random_range(-most..=most).max(0.0);
+    let cell_side = f64::from(size[0]) / grid.width as f64;
+    let [nearest, farthest] = [NEAREST_WRONG * cell_side, 0.5 * f64::from(size[0].max(size[1]))];
+    for (place, right) in places.iter_mut().zip(&mut right) {
+        if rng.random::<f64>() >= share {
+            continue;
+        }
+        *right = false;
+        let moved = if rng.random::<bool>() {
+            let off = nearest * (farthest / nearest).max(1.0).powf(rng.random());
+            let (sine, cosine) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();
+            Some(Pixel::new(place.u + off * cosine, place.v + off * sine))
+        } else {
+            None
+        };
+        // An attack that is off by so much leaves the image as often; what lies beyond it is not placed and teaches nothing.
+        *place = moved.filter(|p| cell(*p, size, grid).is_some()).unwrap_or_else(|| {
+            let [u, v] = size.map(|side| rng.random_range(0.0..f64::from(side)));
+            Pixel::new(u, v)
+        });
+    }
+    right
+}
+
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+
     use veiloc_geometry::{Pencils, PixelLine};
 
     use super::*;
@@ -99,5 +146,32 @@ mod tests {
         let far = |s: &&Share| (f64::from(s.1 / 64) - 12.0).abs() > 24.0;
         let own: Vec<&Share> = shares.iter().filter(|s| s.0 == 1).collect();
         assert!(own.iter().copied().filter(far).count() > 0, "it reaches across the image");
+    }
+
+    #[test]
+    fn some_places_are_wrong_and_it_is_told_which() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let truth: Vec<Pixel> = (0..400).map(|i| Pixel::new(f64::from(i % 20) * 30.0 + 9.0, 200.0)).collect();
+        let (mut whole, mut wrong, mut far) = (0, 0, 0);
+        for _ in 0..100 {
+            let mut places = truth.clone();
+            let right = misplace(&mut places, SIZE, GRID, 0.6, &mut rng);
+            whole += usize::from(right.iter().all(|right| *right));
+            for ((place, truth), right) in places.iter().zip(&truth).zip(&right) {
+                let off = (place.u - truth.u).hypot(place.v - truth.v);
+                assert!(cell(*place, SIZE, GRID).is_some(), "it stays in the image");
+                assert!(!right || off == 0.0);
+                wrong += usize::from(!right);
+                far += usize::from(!right && off > 100.0);
+            }
+        }
+        assert!((35..65).contains(&whole), "{whole} of 100 without a wrong one");
+        // A quarter of 0.6 in the mean.
+        assert!((3500..8500).contains(&wrong), "{wrong} of 40000");
+        assert!(far * 5 > wrong * 2 && far < wrong, "near and far: {far} of {wrong}");
+        let before = rng.clone();
+        let mut places = truth.clone();
+        assert!(misplace(&mut places, SIZE, GRID, 0.0, &mut rng).iter().all(|right| *right));
+        assert!(places == truth && rng == before, "nothing is drawn where nothing is wrong");
     }
 }

@@ -10,8 +10,8 @@ use veiloc_training::{Course, Progress, Subject, Trained, TrainingState, begin, 
 use crate::error::InversionError;
 use crate::example::{Example, Lesson};
 use crate::inverter::Inverter;
-use crate::loss::loss;
-use crate::network::UNet;
+use crate::loss::loss_of;
+use crate::network::Network;
 use crate::task::InversionTask;
 
 /// Trains a network, and keeps that of the highest PSNR on the `validation` images.
@@ -45,7 +45,7 @@ pub fn train(
     if judged.is_empty() {
         return Err(InversionError::Nothing("choose the best step by"));
     }
-    let (net, places) = UNet::new(task.shape);
+    let (net, places) = Network::new(task.shape);
     let numbers = places.draw(&mut ChaCha8Rng::seed_from_u64(course.seed));
     let begun_with = fingerprint(|feed| {
         feed(format!("inversion {task:?} {course:?}").as_bytes());
@@ -68,7 +68,7 @@ pub fn train(
 }
 
 struct Inversion<'a> {
-    net: UNet,
+    net: Network,
     lessons: Vec<&'a Example>,
     judged: Vec<Lesson>,
     task: &'a InversionTask,
@@ -78,17 +78,17 @@ impl Subject for Inversion<'_> {
     fn lesson(&self, numbers: &[f32], slopes: &mut [f32], rng: &mut ChaCha8Rng) -> f64 {
         let example = self.lessons[rng.random_range(0..self.lessons.len())];
         // Keypoints lie in the image, so that every scheme takes them.
-        let Ok(Lesson { placed, truth }) = example.draw(self.task, rng) else { return f64::NAN };
-        let (colours, tape) = self.net.forward(numbers, &placed);
-        let (loss, of_colours) = loss(placed.grid, &colours, &truth);
-        self.net.backward(numbers, slopes, &placed, &tape, &of_colours);
+        let Ok(Lesson { placed, right, truth }) = example.draw(self.task, rng) else { return f64::NAN };
+        let (made, tape) = self.net.forward(numbers, &placed);
+        let (loss, of_made) = loss_of(&made, &placed, &right, &truth);
+        self.net.backward(numbers, slopes, &placed, &tape, &of_made);
         loss
     }
 
     /// Mean PSNR, decibels.
     fn judge(&self, numbers: &[f32]) -> f64 {
         let of = |lesson: &Lesson| {
-            let (colours, _) = self.net.forward(numbers, &lesson.placed);
+            let colours = self.net.forward(numbers, &lesson.placed).0.colours;
             let pairs = colours.iter().zip(lesson.truth.iter());
             let squares: f64 = pairs.map(|(c, t)| f64::from(c.clamp(0.0, 1.0) - t).powi(2)).sum();
             -10.0 * (squares / colours.len() as f64).max(1e-12).log10()

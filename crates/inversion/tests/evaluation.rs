@@ -8,7 +8,9 @@ use veiloc_inversion::evaluation::{
     EvaluationDocument, InversionEvaluation, Judges, Realistic, Sheet, SummaryRow, evaluate_inversion,
     evaluation_table,
 };
-use veiloc_inversion::{Course, InversionError, InversionTask, Inverter, Sees, Shape, read_examples, train};
+use veiloc_inversion::{
+    Course, Form, InversionError, InversionTask, Inverter, Sees, Shape, read_examples, train,
+};
 use veiloc_query::{ExtractionLimits, Scheme};
 
 /// Squares on a slope, with corners for SIFT to find.
@@ -22,8 +24,8 @@ fn draw(folder: &Path, shift: u32) -> PathBuf {
     path
 }
 
-fn network(paths: &[PathBuf], sees: Sees) -> Inverter {
-    let shape = Shape { dimension: 128, width: 2, depth: 2, side: 32, sees };
+fn network(paths: &[PathBuf], form: Form, sees: Sees) -> Inverter {
+    let shape = Shape { form, dimension: 128, width: 2, depth: 2, side: 32, sees };
     let scheme = (sees == Sees::Lines).then(Scheme::default);
     let task = InversionTask::new(shape, scheme).expect("it can be");
     let limits = ExtractionLimits::default();
@@ -59,7 +61,7 @@ fn evaluate(
 fn every_scheme_and_attack_has_its_rows() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let paths: Vec<PathBuf> = (0..6).map(|i| draw(folder.path(), 31 * i)).collect();
-    let networks = [Sees::Places, Sees::Lines, Sees::Bag].map(|sees| network(&paths, sees));
+    let networks = [Sees::Places, Sees::Lines, Sees::Bag].map(|sees| network(&paths, Form::UNet, sees));
     let limits = ExtractionLimits::default();
     let map =
         veiloc_datasets::keypoints_of_images(&paths[5..], &Sift::default(), limits, &()).expect("images");
@@ -114,6 +116,23 @@ fn every_scheme_and_attack_has_its_rows() {
     assert!(sheet.png().expect("small").expect("tiles").starts_with(b"\x89PNG"));
     let table = evaluation_table(&document);
     assert!(table.contains("realistic (transfer)") && table.contains("Means over 2 images"), "{table}");
+
+    assert!(document.summary.iter().all(|row| row.told_apart.is_none()) && !table.contains("told apart"));
+
+    // Three stages say of places what they believe.
+    let staged = [network(&paths, Form::InvSfm, Sees::Places)];
+    let of_staged = evaluate(&paths[3..5], &staged, Realistic::default()).expect("it runs").0;
+    assert_eq!(of_staged.networks[0].form, "invsfm");
+    for row in &of_staged.summary {
+        // Keypoints as they are hold nothing wrong, graph may bring all back, and where nothing is given nothing is judged.
+        match (row.scheme.as_str(), row.attack) {
+            ("points" | "nothing", _) => assert_eq!(row.told_apart, None, "{row:?}"),
+            (_, "guess" | "closed-form") => assert!(row.told_apart.is_some(), "{row:?}"),
+            _ => {}
+        }
+        assert!(row.told_apart.is_none_or(|told| told > 0.0 && told < 1.0), "{row:?}");
+    }
+    assert!(evaluation_table(&of_staged).contains("told apart"));
 
     // The same again to the last digit.
     let again = evaluate(&paths[3..5], &networks[..1], Realistic::default()).expect("it runs").0;

@@ -2,19 +2,26 @@
 
 use std::ops::ControlFlow;
 
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::KeypointImage;
 use veiloc_features::ColourImage;
 use veiloc_geometry::Pixel;
 use veiloc_inversion::{
-    Course, Example, InversionError, InversionTask, Inverter, Known, Sees, Shape, Trained, TrainingState,
-    train,
+    Course, Example, Form, InversionError, InversionTask, Inverter, Known, Sees, Shape, Trained,
+    TrainingState, train,
 };
 use veiloc_training::TrainingError;
 
 const SIZE: [u32; 2] = [64, 48];
 
 fn shape(sees: Sees) -> Shape {
-    Shape { dimension: 4, width: 6, depth: 2, side: 32, sees }
+    Shape { form: Form::UNet, dimension: 4, width: 6, depth: 2, side: 32, sees }
+}
+
+fn three_stages() -> InversionTask {
+    let shape = Shape { form: Form::InvSfm, ..shape(Sees::Places) };
+    InversionTask::new(shape, None).expect("it can be")
 }
 
 fn task(sees: Sees) -> InversionTask {
@@ -26,16 +33,33 @@ fn course(steps: usize) -> Course {
     Course { steps, images: 3, learning_rate: 4e-3, weight_decay: 1e-4, validate_every: 20, seed: 1 }
 }
 
-/// Patches of colours, and keypoints all over it whose descriptors tell the colour.
+/// Patches of colours.
 fn image(seed: u32) -> (ColourImage, KeypointImage) {
-    let colour = |x: u32, y: u32| {
+    let places = (0..150).map(|i| ((i * 37 + seed * 11) % SIZE[0], (i * 23 + seed * 5) % SIZE[1]));
+    image_of(seed, places, |x, y| {
         let patch = (x / 16 + 5 * (y / 16) + 3 * seed) * 97 % 251;
         [patch as u8, (255 - patch) as u8, 128]
-    };
+    })
+}
+
+/// Bright on the right, green below: what a descriptor tells says where it belongs.
+fn slope(seed: u32) -> (ColourImage, KeypointImage) {
+    // Anywhere: on a lattice, wrong places would be told by not being on it.
+    let mut rng = ChaCha8Rng::seed_from_u64(seed.into());
+    let places = (0..150).map(|_| (rng.random_range(0..SIZE[0]), rng.random_range(0..SIZE[1])));
+    image_of(seed, places, |x, y| [(4 * x) as u8, (5 * y) as u8, 40 + (seed % 40) as u8])
+}
+
+/// An image of these colours, and keypoints in these places whose descriptors tell the colour.
+fn image_of(
+    seed: u32,
+    places: impl Iterator<Item = (u32, u32)>,
+    colour: impl Fn(u32, u32) -> [u8; 3],
+) -> (ColourImage, KeypointImage) {
+    let colour = &colour;
     let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).flat_map(move |x| colour(x, y))).collect();
     let (mut keypoints, mut descriptors) = (Vec::new(), Vec::new());
-    for i in 0..150 {
-        let (x, y) = ((i * 37 + seed * 11) % SIZE[0], (i * 23 + seed * 5) % SIZE[1]);
+    for (x, y) in places {
         keypoints.push(Pixel::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
         descriptors.extend(colour(x, y));
         descriptors.push(128);
@@ -119,21 +143,64 @@ fn lines_and_bags_are_learned_from_too() {
 }
 
 #[test]
+fn three_stages_learn_colours_and_which_places_are_wrong() {
+    let of = |seeds: std::ops::Range<u32>, task: &InversionTask| -> Vec<Example> {
+        let example = |seed| {
+            let (image, keypoints) = slope(seed);
+            Example::new(&image, &keypoints, task).expect("of its length")
+        };
+        seeds.map(example).collect()
+    };
+    let task = three_stages();
+    let on = |_: veiloc_inversion::Progress<'_>| ControlFlow::Continue(());
+    let trained =
+        train(&of(0..8, &task), &of(50..52, &task), &task, &course(600), None, on).expect("it learns");
+    let (first, last) = (trained.curve[0], trained.curve[trained.curve.len() - 1]);
+    assert!(last.loss < 0.7 * first.loss && last.judged > first.judged + 1.0, "{:?}", trained.curve);
+
+    // Of another image a third of the descriptors is put where others of them belong.
+    let (_, image) = slope(78);
+    let moved = |i: usize| i.is_multiple_of(3);
+    let place = |i: usize| image.keypoints[if moved(i) { (i + 75) % 150 } else { i }];
+    let places: Vec<Pixel> = (0..150).map(place).collect();
+    let beliefs = trained.network.beliefs(&image, &places).expect("of its length").expect("it judges");
+    let mean = |of: bool| {
+        let own: Vec<f32> = (0..150).filter(|i| moved(*i) == of).map(|i| beliefs[i]).collect();
+        own.iter().sum::<f32>() / own.len() as f32
+    };
+    assert!(mean(false) > mean(true) + 0.1, "right {} wrong {}", mean(false), mean(true));
+    let beyond = trained.network.beliefs(&image, &[Pixel::new(-9.0, 1.0); 150]).expect("no fault");
+    assert!(beyond.expect("it judges").iter().all(|belief| belief.is_nan()), "nothing was placed");
+}
+
+#[test]
+fn a_u_net_can_learn_from_wrong_places_too_and_judges_none() {
+    let plain = trained(&task(Sees::Places), &course(3), None, 0);
+    let wrong = task(Sees::Places).with_wrong(50).expect("it is given places");
+    assert_ne!(trained(&wrong, &course(3), None, 0).state, plain.state);
+    let (_, image) = image(1);
+    assert_eq!(plain.network.beliefs(&image, &image.keypoints).expect("no fault"), None);
+}
+
+#[test]
 fn a_training_in_pieces_on_one_thread_is_the_same_to_the_bit() {
-    let task = task(Sees::Lines);
-    let whole = trained(&task, &course(50), None, 0);
-    let one = rayon_of(1, || trained(&task, &course(50), None, 13));
+    in_pieces(&task(Sees::Lines));
+    in_pieces(&three_stages());
+}
+
+fn in_pieces(task: &InversionTask) {
+    let whole = trained(task, &course(50), None, 0);
+    let one = rayon_of(1, || trained(task, &course(50), None, 13));
     assert_eq!(one.state.step(), 13);
     let state = TrainingState::decode(&one.state.encode()).expect("what was written");
-    let pieces = rayon_of(3, || trained(&task, &course(50), Some(state), 0));
+    let pieces = rayon_of(3, || trained(task, &course(50), Some(state), 0));
     assert_eq!(pieces.curve, whole.curve);
     assert_eq!(pieces.state, whole.state);
     assert_eq!(pieces.network.encode(), whole.network.encode());
 
     let other = Course { seed: 2, ..course(50) };
-    let (training, validation) = (examples(0..6, &task), examples(50..52, &task));
-    let refused =
-        train(&training, &validation, &task, &other, Some(one.state), |_| ControlFlow::Continue(()));
+    let (training, validation) = (examples(0..6, task), examples(50..52, task));
+    let refused = train(&training, &validation, task, &other, Some(one.state), |_| ControlFlow::Continue(()));
     assert!(matches!(refused, Err(InversionError::Training(TrainingError::OtherTraining))));
 }
 
@@ -168,6 +235,13 @@ fn files_are_read_back_or_refused() {
     assert!(matches!(changed(19, 0x7f), TrainingError::Option { name: "width", .. }), "no memory is taken");
     assert!(matches!(changed(28, 7), TrainingError::Option { name: "what it sees", .. }));
     assert_eq!(changed(200, bytes[200] ^ 1), TrainingError::Checksum);
+    let other = trained(&three_stages(), &course(1), None, 0).network;
+    let read = Inverter::decode(&other.encode()).expect("what was written");
+    assert_eq!((read.shape(), read.encode()), (other.shape(), other.encode()));
+    assert!(read.parameters() > 2 * network.parameters(), "three stages");
+    let mut taken = other.encode();
+    taken[..8].copy_from_slice(&bytes[..8]);
+    assert!(matches!(refused(&taken), TrainingError::Length { .. }), "one form is not read as another");
 }
 
 #[test]
@@ -176,6 +250,13 @@ fn what_makes_no_sense_is_refused() {
     assert!(InversionTask::new(shape(Sees::Lines), None).is_err(), "lines of what");
     assert!(InversionTask::new(shape(Sees::Lines), Some(veiloc_query::Scheme::Points)).is_err(), "no lines");
     assert!(InversionTask::new(shape(Sees::Bag), Some(dcl)).is_err(), "nothing is seen of it");
+    for sees in [Sees::Lines, Sees::Bag] {
+        let shape = Shape { form: Form::InvSfm, ..shape(sees) };
+        let words = InversionTask::new(shape, (sees == Sees::Lines).then_some(dcl)).expect_err("no places");
+        assert!(words.to_string().contains("use --sees places"), "{words}");
+        assert!(task(sees).with_wrong(10).is_err());
+    }
+    assert!(task(Sees::Places).with_wrong(91).is_err() && task(Sees::Bag).with_wrong(0).is_ok());
     assert!(InversionTask::new(Shape { depth: 0, ..shape(Sees::Places) }, None).is_err());
     let task = task(Sees::Places);
     let (colours, mut keypoints) = image(1);

@@ -64,9 +64,19 @@ fn a_training_in_pieces_writes_the_same_network_and_images_are_made_of_it() {
 
     let eval =
         "eval inversion image-1.png image-3.png --network whole.net --schemes points,dcl -k 5 --shown 2";
-    run(folder, &format!("{eval} --sheet sheet.png --wide-sheet wide.png --json rows.json"))
-        .expect("evaluated");
+    run(
+        folder,
+        &format!("{eval} --sheet sheet.png --wide-sheet wide.png --report page.html --json rows.json"),
+    )
+    .expect("evaluated");
     assert!(read("sheet.png").starts_with(b"\x89PNG") && read("wide.png").starts_with(b"\x89PNG"));
+    let page = String::from_utf8(read("page.html")).expect("text");
+    // Two images: the originals and five rows of each, and those that are given places in the wide view.
+    assert_eq!(page.matches("data:image/png;base64,").count(), 2 * (1 + 5) + 2 * (1 + 4));
+    assert!(page.contains("This file contains images") && page.contains("Dual convergent lines"));
+    let bare = eval.replace("--shown 2", "--shown 0");
+    run(folder, &format!("{bare} --report bare.html --json rows.json")).expect("evaluated");
+    assert!(!String::from_utf8(read("bare.html")).expect("text").contains("data:image"));
     let document = String::from_utf8(read("rows.json")).expect("text");
     for field in [
         "\"image\": \"image-3.png\"",
@@ -76,6 +86,16 @@ fn a_training_in_pieces_writes_the_same_network_and_images_are_made_of_it() {
     ] {
         assert!(document.contains(field), "{field} {document}");
     }
+    run(folder, &format!("{common} --shape invsfm -o staged.net")).expect("trained");
+    run(folder, &format!("{} --json rows.json", eval.replace("whole", "staged"))).expect("evaluated");
+    let document = String::from_utf8(read("rows.json")).expect("text");
+    assert!(
+        document.contains("\"form\": \"invsfm\"") && document.contains("\"told_apart\": 0."),
+        "{document}"
+    );
+    let bag =
+        run(folder, &format!("{common} -o other.net --shape invsfm --sees bag")).expect_err("no places");
+    assert!(bag.contains("use --sees places"), "{bag}");
     let none = run(folder, "eval inversion image-1.png --network image-1.png").expect_err("no network");
     assert!(none.contains("image-1.png") && none.contains("no inversion network"), "{none}");
     let half = run(folder, "eval inversion image-1.png --network whole.net --lpips alex.npz")

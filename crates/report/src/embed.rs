@@ -2,9 +2,10 @@
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::PngEncoder;
 use image::imageops::{FilterType, resize};
+use image::{ExtendedColorType, ImageEncoder as _, RgbImage};
 
 /// Longest side on the page, pixels.
 const LONGEST: u32 = 1000;
@@ -24,4 +25,16 @@ pub(super) fn data_address(image: &RgbImage) -> Option<String> {
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, 84).encode_image(shown).ok()?;
     Some(format!("data:image/jpeg;base64,{}", STANDARD.encode(bytes)))
+}
+
+/// A `data:` address of a small image pixel by pixel, as PNG; `pixels`: `[height, width, 3]`. `None` for an empty image, and for
+/// pixels that are not as many.
+pub(super) fn exact_address([width, height]: [u32; 2], pixels: &[u8]) -> Option<String> {
+    let wanted = u64::from(width) * u64::from(height) * 3;
+    if wanted == 0 || pixels.len() as u64 != wanted {
+        return None;
+    }
+    let mut bytes = Vec::new();
+    PngEncoder::new(&mut bytes).write_image(pixels, width, height, ExtendedColorType::Rgb8).ok()?;
+    Some(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
 }

@@ -4,6 +4,7 @@
 //!   and in the place, which is turned in the browser.
 //! - [`html`] does so for the demo ([`Report`]), stage by stage, with what leaked.
 //! - [`audit_page`] does so for an audit ([`veiloc_audit::Audit`]).
+//! - [`inversion_page`] does so for images that were made of descriptors ([`InversionReport`]).
 //! - [`map_picture`]: a map from above as one small drawing.
 //! - [`plots`]: documents of evaluations as SVG.
 //!
@@ -20,6 +21,7 @@ mod data;
 mod embed;
 mod format;
 mod histogram;
+mod inversion;
 mod map_picture;
 mod page;
 pub mod plots;
@@ -37,6 +39,7 @@ mod tests;
 pub use audit::audit_page;
 pub use card::Card;
 pub use data::{AttackedBy, AttackedScheme, Report, SeenQuery};
+pub use inversion::{InversionReport, InversionRow, InversionSheet, SheetImage, SheetTile, inversion_page};
 pub use map_picture::map_picture;
 pub use page::html;
 pub use run::{

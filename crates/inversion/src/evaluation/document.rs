@@ -3,6 +3,7 @@
 use serde::Serialize;
 use veiloc_results::text_table::TextTable;
 
+use super::beliefs::Beliefs;
 use super::judges::Scores;
 use crate::inverter::Inverter;
 
@@ -30,6 +31,8 @@ pub struct EvaluationDocument {
 /// A network.
 #[derive(Debug, Clone, Serialize)]
 pub struct NetworkRow {
+    /// How it is built: `unet` or `invsfm`.
+    pub form: &'static str,
     /// What it is given of places: `places`, `lines` or `bag`.
     pub sees: &'static str,
     /// Scheme of the lines; `points` where it sees none.
@@ -48,6 +51,7 @@ impl From<&Inverter> for NetworkRow {
     fn from(network: &Inverter) -> Self {
         let shape = network.shape();
         Self {
+            form: shape.form.name(),
             sees: shape.sees.name(),
             scheme: network.scheme().to_string(),
             width: shape.width,
@@ -110,6 +114,9 @@ pub struct SummaryRow {
     pub objects: Option<usize>,
     /// Sum of the rows.
     pub objects_found: Option<usize>,
+    /// How often the network believes a keypoint that was put where it belongs more than one that was not, 0.5 by chance; `null`
+    /// where it judges no places, or all are right or wrong.
+    pub told_apart: Option<f64>,
 }
 
 /// What was put through a network: its name in rows, and errors of positions by image, `[images][N]`.
@@ -144,7 +151,7 @@ impl Column {
     }
 
     /// Means over its rows.
-    pub(super) fn summary(&self, rows: &[RebuiltRow]) -> SummaryRow {
+    pub(super) fn summary(&self, rows: &[RebuiltRow], beliefs: &Beliefs) -> SummaryRow {
         let mean =
             |of: &dyn Fn(&RebuiltRow) -> f64| rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64;
         let maybe = |of: fn(&RebuiltRow) -> Option<f64>| {
@@ -166,6 +173,7 @@ impl Column {
             feature_distance: maybe(|row| row.feature_distance),
             objects: sum(|row| row.objects),
             objects_found: sum(|row| row.objects_found),
+            told_apart: beliefs.told_apart(),
         }
     }
 }
@@ -182,13 +190,16 @@ pub fn evaluation_table(document: &EvaluationDocument) -> String {
         "LPIPS",
         "feature distance",
         "objects",
+        "told apart",
     ];
-    let mut table = TextTable::new(head, 2);
+    // Only where a network judges places.
+    let columns = head.len() - usize::from(document.summary.iter().all(|row| row.told_apart.is_none()));
+    let mut table = TextTable::new(head.into_iter().take(columns), 2);
     let maybe = |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
     for row in &document.summary {
         let by = row.by.as_ref().map_or_else(String::new, |by| format!(" ({by})"));
         let objects = row.objects_found.zip(row.objects);
-        table.push(vec![
+        let mut cells = vec![
             row.scheme.clone(),
             format!("{}{by}", row.attack),
             maybe(row.mean_px, 1),
@@ -198,7 +209,10 @@ pub fn evaluation_table(document: &EvaluationDocument) -> String {
             maybe(row.lpips, 3),
             maybe(row.feature_distance, 3),
             objects.map_or("-".to_owned(), |(found, all)| format!("{found} of {all}")),
-        ]);
+            maybe(row.told_apart, 3),
+        ];
+        cells.truncate(columns);
+        table.push(cells);
     }
     format!(
         "{}\nMeans over {} images on the networks' grids. Closed form and graph are told the true neighbours; nothing: a network \

@@ -8,13 +8,14 @@
 //!   about leaks only beside that of nothing.
 
 mod attacked;
+mod beliefs;
 mod document;
 mod judges;
 mod run;
 mod sheet;
 
 pub use attacked::Realistic;
-pub use document::{EvaluationDocument, RebuiltRow, SummaryRow, evaluation_table};
+pub use document::{EvaluationDocument, NetworkRow, RebuiltRow, SummaryRow, evaluation_table};
 pub use judges::{Judges, Scores};
 pub use run::{InversionEvaluation, evaluate_inversion};
 pub use sheet::{Sheet, Tile};

@@ -9,6 +9,7 @@ use veiloc_geometry::Pixel;
 use veiloc_query::{ExtractionLimits, Scheme};
 
 use super::attacked::{Answer, Attacked, Realistic, attack};
+use super::beliefs::Beliefs;
 use super::document::{Column, EvaluationDocument, RebuiltRow};
 use super::judges::Judges;
 use super::sheet::{Sheet, Tile};
@@ -97,6 +98,7 @@ pub fn evaluate_inversion(
 
     progress.start("Making images", images.len() * jobs.len());
     let mut rows: Vec<Vec<RebuiltRow>> = jobs.iter().map(|_| Vec::new()).collect();
+    let mut beliefs = vec![Beliefs::default(); jobs.len()];
     let mut sheets = [Sheet::default(), Sheet::default()];
     for sheet in &mut sheets {
         sheet.columns.push("original".to_owned());
@@ -114,7 +116,7 @@ pub fn evaluate_inversion(
         let mut lines = [Vec::new(), Vec::new()];
         // Most networks have one grid: the original on it, and what is found there.
         let mut held: Option<(Grid, ColourImage, Vec<Detection>)> = None;
-        for (job, rows) in jobs.iter().zip(&mut rows) {
+        for ((job, rows), beliefs) in jobs.iter().zip(&mut rows).zip(&mut beliefs) {
             let grid = job.network.shape().grid(size);
             let (original, objects) =
                 if let Some((_, original, objects)) = held.take().filter(|h| h.0 == grid) {
@@ -132,6 +134,7 @@ pub fn evaluate_inversion(
             let seen = judges.objects(&rebuilt)?;
             let scores = judges.judge(&original, &objects, &rebuilt, &seen)?;
             rows.push(job.column.row((i, &image.name), &scores));
+            job.believes(i, image, beliefs)?;
             if i < evaluation.shown {
                 lines[0].push(Tile { image: rebuilt, boxes: seen });
                 if matches!(job.input, Input::Places(_)) {
@@ -155,7 +158,12 @@ pub fn evaluate_inversion(
         k: evaluation.k,
         seed: evaluation.seed,
         networks: evaluation.networks.iter().map(Into::into).collect(),
-        summary: jobs.iter().zip(&rows).map(|(job, rows)| job.column.summary(rows)).collect(),
+        summary: jobs
+            .iter()
+            .zip(&rows)
+            .zip(&beliefs)
+            .map(|((job, rows), beliefs)| job.column.summary(rows, beliefs))
+            .collect(),
         rows: rows.into_iter().flatten().collect(),
     };
     Ok((document, sheets))
@@ -179,6 +187,18 @@ impl<'a> Job<'a> {
     fn told_nothing(name: &str, network: &'a Inverter, input: Input) -> Self {
         let column = Column { scheme: name.to_owned(), attack: "none", by: None, errors: None };
         Self { column, network, input }
+    }
+
+    /// Adds what the network believes of the places that it is given for an image, where it judges places.
+    fn believes(&self, at: usize, image: &KeypointImage, to: &mut Beliefs) -> Result<(), InversionError> {
+        let (Input::Places(answers), Some(errors)) = (&self.input, &self.column.errors) else {
+            return Ok(());
+        };
+        if let Some(beliefs) = self.network.beliefs(image, &answers[at].places)? {
+            let cells = self.network.shape().grid([image.width, image.height]).width;
+            to.add(&beliefs, &errors[at], f64::from(image.width) / cells as f64);
+        }
+        Ok(())
     }
 
     /// What the network makes of an image, in a view so many times as wide and high.

@@ -75,6 +75,15 @@ impl Sheet {
 }
 
 impl Tile {
+    /// The image with its boxes, each cell of the grid as two by two pixels.
+    pub fn drawn(&self) -> ColourImage {
+        let [width, height] = [self.image.width(), self.image.height()].map(|side| TIMES * side as usize);
+        let mut data = vec![0; 3 * width * height];
+        self.draw(&mut |x, y, colour| data[3 * (y * width + x)..][..3].copy_from_slice(colour));
+        ColourImage::new(width as u32, height as u32, data)
+            .expect("three bytes a pixel of an image that has some")
+    }
+
     fn draw(&self, draw: &mut dyn FnMut(usize, usize, &[u8])) {
         let (width, height) = (self.image.width() as usize, self.image.height() as usize);
         for y in 0..TIMES * height {
@@ -117,6 +126,11 @@ mod tests {
             [&BOX, &BOX, &BOX, &[20; 3]],
             "cut off at the edge"
         );
+        let alone =
+            tile(20, vec![Detection { class: 0, score: 1.0, corners: [2.0, 1.0, 90.0, 4.0] }]).drawn();
+        assert_eq!((alone.width(), alone.height()), (16, 12));
+        let at = |x: usize, y: usize| &alone.data()[3 * (y * 16 + x)..][..3];
+        assert_eq!([at(0, 0), at(4, 2), at(15, 5), at(5, 3)], [&[20; 3], &BOX, &BOX, &[20; 3]]);
         assert!(Sheet::default().image().is_none());
         assert!(Sheet::default().png().expect("nothing to write").is_none());
     }

@@ -143,3 +143,40 @@ fn fold(columns: &[f32], channels: usize, grid: Grid, rows: Range<usize>, map: &
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    /// The same convolution by its definition, cell by cell.
+    #[test]
+    fn convolutions_are_sums_over_nine_cells() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        // Wide enough that rows are worked on one after another.
+        let grid = Grid { width: 700, height: 9 };
+        let mut places = Places::default();
+        let convolution = Convolution::new(&mut places, 6, 2);
+        let mut numbers = places.draw(&mut rng);
+        for n in &mut numbers {
+            *n += 0.1;
+        }
+        let x = Matrix::from_fn(6, grid.cells(), |_, _| rng.random_range(-1.0..1.0));
+        let y = convolution.forward(&numbers, grid, &x);
+        for cell in (0..grid.cells()).step_by(37).chain([0, 699, grid.cells() - 1]) {
+            for to in 0..2 {
+                let mut sum = numbers[2 * 54 + to];
+                for (k, (dy, dx)) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dy, dx))).enumerate() {
+                    let (row, column) = ((cell / 700) as i64 + dy, (cell % 700) as i64 + dx);
+                    if (0..9).contains(&row) && (0..700).contains(&column) {
+                        let beside = (row * 700 + column) as usize;
+                        sum += (0..6).map(|c| numbers[2 * (6 * k + c) + to] * x[(c, beside)]).sum::<f32>();
+                    }
+                }
+                assert!((y[(to, cell)] - sum).abs() < 1e-4, "{cell} {to}: {} {sum}", y[(to, cell)]);
+            }
+        }
+    }
+}

@@ -1,6 +1,6 @@
 //! `--report FILE` of evaluations: what is collected while they run, and the page.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
 use veiloc_eval::{DrawnQuery, SceneEvaluation, drawn_queries};
@@ -137,15 +137,16 @@ impl HtmlReport {
         run.add_cards();
         run.details = details;
         run.details.push(("Lengths".to_owned(), "map units, written as metres".to_owned()));
-        let page = run_page(run);
-        files::write(&self.path, page.as_bytes())?;
-        ui.say(format!(
-            "report: {} ({:.1} MB; open it in a browser)",
-            self.path.display(),
-            page.len() as f64 / 1e6
-        ));
-        Ok(())
+        write_page(&self.path, &run_page(run), ui)
     }
+}
+
+/// Writes a page and says where.
+pub(super) fn write_page(path: &Path, page: &str, ui: &Ui) -> Result<(), Failure> {
+    files::write(path, page.as_bytes())?;
+    let megabytes = page.len() as f64 / 1e6;
+    ui.say(format!("report: {} ({megabytes:.1} MB; open it in a browser)", path.display()));
+    Ok(())
 }
 
 /// Facts for whoever repeats a run.

@@ -9,6 +9,7 @@ use veiloc_inversion::evaluation::{
 };
 use veiloc_inversion::judges::{Detector, FeatureDistance, Lpips, LpipsNetwork};
 use veiloc_query::{ExtractionLimits, Scheme};
+use veiloc_report::inversion_page;
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::feature_args::ImageFeatureArgs;
@@ -18,6 +19,8 @@ use crate::json_args::JsonArgs;
 use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
+
+use super::{html, inversion_report};
 
 /// Images made of what attacks recover from queries of every scheme, and how alike they are to those they were made of.
 ///
@@ -86,9 +89,13 @@ pub struct Args {
     /// The same of a view twice as wide and high, where places are given to the network.
     #[arg(long, value_name = "FILE")]
     wide_sheet: Option<PathBuf>,
-    /// Images on the contact sheets.
+    /// Images on the contact sheets, and in the report.
     #[arg(long, default_value_t = 6, value_name = "N")]
     shown: u32,
+    /// Write a report into FILE: one HTML file that needs no network, with the table and the images of the contact sheets; who
+    /// gets the file gets these images. Default: none is written.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     #[command(flatten)]
     json: JsonArgs,
 }
@@ -144,6 +151,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             files::write(path, &png)?;
             ui.say(format!("{}: {}", path.display(), sheet.columns.join(" | ")));
         }
+    }
+    if let Some(path) = &args.report {
+        let page = inversion_page(&inversion_report::report(&document, &sheets, html::details(args.seed)));
+        html::write_page(path, &page, ui)?;
     }
     args.json.print(&evaluation_table(&document), &document, ui)?;
     Ok(Exit::Success)

@@ -1,10 +1,10 @@
-//! `veiloc train inversion`: the U-Net that makes images of descriptors.
+//! `veiloc train inversion`: the networks that make images of descriptors.
 
 use std::path::PathBuf;
 use std::time::Instant;
 
 use veiloc_inversion::{
-    InversionDocument, InversionError, InversionTask, Sees, Shape, inversion_table, read_examples,
+    Form, InversionDocument, InversionError, InversionTask, Sees, Shape, inversion_table, read_examples,
     refuse_shared, train,
 };
 use veiloc_query::{ExtractionLimits, Scheme};
@@ -19,8 +19,9 @@ use crate::json_args::JsonArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Train the U-Net that makes images of descriptors.
+/// Train the network that makes images of descriptors.
 ///
+/// One U-Net, or three in a row as the paper uses them for SIFT: which placed descriptors to believe, a first image, a finer one.
 /// Learns from the images of `--train`, whose keypoints are extracted first, and keeps the step with the highest PSNR on
 /// those of `--validate`. Give images of different places, and judge the network by `eval inversion` on a third one. With
 /// `--sees places` descriptors stand where their keypoints are, which is the paper's; with `--sees lines` they are spread over
@@ -36,9 +37,16 @@ pub struct Args {
     validate: Vec<PathBuf>,
     #[command(flatten)]
     course: CourseArgs,
+    /// How the network is built.
+    #[arg(long, value_enum, default_value = "unet")]
+    shape: Built,
     /// What the network is given of places.
     #[arg(long, value_enum, default_value = "places")]
     sees: Given,
+    /// Put up to so many percent of an image's descriptors into wrong places while it is learned from, as attacks do. Default:
+    /// 60 with `--shape invsfm`, whose first stage learns which they are; 0 otherwise.
+    #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(..=90))]
+    wrong: Option<u8>,
     /// Scheme under which images are sent, for `--sees lines`, which needs one. No default.
     #[arg(long, value_name = "SCHEME")]
     scheme: Option<Scheme>,
@@ -60,6 +68,15 @@ pub struct Args {
     json: JsonArgs,
 }
 
+/// How the network is built.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Built {
+    /// One U-Net.
+    Unet,
+    /// Three in a row, after InvSfM; takes places.
+    Invsfm,
+}
+
 /// What the network is given of places.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Given {
@@ -79,7 +96,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         Given::Lines => Sees::Lines,
         Given::Bag => Sees::Bag,
     };
+    let form = match args.shape {
+        Built::Unet => Form::UNet,
+        Built::Invsfm => Form::InvSfm,
+    };
     let shape = Shape {
+        form,
         dimension: extractor.kind().dim(),
         width: args.width as usize,
         depth: args.depth as usize,
@@ -87,6 +109,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         sees,
     };
     let task = InversionTask::new(shape, args.scheme)?;
+    let task = args.wrong.map_or(Ok(task), |percent| task.with_wrong(percent))?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, ..ExtractionLimits::default() };
     let read = |given: &[PathBuf]| -> Result<_, Failure> {
         let items = items::gather_all(given, &IMAGES)?;
@@ -105,7 +128,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     })?;
     course.write(&trained.network.encode(), &trained.state, ui)?;
     let seconds = began.elapsed().as_secs_f64();
-    let document = InversionDocument::new(&trained, &course.course(), [&training, &validation], seconds);
+    let document =
+        InversionDocument::new(&trained, (&task, &course.course()), [&training, &validation], seconds);
     if let Some(path) = course.plot() {
         let points: Vec<[f64; 3]> = trained.curve.iter().map(|p| [p.step as f64, p.loss, p.judged]).collect();
         files::write(path, plots::course(&points, "PSNR of validation images, dB")?.as_bytes())?;

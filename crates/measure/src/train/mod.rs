@@ -16,7 +16,7 @@ pub enum Command {
     Neighbours(neighbours::Args),
     /// The attention network that tells positions from all rows of a query, descriptors and lines.
     Positions(positions::Args),
-    /// The U-Net that makes images of descriptors and their places, their lines, or nothing but a bag of them.
+    /// The network, a U-Net or three in a row, that makes images of descriptors and their places, their lines, or nothing but a bag of them.
     Inversion(inversion::Args),
 }
 
