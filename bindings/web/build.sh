@@ -6,6 +6,10 @@
 #
 # Needs Rust with the target wasm32-unknown-unknown (`rustup target add wasm32-unknown-unknown`), and nothing else.
 set -euo pipefail
+[ -d "$(rustc --print target-libdir --target wasm32-unknown-unknown)" ] || {
+    echo "this Rust cannot build for browsers yet: rustup target add wasm32-unknown-unknown" >&2
+    exit 1
+}
 beside="${1:+$(cd "$1" && pwd)}"
 [ -z "${CARGO_TARGET_DIR-}" ] || export CARGO_TARGET_DIR="$(realpath -m "$CARGO_TARGET_DIR")"
 cd "$(dirname "$0")"

@@ -19,9 +19,8 @@ export async function* locate(video: HTMLVideoElement, camera: string | null, se
     // Frames of one place share a session: their lines do not cross in what they show.
     const session = await device.session();
     while (!signal.aborted) {
-      const sealed = await device.sealed(video, camera, { session, held: sensors.now(), maxKeypoints: 1024 });
-      const answer = await ask(client, map, sealed, signal);
-      await sealed.free();
+      const seal = () => device.sealed(video, camera, { session, held: sensors.now(), maxKeypoints: 1024 });
+      const answer = await ask(client, map, seal, signal);
       if (answer?.trusted && answer.center && answer.position_sd != null) {
         yield { center: answer.center, sd: answer.position_sd };
       }
@@ -33,13 +32,17 @@ export async function* locate(video: HTMLVideoElement, camera: string | null, se
 }
 
 /** The answer, or none where a later frame may fare better. */
-async function ask(client: Client, map: string, sealed: Sealed, signal: AbortSignal): Promise<Answer | null> {
+async function ask(client: Client, map: string, seal: () => Promise<Sealed>, signal: AbortSignal): Promise<Answer | null> {
   try {
+    const sealed = await seal();
     const { answer, steps } = await client.localizeProgressive(map, sealed, { trustedOnly: true, signal });
+    await sealed.free();
     console.log(`${steps.reduce((sum, step) => sum + step.bytes, 0)} bytes sent`);
     return answer;
   } catch (error) {
-    if (error instanceof VeilocError && ["not-localized", "lopsided", "busy"].includes(error.kind)) return null;
+    // Where no sensor says how the camera is held, a walk is refused (`too-many-starts`) until it is back, or somewhere else.
+    const passing = ["not-localized", "lopsided", "busy", "too-many-starts", "turned-away"];
+    if (error instanceof VeilocError && passing.includes(error.kind)) return null;
     throw error;
   }
 }

@@ -81,13 +81,19 @@ def every(names, count):
 
 
 @pytest.fixture(scope="session")
-def program():
-    """Runs the package's program; returns what it printed, and fails when it did."""
+def program_path():
+    """Where the package's program is."""
     path = shutil.which("veiloc", path=str(Path(sys.executable).parent))
     assert path, "the package installs a program beside the interpreter"
+    return path
+
+
+@pytest.fixture(scope="session")
+def program(program_path):
+    """Runs the package's program; returns what it printed, and fails when it did."""
 
     def run(*words, codes=(0,)):
-        done = subprocess.run([path, *map(str, words)], capture_output=True, text=True)
+        done = subprocess.run([program_path, *map(str, words)], capture_output=True, text=True)
         assert done.returncode in codes, done.stderr
         return done.stdout
 

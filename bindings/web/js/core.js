@@ -14,16 +14,22 @@ export class VeilocError extends Error {
 export class Core {
   #exports;
 
+  /** What it was compiled to, for other workers. */
+  module;
+
   /** From the bytes, or what `fetch` gives, or a compiled module. It imports nothing: what it cannot be given it cannot reach. */
   static async load(source) {
     const core = new Core();
+    let instance;
     if (source instanceof WebAssembly.Module) {
-      core.#exports = (await WebAssembly.instantiate(source, {})).exports;
+      core.module = source;
+      instance = await WebAssembly.instantiate(source, {});
     } else if (source instanceof Uint8Array || source instanceof ArrayBuffer) {
-      core.#exports = (await WebAssembly.instantiate(source, {})).instance.exports;
+      ({ module: core.module, instance } = await WebAssembly.instantiate(source, {}));
     } else {
-      core.#exports = (await WebAssembly.instantiateStreaming(source, {})).instance.exports;
+      ({ module: core.module, instance } = await WebAssembly.instantiateStreaming(source, {}));
     }
+    core.#exports = instance.exports;
     return core;
   }
 

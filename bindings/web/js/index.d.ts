@@ -11,8 +11,11 @@ export type ImageLike = ImageBitmapSource | { width: number; height: number; dat
 export type Camera = string | null;
 
 export interface LoadOptions {
-  /** A worker that runs `veiloc/worker.js`, where the bundler makes one; default: one of the package's own. */
-  worker?: Worker;
+  /**
+   * How a worker that runs `veiloc/worker.js` is started, where the bundler makes one: attacks have another than seals. A worker
+   * by itself seals, and attacks are given one of the package's own. Default: the package's own.
+   */
+  worker?: Worker | (() => Worker);
   /** Where `veiloc.wasm` is, or the compiled module; default: beside the package's own files. */
   wasm?: string | URL | WebAssembly.Module;
 }
@@ -50,7 +53,8 @@ export interface Device {
   readonly maxImageSide: number;
   /**
    * The bytes to send. Seal an image once: when the network fails, send the same bytes again.
-   * Throws `VeilocError`: `image`, `camera`, `option`, `seal` (too little texture), `lopsided` (not worth sending).
+   * Throws `VeilocError`: `image`, `camera`, `option`, `seal` (too little texture), `lopsided` (not worth sending); in a session
+   * `too-many-starts` (one more image of this place would tell too much, as nothing says how it is held) and `turned-away`.
    */
   seal(image: ImageLike, camera?: Camera, options?: SealOptions): Promise<Uint8Array>;
   /** The same with what is known of the query. */
@@ -60,7 +64,7 @@ export interface Device {
    * `anchors`: what they are tied to, `world` (default), `gravity` or `image`.
    */
   session(options?: { anchors?: "world" | "gravity" | "image"; bytes?: Uint8Array }): Promise<Session>;
-  /** Ends the worker, with everything it knows. */
+  /** Ends the workers, with everything they know. */
   close(): void;
 }
 
@@ -93,8 +97,8 @@ export interface Sealed {
   step(rows: number): Promise<Uint8Array>;
   /** What it tells, and what it hides: for this screen only. */
   show(): Promise<Shown>;
-  /** What an attack of the audit makes of it. */
-  attack(attack?: Attack): Promise<Attacked>;
+  /** What an attack of the audit makes of it. It runs in a worker of its own, and holds up no seal; a `signal` gives it up. */
+  attack(attack?: Attack, options?: { signal?: AbortSignal }): Promise<Attacked>;
   /** Gives back what the worker keeps of it. */
   free(): Promise<void>;
 }
@@ -207,8 +211,8 @@ export interface Answer {
 }
 
 /**
- * What went wrong. `kind`: `image`, `camera`, `option`, `profile`, `seal`, `lopsided`, `session`, `query`, `gone`, `attack`,
- * `worker`, `broken`, `closed` of the device; `address`, `token`, `map-name`, `network`, `busy`, `refused`, `not-localized`,
+ * What went wrong. `kind`: `image`, `camera`, `option`, `profile`, `seal`, `lopsided`, `too-many-starts`, `turned-away`, `session`,
+ * `query`, `gone`, `attack`, `worker`, `broken`, `closed` of the device; `address`, `token`, `map-name`, `network`, `busy`, `refused`, `not-localized`,
  * `wrong-profile`, `bad-answer` of the client.
  */
 export class VeilocError extends Error {

@@ -12,7 +12,7 @@ export { Client } from "./client.js";
 export { orientationOf, watchOrientation } from "./orientation.js";
 export { VeilocError };
 
-/** A worker that seals. It is started with `load` and ended with `device.close()`. */
+/** A worker and what it was asked. It is ended with `device.close()`. */
 class Crew {
   #worker;
   #waiting = new Map();
@@ -20,11 +20,11 @@ class Crew {
 
   constructor(worker) {
     this.#worker = worker;
-    worker.onmessage = ({ data: { id, head, bytes, error } }) => {
+    worker.onmessage = ({ data: { id, error, ...answer } }) => {
       const { done, fail } = this.#waiting.get(id) ?? {};
       this.#waiting.delete(id);
       if (error) fail?.(new VeilocError(error.kind, error.message));
-      else done?.({ head, bytes });
+      else done?.(answer);
     };
     worker.onerror = (event) => this.end(new VeilocError("worker", event.message || "the worker could not be started"));
   }
@@ -47,15 +47,67 @@ class Crew {
   }
 }
 
+/**
+ * Attacks in a worker of their own, one after the other: they take seconds, and the worker that seals has none. It is started
+ * with the first attack. An attack that is given up ends with its worker, for WebAssembly cannot be told to stop.
+ */
+class Attackers {
+  #start;
+  #module;
+  #crew = null;
+  #last = Promise.resolve();
+  #closed = false;
+
+  constructor(start, module) {
+    this.#start = start;
+    this.#module = module;
+  }
+
+  ask(head, bytes, signal) {
+    const own = this.#last.then(() => this.#run(head, bytes, signal));
+    this.#last = own.catch(() => {});
+    return own;
+  }
+
+  async #run(head, bytes, signal) {
+    signal?.throwIfAborted();
+    if (this.#closed) throw new VeilocError("closed", "the device was closed");
+    const isNew = !this.#crew;
+    this.#crew ??= new Crew(this.#start());
+    const crew = this.#crew;
+    const giveUp = (reason) => {
+      crew.end(reason);
+      if (this.#crew === crew) this.#crew = null;
+    };
+    const aborted = () => giveUp(signal.reason);
+    signal?.addEventListener("abort", aborted, { once: true });
+    try {
+      if (isNew) await crew.ask("load", { wasm: this.#module });
+      return await crew.ask("call", { head, bytes }, [bytes.buffer]);
+    } catch (error) {
+      // A worker that did not start, or whose library trapped, is of no more use.
+      if (["worker", "broken"].includes(error.kind)) giveUp(error);
+      throw error;
+    } finally {
+      signal?.removeEventListener("abort", aborted);
+    }
+  }
+
+  end(reason) {
+    this.#closed = true;
+    this.#crew?.end(reason);
+  }
+}
+
 /** Makes ready to seal for the map of a profile. */
-export async function load(profile, options = {}) {
-  const worker = options.worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "veiloc" });
-  const crew = new Crew(worker);
+export async function load(profile, { worker, wasm = new URL("./veiloc.wasm", import.meta.url) } = {}) {
+  const own = () => new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "veiloc" });
+  const start = typeof worker === "function" ? worker : own;
+  const crew = new Crew(worker instanceof Worker ? worker : start());
   try {
-    const wasm = options.wasm ?? new URL("./veiloc.wasm", import.meta.url);
-    await crew.ask("load", { wasm: wasm instanceof WebAssembly.Module ? wasm : String(wasm) });
+    const { module } = await crew.ask("load", { wasm: wasm instanceof WebAssembly.Module ? wasm : String(wasm) });
     const { head } = await crew.ask("call", { head: { op: "profile" }, bytes: profile });
-    return new Device(crew, head);
+    return new Device(crew, new Attackers(start, module), head);
   } catch (error) {
     crew.end(error);
     throw error;
@@ -64,10 +116,12 @@ export async function load(profile, options = {}) {
 
 class Device {
   #crew;
+  #attackers;
   #profile;
 
-  constructor(crew, { profile, ...facts }) {
+  constructor(crew, attackers, { profile, ...facts }) {
     this.#crew = crew;
+    this.#attackers = attackers;
     this.#profile = profile;
     Object.assign(this, facts);
   }
@@ -84,7 +138,7 @@ class Device {
     const head = { op: "seal", profile: this.#profile, camera, ...options };
     if (session) Object.assign(head, { session: session.handle }, held);
     const { head: told, bytes } = await this.#crew.ask("seal", ...(await given(head, image)));
-    return new Sealed(this.#crew, told, bytes);
+    return new Sealed(this.#crew, this.#attackers, told, bytes);
   }
 
   /** Several images of one place belong in one session, so that their lines do not cross in what they show (rule L10). */
@@ -95,9 +149,11 @@ class Device {
     return new Session(this.#crew, head.session);
   }
 
-  /** Ends the worker, with everything it knows. */
+  /** Ends the workers, with everything they know. */
   close() {
-    this.#crew.end(new VeilocError("closed", "the device was closed"));
+    const reason = new VeilocError("closed", "the device was closed");
+    this.#crew.end(reason);
+    this.#attackers.end(reason);
   }
 }
 
@@ -117,10 +173,12 @@ class Session {
 
 class Sealed {
   #crew;
+  #attackers;
   #query;
 
-  constructor(crew, { query, ...facts }, bytes) {
+  constructor(crew, attackers, { query, ...facts }, bytes) {
     this.#crew = crew;
+    this.#attackers = attackers;
     this.#query = query;
     Object.assign(this, facts, { bytes });
   }
@@ -146,9 +204,10 @@ class Sealed {
     };
   }
 
-  /** What an attack of the audit makes of it. */
-  async attack(attack = "closed-form") {
-    const { head, bytes } = await this.#crew.ask("call", { head: { op: "attack", query: this.#query, attack } });
+  /** What an attack of the audit makes of it, in a worker of its own. A `signal` gives it up. */
+  async attack(attack = "closed-form", { signal } = {}) {
+    const exhibit = await this.#crew.ask("call", { head: { op: "exhibit", query: this.#query } });
+    const { head, bytes } = await this.#attackers.ask({ op: "attack", attack, ...exhibit.head }, exhibit.bytes, signal);
     const numbers = new Float32Array(bytes.buffer, bytes.byteOffset, bytes.byteLength / 4);
     return { ...head, answers: numbers.subarray(0, 2 * head.count), truth: numbers.subarray(2 * head.count) };
   }

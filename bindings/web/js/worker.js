@@ -1,4 +1,4 @@
-// The worker: seals off the page's own thread, so that the page stays awake. Pixels never leave it.
+// A worker: seals, or attacks, off the page's own thread, so that the page stays awake. Pixels never leave the one that seals.
 
 import { Core, VeilocError } from "./core.js";
 
@@ -19,7 +19,7 @@ function pixels(image) {
 const jobs = {
   load: async ({ wasm }) => {
     core = await Core.load(wasm instanceof WebAssembly.Module ? wasm : fetch(wasm));
-    return { head: {} };
+    return { head: {}, module: core.module };
   },
   call: ({ head, bytes }) => core.call(head, ...(bytes ? [bytes] : [])),
   session: ({ head }) => core.call(head, random()),
@@ -34,8 +34,8 @@ const jobs = {
 
 self.onmessage = async ({ data: { id, job, ...rest } }) => {
   try {
-    const { head, bytes } = await jobs[job](rest);
-    self.postMessage({ id, head, bytes }, bytes ? [bytes.buffer] : []);
+    const { head, bytes, module } = await jobs[job](rest);
+    self.postMessage({ id, head, bytes, module }, bytes ? [bytes.buffer] : []);
   } catch (error) {
     const known = error instanceof VeilocError;
     // A trap leaves the library in an unknown state: whoever holds the worker starts another.

@@ -17,6 +17,8 @@ const bytes = (count) => (count < 1e6 ? `${number.format(count / 1000)} kB` : `$
 const now = { about: { points: 0, views: [] }, client: null, map: null, device: null, session: null, sensors: null, source: null, shown: null, busy: false, following: false };
 /** What is drawn; a later image makes it stale. */
 let generation = 0;
+/** The attack that runs, if one does: to give it up. */
+let attacking = null;
 
 // --- talk
 
@@ -33,8 +35,27 @@ function say(text, state = "", detail = "") {
   el("detail").textContent = detail;
 }
 
+/**
+ * Why an image is not sealed though it could be: the third of a place that nobody can turn into the first one's axes. To send it
+ * by itself would be easy, and two such images give away what both show (docs/privacy.md, rule L10), so it is not offered.
+ */
+function refused() {
+  const why = el("oriented").checked
+    ? "This device has no motion sensors, or keeps them from this page"
+    : "The motion sensors are turned off in the settings";
+  const then = now.following ? " Following goes on by itself then." : "";
+  say(
+    "Not sent: another image of this place would tell too much.",
+    "waiting",
+    `Two were taken here from different spots; lines of a third would cross theirs just where things are. ${why}, so the lines cannot be kept from crossing. ` +
+      `Go back to where you stood and rest or turn on the spot, walk on to another part of the place, or use a phone that shares its motion sensors.${then}`,
+  );
+}
+
 function complain(error) {
+  if (error.kind === "too-many-starts") return refused();
   const words = {
+    "turned-away": "Turn on, or back: the camera has left what it began with, and hardly sees anything new yet.",
     "not-localized": "This image shows too little of the map to say.",
     busy: "The service is busy; try again in a moment.",
     token: "This service asks who you are: give a token in the settings.",
@@ -70,6 +91,9 @@ function settle() {
   el("follow").disabled = !ready || now.source.kind !== "camera" || !sessions();
   el("follow").setAttribute("aria-pressed", String(now.following));
   el("follow").textContent = now.following ? "Stop following" : "Follow me";
+  // Told before it is tried.
+  const isUnheld = now.source?.kind === "camera" && !(el("oriented").checked && now.sensors?.now());
+  el("unheld").hidden = !(isUnheld && sessions());
 }
 
 // --- service and map
@@ -174,21 +198,37 @@ async function draw({ image, width, height, sealed }) {
   const what = `${number.format(sealed.rows)} lines with descriptors, at most ${bytes(sealed.bytes.byteLength)}`;
   el("leaves").setAttribute("aria-label", what);
   el("leaves-text").textContent = `${what}, in a random order.${sealed.lopsided ? " Not worth sending: too little on one side." : ""}`;
-  await attacked(sealed, own);
+  // Through the camera an attack is brought to its end, and what was seen meanwhile is not attacked; an image is, at once.
+  if (!attacking || now.source?.kind !== "camera") attacked(sealed);
 }
 
-async function attacked(sealed, own = generation) {
+/** What an attack makes of it, beside all else: sealing does not wait for it. */
+async function attacked(sealed) {
+  attacking?.abort();
+  const own = new AbortController();
+  attacking = own;
   const { value } = el("attack");
   if (value === "graph") el("attack-text").textContent = "Laying out the graph; this takes some seconds.";
-  const result = await sealed.attack(value);
-  if (own !== generation) return;
+  try {
+    const result = await sealed.attack(value, { signal: own.signal });
+    if (attacking === own) showAttack(result, sealed === now.shown);
+  } catch (error) {
+    // Given up: for another image, or with its map.
+    if (attacking === own && error.kind !== "closed") complain(error);
+  } finally {
+    if (attacking === own) attacking = null;
+  }
+}
+
+function showAttack(result, isShown) {
   drawAttacked(el("attacked"), result);
   const px = (x) => (x === null ? "–" : `${number.format(x)} px`);
   const text =
     result.attack === "prior"
       ? `Off by ${px(result.medianPx)} (median), knowing nothing but the lines.`
       : `Off by ${px(result.medianPx)} (median); a guess from each line alone: ${px(result.guessMedianPx)}.`;
-  el("attack-text").textContent = `${text} ${result.toldNeighbours ? "Told every true neighbour, which a query does not say and nobody knows." : ""}`;
+  const told = result.toldNeighbours ? "Told every true neighbour, which a query does not say and nobody knows." : "";
+  el("attack-text").textContent = `${text} ${told} ${isShown ? "" : "Of an image a moment ago."}`;
   el("attacked").setAttribute("aria-label", `${result.words}: ${text} Yellow: true keypoints, red: answers.`);
 }
 
@@ -363,7 +403,8 @@ async function begin() {
   el("map").addEventListener("change", ({ target }) => enter(target.value).catch(complain));
   el("token").addEventListener("change", connect);
   for (const id of ["intrinsics", "scheme", "most"]) el(id).addEventListener("change", refresh);
-  el("attack").addEventListener("change", () => now.shown && attacked(now.shown).catch(complain));
+  el("oriented").addEventListener("change", settle);
+  el("attack").addEventListener("change", () => now.shown && attacked(now.shown));
   el("find").addEventListener("click", find);
   el("follow").addEventListener("click", follow);
   const about = await fetch(new URL("page/page.json", server), { credentials: "omit" });

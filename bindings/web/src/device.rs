@@ -86,9 +86,8 @@ impl Device {
             }
             Request::Step { query, rows } => found(&self.queries, "query", query)?.step(rows),
             Request::Show { query } => Ok(shown::show(found(&self.queries, "query", query)?)),
-            Request::Attack { query, attack } => {
-                shown::attack(found(&self.queries, "query", query)?, &attack)
-            }
+            Request::Exhibit { query } => Ok(shown::exhibit(found(&self.queries, "query", query)?)),
+            Request::Attack { attack, query_bytes } => shown::attack(&attack, query_bytes, bytes),
             Request::Free { handle } => {
                 self.profiles.remove(&handle);
                 self.sessions.remove(&handle);

@@ -74,6 +74,8 @@ impl WebError {
             Self::Camera { .. } => "camera",
             Self::Option { .. } | Self::Anchors(_) => "option",
             Self::Image(_) => "image",
+            Self::Seal(SealError::TooManyStarts { .. }) => "too-many-starts",
+            Self::Seal(SealError::TurnedAway { .. }) => "turned-away",
             Self::Seal(_) => "seal",
             Self::Lopsided(_) => "lopsided",
             Self::Query(_) => "query",

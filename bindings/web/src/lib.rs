@@ -9,7 +9,7 @@
 //! - [`shown`]: what the query tells and what an attacker makes of it, for the screen of the device and for nobody else.
 //!
 //! Random numbers are the page's: every request that draws brings 32 bytes of `crypto.getRandomValues`. Equal bytes give equal
-//! seals, here and in a native program (`scripts/web_browser.mjs`).
+//! seals, here and in a native program (`scripts/web/`).
 #![deny(unsafe_code)]
 
 pub mod device;

@@ -35,12 +35,17 @@ pub enum Request {
         /// Its handle.
         query: u32,
     },
-    /// What an attack makes of a query.
-    Attack {
+    /// A query and the keypoints it hides, for another worker of this device to attack: to be sent to nobody.
+    Exhibit {
         /// Its handle.
         query: u32,
+    },
+    /// What an attack makes of an exhibit [its bytes]. Nothing is kept, so any worker can be asked.
+    Attack {
         /// One of `shown::ATTACKS`.
         attack: String,
+        /// As `Exhibit` told it.
+        query_bytes: usize,
     },
     /// Gives back what is kept under a handle.
     Free {

@@ -11,7 +11,7 @@ use veiloc_attacks::{
     errors_px, graph, prior_only,
 };
 use veiloc_geometry::Pixel;
-use veiloc_query::Observations;
+use veiloc_query::{Observations, SealedQuery};
 
 use crate::error::WebError;
 use crate::message::{self, floats};
@@ -40,6 +40,13 @@ struct ShowReply {
     real: usize,
     /// Anchors that lie somewhere.
     anchors: Vec<[f64; 2]>,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "camelCase")]
+struct ExhibitReply {
+    /// The query's bytes come first; then for each row `[R, 2]` 64-bit floats, little endian, no numbers for a decoy.
+    query_bytes: usize,
 }
 
 #[derive(Serialize)]
@@ -91,24 +98,51 @@ pub fn show(kept: &Kept) -> Vec<u8> {
     message::write(&reply, &floats(segments.into_iter().chain(found).chain(flat(&real))))
 }
 
+/// All that an attack needs, and the truth it is held against: an attack takes seconds, and the worker that seals has none.
+pub fn exhibit(kept: &Kept) -> Vec<u8> {
+    let mut bytes = kept.query.encode();
+    let query_bytes = bytes.len();
+    let truth = kept.truth.iter().flat_map(|truth| truth.map_or([f64::NAN; 2], |p| [p.u, p.v]));
+    bytes.extend(truth.flat_map(f64::to_le_bytes));
+    message::write(&ExhibitReply { query_bytes }, &bytes)
+}
+
+/// What [`exhibit`] wrote: the query, and the keypoint of each row.
+fn read_exhibit(query_bytes: usize, bytes: &[u8]) -> Result<(SealedQuery, Vec<Option<Pixel>>), WebError> {
+    let wrong = || WebError::Request { reason: "these bytes are no exhibit".to_owned() };
+    let (query, truth) = bytes.split_at_checked(query_bytes).ok_or_else(wrong)?;
+    let query = SealedQuery::decode(query)?;
+    let (numbers, rest) = truth.as_chunks::<16>();
+    if numbers.len() != query.len() || !rest.is_empty() {
+        return Err(wrong());
+    }
+    let number = |bytes: &[u8]| bytes.try_into().map_or(f64::NAN, f64::from_le_bytes);
+    let pixel = |both: &[u8; 16]| {
+        let pixel = Pixel::new(number(&both[..8]), number(&both[8..]));
+        (pixel.u.is_finite() && pixel.v.is_finite()).then_some(pixel)
+    };
+    Ok((query, numbers.iter().map(pixel).collect()))
+}
+
 /// Answers of an attack, beside the truth. Decoys hide nothing, so they are left out, as in the audit.
 ///
 /// # Errors
-/// [`WebError::Option`] for an attack that is not shown; [`WebError::Attack`].
-pub fn attack(kept: &Kept, name: &str) -> Result<Vec<u8>, WebError> {
+/// [`WebError::Option`] for an attack that is not shown; [`WebError::Request`] and [`WebError::Query`] for bytes that are no
+/// exhibit; [`WebError::Attack`].
+pub fn attack(name: &str, query_bytes: usize, exhibit: &[u8]) -> Result<Vec<u8>, WebError> {
     let known = ATTACKS.iter().find(|attack| attack.0 == name);
     let (attack, words, told_neighbours) = *known.ok_or_else(|| {
         let names = ATTACKS.map(|attack| attack.0).join(", ");
         WebError::Option { name: "attack", reason: format!("{name:?} is not shown; there are {names}") }
     })?;
-    let camera = kept.query.camera();
+    let (query, truth) = read_exhibit(query_bytes, exhibit)?;
+    let camera = query.camera();
     let (width, height) = (camera.width, camera.height);
-    let (observations, truth): (Vec<Observation>, Vec<Pixel>) =
-        Observation::of_sent(&kept.query.observations())
-            .into_iter()
-            .zip(&kept.truth)
-            .filter_map(|(observation, truth)| Some((observation, (*truth)?)))
-            .unzip();
+    let (observations, truth): (Vec<Observation>, Vec<Pixel>) = Observation::of_sent(&query.observations())
+        .into_iter()
+        .zip(truth)
+        .filter_map(|(observation, truth)| Some((observation, truth?)))
+        .unzip();
     let guesses = prior_only(&observations, width, height);
     let answers = match attack {
         "prior" => guesses.clone(),

@@ -95,10 +95,14 @@ fn what_is_shown_is_what_is_sent() {
     assert_eq!(numbers.len(), 4 * (4 * count("segments") + 2 * count("keypoints") + 2 * count("real")));
     assert_eq!(count("real"), query.len(), "there are no decoys, and each row's keypoint is known again");
 
+    // Another worker attacks: it is told all by the exhibit.
+    let (told, exhibit) = ask(&mut device, &json!({"op": "exhibit", "query": head["query"]}), &[]);
+    assert!(exhibit.starts_with(&bytes) && told["queryBytes"] == bytes.len(), "{told}");
+    let mut other = Device::default();
     let mut medians = Vec::new();
     for (name, words, _) in ATTACKS {
-        let (found, numbers) =
-            ask(&mut device, &json!({"op": "attack", "query": head["query"], "attack": name}), &[]);
+        let asked = json!({"op": "attack", "attack": name, "queryBytes": told["queryBytes"]});
+        let (found, numbers) = ask(&mut other, &asked, &[&exhibit]);
         assert_eq!((&found["words"], numbers.len()), (&json!(words), 16 * query.len()), "{found}");
         medians.push(found["medianPx"].as_f64().expect("a median"));
         assert_eq!(found["guessMedianPx"], medians[0]);
@@ -141,6 +145,10 @@ fn whatever_is_asked_is_answered() {
         (json!({"op": "sessionFrom"}), &[1, 2, 3], "session"),
         (json!({"op": "session"}), &[1, 2, 3], "call"),
         (json!({"op": "show", "query": 99}), &[], "gone"),
+        (json!({"op": "exhibit", "query": 99}), &[], "gone"),
+        (json!({"op": "attack", "attack": "guess", "queryBytes": 0}), &[], "option"),
+        (json!({"op": "attack", "attack": "prior", "queryBytes": 2}), &[1, 2, 3], "query"),
+        (json!({"op": "attack", "attack": "prior", "queryBytes": 4}), &[1, 2, 3], "call"),
         (asked.clone(), &pixels[..40], "image"),
         (with("width", json!(0)), &pixels, "image"),
         (with("width", json!(u32::MAX)), &pixels, "image"),
@@ -160,6 +168,16 @@ fn whatever_is_asked_is_answered() {
     for junk in [&[][..], &[255; 3], &[255; 64], &[0; 64]] {
         let answer = reply(&mut device, junk);
         assert_eq!(message::read::<Value>(&answer).expect("a reply").0["kind"], "call");
+    }
+    let (sealed, _) = ask(&mut device, &asked, &[&SEED, &pixels]);
+    let (told, exhibit) = ask(&mut device, &json!({"op": "exhibit", "query": sealed["query"]}), &[]);
+    let attack = json!({"op": "attack", "attack": "prior", "queryBytes": told["queryBytes"]});
+    for cut in [exhibit.len() - 1, exhibit.len() - 16] {
+        assert_eq!(
+            ask(&mut device, &attack, &[&exhibit[..cut]]).0["kind"],
+            "call",
+            "a row without its keypoint"
+        );
     }
     // A blank image holds nothing to send.
     assert_eq!(ask(&mut device, &asked, &[&SEED, &vec![90; 320 * 240 * 4]]).0["kind"], "seal");

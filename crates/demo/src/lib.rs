@@ -67,6 +67,7 @@ pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, 
         keep_map: Some(options.out.join("place.vmap")),
         build: BuildOptions::default(),
         compress: None,
+        regions: None,
         schemes: options.schemes.clone(),
         scores: Vec::new(),
         thresholds: vec![

@@ -1,4 +1,4 @@
-//! The page that a service may serve: its files, checked, and a map's points, thinned.
+//! The page that a service may serve: its files, checked and compressed once, and a map's points, thinned.
 //!
 //! The page is built by `bindings/web/build.sh`, which makes one flat folder of it ([`Page::read`]); where a program finds that
 //! folder says [`Page::folder`]. All of it is held in memory from then on. This room knows neither HTTP nor what the page does.
@@ -12,18 +12,23 @@
 //! }
 //! let page = Page::read(folder.path())?;
 //! let wasm = page.file("veiloc.wasm").ok_or("it was read")?;
-//! assert_eq!((wasm.content_type, &*wasm.bytes), ("application/wasm", &b"content"[..]));
+//! assert_eq!((wasm.content_type, &wasm.plain.bytes()[..]), ("application/wasm", &b"content"[..]));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 #![forbid(unsafe_code)]
 
+mod content;
 mod error;
 mod points;
 
 use std::collections::BTreeMap;
-use std::io::Read as _;
+use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
+use flate2::Compression;
+use flate2::write::GzEncoder;
+
+pub use content::Content;
 pub use error::PageError;
 pub use points::thinned;
 
@@ -32,16 +37,16 @@ const MOST_FILES: usize = 256;
 const MOST_BYTES: u64 = 64 << 20;
 /// What must be there.
 const NEEDED: [&str; 2] = ["index.html", "veiloc.wasm"];
-/// What a page is made of; other files of its folder are left alone.
-const TYPES: [(&str, &str); 8] = [
-    ("html", "text/html; charset=utf-8"),
-    ("css", "text/css; charset=utf-8"),
-    ("js", "text/javascript; charset=utf-8"),
-    ("json", "application/json"),
-    ("wasm", "application/wasm"),
-    ("svg", "image/svg+xml"),
-    ("png", "image/png"),
-    ("jpg", "image/jpeg"),
+/// What a page is made of: ending, what HTTP calls it, and whether it can be compressed. Other files of its folder are left alone.
+const TYPES: [(&str, &str, bool); 8] = [
+    ("html", "text/html; charset=utf-8", true),
+    ("css", "text/css; charset=utf-8", true),
+    ("js", "text/javascript; charset=utf-8", true),
+    ("json", "application/json", true),
+    ("wasm", "application/wasm", true),
+    ("svg", "image/svg+xml", true),
+    ("png", "image/png", false),
+    ("jpg", "image/jpeg", false),
 ];
 
 /// A page in memory.
@@ -55,8 +60,10 @@ pub struct Page {
 pub struct PageFile {
     /// What HTTP calls its form.
     pub content_type: &'static str,
-    /// All of it.
-    pub bytes: Vec<u8>,
+    /// All of it, as it is.
+    pub plain: Content,
+    /// The same compressed (gzip, RFC 1952), where that is shorter.
+    pub gzip: Option<Content>,
 }
 
 impl Page {
@@ -74,7 +81,7 @@ impl Page {
         for entry in std::fs::read_dir(folder).map_err(io)? {
             let path = entry.map_err(io)?.path();
             let Some(name) = path.file_name().and_then(|name| name.to_str()) else { continue };
-            if content_type(name).is_none() || !path.is_file() {
+            if kind(name).is_none() || !path.is_file() {
                 continue;
             }
             let io = |source| PageError::Io { path: path.clone(), source };
@@ -112,8 +119,13 @@ impl Page {
     /// # Errors
     /// [`PageError::Name`] for a name that is no file's of a page.
     pub fn add(&mut self, name: &str, bytes: Vec<u8>) -> Result<(), PageError> {
-        let content_type = content_type(name).ok_or_else(|| PageError::Name { name: name.to_owned() })?;
-        self.files.insert(name.to_owned(), PageFile { content_type, bytes });
+        let (content_type, is_compressible) =
+            kind(name).ok_or_else(|| PageError::Name { name: name.to_owned() })?;
+        let gzip = is_compressible.then(|| compressed(&bytes)).flatten();
+        self.files.insert(
+            name.to_owned(),
+            PageFile { content_type, plain: Content::new(bytes), gzip: gzip.map(Content::new) },
+        );
         Ok(())
     }
 
@@ -123,9 +135,17 @@ impl Page {
     }
 }
 
-/// Of a plain name with a known ending.
-fn content_type(name: &str) -> Option<&'static str> {
+/// Of a plain name with a known ending: what HTTP calls it, and whether it can be compressed.
+fn kind(name: &str) -> Option<(&'static str, bool)> {
     let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
     let ending = name.rsplit_once('.').filter(|(stem, _)| is_plain && !stem.is_empty())?.1;
-    TYPES.iter().find(|(known, _)| *known == ending).map(|(_, content_type)| *content_type)
+    TYPES.iter().find(|(known, ..)| *known == ending).map(|(_, name, compressible)| (*name, *compressible))
+}
+
+/// As short as it gets, as it is done once; `None` where that is no shorter. Equal bytes for equal bytes: it holds no time.
+fn compressed(bytes: &[u8]) -> Option<Vec<u8>> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+    // A `Vec` takes all that is written to it; did it not, the file would go out as it is.
+    encoder.write_all(bytes).ok()?;
+    encoder.finish().ok().filter(|short| short.len() < bytes.len())
 }

@@ -4,18 +4,19 @@
 
 use veiloc_map::{MapFile, PointId};
 
+use crate::Content;
+
 /// At most so many points of a map, evenly from all of it: x, y, z as 32-bit floats, little endian, map units.
 ///
 /// The same points each time; half of them are among those of twice as many.
-pub fn thinned(map: &MapFile, most: usize) -> Vec<u8> {
+pub fn thinned(map: &MapFile, most: usize) -> Content {
     let count = map.point_count();
     let shown = order(count).take(most.min(count));
-    shown
-        .flat_map(|index| {
-            let point = map.point(PointId(index as u32));
-            <[f64; 3]>::from(point.coords).into_iter().flat_map(|x| (x as f32).to_le_bytes())
-        })
-        .collect()
+    let numbers = shown.flat_map(|index| {
+        let point = map.point(PointId(index as u32));
+        <[f64; 3]>::from(point.coords).into_iter().flat_map(|x| (x as f32).to_le_bytes())
+    });
+    Content::new(numbers.collect::<Vec<u8>>())
 }
 
 /// Every index below `count` once, in an order whose beginnings are spread: steps of the golden section.

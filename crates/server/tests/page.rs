@@ -1,11 +1,13 @@
-//! The page: there only when the operator serves one, everybody's but for what a map shows, and bound to its own server.
+//! The page: there only when the operator serves one, everybody's but for what a map shows, bound to its own server, and sent once.
 
 mod common;
 
+use std::io::Read as _;
 use std::sync::Arc;
 
-use common::http::Request;
-use common::{Files, PHONE, Running};
+use common::http::{Request, Response};
+use common::{Files, PHONE, Place, Running, eventually};
+use flate2::read::GzDecoder;
 use veiloc_page::Page;
 
 fn page() -> Arc<Page> {
@@ -78,4 +80,93 @@ fn without_a_page_there_is_nothing_of_it() {
     for path in ["/", "/page/index.html", "/page/points/place"] {
         assert_eq!(Request::get(path).token(PHONE).send(server.address).status, 404, "{path}");
     }
+}
+
+/// A page with something to compress, served.
+fn with_long_files() -> (Files, Running) {
+    let mut page = Page::clone(&page());
+    page.add("long.js", "// the same again\n".repeat(500).into_bytes()).expect("a file of a page");
+    page.add("image.png", vec![0; 4096]).expect("a file of a page");
+    let files = Files::new();
+    let mut options = files.options();
+    options.page = Some(Arc::new(page));
+    (files, Running::start(options))
+}
+
+fn asking(server: &Running, path: &str, headers: &[(&str, &str)]) -> Response {
+    let request =
+        headers.iter().fold(Request::get(path), |request, (name, value)| request.header(name, value));
+    request.send(server.address)
+}
+
+#[test]
+fn what_can_be_compressed_is_for_who_takes_it() {
+    let (_files, server) = with_long_files();
+    let plain = asking(&server, "/page/long.js", &[]);
+    let short = asking(&server, "/page/long.js", &[("accept-encoding", "br, gzip")]);
+    assert_eq!((plain.header("content-encoding"), short.header("content-encoding")), (None, Some("gzip")));
+    assert_eq!(plain.text(), "// the same again\n".repeat(500));
+    let mut read = Vec::new();
+    GzDecoder::new(&*short.body).read_to_end(&mut read).expect("gzip");
+    assert!(read == plain.body && short.body.len() < plain.body.len() / 10, "{}", short.body.len());
+    for response in [&plain, &short] {
+        assert_eq!(response.header("vary"), Some("accept-encoding"), "caches tell one from the other");
+        assert_eq!(response.header("cache-control"), Some("no-cache"));
+        assert!(response.header("content-security-policy").is_some());
+    }
+    assert_ne!(plain.header("etag"), short.header("etag"), "other bytes, another name");
+
+    // Images are compressed already, and what gets no shorter stays as it is.
+    for path in ["/page/image.png", "/page/page.js"] {
+        let response = asking(&server, path, &[("accept-encoding", "gzip")]);
+        assert_eq!((response.header("content-encoding"), response.header("vary")), (None, None), "{path}");
+    }
+}
+
+#[test]
+fn what_a_browser_has_is_not_sent_again() {
+    let (_files, server) = with_long_files();
+    for encoding in ["identity", "gzip"] {
+        let with = |tag: &str| {
+            asking(&server, "/page/long.js", &[("accept-encoding", encoding), ("if-none-match", tag)])
+        };
+        let first = with("\"none\"");
+        let tag = first.header("etag").expect("a tag");
+        assert!(tag.len() == 66 && tag.starts_with('"'), "{tag} is a strong one");
+        let again = with(tag);
+        assert_eq!((first.status, again.status, again.body.len()), (200, 304, 0), "{encoding}");
+        for name in ["etag", "vary", "cache-control", "content-security-policy"] {
+            assert_eq!(again.header(name), first.header(name), "{encoding}: {name}");
+        }
+        assert_eq!(with(&format!("\"other\", W/{tag}")).status, 304);
+    }
+    let plain = asking(&server, "/page/long.js", &[]);
+    let tag = plain.header("etag").expect("a tag");
+    let other = asking(&server, "/page/long.js", &[("accept-encoding", "gzip"), ("if-none-match", tag)]);
+    assert_eq!(other.status, 200, "the tag of other bytes is none of these");
+}
+
+#[test]
+fn points_are_those_of_the_map_as_it_is_now() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.page = Some(page());
+    options.page_points = 100;
+    options.watch = Some(std::time::Duration::from_millis(20));
+    let server = Running::start(options);
+    let ask = |tag: &str| {
+        Request::get("/page/points/place").token(PHONE).header("if-none-match", tag).send(server.address)
+    };
+    let first = ask("\"none\"");
+    let tag = first.header("etag").expect("a tag").to_owned();
+    assert_eq!(first.header("cache-control"), Some("private, no-cache"), "not for a cache that others share");
+    let again = ask(&tag);
+    assert_eq!((first.body.len(), again.status, again.body.len()), (1200, 304, 0));
+
+    let other = Place::new(2);
+    veiloc_map::write(&other.map(6), &files.path("place.vmap")).expect("written");
+    eventually("the other map", || ask(&tag).status == 200);
+    let now = ask(&tag);
+    assert!(now.body.len() == 1200 && now.body != first.body);
+    assert_ne!(now.header("etag"), Some(tag.as_str()));
 }

@@ -1,4 +1,4 @@
-//! The native half of `scripts/web_browser.mjs`: what a program seals of the same image with the same random bytes, and whether
+//! The native half of `scripts/web/common.mjs`: what a program seals of the same image with the same random bytes, and whether
 //! what a browser sent is nothing but sealed queries.
 //!
 //! - `native seal IMAGE CAMERA PROFILE SEED_HEX OUT ROUNDS`: seals as `veiloc seal` does but for where randomness comes from; prints

@@ -2,22 +2,24 @@
 //!
 //! Its files are everybody's: who may ask for a map is decided where the page asks. What the page may do in a browser is said by
 //! [`POLICY`]: it reaches this service and nothing else, whatever is in it.
+//!
+//! Nothing here is padded, and compressing it tells nothing (rule L12): it is the same for all who may ask, and says nothing of a
+//! query. Whoever counts its bytes learns which file was asked for, and that a browser has it already.
 
 use std::sync::Arc;
 
 use axum::Extension;
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, State};
-use axum::http::header::{
-    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
-};
+use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS};
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::{IntoResponse, Response};
 use veiloc_admission::Guest;
 use veiloc_observe::Trail;
-use veiloc_page::{Page, PageFile, thinned};
+use veiloc_page::{Page, PageFile};
 
 use super::admit::asked;
+use super::versions::version;
 use crate::problem::Problem;
 use crate::state::App;
 
@@ -32,17 +34,18 @@ const OPENER_POLICY: HeaderName = HeaderName::from_static("cross-origin-opener-p
 const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
 
 /// The page itself.
-pub(super) async fn index(State(app): State<Arc<App>>) -> Result<Response, Problem> {
-    file_named(&app, "index.html")
+pub(super) async fn index(State(app): State<Arc<App>>, headers: HeaderMap) -> Result<Response, Problem> {
+    file_named(&app, "index.html", &headers)
 }
 
 /// A file of it.
 pub(super) async fn file(
     State(app): State<Arc<App>>,
     name: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let Path(name) = name.map_err(|_| Problem::NotFound)?;
-    file_named(&app, &name)
+    file_named(&app, &name, &headers)
 }
 
 /// Points of a map, as many as the operator shows: `[N, 3]` 32-bit floats, little endian.
@@ -54,15 +57,16 @@ pub(super) async fn points(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let hosted = asked(&app, &guest, &trail, name, &headers)?;
-    let bytes = thinned(&hosted.map, app.options.page_points);
-    Ok(([(CONTENT_TYPE, "application/octet-stream"), (CACHE_CONTROL, "no-cache")], bytes).into_response())
+    // For whoever may ask for the map, so for no cache that others share. Numbers of 32 bits are hardly shorter compressed.
+    let common = [(CACHE_CONTROL, "private, no-cache")];
+    Ok((common, version(&hosted.shown, None, "application/octet-stream", &headers)).into_response())
 }
 
-fn file_named(app: &App, name: &str) -> Result<Response, Problem> {
-    let PageFile { content_type, bytes } =
+fn file_named(app: &App, name: &str, asked: &HeaderMap) -> Result<Response, Problem> {
+    let PageFile { content_type, plain, gzip } =
         app.options.page.as_deref().and_then(|page: &Page| page.file(name)).ok_or(Problem::NotFound)?;
-    let headers = [
-        (CONTENT_TYPE, *content_type),
+    let common = [
+        // Names stay when a file changes: it is asked for each time, and mostly not sent.
         (CACHE_CONTROL, "no-cache"),
         (CONTENT_SECURITY_POLICY, POLICY),
         (PERMISSIONS_POLICY, PERMISSIONS),
@@ -71,5 +75,5 @@ fn file_named(app: &App, name: &str) -> Result<Response, Problem> {
         (REFERRER_POLICY, "no-referrer"),
         (X_CONTENT_TYPE_OPTIONS, "nosniff"),
     ];
-    Ok((headers, bytes.clone()).into_response())
+    Ok((common, version(plain, gzip.as_ref(), content_type, asked)).into_response())
 }

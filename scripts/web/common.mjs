@@ -1,0 +1,218 @@
+// What the scripts of all browsers share: programs that serve, a listener between browser and service that keeps what is sent,
+// the same seals in a browser and natively, and the account of all that was sent.
+import { execFileSync, spawn } from "node:child_process";
+import { createHash } from "node:crypto";
+import { mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import http from "node:http";
+import { createRequire } from "node:module";
+import path from "node:path";
+import { parseArgs } from "node:util";
+
+export const root = path.resolve(import.meta.dirname, "../..");
+
+const { values: given } = parseArgs({
+  options: {
+    veiloc: { type: "string" }, native: { type: "string" }, tools: { type: "string" }, out: { type: "string" },
+    browser: { type: "string" }, place: { type: "string" }, demo: { type: "string" }, seals: { type: "string" },
+  },
+});
+export { given };
+export const out = path.resolve(given.out ?? "out/web");
+/** The demo's folder. */
+export const place = given.place ?? path.join(out, "demo");
+rmSync(path.join(out, "sent"), { recursive: true, force: true });
+for (const folder of ["sent", "screens"]) mkdirSync(path.join(out, folder), { recursive: true });
+
+/** A package of `--tools`. */
+export const tool = createRequire(path.resolve(given.tools, "x.js"));
+const veiloc = path.resolve(given.veiloc);
+const pageFolder = path.join(root, "bindings/web/page");
+
+let wrong = 0;
+export const check = (what, holds, more = "") => {
+  if (!holds) wrong += 1;
+  console.log(`${holds ? "ok   " : "WRONG"} ${what}${more ? `: ${more}` : ""}`);
+};
+
+export const closing = [];
+
+/** Runs a script to its end, closes what it opened, and ends with what was found. */
+export async function run(main) {
+  try {
+    await main();
+  } catch (error) {
+    check("it ran to its end", false, error.stack);
+  }
+  for (const close of closing.reverse()) await close();
+  if (wrong) console.log(`${wrong} wrong`);
+  process.exit(wrong ? 1 : 0);
+}
+
+/** A program that serves; resolves with the address it names. */
+export function serve(...args) {
+  const child = spawn(veiloc, args, { cwd: root, stdio: ["ignore", "pipe", "pipe"] });
+  closing.push(() => child.kill("SIGINT"));
+  return new Promise((done, fail) => {
+    let said = "";
+    const listen = (data) => {
+      said += data;
+      const address = said.match(/(?:is|serving \S+) on (http:\/\/\S+)/);
+      if (address) done(address[1]);
+    };
+    child.stdout.on("data", listen);
+    child.stderr.on("data", listen);
+    child.on("exit", (code) => fail(new Error(`veiloc ${args[0]} ended with ${code}: ${said.slice(-2000)}`)));
+  });
+}
+
+/** The demo with its page: its address, its hidden views, and the file of its map's profile. */
+export async function demo() {
+  const address = given.demo ?? await serve("demo", "--page", "--page-folder", pageFolder, "--listen", "127.0.0.1:0", "--out", place);
+  const profile = path.join(out, "demo.vprofile");
+  writeFileSync(profile, Buffer.from(await (await fetch(`${address}/v1/maps/demo/profile`)).arrayBuffer()));
+  const { views } = await (await fetch(`${address}/page/page.json`)).json();
+  return { address, views, profile };
+}
+
+/** The demo's map at a service that asks for a token, and that token. */
+export async function guarded() {
+  const tokens = path.join(out, "tokens");
+  rmSync(tokens, { force: true });
+  const token = execFileSync(veiloc, ["token", "new", "phone", "--tokens", tokens, "--maps", "place"], { encoding: "utf8" }).match(/\S{20,}/)[0];
+  const map = path.join(place, "place.vmap");
+  const address = await serve("serve", "--map", `place=${map}`, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--tokens", tokens, "--page", "--page-folder", pageFolder, "--log", "off");
+  return { address, token };
+}
+
+/** What the browser talks to: passes everything on to the service, and keeps what it was sent. `files` it answers itself. */
+export async function between(service, seen, files = () => null) {
+  const { hostname, port } = new URL(service);
+  const proxy = http.createServer((request, response) => {
+    const file = files(request.url);
+    if (file) {
+      const type = { html: "text/html", js: "text/javascript", wasm: "application/wasm" }[file.split(".").pop()];
+      response.writeHead(200, { "content-type": type });
+      return response.end(readFileSync(file));
+    }
+    const parts = [];
+    request.on("data", (part) => parts.push(part));
+    request.on("end", () => {
+      const body = Buffer.concat(parts);
+      const entry = { method: request.method, url: request.url, headers: request.headers, body };
+      seen.push(entry);
+      const on = http.request({ hostname, port, method: request.method, path: request.url, headers: request.headers }, (reply) => {
+        Object.assign(entry, { status: reply.statusCode, encoding: reply.headers["content-encoding"], length: Number(reply.headers["content-length"] ?? 0) });
+        response.writeHead(reply.statusCode, reply.headers);
+        reply.pipe(response);
+      });
+      on.on("error", () => response.destroy());
+      on.end(body);
+    });
+  });
+  await new Promise((done) => proxy.listen(0, "127.0.0.1", done));
+  closing.push(() => { proxy.close(); proxy.closeAllConnections(); });
+  return `http://127.0.0.1:${proxy.address().port}/`;
+}
+
+/** In the page: seals a view with given random bytes six times; hash of the bytes, and milliseconds of the fastest. */
+async function sealThere({ view, seed }) {
+  const { Core } = await import("/page/core.js");
+  const core = await Core.load(fetch("/page/veiloc.wasm"));
+  const profile = new Uint8Array(await (await fetch("/v1/maps/demo/profile")).arrayBuffer());
+  const { head: kept } = core.call({ op: "profile" }, profile);
+  const blob = await (await fetch(`/page/${view.file}`)).blob();
+  const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  const { width, height } = bitmap;
+  const context = new OffscreenCanvas(width, height).getContext("2d");
+  context.drawImage(bitmap, 0, 0);
+  const { data } = context.getImageData(0, 0, width, height);
+  let best = Infinity;
+  let sealed;
+  for (let round = 0; round < 6; round += 1) {
+    const began = performance.now();
+    sealed = core.call({ op: "seal", profile: kept.profile, width, height, camera: view.camera }, Uint8Array.from(seed), data);
+    best = Math.min(best, performance.now() - began);
+  }
+  const hash = await crypto.subtle.digest("SHA-256", sealed.bytes);
+  return { best, rows: sealed.head.rows, hash: [...new Uint8Array(hash)] };
+}
+
+/** Seals so many times as `--seals` says, and nothing else; whether it was said. */
+export async function onlySeals(page, views, profile) {
+  const medians = [];
+  for (let run = 0; run < Number(given.seals ?? 0); run += 1) medians.push(await sealsAreEqual(page, views, profile));
+  if (medians.length) console.log(`     medians: ${medians.map((each) => each.toFixed(2)).join(", ")}`);
+  return medians.length > 0;
+}
+
+/** Seals views in the browser and natively, to the bit; the median of the times' ratios. */
+export async function sealsAreEqual(page, views, profile) {
+  console.log("== seals in the browser and natively");
+  const ratios = [];
+  for (const [index, view] of views.entries()) {
+    const seed = createHash("sha256").update(view.file).digest();
+    const file = path.join(out, `native-${index}.vquery`);
+    const image = path.join(place, "images", view.file);
+    const native = (threads) => Number(execFileSync(given.native, ["seal", image, view.camera, profile, seed.toString("hex"), file, "5"], { encoding: "utf8", env: { ...process.env, ...(threads && { RAYON_NUM_THREADS: threads }) } }));
+    const [all, one] = [native(""), native("1")];
+    const own = await page.evaluate(sealThere, { view, seed: [...seed] });
+    const same = createHash("sha256").update(readFileSync(file)).digest().equals(Buffer.from(own.hash));
+    ratios.push(own.best / all);
+    check(`${view.file}: the same ${own.rows} rows`, same, `browser ${own.best.toFixed(0)} ms, native ${all.toFixed(0)} ms (one thread ${one.toFixed(0)} ms)`);
+  }
+  const ratio = ratios.sort((a, b) => a - b)[ratios.length >> 1];
+  console.log(`     browser / native, median: ${ratio.toFixed(2)} of ${ratios.map((each) => each.toFixed(2)).join(", ")}`);
+  return ratio;
+}
+
+/** In the page, where the layout of the graph runs on what the camera sees: how often "what leaves" was drawn while it did. */
+export function drawnWhileAttacking() {
+  return new Promise((done) => {
+    const attack = document.getElementById("attack-text");
+    const isAttacking = () => attack.textContent.startsWith("Laying out");
+    let drawn = 0;
+    const leaves = new MutationObserver(() => {
+      if (isAttacking()) drawn += 1;
+    });
+    leaves.observe(document.getElementById("leaves-text"), { childList: true });
+    const began = isAttacking();
+    const end = new MutationObserver(() => {
+      if (isAttacking()) return;
+      for (const observer of [leaves, end]) observer.disconnect();
+      done({ began, drawn, told: attack.textContent });
+    });
+    end.observe(attack, { childList: true });
+  });
+}
+
+// Headers that a browser sends of itself, or that HTTP needs.
+const HEADERS = new Set(["host", "connection", "user-agent", "accept", "accept-encoding", "accept-language", "content-type", "content-length", "origin", "authorization", "cache-control", "pragma", "priority", "if-none-match", "upgrade-insecure-requests"]);
+
+/**
+ * All that was sent, as the server's side got it (`all`) and as the browser tells it (`tried`): to `own` addresses alone, and of
+ * bodies nothing but sealed queries of the profile.
+ */
+export function account(all, tried, own, profile) {
+  console.log("== all that was sent");
+  const files = [];
+  for (const { method, url, headers, body } of all) {
+    const known = /^\/$|^\/page\/[\w.-]+$|^\/page\/points\/\w+$|^\/v1\/maps$|^\/v1\/maps\/\w+\/(profile|localize)$/.test(url);
+    if (!known) check("an address of the service", false, `${method} ${url}`);
+    const odd = Object.keys(headers).filter((name) => !HEADERS.has(name) && !name.startsWith("sec-"));
+    if (odd.length) check("no header of its own", false, `${url}: ${odd.join(" ")}`);
+    if (method === "POST" && url.endsWith("/localize")) {
+      const file = path.join(out, "sent", `${files.length}.vquery`);
+      writeFileSync(file, body);
+      files.push(file);
+    } else if (method !== "GET" || body.length) check("a request without a body", false, `${method} ${url}`);
+  }
+  const queries = execFileSync(given.native, ["check", profile, ...files], { encoding: "utf8" }).trim().split("\n");
+  check(`${all.length} requests, ${queries.length} of them with a body`, queries.length === files.length, `each a sealed query of the map: ${[...new Set(queries)].sort().join(", ")}`);
+  const strange = [...new Set(tried)].filter((url) => !own.some((base) => url.startsWith(base)) && !/^(blob|data):/.test(url));
+  check("the browser tried nobody else", strange.length === 0, strange.join(" "));
+  const files2 = all.filter(({ url, method }) => method === "GET" && (url === "/" || url.startsWith("/page/")) && !url.startsWith("/page/points"));
+  const again = files2.filter(({ status }) => status === 304).length;
+  console.log(`     files of the page: ${files2.length} asked for, ${again} of them known already`);
+  writeFileSync(path.join(out, "requests.json"), JSON.stringify(all.map(({ headers, body, ...rest }) => ({ ...rest, headers: Object.keys(headers), bytes: body.length })), null, 1));
+  return queries.length;
+}

@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# The wheel for people: built with the release profile, then tried in a new environment whose PATH has no Rust.
+#
+#     scripts/wheel.sh [DIR]        the wheel stays in DIR (default: wheels beside the builds)
+#
+# It imports, its program says its version, and examples/python/map_and_localize.py maps a rendered room and localizes views of it.
+# CI tries a wheel of the profile that it tests with (`.ci/run python`): this one takes as long as all crates with link-time
+# optimization do.
+set -euo pipefail
+here="$(cd "$(dirname "$0")/.." && pwd)"
+wheels="$(realpath -m "${1:-${CARGO_TARGET_DIR:-$here/target}/wheels}")"
+work="$(mktemp -d)"
+trap 'rm -rf "$work"' EXIT
+cd "$work"
+
+python3 -m venv build
+began=$SECONDS
+build/bin/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir "$work/made" \
+    --config-settings build-args="--profile=release --locked" "$here/bindings/python"
+mkdir -p "$wheels"
+wheel="$wheels/$(basename "$work"/made/veiloc-*.whl)"
+mv "$work"/made/veiloc-*.whl "$wheel"
+echo "$wheel: $(wc -c < "$wheel") bytes, built in $((SECONDS - began)) s"
+
+python3 -m venv tried
+tried/bin/pip install --quiet --disable-pip-version-check "$wheel"
+export PATH="$work/tried/bin:/usr/bin:/bin"
+for tool in cargo rustc; do
+    ! command -v "$tool" || { echo "$tool is on the PATH: this would show nothing" >&2; exit 1; }
+done
+veiloc --version
+python -c 'import time; t = time.perf_counter(); import veiloc; print(f"imported in {1e3 * (time.perf_counter() - t):.0f} ms, with numpy")'
+python "$here/examples/python/map_and_localize.py" | tee localized
+[ "$(grep -c '^query.* trusted' localized)" -ge 2 ] || { echo "fewer than two of the views were localized" >&2; exit 1; }
