@@ -8,6 +8,7 @@
 //! - [`two_nearest`], [`match_descriptors`]: exact nearest neighbours by brute force, for every kind.
 //! - [`GlobalModel`]: how the one [`GlobalDescriptor`] of an image is made, by a [`Vocabulary`] from its rows or by an
 //!   extractor known by name.
+//! - [`GlobalIndex`]: which of many global descriptors are worth comparing with one.
 //!
 //! Everything is computed in integers up to the last step, so results are the same on every machine and for every
 //! number of threads.
@@ -32,6 +33,7 @@ mod encoding;
 mod error;
 mod global;
 mod global_model;
+mod index;
 mod kind;
 mod kmeans;
 mod matching;
@@ -39,6 +41,7 @@ mod name;
 mod neighbours;
 mod packed;
 mod prior;
+mod signs;
 mod storage;
 #[cfg(test)]
 mod test_data;
@@ -48,6 +51,7 @@ pub use encoding::Encoding;
 pub use error::DescriptorError;
 pub use global::GlobalDescriptor;
 pub use global_model::{GlobalModel, NamedGlobal};
+pub use index::GlobalIndex;
 pub use kind::{DecoyRecipe, DescriptorKind};
 pub use matching::{Match, MatchOptions, match_descriptors};
 pub use name::Name;

@@ -2,6 +2,7 @@
 //!
 //! - [`PackedRows`], [`best_two`], [`best_two_with_columns`]: exact brute-force nearest neighbours of byte vectors.
 //! - [`dot_u8`], [`dot_i8`]: one dot product.
+//! - [`hamming`]: how many bits differ.
 //! - [`pose`]: scores and normal equations of camera poses.
 //! - [`sift`]: the loops of the extraction of features.
 //! - `MappedFile`: a file read as one slice; not on WebAssembly, which has no files to map.
@@ -31,6 +32,7 @@ mod approx;
 mod backend;
 mod dispatch;
 mod dot;
+mod hamming;
 #[cfg(not(target_family = "wasm"))]
 mod mapped;
 mod packed;
@@ -41,6 +43,7 @@ mod tile;
 
 pub use backend::Backend;
 pub use dot::{dot_i8, dot_u8};
+pub use hamming::hamming;
 #[cfg(not(target_family = "wasm"))]
 pub use mapped::MappedFile;
 pub use packed::{MAX_DIM, PackedRows};

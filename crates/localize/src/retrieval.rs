@@ -1,6 +1,6 @@
 //! Image retrieval: which map images look like the query, by their global descriptors.
 
-use veiloc_descriptor::GlobalDescriptor;
+use veiloc_descriptor::{GlobalDescriptor, GlobalIndex};
 use veiloc_map::MapView;
 
 /// A retrieved image.
@@ -13,11 +13,19 @@ pub struct Retrieved {
 }
 
 /// The `count` map images most similar to the query, best first; equal ones in the map's order.
+///
+/// In a map of thousands only those are compared that its index names: of the best ten it names practically all
+/// (`docs/scale.md`).
 pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec<Retrieved> {
-    let mut all: Vec<Retrieved> = map
-        .images()
-        .map(|(image, view)| Retrieved { image, similarity: query.similarity(view.global()) })
-        .collect();
+    let compared = |image: usize, codes: &[i8]| Retrieved { image, similarity: query.similarity(codes) };
+    let mut all: Vec<Retrieved> = match map.file().global_index() {
+        None => map.images().map(|(image, view)| compared(image, view.global())).collect(),
+        Some(index) => {
+            let named = index.candidates(query, GlobalIndex::candidates_for(count));
+            let taking_part = named.into_iter().filter(|image| !map.is_left_out(*image));
+            taking_part.map(|image| compared(image, map.file().image(image).global())).collect()
+        }
+    };
     all.sort_by(|a, b| b.similarity.total_cmp(&a.similarity).then(a.image.cmp(&b.image)));
     all.truncate(count);
     all

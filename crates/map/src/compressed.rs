@@ -41,7 +41,7 @@ impl Remembered {
     }
 
     /// Finite and positive definite.
-    fn is_covariance(&self) -> bool {
+    pub(crate) fn is_covariance(&self) -> bool {
         let c = self.covariance();
         let m = Matrix3::from_fn(|i, j| c[i][j]);
         let scale = m.diagonal().max();
@@ -60,6 +60,8 @@ pub struct Compressed {
     pub points: u64,
     /// `[P]`, of the points that were kept.
     pub of_points: Vec<Remembered>,
+    /// Where positions are counted from, map units, when the file is packed; see [`MapModel::pack`](crate::MapModel::pack).
+    pub packed_from: Option<[f64; 3]>,
 }
 
 impl Compressed {
@@ -121,7 +123,13 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_named() {
         let round = Remembered { seen_by: 3, covariance: [1.0, 0.0, 0.0, 1.0, 0.0, 1.0] };
-        let of = |of_points: Vec<Remembered>| Compressed { bytes: 9, keypoints: 9, points: 2, of_points };
+        let of = |of_points: Vec<Remembered>| Compressed {
+            bytes: 9,
+            keypoints: 9,
+            points: 2,
+            of_points,
+            packed_from: None,
+        };
         assert_eq!(of(vec![round, round]).check([3, 2].into_iter()), Ok(()));
         let refused =
             |of_points, lengths: Vec<usize>| of(of_points).check(lengths.into_iter()).expect_err("refused");

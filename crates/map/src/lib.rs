@@ -9,6 +9,7 @@
 //! - [`SelfTest`]: how well a map localizes its own images, and the [`Calibration`] of covariances that follows.
 //! - [`Down`]: which way is down in the map, where somebody knows.
 //! - [`Compressed`]: what a small map remembers of the whole one it was made of.
+//! - [`Region`]: which part of a larger map a map is; [`MapFile::region`] cuts it out.
 //! - [`MapView`]: a map file whole, or with one image left out of it.
 //! - [`colmap`]: COLMAP's models, text and binary, read strictly and written; [`write_ply`] writes a map's points.
 //!
@@ -50,6 +51,7 @@ mod file;
 mod model;
 mod ply;
 mod posed;
+mod region;
 mod self_test;
 mod settings;
 
@@ -63,5 +65,6 @@ pub use file::{
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
 pub use ply::write_ply;
 pub use posed::{PosedImage, PosedImages};
+pub use region::{Region, RegionImage};
 pub use self_test::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest, SelfTest};
 pub use settings::BuildSettings;

@@ -11,6 +11,7 @@ use veiloc_query::Profile;
 use crate::compressed::Compressed;
 use crate::down::Down;
 use crate::error::{MapError, Record};
+use crate::region::Region;
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
 
@@ -87,6 +88,8 @@ pub struct MapModel {
     pub down: Option<Down>,
     /// What it was made of, where it is a compressed map: such a map takes no images in and lets none go.
     pub compressed: Option<Compressed>,
+    /// Which part of a larger map it is, where it is one; it is then [`Self::compressed`] too, whose numbers are the larger map's.
+    pub region: Option<Region>,
 }
 
 impl MapModel {
@@ -101,6 +104,7 @@ impl MapModel {
             self_test: None,
             down: None,
             compressed: None,
+            region: None,
         }
     }
 
@@ -159,6 +163,10 @@ impl MapModel {
         }
         let lengths = || self.points.iter().map(|p| p.track.len());
         if let Some(Err(reason)) = self.compressed.as_ref().map(|c| c.check(lengths())) {
+            return refuse(Record::Map, reason);
+        }
+        let is_remembered = self.compressed.is_some();
+        if let Some(Err(reason)) = self.region.as_ref().map(|r| r.check(self.images.len(), is_remembered)) {
             return refuse(Record::Map, reason);
         }
         let many = [self.cameras.len(), self.images.len(), self.points.len()];

@@ -96,8 +96,8 @@ pub enum MappingError {
     },
     /// The map was made small, and keeps too little for that.
     #[error(
-        "the map is a compressed one, which no image can join or leave, and which cannot be made smaller: do it to the \
-         map that it was made of, and compress that again"
+        "the map is a compressed one or a region of a larger one, which no image can join or leave, and which cannot be \
+         made smaller: do it to the map that it was made of, and compress or cut that again"
     )]
     Compressed,
     /// A map cannot be made so small.

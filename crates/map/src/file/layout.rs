@@ -49,11 +49,15 @@ pub(super) enum Section {
     Down = 14,
     /// From version 2 on, in maps that were compressed.
     Compressed = 15,
+    /// From version 2 on, in maps that are a part of a larger one.
+    Region = 16,
+    /// From version 2 on, in the place of what sections 6 to 11 hold in other maps, which are then empty.
+    Packed = 17,
 }
 
 impl Section {
     /// In the order of their codes, which are 1, 2, 3, ...
-    pub(super) const ALL: [Self; 15] = [
+    pub(super) const ALL: [Self; 17] = [
         Self::Profile,
         Self::Settings,
         Self::Cameras,
@@ -69,6 +73,8 @@ impl Section {
         Self::SelfTest,
         Self::Down,
         Self::Compressed,
+        Self::Region,
+        Self::Packed,
     ];
 
     /// The sections a file of this version must have, in order.
@@ -80,7 +86,8 @@ impl Section {
     }
 
     /// What a file may have from version 2 on.
-    pub(super) const OPTIONAL: &[Self] = &[Self::SelfTest, Self::Down, Self::Compressed];
+    pub(super) const OPTIONAL: &[Self] =
+        &[Self::SelfTest, Self::Down, Self::Compressed, Self::Region, Self::Packed];
 
     /// Whether these are the sections of a file of this version: all that it must have, and what it may have, in order.
     pub(super) fn fit(version: u32, codes: impl Iterator<Item = u32> + Clone) -> bool {
@@ -89,6 +96,19 @@ impl Section {
         let is_there = |s: &Self| codes.clone().any(|code| code == *s as u32);
         let known = codes.clone().all(|code| among(code, must) || among(code, may));
         known && must.iter().all(is_there) && codes.clone().is_sorted_by(|a, b| a < b)
+    }
+
+    /// Whether a packed map has its content in [`Self::Packed`].
+    pub(super) const fn is_packed(self) -> bool {
+        matches!(
+            self,
+            Self::Keypoints
+                | Self::KeypointPoints
+                | Self::Descriptors
+                | Self::Globals
+                | Self::Points
+                | Self::Observations
+        )
     }
 
     pub(super) fn from_code(code: u32) -> Option<Self> {
@@ -112,6 +132,8 @@ impl Section {
             Self::SelfTest => "self-test",
             Self::Down => "down",
             Self::Compressed => "compressed",
+            Self::Packed => "packed",
+            Self::Region => "region",
         }
     }
 }
@@ -264,6 +286,61 @@ pub(super) struct CompressedRecord {
 pub(super) struct RememberedRecord {
     pub(super) seen_by: u32,
     pub(super) covariance: [f32; 6],
+}
+
+/// What holds for all records of a packed map.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct PackedRecord {
+    /// Where positions are counted from, map units.
+    pub(super) origin: [f64; 3],
+    pub(super) points: u64,
+    pub(super) keypoints: u64,
+}
+
+/// A point of a packed map.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct PackedPointRecord {
+    /// From the origin, map units.
+    pub(super) position: [f32; 3],
+    /// Mean reprojection error, 4096 a pixel.
+    pub(super) error: u16,
+    /// Images that see it in the whole map.
+    pub(super) seen_by: u16,
+    /// Logarithms of the standard deviations of its position along the axes.
+    pub(super) log_sds: [u16; 3],
+    /// Correlations `xy, xz, yz`.
+    pub(super) correlations: [i16; 3],
+}
+
+/// A keypoint of a packed map.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct PackedKeypointRecord {
+    /// The point that it sees.
+    pub(super) point: u32,
+    /// Coordinates u, v, in steps.
+    pub(super) at: [u16; 2],
+}
+
+/// What a region is of; the records of its images follow.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct RegionRecord {
+    /// Of the whole map.
+    pub(super) images: u32,
+    pub(super) reserved: u32,
+}
+
+/// An image of a region.
+#[derive(Debug, Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(super) struct RegionImageRecord {
+    /// Its index in the whole map.
+    pub(super) whole: u32,
+    /// 1 in the core, 0 beside it.
+    pub(super) core: u32,
 }
 
 /// XXH3-64 of header and table, the header's own checksum taken as zero.

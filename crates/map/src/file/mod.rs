@@ -3,8 +3,13 @@
 mod compressed;
 mod layout;
 mod open;
+mod pack;
+mod packed;
+mod part;
+mod region;
 mod self_test;
 mod uncertainty;
+mod unpacked;
 mod view;
 mod without;
 mod write;

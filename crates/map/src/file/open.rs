@@ -17,12 +17,13 @@ use super::layout::{
     ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
 };
 use super::view::{ImageEntry, LargeSections, MapFile};
-use super::write::{IN_MEMORY, in_memory};
-use super::{compressed, self_test};
+use super::write::{Form, IN_MEMORY, byte_count, in_memory};
+use super::{compressed, region, self_test};
 use crate::compressed::Compressed;
 use crate::down::Down;
 use crate::error::MapError;
 use crate::model::{MapModel, is_name, is_rigid};
+use crate::region::Region;
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
 
@@ -66,16 +67,32 @@ impl MapFile {
     /// # Errors
     /// [`MapError::Model`] when the map does not hold together, [`MapError::Io`] when there is no memory for it.
     pub fn of_model(model: &MapModel) -> Result<Self, MapError> {
-        Self::of_bytes(in_memory(model)?, Path::new(IN_MEMORY))
+        let mut file = Self::of_bytes(in_memory(model, Form::Plain)?, Path::new(IN_MEMORY))?;
+        if let (Some(own), Some(given)) = (&mut file.compressed, &model.compressed) {
+            own.packed_from = given.packed_from;
+            file.file_bytes = byte_count(model);
+        }
+        Ok(file)
+    }
+
+    /// A map as its file will hold it.
+    pub(crate) fn unpacked_of(model: &MapModel) -> Result<Self, MapError> {
+        Self::of_bytes(in_memory(model, Form::of(model))?, Path::new(IN_MEMORY))
     }
 
     fn of_bytes(bytes: MappedFile, path: &Path) -> Result<Self, MapError> {
         let parser = Parser { path, bytes: &bytes };
         let (version, sections) = parser.sections()?;
+        if sections[Section::Packed as usize - 1].is_some() {
+            let file = Self::of_model(&parser.unpacked(&sections)?)
+                .map_err(|e| parser.wrong(Section::Packed.name(), &e.to_string()))?;
+            return Ok(Self { path: path.to_owned(), file_bytes: bytes.len() as u64, version, ..file });
+        }
         let parts = parser.parts(&sections)?;
-        let Parts { profile, settings, cameras, images, self_test, down, compressed, large } = parts;
+        let Parts { profile, settings, cameras, images, self_test, down, compressed, region, large } = parts;
         Ok(Self {
             path: path.to_owned(),
+            file_bytes: bytes.len() as u64,
             bytes,
             version,
             profile,
@@ -85,7 +102,9 @@ impl MapFile {
             self_test,
             down,
             compressed,
+            region,
             large,
+            index: OnceLock::new(),
             noise: OnceLock::new(),
             covariances: OnceLock::new(),
         })
@@ -93,7 +112,7 @@ impl MapFile {
 }
 
 /// The bytes of each section that the file has, by the section's code less one.
-type Sections = [Option<Range<usize>>; Section::ALL.len()];
+pub(super) type Sections = [Option<Range<usize>>; Section::ALL.len()];
 
 struct Parts {
     profile: Profile,
@@ -103,12 +122,13 @@ struct Parts {
     self_test: Option<SelfTest>,
     down: Option<Down>,
     compressed: Option<Compressed>,
+    region: Option<Region>,
     large: LargeSections,
 }
 
-struct Parser<'a> {
+pub(super) struct Parser<'a> {
     path: &'a Path,
-    bytes: &'a [u8],
+    pub(super) bytes: &'a [u8],
 }
 
 impl<'a> Parser<'a> {
@@ -173,14 +193,12 @@ impl<'a> Parser<'a> {
 
     fn parts(&self, sections: &Sections) -> Result<Parts, MapError> {
         let range = |section: Section| sections[section as usize - 1].clone().unwrap_or_default();
-        let profile = Profile::decode(&self.bytes[range(Section::Profile)])
-            .map_err(|e| self.wrong(Section::Profile.name(), &e.to_string()))?;
+        let profile = self.profile(sections)?;
         let settings = self.settings(sections, &profile)?;
         let cameras = self.cameras(self.records(&range(Section::Cameras), Section::Cameras)?)?;
         let keypoints: &[[f32; 2]] = self.records(&range(Section::Keypoints), Section::Keypoints)?;
         let links: &[u32] = self.records(&range(Section::KeypointPoints), Section::KeypointPoints)?;
-        let names = std::str::from_utf8(&self.bytes[range(Section::Names)])
-            .map_err(|_| self.wrong(Section::Names.name(), "not UTF-8"))?;
+        let names = self.names(sections)?;
         let records: &[ImageRecord] = self.records(&range(Section::Images), Section::Images)?;
         let global = profile.global_model().global_len();
         let images = self.images(records, names, keypoints.len(), &cameras, global)?;
@@ -210,19 +228,7 @@ impl<'a> Parser<'a> {
             points: range(Section::Points),
             observations: range(Section::Observations),
         };
-        let self_test = sections[Section::SelfTest as usize - 1].clone();
-        let self_test = self_test
-            .map(|range| {
-                self_test::decode(&self.bytes[range]).map_err(|e| self.wrong(Section::SelfTest.name(), &e))
-            })
-            .transpose()?;
-        let down = sections[Section::Down as usize - 1].clone();
-        let down = down
-            .map(|range| {
-                let vector: &[f64; 3] = self.record(&range, Section::Down)?;
-                Down::kept(*vector).map_err(|e| self.wrong(Section::Down.name(), &e))
-            })
-            .transpose()?;
+        let (self_test, down) = (self.self_test(sections)?, self.down(sections)?);
         let compressed = sections[Section::Compressed as usize - 1].clone();
         let compressed = compressed
             .map(|range| {
@@ -233,11 +239,50 @@ impl<'a> Parser<'a> {
                     .map_err(|e| self.wrong(Section::Compressed.name(), &e))
             })
             .transpose()?;
-        Ok(Parts { profile, settings, cameras, images, self_test, down, compressed, large })
+        let region = self.region(sections, images.len(), compressed.is_some())?;
+        Ok(Parts { profile, settings, cameras, images, self_test, down, compressed, region, large })
+    }
+
+    pub(super) fn self_test(&self, sections: &Sections) -> Result<Option<SelfTest>, MapError> {
+        let decode = |range: Range<usize>| {
+            self_test::decode(&self.bytes[range]).map_err(|e| self.wrong(Section::SelfTest.name(), &e))
+        };
+        sections[Section::SelfTest as usize - 1].clone().map(decode).transpose()
+    }
+
+    pub(super) fn down(&self, sections: &Sections) -> Result<Option<Down>, MapError> {
+        let decode = |range: Range<usize>| {
+            let vector: &[f64; 3] = self.record(&range, Section::Down)?;
+            Down::kept(*vector).map_err(|e| self.wrong(Section::Down.name(), &e))
+        };
+        sections[Section::Down as usize - 1].clone().map(decode).transpose()
+    }
+
+    pub(super) fn region(
+        &self,
+        sections: &Sections,
+        images: usize,
+        is_remembered: bool,
+    ) -> Result<Option<Region>, MapError> {
+        let decode = |range: Range<usize>| {
+            region::decode(&self.bytes[range], images, is_remembered)
+                .map_err(|e| self.wrong(Section::Region.name(), &e))
+        };
+        sections[Section::Region as usize - 1].clone().map(decode).transpose()
+    }
+
+    pub(super) fn profile(&self, sections: &Sections) -> Result<Profile, MapError> {
+        let range = sections[Section::Profile as usize - 1].clone().unwrap_or_default();
+        Profile::decode(&self.bytes[range]).map_err(|e| self.wrong(Section::Profile.name(), &e.to_string()))
+    }
+
+    pub(super) fn names(&self, sections: &Sections) -> Result<&'a str, MapError> {
+        let range = sections[Section::Names as usize - 1].clone().unwrap_or_default();
+        std::str::from_utf8(&self.bytes[range]).map_err(|_| self.wrong(Section::Names.name(), "not UTF-8"))
     }
 
     /// Of version 1, the words are those of the profile and the rest defaults.
-    fn settings(&self, sections: &Sections, profile: &Profile) -> Result<BuildSettings, MapError> {
+    pub(super) fn settings(&self, sections: &Sections, profile: &Profile) -> Result<BuildSettings, MapError> {
         let range = |section: Section| sections[section as usize - 1].clone();
         let extraction: &SettingsRecord =
             self.record(&range(Section::Settings).unwrap_or_default(), Section::Settings)?;
@@ -273,7 +318,7 @@ impl<'a> Parser<'a> {
         Ok(settings)
     }
 
-    fn cameras(&self, records: &[CameraRecord]) -> Result<Vec<Intrinsics>, MapError> {
+    pub(super) fn cameras(&self, records: &[CameraRecord]) -> Result<Vec<Intrinsics>, MapError> {
         let wrong = |reason: &str| self.wrong(Section::Cameras.name(), reason);
         let cameras = records.iter().take_while(|r| r.model != CameraRecord::CONTINUED).count();
         let (own, more) = records.split_at(cameras);
@@ -305,7 +350,7 @@ impl<'a> Parser<'a> {
         Ok(cameras)
     }
 
-    fn images(
+    pub(super) fn images(
         &self,
         records: &[ImageRecord],
         names: &str,
@@ -392,7 +437,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    fn records<T: FromBytes + Immutable + KnownLayout>(
+    pub(super) fn records<T: FromBytes + Immutable + KnownLayout>(
         &self,
         range: &Range<usize>,
         section: Section,
@@ -412,7 +457,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    fn wrong(&self, section: &'static str, reason: &str) -> MapError {
+    pub(super) fn wrong(&self, section: &'static str, reason: &str) -> MapError {
         MapError::Structure { path: self.path.to_owned(), section, reason: reason.to_owned() }
     }
 }

@@ -71,8 +71,13 @@ impl<'a> MapView<'a> {
 
     /// The images that take part, with their indices, in order.
     pub fn images(&self) -> impl Iterator<Item = (usize, ImageView<'a>)> {
-        let out = self.without.map(|w| w.image);
-        self.map.images().enumerate().filter(move |(index, _)| Some(*index) != out)
+        let view = *self;
+        self.map.images().enumerate().filter(move |(index, _)| !view.is_left_out(*index))
+    }
+
+    /// Whether the image with this index takes no part.
+    pub fn is_left_out(&self, image: usize) -> bool {
+        self.without.is_some_and(|w| w.image == image)
     }
 
     /// The point that a keypoint of an image sees, when it is there. The image must take part.

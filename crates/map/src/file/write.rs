@@ -12,7 +12,8 @@ use super::layout::{
     ALIGN, BuildingRecord, CameraRecord, Entry, FORMAT_VERSION, Header, ImageRecord, MAGIC, NO_POINT,
     ObservationRecord, PointRecord, Section, SettingsRecord, header_checksum,
 };
-use super::{compressed, self_test};
+use super::{compressed, packed, region, self_test};
+use crate::compressed::Compressed;
 use crate::error::MapError;
 use crate::model::MapModel;
 use crate::settings::BuildSettings;
@@ -74,10 +75,27 @@ pub fn byte_count(model: &MapModel) -> u64 {
     Sections::of(model).head().0.length
 }
 
-/// The bytes of a map file, in memory.
-pub(super) fn in_memory(model: &MapModel) -> Result<MappedFile, MapError> {
+/// How the large parts of a map lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// As they are used, in sections 6 to 11.
+    Plain,
+    /// As short as may be, in section 16.
+    Packed,
+}
+
+impl Form {
+    /// That of a map's file.
+    pub(super) fn of(model: &MapModel) -> Self {
+        let packed = model.compressed.as_ref().is_some_and(|c| c.packed_from.is_some());
+        if packed { Self::Packed } else { Self::Plain }
+    }
+}
+
+/// The bytes of a map file in this form, in memory.
+pub(super) fn in_memory(model: &MapModel, form: Form) -> Result<MappedFile, MapError> {
     model.validate()?;
-    let sections = Sections::of(model);
+    let sections = Sections::in_form(model, form);
     let (header, table) = sections.head();
     let fill = |mut to: &mut [u8]| sections.write_behind(&header, &table, &mut to);
     MappedFile::in_memory(header.length as usize, fill).map_err(MapError::io(Path::new(IN_MEMORY)))
@@ -104,9 +122,14 @@ impl Piece<'_> {
 
 impl<'a> Sections<'a> {
     fn of(model: &'a MapModel) -> Self {
+        Self::in_form(model, Form::of(model))
+    }
+
+    fn in_form(model: &'a MapModel, form: Form) -> Self {
         let section = |section: Section| {
             let images = || model.images.iter();
             let pieces = match section {
+                elsewhere if form == Form::Packed && elsewhere.is_packed() => Vec::new(),
                 Section::Profile => vec![Piece::Owned(model.profile.encode())],
                 Section::Settings => vec![owned(&[settings_record(&model.settings)])],
                 Section::Cameras => vec![owned(&camera_records(&model.cameras))],
@@ -135,8 +158,17 @@ impl<'a> Sections<'a> {
                 }
                 Section::Down => model.down.iter().map(|down| owned(&down.in_world())).collect(),
                 Section::Compressed => {
-                    model.compressed.iter().map(|c| Piece::Owned(compressed::encode(c))).collect()
+                    let here =
+                        |c: &'a Compressed| if form == Form::Packed { &[][..] } else { &c.of_points[..] };
+                    model.compressed.iter().map(|c| Piece::Owned(compressed::encode(c, here(c)))).collect()
                 }
+                Section::Packed => {
+                    let encode = |c: &Compressed| {
+                        Some(Piece::Owned(packed::encode(model, c.packed_from?, &c.of_points)))
+                    };
+                    model.compressed.iter().filter_map(encode).collect()
+                }
+                Section::Region => model.region.iter().map(|r| Piece::Owned(region::encode(r))).collect(),
             };
             (section, pieces)
         };
@@ -144,6 +176,8 @@ impl<'a> Sections<'a> {
             Section::SelfTest => model.self_test.is_some(),
             Section::Down => model.down.is_some(),
             Section::Compressed => model.compressed.is_some(),
+            Section::Packed => form == Form::Packed,
+            Section::Region => model.region.is_some(),
             _ => true,
         };
         let there = Section::ALL.into_iter().filter(is_there);

@@ -25,9 +25,9 @@ pub(super) fn choose(model: &MapModel, descriptors: usize, bytes: u64) -> Vec<Po
         let [u, v] = image_of.keypoints[keypoint as usize];
         image * CELLS * CELLS + along(v, camera.height) * CELLS + along(u, camera.width)
     };
-    let dim = model.profile.descriptor_kind().dim() as u64;
+    let row = model.profile.descriptor_kind().packed_len() as u64;
     let bytes_of =
-        |point: &MapPoint| POINT_BYTES + (KEYPOINT_BYTES + dim) * point.track.len().min(descriptors) as u64;
+        |point: &MapPoint| POINT_BYTES + (KEYPOINT_BYTES + row) * point.track.len().min(descriptors) as u64;
     let mut filled: BTreeMap<u32, u32> = BTreeMap::new();
     let gain = |point: &MapPoint, filled: &BTreeMap<u32, u32>| {
         let of_cell = |cell: u32| {
@@ -93,7 +93,7 @@ impl PartialEq for Candidate {
 
 impl Eq for Candidate {}
 
-/// Bytes of a point in the file: its record, and what is remembered of it (`docs/map-format.md`, sections 10 and 15).
-const POINT_BYTES: u64 = 40 + 28;
-/// Bytes of a keypoint that sees a point, its descriptor aside: sections 6, 7 and 11.
-const KEYPOINT_BYTES: u64 = 8 + 4 + 8;
+/// Bytes of a point in the file (`docs/map-format.md`, section 16).
+const POINT_BYTES: u64 = 28;
+/// Bytes of a keypoint that sees a point, its descriptor aside.
+const KEYPOINT_BYTES: u64 = 8;

@@ -8,7 +8,7 @@
 //! what it adds to the parts of images that have few yet ([`choose`]), by the bytes it takes; keypoints that see no point
 //! go. Of the keypoints of a point those stay whose descriptors stand best for all of them ([`represent`]).
 //!
-//! Positions stay as they are, and of each point the number of images that saw it and its covariance are remembered
+//! Positions stay as they are, up to the rounding of a packed file, and of each point the number of images that saw it and its covariance are remembered
 //! ([`Compressed`]): a small map believes a match as much as the whole one does.
 
 mod choose;
@@ -17,9 +17,7 @@ mod represent;
 use std::collections::BTreeMap;
 
 use veiloc_descriptor::Descriptors;
-use veiloc_map::{
-    Compressed, MapFile, MapImage, MapModel, MapPoint, Observation, PointId, Remembered, byte_count,
-};
+use veiloc_map::{Compressed, MapFile, MapImage, MapModel, MapPoint, Observation, PointId, byte_count};
 
 use self::choose::choose;
 use self::represent::represent;
@@ -73,7 +71,7 @@ pub fn compress(
 ) -> Result<Compression, MappingError> {
     refuse_compressed(model)?;
     let file = MapFile::of_model(model)?;
-    let bare = byte_count(&emptied(model, file.byte_count() as u64)) + RESERVE;
+    let bare = byte_count(&emptied(model, file.byte_count())) + RESERVE;
     if bare >= options.bytes {
         return Err(MappingError::TooSmall { bytes: options.bytes, least: bare });
     }
@@ -83,7 +81,8 @@ pub fn compress(
     progress.advance(1);
     progress.finish();
     let kept_of = represent(model, &chosen, most, progress);
-    let small = assemble(model, &file, &kept_of);
+    let mut small = assemble(model, &file, &kept_of);
+    small.pack()?;
     Ok(Compression { model: small, kept: kept_of.into_keys().collect() })
 }
 
@@ -116,13 +115,15 @@ fn emptied(model: &MapModel, bytes: u64) -> MapModel {
             keypoints: 0,
             points: model.points.len() as u64,
             of_points: Vec::new(),
+            packed_from: Some([0.0; 3]),
         }),
+        region: None,
     }
 }
 
 /// The map of these points and keypoints alone.
 fn assemble(model: &MapModel, file: &MapFile, kept_of: &BTreeMap<PointId, Vec<Observation>>) -> MapModel {
-    let mut small = emptied(model, file.byte_count() as u64);
+    let mut small = emptied(model, file.byte_count());
     // New indices of the keypoints that stay: those of an image in the order that they had.
     let mut staying: Vec<Vec<u32>> = vec![Vec::new(); model.images.len()];
     for observation in kept_of.values().flatten() {
@@ -145,12 +146,6 @@ fn assemble(model: &MapModel, file: &MapFile, kept_of: &BTreeMap<PointId, Vec<Ob
         })
         .collect();
     small.link_keypoints();
-    let remembered = |id: &PointId| Remembered::new(file.seen_by(*id) as u32, &file.point_covariance(*id));
-    small.compressed = Some(Compressed {
-        bytes: file.byte_count() as u64,
-        keypoints: model.images.iter().map(|i| i.keypoints.len() as u64).sum(),
-        points: model.points.len() as u64,
-        of_points: kept_of.keys().map(remembered).collect(),
-    });
+    small.compressed = Some(Compressed::of(file, kept_of.keys().copied()));
     small
 }

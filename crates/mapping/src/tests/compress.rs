@@ -18,7 +18,7 @@ fn a_small_map_keeps_the_bytes_asked_for_and_what_it_has_is_the_whole_ones() {
     let whole = whole();
     let file = MapFile::of_model(&whole).unwrap();
     for times in [6, 9] {
-        let bytes = file.byte_count() as u64 / times;
+        let bytes = file.byte_count() / times;
         let small = compress(&whole, &CompressOptions::new(bytes), &()).unwrap();
         small.model.validate().unwrap();
         let spent = byte_count(&small.model);
@@ -26,26 +26,25 @@ fn a_small_map_keeps_the_bytes_asked_for_and_what_it_has_is_the_whole_ones() {
         assert_eq!(small.model.profile.id(), whole.profile.id());
         assert_eq!(small.kept.len(), small.model.points.len());
         let compressed = small.model.compressed.as_ref().unwrap();
-        assert_eq!(
-            (compressed.bytes, compressed.points),
-            (file.byte_count() as u64, whole.points.len() as u64)
-        );
+        assert_eq!((compressed.bytes, compressed.points), (file.byte_count(), whole.points.len() as u64));
         for ((id, point), remembered) in small.kept.iter().zip(&small.model.points).zip(&compressed.of_points)
         {
             let before = &whole.points[id.index()];
-            assert_eq!(point.position, before.position);
+            // The place is some ten units wide: 24 bits are a millionth of that.
+            assert!((point.position.coords - before.position.coords).norm() < 1e-5);
             assert_eq!(remembered.seen_by as usize, before.track.len());
             assert!((1..=3).contains(&point.track.len()));
             let was = file.point_covariance(*id);
             for (a, b) in remembered.covariance().iter().flatten().zip(was.iter().flatten()) {
                 let largest = (0..3).map(|i| was[i][i]).fold(0.0, f64::max);
-                assert!((a - b).abs() <= 2e-5 * largest, "{a} {b}");
+                assert!((a - b).abs() <= 4e-3 * largest, "{a} {b}");
             }
             // Its keypoints and descriptors are those of the whole map, at the same place of the same image.
             for o in &point.track {
                 let (now, then) = (&small.model.images[o.image as usize], &whole.images[o.image as usize]);
                 let there = then.point_of_keypoint.iter().position(|p| *p == Some(*id)).unwrap();
-                assert_eq!(now.keypoints[o.keypoint as usize], then.keypoints[there]);
+                let [at, was] = [now.keypoints[o.keypoint as usize], then.keypoints[there]];
+                assert!((at[0] - was[0]).abs() < 0.01 && (at[1] - was[1]).abs() < 0.01, "{at:?} {was:?}");
                 assert_eq!(now.descriptors.row(o.keypoint as usize), then.descriptors.row(there));
             }
         }
@@ -88,7 +87,7 @@ fn the_number_of_threads_changes_nothing() {
 #[test]
 fn fewer_descriptors_make_room_for_more_points() {
     let whole = whole();
-    let bytes = byte_count(&whole) / 5;
+    let bytes = byte_count(&whole) / 9;
     let points = |descriptors: usize| {
         let options = CompressOptions::new(bytes).with_descriptors(descriptors);
         compress(&whole, &options, &()).unwrap().kept.len()

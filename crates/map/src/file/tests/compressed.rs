@@ -17,6 +17,7 @@ fn compressed(points: usize) -> Compressed {
         keypoints: 789,
         points: 55,
         of_points: (0..points).map(remembered).collect(),
+        packed_from: None,
     }
 }
 

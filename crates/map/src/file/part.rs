@@ -1,0 +1,84 @@
+//! A part of a map as a map of its own.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::view::MapFile;
+use crate::compressed::{Compressed, Remembered};
+use crate::error::{MapError, Record};
+use crate::model::{MapModel, MapPoint, Observation, PointId};
+use crate::region::Region;
+
+impl Compressed {
+    /// What a map that keeps these points of `whole` remembers of them.
+    pub fn of(whole: &MapFile, kept: impl IntoIterator<Item = PointId>) -> Self {
+        let remembered = |id: PointId| Remembered::new(whole.seen_by(id) as u32, &whole.point_covariance(id));
+        Self {
+            bytes: whole.byte_count(),
+            keypoints: whole.images().map(|image| image.keypoints().len() as u64).sum(),
+            points: whole.point_count() as u64,
+            of_points: kept.into_iter().map(remembered).collect(),
+            packed_from: None,
+        }
+    }
+}
+
+impl MapFile {
+    /// The map of these images alone: their keypoints, all of them, and the points that they see, where the whole map has them.
+    ///
+    /// What the whole map knows of a point is remembered, so that a match counts as it does there. The profile is the same, to
+    /// the bit; so are settings, down, and the self-test, whose calibrations are the whole map's. Images and points keep their
+    /// order. Only what is needed is copied.
+    ///
+    /// # Errors
+    /// [`MapError::Model`] when the map has no such images, or is a region itself.
+    pub fn region(&self, region: Region) -> Result<MapModel, MapError> {
+        let refuse = |reason: String| Err(MapError::Model { record: Record::Map, reason });
+        if self.region.is_some() {
+            return refuse(
+                "is a region of a larger map, and no region is cut again: cut the whole map".to_owned(),
+            );
+        }
+        if region.images as usize != self.image_count() {
+            return refuse(format!("has {} images, not {}", self.image_count(), region.images));
+        }
+        if let Err(reason) = region.check(region.of_images.len(), true) {
+            return refuse(reason);
+        }
+        let wholes = || region.of_images.iter().map(|image| image.whole as usize);
+        let cameras: BTreeSet<usize> = wholes().map(|whole| self.images[whole].camera).collect();
+        let camera_of: BTreeMap<usize, usize> = cameras.iter().copied().zip(0..).collect();
+        // Of each point that they see, who of them does; images in rising order, and keypoints of an image too.
+        let mut tracks: BTreeMap<PointId, Vec<Observation>> = BTreeMap::new();
+        let mut images = Vec::with_capacity(region.of_images.len());
+        for (image, whole) in (0_u32..).zip(wholes()) {
+            let view = self.image(whole);
+            let mut copy = view.to_model();
+            copy.camera = camera_of[&copy.camera];
+            for (keypoint, point) in (0_u32..).zip(&copy.point_of_keypoint) {
+                if let Some(point) = point {
+                    tracks.entry(*point).or_default().push(Observation { image, keypoint });
+                }
+            }
+            images.push(copy);
+        }
+        let compressed = Compressed::of(self, tracks.keys().copied());
+        let points = tracks.into_iter().map(|(id, track)| MapPoint {
+            position: self.point(id),
+            track,
+            error: self.reprojection_error(id),
+        });
+        let mut model = MapModel {
+            cameras: cameras.into_iter().map(|camera| self.cameras[camera]).collect(),
+            images,
+            points: points.collect(),
+            settings: *self.settings(),
+            profile: self.profile().clone(),
+            self_test: self.self_test().cloned(),
+            down: self.down(),
+            compressed: Some(compressed),
+            region: Some(region),
+        };
+        model.link_keypoints();
+        Ok(model)
+    }
+}
