@@ -3,6 +3,7 @@
 //! - [`RequestId`]: a name for each request, drawn by the server; in the answer, the log and the trace.
 //! - [`Trail`]: what is known of a request on its way, for its log line and its trace.
 //! - [`Metrics`]: counts and times in the text format of Prometheus, those of the process included.
+//! - [`GatewayCounts`], [`WorkerCounts`]: the same of a cluster's machines.
 //! - [`LogQueue`]: log lines that hold up nobody.
 //! - `Traces`, with the cargo feature `opentelemetry`: spans of each request to a collector.
 //!
@@ -20,6 +21,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod cluster;
 mod log;
 mod metrics;
 mod process;
@@ -29,6 +31,7 @@ mod traces;
 mod trail;
 mod waiting;
 
+pub use cluster::{GatewayCounts, WorkerCounts, WorkerNow};
 pub use log::{LogLine, LogQueue};
 pub use metrics::{ConnectionFault, Metrics, MetricsOptions, Now, Outcome};
 pub use request_id::{RequestId, RequestIds};

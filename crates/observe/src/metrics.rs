@@ -17,6 +17,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::Registry;
 
+use crate::cluster::GatewayCounts;
 use crate::log::LogQueue;
 use crate::process::Process;
 use crate::trail::RequestKind;
@@ -120,6 +121,8 @@ pub struct MetricsOptions<'a> {
     pub version: &'static str,
     /// The log, if it goes through a queue.
     pub log: Option<&'a LogQueue>,
+    /// What is asked of a cluster, where one holds the maps.
+    pub gateway: Option<&'a GatewayCounts>,
     /// Requests that are there from the start, at zero.
     pub requests: &'a [RequestKind<'a>],
 }
@@ -236,6 +239,9 @@ impl Metrics {
                 "Log lines that could not be written",
                 log.dropped_counter(),
             );
+        }
+        if let Some(gateway) = options.gateway {
+            gateway.register(registry);
         }
         let metrics = Self {
             registry: all,

@@ -17,6 +17,11 @@ use rand_chacha::rand_core::{RngCore as _, SeedableRng as _};
 pub struct RequestId([u8; 16]);
 
 impl RequestId {
+    /// The name of a request that another machine drew.
+    pub const fn from_bytes(bytes: [u8; 16]) -> Self {
+        Self(bytes)
+    }
+
     /// As bytes.
     pub const fn bytes(&self) -> [u8; 16] {
         self.0

@@ -1,0 +1,265 @@
+//! The bus over NATS: groups are queue groups, replies come back to an inbox of the connection's own.
+//!
+//! The inbox is ours and not the library's: the library keeps a note of each request until its reply comes, and of those
+//! whose member died none ever does.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use async_nats::connection::State;
+use async_nats::{Client, ConnectOptions, Event, ServerAddr, StatusCode, Subscriber};
+use bytes::Bytes;
+use futures_util::StreamExt as _;
+use tokio::sync::oneshot;
+
+use crate::error::BusError;
+use crate::subject::Subject;
+
+/// All members of a subject are in the queue group of this name.
+const GROUP: &str = "members";
+
+/// How to reach NATS.
+#[derive(Clone, Default)]
+pub struct NatsOptions {
+    /// Addresses of its servers, `nats://HOST:PORT` or `tls://HOST:PORT`; one is enough to find the others.
+    pub servers: Vec<String>,
+    /// Certificates of the authorities that vouch for the servers, PEM. With it TLS is spoken, whatever the address says.
+    pub ca: Option<PathBuf>,
+    /// A file of credentials (`nsc` writes it): which account we are of.
+    pub credentials: Option<PathBuf>,
+    /// What the connection is called in the server's own reports.
+    pub name: String,
+    /// Messages must be able to have so many bytes.
+    pub needed_payload: usize,
+}
+
+impl NatsOptions {
+    fn connect_options(&self) -> ConnectOptions {
+        let options = ConnectOptions::new()
+            .name(&self.name)
+            .connection_timeout(Duration::from_secs(5))
+            // One that is cut off from its server without a word finds out after two of these.
+            .ping_interval(Duration::from_secs(5))
+            .reconnect_delay_callback(|attempts| match attempts {
+                0 | 1 => Duration::ZERO,
+                n => Duration::from_millis(50 * n.min(20) as u64),
+            })
+            .event_callback(|event| async move {
+                match event {
+                    Event::Connected => tracing::info!("connected to the bus"),
+                    Event::Disconnected => {
+                        tracing::warn!("the bus is gone; looking for another server of it");
+                    }
+                    Event::SlowConsumer(_) => tracing::warn!("the bus brings more than is taken"),
+                    // What servers say may hold subjects, and nothing of a message.
+                    other => tracing::warn!("the bus: {other}"),
+                }
+            });
+        match &self.ca {
+            Some(ca) => options.add_root_certificates(ca.clone()).require_tls(true),
+            None => options,
+        }
+    }
+}
+
+/// Passwords may stand in addresses.
+impl fmt::Debug for NatsOptions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let servers: Vec<String> = self.servers.iter().map(|server| without_password(server)).collect();
+        f.debug_struct("NatsOptions").field("servers", &servers).field("ca", &self.ca).finish_non_exhaustive()
+    }
+}
+
+/// What stands before an `@` is nobody's.
+fn without_password(address: &str) -> String {
+    let (scheme, rest) = address.split_once("://").map_or((None, address), |(s, rest)| (Some(s), rest));
+    let host = rest.rsplit_once('@').map_or(rest, |(_, host)| host);
+    scheme.map_or_else(|| host.to_owned(), |scheme| format!("{scheme}://{host}"))
+}
+
+/// A connection.
+#[derive(Clone)]
+pub(crate) struct Nats(Arc<Connection>);
+
+struct Connection {
+    client: Client,
+    /// Replies come to this subject and the number of the request.
+    inbox: String,
+    next: AtomicU64,
+    waiting: Arc<Waiting>,
+    _replies: Aborted,
+}
+
+type Replied = Result<Bytes, Nobody>;
+
+/// Who waits for a reply, by the number of the request.
+#[derive(Default)]
+struct Waiting(Mutex<HashMap<u64, oneshot::Sender<Replied>>>);
+
+/// The server says that nobody is in the group.
+struct Nobody;
+
+impl Waiting {
+    fn all(&self) -> MutexGuard<'_, HashMap<u64, oneshot::Sender<Replied>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A task that ends with its owner.
+struct Aborted(tokio::task::JoinHandle<()>);
+
+impl Drop for Aborted {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+impl Nats {
+    pub(crate) async fn connect(options: &NatsOptions) -> Result<Self, BusError> {
+        let servers: Vec<ServerAddr> = options
+            .servers
+            .iter()
+            .map(|text| text.parse().map_err(|_| BusError::Address { address: without_password(text) }))
+            .collect::<Result<_, _>>()?;
+        let mut connect = options.connect_options();
+        if let Some(path) = &options.credentials {
+            let wrong = |e: std::io::Error| BusError::Credentials {
+                path: path.display().to_string(),
+                reason: e.to_string(),
+            };
+            connect = connect.credentials_file(path).await.map_err(wrong)?;
+        }
+        let names = || options.servers.iter().map(|s| without_password(s)).collect::<Vec<_>>().join(", ");
+        let wrong = |reason: String| BusError::Connect { servers: names(), reason };
+        let client = connect.connect(servers).await.map_err(|e| wrong(e.to_string()))?;
+        let longest = client.server_info().max_payload;
+        if longest < options.needed_payload {
+            return Err(BusError::SmallPayload { longest, needed: options.needed_payload });
+        }
+        let inbox = client.new_inbox();
+        let replies = client.subscribe(format!("{inbox}.*")).await.map_err(|e| wrong(e.to_string()))?;
+        let waiting = Arc::new(Waiting::default());
+        let replies = Aborted(tokio::spawn(hand_out(replies, waiting.clone())));
+        Ok(Self(Arc::new(Connection { client, inbox, next: AtomicU64::new(0), waiting, _replies: replies })))
+    }
+
+    /// Another server may take other lengths than the first.
+    pub(crate) fn max_payload(&self) -> usize {
+        self.0.client.server_info().max_payload
+    }
+
+    pub(crate) fn is_connected(&self) -> bool {
+        self.0.client.connection_state() == State::Connected
+    }
+
+    pub(crate) async fn flush(&self) {
+        let _ = tokio::time::timeout(Duration::from_secs(2), self.0.client.flush()).await;
+    }
+
+    pub(crate) async fn request(&self, subject: &Subject, payload: Bytes) -> Result<Bytes, BusError> {
+        let connection = &self.0;
+        let number = connection.next.fetch_add(1, Ordering::Relaxed);
+        let (reply, answer) = oneshot::channel();
+        connection.waiting.all().insert(number, reply);
+        let _forgotten = Forgotten { waiting: &connection.waiting, number };
+        let to = format!("{}.{number}", connection.inbox);
+        let sent = connection.client.publish_with_reply(subject.as_str().to_owned(), to, payload).await;
+        sent.map_err(|_| BusError::Closed)?;
+        match answer.await {
+            Ok(Ok(bytes)) => Ok(bytes),
+            Ok(Err(Nobody)) => Err(BusError::Nobody { subject: subject.clone() }),
+            Err(_) => Err(BusError::Closed),
+        }
+    }
+
+    pub(crate) async fn join(&self, subject: &Subject) -> Result<Membership, BusError> {
+        let client = self.0.client.clone();
+        let joined = client.queue_subscribe(subject.as_str().to_owned(), GROUP.to_owned()).await;
+        let asked = joined.map_err(|_| BusError::Closed)?;
+        // The server knows of it before anything is said of it.
+        client.flush().await.map_err(|_| BusError::Closed)?;
+        Ok(Membership { client, asked })
+    }
+}
+
+/// Who no longer waits is forgotten, answered or not.
+struct Forgotten<'a> {
+    waiting: &'a Waiting,
+    number: u64,
+}
+
+impl Drop for Forgotten<'_> {
+    fn drop(&mut self) {
+        self.waiting.all().remove(&self.number);
+    }
+}
+
+/// Gives replies to those who wait. One that nobody waits for is late, or nobody's.
+async fn hand_out(mut replies: Subscriber, waiting: Arc<Waiting>) {
+    while let Some(message) = replies.next().await {
+        let number = message.subject.rsplit_once('.').and_then(|(_, number)| number.parse().ok());
+        let Some(reply) = number.and_then(|number: u64| waiting.all().remove(&number)) else { continue };
+        let nobody = message.status == Some(StatusCode::NO_RESPONDERS);
+        let _ = reply.send(if nobody { Err(Nobody) } else { Ok(message.payload) });
+    }
+}
+
+pub(crate) struct Membership {
+    client: Client,
+    asked: Subscriber,
+}
+
+impl Membership {
+    /// What comes without a way back was not asked.
+    pub(crate) async fn next(&mut self) -> Option<(Bytes, Reply)> {
+        loop {
+            let message = self.asked.next().await?;
+            if let Some(to) = message.reply {
+                return Some((message.payload, Reply { client: self.client.clone(), to }));
+            }
+        }
+    }
+
+    pub(crate) async fn leave(&mut self) {
+        // Fails only when the connection is gone, and the membership with it.
+        let _ = self.asked.drain().await;
+    }
+}
+
+/// The way back.
+pub(crate) struct Reply {
+    client: Client,
+    to: async_nats::Subject,
+}
+
+impl Reply {
+    pub(crate) async fn send(self, payload: Bytes) -> Result<(), BusError> {
+        let longest = self.client.server_info().max_payload;
+        if payload.len() > longest {
+            return Err(BusError::TooLong { bytes: payload.len(), longest });
+        }
+        self.client.publish(self.to, payload).await.map_err(|_| BusError::Closed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passwords_are_not_repeated() {
+        for (address, shown) in [
+            ("nats://user:secret@host:4222", "nats://host:4222"),
+            ("secret@host", "host"),
+            ("tls://host:4222", "tls://host:4222"),
+        ] {
+            assert_eq!(without_password(address), shown);
+            let options = NatsOptions { servers: vec![address.to_owned()], ..NatsOptions::default() };
+            assert!(!format!("{options:?}").contains("secret"));
+        }
+    }
+}

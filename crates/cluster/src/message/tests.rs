@@ -1,0 +1,162 @@
+//! Frames as they are written, damaged and made up.
+
+use proptest::prelude::*;
+use veiloc_query::{AnswerPose, AnswerTimes};
+
+use super::*;
+
+const NAME: RequestName = [7; 16];
+
+fn object() -> ObjectId {
+    ObjectId::of(b"region")
+}
+
+fn request(wanted: Wanted) -> Request {
+    Request { name: NAME, object: object(), within: Duration::from_millis(29_500), wanted }
+}
+
+fn answer() -> Answer {
+    Answer {
+        pose: Some(AnswerPose {
+            rotation: [0.5, -0.5, 0.5, 0.5],
+            translation: [0.1 + 0.2, -3.0, 1e-17],
+            center: [1.0, 2.0, 3.0],
+            covariance: [[1e-9; 6]; 6],
+            center_covariance: [[2e-9; 3]; 3],
+        }),
+        trusted: true,
+        doubts: Vec::new(),
+        log_evidence: 123.456_789_012_345,
+        margin: f64::INFINITY,
+        fit: None,
+        inliers: 100,
+        matches: 200,
+        hypotheses: 300,
+        times: AnswerTimes { queue_ms: 0.25, retrieve_ms: 1.5, match_ms: 20.0, pose_ms: 7.0 },
+    }
+}
+
+fn all_said() -> Vec<Said> {
+    let retry_after = NonZeroU64::new(7).expect("not zero");
+    let mut all = vec![
+        Said::Here,
+        Said::Regions(vec![Candidate { region: 4, held: 10 }, Candidate { region: 0, held: 3 }]),
+        Said::Pose(Box::new(answer())),
+    ];
+    let why = [
+        Unanswered::WrongProfile,
+        Unanswered::EmptyMap,
+        Unanswered::NoPose(NoPose::Unsupported),
+        Unanswered::NoPose(NoPose::OneSided),
+        Unanswered::NoPose(NoPose::TooFew),
+        Unanswered::Stopped,
+        Unanswered::Busy { retry_after },
+        Unanswered::Unreached { retry_after },
+        Unanswered::TimedOut,
+        Unanswered::Broken,
+    ];
+    let busy = Why::Busy { retry_after };
+    let elsewhere = [busy, Why::AtIt, Why::Leaving, Why::NotHeld, Why::Unread, Why::Broken];
+    all.extend(why.map(Said::Unanswered));
+    all.extend(elsewhere.map(Said::Elsewhere));
+    all
+}
+
+fn reply(said: Said) -> Reply {
+    Reply { name: NAME, said, worked: Duration::from_micros(31_415), waited: Duration::from_micros(9) }
+}
+
+#[test]
+fn requests_are_read_as_they_were_written() {
+    let near = "1.5,-2,3,0.25".parse().expect("a place");
+    let body = Bytes::from_static(b"sealed bytes, as they came");
+    for wanted in [
+        Wanted::Ping,
+        Wanted::Search { globals: vec![Bytes::from_static(&[1, 255]), Bytes::from_static(&[0, 7])] },
+        Wanted::Pose { kind: Kind::Query, body: body.clone(), near: None },
+        Wanted::Pose { kind: Kind::Rig, body: body.clone(), near: Some(near) },
+    ] {
+        let request = request(wanted);
+        let bytes = request.encode();
+        assert!(bytes.len() <= FRAME_BYTES + body.len());
+        assert!(Request::decode(bytes).expect("read") == request);
+    }
+}
+
+#[test]
+fn replies_are_read_as_they_were_written_and_tell_nothing_by_their_length() {
+    for said in all_said() {
+        let reply = reply(said);
+        let bytes = reply.encode();
+        if matches!(reply.said, Said::Pose(_) | Said::Unanswered(_) | Said::Elsewhere(_)) {
+            assert_eq!(bytes.len(), REPLY_BYTES, "{:?}", reply.said);
+        }
+        assert_eq!(Reply::decode(bytes.clone(), &NAME).expect("read"), reply);
+        assert_eq!(Reply::decode(bytes, &[8; 16]), Err(MessageError::OtherRequest));
+    }
+}
+
+#[test]
+fn a_frame_that_is_not_right_names_its_field() {
+    let request = |change: &dyn Fn(&mut RequestFrame)| {
+        let body = Bytes::from_static(b"body");
+        let good = request(Wanted::Pose { kind: Kind::Query, body, near: None }).encode();
+        let mut frame = RequestFrame::decode(good).expect("a frame");
+        change(&mut frame);
+        Request::decode(frame.encode_to_vec().into()).expect_err("refused")
+    };
+    let field = |field| MessageError::Field { field };
+    assert_eq!(request(&|f| f.version = 2), MessageError::Version { found: 2 });
+    assert_eq!(request(&|f| f.name = Bytes::from_static(b"short")), field("name"));
+    assert_eq!(request(&|f| f.object = Bytes::new()), field("object"));
+    assert_eq!(request(&|f| f.wanted = 9), field("wanted"));
+    assert_eq!(request(&|f| f.body.clear()), field("body"));
+    assert_eq!(request(&|f| f.wanted = PING), field("body"));
+    assert_eq!(request(&|f| f.near = vec![1.0]), field("near"));
+    assert_eq!(request(&|f| f.near = vec![1.0, 2.0, 3.0, 0.0]), field("near"));
+
+    let reply = |change: &dyn Fn(&mut ReplyFrame)| {
+        let good = reply(Said::Pose(Box::new(answer()))).encode();
+        let mut frame = ReplyFrame::decode(good).expect("a frame");
+        change(&mut frame);
+        Reply::decode(frame.encode_to_vec().into(), &NAME).expect_err("refused")
+    };
+    assert_eq!(reply(&|f| f.version = 0), MessageError::Version { found: 0 });
+    assert_eq!(reply(&|f| f.name = Bytes::new()), field("name"));
+    assert_eq!(reply(&|f| f.said = 99), field("said"));
+    assert_eq!(reply(&|f| f.answer = f.answer.slice(1..)), field("answer"));
+    assert_eq!(reply(&|f| f.said = 22), field("retry_after"));
+    assert_eq!(reply(&|f| (f.said, f.retry_after) = (32, 61)), field("retry_after"));
+    assert_eq!(reply(&|f| (f.said, f.regions) = (REGIONS, vec![1])), field("regions"));
+    let many = vec![0; MOST_REGIONS + 1];
+    assert_eq!(
+        reply(&|f| (f.said, f.regions, f.held) = (REGIONS, many.clone(), many.clone())),
+        field("regions")
+    );
+}
+
+#[test]
+fn debug_shows_nothing_of_a_query() {
+    let body = Bytes::from_static(b"SECRET");
+    let near = Some("4711,0,0,1".parse().expect("a place"));
+    let shown = format!("{:?}", request(Wanted::Pose { kind: Kind::Query, body, near }));
+    assert!(!shown.contains("SECRET") && !shown.contains("4711") && !shown.contains("83, 69"), "{shown}");
+}
+
+proptest! {
+    /// No bytes make a reader panic, and what is read is written again as it was meant.
+    #[test]
+    fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200), cut in 0_usize..6000, flip in 0_usize..6000) {
+        drop(Request::decode(bytes.clone().into()));
+        drop(Reply::decode(bytes.into(), &NAME));
+        for said in all_said() {
+            let mut bytes = reply(said).encode().to_vec();
+            bytes.truncate(cut.max(1));
+            let place = flip % bytes.len();
+            bytes[place] ^= 1 << (flip % 8);
+            if let Ok(read) = Reply::decode(bytes.into(), &NAME) {
+                prop_assert_eq!(Reply::decode(read.encode(), &NAME), Ok(read));
+            }
+        }
+    }
+}

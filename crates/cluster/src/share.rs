@@ -1,0 +1,90 @@
+//! Which regions of a map a worker takes.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::num::NonZeroUsize;
+use std::str::FromStr;
+
+use crate::error::ClusterError;
+
+/// A share of the regions of a map. Together the workers of a cluster must take all; several may take the same.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Share {
+    /// All.
+    #[default]
+    All,
+    /// Every `of`-th, beginning with number `nth` (from 0): with neighbours of different workers, one place that everybody
+    /// asks for is the work of several.
+    Nth {
+        /// Which, below `of`.
+        nth: usize,
+        /// Of how many.
+        of: NonZeroUsize,
+    },
+    /// Those of these numbers in the manifest; numbers that it does not have are nothing.
+    Numbers(BTreeSet<usize>),
+}
+
+impl Share {
+    /// Whether the region of this number is in it.
+    pub fn takes(&self, region: usize) -> bool {
+        match self {
+            Self::All => true,
+            Self::Nth { nth, of } => region % of.get() == *nth,
+            Self::Numbers(numbers) => numbers.contains(&region),
+        }
+    }
+}
+
+/// `all`, `1/3` (the first of three), or `0,4,7`.
+impl FromStr for Share {
+    type Err = ClusterError;
+
+    fn from_str(text: &str) -> Result<Self, ClusterError> {
+        let wrong = || ClusterError::Share { text: text.to_owned() };
+        if text == "all" {
+            return Ok(Self::All);
+        }
+        if let Some((nth, of)) = text.split_once('/') {
+            let of: NonZeroUsize = of.trim().parse().map_err(|_| wrong())?;
+            let nth: NonZeroUsize = nth.trim().parse().map_err(|_| wrong())?;
+            return if nth <= of { Ok(Self::Nth { nth: nth.get() - 1, of }) } else { Err(wrong()) };
+        }
+        let numbers: Result<BTreeSet<usize>, _> = text.split(',').map(|word| word.trim().parse()).collect();
+        numbers.map(Self::Numbers).map_err(|_| wrong())
+    }
+}
+
+impl fmt::Display for Share {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => f.write_str("all"),
+            Self::Nth { nth, of } => write!(f, "{}/{of}", nth + 1),
+            Self::Numbers(numbers) => {
+                let words: Vec<String> = numbers.iter().map(ToString::to_string).collect();
+                f.write_str(&words.join(","))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_read_as_they_are_written_and_cover_everything() {
+        for text in ["all", "1/1", "2/3", "0,4,7"] {
+            assert_eq!(text.parse::<Share>().expect("a share").to_string(), text);
+        }
+        for bad in ["", "0/3", "4/3", "1/0", "a", "1,", "-1", "1/2/3"] {
+            assert!(matches!(bad.parse::<Share>(), Err(ClusterError::Share { .. })), "{bad:?}");
+        }
+        let thirds: Vec<Share> = ["1/3", "2/3", "3/3"].map(|text| text.parse().expect("a share")).into();
+        for region in 0..10 {
+            assert_eq!(thirds.iter().filter(|share| share.takes(region)).count(), 1, "region {region}");
+        }
+        let some: Share = "1, 4".parse().expect("a share");
+        assert_eq!((0..6).filter(|region| some.takes(*region)).collect::<Vec<_>>(), [1, 4]);
+    }
+}

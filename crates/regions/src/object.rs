@@ -1,0 +1,170 @@
+//! Objects: files that are named by their content.
+
+use std::fmt;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::Path;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+use crate::error::RegionsError;
+
+/// The SHA-256 of an object or a manifest, which is also its name: 64 hexadecimal digits, so that no name leads elsewhere.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct ObjectId([u8; 32]);
+
+impl ObjectId {
+    /// Of these bytes.
+    pub fn of(bytes: &[u8]) -> Self {
+        Self(Sha256::digest(bytes).into())
+    }
+
+    /// From the 32 bytes of a SHA-256.
+    pub const fn from_bytes(bytes: [u8; 32]) -> Self {
+        Self(bytes)
+    }
+
+    /// The 32 bytes.
+    pub const fn as_bytes(&self) -> &[u8; 32] {
+        &self.0
+    }
+}
+
+impl fmt::Display for ObjectId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl fmt::Debug for ObjectId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "ObjectId({self})")
+    }
+}
+
+/// What is no name of an object.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no SHA-256: 64 of the digits 0 to 9 and a to f are")]
+pub struct NotAnObjectId;
+
+impl FromStr for ObjectId {
+    type Err = NotAnObjectId;
+
+    /// Of 64 digits, small letters only: an object has one name.
+    fn from_str(text: &str) -> Result<Self, NotAnObjectId> {
+        let digits = text.as_bytes();
+        if digits.len() != 64 || !digits.iter().all(|d| matches!(d, b'0'..=b'9' | b'a'..=b'f')) {
+            return Err(NotAnObjectId);
+        }
+        let mut bytes = [0; 32];
+        for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
+            let value = |digit: u8| if digit.is_ascii_digit() { digit - b'0' } else { digit - b'a' + 10 };
+            *byte = value(pair[0]) << 4 | value(pair[1]);
+        }
+        Ok(Self(bytes))
+    }
+}
+
+impl TryFrom<String> for ObjectId {
+    type Error = NotAnObjectId;
+
+    fn try_from(text: String) -> Result<Self, NotAnObjectId> {
+        text.parse()
+    }
+}
+
+impl From<ObjectId> for String {
+    fn from(id: ObjectId) -> Self {
+        id.to_string()
+    }
+}
+
+/// An object, and how long it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectRef {
+    /// Its name, the SHA-256 of its bytes.
+    pub sha256: ObjectId,
+    /// Number of its bytes.
+    pub bytes: u64,
+}
+
+impl ObjectRef {
+    /// Of these bytes.
+    pub fn of(bytes: &[u8]) -> Self {
+        Self { sha256: ObjectId::of(bytes), bytes: bytes.len() as u64 }
+    }
+}
+
+/// Whether the file at `path` is this object, reading no more of it than the object has.
+///
+/// # Errors
+/// [`RegionsError::Io`] when it cannot be read, [`RegionsError::Object`] when it is another one.
+pub fn verify_file(path: &Path, object: &ObjectRef) -> Result<(), RegionsError> {
+    let io = |source| RegionsError::Io { path: path.to_owned(), source };
+    let wrong = |found: String| RegionsError::Object { path: path.to_owned(), expected: *object, found };
+    let mut file = File::open(path).map_err(io)?;
+    let actual = file.metadata().map_err(io)?.len();
+    if actual != object.bytes {
+        return Err(wrong(format!("{actual} bytes")));
+    }
+    let (mut hash, mut buffer) = (Sha256::new(), vec![0; 1 << 18]);
+    let mut left = object.bytes;
+    while left > 0 {
+        let most = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
+        let read = file.read(&mut buffer[..most]).map_err(io)?;
+        if read == 0 {
+            return Err(wrong(format!("{} bytes", object.bytes - left)));
+        }
+        hash.update(&buffer[..read]);
+        left -= read as u64;
+    }
+    let found = ObjectId(hash.finalize().into());
+    if found == object.sha256 { Ok(()) } else { Err(wrong(format!("the object {found}"))) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_64_digits_and_nothing_else() {
+        let id = ObjectId::of(b"abc");
+        let name = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        assert_eq!(id.to_string(), name);
+        assert_eq!(name.parse(), Ok(id));
+        let capital = name.to_uppercase();
+        for wrong in
+            ["", "..", "../../etc/passwd", &name[1..], &format!("{name}0"), &capital, &"g".repeat(64)]
+        {
+            assert_eq!(wrong.parse::<ObjectId>(), Err(NotAnObjectId), "{wrong}");
+        }
+        let multibyte = "ä".repeat(32);
+        assert_eq!((multibyte.len(), multibyte.parse::<ObjectId>()), (64, Err(NotAnObjectId)));
+    }
+
+    #[test]
+    fn a_file_is_the_object_or_another_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("object");
+        let bytes: Vec<u8> = (0..700_000_u32).map(|i| (i % 251) as u8).collect();
+        let object = ObjectRef::of(&bytes);
+        let is = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            verify_file(&path, &object)
+        };
+        is(&bytes).unwrap();
+        let mut other = bytes.clone();
+        other[500_000] ^= 1;
+        for wrong in [&other[..], &bytes[1..], b""] {
+            assert!(matches!(is(wrong), Err(RegionsError::Object { .. })));
+        }
+        std::fs::remove_file(&path).unwrap();
+        assert!(matches!(verify_file(&path, &object), Err(RegionsError::Io { .. })));
+        std::fs::write(&path, b"").unwrap();
+        verify_file(&path, &ObjectRef::of(b"")).unwrap();
+    }
+}
