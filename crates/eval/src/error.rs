@@ -34,4 +34,7 @@ pub enum EvalError {
     /// A map or model file could not be read or written.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),
+    /// A map could not be cut into regions.
+    #[error(transparent)]
+    Regions(#[from] veiloc_regions::RegionsError),
 }

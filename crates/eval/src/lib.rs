@@ -5,6 +5,7 @@
 //! - [`drawn_queries`]: what a report draws of single queries and no document holds.
 //! - [`stress`]: the same place with queries in the dark, moved, half hidden, small, few keypoints, or a sparse map.
 //! - [`negatives`]: images of elsewhere, which must not be found in a map.
+//! - [`search`]: retrieval among up to millions of images.
 //! - [`evaluate_rig`]: the same for sessions of several images with simulated odometry.
 //! - [`evaluate_poses`]: the pose engine alone, on problems made by [`make_problems`] or by others.
 //! - [`crb`]: errors over the Cramér–Rao bound, on synthetic scenes.
@@ -21,6 +22,7 @@ mod rig;
 pub mod road;
 mod scene;
 mod scores;
+pub mod search;
 pub mod stress;
 
 pub use error::EvalError;

@@ -31,6 +31,7 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
         keep_map: None,
         build: BuildOptions::default(),
         compress: None,
+        regions: None,
         schemes: schemes.iter().map(|s| s.parse().expect("a scheme")).collect(),
         scores: Vec::new(),
         thresholds: vec!["0.05/5".parse().expect("a threshold")],

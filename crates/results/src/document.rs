@@ -299,6 +299,24 @@ pub struct MapSummary {
     pub bytes: u64,
     /// Seconds to build it, all images together.
     pub build_seconds: f64,
+    /// The regions that it was cut into, where it was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub regions: Option<RegionsSummary>,
+}
+
+/// Facts about the regions of a map, each query of a scene being localized in one of them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RegionsSummary {
+    /// How many.
+    pub count: usize,
+    /// Images of all of them, those that several hold as often as they are held.
+    pub images_held: u64,
+    /// Bytes of all their map files.
+    pub bytes: u64,
+    /// Bytes of the largest.
+    pub largest_bytes: u64,
+    /// Bytes of the index.
+    pub index_bytes: u64,
 }
 
 impl QueryResult {

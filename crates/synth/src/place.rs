@@ -1,6 +1,6 @@
 //! The place: surfaces, how they look, how they are lit.
 
-use rand::SeedableRng;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::builder::{Builder, Obstacle};
@@ -38,6 +38,20 @@ impl Place {
             materials: builder.materials,
             obstacles: builder.obstacles,
         }
+    }
+
+    /// A room with the shape, the furniture and the prints of the room of `seed`, of whose other surfaces this share has
+    /// stains, grain and wear of its own: two rooms of one hotel.
+    pub fn look_alike(seed: u64, own: u64, differing: f64) -> Self {
+        let mut place = Self::generate(seed);
+        let mut rng = ChaCha8Rng::seed_from_u64(own ^ 0xa11c_e5ee_d000_0000);
+        for material in &mut place.materials {
+            let (differs, seed) = (rng.random_bool(differing.clamp(0.0, 1.0)), rng.random());
+            material.seed = if differs { seed } else { material.seed };
+        }
+        // Cameras stand elsewhere too.
+        place.seed = own;
+        place
     }
 
     /// Number of flat surfaces.

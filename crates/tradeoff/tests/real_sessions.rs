@@ -29,6 +29,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         keep_map: None,
         build: BuildOptions::default(),
         compress: None,
+        regions: None,
         schemes: vec![Scheme::default()],
         scores: Vec::new(),
         thresholds: vec!["0.05/5".parse().expect("a threshold")],

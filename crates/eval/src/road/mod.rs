@@ -8,6 +8,7 @@ mod place_map;
 mod posed_query;
 mod progressive;
 mod send;
+mod served;
 mod upright;
 
 pub(crate) use ask::{Answer, ask};
@@ -19,4 +20,5 @@ pub use posed_query::{AskedQuery, PosedQuery, posed_queries, queries_of_place};
 pub use progressive::Sending;
 pub(crate) use progressive::send_and_ask;
 pub(crate) use send::{Sent, equipped, send};
+pub(crate) use served::Served;
 pub use upright::Upright;

@@ -78,8 +78,13 @@ impl PlaceMap {
         let file = MapFile::open(&path)?;
         let bytes =
             std::fs::metadata(&path).map_err(|source| EvalError::Io { path: path.clone(), source })?.len();
-        let summary =
-            MapSummary { images: file.image_count(), points: file.point_count(), bytes, build_seconds };
+        let summary = MapSummary {
+            images: file.image_count(),
+            points: file.point_count(),
+            bytes,
+            build_seconds,
+            regions: None,
+        };
         Ok(Self { file, summary, _folder: folder })
     }
 

@@ -13,17 +13,16 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use veiloc_features::Progress;
-use veiloc_map::MapFile;
 use veiloc_mapping::Input;
 
 pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
 pub use options::{Negatives, SceneEvaluation};
 
 use crate::error::EvalError;
-use crate::road::{AskedQuery, PlaceMap, Upright, queries_of_place};
+use crate::road::{AskedQuery, PlaceMap, Served, Upright, queries_of_place};
 use negatives::localize_negatives;
 use one_query::localize_query;
-use veiloc_results::{Evaluation, NegativeSummary, QueryResult, summarize};
+use veiloc_results::{Evaluation, MapSummary, NegativeSummary, QueryResult, summarize};
 use work::Work;
 
 /// Builds the map and localizes every query under every scheme and score.
@@ -52,16 +51,17 @@ pub fn evaluate_scene(
     let upright = upright.map(|sd| Upright::of(&evaluation.posed, &evaluation.map_list, sd)).transpose()?;
     let work = evaluation.work.as_deref().map(Work::in_folder).transpose()?;
     let keep = evaluation.keep_map.as_deref();
-    let PlaceMap { file: map, summary, .. } = &match evaluation.compress {
+    let PlaceMap { file: whole, summary, .. } = &match evaluation.compress {
         None => place_map(evaluation, keep, upright.as_ref(), work.as_ref(), progress)?,
         Some(times) => place_map(evaluation, None, upright.as_ref(), work.as_ref(), progress)?
             .compressed(times, keep, progress)?,
     };
+    let served = &Served::new(whole, evaluation.regions.as_ref(), evaluation.localize.retrieve, progress)?;
     let (mut schemes, queries) =
-        localize_all(map, &queries, upright.as_ref(), evaluation, work.as_ref(), progress)?;
+        localize_all(served, &queries, upright.as_ref(), evaluation, work.as_ref(), progress)?;
     let mut negatives = Vec::new();
     if let Some(posed) = &strange_queries {
-        let by_row = localize_negatives(map, posed, evaluation, progress)?;
+        let by_row = localize_negatives(served, posed, evaluation, progress)?;
         for (summary, of_row) in schemes.iter_mut().zip(&by_row) {
             summary.negatives = Some(NegativeSummary::of(of_row));
         }
@@ -77,7 +77,7 @@ pub fn evaluate_scene(
         schemes,
         queries,
         negatives,
-        map: Some(summary.clone()),
+        map: Some(MapSummary { regions: served.summary(), ..summary.clone() }),
     })
 }
 
@@ -131,17 +131,17 @@ type Results = (Vec<veiloc_results::SchemeSummary>, Vec<QueryResult>);
 /// Localizes every query under every recipe; several queries at a time where that is asked for. What the work folder has is not
 /// computed again.
 fn localize_all(
-    map: &MapFile,
+    served: &Served<'_>,
     queries: &[AskedQuery],
     upright: Option<&Upright>,
     evaluation: &SceneEvaluation,
     work: Option<&Work>,
     progress: &dyn Progress,
 ) -> Result<Results, EvalError> {
-    let finished = work.map(|work| work.finished(map, evaluation)).transpose()?;
+    let finished = work.map(|work| work.finished(served.whole(), evaluation)).transpose()?;
     progress.start("Localizing queries", queries.len());
     let one = |query: &AskedQuery| -> Result<Vec<QueryResult>, EvalError> {
-        let compute = || localize_query(map, query, upright, evaluation);
+        let compute = || localize_query(served, query, upright, evaluation);
         let rows = match &finished {
             Some(finished) => finished.get_or(query, evaluation, compute)?,
             None => compute()?,

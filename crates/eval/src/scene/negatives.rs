@@ -1,14 +1,13 @@
 //! Queries of another place: every pose they get is wrong, and one that is trusted is a false positive.
 
 use veiloc_features::Progress;
-use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
 use veiloc_query::Scheme;
 
 use super::options::{Negatives, SceneEvaluation};
 use crate::error::EvalError;
-use crate::road::{PosedQuery, equipped, posed_queries, send, send_and_ask};
+use crate::road::{PosedQuery, Served, equipped, posed_queries, send, send_and_ask};
 use crate::scores::scores_or_default;
 use veiloc_results::NegativeResult;
 
@@ -31,12 +30,12 @@ impl Negatives {
 
 /// Seals every negative for this map and asks for its pose; rows as in the table, `[rows][negatives]`.
 pub(crate) fn localize_negatives(
-    map: &MapFile,
+    served: &Served<'_>,
     negatives: &[PosedQuery],
     evaluation: &SceneEvaluation,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<NegativeResult>>, EvalError> {
-    let profile = map.profile();
+    let profile = served.whole().profile();
     let extraction = equipped(
         options_for(Scheme::default()),
         &evaluation.build.extractors,
@@ -67,8 +66,10 @@ pub(crate) fn localize_negatives(
                 let mut options = evaluation.localize.clone();
                 options.pose.score = Some(*score);
                 let asked = sent.as_ref().ok();
-                let asked =
-                    asked.map(|sent| send_and_ask(map, &sent.bytes, profile, evaluation.sending, &options));
+                let asked = asked.map(|sent| {
+                    let map = served.for_sent(&sent.bytes);
+                    send_and_ask(map, &sent.bytes, profile, evaluation.sending, &options)
+                });
                 // A trusted pose of any step is a false positive, whatever the last one says.
                 result.trusted = asked.as_ref().is_some_and(|asked| asked.was_trusted);
                 if let Some(Ok(found)) = asked.map(|asked| asked.answer.found) {

@@ -2,7 +2,6 @@
 
 use std::time::Instant;
 
-use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_query::Scheme;
 use veiloc_results::{QueryResult, Variant};
@@ -10,17 +9,17 @@ use veiloc_robust::State;
 
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
-use crate::road::{AskedQuery, Upright, equipped, extracted, localize_sent, send};
+use crate::road::{AskedQuery, Served, Upright, equipped, extracted, localize_sent, send};
 use crate::scores::scores_or_default;
 
 /// The results of a query, in the order of the table's rows.
 pub(super) fn localize_query(
-    map: &MapFile,
+    served: &Served<'_>,
     query: &AskedQuery,
     upright: Option<&Upright>,
     evaluation: &SceneEvaluation,
 ) -> Result<Vec<QueryResult>, EvalError> {
-    let profile = map.profile();
+    let profile = served.whole().profile();
     let equipped = |scheme| {
         equipped(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
     };
@@ -42,6 +41,7 @@ pub(super) fn localize_query(
                 Ok(sent) => {
                     let mut localize = evaluation.localize.clone();
                     localize.pose.score = Some(score);
+                    let map = served.for_sent(&sent.bytes);
                     localize_sent(map, &sent.bytes, query, *scheme, evaluation.sending, &localize)
                 }
                 Err(error) => {

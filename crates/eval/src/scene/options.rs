@@ -9,6 +9,7 @@ use veiloc_localize::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
+use veiloc_regions::SplitOptions;
 use veiloc_robust::ScoreKind;
 
 use crate::road::{AskedQuery, Sending};
@@ -35,6 +36,8 @@ pub struct SceneEvaluation {
     pub build: BuildOptions,
     /// How many times smaller the map is made than it is built; it stays as it is when none.
     pub compress: Option<f64>,
+    /// How the map is cut into regions, of which each query is asked in one; it stays whole when none.
+    pub regions: Option<SplitOptions>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
     /// Scores, in the order of the table; empty for the default.

@@ -152,7 +152,7 @@ impl StressDocument {
             wrong_beyond: evaluation.wrong_beyond.to_string(),
             rows: Vec::new(),
             queries: Vec::new(),
-            map: MapSummary { images: 0, points: 0, bytes: 0, build_seconds: 0.0 },
+            map: MapSummary { images: 0, points: 0, bytes: 0, build_seconds: 0.0, regions: None },
             sparse_map: None,
         }
     }

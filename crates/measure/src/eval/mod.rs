@@ -7,6 +7,7 @@ mod data_set;
 mod half;
 mod html;
 mod inversion;
+mod inversion_report;
 mod keypoints;
 mod layouts;
 mod negatives;
@@ -16,6 +17,7 @@ mod problems;
 mod report;
 mod rig;
 mod scene;
+mod search;
 mod sessions;
 mod stress;
 mod tables;
@@ -42,6 +44,8 @@ pub enum Command {
     Stress(Box<stress::Args>),
     /// Images of elsewhere, asked for their place in a map: how many get a pose that is trusted.
     Negatives(Box<negatives::Args>),
+    /// Finding the images of a map that look like a query: what it costs and misses, as maps grow.
+    Search(search::Args),
     /// Several images in a row together, with simulated odometry: what a session gains over single images.
     Rig(Box<rig::Args>),
     /// Several frames of one place, attacked together: what a session gives away, by what its anchors are tied to.
@@ -79,6 +83,7 @@ pub fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Tables(args) => tables::run(args, ui),
         Command::Stress(args) => stress::run(args, ui),
         Command::Negatives(args) => negatives::run(args, ui),
+        Command::Search(args) => search::run(args, ui),
         Command::Rig(args) => rig::run(args, ui),
         Command::Sessions(args) => sessions::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),

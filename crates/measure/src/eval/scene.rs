@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use veiloc_eval::road::Sending;
 use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
+use veiloc_regions::SplitOptions;
 
 use crate::eval::html::{self, HtmlArgs};
 use crate::eval::place::{GravityArgs, PlaceArgs};
@@ -45,6 +46,13 @@ pub struct Args {
     /// Localize in a map so many times smaller, as `veiloc map compress --ratio` makes it. Default: in the map as it is built.
     #[arg(long, value_name = "TIMES", value_parser = above_one)]
     compress: Option<f64>,
+    /// Cut the map into regions of at most so many images, as `veiloc map split --images` does, and ask each query in the one
+    /// that holds most of what the whole map would retrieve. Default: the map stays whole.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    regions: Option<u32>,
+    /// Share of a region's images that may be of other regions, as of `veiloc map split`. Default: 0.3.
+    #[arg(long, value_name = "SHARE", requires = "regions")]
+    overlap: Option<f64>,
     #[command(flatten)]
     html: HtmlArgs,
 }
@@ -82,6 +90,7 @@ impl SceneArgs {
             keep_map: self.keep_map.clone(),
             build: self.extraction.options()?,
             compress: None,
+            regions: None,
             schemes: self.report.schemes.clone(),
             scores: self.report.scores(&self.pose.engine),
             thresholds: self.report.thresholds.clone(),
@@ -94,6 +103,13 @@ impl SceneArgs {
             work: None,
             jobs: 1,
         })
+    }
+}
+
+impl Args {
+    fn regions(&self) -> Option<SplitOptions> {
+        let options = SplitOptions::default().with_images(self.regions? as usize);
+        Some(self.overlap.map_or(options, |overlap| options.with_overlap(overlap)))
     }
 }
 
@@ -146,6 +162,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         work: args.work.clone(),
         jobs: args.jobs.into(),
         compress: args.compress,
+        regions: args.regions(),
         sending: args.progressive.enough().map_or(Sending::Whole, Sending::Progressive),
         ..args.scene.evaluation()?
     };
@@ -164,6 +181,16 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             map.build_seconds,
             map.build_seconds / map.images.max(1) as f64,
         ));
+        if let Some(regions) = &map.regions {
+            ui.say(format!(
+                "regions: {}, each image in {:.2} of them, {:.1} MB (the largest {:.1} MB), and an index of {:.2} MB",
+                regions.count,
+                regions.images_held as f64 / map.images.max(1) as f64,
+                regions.bytes as f64 / 1e6,
+                regions.largest_bytes as f64 / 1e6,
+                regions.index_bytes as f64 / 1e6,
+            ));
+        }
     }
     if let Some(mut report) = report {
         let rows = result.schemes.iter().map(|row| (None, row));

@@ -59,6 +59,7 @@ fn a_place_of_another_layout_is_mapped_and_evaluated() {
             keep_map: None,
             build: BuildOptions::default(),
             compress: None,
+            regions: None,
             schemes: vec!["dcl".parse().expect("a scheme")],
             scores: Vec::new(),
             thresholds: vec!["0.05/5".parse().expect("a threshold")],

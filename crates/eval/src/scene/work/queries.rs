@@ -34,6 +34,9 @@ impl Work {
         base.debug(&evaluation.gravity_sd_deg);
         base.debug(&evaluation.masks.is_some());
         base.debug(&evaluation.seed);
+        if let Some(regions) = &evaluation.regions {
+            base.debug(regions);
+        }
         let path = self.folder.join(QUERIES);
         let mut file = OpenOptions::new()
             .read(true)

@@ -152,6 +152,7 @@ fn scene_of(place: &Place, data_set: &DataSet, args: &DataSetArgs) -> Result<Sce
         keep_map: None,
         build: args.build()?,
         compress: None,
+        regions: None,
         schemes: args.schemes.clone(),
         scores: localize.pose.score.into_iter().collect(),
         thresholds: args.thresholds(data_set.thresholds),

@@ -1,4 +1,4 @@
-//! `veiloc synth`: rendered places, written as data sets.
+//! `veiloc synth export`: a rendered place, in the layout of a published data set.
 
 use std::path::PathBuf;
 
@@ -7,26 +7,19 @@ use veiloc_places::PlaceError;
 use veiloc_places::write::{Layout, Lens, Role, View, write};
 use veiloc_synth::{PathOptions, Place, RenderOptions};
 
-use crate::exit::{Exit, Failure, Outcome};
+use crate::exit::{Exit, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
 /// Light of a query by night, a share of the day's.
 const NIGHT: f32 = 0.25;
 
-/// What to do with rendered places.
-#[derive(clap::Subcommand)]
-pub enum Command {
-    /// A rendered place with its true poses, in the folders and lists of a published data set.
-    Export(ExportArgs),
-}
-
 /// A rendered place with its true poses, in the folders and lists of a published data set.
 ///
 /// Programs that read the data set read it: to try them, and to see that what they print is right. Of Aachen, whose poses of
 /// queries are not published, `queries/poses.txt` holds them (`veiloc eval aachen --truth`).
 #[derive(clap::Args)]
-pub struct ExportArgs {
+pub struct Args {
     /// The layout: 7scenes, cambridge, aachen or aachen-v1.1.
     #[arg(long, value_name = "LAYOUT")]
     layout: Layout,
@@ -50,25 +43,10 @@ pub struct ExportArgs {
     seed: u64,
 }
 
-/// Runs one of `veiloc synth`.
-///
-/// # Errors
-/// The folder holds something, or cannot be written.
-pub fn run(command: &Command, ui: &Ui) -> Outcome {
-    match command {
-        Command::Export(args) => export(args, ui),
-    }
-}
-
-fn export(args: &ExportArgs, ui: &Ui) -> Outcome {
-    if std::fs::read_dir(&args.out).is_ok_and(|mut entries| entries.next().is_some()) {
-        return Err(Failure::with_help(
-            format!("{}: there is something in it", args.out.display()),
-            "name a folder that is new or empty; nothing there was touched",
-        ));
-    }
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    super::check_empty(&args.out)?;
     let lens = Lens::of(args.layout, (args.width, args.width * 3 / 4));
-    let camera = lens.camera().map_err(refused)?;
+    let camera = lens.camera().map_err(super::refused)?;
     let progress = Stages::new(ui);
     progress.start("Painting the place", 1);
     let place = Place::generate(args.seed);
@@ -97,12 +75,8 @@ fn export(args: &ExportArgs, ui: &Ui) -> Outcome {
         progress.advance(1);
         Ok(())
     })
-    .map_err(refused)?;
+    .map_err(super::refused)?;
     progress.finish();
     ui.say(format!("{}: {} views in the layout of {}", args.out.display(), views.len(), args.layout.name()));
     Ok(Exit::Success)
-}
-
-fn refused(error: PlaceError) -> Failure {
-    Failure::with_help(error.to_string(), "name a folder that may be written")
 }
