@@ -44,6 +44,9 @@ enum Command {
     Localize(commands::localize::Args),
     /// Serve maps: sealed queries in over HTTP, poses out.
     Serve(commands::serve::Args),
+    /// Hold regions of a published map, for a service of many machines.
+    #[cfg(feature = "cluster")]
+    Worker(commands::worker::Args),
     /// Make, list and revoke tokens of a service.
     #[command(subcommand)]
     Token(commands::token::Command),
@@ -90,6 +93,10 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         // What holds for it is not on the command line alone.
         Command::Serve(_) => {
             commands::serve::run(matches.subcommand().map_or(&matches, |(_, serve)| serve), &ui)
+        }
+        #[cfg(feature = "cluster")]
+        Command::Worker(_) => {
+            commands::worker::run(matches.subcommand().map_or(&matches, |(_, worker)| worker), &ui)
         }
         Command::Token(command) => commands::token::run(command, &ui),
         Command::Query(command) => commands::query::run(command, &ui),

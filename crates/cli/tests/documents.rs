@@ -19,9 +19,12 @@ const COMMANDS: &[(&str, &str)] = &[
     ("localize --rig", "localize --map place.vmap --rig lost.json --json"),
     ("map info", "map info place.vmap --json"),
     ("map info", "map remove place.vmap map-00.png -o less.vmap --json"),
+    ("map split", "map split place.vmap --images 6 --out documents-regions --json"),
+    ("map publish", "map publish published-regions storage --json"),
+    ("map fetch", "map fetch storage place --out fetched-regions --json"),
     (
         "eval scene",
-        "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt {few} --json",
+        "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt {few} --regions 6 --json",
     ),
     (
         "eval scene",
@@ -39,6 +42,10 @@ const COMMANDS: &[(&str, &str)] = &[
     (
         "eval negatives",
         "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",
+    ),
+    (
+        "eval search",
+        "eval search --map place.vmap --images images --query-list queries.txt --sizes 8,300 --json",
     ),
     (
         "eval crb",
@@ -88,6 +95,8 @@ fn ready() -> &'static Place {
             "foreign.txt",
             format!("query-0.png {}\nmap-00.png\nno-such.png\n", CAMERA.replace(',', " ")),
         );
+        place.run("map split place.vmap --images 6 --out published-regions").succeeded();
+        place.run("map publish published-regions storage").succeeded();
         for layout in ["7scenes", "aachen"] {
             let small = "--map-views 12 --query-views 3 --width 320";
             place.run(&format!("synth export --layout {layout} --out {layout} {small}")).succeeded();

@@ -238,6 +238,7 @@ fn info_tells_what_is_in_the_map() {
             "mean_track_length",
             "points",
             "profile",
+            "region",
             "self_test",
             "version",
             "warnings",

@@ -50,8 +50,10 @@
 
 mod admin;
 mod answer;
+mod asked;
 mod cors;
 mod descriptors;
+mod elsewhere;
 mod error;
 mod geo;
 mod maps;
@@ -70,6 +72,17 @@ mod tokens;
 mod tokens_file;
 mod watch;
 
+/// For programs that localize without HTTP, as the workers of a cluster do: the same threads, the same silence about
+/// panics, the same answers to probes and signals.
+pub mod labour {
+    pub use crate::admin::{Probed, probes};
+    pub use crate::panics::{during, mark, own_process};
+    pub use crate::pool::{Order, Pool, Refused};
+    pub use crate::signals::{Signals, Told};
+}
+
+pub use asked::{Asked, Found, Kind, NoPose, Unanswered};
+pub use elsewhere::{Answering, Description, Elsewhere, MapElsewhere, Question};
 pub use error::ServerError;
 pub use geo::{BadGeoFrame, GeoAccuracy, GeoFrame, GeoPoseDocument, GeoPosition, GeoQuaternion};
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts};
@@ -77,6 +90,6 @@ pub use origin::{BadOrigin, Origin};
 pub use problem::ProblemDocument;
 pub use routes::openapi_json;
 pub use serve::{Listening, Server, ServerHandle, Stopped};
-pub use signals::run_until_signal;
+pub use signals::{run_prepared, run_until_signal};
 pub use veiloc_observe::{LogLine, LogQueue};
 pub use veiloc_transport::{ListenAddress, TlsFiles};

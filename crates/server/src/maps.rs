@@ -5,11 +5,14 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Instant, SystemTime};
 
-use sha2::{Digest as _, Sha256};
 use veiloc_access::is_map_name;
 use veiloc_map::{MapError, MapFile, MapMemory};
+use veiloc_page::{Content, thinned};
+use veiloc_query::{Profile, RigMessage};
 use veiloc_transport::Attempts;
 
+use crate::asked::Kind;
+use crate::elsewhere::{Description, Elsewhere, MapElsewhere};
 use crate::error::ServerError;
 use crate::geo::GeoFrame;
 use crate::options::MapSource;
@@ -25,32 +28,99 @@ const LOOKS_WITHOUT: u32 = 2;
 /// A map as it is now. Whoever answers a query keeps this one, whatever becomes of its name meanwhile.
 pub(crate) struct Hosted {
     pub(crate) name: String,
-    pub(crate) map: MapFile,
+    pub(crate) held: Held,
     pub(crate) geo: Option<GeoFrame>,
+    pub(crate) images: usize,
+    pub(crate) points: usize,
     /// What a device needs.
-    pub(crate) profile: Vec<u8>,
-    /// SHA-256 of the profile in quotation marks, as HTTP wants it.
-    pub(crate) etag: String,
+    pub(crate) profile: Content,
+    /// The profile's name.
+    pub(crate) profile_id: String,
+    /// What a page is shown of its points; nothing of a map that others hold.
+    pub(crate) shown: Content,
     /// No query that fits this map is longer.
-    pub(crate) longest_query: usize,
+    longest_query: usize,
+}
+
+/// How the files of maps are read.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reading {
+    pub(crate) memory: MapMemory,
+    /// Most points of each that a page is shown.
+    pub(crate) page_points: usize,
+}
+
+/// Who holds the map itself.
+pub(crate) enum Held {
+    /// We do.
+    Here(Box<MapFile>),
+    /// Others, who described it so.
+    Elsewhere { by: Arc<dyn Elsewhere>, as_described: Arc<Description> },
 }
 
 impl Hosted {
-    fn open(source: &MapSource, memory: MapMemory) -> Result<Self, MapError> {
-        let map = MapFile::open_in(&source.path, memory)?;
-        let profile = map.profile().encode();
-        let hash = Sha256::digest(&profile);
-        let digits = hash.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"));
-        Ok(Self {
-            name: source.name.clone(),
-            geo: source.geo.clone(),
-            longest_query: QUERY_ROWS * (4 + map.profile().descriptor_kind().packed_len())
+    fn open(source: &MapSource, reading: Reading) -> Result<Self, MapError> {
+        let map = MapFile::open_in(&source.path, reading.memory)?;
+        // Made before the first query needs it.
+        map.global_index();
+        let (images, points, profile) = (map.image_count(), map.point_count(), map.profile().clone());
+        let shown = thinned(&map, reading.page_points);
+        let hosted = Self::new(
+            &source.name,
+            source.geo.as_ref(),
+            &profile,
+            [images, points],
+            Held::Here(Box::new(map)),
+        );
+        Ok(Self { shown, ..hosted })
+    }
+
+    fn elsewhere(source: &MapElsewhere, as_described: Arc<Description>) -> Self {
+        let counts = [as_described.images, as_described.points];
+        let held = Held::Elsewhere { by: source.held_by.clone(), as_described: as_described.clone() };
+        Self::new(&source.name, source.geo.as_ref(), &as_described.profile, counts, held)
+    }
+
+    fn new(
+        name: &str,
+        geo: Option<&GeoFrame>,
+        profile: &Profile,
+        [images, points]: [usize; 2],
+        held: Held,
+    ) -> Self {
+        Self {
+            name: name.to_owned(),
+            held,
+            geo: geo.cloned(),
+            images,
+            points,
+            longest_query: QUERY_ROWS * (4 + profile.descriptor_kind().packed_len())
                 + QUERY_FIELDS
-                + map.profile().global_model().global_len(),
-            etag: format!("\"{digits}\""),
-            profile,
-            map,
-        })
+                + profile.global_model().global_len(),
+            profile_id: profile.id().to_string(),
+            profile: Content::new(profile.encode()),
+            shown: Content::new(Vec::new()),
+        }
+    }
+
+    /// No body of this kind that fits this map, and gets to who holds it, is longer.
+    pub(crate) fn longest(&self, kind: Kind) -> usize {
+        let longest = match kind {
+            Kind::Query => self.longest_query,
+            Kind::Rig => RigMessage::longest(self.longest_query),
+        };
+        match &self.held {
+            Held::Here(_) => longest,
+            Held::Elsewhere { by, .. } => longest.min(by.longest()),
+        }
+    }
+
+    /// The map itself, when it is here.
+    pub(crate) fn map(&self) -> Option<&MapFile> {
+        match &self.held {
+            Held::Here(map) => Some(map),
+            Held::Elsewhere { .. } => None,
+        }
     }
 }
 
@@ -89,23 +159,27 @@ fn file_number(_: &fs::Metadata) -> [i64; 3] {
 
 /// One name, and the map it stands for at the moment.
 pub(crate) struct Slot {
-    source: MapSource,
-    memory: MapMemory,
-    /// `None` as long as its file could not be opened.
+    source: Source,
+    /// `None` as long as its file could not be opened, or nobody holds it.
     current: RwLock<Option<Arc<Hosted>>>,
     attempts: Mutex<Attempts<Option<Stamp>>>,
     /// Whether it is there because its file is in the folder, and how many looks did not find it.
     from_folder: Option<Mutex<u32>>,
 }
 
+/// Where a map comes from.
+enum Source {
+    File(MapSource, Reading),
+    Elsewhere(MapElsewhere),
+}
+
 /// What became of an attempt to read a map.
 pub(crate) type Reloaded = Result<Arc<Hosted>, MapError>;
 
 impl Slot {
-    fn new(source: MapSource, memory: MapMemory, from_folder: bool) -> Self {
+    fn new(source: Source, from_folder: bool) -> Self {
         Self {
             source,
-            memory,
             current: RwLock::new(None),
             attempts: Mutex::default(),
             from_folder: from_folder.then(Mutex::default),
@@ -113,13 +187,37 @@ impl Slot {
     }
 
     pub(crate) fn name(&self) -> &str {
-        &self.source.name
+        match &self.source {
+            Source::File(source, _) => &source.name,
+            Source::Elsewhere(source) => &source.name,
+        }
+    }
+
+    /// Whether it is served from this very file.
+    fn is_of(&self, path: &Path) -> bool {
+        matches!(&self.source, Source::File(source, _) if source.path == path)
     }
 
     /// The map as it is now.
     pub(crate) fn current(&self) -> Option<Arc<Hosted>> {
         // Nothing panics while it holds the lock; should it ever, the map in it is still whole.
-        self.current.read().unwrap_or_else(PoisonError::into_inner).clone()
+        let current = self.current.read().unwrap_or_else(PoisonError::into_inner).clone();
+        match &self.source {
+            Source::File(..) => current,
+            Source::Elsewhere(source) => self.as_described_now(source, current),
+        }
+    }
+
+    /// The map as those describe it who hold it.
+    fn as_described_now(&self, source: &MapElsewhere, known: Option<Arc<Hosted>>) -> Option<Arc<Hosted>> {
+        let now = source.held_by.describe()?;
+        let same = |hosted: &Arc<Hosted>| matches!(&hosted.held, Held::Elsewhere { as_described, .. } if Arc::ptr_eq(as_described, &now));
+        if known.as_ref().is_some_and(same) {
+            return known;
+        }
+        let hosted = Arc::new(Hosted::elsewhere(source, now));
+        *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(hosted.clone());
+        Some(hosted)
     }
 
     /// Whether the newest state of its file could not be read.
@@ -133,20 +231,22 @@ impl Slot {
 
     /// Reads the file and serves it from now on, if it is another than before or `all` is wished. When it cannot be read,
     /// the old map stays, and it is tried again.
+    /// Of a map that others hold there is nothing to read.
     pub(crate) fn reload(&self, all: bool, now: Instant) -> Option<Reloaded> {
-        let before = Stamp::of(&self.source.path);
+        let Source::File(source, reading) = &self.source else { return None };
+        let before = Stamp::of(&source.path);
         // Held while reading: two who reload at once would only do the same twice.
         let mut attempts = self.attempts();
         if !all && !attempts.is_due(&before, now) {
             return None;
         }
-        let opened = Hosted::open(&self.source, self.memory);
+        let opened = Hosted::open(source, *reading);
         match opened {
             Ok(hosted) => {
                 let hosted = Arc::new(hosted);
                 *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(hosted.clone());
                 // A file exchanged while it was read is read again: its state is that of neither.
-                if Stamp::of(&self.source.path) == before {
+                if Stamp::of(&source.path) == before {
                     attempts.took(before);
                 } else {
                     *attempts = Attempts::default();
@@ -177,19 +277,26 @@ pub(crate) enum Change {
     Ignored(String),
 }
 
-/// All maps: those given by name in the order given, then those of the folder by name.
+/// All maps: those given by name in the order given, those that others hold, then those of the folder by name.
 pub(crate) struct Maps {
     slots: RwLock<Vec<Arc<Slot>>>,
     folder: Option<PathBuf>,
-    memory: MapMemory,
+    reading: Reading,
     ignored: Mutex<Vec<String>>,
 }
 
 impl Maps {
     /// Nothing is opened yet.
-    pub(crate) fn new(sources: &[MapSource], folder: Option<PathBuf>, memory: MapMemory) -> Self {
-        let slots = sources.iter().map(|source| Arc::new(Slot::new(source.clone(), memory, false))).collect();
-        Self { slots: RwLock::new(slots), folder, memory, ignored: Mutex::default() }
+    pub(crate) fn new(
+        sources: &[MapSource],
+        elsewhere: &[MapElsewhere],
+        folder: Option<PathBuf>,
+        reading: Reading,
+    ) -> Self {
+        let files = sources.iter().map(|source| Source::File(source.clone(), reading));
+        let all = files.chain(elsewhere.iter().cloned().map(Source::Elsewhere));
+        let slots = all.map(|source| Arc::new(Slot::new(source, false))).collect();
+        Self { slots: RwLock::new(slots), folder, reading, ignored: Mutex::default() }
     }
 
     /// The map of this name as it is now.
@@ -251,7 +358,7 @@ impl Maps {
         });
         let mut ignored = self.ignored.lock().unwrap_or_else(PoisonError::into_inner);
         for (name, path) in found {
-            if slots.iter().any(|slot| slot.name() == name && slot.source.path == path) {
+            if slots.iter().any(|slot| slot.name() == name && slot.is_of(&path)) {
                 continue;
             }
             let taken = slots.iter().any(|slot| slot.name() == name);
@@ -263,7 +370,8 @@ impl Maps {
                 }
                 continue;
             }
-            let slot = Arc::new(Slot::new(MapSource { name, path, geo: None }, self.memory, true));
+            let slot =
+                Arc::new(Slot::new(Source::File(MapSource { name, path, geo: None }, self.reading), true));
             slots.push(slot.clone());
             changes.push(Change::Added(slot));
         }

@@ -12,10 +12,11 @@ use veiloc_map::MapMemory;
 use veiloc_page::Page;
 use veiloc_transport::{Conduct, ListenAddress, TlsFiles};
 
+use crate::elsewhere::MapElsewhere;
 use crate::error::ServerError;
 use crate::geo::GeoFrame;
 use crate::origin::Origin;
-use veiloc_observe::LogQueue;
+use veiloc_observe::{GatewayCounts, LogQueue};
 
 /// A map and the name it is served under.
 #[derive(Debug, Clone)]
@@ -93,8 +94,10 @@ pub struct ServerOptions {
     pub listen: Vec<ListenAddress>,
     /// Who may connect to Unix sockets, as the mode of their files.
     pub socket_mode: u32,
-    /// What to serve, at least one unless there is a folder.
+    /// What to serve, at least one unless there is a folder, or others hold a map.
     pub maps: Vec<MapSource>,
+    /// What to serve of maps that others hold. [`Self::workers`] are then queries under way at a time.
+    pub elsewhere: Vec<MapElsewhere>,
     /// A folder whose files `NAME.vmap` are served too, each as `NAME`, as they come and go.
     pub maps_folder: Option<PathBuf>,
     /// Where the bytes of maps are: by default copied into memory, so that what becomes of the files cannot touch them.
@@ -129,6 +132,8 @@ pub struct ServerOptions {
     pub admin: Option<SocketAddr>,
     /// The queue that the program's log goes through, if it does: lines it dropped are counted in the metrics.
     pub log: Option<LogQueue>,
+    /// What is counted of a cluster that holds maps, to be among the metrics.
+    pub gateway: Option<GatewayCounts>,
     /// Address of the collector that traces are sent to, as OTLP over HTTP: `/v1/traces` is added.
     #[cfg(feature = "opentelemetry")]
     pub otlp: Option<String>,
@@ -152,6 +157,7 @@ impl ServerOptions {
             listen: vec![ListenAddress::Tcp(SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080))],
             socket_mode: 0o660,
             maps,
+            elsewhere: Vec::new(),
             maps_folder: None,
             map_memory: MapMemory::default(),
             tls: None,
@@ -168,6 +174,7 @@ impl ServerOptions {
             reserved_connections: None,
             admin: None,
             log: None,
+            gateway: None,
             #[cfg(feature = "opentelemetry")]
             otlp: None,
             timeouts: Timeouts::default(),
@@ -180,15 +187,17 @@ impl ServerOptions {
 
     /// Refuses what would be a mistake.
     pub(crate) fn check(&self) -> Result<(), ServerError> {
-        if self.maps.is_empty() && self.maps_folder.is_none() {
+        let own = self.maps.iter().map(|map| &map.name);
+        let names: Vec<&String> = own.chain(self.elsewhere.iter().map(|map| &map.name)).collect();
+        if names.is_empty() && self.maps_folder.is_none() {
             return Err(ServerError::NoMap);
         }
-        for (i, map) in self.maps.iter().enumerate() {
-            if !is_map_name(&map.name) {
-                return Err(ServerError::MapName { name: map.name.clone() });
+        for (i, name) in names.iter().enumerate() {
+            if !is_map_name(name) {
+                return Err(ServerError::MapName { name: (*name).clone() });
             }
-            if self.maps[..i].iter().any(|other| other.name == map.name) {
-                return Err(ServerError::TwoMaps { name: map.name.clone() });
+            if names[..i].contains(name) {
+                return Err(ServerError::TwoMaps { name: (*name).clone() });
             }
         }
         if let Some(reserved) = self.reserved_connections.filter(|n| *n >= self.connections.get()) {

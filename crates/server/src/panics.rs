@@ -19,13 +19,13 @@ thread_local! {
 }
 
 /// This thread works for the service: of its panics only the place is told.
-pub(crate) fn mark() {
+pub fn mark() {
     OURS.set(true);
 }
 
 /// Does something for a request: a panic of this thread meanwhile is told with its name. Threads that work for it beside
 /// this one do not know it.
-pub(crate) fn during<T>(request: RequestId, work: impl FnOnce() -> T) -> T {
+pub fn during<T>(request: RequestId, work: impl FnOnce() -> T) -> T {
     struct Done;
     impl Drop for Done {
         fn drop(&mut self) {
@@ -39,7 +39,7 @@ pub(crate) fn during<T>(request: RequestId, work: impl FnOnce() -> T) -> T {
 
 /// The whole process works for the service: of no panic more than the place is told, and never but through the log, which
 /// does not block when nobody reads it.
-pub(crate) fn own_process() {
+pub fn own_process() {
     OWN_PROCESS.store(true, Ordering::Relaxed);
 }
 

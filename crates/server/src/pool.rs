@@ -27,13 +27,13 @@ struct Job {
 
 /// Who asks for work, and how much.
 #[derive(Clone, Copy)]
-pub(crate) struct Order {
+pub struct Order {
     /// `None` where nobody is told apart.
-    pub(crate) who: Option<TokenKey>,
+    pub who: Option<TokenKey>,
     /// What it costs, in rows of a query.
-    pub(crate) rows: usize,
+    pub rows: usize,
     /// When its result is worth nothing any more.
-    pub(crate) limit: Duration,
+    pub limit: Duration,
 }
 
 impl Order {
@@ -89,7 +89,7 @@ impl Shared {
 }
 
 /// A fixed number of threads and a bounded queue.
-pub(crate) struct Pool {
+pub struct Pool {
     shared: Arc<Shared>,
     threads: Mutex<Vec<JoinHandle<()>>>,
     workers: NonZeroUsize,
@@ -97,18 +97,27 @@ pub(crate) struct Pool {
 
 /// Why work was not taken.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) enum Refused {
+pub enum Refused {
     /// There is no room in the queue, or no more for this one; there should be after this many seconds.
-    Full { retry_after: NonZeroU64 },
+    Full {
+        /// Seconds, 1 to 60.
+        retry_after: NonZeroU64,
+    },
     /// It would not be done in time; after so many seconds it should.
-    Late { retry_after: NonZeroU64 },
+    Late {
+        /// Seconds, 1 to 60.
+        retry_after: NonZeroU64,
+    },
     /// The pool is closed.
     Closed,
 }
 
 impl Pool {
     /// Starts the threads.
-    pub(crate) fn start(workers: NonZeroUsize, queue: NonZeroUsize) -> std::io::Result<Self> {
+    ///
+    /// # Errors
+    /// The system has no threads to give.
+    pub fn start(workers: NonZeroUsize, queue: NonZeroUsize) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
             queue: Mutex::new(Waiting { jobs: FairQueue::new(queue), closed: false }),
             changed: Condvar::new(),
@@ -130,7 +139,10 @@ impl Pool {
     /// [`panics`] logged.
     ///
     /// Work whose receiver is gone by the time a thread is free (the client left, or time ran out) is not begun.
-    pub(crate) fn submit<T: Send + 'static>(
+    ///
+    /// # Errors
+    /// [`Refused`]: there is no room, no time, or the pool is closed.
+    pub fn submit<T: Send + 'static>(
         &self,
         order: Order,
         work: impl FnOnce(Duration) -> T + Send + 'static,
@@ -170,23 +182,23 @@ impl Pool {
     }
 
     /// How many wait.
-    pub(crate) fn queued(&self) -> usize {
+    pub fn queued(&self) -> usize {
         self.shared.waiting().jobs.len()
     }
 
     /// How many are being worked on.
-    pub(crate) fn busy(&self) -> usize {
+    pub fn busy(&self) -> usize {
         self.shared.busy.load(Ordering::Relaxed)
     }
 
     /// Takes nothing more; what was taken is finished.
-    pub(crate) fn close(&self) {
+    pub fn close(&self) {
         self.shared.waiting().closed = true;
         self.shared.changed.notify_all();
     }
 
     /// The same, and blocks until it is finished.
-    pub(crate) fn finish(&self) {
+    pub fn finish(&self) {
         self.close();
         let threads = std::mem::take(&mut *self.threads.lock().unwrap_or_else(PoisonError::into_inner));
         for thread in threads {

@@ -4,8 +4,8 @@
 //! sent from (rule L8), and all refusals have one length (`padding.rs`).
 
 use std::num::{NonZeroU32, NonZeroU64};
-
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::header::{CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
@@ -13,11 +13,10 @@ use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
-use veiloc_localize::LocalizeError;
 use veiloc_observe::{RequestId, RequestKind};
 use veiloc_query::QueryError;
-use veiloc_robust::PoseError;
 
+use crate::asked::{NoPose, Unanswered};
 use crate::padding::{self, Hidden};
 
 /// Why a request was not answered. The texts are for whoever wrote the client; logs have its name only.
@@ -39,6 +38,10 @@ pub(crate) enum Problem {
         "this map cannot be opened at the moment; send the same bytes again later, its operator was told"
     )]
     MapUnavailable,
+    #[error(
+        "nobody who holds this part of the map can be reached; send the same bytes again in {retry_after} s"
+    )]
+    Unreached { retry_after: NonZeroU64 },
     #[error("the service has no valid file of tokens, so nobody may ask; its operator was told")]
     NoTokens,
     #[error("send a sealed query as application/x-protobuf or application/octet-stream, not compressed")]
@@ -96,20 +99,21 @@ impl Problem {
         }
     }
 
-    pub(crate) fn of_localization(error: &LocalizeError) -> Self {
-        match error {
-            LocalizeError::WrongProfile { .. } => Self::WrongProfile,
-            LocalizeError::Frame { source, .. } => Self::of_localization(source),
-            LocalizeError::EmptyMap => Self::EmptyMap,
+    pub(crate) fn of_unanswered(why: Unanswered, within: Duration) -> Self {
+        match why {
+            Unanswered::WrongProfile => Self::WrongProfile,
+            Unanswered::EmptyMap => Self::EmptyMap,
             // Nobody waits for what was stopped; should somebody, it did not get its time.
-            LocalizeError::Stopped => Self::Stopping { retry_after: NonZeroU64::MIN },
-            LocalizeError::NoPose { source: PoseError::OneSided { .. }, .. } => {
+            Unanswered::Stopped => Self::Stopping { retry_after: NonZeroU64::MIN },
+            Unanswered::NoPose(NoPose::OneSided) => {
                 Self::NotLocalized(": all lines that match run through one anchor")
             }
-            LocalizeError::NoPose { source: PoseError::TooFew { .. }, .. } => {
-                Self::NotLocalized(": too few of its rows match the map")
-            }
-            LocalizeError::NoPose { .. } => Self::NotLocalized(""),
+            Unanswered::NoPose(NoPose::TooFew) => Self::NotLocalized(": too few of its rows match the map"),
+            Unanswered::NoPose(NoPose::Unsupported) => Self::NotLocalized(""),
+            Unanswered::Busy { retry_after } => Self::QueueFull { retry_after },
+            Unanswered::Unreached { retry_after } => Self::Unreached { retry_after },
+            Unanswered::TimedOut => Self::TimedOut { seconds: within.as_secs().max(1) },
+            Unanswered::Broken => Self::Broken,
         }
     }
 
@@ -124,6 +128,7 @@ impl Problem {
             Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
             Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
             Self::MapUnavailable => (S::SERVICE_UNAVAILABLE, "map-unavailable", "Map unavailable"),
+            Self::Unreached { .. } => (S::SERVICE_UNAVAILABLE, "unreached", "Nobody reached"),
             Self::NoTokens => (S::SERVICE_UNAVAILABLE, "no-tokens", "Nobody may ask"),
             Self::MediaType => (S::UNSUPPORTED_MEDIA_TYPE, "media-type", "Unsupported media type"),
             Self::NotAcceptable => (S::NOT_ACCEPTABLE, "no-geographic-frame", "No geographic frame"),
@@ -150,6 +155,7 @@ impl Problem {
             Self::RateLimited { retry_after }
             | Self::QueueFull { retry_after }
             | Self::Overdue { retry_after }
+            | Self::Unreached { retry_after }
             | Self::Stopping { retry_after } => Some(*retry_after),
             Self::MapUnavailable | Self::NoTokens => Some(LATER),
             _ => None,
@@ -201,7 +207,7 @@ pub(crate) fn sign(response: &mut Response, id: RequestId) {
 }
 
 /// The refusals that a query can get: status and name, as in the table of docs/service.md.
-const OF_QUERIES: [(u16, &str); 23] = [
+const OF_QUERIES: [(u16, &str); 24] = [
     (400, "malformed-query"),
     (400, "unsupported-version"),
     (400, "bad-option"),
@@ -220,6 +226,7 @@ const OF_QUERIES: [(u16, &str); 23] = [
     (429, "rate-limited"),
     (500, "broken"),
     (503, "map-unavailable"),
+    (503, "unreached"),
     (503, "no-tokens"),
     (503, "queue-full"),
     (503, "overdue"),

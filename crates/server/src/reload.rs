@@ -93,7 +93,7 @@ impl App {
         self.metrics.reload_failing("map", slot.name(), slot.is_failing());
         match result {
             Ok(hosted) => {
-                let (images, points) = (hosted.map.image_count(), hosted.map.point_count());
+                let (images, points) = (hosted.images, hosted.points);
                 let what = if had_one { "map replaced" } else { "map opened" };
                 tracing::info!(map = slot.name(), images, points, "{what}");
             }

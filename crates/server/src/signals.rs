@@ -6,6 +6,32 @@ use crate::options::ServerOptions;
 use crate::panics;
 use crate::serve::{Listening, Server, ServerHandle, Stopped};
 
+/// What signals tell a running program.
+pub trait Told: Clone + Send + Sync + 'static {
+    /// Finish what was accepted, then end.
+    fn stop(&self);
+
+    /// End at once.
+    fn stop_now(&self);
+
+    /// Read files again; may block.
+    fn reload(&self);
+}
+
+impl Told for ServerHandle {
+    fn stop(&self) {
+        Self::stop(self);
+    }
+
+    fn stop_now(&self) {
+        Self::stop_now(self);
+    }
+
+    fn reload(&self) {
+        Self::reload(self);
+    }
+}
+
 /// Runs the service until SIGINT or SIGTERM (elsewhere: Ctrl-C) and finishes what was accepted; a second signal ends it at
 /// once. SIGHUP makes it read maps, tokens and certificate again.
 ///
@@ -18,13 +44,25 @@ pub fn run_until_signal(
     options: ServerOptions,
     ready: impl FnOnce(&Listening),
 ) -> Result<Stopped, ServerError> {
-    descriptors::make_room(&options)?;
-    panics::own_process();
+    run_prepared(async { Ok(options) }, ready)
+}
+
+/// The same for options that are made within the service's own runtime: those of a gateway, which has connections of its own.
+///
+/// # Errors
+/// What the preparation says, and [`ServerError`] when the service cannot start.
+pub fn run_prepared<E: From<ServerError>>(
+    prepared: impl Future<Output = Result<ServerOptions, E>>,
+    ready: impl FnOnce(&Listening),
+) -> Result<Stopped, E> {
     let system = |what| move |source| ServerError::System { what, source };
     let runtime =
         tokio::runtime::Builder::new_multi_thread().enable_all().on_thread_start(panics::mark).build();
     let runtime = runtime.map_err(system("a runtime"))?;
+    panics::own_process();
     let stopped = runtime.block_on(async {
+        let options = prepared.await?;
+        descriptors::make_room(&options)?;
         let server = Server::bind(options).await?;
         let stops = Signals::new().map_err(system("signal handlers"))?;
         ready(server.listening());
@@ -38,8 +76,9 @@ pub fn run_until_signal(
     stopped
 }
 
+/// SIGINT, SIGTERM and SIGHUP (elsewhere: Ctrl-C), taken from when it is made.
 #[cfg(unix)]
-struct Signals {
+pub struct Signals {
     interrupt: tokio::signal::unix::Signal,
     terminate: tokio::signal::unix::Signal,
     hang_up: tokio::signal::unix::Signal,
@@ -47,7 +86,11 @@ struct Signals {
 
 #[cfg(unix)]
 impl Signals {
-    fn new() -> std::io::Result<Self> {
+    /// Takes them.
+    ///
+    /// # Errors
+    /// The system refuses a handler.
+    pub fn new() -> std::io::Result<Self> {
         use tokio::signal::unix::{SignalKind, signal};
         Ok(Self {
             interrupt: signal(SignalKind::interrupt())?,
@@ -56,7 +99,8 @@ impl Signals {
         })
     }
 
-    async fn obey(mut self, server: ServerHandle) {
+    /// Tells the program what they say: the first stops it, the second at once.
+    pub async fn obey(mut self, server: impl Told) {
         let mut told = false;
         loop {
             tokio::select! {
@@ -80,16 +124,22 @@ impl Signals {
     }
 }
 
+/// Ctrl-C.
 #[cfg(not(unix))]
-struct Signals;
+pub struct Signals;
 
 #[cfg(not(unix))]
 impl Signals {
-    fn new() -> std::io::Result<Self> {
+    /// Takes it.
+    ///
+    /// # Errors
+    /// None.
+    pub fn new() -> std::io::Result<Self> {
         Ok(Self)
     }
 
-    async fn obey(self, server: ServerHandle) {
+    /// Tells the program what it says: the first stops it, the second at once.
+    pub async fn obey(self, server: impl Told) {
         // Without a handler for Ctrl-C the system ends the program, which is all there is left to do.
         if tokio::signal::ctrl_c().await.is_ok() {
             server.stop();

@@ -5,7 +5,7 @@ use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use crate::error::ServerError;
-use crate::maps::Maps;
+use crate::maps::{Maps, Reading};
 use crate::options::ServerOptions;
 use crate::pool::Pool;
 use crate::problem;
@@ -49,8 +49,8 @@ pub(crate) enum Readiness {
 }
 
 impl App {
-    /// Opens all files. Credentials that cannot be used are an error; of maps, when there is none left to serve and no
-    /// folder that one could come into.
+    /// Opens all files. Credentials that cannot be used are an error; of maps, when there is none left to serve, no
+    /// folder that one could come into, and nobody else who may hold one.
     pub(crate) fn open(options: ServerOptions) -> Result<Self, ServerError> {
         options.check()?;
         let (tokens, callers) = match &options.tokens {
@@ -78,7 +78,16 @@ impl App {
             traces,
             connections: Connections::new(limits(&options)),
             quiet: Throttle::default(),
-            maps: Maps::new(&options.maps, options.maps_folder.clone(), options.map_memory),
+            maps: Maps::new(
+                &options.maps,
+                &options.elsewhere,
+                options.maps_folder.clone(),
+                Reading {
+                    memory: options.map_memory,
+                    // Without a page nobody sees them.
+                    page_points: options.page.as_ref().map_or(0, |_| options.page_points),
+                },
+            ),
             pool,
             tls,
             tokens,
@@ -101,7 +110,8 @@ impl App {
                 broken.push(ServerError::Map { name: slot.name().to_owned(), source });
             }
         }
-        if !self.maps.has_folder() && self.maps.slots().iter().all(|slot| slot.current().is_none()) {
+        let may_come = self.maps.has_folder() || !self.options.elsewhere.is_empty();
+        if !may_come && self.maps.slots().iter().all(|slot| slot.current().is_none()) {
             // There is at least one, or the options would have been refused.
             return Err(broken.into_iter().next().unwrap_or(ServerError::NoMap));
         }
@@ -186,6 +196,7 @@ fn metrics(options: &ServerOptions) -> Metrics {
         connections: options.connections.get(),
         version: env!("CARGO_PKG_VERSION"),
         log: options.log.as_ref(),
+        gateway: options.gateway.as_ref(),
         requests: &problem::kinds_of_queries(),
     })
 }

@@ -1,9 +1,11 @@
-//! `veiloc map`: build, import, inspect, change, compress and export maps.
+//! `veiloc map`: build, import, inspect, change, compress, split, publish and export maps.
 
 mod compress;
 mod export;
 mod info;
+mod publish;
 mod self_test;
+mod split;
 
 use std::path::{Path, PathBuf};
 
@@ -40,6 +42,12 @@ pub(crate) enum Command {
     Profile(ProfileArgs),
     /// Make a map small: a tenth of the bytes, at hardly any loss.
     Compress(compress::CompressArgs),
+    /// Cut a map into regions, so that it may be larger than a machine.
+    Split(split::SplitArgs),
+    /// Publish the regions of a map, so that services take them.
+    Publish(publish::PublishArgs),
+    /// Fetch the regions of a map that was published into a folder, verified.
+    Fetch(publish::FetchArgs),
     /// Write a map for other programs: as a COLMAP model, its points as a PLY file, or both.
     Export(export::ExportArgs),
 }
@@ -227,6 +235,9 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Remove(args) => remove(args, ui),
         Command::Profile(args) => profile(args, ui),
         Command::Compress(args) => compress::run(args, ui),
+        Command::Split(args) => split::run(args, ui),
+        Command::Publish(args) => publish::publish(args, ui),
+        Command::Fetch(args) => publish::fetch(args, ui),
         Command::Export(args) => export::run(args, ui),
     }
 }

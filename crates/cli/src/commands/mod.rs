@@ -1,5 +1,7 @@
 //! One file a command: its arguments, and the few lines that hand them to the libraries.
 
+#[cfg(feature = "cluster")]
+mod cluster_args;
 pub(crate) mod demo;
 mod device_args;
 pub(crate) mod features;
@@ -14,4 +16,8 @@ mod rig_file;
 pub(crate) mod seal;
 pub(crate) mod serve;
 mod session_args;
+mod settled;
 pub(crate) mod token;
+mod voice;
+#[cfg(feature = "cluster")]
+pub(crate) mod worker;

@@ -7,19 +7,27 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use clap::{Args as _, FromArgMatches as _};
-use tracing_subscriber::filter::LevelFilter;
+#[cfg(feature = "cluster")]
+use veiloc_cluster::{Gateway, GatewayOptions};
 use veiloc_map::MapMemory;
+#[cfg(feature = "cluster")]
+use veiloc_observe::GatewayCounts;
+#[cfg(feature = "cluster")]
+use veiloc_server::MapElsewhere;
 use veiloc_server::{
-    BadGeoFrame, GeoFrame, ListenAddress, LogQueue, MapSource, Origin, RateLimit, ServerOptions, Stopped,
-    TlsFiles, run_until_signal,
+    BadGeoFrame, GeoFrame, ListenAddress, MapSource, Origin, RateLimit, ServerOptions, Stopped, TlsFiles,
+    run_prepared,
 };
 
+#[cfg(feature = "cluster")]
+use crate::commands::cluster_args::ClusterArgs;
 use crate::commands::page_args::{About, page};
+use crate::commands::settled::settled;
+use crate::commands::voice::{LogArgs, Voice};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
 use veiloc_arguments::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
-use veiloc_arguments::settings::{Settings, layered};
+use veiloc_arguments::settings::layered;
 
 /// Serve maps: sealed queries in over HTTP, poses out.
 ///
@@ -39,7 +47,14 @@ pub(crate) struct Args {
     #[arg(long)]
     print_config: bool,
     /// A map and the name it is served under; several may be given.
-    #[arg(long = "map", required_unless_present = "folder", value_name = "NAME=FILE")]
+    #[cfg_attr(
+        feature = "cluster",
+        arg(long = "map", required_unless_present_any = ["folder", "cluster"], value_name = "NAME=FILE")
+    )]
+    #[cfg_attr(
+        not(feature = "cluster"),
+        arg(long = "map", required_unless_present = "folder", value_name = "NAME=FILE")
+    )]
     maps: Vec<NamedMap>,
     /// A folder whose files NAME.vmap are served as NAME, as they come and go.
     #[arg(long = "maps", value_name = "DIR")]
@@ -48,6 +63,22 @@ pub(crate) struct Args {
     /// which you promise that nobody writes into a map's file or shortens it while it is served.
     #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
     map_memory: Memory,
+    /// The NATS servers that lead to workers, with commas between them: maps of --cluster-map are asked of them, and
+    /// --workers are queries under way at a time. Default: no cluster.
+    #[cfg(feature = "cluster")]
+    #[arg(long, requires = "cluster_maps", value_name = "URL[,URL]")]
+    cluster: Option<String>,
+    /// A published map that workers hold, served under its name; several may be given. Default: none.
+    #[cfg(feature = "cluster")]
+    #[arg(long = "cluster-map", requires = "cluster", value_parser = super::worker::map_name, value_name = "NAME")]
+    cluster_maps: Vec<String>,
+    /// Regions that a query is asked in at most, with --cluster.
+    #[cfg(feature = "cluster")]
+    #[arg(long, default_value = "3", value_name = "N")]
+    cluster_regions: NonZeroUsize,
+    #[cfg(feature = "cluster")]
+    #[command(flatten)]
+    machines: ClusterArgs,
     /// Where a map lies on Earth, so that poses can be told as OGC GeoPose: degrees, metres above the WGS 84 ellipsoid,
     /// the quaternion that turns map axes into east, north, up there, and metres a map unit (1).
     #[arg(long = "geo", value_name = "NAME=LAT,LON,HEIGHT,QW,QX,QY,QZ[,METRES]", allow_hyphen_values = true)]
@@ -93,7 +124,7 @@ pub(crate) struct Args {
     /// Requests at once after a pause. Default: as many as in a second.
     #[arg(long, value_name = "N")]
     burst: Option<NonZeroU32>,
-    /// Threads that localize. Default: one a core.
+    /// Threads that localize. Default: one a core; with --cluster 64, each for a query under way.
     #[arg(long, value_name = "N")]
     workers: Option<NonZeroUsize>,
     /// Queries that may wait for a worker; one more is refused with 503.
@@ -139,17 +170,13 @@ pub(crate) struct Args {
     /// Most points of a map that the page shows to whoever may ask for the map: they tell what the place looks like.
     #[arg(long, default_value_t = 0, value_name = "N")]
     page_points: usize,
-    /// How much to log: off, error, warn, info, debug or trace.
-    #[arg(long, default_value = "info", value_name = "LEVEL")]
-    log: LevelFilter,
+    #[command(flatten)]
+    log: LogArgs,
     /// Send traces to the collector at this address, as OTLP over HTTP (`/v1/traces` is added): for example
     /// http://127.0.0.1:4318.
     #[cfg(feature = "opentelemetry")]
     #[arg(long, value_name = "URL")]
     otlp: Option<String>,
-    /// Log one JSON object a line.
-    #[arg(long)]
-    log_json: bool,
     #[command(flatten)]
     pose: PoseArgs,
     #[command(flatten)]
@@ -169,9 +196,18 @@ fn mode(text: &str) -> Result<Mode, String> {
 
 /// Where the bytes of maps are.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum Memory {
+pub(super) enum Memory {
     Copied,
     Mapped,
+}
+
+impl From<Memory> for MapMemory {
+    fn from(memory: Memory) -> Self {
+        match memory {
+            Memory::Copied => Self::Copied,
+            Memory::Mapped => Self::Mapped,
+        }
+    }
 }
 
 /// `NAME=FILE`.
@@ -211,44 +247,25 @@ impl FromStr for NamedFrame {
     }
 }
 
-/// The command that reads the command line of `serve`, before files and variables are looked at.
+/// The command that reads the command line of `serve` and `worker`, before files and variables are looked at.
 pub(crate) fn first_look(command: clap::Command) -> clap::Command {
-    command.mut_subcommand("serve", layered)
-}
-
-/// The command with all that must be given, and what excludes what: for all layers together.
-fn complete() -> clap::Command {
-    Args::augment_args(clap::Command::new("serve").bin_name("veiloc serve"))
+    let command = command.mut_subcommand("serve", layered);
+    #[cfg(feature = "cluster")]
+    let command = command.mut_subcommand("worker", layered);
+    command
 }
 
 /// Serves what command line, environment and file say together.
 pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
-    let command = complete();
-    let settings = Settings::of(&command, first, &|name| std::env::var_os(name)).map_err(Failure::refused)?;
-    let line = std::iter::once("veiloc serve".into()).chain(settings.arguments());
-    let args = match command.try_get_matches_from(line).and_then(|all| Args::from_arg_matches(&all)) {
-        Ok(args) => args,
-        Err(error) => {
-            // As if all had been said on the command line. Nothing can be told of a stderr that is gone.
-            let _ = error.print();
-            return Ok(Exit::Usage);
-        }
-    };
-    if first.get_flag("print_config") {
-        ui.print(settings.to_toml().map_err(Failure::refused)?);
-        return Ok(Exit::Success);
-    }
-    serve(&args, ui)
+    settled("serve", first, ui, serve)
 }
 
 fn serve(args: &Args, ui: &Ui) -> Outcome {
     let mut options = options(args)?;
-    let log = LogQueue::start(std::io::stderr())?;
-    start_log(args, &log);
-    options.log = Some(log.clone());
-    let voice = Voice { log: &log, json: args.log_json, quiet: ui.is_quiet() };
+    let voice = Voice::start(&args.log, ui.is_quiet())?;
+    options.log = Some(voice.log.clone());
     let scheme = if options.tls.is_some() { "https" } else { "http" };
-    let ended = run_until_signal(options, |listening| {
+    let ended = run_prepared(with_cluster(args, options), |listening| {
         if let Some(admin) = listening.admin {
             voice.say(format!("probes and metrics on http://{admin}"));
         }
@@ -284,50 +301,62 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
             ));
             Exit::Refused
         }
-        Err(error) if args.log_json => {
-            voice.complain(error);
+        Err(Failure::Refused { report } | Failure::Output { report }) if voice.is_json() => {
+            voice.complain(report);
             Exit::Refused
         }
         // Nobody is held up by a line before the first request.
-        Err(error) => return Err(error.into()),
+        Err(failure) => return Err(failure),
     };
-    // Where nobody reads the log the end must not wait for it.
-    log.flush(LAST_LINES);
+    voice.end();
     Ok(exit)
 }
 
-/// How long the last lines of the log may take.
-const LAST_LINES: Duration = Duration::from_secs(1);
-
-/// Talk for people, on the road of the log, so that a reader who is slow or gone holds nothing up. In a log of JSON it
-/// is JSON too.
-struct Voice<'a> {
-    log: &'a LogQueue,
-    json: bool,
-    quiet: bool,
+/// The maps that the command line names.
+fn named(args: &Args) -> Vec<&str> {
+    let names = args.maps.iter().map(|map| map.name.as_str());
+    #[cfg(feature = "cluster")]
+    let names = names.chain(args.cluster_maps.iter().map(String::as_str));
+    names.collect()
 }
 
-impl Voice<'_> {
-    fn say(&self, text: impl std::fmt::Display) {
-        if self.json {
-            tracing::info!("{text}");
-        } else if !self.quiet {
-            self.log.say(text);
-        }
+/// Adds the maps that others hold; connects to them first.
+#[cfg(feature = "cluster")]
+async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerOptions, Failure> {
+    let Some(servers) = &args.cluster else { return Ok(options) };
+    let shelf = args.machines.shelf()?;
+    let bus = args.machines.bus(servers, "veiloc gateway").await?;
+    let counts = GatewayCounts::default();
+    for name in &args.cluster_maps {
+        let mut gateway = GatewayOptions::new(name);
+        gateway.regions = args.cluster_regions.get();
+        gateway.watch = Duration::from_secs_f64(args.watch.min(86_400.0));
+        let gateway = Gateway::start(bus.clone(), shelf.clone(), gateway, counts.clone()).await?;
+        let geo = args.geo.iter().find(|g| g.name == *name).map(|g| g.frame.clone());
+        options.elsewhere.push(MapElsewhere { name: name.clone(), held_by: Arc::new(gateway), geo });
     }
+    options.gateway = Some(counts);
+    if args.workers.is_none() {
+        options.workers = UNDER_WAY;
+    }
+    Ok(options)
+}
 
-    fn complain(&self, text: impl std::fmt::Display) {
-        if self.json {
-            tracing::error!("{text}");
-        } else {
-            self.log.say(format_args!("error: {text}"));
-        }
-    }
+/// Queries that a gateway has under way unless somebody says otherwise: each costs a thread that sleeps.
+#[cfg(feature = "cluster")]
+const UNDER_WAY: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
+
+/// There is no cluster.
+#[cfg(not(feature = "cluster"))]
+#[expect(clippy::unused_async, reason = "as with one")]
+async fn with_cluster(_: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {
+    Ok(options)
 }
 
 fn options(args: &Args) -> Result<ServerOptions, Failure> {
     let geo = |name: &str| args.geo.iter().find(|g| g.name == name).map(|g| g.frame.clone());
-    if let Some(stray) = args.geo.iter().find(|g| args.maps.iter().all(|map| map.name != g.name)) {
+    let named = named(args);
+    if let Some(stray) = args.geo.iter().find(|g| !named.contains(&g.name.as_str())) {
         return Err(Failure::with_help(
             format!("--geo {}: no map has this name", stray.name),
             "use the name given with --map",
@@ -340,10 +369,7 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.socket_mode = args.socket_mode.0;
     options.cors.clone_from(&args.cors_origin);
     options.maps_folder.clone_from(&args.folder);
-    options.map_memory = match args.map_memory {
-        Memory::Copied => MapMemory::Copied,
-        Memory::Mapped => MapMemory::Mapped,
-    };
+    options.map_memory = args.map_memory.into();
     if let (Some(cert), Some(key)) = (&args.cert, &args.key) {
         options.tls =
             Some(TlsFiles { cert: cert.clone(), key: key.clone(), client_ca: args.client_ca.clone() });
@@ -378,20 +404,6 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
         options.page_points = args.page_points;
     }
     Ok(options)
-}
-
-/// To stderr by way of the queue, without colour: logs are read by programs more often than by people.
-fn start_log(args: &Args, queue: &LogQueue) {
-    let queue = queue.clone();
-    let log = tracing_subscriber::fmt()
-        .with_max_level(args.log)
-        .with_writer(move || queue.line())
-        .with_ansi(false)
-        .with_target(false)
-        // Else it would tell of its own errors on stderr, and panic when that is gone.
-        .log_internal_errors(false);
-    // Fails only when something logs already, which then is what was meant.
-    let _ = if args.log_json { log.json().try_init() } else { log.try_init() };
 }
 
 #[cfg(test)]

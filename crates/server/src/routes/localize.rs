@@ -12,21 +12,21 @@ use axum::http::HeaderMap;
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
+use tokio::runtime::Handle;
+use tokio::sync::oneshot;
 use veiloc_geometry::Point3;
-use veiloc_localize::{LocalizeError, LocalizeOptions, StageTimes, localize as localize_query, localize_rig};
-use veiloc_map::MapFile;
-use veiloc_query::{
-    Answer, AnswerDocument, AnswerState, AnswerVersion, QueryError, RigMessage, SealedFrame, SealedQuery,
-};
+use veiloc_localize::{LocalizeOptions, StageTimes};
+use veiloc_query::{AnswerDocument, AnswerState, AnswerTimes, AnswerVersion};
 use veiloc_robust::{PositionPrior, Stop};
 
 use super::accept::{Form, Unmet};
 use super::admit::{admit, wanted};
 use super::body;
 use super::wishes::Wishes;
-use crate::answer::{answer_of, answer_of_rig};
+use crate::asked::{Asked, Found, Kind, Unanswered};
+use crate::elsewhere::Question;
 use crate::geo::GeoPoseDocument;
-use crate::maps::Hosted;
+use crate::maps::{Held, Hosted};
 use crate::padding::{self, Hidden};
 use crate::panics;
 use crate::pool::{Order, Refused};
@@ -34,7 +34,7 @@ use crate::problem::Problem;
 use crate::state::App;
 use crate::tokens::Caller;
 use veiloc_admission::Guest;
-use veiloc_observe::{Outcome, Stage, Trail};
+use veiloc_observe::{Outcome, RequestId, Stage, Trail};
 
 /// Where a sealed query was taken.
 ///
@@ -68,15 +68,6 @@ pub(super) async fn localize(
     body: Body,
 ) -> Response {
     serve(app, &guest, trail, name, headers, body, Kind::Query).await
-}
-
-/// What a body holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    /// One sealed query.
-    Query,
-    /// Those of a session.
-    Rig,
 }
 
 /// Answers a body of this kind.
@@ -150,25 +141,22 @@ async fn answer(
 ) -> Result<Response, Problem> {
     let Request { caller, hosted, form, wishes } = request;
     let (started, begun) = (Instant::now(), trail.elapsed());
-    let limit = match kind {
-        Kind::Query => hosted.longest_query,
-        Kind::Rig => RigMessage::longest(hosted.longest_query),
-    };
-    let bytes = body::read(body, limit, app.options.timeouts.body).await?;
+    let bytes = body::read(body, hosted.longest(kind), app.options.timeouts.body).await?;
     let read = Stage { name: "read", within: None, begun, took: started.elapsed() };
     app.metrics.stage(read.name, read.took);
     trail.stage(read);
     let asked = Asked::decode(kind, &bytes).map_err(|e| Problem::of_query(&e))?;
     tracing::debug!(request = %trail.id(), map = hosted.name, frames = asked.frames(), "sealed queries read");
-    drop(bytes);
     caller.spend_session(asked.frames())?;
 
-    let result = compute(app, trail, &caller, hosted.clone(), asked, wishes).await?;
-    let Found { answer, times } = result.map_err(|error| {
-        if matches!(error, LocalizeError::NoPose { .. }) {
+    // Who localizes here has read them.
+    let bytes = if hosted.map().is_some() { Vec::new() } else { bytes };
+    let result = compute(app, trail, &caller, hosted.clone(), Read { asked, bytes }, wishes).await?;
+    let Found { answer, times } = result.map_err(|why| {
+        if matches!(why, Unanswered::NoPose(_)) {
             app.metrics.localization(&hosted.name, Outcome::NotLocalized);
         }
-        Problem::of_localization(&error)
+        Problem::of_unanswered(why, app.options.timeouts.localize)
     })?;
     let outcome = match answer.state() {
         AnswerState::Trusted => Outcome::Trusted,
@@ -210,7 +198,7 @@ fn parts(times: &StageTimes) -> [(&'static str, Duration); 3] {
 }
 
 struct Done {
-    result: Result<Found, LocalizeError>,
+    result: Result<Found, Unanswered>,
     waited: Duration,
     took: Duration,
 }
@@ -228,64 +216,60 @@ impl Done {
     }
 }
 
-/// What is told, and what the stages took.
-struct Found {
-    answer: Answer,
-    times: StageTimes,
-}
-
-/// What a body was found to hold.
-enum Asked {
-    Query(Box<SealedQuery>),
-    Rig(Vec<SealedFrame>),
-}
-
-impl Asked {
-    fn decode(kind: Kind, bytes: &[u8]) -> Result<Self, QueryError> {
-        Ok(match kind {
-            Kind::Query => Self::Query(Box::new(SealedQuery::decode(bytes)?)),
-            Kind::Rig => Self::Rig(RigMessage::decode(bytes)?.frames),
-        })
-    }
-
-    /// Images that it is about.
-    fn frames(&self) -> usize {
-        match self {
-            Self::Query(_) => 1,
-            Self::Rig(frames) => frames.len(),
-        }
-    }
-
-    /// Rows of all queries.
-    fn rows(&self) -> usize {
-        match self {
-            Self::Query(query) => query.descriptors().len(),
-            Self::Rig(frames) => frames.iter().map(|frame| frame.query.descriptors().len()).sum(),
-        }
-    }
-
-    /// Localizes it after a wait of so many milliseconds.
-    fn localize(
-        &self,
-        map: &MapFile,
-        options: &LocalizeOptions,
-        queue_ms: f64,
-    ) -> Result<Found, LocalizeError> {
-        match self {
-            Self::Query(query) => localize_query(query, map, options)
-                .map(|found| Found { answer: answer_of(&found, queue_ms), times: found.times }),
-            Self::Rig(frames) => localize_rig(frames, map, options)
-                .map(|found| Found { answer: answer_of_rig(&found, queue_ms), times: found.times }),
-        }
-    }
-}
-
 /// Ends a job that nobody waits for any more: its time is up, its client has left, or the service gives up on it.
-struct StopWhenDropped(Stop);
+struct StopWhenDropped {
+    stop: Stop,
+    /// Whoever waits for others learns it when this is gone.
+    /// Dropped with it, and so heard by whoever waits at the other end.
+    #[expect(dead_code, reason = "that it is dropped is what it is for")]
+    gone: oneshot::Sender<()>,
+}
 
 impl Drop for StopWhenDropped {
     fn drop(&mut self) {
-        self.0.set();
+        self.stop.set();
+    }
+}
+
+/// A body, and what it was found to hold.
+struct Read {
+    asked: Asked,
+    bytes: Vec<u8>,
+}
+
+/// What a job works with.
+struct Job {
+    hosted: Arc<Hosted>,
+    read: Read,
+    wishes: Wishes,
+    options: LocalizeOptions,
+    /// When its result is worth nothing any more.
+    deadline: Instant,
+    gone: oneshot::Receiver<()>,
+    /// Where those are asked who hold the map.
+    runtime: Handle,
+    id: RequestId,
+}
+
+impl Job {
+    /// Localizes it, or has it localized, after a wait of so many milliseconds.
+    fn work(self, queue_ms: f64) -> Result<Found, Unanswered> {
+        let Read { asked, bytes } = self.read;
+        let by = match &self.hosted.held {
+            Held::Here(map) => return asked.localize(map, &self.options, queue_ms),
+            Held::Elsewhere { by, .. } => by,
+        };
+        let within = self.deadline.saturating_duration_since(Instant::now());
+        let question = Question { request: self.id, asked, bytes, near: self.wishes.near, within };
+        let mut answer = self.runtime.block_on(async {
+            tokio::select! {
+                answer = by.localize(question) => answer,
+                _ = self.gone => Err(Unanswered::Stopped),
+            }
+        })?;
+        let AnswerTimes { retrieve_ms, match_ms, pose_ms, .. } = answer.times;
+        answer.times.queue_ms += queue_ms;
+        Ok(Found { answer, times: StageTimes { retrieve_ms, match_ms, pose_ms } })
     }
 }
 
@@ -295,25 +279,27 @@ async fn compute(
     trail: &Trail,
     caller: &Caller,
     hosted: Arc<Hosted>,
-    asked: Asked,
+    read: Read,
     wishes: Wishes,
-) -> Result<Result<Found, LocalizeError>, Problem> {
+) -> Result<Result<Found, Unanswered>, Problem> {
     let mut options = app.options.localize.clone();
     if let Some(near) = wishes.near {
         let [x, y, z] = near.center();
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
     }
     options.pose.stop = Stop::default();
-    let _stop = StopWhenDropped(options.pose.stop.clone());
+    let (held, gone) = oneshot::channel();
+    let _stop = StopWhenDropped { stop: options.pose.stop.clone(), gone: held };
     let hosted_name = hosted.name.clone();
     let limit = app.options.timeouts.localize;
     // Where no token is asked for, nobody is told apart.
-    let order = Order { who: app.tokens.is_some().then(|| caller.key()), rows: asked.rows(), limit };
+    let order = Order { who: app.tokens.is_some().then(|| caller.key()), rows: read.asked.rows(), limit };
     let (id, begun) = (trail.id(), trail.elapsed());
+    let (deadline, runtime) = (Instant::now() + limit, Handle::current());
+    let job = Job { hosted, read, wishes, options, deadline, gone, runtime, id };
     let work = move |waited: Duration| {
         let started = Instant::now();
-        let queue_ms = waited.as_secs_f64() * 1e3;
-        let result = panics::during(id, || asked.localize(&hosted.map, &options, queue_ms));
+        let result = panics::during(id, || job.work(waited.as_secs_f64() * 1e3));
         Done { result, waited, took: started.elapsed() }
     };
     let result = app.pool.submit(order, work).map_err(|refused| match refused {

@@ -5,13 +5,14 @@ use std::sync::Arc;
 use axum::Extension;
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, State};
-use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, ETAG, IF_NONE_MATCH};
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::HeaderMap;
+use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::admit::{admit, asked};
+use super::versions::version;
 use crate::problem::Problem;
 use crate::state::App;
 use veiloc_admission::Guest;
@@ -52,9 +53,9 @@ pub(super) async fn list(
     let own = slots.iter().filter(|slot| caller.may_ask_for(slot.name()));
     let maps = own.filter_map(|slot| slot.current()).map(|hosted| MapEntry {
         name: hosted.name.clone(),
-        images: hosted.map.image_count(),
-        points: hosted.map.point_count(),
-        profile_id: hosted.map.profile().id().to_string(),
+        images: hosted.images,
+        points: hosted.points,
+        profile_id: hosted.profile_id.clone(),
     });
     let body = serde_json::to_vec(&MapList { maps: maps.collect() }).map_err(|_| Problem::Broken)?;
     Ok(([(CONTENT_TYPE, "application/json")], body).into_response())
@@ -75,17 +76,6 @@ pub(super) async fn profile(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let hosted = asked(&app, &guest, &trail, name, &headers)?;
-    let common = [(ETAG, hosted.etag.as_str()), (CACHE_CONTROL, "no-cache")];
-    Ok(if knows(&headers, &hosted.etag) {
-        (StatusCode::NOT_MODIFIED, common).into_response()
-    } else {
-        (common, [(CONTENT_TYPE, "application/x-protobuf")], hosted.profile.clone()).into_response()
-    })
-}
-
-/// Whether the client says that it has this version.
-fn knows(headers: &HeaderMap, etag: &str) -> bool {
-    let tags = headers.get_all(IF_NONE_MATCH).into_iter().filter_map(|value| value.to_str().ok());
-    let mut tags = tags.flat_map(|value| value.split(',')).map(str::trim);
-    tags.any(|tag| tag == "*" || tag.strip_prefix("W/").unwrap_or(tag) == etag)
+    let common = [(CACHE_CONTROL, "no-cache")];
+    Ok((common, version(&hosted.profile, None, "application/x-protobuf", &headers)).into_response())
 }

@@ -10,6 +10,7 @@ mod page;
 mod record;
 mod rig;
 mod status;
+mod versions;
 mod wishes;
 
 use std::sync::Arc;
@@ -19,6 +20,7 @@ use axum::middleware::from_fn_with_state;
 use axum::routing::{get, post};
 
 pub use openapi::openapi_json;
+pub(crate) use status::METRICS_TYPE;
 
 use crate::cors::cors;
 use crate::problem::Problem;

@@ -10,7 +10,8 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use veiloc_query::AnswerDocument;
 
-use super::localize::{Kind, serve};
+use super::localize::serve;
+use crate::asked::Kind;
 use crate::geo::GeoPoseDocument;
 use crate::state::App;
 use veiloc_admission::Guest;

@@ -87,7 +87,9 @@ pub(super) async fn metrics_for_operator(State(app): State<Arc<App>>) -> Respons
     metrics_text(&app)
 }
 
+/// What Prometheus calls its text format.
+pub(crate) const METRICS_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
 fn metrics_text(app: &App) -> Response {
-    let kind = "application/openmetrics-text; version=1.0.0; charset=utf-8";
-    ([(CONTENT_TYPE, kind)], app.metrics_text()).into_response()
+    ([(CONTENT_TYPE, METRICS_TYPE)], app.metrics_text()).into_response()
 }

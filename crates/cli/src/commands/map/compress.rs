@@ -69,7 +69,7 @@ pub(super) fn run(args: &CompressArgs, ui: &Ui) -> Outcome {
 
 impl CompressArgs {
     /// Bytes that the small map may have.
-    fn bytes(&self, whole: usize) -> Result<u64, Failure> {
+    fn bytes(&self, whole: u64) -> Result<u64, Failure> {
         let above_zero = |value: f64, option: &str| {
             if value > 0.0 && value.is_finite() {
                 return Ok(value);

@@ -30,6 +30,8 @@ struct Info {
     down: Option<[f64; 3]>,
     /// What it was made of, where it is a compressed map; null otherwise.
     compressed: Option<CompressedInfo>,
+    /// Of which part of a larger map it is, where it is a region; null otherwise.
+    region: Option<RegionInfo>,
     self_test: Option<SelfTestInfo>,
     warnings: Vec<Warning>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -44,6 +46,13 @@ struct CompressedInfo {
     bytes: u64,
     keypoints: u64,
     points: u64,
+}
+
+/// What a region is of; its self-test is then the whole map's.
+#[derive(Serialize)]
+struct RegionInfo {
+    core_images: usize,
+    images_of_whole: u32,
 }
 
 /// Why the map may be good for nothing.
@@ -122,7 +131,7 @@ impl Told {
 }
 
 fn facts(map: &MapFile, path: &Path) -> Info {
-    let bytes = map.byte_count() as u64;
+    let bytes = map.byte_count();
     let points = map.point_count();
     let per_point = |total: f64| if points == 0 { 0.0 } else { total / points as f64 };
     let observations: usize = (0..points).map(|i| map.track_length(veiloc_map::PointId(i as u32))).sum();
@@ -148,6 +157,9 @@ fn facts(map: &MapFile, path: &Path) -> Info {
             keypoints: c.keypoints,
             points: c.points,
         }),
+        region: map
+            .part_of()
+            .map(|region| RegionInfo { core_images: region.core_count(), images_of_whole: region.images }),
         self_test: map.self_test().map(SelfTestInfo::of),
         warnings: Vec::new(),
         skipped: Vec::new(),
@@ -175,7 +187,12 @@ fn describe(info: &Info) -> String {
     let unknown = || "not known: gravity that queries tell is not used".to_owned();
     let down = info.down.map_or_else(unknown, |[x, y, z]| format!("({x:.4}, {y:.4}, {z:.4})"));
     text.extend(["  down        ", &down, "\n"]);
-    if let Some(whole) = &info.compressed {
+    if let Some(region) = &info.region {
+        text.extend([format!(
+            "  region      {} images of the {} of the whole map, {} in its core; images neither join nor leave it\n",
+            info.images, region.images_of_whole, region.core_images
+        )]);
+    } else if let Some(whole) = &info.compressed {
         let times = whole.bytes as f64 / info.bytes.max(1) as f64;
         text.extend([format!(
             "  compressed  {times:.1} times, from {:.1} MB with {} points and {} keypoints; images neither join nor leave it\n",
@@ -185,7 +202,12 @@ fn describe(info: &Info) -> String {
         )]);
     }
     match &info.self_test {
-        Some(test) => text.push_str(&test.describe()),
+        Some(test) => {
+            text.push_str(&test.describe());
+            if info.region.is_some() {
+                text.push_str("              of the whole map, whose calibrations hold for its regions\n");
+            }
+        }
         None => text.push_str("  self-test   none: covariances are calibrated by those of other maps\n"),
     }
     for image in info.image_list.iter().flatten() {

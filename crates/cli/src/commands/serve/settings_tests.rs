@@ -3,15 +3,37 @@
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 
-use veiloc_arguments::settings::{Origin, is_setting, variable};
+use clap::FromArgMatches as _;
+use veiloc_arguments::settings::{Origin, Settings, is_setting, variable};
 
 use super::*;
+use crate::commands::settled;
+
+fn complete() -> clap::Command {
+    settled::complete::<Args>("serve")
+}
 
 /// A value for each option, other than its default, in TOML and in the environment.
 const VALUES: &[(&str, &str, &str)] = &[
     ("map", "[\"a=/a.vmap\", \"b=/b.vmap\"]", "a=/a.vmap;b=/b.vmap"),
     ("maps", "\"/maps\"", "/maps"),
     ("map-memory", "\"mapped\"", "mapped"),
+    #[cfg(feature = "cluster")]
+    ("cluster", "\"nats://a:4222,nats://b:4222\"", "nats://a:4222,nats://b:4222"),
+    #[cfg(feature = "cluster")]
+    ("cluster-map", "[\"town\"]", "town"),
+    #[cfg(feature = "cluster")]
+    ("cluster-regions", "2", "2"),
+    #[cfg(feature = "cluster")]
+    ("store", "\"s3://bucket/maps\"", "s3://bucket/maps"),
+    #[cfg(feature = "cluster")]
+    ("cache", "\"/cache\"", "/cache"),
+    #[cfg(feature = "cluster")]
+    ("cache-gb", "7.5", "7.5"),
+    #[cfg(feature = "cluster")]
+    ("nats-ca", "\"/nats.pem\"", "/nats.pem"),
+    #[cfg(feature = "cluster")]
+    ("nats-credentials", "\"/nats.creds\"", "/nats.creds"),
     ("geo", "[\"a=47.5,8.5,400,1,0,0,0\"]", "a=47.5,8.5,400,1,0,0,0"),
     ("listen", "[\"127.0.0.1:9000\", \"unix:/v.sock\"]", "127.0.0.1:9000;unix:/v.sock"),
     ("socket-mode", "\"600\"", "600"),
@@ -113,7 +135,7 @@ fn what_the_environment_says_is_what_is_served() {
     let line = std::iter::once("serve".into()).chain(settings.arguments());
     let matches = complete().try_get_matches_from(line).expect("complete");
     let args = Args::from_arg_matches(&matches).expect("complete");
-    assert_eq!((args.queue.get(), args.log_json, args.grace), (9, false, 3.0));
+    assert_eq!((args.queue.get(), args.log.log_json, args.grace), (9, false, 3.0));
     let Ok(options) = options(&args) else { panic!("no options") };
     assert_eq!(options.maps[0].name, "a");
 }

@@ -1,0 +1,145 @@
+//! `veiloc map split`: a map cut into regions.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use veiloc_map::MapFile;
+use veiloc_mapping::Progress as _;
+use veiloc_regions::{FolderWriter, Manifest, RegionEntry, SplitOptions, cut};
+
+use crate::exit::{Exit, Failure, Outcome};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Cut a map into regions, so that it may be larger than a machine.
+///
+/// Every image is in the core of one region; a region takes along images beside its core that show the same. Each is a map of
+/// its own with the profile of the whole map: queries sealed for the whole map fit every region. Files are named by their
+/// content, and a manifest names them. Images can neither join nor leave a region: keep the whole map, change that, and cut it
+/// again.
+#[derive(clap::Args)]
+pub(crate) struct SplitArgs {
+    /// The map.
+    map: PathBuf,
+    /// The folder to write: `manifest.json` and `objects`. What an older manifest there named and the new one does not is
+    /// removed.
+    #[arg(long, short, value_name = "DIR")]
+    out: PathBuf,
+    /// Images of a region at most, those beside its core among them.
+    #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..))]
+    images: u32,
+    /// Share of a region's images that may be of other regions, from 0 to 0.9.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
+    overlap: f64,
+    /// Name of the map, as services serve it. Default: the name of the file without its ending.
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// Print one JSON document to stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What was written.
+#[derive(Serialize)]
+struct Written<'a> {
+    version: u32,
+    folder: String,
+    manifest: String,
+    map: &'a str,
+    profile: String,
+    images: u64,
+    points: u64,
+    bytes: u64,
+    bytes_of_whole: u64,
+    index_bytes: u64,
+    regions: &'a [RegionEntry],
+}
+
+pub(super) fn run(args: &SplitArgs, ui: &Ui) -> Outcome {
+    let map = MapFile::open(&args.map)?;
+    let name = args.name()?;
+    let stages = Stages::new(ui);
+    let options = SplitOptions::default().with_images(args.images as usize).with_overlap(args.overlap);
+    let regions = cut(&map, &options)?;
+    let writer = FolderWriter::begin(&map, &name, &args.out)?;
+    stages.start("Writing regions", regions.len());
+    let mut entries = Vec::with_capacity(regions.len());
+    for region in &regions {
+        entries.push(writer.region(region)?);
+        stages.advance(1);
+    }
+    stages.finish();
+    let manifest = writer.finish(&regions, entries)?;
+    let written = written(&manifest, &map, &args.out);
+    if args.json {
+        ui.json(&written)?;
+    } else {
+        ui.print(describe(&written));
+    }
+    Ok(Exit::Success)
+}
+
+impl SplitArgs {
+    fn name(&self) -> Result<String, Failure> {
+        let of_file = || self.map.file_stem().and_then(|stem| stem.to_str()).map(str::to_owned);
+        let name = self.name.clone().or_else(of_file).unwrap_or_default();
+        if veiloc_access::is_map_name(&name) {
+            return Ok(name);
+        }
+        let wrong = format!("{name:?} is no name of a map");
+        Err(Failure::with_help(wrong, "give 1 to 64 of letters, digits, `-`, `_` and `.` with --name"))
+    }
+}
+
+fn written<'a>(manifest: &'a Manifest, map: &MapFile, folder: &Path) -> Written<'a> {
+    Written {
+        version: 1,
+        folder: folder.display().to_string(),
+        manifest: manifest.id().to_string(),
+        map: &manifest.map,
+        profile: map.profile().id().to_string(),
+        images: manifest.images,
+        points: manifest.points,
+        bytes: manifest.byte_count(),
+        bytes_of_whole: map.byte_count(),
+        index_bytes: manifest.index.bytes,
+        regions: &manifest.regions,
+    }
+}
+
+fn describe(written: &Written<'_>) -> String {
+    let mb = |bytes: u64| bytes as f64 / 1e6;
+    let held: u64 = written.regions.iter().map(|region| region.images).sum();
+    let mut text = format!(
+        "{}: {} regions of {}, manifest {}\n  images      {}, each in {:.2} regions on average\n  bytes       {:.1} MB, of the whole map {:.1} MB; of the index {:.1} MB\n",
+        written.folder,
+        written.regions.len(),
+        written.map,
+        written.manifest,
+        written.images,
+        held as f64 / written.images as f64,
+        mb(written.bytes),
+        mb(written.bytes_of_whole),
+        mb(written.index_bytes),
+    );
+    for region in written.regions.iter().take(SHOWN) {
+        let [x, y, z] = region.centre;
+        text.extend([format!(
+            "  {}  {:>5} images, {:>5} in the core, {:>8} points, {:>7.1} MB, within {:.1} of ({x:.1}, {y:.1}, {z:.1})\n",
+            &region.sha256.to_string()[..12],
+            region.images,
+            region.core_images,
+            region.points,
+            mb(region.bytes),
+            region.radius,
+        )]);
+    }
+    let more = written.regions.len().saturating_sub(SHOWN);
+    if more > 0 {
+        text.extend([format!("  and {more} more: the manifest names them all\n")]);
+    }
+    text
+}
+
+/// Regions that are listed for people.
+const SHOWN: usize = 20;

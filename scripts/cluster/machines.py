@@ -1,0 +1,269 @@
+"""A cluster on loopback whose parts can be killed one by one: NATS servers, a folder as store, workers, a gateway.
+
+Beside it the clients that the scenarios share. Loopback only, standard library only; needs nats-server (Debian:
+nats-server) and a build of the program.
+"""
+
+import http.client
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "service"))
+
+from common import (  # noqa: E402
+    PROTOBUF, Program, Server, arguments, ask, connects, first_words, free_port, header, row, wait_for)
+
+MAP = "place"
+LOCALIZE = f"/v1/maps/{MAP}/localize"
+
+
+class Part:
+    """A process of the cluster; its log is a file."""
+
+    def __init__(self, cluster, name, command, ready):
+        self.cluster, self.name, self.command, self.ready = cluster, name, [str(word) for word in command], ready
+        self.log = cluster.work / f"{name}.log"
+        self.start()
+
+    def start(self, wait=True):
+        self.process = subprocess.Popen(self.command, stdout=open(self.log, "a"), stderr=subprocess.STDOUT)
+        if wait:
+            self.wait()
+
+    def wait(self):
+        wait_for(lambda: self.process.poll() is not None or self.ready(), f"{self.name} ({self.log})")
+        if self.process.poll() is not None:
+            sys.exit(f"{self.name} ended: {self.log.read_text()[-2000:]}")
+
+    def kill(self):
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def stop(self, patience=60):
+        """The exit code after SIGTERM, or None when it had to be killed."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        try:
+            return self.process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            return None
+
+
+class Cluster:
+    """Everything, with an address for the clients that stays the same."""
+
+    def __init__(self, program, map_file, workers=2, images=None, nats=3, threads=1, queue=32, gateway=True, more=()):
+        if not shutil.which("nats-server"):
+            sys.exit("nats-server is missing: apt-get install nats-server")
+        self.program, self.work, self.images = program, program.work, images
+        self.store = self.work / "store"
+        self.threads, self.queue = threads, queue
+        self.publish(map_file)
+        self.nats = []
+        ports, routes = [free_port() for _ in range(nats)], [free_port() for _ in range(nats)]
+        self.servers = ",".join(f"nats://127.0.0.1:{port}" for port in ports)
+        settings = self.work / "nats.conf"
+        settings.write_text("max_payload: 8388608\n")
+        for i in range(nats):
+            command = ["nats-server", "--config", settings, "--addr", "127.0.0.1", "--port", ports[i], "--name", f"nats-{i}"]
+            if nats > 1:
+                command += ["--cluster_name", "veiloc", "--cluster", f"nats://127.0.0.1:{routes[i]}", "--routes",
+                            ",".join(f"nats-route://127.0.0.1:{route}" for route in routes)]
+            self.nats.append(Part(self, f"nats-{i}", command, lambda port=ports[i]: connects(port)))
+        self.workers = [self.worker(i) for i in range(workers)]
+        self.gateway = self.serve(more) if gateway else None
+
+    def publish(self, map_file):
+        """What the program said last of it."""
+        regions = self.work / "regions"
+        images = ["--images", self.images] if self.images else []
+        self.program.run("map", "split", map_file, "--name", MAP, "--out", regions, *images)
+        self.program.run("map", "publish", regions, self.store)
+        self.regions = len(json.loads((regions / "manifest.json").read_text())["regions"])
+
+    def worker(self, i):
+        admin = free_port()
+        command = [self.program.veiloc, "worker", "--nats", self.servers, "--store", self.store, "--cache",
+                   self.work / f"cache-{i}", "--map", MAP, "--workers", self.threads, "--queue", self.queue,
+                   "--admin-listen", f"127.0.0.1:{admin}", "--old-life", 3, "--watch", 1]
+        part = Part(self, f"worker-{i}", command, lambda: ask(admin, "/readyz")[0] == 200)
+        part.admin = admin
+        return part
+
+    def serve(self, more=()):
+        self.port, self.admin = free_port(), free_port()
+        command = [self.program.veiloc, "serve", "--cluster", self.servers, "--cluster-map", MAP, "--store", self.store,
+                   "--cache", self.work / "cache-gateway", "--listen", f"127.0.0.1:{self.port}", "--admin-listen",
+                   f"127.0.0.1:{self.admin}", "--rate", 1000000, "--watch", 1, "--drain-delay", 0, *more]
+        return Part(self, "gateway", command, lambda: ask(self.admin, "/readyz")[0] == 200)
+
+    def stop(self):
+        """Exit codes of all that were asked to end."""
+        parts = [self.gateway, *self.workers] if self.gateway else self.workers
+        codes = [part.stop() for part in parts if part.process.poll() is None]
+        for server in self.nats:
+            server.stop(5)
+        return codes
+
+
+class Clients:
+    """Well-behaved clients of one address: each sends its queries in turn, and the same bytes again when told to come back or
+    when the connection broke, until `patience` is over. A query counts as accepted when its whole body was sent to somebody who
+    had taken the connection; it is lost when it never got an answer (200, or a refusal that says that there is no pose)."""
+
+    def __init__(self, port, queries, count, rate=None, patience=60.0):
+        self.port, self.queries, self.patience = port, queries, patience
+        self.every = count / rate if rate else 0.0
+        self.lock, self.stopping = threading.Lock(), threading.Event()
+        self.accepted = self.lost = self.retried = self.wrong = 0
+        self.times, self.statuses = [], {}
+        self.poses = {}
+        self.threads = [threading.Thread(target=self.run, args=(i, count), daemon=True) for i in range(count)]
+        for thread in self.threads:
+            thread.start()
+
+    def run(self, i, count):
+        connection, due, turn = None, time.monotonic() + i * self.every / count, i
+        while not self.stopping.is_set():
+            if self.every:
+                time.sleep(max(0.0, due - time.monotonic()))
+                due += self.every
+            number = turn % len(self.queries)
+            turn += count
+            started, sent, answered, tries = time.monotonic(), False, False, 0
+            while not answered and time.monotonic() - started < self.patience:
+                tries += 1
+                status, body, taken, connection, pause = self.send(connection, self.queries[number])
+                sent = sent or taken
+                answered = status in (200, 409, 422)
+                with self.lock:
+                    self.statuses[status] = self.statuses.get(status, 0) + 1
+                if not answered:
+                    time.sleep(pause)
+            with self.lock:
+                self.retried += tries - 1
+                if sent:
+                    self.accepted += 1
+                    self.lost += not answered
+                    self.times.append((started, time.monotonic() - started))
+                if answered:
+                    self.compare(number, status, body)
+        if connection:
+            connection.close()
+
+    def send(self, connection, query):
+        taken = False
+        try:
+            connection = connection or http.client.HTTPConnection("127.0.0.1", self.port, timeout=self.patience)
+            connection.request("POST", LOCALIZE, query, {"content-type": PROTOBUF})
+            taken = True
+            response = connection.getresponse()
+            body = response.read()
+            pause = float(response.getheader("retry-after") or 0.2)
+            if response.getheader("connection", "") == "close":
+                connection.close()
+                connection = None
+            return response.status, body, taken, connection, pause
+        except (OSError, http.client.HTTPException):
+            if connection:
+                connection.close()
+            return None, b"", taken, None, 0.1
+
+    def compare(self, number, status, body):
+        """Equal bytes have equal poses, whoever answers: of each query the set of answers."""
+        told = json.loads(body)["cam_from_world"]["q"] if status == 200 else status
+        self.poses.setdefault(number, set()).add(str(told))
+
+    def stop(self):
+        self.stopping.set()
+        for thread in self.threads:
+            thread.join(self.patience + 5)
+        return self
+
+    def between(self, begin, end):
+        """Times of the queries that began then, rising, in milliseconds."""
+        with self.lock:
+            return sorted(1e3 * took for started, took in self.times if begin <= started < end)
+
+
+def percentile(times, share):
+    return times[min(len(times) - 1, int(share * len(times)))] if times else float("nan")
+
+
+class Town(Program):
+    """A map, a smaller one of the same profile, and sealed queries of images that neither holds; made once and kept."""
+
+    def __init__(self, veiloc, kept, count):
+        super().__init__(veiloc)
+        kept = self.target / kept
+        self.map, self.smaller = kept / "place.vmap", kept / "smaller.vmap"
+        if not (kept / "done").exists():
+            kept.mkdir(parents=True, exist_ok=True)
+            self.make(kept, count)
+            (kept / "done").touch()
+        self.queries = [path.read_bytes() for path in sorted(kept.glob("*.vquery"))]
+
+    def seal(self, kept, images, posed):
+        self.run("map", "profile", self.map, "-o", kept / "profile")
+        lines = (posed / "cameras.txt").read_text().splitlines()
+        camera = ",".join(next(line for line in lines if not line.startswith("#")).split()[1:])
+        for i, image in enumerate(images):
+            self.run("seal", image, "--camera", camera, "--profile", kept / "profile", "--max-keypoints", 1024, "-o",
+                     kept / f"{i:02}.vquery")
+
+
+class Kitchen(Town):
+    """RedKitchen: 83 images in regions of 30."""
+
+    images, whole = 30, 1000
+
+    def __init__(self, veiloc):
+        super().__init__(veiloc, "cluster-kitchen", 12)
+
+    def make(self, kept, count):
+        data = os.environ.get("VEILOC_DATA")
+        if not data:
+            sys.exit("set VEILOC_DATA to the folder of the real images, or give --rendered")
+        kitchen = pathlib.Path(data).resolve() / "redkitchen"
+        names = first_words(kitchen / "map.txt")
+        self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
+                 kitchen / "map.txt", "-o", self.map)
+        self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
+        images = [kitchen / "images" / name for name in first_words(kitchen / "query.txt")[:count]]
+        self.seal(kept, images, kitchen / "posed")
+
+
+class Rendered(Town):
+    """The demo's place."""
+
+    images, whole = 8, 1000
+
+    def __init__(self, veiloc):
+        super().__init__(veiloc, "cluster-rendered", 4)
+
+    def make(self, kept, count):
+        self.run("demo", "--out", kept)
+        names = sorted(path.name for path in (kept / "images").glob("map-*"))
+        self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
+        self.seal(kept, sorted((kept / "images").glob("query-*"))[:count], kept / "posed")
+
+
+def place(given):
+    return Rendered(given.veiloc) if given.rendered else Kitchen(given.veiloc)
+
+
+def counter(text, name, labels=""):
+    """A value of a page of metrics; 0 when there is none."""
+    start = f"{name}{{{labels}}} " if labels else f"{name} "
+    return sum(float(line.rsplit(" ", 1)[1]) for line in text.splitlines() if line.startswith(start))
+
+
+__all__ = ["Clients", "Cluster", "Server", "arguments", "ask", "counter", "header", "percentile", "place", "row", "wait_for"]
