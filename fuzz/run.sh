@@ -12,12 +12,14 @@ corpus="$(mktemp -d)"
 trap 'rm -rf "$corpus"' EXIT
 
 # Seeds: the known answers that are committed anyway.
-mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap,tokens,settings}
+mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap,tokens,settings,manifest,index}
 cp ../crates/query/tests/data/*.vquery "$corpus/sealed_query/"
 cp ../crates/query/tests/data/*.profile "$corpus/profile/"
 cp ../crates/query/tests/data/*.answer "$corpus/answer/"
 cp ../crates/map/tests/data/map-v*.bin "$corpus/map_file/"
 cp ../crates/access/tests/data/*.tokens "$corpus/tokens/"
+cp ../crates/regions/tests/data/manifest/*.json "$corpus/manifest/"
+cp ../crates/regions/tests/data/index/*.index "$corpus/index/"
 cp ../deploy/*.toml ../crates/arguments/tests/data/*.toml "$corpus/settings/"
 for kind in txt:T bin:O; do # the last bit of the first byte says which
     for folder in $(find ../crates/map/tests/data/colmap -name "cameras.${kind%:*}" -exec dirname {} \;); do
@@ -33,7 +35,7 @@ done
 echo "| target | seconds | executions | edges | peak memory | findings |"
 echo "|---|---|---|---|---|---|"
 shift || true
-[ $# -gt 0 ] || set -- sealed_query profile answer map_file colmap tokens settings
+[ $# -gt 0 ] || set -- sealed_query profile answer map_file colmap tokens settings manifest index
 for target in "$@"; do
     log="$corpus/$target.log"
     findings=0

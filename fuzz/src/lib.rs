@@ -2,9 +2,11 @@
 //!
 //! The same properties run on a few hundred damaged inputs in every `cargo test`: `crates/query/tests/hostile.rs`,
 //! `crates/query/tests/answer.rs`, `crates/map/src/file/tests.rs`, `crates/map/tests/any_bytes.rs`,
-//! `crates/access/tests/any_bytes.rs`, `crates/arguments/tests/any_bytes.rs`.
+//! `crates/access/tests/any_bytes.rs`, `crates/arguments/tests/any_bytes.rs`,
+//! `crates/regions/tests/any_bytes.rs`.
 
 pub mod damage;
+mod regions;
 mod settings;
 mod tokens;
 
@@ -16,6 +18,7 @@ use veiloc_map::colmap::{ColmapImage, read_model, write_text};
 use veiloc_query::{Answer, AnswerVersion, Profile, SealedQuery};
 use xxhash_rust::xxh3::xxh3_64;
 
+pub use regions::{index, manifest};
 pub use settings::{is_settings, settings};
 pub use tokens::tokens;
 

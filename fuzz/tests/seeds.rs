@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use veiloc_access::TokenList;
 use veiloc_fuzz::damage::Numbers;
-use veiloc_map::MapFile;
+use veiloc_map::{MapFile, MapMemory};
 use veiloc_query::{Answer, Profile, SealedQuery};
+use veiloc_regions::{Index, Manifest};
 
 /// Damaged inputs for each target; fewer where they take longer than [`LONGEST`], but never fewer than a tenth.
 const DAMAGED: usize = 3000;
@@ -121,4 +122,21 @@ fn tokens() {
 fn settings() {
     let seeds = files("crates/arguments/tests/data", ".toml");
     run("settings", &seeds, veiloc_fuzz::is_settings, veiloc_fuzz::settings);
+}
+
+#[test]
+fn manifest() {
+    let seeds = files("crates/regions/tests/data/manifest", ".json");
+    run("manifest", &seeds, |bytes| Manifest::decode(bytes).is_ok(), veiloc_fuzz::manifest);
+}
+
+#[test]
+fn index() {
+    let opens = |bytes: &[u8]| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("index");
+        fs::write(&path, bytes).expect("room");
+        Index::open(&path, MapMemory::Copied).is_ok()
+    };
+    run("index", &files("crates/regions/tests/data/index", ".index"), opens, veiloc_fuzz::index);
 }

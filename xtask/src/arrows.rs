@@ -24,15 +24,18 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("map", &["geometry", "descriptor", "kernels", "query", "replacing"]),
     ("mapping", &["geometry", "descriptor", "features", "map", "query"]),
     ("localize", &["geometry", "descriptor", "query", "map", "robust"]),
+    ("store", &["access", "regions", "replacing"]),
     (
         "selftest",
         &["descriptor", "features", "geometry", "localize", "map", "mapping", "obfuscation", "query"],
     ),
     ("replacing", &[]),
+    ("regions", &["access", "descriptor", "geometry", "kernels", "map", "query", "replacing"]),
     ("access", &["replacing"]),
     ("admission", &["access"]),
     ("observe", &[]),
     ("page", &["map"]),
+    ("bus", &[]),
     ("transport", &["access", "admission", "observe"]),
     (
         "server",
@@ -47,6 +50,22 @@ const ARROWS: &[(&str, &[&str])] = &[
             "observe",
             "page",
             "robust",
+        ],
+    ),
+    (
+        "cluster",
+        &[
+            "bus",
+            "descriptor",
+            "geometry",
+            "localize",
+            "map",
+            "observe",
+            "query",
+            "regions",
+            "robust",
+            "server",
+            "store",
         ],
     ),
     ("attacks", &["descriptor", "geometry", "query"]),
@@ -69,6 +88,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "mapping",
             "obfuscation",
             "query",
+            "regions",
             "replacing",
             "replacing",
             "results",
@@ -203,6 +223,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "obfuscation",
             "places",
             "query",
+            "regions",
             "report",
             "results",
             "robust",
@@ -217,7 +238,9 @@ const ARROWS: &[(&str, &[&str])] = &[
             "access",
             "arguments",
             "audit",
+            "bus",
             "client",
+            "cluster",
             "demo",
             "detector",
             "features",
@@ -229,20 +252,23 @@ const ARROWS: &[(&str, &[&str])] = &[
             "measure",
             "networks",
             "obfuscation",
+            "observe",
             "page",
             "query",
+            "regions",
             "report",
             "results",
             "robust",
             "selftest",
             "server",
+            "store",
             "terminal",
         ],
     ),
 ];
 
 /// The server's side must not even be able to name a keypoint of a query: not directly, not through others.
-const SERVER_SIDE: &[&str] = &["localize", "map", "server"];
+const SERVER_SIDE: &[&str] = &["cluster", "localize", "map", "server"];
 const DEVICE_SIDE: &[&str] = &["features", "obfuscation", "client"];
 
 /// Whoever builds an app gets the device's road and nothing of a server's.
