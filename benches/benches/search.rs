@@ -42,10 +42,8 @@ fn compare(images: usize) {
         .collect();
     let codes_of = |i: usize| &all[i * CODES..][..CODES];
     let best = |query: &GlobalDescriptor, among: &mut dyn Iterator<Item = usize>| {
-        let mut found: Vec<(f32, usize)> = among.map(|i| (query.similarity(codes_of(i)), i)).collect();
-        found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        found.truncate(WANTED);
-        found.into_iter().map(|(_, i)| i).collect::<Vec<_>>()
+        let found = query.most_similar(among.map(|i| (i, codes_of(i))), WANTED);
+        found.into_iter().map(|(i, _)| i).collect::<Vec<_>>()
     };
     let timed = |search: &mut dyn FnMut(&GlobalDescriptor) -> Vec<usize>| {
         let mut ms = Vec::new();

@@ -53,6 +53,25 @@ impl GlobalDescriptor {
         }
         (dot_i8(&self.codes, codes) as f64 / norms).clamp(-1.0, 1.0) as f32
     }
+
+    /// The `count` most similar of these images, each with its number and its codes: numbers and [`Self::similarity`], the most
+    /// similar first, of equals the smaller number.
+    pub fn most_similar<'a>(
+        &self,
+        images: impl IntoIterator<Item = (usize, &'a [i8])>,
+        count: usize,
+    ) -> Vec<(usize, f32)> {
+        let mut all: Vec<(usize, f32)> =
+            images.into_iter().map(|(image, codes)| (image, self.similarity(codes))).collect();
+        let better = |a: &(usize, f32), b: &(usize, f32)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
+        // Only the best need be in order: of a city they are few.
+        if (1..all.len()).contains(&count) {
+            all.select_nth_unstable_by(count - 1, better);
+        }
+        all.truncate(count);
+        all.sort_by(better);
+        all
+    }
 }
 
 #[cfg(test)]
@@ -68,6 +87,21 @@ mod tests {
         assert_eq!(x.similarity(&[-128, 0]), -1.0);
         assert_eq!(x.similarity(&[0, 7]), 0.0);
         assert!((x.similarity(&[1, 1]) - 0.5_f32.sqrt()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_most_similar_come_first_and_equals_by_their_numbers() {
+        let x = GlobalDescriptor::new(vec![100, 0]);
+        let images: [&[i8]; 4] = [&[0, 1], &[5, 5], &[9, 0], &[1, 1]];
+        let found = |count| {
+            let all = x.most_similar(images.iter().copied().enumerate(), count);
+            all.into_iter().map(|(image, _)| image).collect::<Vec<_>>()
+        };
+        assert_eq!(found(0), [0; 0]);
+        assert_eq!(found(2), [2, 1]);
+        assert_eq!(found(4), [2, 1, 3, 0]);
+        assert_eq!(found(9), [2, 1, 3, 0]);
+        assert_eq!(x.most_similar([(7, images[2])], 1), [(7, 1.0)]);
     }
 
     #[test]

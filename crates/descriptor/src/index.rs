@@ -48,6 +48,9 @@ impl GlobalIndex {
         Self { codes, words, first, all: signs }
     }
 
+    /// Images from which on an index is worth its memory; of fewer, comparing all takes no longer.
+    pub const WORTHWHILE: usize = 8192;
+
     /// Number of images.
     pub const fn len(&self) -> usize {
         self.all.len() / self.words

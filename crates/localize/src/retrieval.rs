@@ -17,16 +17,13 @@ pub struct Retrieved {
 /// In a map of thousands only those are compared that its index names: of the best ten it names practically all
 /// (`docs/scale.md`).
 pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec<Retrieved> {
-    let compared = |image: usize, codes: &[i8]| Retrieved { image, similarity: query.similarity(codes) };
-    let mut all: Vec<Retrieved> = match map.file().global_index() {
-        None => map.images().map(|(image, view)| compared(image, view.global())).collect(),
+    let found = match map.file().global_index() {
+        None => query.most_similar(map.images().map(|(image, view)| (image, view.global())), count),
         Some(index) => {
             let named = index.candidates(query, GlobalIndex::candidates_for(count));
             let taking_part = named.into_iter().filter(|image| !map.is_left_out(*image));
-            taking_part.map(|image| compared(image, map.file().image(image).global())).collect()
+            query.most_similar(taking_part.map(|image| (image, map.file().image(image).global())), count)
         }
     };
-    all.sort_by(|a, b| b.similarity.total_cmp(&a.similarity).then(a.image.cmp(&b.image)));
-    all.truncate(count);
-    all
+    found.into_iter().map(|(image, similarity)| Retrieved { image, similarity }).collect()
 }

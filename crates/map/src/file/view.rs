@@ -156,7 +156,7 @@ impl MapFile {
     pub fn global_index(&self) -> Option<&GlobalIndex> {
         let codes = self.profile.global_model().global_len();
         let make = || GlobalIndex::new(self.records(&self.large.globals), codes);
-        (self.images.len() >= INDEXED_FROM).then(|| self.index.get_or_init(make))
+        (self.images.len() >= GlobalIndex::WORTHWHILE).then(|| self.index.get_or_init(make))
     }
 
     /// Where a point of this map is, map units.
@@ -229,9 +229,6 @@ impl MapFile {
             .expect("aligned and whole records, checked when opened")
     }
 }
-
-/// Maps of fewer images are searched image by image.
-const INDEXED_FROM: usize = 8192;
 
 /// An image of a map file.
 #[derive(Debug, Clone, Copy)]

@@ -6,9 +6,9 @@
 mod layout;
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
-use rayon::prelude::*;
-use veiloc_descriptor::GlobalDescriptor;
+use veiloc_descriptor::{GlobalDescriptor, GlobalIndex};
 use veiloc_kernels::MappedFile;
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_query::ProfileId;
@@ -26,6 +26,8 @@ pub struct Index {
     path: PathBuf,
     bytes: MappedFile,
     layout: Layout,
+    /// Made when it is first asked for.
+    signs: OnceLock<GlobalIndex>,
 }
 
 /// A region, and what of the images that retrieval would give it holds.
@@ -51,7 +53,7 @@ impl Index {
         };
         let bytes = bytes.map_err(RegionsError::io(path))?;
         let layout = Layout::of(&bytes).map_err(|fault| fault.at(path))?;
-        Ok(Self { path: path.to_owned(), bytes, layout })
+        Ok(Self { path: path.to_owned(), bytes, layout, signs: OnceLock::new() })
     }
 
     /// The bytes of the index of a map whose images are held by these regions: of each, the images of its core and those
@@ -104,25 +106,21 @@ impl Index {
 
     /// Codes of the global descriptor of an image.
     pub fn global(&self, image: usize) -> &[i8] {
-        let codes =
-            <[i8]>::ref_from_bytes(&self.bytes[self.layout.globals.clone()]).expect("any bytes are codes");
-        &codes[image * self.layout.global..(image + 1) * self.layout.global]
+        &self.globals()[image * self.layout.global..(image + 1) * self.layout.global]
     }
 
     /// The `count` images most similar to a query, best first, as the whole map retrieves them; equal ones in its order.
     ///
     /// The query must have been sealed for [`Self::profile`]; of another length, all images are equally unlike it.
     pub fn retrieve(&self, query: &GlobalDescriptor, count: usize) -> Vec<(usize, f32)> {
-        let similarity = |image: usize| (image, query.similarity(self.global(image)));
-        let mut all: Vec<(usize, f32)> = (0..self.layout.images).into_par_iter().map(similarity).collect();
-        let better = |a: &(usize, f32), b: &(usize, f32)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
-        // Only the best need be in order: of a city they are few.
-        if (1..all.len()).contains(&count) {
-            all.select_nth_unstable_by(count - 1, better);
+        let codes = |image| (image, self.global(image));
+        match self.signs() {
+            None => query.most_similar((0..self.layout.images).map(codes), count),
+            Some(signs) => {
+                let named = signs.candidates(query, GlobalIndex::candidates_for(count));
+                query.most_similar(named.into_iter().map(codes), count)
+            }
         }
-        all.truncate(count);
-        all.sort_by(better);
-        all
     }
 
     /// The regions that hold any of the `count` images most similar to a query: first those that hold most of them, among
@@ -141,6 +139,16 @@ impl Index {
             |a: &Ranked, b: &Ranked| b.similarity.total_cmp(&a.similarity).then(a.region.cmp(&b.region));
         ranked.sort_by(|a, b| b.held.cmp(&a.held).then(worse(a, b)));
         ranked
+    }
+
+    /// As the whole map's: [`MapFile::global_index`].
+    fn signs(&self) -> Option<&GlobalIndex> {
+        let make = || GlobalIndex::new(self.globals(), self.layout.global);
+        (self.layout.images >= GlobalIndex::WORTHWHILE).then(|| self.signs.get_or_init(make))
+    }
+
+    fn globals(&self) -> &[i8] {
+        <[i8]>::ref_from_bytes(&self.bytes[self.layout.globals.clone()]).expect("any bytes are codes")
     }
 
     fn numbers(&self, range: &std::ops::Range<usize>) -> &[u32] {
