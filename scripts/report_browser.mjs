@@ -132,8 +132,8 @@ for (const file of pages) {
     for (const details of await page.locator("details").all()) await details.evaluate((e) => { e.open = true; });
     const found = await page.evaluate(faults);
     check(`${at}: a sound document`, found.length === 0, found.slice(0, 6).join("; "));
-    const pictures = await page.locator("img").evaluateAll((all) => all.map((e) => e.alt.trim() !== "" && e.complete && e.naturalWidth > 0));
-    check(`${at}: ${pictures.length} images are shown and named`, pictures.every(Boolean));
+    const images = await page.locator("img").evaluateAll((all) => all.map((e) => e.alt.trim() !== "" && e.complete && e.naturalWidth > 0));
+    check(`${at}: ${images.length} images are shown and named`, images.every(Boolean));
     if (await page.locator(".space canvas").count()) await turnPlace(page, context, { at, file: `${label}-${name}`, touch: view.hasTouch });
     for (const details of await page.locator("details").all()) await details.evaluate((e, open) => { e.open = open; }, false);
     const one = page.locator("details.query").first();

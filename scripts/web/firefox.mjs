@@ -4,7 +4,7 @@
 //
 // Options are those of chromium.mjs; `--tools` holds puppeteer-core, `--browser` is Firefox (default /usr/bin/firefox-esr). What
 // is held: the same seals as natively, to the bit; a hidden view and the package, localized; the fake camera, which shows no
-// place, sealed live while an attack runs and sent to nobody; a picture of it; every request to the page's own server alone.
+// place, sealed live while an attack runs and sent to nobody; an image of it; every request to the page's own server alone.
 import path from "node:path";
 import { writeFileSync } from "node:fs";
 

@@ -69,14 +69,14 @@ pub struct SheetImage {
     pub tiles: Vec<SheetTile>,
 }
 
-/// One picture of a contact sheet.
+/// One image of a contact sheet.
 #[derive(Debug, Clone, Default)]
 pub struct SheetTile {
     /// Scheme and attack as in [`InversionRow`]; `None` for the original.
     pub of: Option<[String; 2]>,
     /// Its own scores, a few words; may be empty.
     pub scores: String,
-    /// Width and height of the picture, pixels.
+    /// Width and height of the image, pixels.
     pub size: [u32; 2],
     /// Its pixels row by row, `[height, width, 3]`.
     pub pixels: Vec<u8>,

@@ -1,4 +1,4 @@
-//! The page: what it holds, the conclusion in numbers, the table, the pictures, how to read them, how to repeat it.
+//! The page: what it holds, the conclusion in numbers, the table, the images, how to read them, how to repeat it.
 
 use std::fmt::Write as _;
 
@@ -16,7 +16,7 @@ pub fn inversion_page(report: &InversionReport) -> String {
     let section = |id, title: &str, body| Section { id, title: title.to_owned(), body };
     let mut sections = vec![section("table", "Table 1: images made of what attacks recover", means(report))];
     for (sheet, id) in report.sheets.iter().zip(["sheet", "wide"]) {
-        sections.push(section(id, &sheet.title, pictures(sheet)));
+        sections.push(section(id, &sheet.title, tiles(sheet)));
     }
     sections.push(section("read", "How to read this", HOW_TO_READ.to_owned()));
     sections.push(details(&report.details));
@@ -83,7 +83,7 @@ fn means(report: &InversionReport) -> String {
     out
 }
 
-fn pictures(sheet: &InversionSheet) -> String {
+fn tiles(sheet: &InversionSheet) -> String {
     if sheet.images.is_empty() {
         return String::new();
     }
@@ -91,14 +91,14 @@ fn pictures(sheet: &InversionSheet) -> String {
     for image in &sheet.images {
         let _ = write!(out, "<h3>{}</h3><div class=\"tiles\">", escape(&image.name));
         for tile in &image.tiles {
-            out.push_str(&picture(&image.name, tile));
+            out.push_str(&tile_of(&image.name, tile));
         }
         out.push_str("</div>");
     }
     out
 }
 
-fn picture(name: &str, tile: &SheetTile) -> String {
+fn tile_of(name: &str, tile: &SheetTile) -> String {
     let Some(address) = exact_address(tile.size, &tile.pixels) else { return String::new() };
     let [width, height] = tile.size;
     let (what, attack) = match &tile.of {

@@ -1,4 +1,4 @@
-//! The page says what the rows say, holds the pictures and says so, and loads nothing.
+//! The page says what the rows say, holds the images and says so, and loads nothing.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -17,7 +17,7 @@ fn row(scheme: &str, attack: &str, psnr: f64) -> InversionRow {
     }
 }
 
-fn picture(shade: u8) -> RgbImage {
+fn shaded(shade: u8) -> RgbImage {
     RgbImage::from_fn(20, 16, |x, y| Rgb([shade, 10 * x as u8, 10 * y as u8]))
 }
 
@@ -26,7 +26,7 @@ fn report() -> InversionReport {
         of: of.map(|[a, b]| [a.into(), b.into()]),
         scores: "14.00 dB".into(),
         size: [20, 16],
-        pixels: picture(shade).into_raw(),
+        pixels: shaded(shade).into_raw(),
     };
     let tiles = vec![tile(None, 1), tile(Some(["points", "none"]), 2), tile(Some(["dcl", "guess"]), 3)];
     InversionReport {
@@ -39,7 +39,7 @@ fn report() -> InversionReport {
             row("nothing", "none", 12.0),
         ],
         sheets: vec![InversionSheet {
-            title: "Pictures".into(),
+            title: "Images".into(),
             note: "Boxes are <objects>.".into(),
             images: vec![SheetImage { name: "kitchen <1>.png".into(), tiles }],
         }],
@@ -83,14 +83,14 @@ fn it_says_what_the_rows_say() {
 }
 
 #[test]
-fn pictures_are_inside_to_the_pixel_and_the_page_says_so() {
+fn images_are_inside_to_the_pixel_and_the_page_says_so() {
     let page = inversion_page(&report());
-    let pictures: Vec<&str> =
+    let images: Vec<&str> =
         page.split("data:image/png;base64,").skip(1).filter_map(|rest| rest.split('"').next()).collect();
-    assert_eq!(pictures.len(), 3);
-    for (encoded, shade) in pictures.iter().zip(1..) {
+    assert_eq!(images.len(), 3);
+    for (encoded, shade) in images.iter().zip(1..) {
         let bytes = STANDARD.decode(encoded).expect("base64");
-        assert_eq!(image::load_from_memory(&bytes).expect("an image").into_rgb8(), picture(shade));
+        assert_eq!(image::load_from_memory(&bytes).expect("an image").into_rgb8(), shaded(shade));
     }
     assert!(page.contains("<b>This file contains images</b>") && page.contains("do not publish it"));
     assert!(page.contains("alt=\"kitchen &lt;1&gt;.png: Dual convergent lines the guess.\""));
