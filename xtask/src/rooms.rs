@@ -15,37 +15,14 @@ const MOST_LINES: usize = 5000;
 pub(crate) const MOST_LINES_OF_A_FILE: usize = 500;
 
 /// Rooms above the bound, each with its reason.
-const LARGE_ROOMS: &[(&str, &str)] = &[
-    (
-        "cli",
-        "one file a command, and the commands of a cluster are new; workers and services go into a room of their own",
-    ),
-    ("eval", "one trade, localization measured; retrieval among millions goes into a room of its own"),
-];
+const LARGE_ROOMS: &[(&str, &str)] = &[];
 
 /// Long files, each with its reason.
 const LONG_FILES: &[(&str, &str)] = &[];
 
 /// Circles of files that stay, each with its reason: room, files relative to `src/`, reason.
 /// A circle within these files is allowed; a row without any circle is a fault.
-const CIRCLES: &[(&str, &[&str], &str)] = &[
-    ("bus", &["error.rs", "subject.rs"], "an error names a subject, and what is no subject is such an error"),
-    (
-        "cli",
-        &["commands/serve.rs", "commands/worker.rs"],
-        "one line of settings is named after the other command",
-    ),
-    (
-        "cluster",
-        &["worker/bench.rs", "worker/seat.rs"],
-        "a bench is made of seats, and a seat goes back to its bench",
-    ),
-    (
-        "regions",
-        &["error.rs", "object.rs"],
-        "an error names an object, and what is no object is such an error",
-    ),
-];
+const CIRCLES: &[(&str, &[&str], &str)] = &[];
 
 /// One room as read from its files.
 pub(crate) struct Room {

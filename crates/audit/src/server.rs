@@ -22,7 +22,7 @@ use crate::error::AuditError;
 use veiloc_datasets::KeypointImage;
 use veiloc_datasets::seed_for;
 use veiloc_datasets::{Problem, read_problems};
-use veiloc_eval::pose_problem;
+use veiloc_poses::pose_problem;
 
 /// The problems by the names of their images.
 pub(super) struct Server<'a> {

@@ -2,20 +2,15 @@
 
 use std::time::Duration;
 
-use crate::subject::Subject;
+use crate::subject::{BadWord, Subject};
 
 /// Why a request got no reply, or a bus could not be had.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BusError {
     /// A word that cannot be a part of a subject.
-    #[error(
-        "{word:?} cannot be a part of a subject; use letters, digits, `-`, `_` and `.`, 512 characters in all"
-    )]
-    Subject {
-        /// The word.
-        word: String,
-    },
+    #[error(transparent)]
+    Subject(#[from] BadWord),
     /// Nobody is in the group.
     #[error("nobody has joined {subject}; start a worker that does")]
     Nobody {

@@ -49,7 +49,7 @@ use bytes::Bytes;
 
 pub use error::BusError;
 pub use nats::NatsOptions;
-pub use subject::Subject;
+pub use subject::{BadWord, Subject};
 
 use nats::Nats;
 use process::Process;

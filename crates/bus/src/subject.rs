@@ -3,7 +3,10 @@
 use std::fmt;
 use std::sync::Arc;
 
-use crate::error::BusError;
+/// A word that cannot be a part of a subject.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} cannot be a part of a subject; use letters, digits, `-`, `_` and `.`, 512 characters in all")]
+pub struct BadWord(pub String);
 
 /// What a group is called: words with dots between them. A clone costs nothing.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -17,13 +20,13 @@ impl Subject {
     /// different words never make the same subject.
     ///
     /// # Errors
-    /// [`BusError::Subject`] for a word with other characters, no word at all, or too long a subject.
-    pub fn new<'a>(words: impl IntoIterator<Item = &'a str>) -> Result<Self, BusError> {
+    /// [`BadWord`] for a word with other characters, no word at all, or too long a subject.
+    pub fn new<'a>(words: impl IntoIterator<Item = &'a str>) -> Result<Self, BadWord> {
         let mut subject = String::new();
         for word in words {
             let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
             if word.is_empty() || !word.chars().all(plain) {
-                return Err(BusError::Subject { word: word.to_owned() });
+                return Err(BadWord(word.to_owned()));
             }
             if !subject.is_empty() {
                 subject.push('.');
@@ -31,7 +34,7 @@ impl Subject {
             subject.extend(word.chars().map(|c| if c == '.' { '~' } else { c }));
         }
         if subject.is_empty() || subject.len() > Self::LONGEST {
-            return Err(BusError::Subject { word: subject });
+            return Err(BadWord(subject));
         }
         Ok(Self(subject.into()))
     }
@@ -58,7 +61,7 @@ mod tests {
         assert_eq!(subject(&["a", "b.c", "D-_9"]).expect("plain").as_str(), "a.b~c.D-_9");
         assert_ne!(subject(&["a", "b.c"]).expect("plain"), subject(&["a", "b", "c"]).expect("plain"));
         for bad in ["", "*", ">", "a b", "a~b", "ä", "a\n", "$SYS"] {
-            assert!(matches!(subject(&["a", bad]), Err(BusError::Subject { .. })), "{bad:?}");
+            assert!(matches!(subject(&["a", bad]), Err(BadWord(_))), "{bad:?}");
         }
         assert!(subject(&[]).is_err() && subject(&[&"x".repeat(513)]).is_err());
     }

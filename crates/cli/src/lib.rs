@@ -43,10 +43,10 @@ enum Command {
     /// Find where sealed queries were taken.
     Localize(commands::localize::Args),
     /// Serve maps: sealed queries in over HTTP, poses out.
-    Serve(commands::serve::Args),
+    Serve(veiloc_operate::serve::Args),
     /// Hold regions of a published map, for a service of many machines.
     #[cfg(feature = "cluster")]
-    Worker(commands::worker::Args),
+    Worker(veiloc_operate::worker::Args),
     /// Make, list and revoke tokens of a service.
     #[command(subcommand)]
     Token(commands::token::Command),
@@ -74,7 +74,7 @@ enum Command {
 pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
     let command_line: Vec<OsString> = command_line.into_iter().collect();
     veiloc_terminal::command_line::keep(command_line.get(1..).unwrap_or_default());
-    let matches = match commands::serve::first_look(Cli::command()).try_get_matches_from(command_line) {
+    let matches = match veiloc_operate::first_look(Cli::command()).try_get_matches_from(command_line) {
         Ok(matches) => matches,
         Err(error) => return answered(&error),
     };
@@ -92,11 +92,11 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Localize(args) => commands::localize::run(args, &ui),
         // What holds for it is not on the command line alone.
         Command::Serve(_) => {
-            commands::serve::run(matches.subcommand().map_or(&matches, |(_, serve)| serve), &ui)
+            veiloc_operate::serve::run(matches.subcommand().map_or(&matches, |(_, serve)| serve), &ui)
         }
         #[cfg(feature = "cluster")]
         Command::Worker(_) => {
-            commands::worker::run(matches.subcommand().map_or(&matches, |(_, worker)| worker), &ui)
+            veiloc_operate::worker::run(matches.subcommand().map_or(&matches, |(_, worker)| worker), &ui)
         }
         Command::Token(command) => commands::token::run(command, &ui),
         Command::Query(command) => commands::query::run(command, &ui),

@@ -8,10 +8,10 @@ use veiloc_regions::ObjectId;
 
 /// The workers that hold this region of a map.
 pub(crate) fn of_region(map: &str, region: &ObjectId) -> Result<Subject, BusError> {
-    Subject::new(["veiloc", map, "region", &region.to_string()])
+    Ok(Subject::new(["veiloc", map, "region", &region.to_string()])?)
 }
 
 /// The workers that hold this index of a map.
 pub(crate) fn of_index(map: &str, index: &ObjectId) -> Result<Subject, BusError> {
-    Subject::new(["veiloc", map, "index", &index.to_string()])
+    Ok(Subject::new(["veiloc", map, "index", &index.to_string()])?)
 }

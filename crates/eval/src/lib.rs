@@ -1,35 +1,26 @@
-//! How well it localizes: places with known poses, negative queries, ready-made problems, and the Cramér–Rao bound.
+//! How well it localizes: places with known poses, and negative queries.
 //!
 //! - [`evaluate_scene`]: the whole road, from images to poses, on a place with known poses ([`Negatives`]: and on queries
 //!   of another place).
 //! - [`drawn_queries`]: what a report draws of single queries and no document holds.
 //! - [`stress`]: the same place with queries in the dark, moved, half hidden, small, few keypoints, or a sparse map.
 //! - [`negatives`]: images of elsewhere, which must not be found in a map.
-//! - [`search`]: retrieval among up to millions of images.
 //! - [`evaluate_rig`]: the same for sessions of several images with simulated odometry.
-//! - [`evaluate_poses`]: the pose engine alone, on problems made by [`make_problems`] or by others.
-//! - [`crb`]: errors over the Cramér–Rao bound, on synthetic scenes.
+//! - [`make_problems`]: problems for the pose engine alone, which `veiloc-poses` measures.
 //!
 //! What is counted, the JSON documents and the tables for people are in `veiloc-results`.
 #![forbid(unsafe_code)]
 
-pub mod crb;
 mod error;
 mod make_problems;
 pub mod negatives;
-mod poses;
 mod rig;
 pub mod road;
 mod scene;
-mod scores;
-pub mod search;
 pub mod stress;
 
 pub use error::EvalError;
 pub use make_problems::{MadeProblem, ProblemSource, make_problems, masks_of};
-pub use poses::{
-    GravityError, GravitySource, PoseEvaluation, Recipe, RecipeError, evaluate_poses, pose_problem,
-};
 pub use rig::{RigEvaluation, evaluate_rig, walk_of};
 pub use scene::{
     DrawnQuery, DrawnScheme, Negatives, SceneEvaluation, drawn_queries, evaluate_scene, folder_name,

@@ -1,12 +1,13 @@
-//! The whole road on real photographs: map, seal, localize. Needs `VEILOC_DATA`.
+//! The whole road on real images: map, seal, localize. Needs `VEILOC_DATA`.
 
 use std::path::Path;
 
 use veiloc_eval::road::Sending;
-use veiloc_eval::{Negatives, PoseEvaluation, Recipe, SceneEvaluation, evaluate_poses, evaluate_scene};
+use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::colmap::read_posed;
 use veiloc_mapping::BuildOptions;
+use veiloc_poses::{PoseEvaluation, Recipe, evaluate_poses};
 use veiloc_query::Scheme;
 use veiloc_results::Hypotheses;
 use veiloc_results::{Evaluation, SchemeSummary};

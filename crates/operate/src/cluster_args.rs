@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use veiloc_access::is_map_name;
 use veiloc_bus::{Bus, NatsOptions};
 use veiloc_cluster::{ClusterError, StoreShelf};
 
@@ -69,4 +70,13 @@ fn own_cache() -> Option<PathBuf> {
     named("XDG_CACHE_HOME")
         .or_else(|| named("HOME").map(|home| home.join(".cache")))
         .map(|cache| cache.join("veiloc"))
+}
+
+/// The name of a map, as a service serves it.
+pub(crate) fn map_name(text: &str) -> Result<String, String> {
+    if is_map_name(text) {
+        Ok(text.to_owned())
+    } else {
+        Err("letters, digits, `-`, `_` and `.` are expected, at most 64".to_owned())
+    }
 }

@@ -8,7 +8,7 @@ use veiloc_page::Page;
 use crate::exit::Failure;
 
 /// Reads the page of a folder, or where it is found, and tells it what there is to show.
-pub(crate) fn page(folder: Option<&PathBuf>, about: &About) -> Result<Page, Failure> {
+pub fn page(folder: Option<&PathBuf>, about: &About) -> Result<Page, Failure> {
     let found = match folder {
         Some(folder) => folder.clone(),
         None => Page::folder(&std::env::current_exe()?)?,
@@ -20,20 +20,20 @@ pub(crate) fn page(folder: Option<&PathBuf>, about: &About) -> Result<Page, Fail
 
 /// What a page is told: `page.json`, between one version of program and page.
 #[derive(Debug, Serialize)]
-pub(crate) struct About {
+pub struct About {
     /// Most points of a map that it is shown.
-    pub(crate) points: usize,
+    pub points: usize,
     /// Images to pick from.
-    pub(crate) views: Vec<View>,
+    pub views: Vec<View>,
 }
 
 /// An image to pick.
 #[derive(Debug, Serialize)]
-pub(crate) struct View {
+pub struct View {
     /// For people.
-    pub(crate) name: String,
+    pub name: String,
     /// Its file of the page.
-    pub(crate) file: String,
+    pub file: String,
     /// Its camera, as COLMAP writes it.
-    pub(crate) camera: String,
+    pub camera: String,
 }

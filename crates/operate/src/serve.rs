@@ -9,7 +9,6 @@ use std::time::Duration;
 
 #[cfg(feature = "cluster")]
 use veiloc_cluster::{Gateway, GatewayOptions};
-use veiloc_map::MapMemory;
 #[cfg(feature = "cluster")]
 use veiloc_observe::GatewayCounts;
 #[cfg(feature = "cluster")]
@@ -20,14 +19,14 @@ use veiloc_server::{
 };
 
 #[cfg(feature = "cluster")]
-use crate::commands::cluster_args::ClusterArgs;
-use crate::commands::page_args::{About, page};
-use crate::commands::settled::settled;
-use crate::commands::voice::{LogArgs, Voice};
+use crate::cluster_args::ClusterArgs;
 use crate::exit::{Exit, Failure, Outcome};
+use crate::map_memory::Memory;
+use crate::page_args::{About, page};
+use crate::settled::settled;
 use crate::ui::Ui;
+use crate::voice::{LogArgs, Voice};
 use veiloc_arguments::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
-use veiloc_arguments::settings::layered;
 
 /// Serve maps: sealed queries in over HTTP, poses out.
 ///
@@ -39,7 +38,7 @@ use veiloc_arguments::settings::layered;
 /// where it is VEILOC_DRAIN_DELAY. The environment wins over the file, the command line over both. An option that may be
 /// given several times takes a list in the file, and values with `;` between them in the environment.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     /// A file of settings (TOML) whose keys are these options; relative paths in it are relative to its folder.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -70,7 +69,7 @@ pub(crate) struct Args {
     cluster: Option<String>,
     /// A published map that workers hold, served under its name; several may be given. Default: none.
     #[cfg(feature = "cluster")]
-    #[arg(long = "cluster-map", requires = "cluster", value_parser = super::worker::map_name, value_name = "NAME")]
+    #[arg(long = "cluster-map", requires = "cluster", value_parser = crate::cluster_args::map_name, value_name = "NAME")]
     cluster_maps: Vec<String>,
     /// Regions that a query is asked in at most, with --cluster.
     #[cfg(feature = "cluster")]
@@ -194,22 +193,6 @@ fn mode(text: &str) -> Result<Mode, String> {
     }
 }
 
-/// Where the bytes of maps are.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub(super) enum Memory {
-    Copied,
-    Mapped,
-}
-
-impl From<Memory> for MapMemory {
-    fn from(memory: Memory) -> Self {
-        match memory {
-            Memory::Copied => Self::Copied,
-            Memory::Mapped => Self::Mapped,
-        }
-    }
-}
-
 /// `NAME=FILE`.
 #[derive(Clone)]
 struct NamedMap {
@@ -247,16 +230,8 @@ impl FromStr for NamedFrame {
     }
 }
 
-/// The command that reads the command line of `serve` and `worker`, before files and variables are looked at.
-pub(crate) fn first_look(command: clap::Command) -> clap::Command {
-    let command = command.mut_subcommand("serve", layered);
-    #[cfg(feature = "cluster")]
-    let command = command.mut_subcommand("worker", layered);
-    command
-}
-
 /// Serves what command line, environment and file say together.
-pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
+pub fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
     settled("serve", first, ui, serve)
 }
 

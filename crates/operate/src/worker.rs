@@ -7,18 +7,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::watch;
-use veiloc_access::is_map_name;
 use veiloc_cluster::{ClusterError, Share, Worker, WorkerOptions};
 use veiloc_map::MapMemory;
 use veiloc_observe::WorkerCounts;
 use veiloc_server::labour::{Signals, own_process, probes};
 
-use super::cluster_args::ClusterArgs;
-use super::serve::Memory;
-use super::settled::settled;
-use super::voice::{LogArgs, Voice};
+use crate::cluster_args::{ClusterArgs, map_name};
 use crate::exit::{Exit, Failure, Outcome};
+use crate::map_memory::Memory;
+use crate::settled::settled;
 use crate::ui::Ui;
+use crate::voice::{LogArgs, Voice};
 use veiloc_arguments::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
 
 /// Hold regions of a published map and localize in them for `veiloc serve --cluster`.
@@ -29,7 +28,7 @@ use veiloc_arguments::localization_args::{MatchArgs, PoseArgs, not_negative, pos
 ///
 /// Every option may also stand in a file (--config) or in the environment, as for `veiloc serve`.
 #[derive(clap::Args)]
-pub(crate) struct Args {
+pub struct Args {
     /// A file of settings (TOML) whose keys are these options; relative paths in it are relative to its folder.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -81,17 +80,8 @@ pub(crate) struct Args {
     matching: MatchArgs,
 }
 
-/// The name of a map, as a service serves it.
-pub(super) fn map_name(text: &str) -> Result<String, String> {
-    if is_map_name(text) {
-        Ok(text.to_owned())
-    } else {
-        Err("letters, digits, `-`, `_` and `.` are expected, at most 64".to_owned())
-    }
-}
-
 /// Works as command line, environment and file say together.
-pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
+pub fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
     settled("worker", first, ui, |args: &Args, ui| {
         let voice = Voice::start(&args.log, ui.is_quiet())?;
         let outcome = work(args, &voice);

@@ -4,10 +4,6 @@
 //! schemes see the very same matches and only what the server is told about positions differs. Under one seed, every
 //! way of estimating sees the very same lines.
 
-mod floor;
-mod gravity;
-mod recipe;
-
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -21,7 +17,10 @@ use veiloc_obfuscation::obfuscate_points;
 use veiloc_query::{AngleBits, Observations, Scheme};
 use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
 
-use crate::error::EvalError;
+use crate::error::PosesError;
+use crate::floor::{ORACLE_RADIUS_PX, truly_right};
+use crate::gravity::{GravitySource, felt, mean_down};
+use crate::recipe::{FromTruth, Recipe};
 use crate::scores::{DEFAULT_SCORE, scores_or_default};
 use veiloc_datasets::json_lines;
 use veiloc_datasets::problems::{Problem, read_problems};
@@ -29,12 +28,6 @@ use veiloc_datasets::seed_for;
 use veiloc_results::Hypotheses;
 use veiloc_results::metrics::Threshold;
 use veiloc_results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
-
-pub(crate) use floor::{ORACLE_RADIUS_PX, runs_through, truly_right};
-pub(crate) use gravity::mean_down;
-pub use gravity::{GravityError, GravitySource};
-use recipe::FromTruth;
-pub use recipe::{Recipe, RecipeError};
 
 /// What to evaluate.
 #[derive(Debug, Clone)]
@@ -115,9 +108,12 @@ struct Row {
 /// Runs every row on every problem under every seed.
 ///
 /// # Errors
-/// [`EvalError`] when a file cannot be read or nothing was asked for. A problem that cannot be solved is a result, not
+/// [`PosesError`] when a file cannot be read or nothing was asked for. A problem that cannot be solved is a result, not
 /// an error.
-pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> Result<Evaluation, EvalError> {
+pub fn evaluate_poses(
+    evaluation: &PoseEvaluation,
+    progress: &dyn Progress,
+) -> Result<Evaluation, PosesError> {
     let mut queries = Vec::new();
     for file in &evaluation.files {
         let problems = read_problems(file)?;
@@ -126,12 +122,12 @@ pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> R
     }
     let rows = rows(evaluation, queries.iter().any(|q| q.problem.gravity.is_some()));
     if rows.is_empty() || evaluation.seeds == 0 {
-        return Err(EvalError::Options("no scheme, hypotheses, gravity or seed to evaluate".to_owned()));
+        return Err(PosesError::Options("no scheme, hypotheses, gravity or seed to evaluate".to_owned()));
     }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(evaluation.threads.max(1))
         .build()
-        .map_err(|e| EvalError::Options(format!("{} threads: {e}", evaluation.threads)))?;
+        .map_err(|e| PosesError::Options(format!("{} threads: {e}", evaluation.threads)))?;
 
     let total = rows.len() * queries.len() * usize::try_from(evaluation.seeds).unwrap_or(usize::MAX);
     progress.start("Estimating poses", total);
@@ -249,7 +245,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         GravitySource::Ignored => None,
         GravitySource::TrueTurned(degrees) => {
             let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[&problem.name, "gravity"]));
-            Some(gravity::felt(&problem.cam_from_world, *down, degrees, &mut rng))
+            Some(felt(&problem.cam_from_world, *down, degrees, &mut rng))
         }
     };
     let truth = &problem.cam_from_world;

@@ -5,7 +5,7 @@ use veiloc_robust::{Correspondences, PoseProblem};
 
 /// How near a map point must project to its keypoint for a match to be truly right, pixels: the paper's inlier threshold
 /// for images of 640 x 480.
-pub(crate) const ORACLE_RADIUS_PX: f64 = 4.0;
+pub const ORACLE_RADIUS_PX: f64 = 4.0;
 
 /// A candidate line this far from its keypoint is the wrong one of two: dither and quantization move it by less.
 const OFF_LINE_PX: f64 = 1.0;
@@ -14,7 +14,7 @@ const OFF_LINE_PX: f64 = 1.0;
 /// true pose. Of two candidate lines of one keypoint, only the one through it can be.
 ///
 /// `keypoints[k]` is where keypoint `k` of the problem truly is, in the image of the problem's camera.
-pub(crate) fn truly_right(
+pub fn truly_right(
     problem: &PoseProblem,
     truth: &CameraFromWorld,
     keypoints: &[Pixel],

@@ -53,7 +53,7 @@ impl fmt::Display for GravitySource {
 /// Down in the world of images held upright: the mean of the cameras' own down axes (`+y`).
 ///
 /// It need not be the true vertical: what the estimator is told is the same direction in both frames, and any one will do.
-pub(crate) fn mean_down<'a>(poses: impl Iterator<Item = &'a CameraFromWorld>) -> Vector3<f64> {
+pub fn mean_down<'a>(poses: impl Iterator<Item = &'a CameraFromWorld>) -> Vector3<f64> {
     let sum: Vector3<f64> = poses.map(|pose| pose.rotation().inverse() * Vector3::y()).sum();
     sum.try_normalize(1e-9).unwrap_or(-Vector3::z())
 }

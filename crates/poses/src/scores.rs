@@ -6,6 +6,6 @@ use veiloc_robust::ScoreKind;
 pub(crate) const DEFAULT_SCORE: ScoreKind = ScoreKind::Likelihood;
 
 /// The scores a scheme is run with: those asked for, or the default.
-pub(crate) fn scores_or_default(asked: &[ScoreKind]) -> Vec<ScoreKind> {
+pub fn scores_or_default(asked: &[ScoreKind]) -> Vec<ScoreKind> {
     if asked.is_empty() { vec![DEFAULT_SCORE] } else { asked.to_vec() }
 }

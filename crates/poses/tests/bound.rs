@@ -1,7 +1,7 @@
 //! The synthetic law: an estimator that is as good as its data, a bound that is none, and results that repeat.
 
-use veiloc_eval::EvalError;
-use veiloc_eval::crb::{BoundEvaluation, SyntheticEvaluation, SyntheticScene, evaluate_bound};
+use veiloc_poses::PosesError;
+use veiloc_poses::crb::{BoundEvaluation, SyntheticEvaluation, SyntheticScene, evaluate_bound};
 use veiloc_query::Scheme;
 
 fn small() -> SyntheticEvaluation {
@@ -74,7 +74,7 @@ fn what_is_impossible_is_refused() {
         let mut evaluation = small();
         change(&mut evaluation);
         match evaluate_bound(&evaluation, &()) {
-            Err(EvalError::Options(reason)) => assert!(reason.contains(says), "{reason}"),
+            Err(PosesError::Options(reason)) => assert!(reason.contains(says), "{reason}"),
             other => panic!("{says}: {:?}", other.map(|d| d.cells.len())),
         }
     };

@@ -36,10 +36,12 @@ mod folder;
 mod index;
 mod manifest;
 mod object;
+mod verify;
 
 pub use cut::{SplitOptions, cut};
 pub use error::{ManifestError, RegionsError};
 pub use folder::{Folder, FolderWriter, MANIFEST_FILE, OBJECTS_FOLDER};
 pub use index::{INDEX_VERSION, Index, Ranked};
 pub use manifest::{MANIFEST_VERSION, MOST_MANIFEST_BYTES, MOST_OBJECT_BYTES, Manifest, RegionEntry};
-pub use object::{ObjectId, ObjectRef, verify_file};
+pub use object::{ObjectId, ObjectRef};
+pub use verify::verify_file;

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 /// block is there twice.
 ///
 /// Equal for every number of threads.
-pub(super) fn draw(all: &mut Vec<i8>, (codes, block): (usize, usize), count: usize, seed: u64) {
+pub(crate) fn draw(all: &mut Vec<i8>, (codes, block): (usize, usize), count: usize, seed: u64) {
     let there = all.len() / codes;
     if there == 0 || count <= there {
         return;

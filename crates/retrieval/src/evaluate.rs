@@ -1,11 +1,4 @@
-//! `veiloc eval search`: what finding the images of a map that look like a query costs, and what it misses, as maps grow.
-//!
-//! A map of a million images is at nobody's hand, and retrieval sees nothing of an image but its global descriptor. So the
-//! images of a real map are put among others: those of other images as they are, and as many more as are asked for, drawn
-//! from all of them (`draw`).
-
-mod draw;
-mod table;
+//! Every query sought among so many images, by comparing all and through the index.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -16,10 +9,8 @@ use veiloc_descriptor::{GlobalDescriptor, GlobalIndex, Vocabulary};
 use veiloc_features::{Extractor, FeatureError, Limits, Progress, extract_image};
 use veiloc_map::MapFile;
 
-use crate::error::EvalError;
-use draw::draw;
-
-pub use table::table;
+use crate::draw::draw;
+use crate::error::RetrievalError;
 
 /// What to search, and for what.
 #[derive(Clone)]
@@ -61,25 +52,25 @@ pub struct SearchRow {
 /// threads.
 ///
 /// # Errors
-/// [`EvalError`]: an image cannot be read, nothing is asked, or the global descriptors of the map do not follow from rows.
+/// [`RetrievalError`]: an image cannot be read, nothing is asked, or the global descriptors of the map do not follow from rows.
 pub fn evaluate_search(
     map: &MapFile,
     extractor: &dyn Extractor,
     evaluation: &SearchEvaluation,
     progress: &dyn Progress,
-) -> Result<Vec<SearchRow>, EvalError> {
+) -> Result<Vec<SearchRow>, RetrievalError> {
     let Some(vocabulary) = map.profile().vocabulary() else {
-        return Err(EvalError::Options(
+        return Err(RetrievalError::Options(
             "the map's global descriptors are of whole images; give a map whose global descriptors are made of rows".to_owned(),
         ));
     };
     let largest = evaluation.sizes.iter().copied().max().unwrap_or(0);
     if evaluation.queries.is_empty() || evaluation.sizes.contains(&0) || largest == 0 {
-        return Err(EvalError::Options("nothing to search, or nothing to search for".to_owned()));
+        return Err(RetrievalError::Options("nothing to search, or nothing to search for".to_owned()));
     }
     let limits = map.profile().limits();
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
-    let globals = |what: &str, images: &[PathBuf]| -> Result<Vec<GlobalDescriptor>, EvalError> {
+    let globals = |what: &str, images: &[PathBuf]| -> Result<Vec<GlobalDescriptor>, RetrievalError> {
         progress.start(what, images.len());
         let of_image = |path: &PathBuf| -> Result<GlobalDescriptor, FeatureError> {
             let image = extract_image(path, None, extractor, limits)?;
@@ -88,7 +79,7 @@ pub fn evaluate_search(
         };
         let all = images.par_iter().map(of_image).collect::<Result<Vec<_>, _>>();
         progress.finish();
-        all.map_err(|e| EvalError::Extract(e.into()))
+        all.map_err(|e| RetrievalError::Extract(e))
     };
     let queries = globals("Looking at queries", &evaluation.queries)?;
     let others = globals("Looking at other images", &evaluation.others)?;
@@ -178,11 +169,8 @@ impl Searched<'_> {
 
     /// The best of some images, compared code by code.
     fn best(&self, query: &GlobalDescriptor, among: impl Iterator<Item = usize>, count: usize) -> Vec<usize> {
-        let compared =
-            |image: usize| (query.similarity(&self.all[image * self.codes..][..self.codes]), image);
-        let mut all: Vec<(f32, usize)> = among.map(compared).collect();
-        all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        all.truncate(count);
-        all.into_iter().map(|(_, image)| image).collect()
+        let found = query
+            .most_similar(among.map(|image| (image, &self.all[image * self.codes..][..self.codes])), count);
+        found.into_iter().map(|(image, _)| image).collect()
     }
 }

@@ -2,7 +2,7 @@
 
 use veiloc_results::text_table::{TextTable, percent};
 
-use super::SearchRow;
+use crate::evaluate::SearchRow;
 
 /// A row each.
 pub fn table(rows: &[SearchRow]) -> String {

@@ -6,10 +6,10 @@ use std::time::Instant;
 
 use veiloc_audit::attacks_table;
 use veiloc_demo::{DemoOptions, HiddenViews, map_place, run_demo};
+use veiloc_operate::page_args::{About, View, page};
 use veiloc_results::table;
 use veiloc_server::{ListenAddress, MapSource, ServerOptions, run_until_signal};
 
-use crate::commands::page_args::{About, View, page};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
 use crate::ui::Ui;

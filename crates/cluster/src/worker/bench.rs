@@ -16,7 +16,7 @@ use veiloc_robust::{PositionPrior, Stop};
 use veiloc_server::labour::{Order, Pool, Refused, during};
 use veiloc_server::{Asked, Found, Kind, Unanswered};
 
-use super::seat::Content;
+use super::content::Content;
 use crate::message::{Candidate, MOST_REGIONS, Request, RequestName, Said, Wanted, Why};
 
 /// Bytes of a query for each of its rows, about: what a job costs is told before the query is read.

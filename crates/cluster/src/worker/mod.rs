@@ -5,6 +5,7 @@
 //! somebody, and a grace after that, so that no gateway is left alone with the old one.
 
 mod bench;
+mod content;
 mod seat;
 
 use std::collections::BTreeMap;
@@ -22,7 +23,8 @@ use veiloc_regions::{Folder, Manifest, ObjectId, ObjectRef};
 use veiloc_server::labour::{Probed, Told};
 
 use self::bench::Bench;
-use self::seat::{Content, Seat};
+use self::content::Content;
+use self::seat::Seat;
 use crate::error::ClusterError;
 use crate::reach::Groups;
 use crate::share::Share;

@@ -5,20 +5,11 @@ use std::sync::Arc;
 use tokio::sync::watch;
 use tokio::task::{JoinHandle, JoinSet};
 use veiloc_bus::{Incoming, Membership};
-use veiloc_map::MapFile;
-use veiloc_regions::{Index, ObjectId};
+use veiloc_regions::ObjectId;
 
 use super::bench::{Bench, Done};
+use super::content::Content;
 use crate::message::{Reply, Request, Said, Why};
-
-/// What a worker holds of a map.
-#[derive(Debug)]
-pub(crate) enum Content {
-    /// A region, which gives poses.
-    Region(Box<MapFile>),
-    /// An index, which says which regions to ask.
-    Index(Index),
-}
 
 /// An object that is held, and the task that answers for it.
 pub(crate) struct Seat {

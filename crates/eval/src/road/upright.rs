@@ -10,7 +10,7 @@ use veiloc_query::CoarseGravity;
 use veiloc_synth::problems::normal;
 
 use crate::error::EvalError;
-use crate::poses::mean_down;
+use veiloc_poses::mean_down;
 
 /// A world with a vertical, and sensors of some noise.
 #[derive(Debug, Clone, Copy)]

@@ -13,7 +13,7 @@ use veiloc_query::{Scheme, SealedQuery};
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
 use crate::road::{equipped, extracted, send};
-use crate::scores::scores_or_default;
+use veiloc_poses::scores_or_default;
 
 /// One query with all that was sent of it.
 #[derive(Debug, Clone)]

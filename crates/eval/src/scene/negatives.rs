@@ -8,7 +8,7 @@ use veiloc_query::Scheme;
 use super::options::{Negatives, SceneEvaluation};
 use crate::error::EvalError;
 use crate::road::{PosedQuery, Served, equipped, posed_queries, send, send_and_ask};
-use crate::scores::scores_or_default;
+use veiloc_poses::scores_or_default;
 use veiloc_results::NegativeResult;
 
 impl Negatives {

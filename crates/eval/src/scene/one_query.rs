@@ -10,7 +10,7 @@ use veiloc_robust::State;
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
 use crate::road::{AskedQuery, Served, Upright, equipped, extracted, localize_sent, send};
-use crate::scores::scores_or_default;
+use veiloc_poses::scores_or_default;
 
 /// The results of a query, in the order of the table's rows.
 pub(super) fn localize_query(

@@ -7,8 +7,8 @@ use veiloc_map::MapFile;
 use veiloc_query::SealedQuery;
 use veiloc_robust::{PoseError as NoPose, PoseEstimate, optimize_pose, refine_pose};
 
-use crate::poses::truly_right;
 use crate::road::Sent;
+use veiloc_poses::truly_right;
 use veiloc_results::metrics::PoseError;
 
 /// Errors of one query from its true pose.

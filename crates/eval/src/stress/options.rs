@@ -10,7 +10,7 @@ use veiloc_mapping::BuildOptions;
 use veiloc_query::Scheme;
 
 use super::kind::Stress;
-use crate::poses::ORACLE_RADIUS_PX;
+use veiloc_poses::ORACLE_RADIUS_PX;
 use veiloc_results::metrics::Threshold;
 
 /// What to evaluate: every stress with every scheme.

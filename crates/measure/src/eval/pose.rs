@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::{GravitySource, PoseEvaluation, Recipe, evaluate_poses};
+use veiloc_poses::{GravitySource, PoseEvaluation, Recipe, evaluate_poses};
 use veiloc_query::AngleBits;
 use veiloc_results::Hypotheses;
 

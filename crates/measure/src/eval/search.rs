@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use veiloc_eval::search::{SearchEvaluation, SearchRow, evaluate_search, table};
 use veiloc_map::MapFile;
+use veiloc_retrieval::{SearchEvaluation, SearchRow, evaluate_search, table};
 
 use crate::exit::{Exit, Outcome};
 use crate::feature_args::MapFeatureArgs;

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::ffi::OsString;
 
 use clap::FromArgMatches as _;
-use veiloc_arguments::settings::{Origin, Settings, is_setting, variable};
+use veiloc_arguments::settings::{Origin, Settings, is_setting, layered, variable};
 
 use super::*;
-use crate::commands::settled;
+use crate::settled;
 
 fn complete() -> clap::Command {
     settled::complete::<Args>("serve")

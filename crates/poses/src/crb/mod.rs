@@ -22,7 +22,7 @@ use veiloc_features::Progress;
 use veiloc_query::{AngleBits, Scheme};
 use veiloc_robust::PoseOptions;
 
-use crate::error::EvalError;
+use crate::error::PosesError;
 use trial::Trial;
 use veiloc_results::coverage::{NormalizedError, shares};
 use veiloc_results::metrics::finite;
@@ -160,11 +160,11 @@ pub struct Coverage {
 /// Runs every problem of every cell; results do not depend on the number of threads.
 ///
 /// # Errors
-/// [`EvalError::Options`] when something asked for is impossible or nothing is.
+/// [`PosesError::Options`] when something asked for is impossible or nothing is.
 pub fn evaluate_bound(
     evaluation: &SyntheticEvaluation,
     progress: &dyn Progress,
-) -> Result<BoundEvaluation, EvalError> {
+) -> Result<BoundEvaluation, PosesError> {
     check(evaluation)?;
     let cells = evaluation.scenes.len()
         * evaluation.schemes.len()
@@ -208,8 +208,8 @@ pub fn evaluate_bound(
     Ok(document)
 }
 
-fn check(evaluation: &SyntheticEvaluation) -> Result<(), EvalError> {
-    let refuse = |reason: String| Err(EvalError::Options(reason));
+fn check(evaluation: &SyntheticEvaluation) -> Result<(), PosesError> {
+    let refuse = |reason: String| Err(PosesError::Options(reason));
     if evaluation.scenes.is_empty()
         || evaluation.schemes.is_empty()
         || evaluation.noises_px.is_empty()

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
     use crate::crb::SyntheticScene;
     use crate::crb::trial::as_problem;
-    use crate::poses::pose_problem;
+    use crate::evaluate::pose_problem;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::Pixel;

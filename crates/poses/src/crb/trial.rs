@@ -8,7 +8,8 @@ use veiloc_robust::{PoseEstimate, PoseProblem, estimate_pose, fisher_information
 use veiloc_synth::problems::PointProblem;
 
 use super::{Condition, SyntheticEvaluation, bound, noise};
-use crate::poses::{pose_problem, runs_through};
+use crate::evaluate::pose_problem;
+use crate::floor::runs_through;
 use veiloc_datasets::Problem;
 use veiloc_datasets::seed_for;
 use veiloc_results::coverage::NormalizedError;

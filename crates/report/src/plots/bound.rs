@@ -3,7 +3,7 @@
 use plotters::prelude::*;
 
 use super::{COLORS, Fault, PlotError, fault};
-use veiloc_eval::crb::{BoundCell, BoundEvaluation};
+use veiloc_poses::crb::{BoundCell, BoundEvaluation};
 
 /// Width and height of a panel, pixels.
 const PANEL: (u32, u32) = (330, 240);

@@ -219,8 +219,7 @@ impl Done {
 /// Ends a job that nobody waits for any more: its time is up, its client has left, or the service gives up on it.
 struct StopWhenDropped {
     stop: Stop,
-    /// Whoever waits for others learns it when this is gone.
-    /// Dropped with it, and so heard by whoever waits at the other end.
+    /// Dropped with it, and so heard by whoever waits for others at the other end.
     #[expect(dead_code, reason = "that it is dropped is what it is for")]
     gone: oneshot::Sender<()>,
 }

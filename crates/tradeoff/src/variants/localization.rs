@@ -8,7 +8,7 @@ use super::data::Query;
 use super::sent::Sent;
 use veiloc_datasets::Problem;
 use veiloc_datasets::seed_for;
-use veiloc_eval::pose_problem;
+use veiloc_poses::pose_problem;
 use veiloc_results::QueryResult;
 
 /// Estimates the pose from the matches whose keypoints were sent.

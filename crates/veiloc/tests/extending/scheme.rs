@@ -11,7 +11,7 @@ use veiloc::query::Observations;
 use veiloc_attacks::{
     ClosedFormOptions, ErrorSummary, NeighbourLists, Observation, closed_form, errors_px, prior_only,
 };
-use veiloc_eval::pose_problem;
+use veiloc_poses::pose_problem;
 use veiloc_robust::{PoseOptions, estimate_pose};
 use veiloc_synth::problems::{PointProblem, PointProblemOptions};
 
