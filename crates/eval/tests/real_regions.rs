@@ -45,15 +45,15 @@ fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluatio
     evaluate_scene(&evaluation, &()).expect("evaluated")
 }
 
-/// Every query in the one region that the index names: all are found, as exactly as in the whole map, and none is trusted
-/// wrongly. Some fewer are trusted: under points 26 of 29 in regions of 40 images, 28 in the whole map (docs/scale.md).
+/// Every query in the regions that a gateway would ask: all are found and as many trusted as in the whole map, none wrongly, and
+/// nearly as exactly (a region of 20 holds fewer of the ten images that see most; docs/scale.md).
 #[real_data_test]
 fn queries_are_localized_in_their_region_as_in_the_whole_map(data: &Path) {
     let work = tempfile::tempdir().expect("a folder");
     let whole = kitchen(data, None, work.path());
     told("whole", &whole);
     let map = whole.map.as_ref().expect("a map");
-    for images in [40, 20] {
+    for (images, error) in [(40, 1.25), (20, 1.4)] {
         let cut = kitchen(data, Some(SplitOptions::default().with_images(images)), work.path());
         told(&format!("regions of {images}"), &cut);
         let regions = cut.map.as_ref().and_then(|map| map.regions.clone()).expect("regions");
@@ -62,9 +62,9 @@ fn queries_are_localized_in_their_region_as_in_the_whole_map(data: &Path) {
             assert_eq!((cut.queries, cut.recall["0.05/5"]), (whole.queries, 1.0), "{}", cut.scheme);
             assert_eq!(cut.trusted_wrong, Some(0), "{}", cut.scheme);
             let [own, of_whole] = [cut, whole].map(|s| s.trusted.expect("all are judged"));
-            assert!(own + 3 >= of_whole, "{}: {own} of {of_whole}", cut.scheme);
+            assert!(own >= of_whole, "{}: {own} of {of_whole}", cut.scheme);
             let [a, b] = [cut, whole].map(|s| s.median_translation.expect("most are found"));
-            assert!(a < 1.25 * b, "{}: {a} m in regions, {b} m in the whole map", cut.scheme);
+            assert!(a < error * b, "{}: {a} m in regions, {b} m in the whole map", cut.scheme);
         }
     }
 }

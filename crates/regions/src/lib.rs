@@ -36,6 +36,7 @@ mod folder;
 mod index;
 mod manifest;
 mod object;
+mod rounds;
 mod verify;
 
 pub use cut::{SplitOptions, cut};
@@ -44,4 +45,5 @@ pub use folder::{Folder, FolderWriter, MANIFEST_FILE, OBJECTS_FOLDER};
 pub use index::{INDEX_VERSION, Index, Ranked};
 pub use manifest::{MANIFEST_VERSION, MOST_MANIFEST_BYTES, MOST_OBJECT_BYTES, Manifest, RegionEntry};
 pub use object::{ObjectId, ObjectRef};
+pub use rounds::{ASKED, is_better, rounds};
 pub use verify::verify_file;

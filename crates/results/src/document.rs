@@ -304,7 +304,7 @@ pub struct MapSummary {
     pub regions: Option<RegionsSummary>,
 }
 
-/// Facts about the regions of a map, each query of a scene being localized in one of them.
+/// Facts about the regions of a map, each query of a scene being asked in up to three of them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RegionsSummary {
     /// How many.

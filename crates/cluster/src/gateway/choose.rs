@@ -1,26 +1,8 @@
-//! Which regions a query is asked in, and which of their poses is told.
+//! What is told of what the regions gave.
 
 use veiloc_query::Answer;
+use veiloc_regions::is_better;
 use veiloc_server::Unanswered;
-
-use crate::message::Candidate;
-
-/// Regions that share at least this part of what the best one holds are asked together with it.
-const BESIDE: f64 = 0.75;
-
-/// The regions to ask together, and those to ask when none of the first gives a pose that is trusted; `most` in all.
-///
-/// A region that holds nearly as much as the best one may be the right one as well. One that holds less is mostly a
-/// neighbour, whose images are in the best one's margin too: asked at once it would cost a localization for nothing.
-pub(crate) fn rounds(candidates: &[Candidate], most: usize) -> Vec<Vec<usize>> {
-    let asked = &candidates[..candidates.len().min(most)];
-    let enough = asked.first().map_or(0.0, |best| f64::from(best.held) * BESIDE);
-    let (first, second): (Vec<&Candidate>, Vec<&Candidate>) =
-        asked.iter().partition(|candidate| f64::from(candidate.held) >= enough);
-    let numbers =
-        |some: Vec<&Candidate>| some.into_iter().map(|candidate| candidate.region as usize).collect();
-    [first, second].into_iter().filter(|some| !some.is_empty()).map(numbers).collect()
-}
 
 /// What is told of what the regions gave: the trusted pose with most evidence, else the doubtful one, else why there is none.
 ///
@@ -31,7 +13,7 @@ pub(crate) fn best(given: Vec<Result<Answer, Unanswered>>) -> Result<Answer, Una
     for result in given {
         match result {
             Ok(answer) => {
-                if best.as_ref().is_none_or(|known| is_better(&answer, known)) {
+                if best.as_ref().is_none_or(|known| is_better(worth(&answer), worth(known))) {
                     best = Some(answer);
                 }
             }
@@ -45,10 +27,9 @@ pub(crate) fn best(given: Vec<Result<Answer, Unanswered>>) -> Result<Answer, Una
     best.ok_or(why.unwrap_or(Unanswered::NoPose(veiloc_server::NoPose::Unsupported)))
 }
 
-fn is_better(answer: &Answer, known: &Answer) -> bool {
-    let key = |answer: &Answer| (answer.trusted, answer.log_evidence);
-    let ((trusted, evidence), (known_trusted, known_evidence)) = (key(answer), key(known));
-    trusted.cmp(&known_trusted).then(evidence.total_cmp(&known_evidence)).is_gt()
+/// As regions are compared.
+const fn worth(answer: &Answer) -> (bool, f64) {
+    (answer.trusted, answer.log_evidence)
 }
 
 /// What says more about what to do next.
@@ -86,23 +67,6 @@ mod tests {
             matches: 0,
             hypotheses: 0,
             times: AnswerTimes::default(),
-        }
-    }
-
-    #[test]
-    fn neighbours_wait_for_the_second_round() {
-        let candidates = |held: &[u32]| -> Vec<Candidate> {
-            held.iter().enumerate().map(|(i, held)| Candidate { region: i as u32 + 5, held: *held }).collect()
-        };
-        for (held, most, expected) in [
-            (&[10][..], 3, vec![vec![5]]),
-            (&[10, 6, 4, 3], 3, vec![vec![5], vec![6, 7]]),
-            (&[8, 7, 6, 5], 3, vec![vec![5, 6, 7]]),
-            (&[8, 7, 6, 5], 2, vec![vec![5, 6]]),
-            (&[10, 6, 4], 1, vec![vec![5]]),
-            (&[], 3, vec![]),
-        ] {
-            assert_eq!(rounds(&candidates(held), most), expected, "{held:?} of {most}");
         }
     }
 

@@ -15,7 +15,7 @@ use futures_util::future::join_all;
 use veiloc_bus::Bus;
 use veiloc_observe::GatewayCounts;
 use veiloc_query::{Answer, Profile};
-use veiloc_regions::{Folder, Manifest, ObjectId, RegionsError};
+use veiloc_regions::{ASKED, Folder, Manifest, ObjectId, RegionsError, rounds};
 use veiloc_server::{Answering, Description, Elsewhere, Question, Unanswered};
 
 use self::ask::{Ask, Road};
@@ -40,7 +40,7 @@ pub struct GatewayOptions {
 impl GatewayOptions {
     /// For this map.
     pub fn new(map: &str) -> Self {
-        Self { map: map.to_owned(), regions: 3, watch: Duration::from_secs(2) }
+        Self { map: map.to_owned(), regions: ASKED, watch: Duration::from_secs(2) }
     }
 }
 
@@ -185,8 +185,9 @@ impl Inner {
     /// Asks the regions of this manifest.
     async fn ask_in(&self, edition: &Edition, query: &Query) -> Result<Answer, Unanswered> {
         let candidates = self.search(edition, query).await?;
+        let ranked = candidates.iter().map(|one| (one.region as usize, one.held as usize));
         let (mut given, mut asked) = (Vec::new(), 0);
-        for round in choose::rounds(&candidates, self.options.regions) {
+        for round in rounds(ranked, self.options.regions) {
             asked += round.len();
             given.extend(join_all(round.into_iter().map(|region| self.pose(edition, query, region))).await);
             if given.iter().any(|given| matches!(given, Ok(answer) if answer.trusted)) {

@@ -10,6 +10,7 @@ use veiloc_robust::{ScoreKind, State};
 use super::ask::{Answer, ask};
 use super::posed_query::{AskedQuery, PosedQuery};
 use super::progressive::{Sending, send_and_ask};
+use super::served::Served;
 
 /// Localizes what crossed the network, and compares with the truth; that there is no pose is a result.
 pub fn localize_one(
@@ -28,7 +29,7 @@ pub fn localize_one(
 /// The same of a query that leaves the device in some way, with what was sent for it; where it took several messages, the time
 /// of those before the last is a stage of its own.
 pub(crate) fn localize_sent(
-    map: &MapFile,
+    served: &Served<'_>,
     bytes: &[u8],
     query: &AskedQuery,
     scheme: Scheme,
@@ -36,7 +37,7 @@ pub(crate) fn localize_sent(
     options: &LocalizeOptions,
 ) -> QueryResult {
     let score = options.pose.score.unwrap_or_default();
-    let asked = send_and_ask(map, bytes, map.profile(), sending, options);
+    let asked = send_and_ask(served, bytes, served.whole().profile(), sending, options);
     let mut result = judge(&asked.answer, &query.name, query.truth.as_ref(), scheme, score);
     let exposed = asked.answer.found.as_ref().map_or(0, |found| found.inliers);
     result.sent = Some(SentDocument { sent_rows: asked.rows, sent_bytes: asked.bytes, exposed });

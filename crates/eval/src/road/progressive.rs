@@ -2,11 +2,11 @@
 
 use veiloc_geometry::deviations::position_sd;
 use veiloc_localize::LocalizeOptions;
-use veiloc_map::MapFile;
 use veiloc_query::{Enough, Profile, SealedQuery};
 use veiloc_robust::State;
 
-use super::ask::{Answer, ask};
+use super::ask::Answer;
+use super::served::Served;
 
 /// The answer to a query, and what was sent for it.
 pub(crate) struct Asked {
@@ -33,14 +33,14 @@ pub enum Sending {
 
 /// Sends a sealed query, every message decoded and localized as if it had crossed a network.
 pub(crate) fn send_and_ask(
-    map: &MapFile,
+    served: &Served<'_>,
     bytes: &[u8],
     profile: &Profile,
     sending: Sending,
     options: &LocalizeOptions,
 ) -> Asked {
     let whole = || {
-        let answer = ask(map, bytes, options);
+        let answer = served.ask(bytes, options);
         let rows = SealedQuery::decode(bytes).map_or(0, |query| query.len());
         let was_trusted = answer.state() == State::Trusted;
         Asked { answer, rows, bytes: bytes.len(), before_ms: 0.0, was_trusted }
@@ -55,7 +55,7 @@ pub(crate) fn send_and_ask(
             continue;
         }
         let message = part.encode();
-        let answer = ask(map, &message, options);
+        let answer = served.ask(&message, options);
         let trusted = answer.state() == State::Trusted;
         let sd = answer.found.as_ref().map_or(f64::INFINITY, |found| position_sd(&found.covariance));
         let is_enough = enough.is_met(trusted, sd);

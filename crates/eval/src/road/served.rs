@@ -2,11 +2,14 @@
 
 use tempfile::TempDir;
 use veiloc_features::Progress;
+use veiloc_localize::LocalizeOptions;
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_query::SealedQuery;
-use veiloc_regions::{Folder, FolderWriter, Index, SplitOptions, cut};
+use veiloc_regions::{ASKED, Folder, FolderWriter, Index, SplitOptions, cut, is_better, rounds};
 use veiloc_results::RegionsSummary;
+use veiloc_robust::State;
 
+use super::ask::{Answer, ask};
 use crate::error::EvalError;
 
 /// A map as it is served.
@@ -27,8 +30,8 @@ struct Regions {
 }
 
 impl<'a> Served<'a> {
-    /// As it is, or cut so; a query is then asked in the region that holds most of the `retrieve` images which the whole map
-    /// would give it.
+    /// As it is, or cut so; a query is then asked in regions that hold most of the `retrieve` images which the whole map would
+    /// give it, as a gateway of many machines asks them ([`rounds`]).
     ///
     /// # Errors
     /// [`EvalError`] when it cannot be cut so, or regions cannot be written and opened.
@@ -47,20 +50,38 @@ impl<'a> Served<'a> {
         self.whole
     }
 
-    /// The map that a query is asked in. One that cannot be read is refused by any.
-    pub(crate) fn for_sent(&self, bytes: &[u8]) -> &MapFile {
-        let of_region = || {
-            let regions = self.regions.as_ref()?;
-            let query = SealedQuery::decode(bytes).ok()?;
-            regions.maps.get(regions.index.rank(query.global(), regions.retrieve).first()?.region)
+    /// What is answered to these bytes: of several regions the pose that a gateway would tell, with the times of its region
+    /// alone.
+    pub(crate) fn ask(&self, bytes: &[u8], options: &LocalizeOptions) -> Answer {
+        // Bytes that cannot be read are refused by any map.
+        let (Some(regions), Ok(query)) = (&self.regions, SealedQuery::decode(bytes)) else {
+            return ask(self.whole, bytes, options);
         };
-        of_region().unwrap_or(self.whole)
+        let ranked = regions.index.rank(query.global(), regions.retrieve);
+        let mut best: Option<Answer> = None;
+        for round in rounds(ranked.into_iter().map(|one| (one.region, one.held)), ASKED) {
+            for map in round.into_iter().filter_map(|region| regions.maps.get(region)) {
+                let answer = ask(map, bytes, options);
+                if best.as_ref().is_none_or(|known| is_better(worth(&answer), worth(known))) {
+                    best = Some(answer);
+                }
+            }
+            if best.as_ref().is_some_and(|best| best.state() == State::Trusted) {
+                break;
+            }
+        }
+        best.unwrap_or_else(|| ask(self.whole, bytes, options))
     }
 
     /// Facts about the regions, where there are some.
     pub(crate) fn summary(&self) -> Option<RegionsSummary> {
         self.regions.as_ref().map(|regions| regions.summary.clone())
     }
+}
+
+/// As regions are compared.
+fn worth(answer: &Answer) -> (bool, f64) {
+    (answer.state() == State::Trusted, answer.log_evidence().unwrap_or(f64::NEG_INFINITY))
 }
 
 impl Regions {

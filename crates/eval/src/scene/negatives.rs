@@ -66,10 +66,8 @@ pub(crate) fn localize_negatives(
                 let mut options = evaluation.localize.clone();
                 options.pose.score = Some(*score);
                 let asked = sent.as_ref().ok();
-                let asked = asked.map(|sent| {
-                    let map = served.for_sent(&sent.bytes);
-                    send_and_ask(map, &sent.bytes, profile, evaluation.sending, &options)
-                });
+                let asked = asked
+                    .map(|sent| send_and_ask(served, &sent.bytes, profile, evaluation.sending, &options));
                 // A trusted pose of any step is a false positive, whatever the last one says.
                 result.trusted = asked.as_ref().is_some_and(|asked| asked.was_trusted);
                 if let Some(Ok(found)) = asked.map(|asked| asked.answer.found) {

@@ -41,8 +41,7 @@ pub(super) fn localize_query(
                 Ok(sent) => {
                     let mut localize = evaluation.localize.clone();
                     localize.pose.score = Some(score);
-                    let map = served.for_sent(&sent.bytes);
-                    localize_sent(map, &sent.bytes, query, *scheme, evaluation.sending, &localize)
+                    localize_sent(served, &sent.bytes, query, *scheme, evaluation.sending, &localize)
                 }
                 Err(error) => {
                     let mut unsealed = QueryResult::unsolved(&query.name, *scheme, score).because(error);

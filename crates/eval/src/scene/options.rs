@@ -36,7 +36,7 @@ pub struct SceneEvaluation {
     pub build: BuildOptions,
     /// How many times smaller the map is made than it is built; it stays as it is when none.
     pub compress: Option<f64>,
-    /// How the map is cut into regions, of which each query is asked in one; it stays whole when none.
+    /// How the map is cut into regions, of which each query is asked in up to three, as a gateway asks them; it stays whole when none.
     pub regions: Option<SplitOptions>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,

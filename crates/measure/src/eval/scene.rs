@@ -46,8 +46,8 @@ pub struct Args {
     /// Localize in a map so many times smaller, as `veiloc map compress --ratio` makes it. Default: in the map as it is built.
     #[arg(long, value_name = "TIMES", value_parser = above_one)]
     compress: Option<f64>,
-    /// Cut the map into regions of at most so many images, as `veiloc map split --images` does, and ask each query in the one
-    /// that holds most of what the whole map would retrieve. Default: the map stays whole.
+    /// Cut the map into regions of at most so many images, as `veiloc map split --images` does, and ask each query in up to
+    /// three that hold what the whole map would retrieve, as `veiloc serve --cluster` does. Default: the map stays whole.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     regions: Option<u32>,
     /// Share of a region's images that may be of other regions, as of `veiloc map split`. Default: 0.3.

@@ -1,0 +1,365 @@
+#!/usr/bin/env python3
+"""What a service of many machines costs, from measured constants: machines, memory, network, tail latency; up to 10^8 images and
+10^5 queries a second.
+
+    scripts/scale_model.py                            the table of docs/scale.md
+    scripts/scale_model.py --check MEASURED.json      its predictions beside what scripts/cluster/throughput.py measured
+    scripts/scale_model.py --plot FILE.svg            the table drawn, on log axes
+    scripts/scale_model.py --set pose_ms=25 …         with other constants
+
+Standard library only; equal seeds give equal tables. The model is a simulation by events. A machine has processors and threads
+that localize; a query waits for a thread, first come first served, and busy threads share the processors equally. A query goes
+to the index (one search), then to its regions, then home; messages take `road_ms` each way. Time of a pose is drawn from what
+was measured of single queries (`pose_spread`: factors of the median). A machine fails at random and is away for `away_s`: what
+it was working on is sent to another one after the hedge's pause. What the constants are, and which command printed each, stands
+beside them; assumptions are in docs/scale.md.
+"""
+
+import argparse
+import heapq
+import json
+import math
+import random
+
+CONSTANTS = {
+    # Of one query, on one processor: `throughput.py`'s direct call, and `eval scene --json` (ms of match and pose).
+    "pose_ms": 60.0,
+    # Factors of the median, equally likely.
+    "pose_spread": [0.6, 0.75, 0.9, 1.0, 1.1, 1.3, 1.8],
+    # A search among a million images through the index: `cargo bench -p veiloc-benches --bench search`.
+    "search_ms_at_million": 40.0,
+    # The gateway's work on a query, HTTP and NATS: `throughput.py`.
+    "gateway_ms": 1.0,
+    # From gateway to worker or back, without work: `veiloc_cluster_road_seconds`.
+    "road_ms": 0.5,
+    # Regions that a query is asked in: `veiloc_cluster_regions`.
+    "regions_asked": 1.2,
+    # Each image in so many regions: `veiloc map split`.
+    "held": 1.45,
+    # Bytes an image: of a whole map, and packed at a twentieth (scripts/compress.sh).
+    "bytes_whole": 215_800,
+    "bytes_packed": 10_800,
+    # Of an image in the index: its codes and its signs.
+    "bytes_index": 4096 + 576 + 40,
+    # A sealed query of 1024 rows with the default descriptors (docs/features.md), and an answer.
+    "bytes_query": 39_000,
+    "bytes_answer": 5_000,
+    # Assumed, not measured: a machine, what it is loaded to, its failures, images of one map (a town).
+    "processors": 16,
+    "memory_gb": 64,
+    "load": 0.6,
+    "copies": 2,
+    "failures_a_year": 4.0,
+    "away_s": 120.0,
+    "town_images": 1_000_000,
+}
+
+
+class Machine:
+    """Processors that all busy threads share equally, and a queue before the threads."""
+
+    def __init__(self, processors, threads):
+        self.processors, self.threads = processors, threads
+        self.busy, self.waiting, self.last, self.turn = {}, [], 0.0, 0
+
+    def rate(self):
+        return min(1.0, self.processors / len(self.busy)) if self.busy else 0.0
+
+    def advance(self, now):
+        done = (now - self.last) * self.rate()
+        for job in self.busy:
+            self.busy[job] -= done
+        self.last = now
+
+    def add(self, now, job, work, unlimited=False):
+        self.advance(now)
+        if unlimited or sum(1 for other in self.busy if not other[1]) < self.threads:
+            self.busy[(job, unlimited)] = work
+        else:
+            self.waiting.append((job, work))
+        self.turn += 1
+
+    def next_end(self):
+        return self.last + max(0.0, min(self.busy.values())) / self.rate() if self.busy else math.inf
+
+    def take(self, now):
+        """The job that ends now."""
+        self.advance(now)
+        key = min(self.busy, key=self.busy.get)
+        del self.busy[key]
+        if not key[1] and self.waiting:
+            job, work = self.waiting.pop(0)
+            self.busy[(job, False)] = work
+        self.turn += 1
+        return key[0]
+
+    def load(self):
+        return len(self.busy) + len(self.waiting)
+
+
+class Town:
+    """One map's machines, asked by a stream of queries or by clients who each wait for their answer."""
+
+    def __init__(self, constants, seed):
+        self.c, self.random = constants, random.Random(seed)
+        self.events, self.count, self.now = [], 0, 0.0
+        self.times = []
+
+    def at(self, when, what, *of):
+        self.count += 1
+        heapq.heappush(self.events, (when, self.count, what, of))
+
+    def watch(self, machine):
+        """Looks again when its next job should end, if nothing else happened to it before."""
+        if machine.busy:
+            self.at(machine.next_end(), "ends", machine, machine.turn)
+
+    def give(self, machine, job, work, unlimited=False):
+        machine.add(self.now, job, work, unlimited)
+        self.watch(machine)
+
+    def pose_work(self):
+        return self.c["pose_ms"] * self.random.choice(self.c["pose_spread"])
+
+    def regions(self):
+        """How many: 1, and another one as often as it takes for the mean."""
+        more = self.c["regions_asked"] - 1.0
+        return 1 + int(more) + (self.random.random() < more % 1)
+
+    def run(self, until, step):
+        while self.events and self.events[0][0] <= until:
+            self.now, _, what, of = heapq.heappop(self.events)
+            if what == "ends":
+                machine, turn = of
+                if machine.turn == turn:
+                    job = machine.take(self.now)
+                    self.watch(machine)
+                    step(job, "worked")
+            else:
+                step(of[0], what)
+
+
+def on_one_machine(constants, workers, clients, seconds, seed=1):
+    """A cluster on loopback, as throughput.py has it: everything shares the machine's processors, each worker has one thread."""
+    c = constants
+    town = Town(c, seed)
+    host = Machine(c["processors"], 10**9)
+    free, line = [workers], []
+
+    def start(job):
+        job.update(begun=town.now, stage="in", left=town.regions())
+        town.give(host, job["id"], c["gateway_ms"] / 2, True)
+
+    def pose(job):
+        job["stage"] = "pose"
+        if free[0]:
+            free[0] -= 1
+            town.give(host, job["id"], town.pose_work(), True)
+        else:
+            line.append(job)
+
+    def step(number, what):
+        job = jobs[number]
+        if what == "home":
+            if town.now > 2000.0:
+                town.times.append(town.now - job["begun"])
+            start(job)
+        elif what == "arrived":
+            pose(job)
+        elif job["stage"] == "in":
+            town.at(town.now + 4 * c["road_ms"], "arrived", number)
+        elif job["stage"] == "pose":
+            free[0] += 1
+            if line:
+                free[0] -= 1
+                waiting = line.pop(0)
+                town.give(host, waiting["id"], town.pose_work(), True)
+            job["left"] -= 1
+            if job["left"]:
+                pose(job)
+            else:
+                job["stage"] = "out"
+                town.give(host, number, c["gateway_ms"] / 2, True)
+        else:
+            town.at(town.now, "home", number)
+
+    jobs = [{"id": i} for i in range(clients)]
+    for job in jobs:
+        start(job)
+    town.run(2000.0 + 1000.0 * seconds, step)
+    return len(town.times) / seconds, sorted(town.times)
+
+
+def of_town(constants, images, rate, machines, seconds=20.0, seed=1):
+    """Times of answers, milliseconds, of one map on so many machines that each hold any region with `copies` of each."""
+    c = constants
+    town = Town(c, seed)
+    all_machines = [Machine(c["processors"], c["processors"]) for _ in range(machines)]
+    search = search_ms(c, images)
+    jobs, away = {}, set()
+
+    def pick():
+        """One of a region's copies, the less loaded as a bus that takes turns and refuses nearly has it."""
+        some = [m for m in town.random.sample(range(machines), min(machines, c["copies"])) if m not in away] or [
+            m for m in range(machines) if m not in away] or [0]
+        return all_machines[town.random.choice(some)]
+
+    def arrive():
+        town.at(town.now + town.random.expovariate(rate / 1000.0), "query", None)
+
+    def step(number, what):
+        if what == "query":
+            number = town.count
+            jobs[number] = {"begun": town.now, "stage": "search", "left": town.regions()}
+            town.at(town.now + c["gateway_ms"] + c["road_ms"], "arrived", number)
+            arrive()
+        elif what == "fails":
+            machine = town.random.randrange(machines)
+            away.add(machine)
+            broken, lost = all_machines[machine], []
+            lost = [job for job, _ in broken.busy] + [job for job, _ in broken.waiting]
+            broken.busy, broken.waiting, broken.turn = {}, [], broken.turn + 1
+            for job in lost:
+                # As long as 19 of 20 take, half as much again: then the same bytes go to another copy.
+                town.at(town.now + 1.5 * 1.8 * c["pose_ms"], "arrived", job)
+            town.at(town.now + 1000.0 * c["away_s"], "back", machine)
+            town.at(town.now + town.random.expovariate(1.0 / mean_between), "fails", None)
+        elif what == "back":
+            away.discard(number)
+        elif what == "arrived":
+            job = jobs[number]
+            town.give(pick(), number, search if job["stage"] == "search" else town.pose_work())
+        else:
+            job = jobs[number]
+            if job["stage"] == "search":
+                job["stage"] = "pose"
+            else:
+                job["left"] -= 1
+            if job["left"]:
+                town.at(town.now + 2 * c["road_ms"], "arrived", number)
+            else:
+                if town.now > 2000.0:
+                    town.times.append(town.now + c["road_ms"] - job["begun"])
+                del jobs[number]
+
+    mean_between = 365 * 86_400_000.0 / (c["failures_a_year"] * machines)
+    town.at(town.random.expovariate(1.0 / mean_between), "fails", None)
+    # One failure is seen in any case: a year has many, twenty seconds mostly none.
+    town.at(1000.0 * seconds / 2, "fails", None)
+    arrive()
+    town.run(1000.0 * seconds, step)
+    return sorted(town.times)
+
+
+def search_ms(c, images):
+    """The first look reads all images, and is nearly all of a search."""
+    return c["search_ms_at_million"] * images / 1e6
+
+
+def machines_of(c, images, rate, bytes_an_image):
+    """Machines of one map: for what must be in memory, and for the work."""
+    memory = images * (bytes_an_image * c["held"] + c["bytes_index"]) * c["copies"]
+    work = rate * (c["pose_ms"] * c["regions_asked"] * mean(c["pose_spread"]) + search_ms(c, images)) / 1000.0
+    by_memory = memory / (c["memory_gb"] * 1e9)
+    by_work = work / (c["processors"] * c["load"])
+    return max(c["copies"], math.ceil(max(by_memory, by_work))), by_memory, by_work
+
+
+def mean(values):
+    return sum(values) / len(values)
+
+
+def percentile(times, share):
+    return times[min(len(times) - 1, int(share * len(times)))] if times else float("nan")
+
+
+def rows(c, seed):
+    """Of each size and rate: what it takes."""
+    for images in (10**4, 10**5, 10**6, 10**7, 10**8):
+        for rate in (10, 1000, 100_000):
+            towns = max(1, math.ceil(images / c["town_images"]))
+            own_images, own_rate = images / towns, rate / towns
+            for kind in ("whole", "packed"):
+                machines, by_memory, by_work = machines_of(c, own_images, own_rate, c[f"bytes_{kind}"])
+                # A large town is simulated by a part of it with as many queries a machine.
+                simulated = min(machines, 24)
+                times = of_town(c, own_images, own_rate * simulated / machines, simulated, min(40.0, max(4.0, 40_000 * machines / simulated / own_rate / 40)), seed)
+                yield {
+                    "images": images, "rate": rate, "map": kind, "maps": towns, "machines": machines * towns,
+                    "limited_by": "memory" if by_memory > by_work else "work" if by_work > c["copies"] else "copies",
+                    "memory_tb": images * (c[f"bytes_{kind}"] * c["held"] + c["bytes_index"]) * c["copies"] / 1e12,
+                    "gigabits": 8 * rate * (c["bytes_query"] * (1 + c["regions_asked"]) + c["bytes_answer"]) / 1e9,
+                    "p50": percentile(times, 0.5), "p99": percentile(times, 0.99), "simulated": len(times),
+                    "failures_a_day": machines * towns * c["failures_a_year"] / 365,
+                }
+
+
+def table(c, seed):
+    print("| images | queries/s | map | maps | machines | limited by | memory, TB | network, Gbit/s | p50, ms | p99, ms | failures a day |")
+    print("|--:|--:|---|--:|--:|---|--:|--:|--:|--:|--:|")
+    for row in rows(c, seed):
+        print(f"| 10^{round(math.log10(row['images']))} | {row['rate']} | {row['map']} | {row['maps']} | {row['machines']} | {row['limited_by']} "
+              f"| {row['memory_tb']:.3g} | {row['gigabits']:.3g} | {row['p50']:.0f} | {row['p99']:.0f} | {row['failures_a_day']:.2g} |")
+
+
+def check(c, measured):
+    """Beside what was measured of it and not fitted to."""
+    c = dict(c, **measured["constants"])
+    print("| workers | clients | answers/s measured | predicted | median, ms, measured | predicted |")
+    print("|--:|--:|--:|--:|--:|--:|")
+    for point in measured["points"]:
+        rate, times = on_one_machine(c, point["workers"], point["clients"], 60.0)
+        print(f"| {point['workers']} | {point['clients']} | {point['rate']:.1f} | {rate:.1f} | {point['median_ms']:.0f} | {percentile(times, 0.5):.0f} |")
+
+
+def plot(c, seed, path):
+    """Machines against images, a line for each rate and map, on log axes."""
+    lines = {}
+    for row in rows(c, seed):
+        lines.setdefault((row["rate"], row["map"]), []).append((row["images"], row["machines"]))
+    width, height, left, bottom = 640, 400, 70, 350
+    x = lambda images: left + (math.log10(images) - 4) / 4 * 420  # noqa: E731
+    y = lambda machines: bottom - math.log10(machines) / 5 * 320  # noqa: E731
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">',
+           '<rect width="100%" height="100%" fill="#fff"/>']
+    for power in range(4, 9):
+        out.append(f'<text x="{x(10**power)}" y="{bottom + 18}" text-anchor="middle">10^{power}</text>')
+    for power in range(6):
+        out.append(f'<path d="M{left} {y(10**power)}H{x(1e8)}" stroke="#ddd"/><text x="{left - 8}" y="{y(10**power) + 4}" text-anchor="end">{10**power}</text>')
+    out.append(f'<text x="{x(1e6)}" y="{height - 10}" text-anchor="middle">images</text>'
+               f'<text x="16" y="{y(300)}" transform="rotate(-90 16 {y(300)})" text-anchor="middle">machines</text>')
+    colours = {10: "#1b6ca8", 1000: "#c46210", 100_000: "#5b2a86"}
+    for n, ((rate, kind), points) in enumerate(lines.items()):
+        path_of = "L".join(f"{x(images):.1f} {y(machines):.1f}" for images, machines in points)
+        dash = "" if kind == "whole" else ' stroke-dasharray="5 4"'
+        out.append(f'<path d="M{path_of}" fill="none" stroke="{colours[rate]}" stroke-width="2"{dash}/>')
+        out.append(f'<path d="M505 {60 + 18 * n}h26" stroke="{colours[rate]}" stroke-width="2"{dash}/>'
+                   f'<text x="536" y="{64 + 18 * n}">{rate}/s, {kind}</text>')
+    with open(path, "w") as file:
+        file.write("\n".join(out + ["</svg>", ""]))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", metavar="MEASURED.json")
+    parser.add_argument("--plot", metavar="FILE.svg")
+    parser.add_argument("--set", nargs="*", default=[], metavar="NAME=NUMBER")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    constants = dict(CONSTANTS)
+    for item in given.set:
+        name, _, number = item.partition("=")
+        if name not in constants or name == "pose_spread":
+            parser.error(f"no constant {name!r}; there are {', '.join(n for n in constants if n != 'pose_spread')}")
+        constants[name] = float(number) if "." in number else int(number)
+    if given.check:
+        with open(given.check) as file:
+            check(constants, json.load(file))
+    elif given.plot:
+        plot(constants, given.seed, given.plot)
+    else:
+        table(constants, given.seed)
+
+
+if __name__ == "__main__":
+    main()
