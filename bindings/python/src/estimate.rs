@@ -18,7 +18,7 @@ use crate::camera::{camera_of, undistorted};
 use crate::errors::{Fault, Result};
 use crate::options::pose_options;
 use crate::pose::CameraPose;
-use crate::waiting::released;
+use crate::waiting::released_at_once;
 
 /// A pose and what is known of it.
 type Estimated<'py> = (CameraPose, Bound<'py, PyDict>);
@@ -251,7 +251,8 @@ fn estimate<'py>(
         veiloc_query::FocalKnowledge::Exif => FocalKnowledge::Exif,
         veiloc_query::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
     };
-    let found = released(py, &options.stop, || {
+    let stop = options.stop.clone();
+    let found = released_at_once(py, &stop, move || {
         estimate_pose(&problem, &options, &mut ChaCha8Rng::seed_from_u64(seed))
     })??;
     Ok((found.cam_from_world.into(), info(py, &found)?))

@@ -20,6 +20,7 @@ mod colmap;
 mod device;
 mod errors;
 mod estimate;
+mod hands;
 mod images;
 mod map;
 mod options;

@@ -3,8 +3,8 @@
 //! The work runs on a thread of its own while the caller's waits, because Python hears signals on its main thread alone.
 
 use std::any::Any;
-use std::panic::resume_unwind;
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -13,6 +13,7 @@ use veiloc_features::Progress;
 use veiloc_robust::Stop;
 
 use crate::errors::{Fault, Result};
+use crate::hands::on_another_thread;
 
 /// How often a waiting call listens for Ctrl-C.
 const LISTEN: Duration = Duration::from_millis(50);
@@ -27,17 +28,44 @@ struct Stopped;
 /// # Errors
 /// `KeyboardInterrupt`, or what another handler of a signal raised.
 pub(crate) fn released<T: Send>(py: Python<'_>, stop: &Stop, work: impl FnOnce() -> T + Send) -> Result<T> {
-    let (interrupt, done) = py.detach(|| {
+    let done = py.detach(|| {
         std::thread::scope(|scope| {
             let (tell, hear) = channel();
-            let worker = scope.spawn(move || {
-                let value = work();
-                // Nobody listens any more only when this thread is joined.
-                let _ = tell.send(());
-                value
-            });
-            let mut interrupt = None;
-            while let Err(RecvTimeoutError::Timeout) = hear.recv_timeout(LISTEN) {
+            scope.spawn(move || tell.send(catch_unwind(AssertUnwindSafe(work))));
+            wait(hear, stop)
+        })
+    });
+    outcome(done)
+}
+
+/// The same of work that takes little: on a thread that waits for it, as nothing is borrowed.
+///
+/// # Errors
+/// As [`released`].
+pub(crate) fn released_at_once<T: Send + 'static>(
+    py: Python<'_>,
+    stop: &Stop,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T> {
+    let (tell, hear) = channel();
+    let work = AssertUnwindSafe(work);
+    on_another_thread(move || {
+        // Whoever asked waits until it is told.
+        let _ = tell.send(catch_unwind(work));
+    });
+    outcome(py.detach(move || wait(hear, stop)))
+}
+
+type Done<T> = std::thread::Result<T>;
+
+/// Waits for a work to end, listening for Ctrl-C: what a handler raised, and what came of the work.
+fn wait<T>(hear: Receiver<Done<T>>, stop: &Stop) -> (Option<PyErr>, Done<T>) {
+    let mut interrupt = None;
+    loop {
+        match hear.recv_timeout(LISTEN) {
+            Ok(done) => return (interrupt, done),
+            Err(RecvTimeoutError::Disconnected) => return (interrupt, Err(Box::new("the work is gone"))),
+            Err(RecvTimeoutError::Timeout) => {
                 if interrupt.is_none()
                     && let Err(raised) = Python::attach(|py| py.check_signals())
                 {
@@ -45,10 +73,12 @@ pub(crate) fn released<T: Send>(py: Python<'_>, stop: &Stop, work: impl FnOnce()
                     interrupt = Some(raised);
                 }
             }
-            (interrupt, worker.join())
-        })
-    });
-    match (interrupt, done) {
+        }
+    }
+}
+
+fn outcome<T>(done: (Option<PyErr>, Done<T>)) -> Result<T> {
+    match done {
         (Some(raised), _) => Err(raised.into()),
         (None, Ok(value)) => Ok(value),
         (None, Err(payload)) => Err(ended(payload)),

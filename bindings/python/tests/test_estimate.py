@@ -1,5 +1,7 @@
 """Robust estimation: the pose that PoseLib, pycolmap and OpenCV find, from points and from lines; arguments and options."""
 
+import multiprocessing
+
 import numpy as np
 import pytest
 
@@ -216,3 +218,21 @@ def test_poses_speak_poselibs_language():
     for wrong in [{"q": [0, 0, 0, 0]}, {"R": np.zeros((3, 3))}, {"q": [1, 0, 0, 0], "R": np.eye(3)}, {"q": [1, 2]}]:
         with pytest.raises(veiloc.InputError):
             veiloc.CameraPose(**wrong)
+
+
+def pose_of(seed):
+    p = Problem(seed)
+    return veiloc.estimate_absolute_pose(p.points2d, p.points3d, p.camera)[0]
+
+
+def test_a_forked_process_estimates_too():
+    """Threads of the parent are not the child's: a call of the child must not wait for one of them."""
+    expected = [np.concatenate([p.q, p.t]) for p in map(pose_of, range(4))]
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        found = pool.map_async(numbers_of_pose, range(4)).get(timeout=60)
+    assert (np.array(found) == expected).all()
+
+
+def numbers_of_pose(seed):
+    pose = pose_of(seed)
+    return np.concatenate([pose.q, pose.t])

@@ -79,7 +79,7 @@ pub fn evaluate_search(
         };
         let all = images.par_iter().map(of_image).collect::<Result<Vec<_>, _>>();
         progress.finish();
-        all.map_err(|e| RetrievalError::Extract(e))
+        all.map_err(RetrievalError::Extract)
     };
     let queries = globals("Looking at queries", &evaluation.queries)?;
     let others = globals("Looking at other images", &evaluation.others)?;

@@ -9,5 +9,5 @@ pub(crate) enum Content {
     /// A region, which gives poses.
     Region(Box<MapFile>),
     /// An index, which says which regions to ask.
-    Index(Index),
+    Index(Box<Index>),
 }
