@@ -8,6 +8,9 @@ use veiloc_page::Page;
 use crate::exit::Failure;
 
 /// Reads the page of a folder, or where it is found, and tells it what there is to show.
+///
+/// # Errors
+/// [`Failure`] when there is no page, or its files cannot be read.
 pub fn page(folder: Option<&PathBuf>, about: &About) -> Result<Page, Failure> {
     let found = match folder {
         Some(folder) => folder.clone(),

@@ -231,6 +231,9 @@ impl FromStr for NamedFrame {
 }
 
 /// Serves what command line, environment and file say together.
+///
+/// # Errors
+/// [`Failure`], for the caller to tell.
 pub fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
     settled("serve", first, ui, serve)
 }

@@ -81,6 +81,9 @@ pub struct Args {
 }
 
 /// Works as command line, environment and file say together.
+///
+/// # Errors
+/// [`Failure`], for the caller to tell.
 pub fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
     settled("worker", first, ui, |args: &Args, ui| {
         let voice = Voice::start(&args.log, ui.is_quiet())?;

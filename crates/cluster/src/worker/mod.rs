@@ -278,7 +278,7 @@ impl Worker {
             // Large files: not where messages are served.
             let opened = tokio::task::spawn_blocking(move || match number {
                 Some(number) => folder.open_region(number, memory).map(|map| Content::Region(Box::new(map))),
-                None => folder.open_index(memory).map(Content::Index),
+                None => folder.open_index(memory).map(|index| Content::Index(Box::new(index))),
             });
             let content = match opened.await {
                 Ok(content) => content?,
