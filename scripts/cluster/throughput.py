@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How many queries a second a cluster answers with 1, 2 and 4 workers, and what its road costs beside the direct call.
 
-    VEILOC_DATA=../shared/data scripts/cluster/throughput.py [--veiloc PROGRAM] [--seconds 15] [--workers 1 2 4]
+    VEILOC_DATA=../shared/data scripts/cluster/throughput.py [--veiloc PROGRAM] [--seconds 15] [--workers 1 2 4] [--json FILE]
 
 *Road*: one client, one query after the other, through HTTP, gateway and NATS to one worker, against the same queries to
 `veiloc serve` with the whole map and with the region's map in memory. *Throughput*: as many clients as keep all workers busy;
@@ -10,6 +10,7 @@
 workers share the machine's cores: with more workers than cores the answers a second cannot grow.
 """
 
+import json
 import os
 import pathlib
 import statistics
@@ -41,6 +42,7 @@ def main():
     parser = arguments(__doc__)
     parser.add_argument("--rendered", action="store_true", help="the demo's rendered place, which needs no data")
     parser.add_argument("--seconds", type=float, default=15.0, help="of each row")
+    parser.add_argument("--json", metavar="FILE", help="also write the points for scripts/scale_model.py --check")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4])
     given = parser.parse_args()
     town = place(given)
@@ -64,6 +66,7 @@ def main():
     cluster.stop()
 
     header("workers", "answers a second", "busy threads", "answers a busy second", "share of all processors", "regions a query")
+    points = []
     for workers in given.workers:
         cluster = Cluster(town, town.map, workers=workers, images=town.images)
         clients = Clients(cluster.port, town.queries, 2 * workers + 2)
@@ -77,6 +80,10 @@ def main():
         row(workers, f"{done / (end - begin):.1f}", f"{took / (end - begin):.2f}", f"{done / took:.1f}",
             f"{took / (end - begin) / os.cpu_count():.2f}", f"{histogram_mean(text, 'veiloc_cluster_regions'):.2f}")
         cluster.stop()
+        points.append({"workers": workers, "clients": 2 * workers + 2, "rate": round(done / (end - begin), 1)})
+    if given.json:
+        measured = {"constants": {"processors": os.cpu_count()}, "points": points}
+        pathlib.Path(given.json).write_text(json.dumps(measured) + "\n")
 
 
 if __name__ == "__main__":
