@@ -71,10 +71,10 @@ class Machine:
             self.busy[job] -= done
         self.last = now
 
-    def add(self, now, job, work, unlimited=False):
+    def add(self, now, job, work):
         self.advance(now)
-        if unlimited or sum(1 for other in self.busy if not other[1]) < self.threads:
-            self.busy[(job, unlimited)] = work
+        if len(self.busy) < self.threads:
+            self.busy[job] = work
         else:
             self.waiting.append((job, work))
         self.turn += 1
@@ -85,16 +85,13 @@ class Machine:
     def take(self, now):
         """The job that ends now."""
         self.advance(now)
-        key = min(self.busy, key=self.busy.get)
-        del self.busy[key]
-        if not key[1] and self.waiting:
+        ended = min(self.busy, key=self.busy.get)
+        del self.busy[ended]
+        if self.waiting:
             job, work = self.waiting.pop(0)
-            self.busy[(job, False)] = work
+            self.busy[job] = work
         self.turn += 1
-        return key[0]
-
-    def load(self):
-        return len(self.busy) + len(self.waiting)
+        return ended
 
 
 class Town:
@@ -114,8 +111,8 @@ class Town:
         if machine.busy:
             self.at(machine.next_end(), "ends", machine, machine.turn)
 
-    def give(self, machine, job, work, unlimited=False):
-        machine.add(self.now, job, work, unlimited)
+    def give(self, machine, job, work):
+        machine.add(self.now, job, work)
         self.watch(machine)
 
     def pose_work(self):
@@ -143,18 +140,18 @@ def on_one_machine(constants, workers, clients, seconds, seed=1):
     """A cluster on loopback, as throughput.py has it: everything shares the machine's processors, each worker has one thread."""
     c = constants
     town = Town(c, seed)
-    host = Machine(c["processors"], 10**9)
+    host = Machine(c["processors"], math.inf)
     free, line = [workers], []
 
     def start(job):
         job.update(begun=town.now, stage="in", left=town.regions())
-        town.give(host, job["id"], c["gateway_ms"] / 2, True)
+        town.give(host, job["id"], c["gateway_ms"] / 2)
 
     def pose(job):
         job["stage"] = "pose"
         if free[0]:
             free[0] -= 1
-            town.give(host, job["id"], town.pose_work(), True)
+            town.give(host, job["id"], town.pose_work())
         else:
             line.append(job)
 
@@ -173,13 +170,13 @@ def on_one_machine(constants, workers, clients, seconds, seed=1):
             if line:
                 free[0] -= 1
                 waiting = line.pop(0)
-                town.give(host, waiting["id"], town.pose_work(), True)
+                town.give(host, waiting["id"], town.pose_work())
             job["left"] -= 1
             if job["left"]:
                 pose(job)
             else:
                 job["stage"] = "out"
-                town.give(host, number, c["gateway_ms"] / 2, True)
+                town.give(host, number, c["gateway_ms"] / 2)
         else:
             town.at(town.now, "home", number)
 
@@ -216,8 +213,8 @@ def of_town(constants, images, rate, machines, seconds=20.0, seed=1):
         elif what == "fails":
             machine = town.random.randrange(machines)
             away.add(machine)
-            broken, lost = all_machines[machine], []
-            lost = [job for job, _ in broken.busy] + [job for job, _ in broken.waiting]
+            broken = all_machines[machine]
+            lost = [*broken.busy, *(job for job, _ in broken.waiting)]
             broken.busy, broken.waiting, broken.turn = {}, [], broken.turn + 1
             for job in lost:
                 # As long as 19 of 20 take, half as much again: then the same bytes go to another copy.

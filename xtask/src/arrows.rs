@@ -197,7 +197,6 @@ const ARROWS: &[(&str, &[&str])] = &[
             "eval",
             "features",
             "geometry",
-            "localize",
             "map",
             "mapping",
             "obfuscation",

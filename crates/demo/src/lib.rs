@@ -16,13 +16,10 @@ mod views;
 use std::path::PathBuf;
 
 use serde::Serialize;
-use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_posed;
-use veiloc_mapping::BuildOptions;
 
 use veiloc_audit::AttackDocument;
-use veiloc_eval::road::Sending;
 use veiloc_eval::{SceneEvaluation, evaluate_scene};
 use veiloc_features::Progress;
 use veiloc_results::Evaluation;
@@ -58,30 +55,19 @@ pub struct Demo {
 pub fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result<Demo, DemoError> {
     let place = place::render(options, progress)?;
     let evaluation = SceneEvaluation {
-        posed: read_posed(&place.posed)?,
-        images: place.images.clone(),
-        map_list: place.map_list.clone(),
-        query_list: place.query_list.clone(),
-        query_cameras: std::collections::BTreeMap::new(),
-        unposed: Vec::new(),
         keep_map: Some(options.out.join("place.vmap")),
-        build: BuildOptions::default(),
-        compress: None,
-        regions: None,
         schemes: options.schemes.clone(),
-        scores: Vec::new(),
         thresholds: vec![
             Threshold { translation: 0.05, rotation_deg: 5.0 },
             Threshold { translation: 0.02, rotation_deg: 1.0 },
         ],
-        localize: LocalizeOptions::default(),
-        gravity_sd_deg: None,
-        masks: None,
-        sending: Sending::Whole,
-        negatives: None,
         seed: options.seed,
-        work: None,
-        jobs: 1,
+        ..SceneEvaluation::of_place(
+            read_posed(&place.posed)?,
+            place.images.clone(),
+            place.map_list.clone(),
+            place.query_list.clone(),
+        )
     };
     let result = evaluate_scene(&evaluation, progress)?;
     let map = MapFile::open(&options.out.join("place.vmap"))?;

@@ -3,11 +3,8 @@
 
 use std::path::Path;
 
-use veiloc_eval::road::Sending;
 use veiloc_eval::{SceneEvaluation, evaluate_scene};
-use veiloc_localize::LocalizeOptions;
 use veiloc_map::colmap::read_posed;
-use veiloc_mapping::BuildOptions;
 use veiloc_regions::SplitOptions;
 use veiloc_results::Evaluation;
 use veiloc_testdata::real_data_test;
@@ -20,27 +17,17 @@ fn names(list: &Path) -> Vec<String> {
 fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluation {
     let folder = data.join("redkitchen");
     let evaluation = SceneEvaluation {
-        posed: read_posed(&folder.join("posed")).expect("poses of the data"),
-        images: folder.join("images"),
-        map_list: names(&folder.join("map.txt")),
-        query_list: names(&folder.join("query.txt")),
-        query_cameras: std::collections::BTreeMap::new(),
-        unposed: Vec::new(),
-        keep_map: None,
-        build: BuildOptions::default(),
-        compress: None,
         regions,
         schemes: ["points", "dcl"].map(|scheme| scheme.parse().expect("a scheme")).to_vec(),
-        scores: Vec::new(),
         thresholds: ["0.02/2", "0.05/5"].map(|t| t.parse().expect("a threshold")).to_vec(),
-        localize: LocalizeOptions::default(),
-        gravity_sd_deg: None,
-        masks: None,
-        sending: Sending::Whole,
-        negatives: None,
-        seed: 0,
         work: Some(work.to_owned()),
         jobs: 2,
+        ..SceneEvaluation::of_place(
+            read_posed(&folder.join("posed")).expect("poses of the data"),
+            folder.join("images"),
+            names(&folder.join("map.txt")),
+            names(&folder.join("query.txt")),
+        )
     };
     evaluate_scene(&evaluation, &()).expect("evaluated")
 }

@@ -2,11 +2,8 @@
 
 use std::path::Path;
 
-use veiloc_eval::road::Sending;
 use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
-use veiloc_localize::LocalizeOptions;
 use veiloc_map::colmap::read_posed;
-use veiloc_mapping::BuildOptions;
 use veiloc_poses::{PoseEvaluation, Recipe, evaluate_poses};
 use veiloc_query::Scheme;
 use veiloc_results::Hypotheses;
@@ -23,27 +20,14 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
     // Every n-th image keeps the test short; the full figures are those of docs/results.md.
     let thin = |list: &str| names(&folder.join(list)).into_iter().step_by(every).collect();
     SceneEvaluation {
-        posed: read_posed(&folder.join("posed")).expect("poses of the data"),
-        images: folder.join("images"),
-        map_list: thin("map.txt"),
-        query_list: names(&folder.join("query.txt")).into_iter().step_by(3).collect(),
-        query_cameras: std::collections::BTreeMap::new(),
-        unposed: Vec::new(),
-        keep_map: None,
-        build: BuildOptions::default(),
-        compress: None,
-        regions: None,
         schemes: schemes.iter().map(|s| s.parse().expect("a scheme")).collect(),
-        scores: Vec::new(),
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
-        localize: LocalizeOptions::default(),
-        gravity_sd_deg: None,
-        masks: None,
-        sending: Sending::Whole,
-        negatives: None,
-        seed: 0,
-        work: None,
-        jobs: 1,
+        ..SceneEvaluation::of_place(
+            read_posed(&folder.join("posed")).expect("poses of the data"),
+            folder.join("images"),
+            thin("map.txt"),
+            names(&folder.join("query.txt")).into_iter().step_by(3).collect(),
+        )
     }
 }
 

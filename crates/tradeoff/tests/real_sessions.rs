@@ -3,10 +3,7 @@
 use std::path::Path;
 
 use veiloc_eval::SceneEvaluation;
-use veiloc_eval::road::Sending;
-use veiloc_localize::LocalizeOptions;
 use veiloc_map::colmap::read_posed;
-use veiloc_mapping::BuildOptions;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_query::Scheme;
 use veiloc_testdata::real_data_test;
@@ -20,27 +17,13 @@ fn names(list: &Path, every: usize) -> Vec<String> {
 fn kitchen(data: &Path) -> SessionsEvaluation {
     let folder = data.join("redkitchen");
     let place = SceneEvaluation {
-        posed: read_posed(&folder.join("posed")).expect("poses of the data"),
-        images: folder.join("images"),
-        map_list: names(&folder.join("map.txt"), 2),
-        query_list: names(&folder.join("query.txt"), 1).into_iter().take(6).collect(),
-        query_cameras: std::collections::BTreeMap::new(),
-        unposed: Vec::new(),
-        keep_map: None,
-        build: BuildOptions::default(),
-        compress: None,
-        regions: None,
-        schemes: vec![Scheme::default()],
-        scores: Vec::new(),
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
-        localize: LocalizeOptions::default(),
-        gravity_sd_deg: None,
-        masks: None,
-        sending: Sending::Whole,
-        negatives: None,
-        seed: 0,
-        work: None,
-        jobs: 1,
+        ..SceneEvaluation::of_place(
+            read_posed(&folder.join("posed")).expect("poses of the data"),
+            folder.join("images"),
+            names(&folder.join("map.txt"), 2),
+            names(&folder.join("query.txt"), 1).into_iter().take(6).collect(),
+        )
     };
     SessionsEvaluation {
         place,

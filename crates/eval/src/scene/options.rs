@@ -65,6 +65,39 @@ pub struct SceneEvaluation {
 }
 
 impl SceneEvaluation {
+    /// The default scheme on a place: images in `images`, of which some make the map and others ask; every other field as
+    /// where nothing is asked for, without thresholds.
+    pub fn of_place(
+        posed: PosedImages,
+        images: PathBuf,
+        map_list: Vec<String>,
+        query_list: Vec<String>,
+    ) -> Self {
+        Self {
+            posed,
+            images,
+            map_list,
+            query_list,
+            query_cameras: BTreeMap::new(),
+            unposed: Vec::new(),
+            keep_map: None,
+            build: BuildOptions::default(),
+            compress: None,
+            regions: None,
+            schemes: vec![Scheme::default()],
+            scores: Vec::new(),
+            thresholds: Vec::new(),
+            localize: LocalizeOptions::default(),
+            gravity_sd_deg: None,
+            masks: None,
+            sending: Sending::Whole,
+            negatives: None,
+            seed: 0,
+            work: None,
+            jobs: 1,
+        }
+    }
+
     /// Where the mask of a query is, when queries have masks.
     pub(super) fn mask_of(&self, name: &str) -> Option<PathBuf> {
         self.masks.as_deref().map(|folder| mask_in(folder, Path::new(name)))

@@ -80,28 +80,22 @@ impl SceneArgs {
     pub(super) fn evaluation(&self) -> Result<SceneEvaluation, Failure> {
         // What a device knows of its lens may be better than the model, so the list's cameras are used where there are any.
         let queries = lists::read_with_cameras(&self.place.query_list)?;
+        let names = queries.iter().map(|query| query.name.clone()).collect();
         Ok(SceneEvaluation {
-            posed: read_posed(&self.place.posed)?,
-            images: self.place.images.clone(),
-            map_list: lists::read_list(&self.place.map_list)?,
-            query_list: queries.iter().map(|q| q.name.clone()).collect(),
             query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
-            unposed: Vec::new(),
             keep_map: self.keep_map.clone(),
             build: self.extraction.options()?,
-            compress: None,
-            regions: None,
             schemes: self.report.schemes.clone(),
             scores: self.report.scores(&self.pose.engine),
             thresholds: self.report.thresholds.clone(),
             localize: self.matching.options(&self.pose),
-            gravity_sd_deg: None,
-            masks: None,
-            sending: Sending::Whole,
-            negatives: None,
             seed: self.pose.run.seed,
-            work: None,
-            jobs: 1,
+            ..SceneEvaluation::of_place(
+                read_posed(&self.place.posed)?,
+                self.place.images.clone(),
+                lists::read_list(&self.place.map_list)?,
+                names,
+            )
         })
     }
 }

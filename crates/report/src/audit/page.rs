@@ -40,7 +40,7 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
     if inputs.is_none_or(|p| p.photographs.iter().all(Option::is_none)) {
         out.push_str(
             "<section><h2>The paper's Fig. 6</h2><p>It shows images that trained networks draw from recovered keypoints. \
-             <code>veiloc eval inversion</code> makes such images and their scores, and a report of its own. Given photographs, this \
+             <code>veiloc eval inversion</code> makes such images and their scores, and a report of its own. Given images, this \
              report shows in their place what the recovered positions are worth.</p></section>",
         );
     }

@@ -1,13 +1,11 @@
 //! A data set of one's own: a reader that fills posed images.
 
-use std::collections::BTreeMap;
 use std::error::Error;
 use std::fmt::Write as _;
 use std::path::Path;
 
 use veiloc::geometry::{CameraFromWorld, Intrinsics};
-use veiloc::server::{BuildOptions, LocalizeOptions, PosedImage, PosedImages};
-use veiloc_eval::road::Sending;
+use veiloc::server::{PosedImage, PosedImages};
 use veiloc_eval::{SceneEvaluation, evaluate_scene};
 
 use crate::rendered;
@@ -50,27 +48,14 @@ fn a_place_of_another_layout_is_mapped_and_evaluated() {
     let posed = read(&file, &place.camera).expect("read");
     let result = evaluate_scene(
         &SceneEvaluation {
-            posed,
-            images: place.folder.clone(),
-            map_list: place.posed.names(),
-            query_list: queries.map(|q| q.0).collect(),
-            query_cameras: BTreeMap::new(),
-            unposed: Vec::new(),
-            keep_map: None,
-            build: BuildOptions::default(),
-            compress: None,
-            regions: None,
             schemes: vec!["dcl".parse().expect("a scheme")],
-            scores: Vec::new(),
             thresholds: vec!["0.05/5".parse().expect("a threshold")],
-            localize: LocalizeOptions::default(),
-            gravity_sd_deg: None,
-            masks: None,
-            sending: Sending::Whole,
-            negatives: None,
-            seed: 0,
-            work: None,
-            jobs: 1,
+            ..SceneEvaluation::of_place(
+                posed,
+                place.folder.clone(),
+                place.posed.names(),
+                queries.map(|q| q.0).collect(),
+            )
         },
         &(),
     )

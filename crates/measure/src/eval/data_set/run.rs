@@ -1,6 +1,5 @@
 //! The places of a data set, evaluated one after another, and the document of all of them.
 
-use veiloc_eval::road::Sending;
 use veiloc_eval::{SceneEvaluation, evaluate_scene};
 use veiloc_map::{PosedImage, PosedImages};
 use veiloc_places::{Place, PlaceError};
@@ -143,27 +142,21 @@ fn scene_of(place: &Place, data_set: &DataSet, args: &DataSetArgs) -> Result<Sce
         localize.use_prior = false;
     }
     Ok(SceneEvaluation {
-        posed,
-        images: place.images.clone(),
-        map_list: place.mapped.names(),
-        query_list: known.iter().map(|query| query.name.clone()).collect(),
-        query_cameras: std::collections::BTreeMap::new(),
         unposed: unknown.iter().map(|query| (query.name.clone(), query.camera)).collect(),
-        keep_map: None,
         build: args.build()?,
-        compress: None,
-        regions: None,
         schemes: args.schemes.clone(),
         scores: localize.pose.score.into_iter().collect(),
         thresholds: args.thresholds(data_set.thresholds),
         localize,
-        gravity_sd_deg: None,
-        masks: None,
-        sending: Sending::Whole,
-        negatives: None,
         seed: args.pose.run.seed,
         work: args.work.as_ref().map(|folder| folder.join(&place.name)),
         jobs: args.jobs(),
+        ..SceneEvaluation::of_place(
+            posed,
+            place.images.clone(),
+            place.mapped.names(),
+            known.iter().map(|query| query.name.clone()).collect(),
+        )
     })
 }
 
