@@ -7,7 +7,7 @@
     scripts/scale_model.py --plot FILE.svg            the table drawn, on log axes
     scripts/scale_model.py --set pose_ms=25 …         with other constants
 
-Standard library only; equal seeds give equal tables. The model is a simulation by events. A machine has processors and threads
+Standard library only (and log_plot.py beside it); equal seeds give equal tables. The model is a simulation by events. A machine has processors and threads
 that localize; a query waits for a thread, first come first served, and busy threads share the processors equally. A query goes
 to the index (one search), then to its regions, then home; messages take `road_ms` each way. Time of a pose is drawn from what
 was measured of single queries (`pose_spread`: factors of the median). A machine fails at random and is away for `away_s`: what
@@ -20,6 +20,8 @@ import heapq
 import json
 import math
 import random
+
+from log_plot import COLOURS, LogPlot, page
 
 CONSTANTS = {
     # Of one query of 1024 rows, on one processor: `scripts/cluster/throughput.py`'s direct call, median.
@@ -314,26 +316,12 @@ def plot(c, seed, path):
     lines = {}
     for row in rows(c, seed):
         lines.setdefault((row["rate"], row["map"]), []).append((row["images"], row["machines"]))
-    width, height, left, bottom = 640, 400, 70, 350
-    x = lambda images: left + (math.log10(images) - 4) / 4 * 420  # noqa: E731
-    y = lambda machines: bottom - math.log10(machines) / 5 * 320  # noqa: E731
-    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">',
-           '<rect width="100%" height="100%" fill="#fff"/>']
-    for power in range(4, 9):
-        out.append(f'<text x="{x(10**power)}" y="{bottom + 18}" text-anchor="middle">10^{power}</text>')
-    for power in range(6):
-        out.append(f'<path d="M{left} {y(10**power)}H{x(1e8)}" stroke="#ddd"/><text x="{left - 8}" y="{y(10**power) + 4}" text-anchor="end">{10**power}</text>')
-    out.append(f'<text x="{x(1e6)}" y="{height - 10}" text-anchor="middle">images</text>'
-               f'<text x="16" y="{y(300)}" transform="rotate(-90 16 {y(300)})" text-anchor="middle">machines</text>')
-    colours = {10: "#1b6ca8", 1000: "#c46210", 100_000: "#5b2a86"}
-    for n, ((rate, kind), points) in enumerate(lines.items()):
-        path_of = "L".join(f"{x(images):.1f} {y(machines):.1f}" for images, machines in points)
-        dash = "" if kind == "whole" else ' stroke-dasharray="5 4"'
-        out.append(f'<path d="M{path_of}" fill="none" stroke="{colours[rate]}" stroke-width="2"{dash}/>')
-        out.append(f'<path d="M505 {60 + 18 * n}h26" stroke="{colours[rate]}" stroke-width="2"{dash}/>'
-                   f'<text x="536" y="{64 + 18 * n}">{rate}/s, {kind}</text>')
+    drawn = LogPlot("Machines against images", "images", "machines", (4, 8), (0, 5))
+    colours = {10: COLOURS[0], 1000: COLOURS[1], 100_000: COLOURS[2]}
+    for (rate, kind), points in lines.items():
+        drawn.line(f"{rate}/s, {kind}", points, colours[rate], dashed=kind != "whole")
     with open(path, "w") as file:
-        file.write("\n".join(out + ["</svg>", ""]))
+        file.write(page([drawn]))
 
 
 def main():

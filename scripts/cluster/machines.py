@@ -4,6 +4,7 @@ Beside it the clients that the scenarios share. Loopback only, standard library 
 nats-server) and a build of the program.
 """
 
+import atexit
 import http.client
 import json
 import os
@@ -30,7 +31,14 @@ class Part:
     def __init__(self, cluster, name, command, ready):
         self.cluster, self.name, self.command, self.ready = cluster, name, [str(word) for word in command], ready
         self.log = cluster.work / f"{name}.log"
+        self.process = None
+        # Whatever ends the script: nothing is left running.
+        atexit.register(self.end)
         self.start()
+
+    def end(self):
+        if self.process and self.process.poll() is None:
+            self.kill()
 
     def start(self, wait=True):
         self.process = subprocess.Popen(self.command, stdout=open(self.log, "a"), stderr=subprocess.STDOUT)
@@ -67,19 +75,24 @@ class Cluster:
         self.store = self.work / "store"
         self.threads, self.queue = threads, queue
         self.publish(map_file)
-        self.nats = []
-        ports, routes = [free_port() for _ in range(nats)], [free_port() for _ in range(nats)]
+        self.nats = self.bus(nats)
+        self.workers = [self.worker(i) for i in range(workers)]
+        self.gateway = self.serve(more) if gateway else None
+
+    def bus(self, count):
+        """So many nodes of NATS, each with routes to all."""
+        ports, routes = [free_port() for _ in range(count)], [free_port() for _ in range(count)]
         self.servers = ",".join(f"nats://127.0.0.1:{port}" for port in ports)
         settings = self.work / "nats.conf"
         settings.write_text("max_payload: 8388608\n")
-        for i in range(nats):
+        nodes = []
+        for i in range(count):
             command = ["nats-server", "--config", settings, "--addr", "127.0.0.1", "--port", ports[i], "--name", f"nats-{i}"]
-            if nats > 1:
+            if count > 1:
                 command += ["--cluster_name", "veiloc", "--cluster", f"nats://127.0.0.1:{routes[i]}", "--routes",
                             ",".join(f"nats-route://127.0.0.1:{route}" for route in routes)]
-            self.nats.append(Part(self, f"nats-{i}", command, lambda port=ports[i]: connects(port)))
-        self.workers = [self.worker(i) for i in range(workers)]
-        self.gateway = self.serve(more) if gateway else None
+            nodes.append(Part(self, f"nats-{i}", command, lambda port=ports[i]: connects(port)))
+        return nodes
 
     def publish(self, map_file):
         """What the program said last of it."""

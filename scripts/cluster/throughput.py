@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""How many queries a second a cluster answers with 1, 2 and 4 workers, and what its road costs beside the direct call.
+"""How many queries a second a cluster answers with 1, 2, 4 and 10 workers, and what its road costs beside the direct call.
 
-    VEILOC_DATA=../shared/data scripts/cluster/throughput.py [--veiloc PROGRAM] [--seconds 15] [--workers 1 2 4] [--json FILE]
+    VEILOC_DATA=../shared/data scripts/cluster/throughput.py [--veiloc PROGRAM] [--seconds 15] [--workers 1 2 4 10]
+        [--json FILE] [--rendered]
 
 *Road*: one client, one query after the other, through HTTP, gateway and NATS to one worker, against the same queries to
 `veiloc serve` with the whole map and with the region's map in memory. *Throughput*: as many clients as keep all workers busy;
@@ -43,7 +44,7 @@ def main():
     parser.add_argument("--rendered", action="store_true", help="the demo's rendered place, which needs no data")
     parser.add_argument("--seconds", type=float, default=15.0, help="of each row")
     parser.add_argument("--json", metavar="FILE", help="also write the points for scripts/scale_model.py --check")
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4])
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4, 10])
     given = parser.parse_args()
     town = place(given)
 

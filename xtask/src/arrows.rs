@@ -23,6 +23,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("client", &["features", "geometry", "obfuscation", "query"]),
     ("map", &["geometry", "descriptor", "kernels", "query", "replacing"]),
     ("mapping", &["geometry", "descriptor", "features", "map", "query"]),
+    ("keeping", &["descriptor", "features", "mapping", "replacing"]),
     ("localize", &["geometry", "descriptor", "query", "map", "robust"]),
     ("store", &["access", "regions", "replacing"]),
     (
@@ -98,6 +99,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "descriptor",
             "features",
             "geometry",
+            "keeping",
             "localize",
             "map",
             "mapping",
@@ -262,6 +264,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "features",
             "geometry",
             "hloc",
+            "keeping",
             "localize",
             "map",
             "mapping",

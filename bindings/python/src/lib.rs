@@ -6,8 +6,8 @@
 //! - [`errors`]: the libraries' errors as exceptions. [`arrays`], [`camera`], [`pose`], [`options`]: conversions.
 //! - [`waiting`]: long calls, Ctrl-C, progress.
 //! - [`solvers`], [`estimate`]: poses from correspondences, called as PoseLib's.
-//! - [`images`], [`profile`], [`device`], [`session`]: what a device does. [`map`], [`colmap`], [`answer`]: what a server
-//!   does. [`client`]: how one asks the other. [`attacks`]: what leaks.
+//! - [`images`], [`profile`], [`device`], [`session`]: what a device does. [`map`], [`shares`], [`colmap`], [`answer`]: what a
+//!   server does. [`client`]: how one asks the other. [`attacks`]: what leaks.
 //! - [`rendered`]: a place to try it all on. [`program`]: the command line.
 #![forbid(unsafe_code)]
 
@@ -29,6 +29,7 @@ mod profile;
 mod program;
 mod rendered;
 mod session;
+mod shares;
 mod solvers;
 mod waiting;
 
@@ -61,6 +62,8 @@ mod _native {
     use crate::rendered::render_place;
     #[pymodule_export]
     use crate::session::Session;
+    #[pymodule_export]
+    use crate::shares::prepare;
     #[pymodule_export]
     use crate::solvers::{p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p};
 

@@ -8,12 +8,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use veiloc_client::{CameraFromRig, SealedFrame};
 use veiloc_geometry::CameraFromWorld;
+use veiloc_keeping::Keeping;
 use veiloc_localize::{LocalizeOptions, localize, localize_rig};
 use veiloc_map::colmap::{read_model, read_posed};
 use veiloc_map::{Down, MapFile, MapLock, MapModel, PointId, PosedImage, PosedImages, SelfTest};
 use veiloc_mapping::{BuildOptions, Doubt, Input, OnBadImage, Words};
 use veiloc_query::SealedQuery;
-use veiloc_selftest::{SelfTestOptions, is_testable, self_test};
+use veiloc_selftest::{SelfTestOptions, Trial, chosen, is_testable, self_test, test_of, trials};
 
 use crate::answer::Answer;
 use crate::arrays;
@@ -23,6 +24,7 @@ use crate::estimate::position_of;
 use crate::options::pose_options;
 use crate::pose::CameraPose;
 use crate::profile::Profile;
+use crate::shares::{ImageParts, parts_of, trials_of};
 use crate::waiting::{Told, released};
 
 /// A map: what sealed queries are localized in.
@@ -36,7 +38,7 @@ pub(crate) struct Map {
 }
 
 /// Where images with poses come from: a COLMAP model's folder, or a list of (name, camera, pose).
-fn posed_of(posed: &Bound<'_, PyAny>) -> Result<PosedImages> {
+pub(crate) fn posed_of(posed: &Bound<'_, PyAny>) -> Result<PosedImages> {
     if let Ok(folder) = posed.extract::<PathBuf>() {
         return Ok(read_posed(&folder)?);
     }
@@ -58,8 +60,14 @@ fn down_of(down: &Bound<'_, PyAny>) -> Result<Down> {
     }
 }
 
-const fn on_bad(skip_bad: bool) -> OnBadImage {
+pub(crate) const fn on_bad(skip_bad: bool) -> OnBadImage {
     if skip_bad { OnBadImage::Skip } else { OnBadImage::Refuse }
+}
+
+fn test_options(images: usize) -> SelfTestOptions {
+    let mut options = SelfTestOptions::default();
+    options.images = images;
+    options
 }
 
 impl Map {
@@ -89,12 +97,14 @@ impl Map {
     ///     down: which way is down in the map's axes, `[x, y, z]` or `"-z"`, if somebody knows.
     ///     self_test: let the map localize some of its own images, so that its answers know how far to believe themselves.
     ///     skip_bad: leave out images that cannot be used, instead of refusing.
+    ///     work: a folder for features and matches: what is there is not computed again, what is computed is kept. It holds
+    ///         keypoints and descriptors of the images.
     ///     progress: a callable of (stage, done, total).
     ///
     /// Raises:
     ///     MapError, ImageError: what cannot be read, or makes no map.
     #[staticmethod]
-    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, self_test=true, skip_bad=false, progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, self_test=true, skip_bad=false, work=None, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn build(
         py: Python<'_>,
@@ -105,6 +115,7 @@ impl Map {
         down: Option<&Bound<'_, PyAny>>,
         self_test: bool,
         skip_bad: bool,
+        work: Option<PathBuf>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let posed = posed_of(posed)?;
@@ -116,7 +127,13 @@ impl Map {
             if let Some(names) = &names {
                 input = input.with_names(names);
             }
+            let keeping = work.as_deref().map(|folder| Keeping::in_folder(folder, &options)).transpose();
+            let keeping = keeping.map_err(Fault::map)?;
+            if let Some(keeping) = &keeping {
+                input = input.with_kept(keeping);
+            }
             let (mut model, report) = veiloc_mapping::build(&input, &options, told)?;
+            keeping.map_or(Ok(()), |keeping| keeping.finish()).map_err(Fault::map)?;
             model.down = down;
             Self::finished(model, &report.doubts, self_test, told)
         })?
@@ -251,14 +268,78 @@ impl Map {
         schemes: Option<Vec<String>>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Bound<'py, PyDict>> {
-        let mut options = SelfTestOptions::default();
-        options.images = images;
+        let mut options = test_options(images);
         if let Some(schemes) = schemes {
             options.schemes = schemes.iter().map(|s| Ok(s.parse()?)).collect::<Result<_>>()?;
         }
         let test =
             Told::new(py, progress)?.run(py, |told| self_test(&self.file.to_model(), &options, told))?;
         Ok(test_told(py, &test.map_err(Fault::map)?)?)
+    }
+
+    /// A share of a self-test, for `with_self_test`.
+    ///
+    /// Args:
+    ///     share: `(i, n)`: the i-th of n shares, the first being 0.
+    ///     images: most images of the whole test.
+    ///     progress: as of `build`.
+    ///
+    /// Returns:
+    ///     A list that `with_self_test` takes, and that can be pickled.
+    ///
+    /// Raises:
+    ///     MapError: no query can be sealed for the map; InputError: no such share.
+    #[pyo3(signature = (share, *, images=50, progress=None))]
+    fn self_test_share(
+        &self,
+        py: Python<'_>,
+        share: (usize, usize),
+        images: usize,
+        progress: Option<Py<PyAny>>,
+    ) -> Result<Vec<ImageParts>> {
+        let (part, of) = share;
+        if part >= of {
+            return Err(Fault::input(format_args!(
+                "share: ({part}, {of}) is none; the first of n is (0, n)"
+            )));
+        }
+        let options = test_options(images);
+        Told::new(py, progress)?.run(py, |told| {
+            let model = self.file.to_model();
+            let own: Vec<usize> = chosen(&model, &options).into_iter().skip(part).step_by(of).collect();
+            let tried = trials(&model, &own, &options, told).map_err(Fault::map)?;
+            Ok(own.into_iter().zip(tried).map(|(image, trials)| parts_of(image, trials)).collect())
+        })?
+    }
+
+    /// The map with what all shares of a self-test came to: as if one pair of hands had made it.
+    ///
+    /// Args:
+    ///     shares: what `self_test_share` returned, each share's, in any order.
+    ///     images: as told them.
+    ///
+    /// Raises:
+    ///     InputError: an image of the test is missing, or is there twice.
+    #[pyo3(signature = (shares, *, images=50))]
+    fn with_self_test(&self, py: Python<'_>, shares: Vec<Vec<ImageParts>>, images: usize) -> Result<Self> {
+        let options = test_options(images);
+        let mut parts: Vec<ImageParts> = shares.into_iter().flatten().collect();
+        parts.sort_by_key(|(image, _)| *image);
+        py.detach(|| {
+            let mut model = self.file.to_model();
+            let wanted = chosen(&model, &options);
+            let (told, tried): (Vec<usize>, Vec<Vec<Option<Trial>>>) =
+                parts.into_iter().map(|(image, parts)| (image, trials_of(parts))).unzip();
+            if told != wanted || tried.iter().any(|trials| trials.len() != options.schemes.len()) {
+                return Err(Fault::input(format_args!(
+                    "shares: {} images are told, and the test has {}; give all shares, each once, of this map",
+                    told.len(),
+                    wanted.len()
+                )));
+            }
+            model.self_test = Some(test_of(&model, &tried, &options));
+            Self::of_model(&model, self.warnings.clone())
+        })
     }
 
     /// What the map's own test came to when it was built, as `self_test` returns it; None when there was none.

@@ -62,6 +62,14 @@ pub enum BusError {
         /// The text, without a password.
         address: String,
     },
+    /// A user or a password in an address that cannot be used.
+    #[error(
+        "an address of a NATS server names a user and a password, and {reason}; choose others, or give a file of credentials"
+    )]
+    Login {
+        /// What is wrong with them.
+        reason: &'static str,
+    },
     /// A file of credentials that cannot be used.
     #[error("{path}: {reason}; give a file of credentials as `nsc` writes it")]
     Credentials {

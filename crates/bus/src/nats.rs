@@ -25,7 +25,9 @@ const GROUP: &str = "members";
 /// How to reach NATS.
 #[derive(Clone, Default)]
 pub struct NatsOptions {
-    /// Addresses of its servers, `nats://HOST:PORT` or `tls://HOST:PORT`; one is enough to find the others.
+    /// Addresses of its servers, `nats://HOST:PORT` or `tls://HOST:PORT`; one is enough to find the others. A user and a password
+    /// may stand before the host, `tls://USER:PASSWORD@HOST:PORT`; those of the first address that has them count. Replies
+    /// then come to subjects that begin with `_INBOX_USER`, which the servers may let this user alone hear.
     pub servers: Vec<String>,
     /// Certificates of the authorities that vouch for the servers, PEM. With it TLS is spoken, whatever the address says.
     pub ca: Option<PathBuf>,
@@ -81,6 +83,34 @@ fn without_password(address: &str) -> String {
     scheme.map_or_else(|| host.to_owned(), |scheme| format!("{scheme}://{host}"))
 }
 
+/// Who we are to the servers.
+struct Login {
+    user: String,
+    password: String,
+}
+
+impl Login {
+    /// That of the first address which names one: the library does not look there.
+    fn of(servers: &[ServerAddr]) -> Result<Option<Self>, BusError> {
+        let named = servers.iter().find_map(|server| Some((server.username()?, server.password())));
+        let Some((user, password)) = named else { return Ok(None) };
+        let Some(password) = password else {
+            return Err(BusError::Login { reason: "the password is missing" });
+        };
+        // A user is part of a subject, and escapes in addresses are not read.
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        if user.is_empty() || !user.chars().all(is_plain) {
+            return Err(BusError::Login {
+                reason: "its user has other characters than letters, digits, _ and -",
+            });
+        }
+        if password.contains('%') {
+            return Err(BusError::Login { reason: "its password has an escape (%), which is not read" });
+        }
+        Ok(Some(Self { user: user.to_owned(), password: password.to_owned() }))
+    }
+}
+
 /// A connection.
 #[derive(Clone)]
 pub(crate) struct Nats(Arc<Connection>);
@@ -126,6 +156,10 @@ impl Nats {
             .map(|text| text.parse().map_err(|_| BusError::Address { address: without_password(text) }))
             .collect::<Result<_, _>>()?;
         let mut connect = options.connect_options();
+        if let Some(login) = Login::of(&servers)? {
+            let inbox = format!("_INBOX_{}", login.user);
+            connect = connect.user_and_password(login.user, login.password).custom_inbox_prefix(inbox);
+        }
         if let Some(path) = &options.credentials {
             let wrong = |e: std::io::Error| BusError::Credentials {
                 path: path.display().to_string(),
@@ -249,6 +283,22 @@ impl Reply {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_user_and_a_password_are_those_of_the_first_address_that_names_them() {
+        let login = |text: &str| {
+            let servers: Vec<ServerAddr> = text.split(',').map(|s| s.parse().expect("an address")).collect();
+            Login::of(&servers).map(|login| login.map(|login| (login.user, login.password)))
+        };
+        assert!(matches!(login("nats://a:4222"), Ok(None)));
+        let named = login("nats://a:4222,tls://worker-town:secret@b:4222,tls://other:word@c:4222");
+        assert_eq!(named.expect("read"), Some(("worker-town".to_owned(), "secret".to_owned())));
+        for wrong in ["nats://me@a", "nats://me.too:secret@a", "nats://m%2a:secret@a", "nats://me:se%63ret@a"]
+        {
+            let error = login(wrong).expect_err(wrong).to_string();
+            assert!(error.contains("NATS") && !error.contains("secret"), "{error}");
+        }
+    }
 
     #[test]
     fn passwords_are_not_repeated() {

@@ -70,3 +70,25 @@ fn what_is_wrong_is_told_with_its_line_before_anything_is_opened() {
     let run = folder.run("serve --config none.toml");
     assert!(run.code == Some(1) && run.stderr.contains("none.toml"), "{run}");
 }
+
+/// A worker needs no command line: what is required may stand in a file, or in variables.
+#[test]
+fn a_worker_starts_from_a_file_or_from_variables_alone() {
+    let folder = folder();
+    folder.write(
+        "worker.toml",
+        "nats = \"nats://127.0.0.1:1\"\nmap = \"town\"\nstore = \"objects\"\ncache = \"cache\"\n",
+    );
+    std::fs::create_dir(folder.path("objects")).expect("a folder");
+    let started = folder.run("worker --config worker.toml");
+    assert!(started.stderr.contains("no NATS server at nats://127.0.0.1:1"), "{started}");
+
+    let mut command = folder.command("worker --store objects --cache cache");
+    command.envs([("VEILOC_NATS", "nats://127.0.0.1:1"), ("VEILOC_MAP", "town")]);
+    let output = command.output().expect("the binary runs");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(told.contains("no NATS server at nats://127.0.0.1:1"), "{told}");
+
+    let missing = folder.run("worker --store objects --cache cache --map town");
+    assert!(missing.stderr.contains("--nats"), "{missing}");
+}

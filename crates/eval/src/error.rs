@@ -28,6 +28,9 @@ pub enum EvalError {
     /// The map could not be built.
     #[error(transparent)]
     Mapping(#[from] veiloc_mapping::MappingError),
+    /// What building a map computes could not be kept.
+    #[error(transparent)]
+    Keeping(#[from] veiloc_keeping::KeepingError),
     /// The map could not test itself.
     #[error(transparent)]
     SelfTest(#[from] veiloc_selftest::SelfTestError),

@@ -10,9 +10,9 @@ use veiloc_query::Profile;
 use crate::complete::grow;
 use crate::diagnose::{diagnose, explain};
 use crate::error::MappingError;
-use crate::extract::{Extracted, Found, Makers, extract_all};
+use crate::extract::{Found, Makers, extract_all};
 use crate::input::Input;
-use crate::kept_matches::KeptMatches;
+use crate::kept::{Extracted, Kept};
 use crate::matching::{Edge, Edges, match_pairs};
 use crate::options::{BuildOptions, for_images};
 use crate::pairs::{MIN_SEEDS, Seeds, pairs_by_pose, pairs_by_seeds};
@@ -51,15 +51,10 @@ pub fn build(
     let mut scene = Scene::of(&model, settings);
     let focus: Vec<u32> = (0..images.len() as u32).collect();
     let Matched { edges, pairs } = match input.pairs_of(&images)? {
-        Some(pairs) => match_given(&scene, pairs, settings, input.kept_matches(), progress),
-        None => match_images(
-            &scene,
-            seeds_of(input.posed(), &images),
-            &focus,
-            settings,
-            input.kept_matches(),
-            progress,
-        ),
+        Some(pairs) => match_given(&scene, pairs, settings, input.kept(), progress),
+        None => {
+            match_images(&scene, seeds_of(input.posed(), &images), &focus, settings, input.kept(), progress)
+        }
     };
     progress.start("Triangulating points", 1);
     grow(&mut scene, &edges.verified, settings);
@@ -145,7 +140,7 @@ pub(crate) struct Matched {
 }
 
 /// Names of the descriptors of each image, where matches are kept.
-fn names_of(scene: &Scene<'_>, kept: Option<&dyn KeptMatches>) -> Option<Vec<[u8; 32]>> {
+pub(crate) fn names_of(scene: &Scene<'_>, kept: Option<&dyn Kept>) -> Option<Vec<[u8; 32]>> {
     kept.map(|kept| scene.descriptors.par_iter().map(|own| kept.name(*own)).collect())
 }
 
@@ -154,7 +149,7 @@ fn match_given(
     scene: &Scene<'_>,
     pairs: Vec<(u32, u32)>,
     settings: &BuildSettings,
-    kept: Option<&dyn KeptMatches>,
+    kept: Option<&dyn Kept>,
     progress: &dyn Progress,
 ) -> Matched {
     let names = names_of(scene, kept);
@@ -171,37 +166,54 @@ pub(crate) fn match_images(
     mut seeds: Seeds,
     focus: &[u32],
     settings: &BuildSettings,
-    kept: Option<&dyn KeptMatches>,
+    kept: Option<&dyn Kept>,
     progress: &dyn Progress,
 ) -> Matched {
     let descriptors: &[DescriptorView<'_>] = &scene.descriptors;
-    let unknown: Vec<u32> = focus.iter().copied().filter(|i| seeds[*i as usize].len() < MIN_SEEDS).collect();
-    let first = pairs_by_pose(&scene.views, &unknown);
+    let first = first_pairs(scene, &seeds, focus);
     progress.start("Matching first pairs", first.len());
     let names = names_of(scene, kept);
     let kept = kept.zip(names.as_deref());
     let mut edges = match_pairs(&first, &scene.views, descriptors, settings.max_ratio, kept, progress);
     add_seeds(scene, &edges.verified, &mut seeds);
 
-    let known: BTreeSet<(u32, u32)> = first.into_iter().collect();
-    let mut pairs = pairs_by_seeds(&scene.views, &seeds, focus, settings.pairs_per_image as usize);
-    pairs.retain(|p| !known.contains(p));
+    let mut pairs = further_pairs(scene, &seeds, focus, settings, &first);
     progress.start("Matching pairs", pairs.len());
     edges.extend(match_pairs(&pairs, &scene.views, descriptors, settings.max_ratio, kept, progress));
     edges.sort();
-    pairs.extend(known);
+    pairs.extend(first);
     pairs.sort_unstable();
     Matched { edges, pairs }
 }
 
+/// Pairs of images of which too little is known to tell who sees what they see.
+pub(crate) fn first_pairs(scene: &Scene<'_>, seeds: &Seeds, focus: &[u32]) -> Vec<(u32, u32)> {
+    let unknown: Vec<u32> = focus.iter().copied().filter(|i| seeds[*i as usize].len() < MIN_SEEDS).collect();
+    pairs_by_pose(&scene.views, &unknown)
+}
+
+/// Pairs that share seeds, without those that were matched first.
+pub(crate) fn further_pairs(
+    scene: &Scene<'_>,
+    seeds: &Seeds,
+    focus: &[u32],
+    settings: &BuildSettings,
+    first: &[(u32, u32)],
+) -> Vec<(u32, u32)> {
+    let known: BTreeSet<&(u32, u32)> = first.iter().collect();
+    let mut pairs = pairs_by_seeds(&scene.views, seeds, focus, settings.pairs_per_image as usize);
+    pairs.retain(|p| !known.contains(p));
+    pairs
+}
+
 /// The points that each image is known to see.
-fn seeds_of(posed: &PosedImages, images: &[&PosedImage]) -> Seeds {
+pub(crate) fn seeds_of(posed: &PosedImages, images: &[&PosedImage]) -> Seeds {
     let position = |id: &u32| posed.points()[*id as usize].coords;
     images.iter().map(|i| i.seen.iter().map(position).collect()).collect()
 }
 
 /// Adds the points that matches place well enough to tell who else sees them.
-fn add_seeds(scene: &Scene<'_>, edges: &[Edge], seeds: &mut Seeds) {
+pub(crate) fn add_seeds(scene: &Scene<'_>, edges: &[Edge], seeds: &mut Seeds) {
     for edge in edges {
         let (Some(a), Some(b)) = (scene.sight(edge.a), scene.sight(edge.b)) else { continue };
         let Some(point) = nearest_to_both_rays(&a, &b) else { continue };

@@ -12,8 +12,9 @@ use crate::complete::grow;
 use crate::compress::refuse_compressed;
 use crate::diagnose::explain;
 use crate::error::MappingError;
-use crate::extract::{Extracted, Found, Makers, extract_all};
+use crate::extract::{Found, Makers, extract_all};
 use crate::input::Input;
+use crate::kept::{Extracted, Kept};
 use crate::matching::Edges;
 use crate::options::for_images;
 use crate::pairs::Seeds;
@@ -51,7 +52,7 @@ pub fn add(
     let makers = Makers { extractor, global };
     let Found { images, features, skipped } =
         extract_all(checked, makers, model.settings.extraction, progress)?;
-    let edges = join(model, &images, features, progress)?;
+    let edges = join(model, &images, features, input.kept(), progress)?;
     let mut report = BuildReport::of(model, images.len(), skipped, edges.matches, edges.verified.len());
     explain(&mut report, model);
     Ok(report)
@@ -62,6 +63,7 @@ pub(crate) fn join(
     model: &mut MapModel,
     images: &[&PosedImage],
     features: Vec<Extracted>,
+    kept: Option<&dyn Kept>,
     progress: &dyn Progress,
 ) -> Result<Edges, MappingError> {
     let before = model.images.len() as u32;
@@ -69,7 +71,7 @@ pub(crate) fn join(
     let settings = for_images(&model.settings, model.images.len());
     let mut scene = Scene::of(model, &settings);
     let focus: Vec<u32> = (before..model.images.len() as u32).collect();
-    let edges = match_images(&scene, seeds_of_map(model), &focus, &settings, None, progress).edges;
+    let edges = match_images(&scene, seeds_of_map(model), &focus, &settings, kept, progress).edges;
     progress.start("Triangulating points", 1);
     grow(&mut scene, &edges.verified, &settings);
     let points = scene.finish();

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_features::{Extractor, FeatureError, Image, Limits, SharedGlobal, extract_loaded, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::PosedImage;
@@ -12,17 +11,8 @@ use veiloc_query::ExtractionLimits;
 use crate::bad_image::{BadImage, BadReason};
 use crate::error::MappingError;
 use crate::input::{Checked, sift};
+use crate::kept::{Extracted, Kept, Wanted};
 use crate::progress::Progress;
-
-/// What was found in one image.
-pub(crate) struct Extracted {
-    /// `[N]`, pixels of the image as it was taken.
-    pub(crate) keypoints: Vec<[f32; 2]>,
-    /// `[N, dim]`
-    pub(crate) descriptors: Descriptors,
-    /// Of the whole image, where one is asked for.
-    pub(crate) global: Option<GlobalDescriptor>,
-}
 
 /// What makes features of images, and what of each image as a whole.
 #[derive(Clone, Copy)]
@@ -59,12 +49,12 @@ pub(crate) fn extract_each<'a, T: Send>(
     progress: &dyn Progress,
     then: impl Fn(&PosedImage, Extracted) -> T + Sync,
 ) -> Result<Found<'a, T>, MappingError> {
-    let Checked { images, mut skipped, folder, on_bad } = input;
+    let Checked { images, mut skipped, folder, on_bad, kept } = input;
     progress.start("Extracting features", images.len());
     let all: Vec<Result<(&PosedImage, T), BadImage>> = images
         .into_par_iter()
         .map(|image| {
-            let extracted = extract(&folder.join(&image.name), &image.camera, makers, limits);
+            let extracted = extract(&folder.join(&image.name), &image.camera, makers, limits, kept);
             progress.advance(1);
             let extracted =
                 extracted.map_err(|e| BadImage { name: image.name.clone(), reason: BadReason::Image(e) })?;
@@ -82,13 +72,25 @@ fn extract(
     camera: &Intrinsics,
     makers: Makers<'_>,
     limits: ExtractionLimits,
+    kept: Option<&dyn Kept>,
 ) -> Result<Extracted, FeatureError> {
+    let size = (camera.width, camera.height);
+    let wanted =
+        Wanted { path, size, limits, kind: makers.extractor.kind(), global: makers.global.is_some() };
+    // What is looked up need not be kept.
+    let kept = kept.filter(|_| makers.extractor.stored().is_none());
+    if let Some(found) = kept.and_then(|kept| kept.features(&wanted)) {
+        return Ok(found);
+    }
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
-    let size = Some((camera.width, camera.height));
     let image = Image::from(load_gray(path)?);
     let global = makers.global.map(|own| own.describe(&image)).transpose()?;
-    let features = extract_loaded(image, path, size, makers.extractor, limits)?.features_in_file();
+    let features = extract_loaded(image, path, Some(size), makers.extractor, limits)?.features_in_file();
     let keypoints: Vec<[f32; 2]> =
         features.keypoints.iter().map(|k| [k.pixel.u as f32, k.pixel.v as f32]).collect();
-    Ok(Extracted { keypoints, descriptors: features.descriptors, global })
+    let found = Extracted { keypoints, descriptors: features.descriptors, global };
+    if let Some(kept) = kept {
+        kept.keep_features(&wanted, &found);
+    }
+    Ok(found)
 }

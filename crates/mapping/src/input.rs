@@ -8,7 +8,7 @@ use veiloc_map::{PosedImage, PosedImages};
 
 use crate::bad_image::{BadImage, BadImages, BadReason};
 use crate::error::MappingError;
-use crate::kept_matches::KeptMatches;
+use crate::kept::Kept;
 
 /// Images that are to be mapped: their poses, and the folder of their files.
 #[derive(Debug, Clone, Copy)]
@@ -19,7 +19,7 @@ pub struct Input<'a> {
     on_bad: OnBadImage,
     extractors: Option<&'a Extractors>,
     global: Option<&'a SharedGlobal>,
-    matches: Option<&'a dyn KeptMatches>,
+    kept: Option<&'a dyn Kept>,
     pairs: Option<&'a [(String, String)]>,
 }
 
@@ -43,7 +43,7 @@ impl<'a> Input<'a> {
             on_bad: OnBadImage::Refuse,
             extractors: None,
             global: None,
-            matches: None,
+            kept: None,
             pairs: None,
         }
     }
@@ -73,10 +73,11 @@ impl<'a> Input<'a> {
         Self { global: Some(global), ..self }
     }
 
-    /// Where matches of pairs are kept, for builds that are done again or go on; images that join a map are matched anew.
+    /// Where features and matches are kept, for builds that are done again, go on, or are shared by many hands
+    /// ([`prepare`](crate::prepare)).
     #[must_use]
-    pub const fn with_kept_matches(self, matches: &'a dyn KeptMatches) -> Self {
-        Self { matches: Some(matches), ..self }
+    pub const fn with_kept(self, kept: &'a dyn Kept) -> Self {
+        Self { kept: Some(kept), ..self }
     }
 
     /// Which images to match with which when a map is built, by their names, instead of those that seem to show the same; pairs of
@@ -99,8 +100,8 @@ impl<'a> Input<'a> {
         Ok(Some(known.into_iter().collect()))
     }
 
-    pub(crate) const fn kept_matches(&self) -> Option<&'a dyn KeptMatches> {
-        self.matches
+    pub(crate) const fn kept(&self) -> Option<&'a dyn Kept> {
+        self.kept
     }
 
     pub(crate) const fn global(&self) -> Option<&'a SharedGlobal> {
@@ -128,7 +129,7 @@ impl<'a> Input<'a> {
             usable.map_err(|reason| BadImage { name: name.to_owned(), reason })
         });
         let (images, skipped) = sift(results.collect(), self.on_bad)?;
-        Ok(Checked { images, skipped, folder: self.folder, on_bad: self.on_bad })
+        Ok(Checked { images, skipped, folder: self.folder, on_bad: self.on_bad, kept: self.kept })
     }
 
     fn usable(
@@ -162,6 +163,8 @@ pub(crate) struct Checked<'a> {
     pub(crate) skipped: Vec<BadImage>,
     pub(crate) folder: &'a Path,
     pub(crate) on_bad: OnBadImage,
+    /// Where their features may be already.
+    pub(crate) kept: Option<&'a dyn Kept>,
 }
 
 /// Parts what can be used from what cannot; an error when there is something bad that may not be left out, or nothing

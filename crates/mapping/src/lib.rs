@@ -8,6 +8,7 @@
 //!
 //! - [`Input`]: which posed images, where their files are, and what to do about those that cannot be used.
 //! - [`build`]: a map of images whose poses are known.
+//! - [`prepare`]: a share of a build's work, for many hands.
 //! - [`add`], [`remove`]: images join and leave; what they do not touch stays as it is, bit for bit.
 //! - [`import`]: a complete COLMAP model, whose points and observations are kept.
 //! - [`compress`]: a map made small: the points that help most, each with a few of its descriptors.
@@ -56,11 +57,12 @@ mod error;
 mod extract;
 mod import;
 mod input;
-mod kept_matches;
+mod kept;
 mod leave_out;
 mod matching;
 mod options;
 mod pairs;
+mod prepare;
 mod progress;
 mod report;
 mod scene;
@@ -77,9 +79,10 @@ pub use diagnose::diagnose;
 pub use error::MappingError;
 pub use import::{ImportReport, import};
 pub use input::{Input, OnBadImage};
-pub use kept_matches::KeptMatches;
+pub use kept::{Extracted, Kept, Wanted};
 pub use leave_out::LeaveOut;
 pub use options::BuildOptions;
+pub use prepare::{Prepared, Share, Stage, prepare};
 pub use progress::Progress;
 pub use report::{BuildReport, Doubt, Fault};
 

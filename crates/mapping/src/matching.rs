@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::kept_matches::KeptMatches;
+use crate::kept::Kept;
 use crate::progress::Progress;
 use crate::triangulation::{Sight, nearest_to_both_rays};
 use crate::view::View;
@@ -50,7 +50,7 @@ pub(crate) fn match_pairs(
     views: &[View],
     descriptors: &[DescriptorView<'_>],
     max_ratio: f32,
-    kept: Option<(&dyn KeptMatches, &[[u8; 32]])>,
+    kept: Option<(&dyn Kept, &[[u8; 32]])>,
     progress: &dyn Progress,
 ) -> Edges {
     let options = MatchOptions::default().with_mutual(true).with_max_ratio(Some(max_ratio));
@@ -60,9 +60,9 @@ pub(crate) fn match_pairs(
             let (a, b) = (i as usize, j as usize);
             let find = || match_descriptors(descriptors[a], descriptors[b], &options);
             let matches = match kept {
-                Some((kept, names)) => kept.get(&names[a], &names[b], &options).unwrap_or_else(|| {
+                Some((kept, names)) => kept.matches(&names[a], &names[b], &options).unwrap_or_else(|| {
                     let found = find();
-                    kept.keep(&names[a], &names[b], &options, &found);
+                    kept.keep_matches(&names[a], &names[b], &options, &found);
                     found
                 }),
                 None => find(),

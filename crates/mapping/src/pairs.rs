@@ -20,34 +20,43 @@ pub(crate) fn pairs_by_pose(views: &[View], focus: &[u32]) -> Vec<(u32, u32)> {
     let axis = |v: &View| v.ray(&veiloc_geometry::nalgebra::Vector2::zeros()).normalize();
     let axes: Vec<Vector3<f64>> = views.iter().map(axis).collect();
     let typical = typical_distance(views);
-    let mut pairs = BTreeSet::new();
-    for &i in focus {
+    let least = MAX_AXIS_ANGLE_DEG.to_radians().cos();
+    let partners = |&i: &u32| -> Vec<(u32, u32)> {
         let own = i as usize;
         let mut ranked: Vec<(f64, u32)> = (0..views.len() as u32)
             .filter(|j| *j != i)
             .filter_map(|j| {
                 let other = j as usize;
-                let angle = axes[own].dot(&axes[other]).clamp(-1.0, 1.0).acos().to_degrees();
-                let distance = (views[own].center - views[other].center).norm() / typical;
-                (angle <= MAX_AXIS_ANGLE_DEG).then_some((distance + angle / 20.0, j))
+                let cos = axes[own].dot(&axes[other]);
+                (cos >= least).then(|| {
+                    let angle = cos.clamp(-1.0, 1.0).acos().to_degrees();
+                    let distance = (views[own].center - views[other].center).norm() / typical;
+                    (distance + angle / 20.0, j)
+                })
             })
             .collect();
         ranked.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
-        let mut rank = 1;
-        for _ in 0..FIRST_PARTNERS {
-            let Some((_, j)) = ranked.get(rank - 1) else { break };
-            pairs.insert((i.min(*j), i.max(*j)));
-            rank *= 2;
-        }
-    }
-    pairs.into_iter().collect()
+        let ranks = (0..FIRST_PARTNERS).map(|power| (1 << power) - 1);
+        ranks.map_while(|rank| ranked.get(rank)).map(|(_, j)| (i.min(*j), i.max(*j))).collect()
+    };
+    let chosen: Vec<Vec<(u32, u32)>> = focus.par_iter().map(partners).collect();
+    once_each(chosen)
+}
+
+fn once_each(chosen: Vec<Vec<(u32, u32)>>) -> Vec<(u32, u32)> {
+    chosen.into_iter().flatten().collect::<BTreeSet<_>>().into_iter().collect()
 }
 
 /// For each image of `focus`, up to `limit` partners: most by what the two share, the last third spread over the less
 /// obvious ones, which look from farther away or come from another visit.
 pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit: usize) -> Vec<(u32, u32)> {
+    let bounds: Vec<Option<Bounds>> =
+        views.par_iter().zip(seeds).map(|(v, own)| Bounds::of(v, own)).collect();
     let shared_from_to = |i: usize, j: usize| -> f64 {
         let all = &seeds[i];
+        if !bounds[i].is_some_and(|bounds| bounds.may_be_seen_from(&views[j])) {
+            return 0.0;
+        }
         // Most pairs share nothing, and a few seeds tell: of a share worth matching hardly none of these would be seen.
         let coarse = all.iter().step_by(all.len().div_ceil(FIRST_SEEDS).max(1));
         if !coarse.into_iter().any(|x| views[j].pixel_inside(x).is_some()) {
@@ -72,7 +81,40 @@ pub(crate) fn pairs_by_seeds(views: &[View], seeds: &Seeds, focus: &[u32], limit
             choose(ranked.len(), limit).map(|r| (i.min(ranked[r].1), i.max(ranked[r].1))).collect()
         })
         .collect();
-    chosen.into_iter().flatten().collect::<BTreeSet<_>>().into_iter().collect()
+    once_each(chosen)
+}
+
+/// Where the seeds of an image are: whoever is too far away to know any of them again need not be asked for each. Without this
+/// the pairs of ten thousand images take minutes to choose.
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    center: Vector3<f64>,
+    radius: f64,
+    /// Largest width of a pixel at a seed, world units.
+    pixel: f64,
+}
+
+impl Bounds {
+    /// `None` without seeds.
+    fn of(from: &View, seeds: &[Vector3<f64>]) -> Option<Self> {
+        if seeds.is_empty() {
+            return None;
+        }
+        let center = seeds.iter().sum::<Vector3<f64>>() / seeds.len() as f64;
+        let farthest = |from: &Vector3<f64>| seeds.iter().map(|x| (x - from).norm()).fold(0.0, f64::max);
+        Some(Self { center, radius: farthest(&center), pixel: pixel_at(from, farthest(&from.center)) })
+    }
+
+    /// False only where [`worth_of_seed`] is 0 for all seeds.
+    fn may_be_seen_from(&self, to: &View) -> bool {
+        let nearest = (self.center - to.center).norm() - self.radius;
+        pixel_at(to, nearest) <= MAX_ZOOM * self.pixel * (1.0 + 1e-9)
+    }
+}
+
+/// Width of a pixel at a distance, world units.
+fn pixel_at(view: &View, distance: f64) -> f64 {
+    distance / view.mean_focal()
 }
 
 /// Ranks: the first two thirds of `limit`, then evenly spaced ones.
@@ -85,10 +127,12 @@ fn choose(count: usize, limit: usize) -> impl Iterator<Item = usize> {
 /// 1 for a seed that both images see under a good angle; less under angles where points are badly placed or keypoints no
 /// longer look alike; 0 when the other does not see it.
 fn worth_of_seed(from: &View, to: &View, seed: &Vector3<f64>) -> f64 {
-    if to.pixel_inside(seed).is_none() {
+    let (a, b) = (from.center - seed, to.center - seed);
+    let zoom = pixel_at(to, b.norm()) / pixel_at(from, a.norm());
+    if zoom > MAX_ZOOM || to.pixel_inside(seed).is_none() {
         return 0.0;
     }
-    let cos = (from.center - seed).normalize().dot(&(to.center - seed).normalize());
+    let cos = a.normalize().dot(&b.normalize());
     match cos.clamp(-1.0, 1.0).acos().to_degrees() {
         angle if angle < 2.0 => 0.3 + 0.35 * angle,
         angle if angle < 25.0 => 1.0,
@@ -109,6 +153,9 @@ fn typical_distance(views: &[View]) -> f64 {
     all.get(all.len() / 2).map(|m| 5.0 * m).filter(|m| m.is_finite() && *m > 0.0).unwrap_or(1.0)
 }
 
+/// Who sees a point so many times smaller does not know it again: what was a keypoint's surroundings is a pixel or two. Twice as much
+/// as features bear.
+const MAX_ZOOM: f64 = 8.0;
 /// Optical axes farther apart are not tried without evidence.
 const MAX_AXIS_ANGLE_DEG: f64 = 60.0;
 /// Partners of each image in the first round: ranks 1, 2, 4, 8, 16, 32.
@@ -165,6 +212,41 @@ mod tests {
             assert_eq!(own.len(), limit.min(9));
             assert!(own.iter().all(|(a, b)| *a == 7 || *b == 7));
         }
+    }
+
+    /// A street of rooms, all looked through by a camera far behind them.
+    #[test]
+    fn who_is_too_far_away_is_no_partner_and_is_not_asked() {
+        let room = |x: f64| {
+            (0..60).map(move |k| Vector3::new(x + 0.02 * f64::from(k % 8), 0.1 * f64::from(k % 5), 3.0))
+        };
+        let mut views = Vec::new();
+        let mut seeds: Seeds = Vec::new();
+        for n in 0..4 {
+            let x = 0.3 * f64::from(n);
+            views.push(view(Vector3::new(x, 0.0, 0.0), Vector3::new(0.3, 0.0, 3.0)));
+            seeds.push(room(0.3).collect());
+        }
+        // 23 m from what the others see from 3 m: small, and known again; 60 m: not.
+        for z in [-20.0, -57.0] {
+            views.push(view(Vector3::new(0.3, 0.0, z), Vector3::new(0.3, 0.0, 3.0)));
+            seeds.push((0..60).map(|k| Vector3::new(0.1 * f64::from(k), 0.0, z + 3.0)).collect());
+        }
+        let all: Vec<u32> = (0..6).collect();
+        let pairs = pairs_by_seeds(&views, &seeds, &all, 10);
+        assert!(pairs.contains(&(0, 4)), "{pairs:?}");
+        assert!(pairs.iter().all(|(_, b)| *b != 5), "{pairs:?}");
+        let worth = |from: usize, to: usize| -> f64 {
+            seeds[from].iter().map(|x| worth_of_seed(&views[from], &views[to], x)).sum()
+        };
+        for from in 0..6 {
+            let bounds = Bounds::of(&views[from], &seeds[from]).unwrap();
+            for to in 0..6 {
+                assert!(bounds.may_be_seen_from(&views[to]) || worth(from, to) == 0.0, "{from} {to}");
+            }
+        }
+        assert!(!Bounds::of(&views[0], &seeds[0]).unwrap().may_be_seen_from(&views[5]));
+        assert!(Bounds::of(&views[0], &[]).is_none());
     }
 
     #[test]

@@ -2,10 +2,11 @@
 
 use rayon::prelude::*;
 use veiloc_descriptor::DescriptorView;
-use veiloc_geometry::Point3;
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_map::{BuildSettings, MapModel, MapPoint, Observation};
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
+use veiloc_map::{BuildSettings, MapModel, MapPoint, Observation, PosedImage};
 
+use crate::kept::Extracted;
 use crate::matching::Edge;
 use crate::options::pixels_at;
 use crate::tracks::{Node, build_tracks};
@@ -58,14 +59,30 @@ pub(crate) enum Fallback {
 }
 
 impl<'a> Scene<'a> {
+    /// Images without points.
+    pub(crate) fn of_features(
+        images: &[&PosedImage],
+        features: &'a [Extracted],
+        settings: &BuildSettings,
+    ) -> Self {
+        let views = images
+            .par_iter()
+            .zip(features)
+            .map(|(image, found)| view_of(image.camera, image.cam_from_world, &found.keypoints, settings));
+        Self {
+            views: views.collect(),
+            keypoints: features.iter().map(|found| found.keypoints.as_slice()).collect(),
+            descriptors: features.iter().map(|found| found.descriptors.view()).collect(),
+            points: Vec::new(),
+            point_of: features.iter().map(|found| vec![None; found.keypoints.len()]).collect(),
+            before: &[],
+        }
+    }
+
     /// The images of a model, and its points, none of them touched.
     pub(crate) fn of(model: &'a MapModel, settings: &BuildSettings) -> Self {
         let views = model.images.par_iter().map(|image| {
-            let camera = model.cameras[image.camera];
-            let pixels = |threshold| pixels_at(threshold, camera.width, camera.height);
-            let (error, epipolar) =
-                (pixels(settings.max_reprojection_error_px), pixels(settings.max_epipolar_error_px));
-            View::new(camera, image.cam_from_world, &image.keypoints, error, epipolar)
+            view_of(model.cameras[image.camera], image.cam_from_world, &image.keypoints, settings)
         });
         let points = model.points.iter().map(|p| WorkPoint {
             position: p.position.coords,
@@ -220,4 +237,17 @@ impl<'a> Scene<'a> {
             error: errors.sum::<f64>() / point.track.len().max(1) as f64,
         }
     }
+}
+
+/// A view with the thresholds of its image's size.
+fn view_of(
+    camera: Intrinsics,
+    cam_from_world: CameraFromWorld,
+    keypoints: &[[f32; 2]],
+    settings: &BuildSettings,
+) -> View {
+    let pixels = |threshold| pixels_at(threshold, camera.width, camera.height);
+    let (error, epipolar) =
+        (pixels(settings.max_reprojection_error_px), pixels(settings.max_epipolar_error_px));
+    View::new(camera, cam_from_world, keypoints, error, epipolar)
 }

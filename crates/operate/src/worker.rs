@@ -35,12 +35,13 @@ pub struct Args {
     /// Print what holds, and where each value comes from, as such a file; do nothing else.
     #[arg(long)]
     print_config: bool,
-    /// The NATS servers that lead to the gateways, with commas between them.
+    /// The NATS servers that lead to the gateways, with commas between them; a user and a password may stand before an `@`.
     #[arg(long, required = true, value_name = "URL[,URL]")]
-    nats: String,
+    // Always there, and no `String` all the same: a file may give it, and the command line alone is looked at first.
+    nats: Option<String>,
     /// The published map whose regions it takes.
     #[arg(long, required = true, value_parser = map_name, value_name = "NAME")]
-    map: String,
+    map: Option<String>,
     #[command(flatten)]
     cluster: ClusterArgs,
     /// Which regions: all, 1/3 for the first of three shares, or numbers with commas between. Every region needs a worker;
@@ -110,7 +111,7 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     own_process();
     let finished = runtime.block_on(async {
-        let bus = args.cluster.bus(&args.nats, "veiloc worker").await?;
+        let bus = args.cluster.bus(given(&args.nats), "veiloc worker").await?;
         let worker = Worker::start(bus, shelf, options, counts).await?;
         let handle = worker.handle();
         let end = watch::Sender::new(false);
@@ -119,7 +120,7 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
         let signals =
             Signals::new().map_err(|source| ClusterError::System { what: "signal handlers", source })?;
         voice.say(format_args!("probes and metrics on http://{admin}"));
-        voice.say(format_args!("holds {} regions and indexes of {}", worker.held(), args.map));
+        voice.say(format_args!("holds {} regions and indexes of {}", worker.held(), given(&args.map)));
         let listening = tokio::spawn(signals.obey(handle));
         let finished = worker.run().await;
         listening.abort();
@@ -141,9 +142,14 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
     Ok(Exit::Refused)
 }
 
+/// What is required somewhere: settings without it were refused.
+fn given(required: &Option<String>) -> &str {
+    required.as_deref().unwrap_or_default()
+}
+
 fn options(args: &Args) -> WorkerOptions {
     let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
-    let mut options = WorkerOptions::new(&args.map);
+    let mut options = WorkerOptions::new(given(&args.map));
     options.share = args.regions.clone();
     options.index = !args.no_index;
     if let Some(workers) = args.workers {

@@ -80,31 +80,68 @@ pub(crate) fn test_in(
     options: &SelfTestOptions,
     progress: &dyn Progress,
 ) -> Result<SelfTest, SelfTestError> {
-    for scheme in &options.schemes {
-        options_for(*scheme, &model.profile).bounded(&model.profile)?;
-    }
-    let chosen = spread(model.images.len(), options.images);
-    progress.start("Testing the map", chosen.len());
-    let by_image: Vec<Vec<Option<Trial>>> = chosen
-        .par_iter()
-        .map(|&image| {
-            let trials = trials_of(model, file, &without(image), image, options);
-            progress.advance(1);
-            trials
-        })
-        .collect();
-    progress.finish();
+    let chosen = chosen(model, options);
+    let trials = tried(model, file, without, &chosen, options, progress)?;
+    Ok(test_of(model, &trials, options))
+}
+
+/// The images that a self-test localizes, by their places in the map: up to [`SelfTestOptions::images`], spread evenly.
+pub fn chosen(model: &MapModel, options: &SelfTestOptions) -> Vec<usize> {
+    spread(model.images.len(), options.images)
+}
+
+/// Localizes these images of the map, each left out, under each scheme: a part of a [`self_test`], for many hands. `None` where
+/// there is no pose.
+///
+/// # Errors
+/// [`SelfTestError`] as for [`self_test`].
+pub fn trials(
+    model: &MapModel,
+    images: &[usize],
+    options: &SelfTestOptions,
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<Option<Trial>>>, SelfTestError> {
+    let file = MapFile::of_model(model)?;
+    let leave_out = LeaveOut::of(model);
+    tried(model, &file, &|image| leave_out.without(image), images, options, progress)
+}
+
+/// What the trials of all [`chosen`] images, in their order, come to: [`self_test`] of parts.
+pub fn test_of(model: &MapModel, trials: &[Vec<Option<Trial>>], options: &SelfTestOptions) -> SelfTest {
     let scale = scale(model);
     let of_scheme = |(index, scheme): (usize, &Scheme)| {
-        let trials: Vec<Option<Trial>> = by_image.iter().map(|trials| trials[index].clone()).collect();
-        summarize(*scheme, &trials, scale)
+        let of_images: Vec<Option<Trial>> =
+            trials.iter().map(|of_image| of_image.get(index).cloned().flatten()).collect();
+        summarize(*scheme, &of_images, scale)
     };
-    Ok(SelfTest {
-        images: chosen.len() as u32,
+    SelfTest {
+        images: trials.len() as u32,
         scale,
         assumed_noise_px: options.localize.pose.noise_px,
         schemes: options.schemes.iter().enumerate().map(of_scheme).collect(),
-    })
+    }
+}
+
+fn tried(
+    model: &MapModel,
+    file: &MapFile,
+    without: &(dyn Fn(usize) -> Without + Sync),
+    images: &[usize],
+    options: &SelfTestOptions,
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<Option<Trial>>>, SelfTestError> {
+    for scheme in &options.schemes {
+        options_for(*scheme, &model.profile).bounded(&model.profile)?;
+    }
+    progress.start("Testing the map", images.len());
+    let of_image = |&image: &usize| {
+        let trials = trials_of(model, file, &without(image), image, options);
+        progress.advance(1);
+        trials
+    };
+    let trials = images.par_iter().map(of_image).collect();
+    progress.finish();
+    Ok(trials)
 }
 
 /// One entry a scheme; `None` where there is no pose.

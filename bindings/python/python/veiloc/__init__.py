@@ -3,7 +3,7 @@
 - Poses from correspondences, called as PoseLib's: `estimate_absolute_pose`, `estimate_absolute_pose_lines`,
   `estimate_absolute_pose_anchored`, and the minimal solvers `p3p`, `p6lp`, `p5lp_radial`, `p6lp_dual_radial`, `up2p`, `u4lp`.
 - The device: `extract`, `obfuscate`, `seal`, `Session`, `Profile`, and `Client`, which asks a service.
-- The server: `Map`.
+- The server: `Map`; `prepare` and `veiloc.ray`, for maps that many machines build.
 - What leaks: `attack`, `audit`.
 - `render_place`: a place to try it all on.
 - `veiloc.hloc`: the last step of hloc, on lines instead of points.
@@ -36,6 +36,7 @@ from veiloc._native import (
     p5lp_radial,
     p6lp,
     p6lp_dual_radial,
+    prepare,
     render_place,
     seal,
     u4lp,
@@ -91,6 +92,7 @@ __all__ = [
     "p5lp_radial",
     "p6lp",
     "p6lp_dual_radial",
+    "prepare",
     "render_place",
     "seal",
     "u4lp",

@@ -134,6 +134,7 @@ class Map:
         down: npt.ArrayLike | str | None = None,
         self_test: bool = True,
         skip_bad: bool = False,
+        work: Path | None = None,
         progress: Progress | None = None,
     ) -> Map: ...
     @staticmethod
@@ -171,6 +172,10 @@ class Map:
     def self_test(
         self, *, images: int = 50, schemes: Sequence[str] | None = None, progress: Progress | None = None
     ) -> dict[str, dict[str, Any]]: ...
+    def self_test_share(
+        self, share: tuple[int, int], *, images: int = 50, progress: Progress | None = None
+    ) -> list[Any]: ...
+    def with_self_test(self, shares: Sequence[Sequence[Any]], *, images: int = 50) -> Map: ...
     def localize(
         self,
         query: bytes,
@@ -207,6 +212,19 @@ class Map:
     def warnings(self) -> list[str]: ...
     def __len__(self) -> int: ...
     def _repr_svg_(self) -> str | None: ...
+
+def prepare(
+    posed: Posed,
+    images: Path,
+    work: Path,
+    stage: str,
+    share: tuple[int, int],
+    *,
+    names: Sequence[str] | None = None,
+    features: str = "compact",
+    skip_bad: bool = False,
+    progress: Progress | None = None,
+) -> tuple[int, int]: ...
 
 class Client:
     def __init__(

@@ -13,6 +13,7 @@ use veiloc_arguments::extraction_args::ExtractionArgs;
 use veiloc_arguments::feature_args::MapFeatureArgs;
 use veiloc_arguments::global_args::MapGlobalArgs;
 use veiloc_hloc::{read_pairs, write_pairs};
+use veiloc_keeping::Keeping;
 use veiloc_map::colmap::{read_model, read_posed};
 use veiloc_map::{Down, MapFile, MapLock, MapModel, PosedImages};
 use veiloc_mapping::{Input, MappingError, OnBadImage, Words};
@@ -116,6 +117,10 @@ pub(crate) struct BuildArgs {
     keep: KeepArgs,
     #[command(flatten)]
     pairs: PairArgs,
+    /// Folder for features and matches. A build that was interrupted, or is done again with more images, computes only what is not
+    /// there. It holds what the map holds of its images, and is to be kept from others like it. Default: nothing is kept.
+    #[arg(long, value_name = "DIR")]
+    work: Option<PathBuf>,
     #[command(flatten)]
     written: WrittenArgs,
 }
@@ -250,8 +255,16 @@ fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
         Some(pairs) => given.input().with_pairs(pairs),
         None => given.input(),
     };
+    let keeping = args.work.as_deref().map(|folder| Keeping::in_folder(folder, &options)).transpose()?;
+    let input = match &keeping {
+        Some(keeping) => input.with_kept(keeping),
+        None => input,
+    };
     let (mut model, mut report) =
         veiloc_mapping::build(&input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+    if let Some(fault) = keeping.and_then(|keeping| keeping.finish().err()) {
+        ui.complain(format!("not all could be kept, and will be computed again: {fault}"));
+    }
     if let Some(path) = &args.pairs.out_pairs {
         write_pairs(path, report.pairs.iter().map(|(a, b)| (a.as_str(), b.as_str())))?;
         ui.say(format!("{}: {} pairs", path.display(), report.pairs.len()));

@@ -13,6 +13,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use veiloc_features::Progress;
+use veiloc_keeping::Keeping;
 use veiloc_mapping::Input;
 
 pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
@@ -103,14 +104,14 @@ fn place_map(
         return there?.copied_to(keep);
     }
     let mut input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
-    let keeping = work.map(|work| work.keeping_features(evaluation)).transpose()?;
-    if let Some(work) = work {
-        input = input.with_kept_matches(work.matches());
+    let keeping = work.map(|work| work.keeping(&evaluation.build)).transpose()?;
+    if let Some(keeping) = &keeping {
+        input = input.with_kept(keeping);
     }
     let path = kept.as_ref().map(|kept| kept.path()).or(keep);
     let map = PlaceMap::build(
         &input,
-        keeping.as_ref().unwrap_or(&evaluation.build),
+        &evaluation.build,
         true,
         path,
         upright.map(|upright| upright.down()),
@@ -118,7 +119,7 @@ fn place_map(
     )?;
     match &kept {
         Some(kept) => {
-            work.map_or(Ok(()), |work| work.matches().finish())?;
+            keeping.as_ref().map_or(Ok(()), Keeping::finish)?;
             kept.remember(&map.summary)?;
             map.copied_to(keep)
         }

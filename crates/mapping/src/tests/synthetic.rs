@@ -12,7 +12,7 @@ use crate::build::{append_images, match_images, sort_points};
 use crate::change::{Words, join, remove};
 use crate::complete::grow;
 use crate::error::MappingError;
-use crate::extract::Extracted;
+use crate::kept::Extracted;
 use crate::scene::Scene;
 use crate::view::View;
 use crate::vocabulary::learn;
@@ -179,7 +179,7 @@ fn images_that_leave_and_come_back_give_nearly_the_same_points() {
 
     let without = model.clone();
     let chosen: Vec<&PosedImage> = [14, 15].iter().map(|i| &place.posed[*i]).collect();
-    join(&mut model, &chosen, [14, 15].map(|i| copy(&place.features[i])).into(), &()).unwrap();
+    join(&mut model, &chosen, [14, 15].map(|i| copy(&place.features[i])).into(), None, &()).unwrap();
     model.validate().unwrap();
     assert_eq!(model.profile, before.profile);
     for (new, old) in model.points.iter().zip(&without.points) {
@@ -205,7 +205,7 @@ fn removing_all_images_leaves_an_empty_map_that_can_grow_again() {
     model.validate().unwrap();
     assert_eq!((model.images.len(), model.points.len(), model.cameras.len()), (0, 0, 0));
     let images: Vec<&PosedImage> = place.posed.iter().collect();
-    join(&mut model, &images, place.features.iter().map(copy).collect(), &()).unwrap();
+    join(&mut model, &images, place.features.iter().map(copy).collect(), None, &()).unwrap();
     assert!(model.points.len() > 100, "{}", model.points.len());
     model.validate().unwrap();
 }
@@ -240,7 +240,7 @@ fn images_join_and_leave_by_the_settings_of_the_build() {
         remove(&mut model, &names, Words::Keep, &()).unwrap();
         assert_eq!(model.settings, *settings);
         let images: Vec<&PosedImage> = place.posed.iter().collect();
-        join(&mut model, &images, place.features.iter().map(copy).collect(), &()).unwrap();
+        join(&mut model, &images, place.features.iter().map(copy).collect(), None, &()).unwrap();
         model.validate().unwrap();
         model
     };

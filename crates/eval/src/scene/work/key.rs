@@ -1,48 +1,33 @@
-//! A hash of what something is computed from.
+//! What of an evaluation is hashed: poses, files, what extractors do.
 
-use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use sha2::{Digest as _, Sha256};
 use veiloc_features::{Features, Image, load_gray};
 use veiloc_geometry::CameraFromWorld;
+use veiloc_keeping::Key;
 use veiloc_obfuscation::ExtractError;
 
 use super::io;
 use crate::error::EvalError;
 use crate::scene::SceneEvaluation;
 
-/// A hash of what something is computed from.
-#[derive(Clone)]
-pub(super) struct Key(Sha256);
+/// What evaluations add to a hash.
+pub(super) trait EvaluationKey {
+    fn pose(&mut self, pose: Option<&CameraFromWorld>);
 
-impl Key {
-    pub(super) fn new(what: &str) -> Self {
-        let mut key = Self(Sha256::new());
-        key.text(what);
-        key.text(env!("CARGO_PKG_VERSION"));
-        key
-    }
+    /// The content of a file; one that is not there is told apart, and named by whoever needs it.
+    fn file(&mut self, path: &Path) -> Result<(), EvalError>;
 
-    pub(super) fn bytes(&mut self, bytes: &[u8]) {
-        self.0.update((bytes.len() as u64).to_le_bytes());
-        self.0.update(bytes);
-    }
+    /// What the extractor and the network of global descriptors make of an image: their names do not say which weights they
+    /// were read with.
+    fn behaviour(&mut self, evaluation: &SceneEvaluation) -> Result<(), EvalError>;
 
-    pub(super) fn text(&mut self, text: &str) {
-        self.bytes(text.as_bytes());
-    }
+    fn features(&mut self, features: &Features);
+}
 
-    pub(super) fn debug(&mut self, value: &impl std::fmt::Debug) {
-        self.text(&format!("{value:?}"));
-    }
-
-    pub(super) fn numbers(&mut self, numbers: impl Iterator<Item = f64>) {
-        numbers.for_each(|n| self.0.update(n.to_le_bytes()));
-    }
-
-    pub(super) fn pose(&mut self, pose: Option<&CameraFromWorld>) {
+impl EvaluationKey for Key {
+    fn pose(&mut self, pose: Option<&CameraFromWorld>) {
         self.debug(&pose.is_some());
         if let Some(pose) = pose {
             self.numbers(pose.rotation().matrix().iter().copied());
@@ -50,8 +35,7 @@ impl Key {
         }
     }
 
-    /// The content of a file; one that is not there is told apart, and named by whoever needs it.
-    pub(super) fn file(&mut self, path: &Path) -> Result<(), EvalError> {
+    fn file(&mut self, path: &Path) -> Result<(), EvalError> {
         match fs::read(path) {
             Ok(bytes) => self.bytes(&bytes),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => self.text("no such file"),
@@ -60,9 +44,7 @@ impl Key {
         Ok(())
     }
 
-    /// What the extractor and the network of global descriptors make of an image: their names do not say which weights they
-    /// were read with.
-    pub(super) fn behaviour(&mut self, evaluation: &SceneEvaluation) -> Result<(), EvalError> {
+    fn behaviour(&mut self, evaluation: &SceneEvaluation) -> Result<(), EvalError> {
         let Some(name) = evaluation.map_list.first() else { return Ok(()) };
         let extractor = evaluation.build.extractors.named(&evaluation.build.features);
         let extractor = extractor.map_err(ExtractError::from)?;
@@ -91,16 +73,5 @@ impl Key {
     fn features(&mut self, features: &Features) {
         self.numbers(features.keypoints.iter().flat_map(|k| [k.pixel.u, k.pixel.v]));
         self.bytes(features.descriptors.as_bytes());
-    }
-
-    pub(super) fn digest(self) -> [u8; 32] {
-        self.0.finalize().into()
-    }
-
-    pub(super) fn hex(self) -> String {
-        self.digest().iter().fold(String::new(), |mut hex, byte| {
-            write!(hex, "{byte:02x}").expect("a string takes all that is written to it");
-            hex
-        })
     }
 }

@@ -3,10 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use veiloc_keeping::Key;
 use veiloc_replacing::write_whole;
 use veiloc_results::MapSummary;
 
-use super::key::Key;
+use super::key::EvaluationKey as _;
 use super::{Work, io};
 use crate::error::EvalError;
 use crate::road::{PlaceMap, Upright};

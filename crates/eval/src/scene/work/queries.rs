@@ -8,10 +8,11 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 use veiloc_features::mask_in;
+use veiloc_keeping::Key;
 use veiloc_map::MapFile;
 use veiloc_results::QueryResult;
 
-use super::key::Key;
+use super::key::EvaluationKey as _;
 use super::{QUERIES, Work, io};
 use crate::error::EvalError;
 use crate::road::AskedQuery;

@@ -1,0 +1,53 @@
+//! A hash of what something is computed from.
+
+use std::fmt::Write as _;
+
+use sha2::{Digest as _, Sha256};
+
+/// A hash of what something is computed from; the version of this program is part of it.
+#[derive(Debug, Clone)]
+pub struct Key(Sha256);
+
+impl Key {
+    /// Of something with this name.
+    pub fn new(what: &str) -> Self {
+        let mut key = Self(Sha256::new());
+        key.text(what);
+        key.text(env!("CARGO_PKG_VERSION"));
+        key
+    }
+
+    /// Adds bytes, and how many they are.
+    pub fn bytes(&mut self, bytes: &[u8]) {
+        self.0.update((bytes.len() as u64).to_le_bytes());
+        self.0.update(bytes);
+    }
+
+    /// Adds a text.
+    pub fn text(&mut self, text: &str) {
+        self.bytes(text.as_bytes());
+    }
+
+    /// Adds a value as it is printed for debugging.
+    pub fn debug(&mut self, value: &impl std::fmt::Debug) {
+        self.text(&format!("{value:?}"));
+    }
+
+    /// Adds numbers, to the bit.
+    pub fn numbers(&mut self, numbers: impl Iterator<Item = f64>) {
+        numbers.for_each(|n| self.0.update(n.to_le_bytes()));
+    }
+
+    /// The hash.
+    pub fn digest(self) -> [u8; 32] {
+        self.0.finalize().into()
+    }
+
+    /// The hash, written out.
+    pub fn hex(self) -> String {
+        self.digest().iter().fold(String::new(), |mut hex, byte| {
+            write!(hex, "{byte:02x}").expect("a string takes all that is written to it");
+            hex
+        })
+    }
+}

@@ -1,0 +1,120 @@
+//! A share of a build's work, for many hands: what it computes is kept, and the build finds it there.
+//!
+//! ```text
+//! Stage::Features ── all shares ──▶ Stage::FirstPairs ── all shares ──▶ Stage::Pairs ── all shares ──▶ build
+//! ```
+//! A share that was not done, or was lost, costs time and nothing else: whoever needs it computes it. So a map that many hands
+//! prepared is the one that a single pair of hands builds, to the bit.
+
+use veiloc_descriptor::DescriptorView;
+
+use crate::build::{add_seeds, first_pairs, further_pairs, names_of, seeds_of};
+use crate::error::MappingError;
+use crate::extract::{Found, Makers, extract_all, extract_each};
+use crate::input::Input;
+use crate::kept::Kept;
+use crate::matching::{Edges, match_pairs};
+use crate::options::{BuildOptions, for_images};
+use crate::progress::Progress;
+use crate::scene::Scene;
+
+/// What can be done by many hands at once; each stage needs what the one before it found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Features of the images.
+    Features,
+    /// Matches of pairs that are chosen by their poses.
+    FirstPairs,
+    /// Matches of the pairs that see the same points, as far as the first ones tell.
+    Pairs,
+}
+
+/// One hand's share of a stage: every `of`-th image or pair, from the `part`-th on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Share {
+    /// Less than `of`.
+    part: usize,
+    of: usize,
+}
+
+impl Share {
+    /// The `part`-th of `of` shares, the first being 0; `None` when there is no such share.
+    pub const fn new(part: usize, of: usize) -> Option<Self> {
+        if part < of { Some(Self { part, of }) } else { None }
+    }
+
+    fn of<T>(self, all: Vec<T>) -> Vec<T> {
+        all.into_iter().skip(self.part).step_by(self.of).collect()
+    }
+}
+
+/// What a share came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Prepared {
+    /// Images or pairs of the share.
+    pub done: usize,
+    /// Images or pairs of all shares.
+    pub of_all: usize,
+}
+
+/// Computes a share of what [`build`](crate::build) will ask `kept` for, with the same input and options. Equal input gives equal
+/// shares, on every machine.
+///
+/// # Errors
+/// [`MappingError`] as for [`build`](crate::build), for what is wrong with the images of this share; of the whole list when pairs are
+/// matched, which need them all.
+pub fn prepare(
+    input: &Input<'_>,
+    kept: &dyn Kept,
+    options: &BuildOptions,
+    stage: Stage,
+    share: Share,
+    progress: &dyn Progress,
+) -> Result<Prepared, MappingError> {
+    options.settings.check()?;
+    let input = &input.with_kept(kept);
+    let extractors = input.extractors().unwrap_or(&options.extractors);
+    let makers = Makers { extractor: extractors.named(&options.features)?, global: options.global.as_ref() };
+    let limits = options.settings.extraction;
+    let mut checked = input.check(|_| false)?;
+    if stage == Stage::Features {
+        let of_all = checked.images.len();
+        checked.images = share.of(checked.images);
+        let done = checked.images.len();
+        if done > 0 {
+            extract_each(checked, makers, limits, progress, |_, _| ())?;
+        }
+        return Ok(Prepared { done, of_all });
+    }
+    let Found { images, features, .. } = extract_all(checked, makers, limits, progress)?;
+    let settings = &for_images(&options.settings, images.len());
+    let scene = Scene::of_features(&images, &features, settings);
+    let focus: Vec<u32> = (0..images.len() as u32).collect();
+    let names = names_of(&scene, Some(kept));
+    let kept = names.as_deref().map(|names| (kept, names));
+    let descriptors: &[DescriptorView<'_>] = &scene.descriptors;
+    let matched = |pairs: &[(u32, u32)]| -> Edges {
+        progress.start("Matching pairs", pairs.len());
+        match_pairs(pairs, &scene.views, descriptors, settings.max_ratio, kept, progress)
+    };
+    let pairs = match (input.pairs_of(&images)?, stage) {
+        // Pairs that are given are matched in one stage, the last.
+        (Some(pairs), Stage::Pairs) => pairs,
+        (Some(_), _) => Vec::new(),
+        (None, _) => {
+            let mut seeds = seeds_of(input.posed(), &images);
+            let first = first_pairs(&scene, &seeds, &focus);
+            if stage == Stage::Pairs {
+                add_seeds(&scene, &matched(&first).verified, &mut seeds);
+                further_pairs(&scene, &seeds, &focus, settings, &first)
+            } else {
+                first
+            }
+        }
+    };
+    let of_all = pairs.len();
+    let own = share.of(pairs);
+    matched(&own);
+    progress.finish();
+    Ok(Prepared { done: own.len(), of_all })
+}

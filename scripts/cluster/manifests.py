@@ -1,0 +1,408 @@
+#!/usr/bin/env python3
+"""Holds the files of deploy/cluster against the program, nats-server and each other, and says what it could not check.
+
+    scripts/cluster/manifests.py [--veiloc PROGRAM]
+
+Every command line of the program and every setting must be known to it; ports, probes, volumes, secrets, labels and times must
+fit; each pod has a readiness probe, resources and a PodDisruptionBudget; who holds which secret; what Kubernetes is given for
+NATS must be nats.conf. Kubernetes' schema is asked of kubernetes-validate (PyPI), compose of `docker compose config`, settings
+of NATS of `nats-server -t`, each where it is installed. Needs PyYAML. Prints, last, `all N checks hold`; ends with 1 otherwise.
+"""
+
+import argparse
+import importlib.util
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+
+import yaml
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "service"))
+
+from common import ROOT, target_dir  # noqa: E402
+
+DEPLOY = ROOT / "deploy" / "cluster"
+CONTAINERFILE = "deploy/cluster/Containerfile"
+# What stands in for a secret's value.
+SERVERS = "tls://somebody:password@nats:4222"
+held, faults, skipped = [], [], []
+
+
+def check(holds, what):
+    (held if holds else faults).append(what)
+    print(("ok     " if holds else "FAULT  ") + what, flush=True)
+    return holds
+
+
+def skip(what, why):
+    skipped.append(what)
+    print(f"not    {what}: {why}", flush=True)
+
+
+def run(*command, **more):
+    return subprocess.run([str(word) for word in command], capture_output=True, text=True, **more)
+
+
+def port(address):
+    return int(str(address).rsplit(":", 1)[1])
+
+
+class Known:
+    """What the program knows: the options of its commands."""
+
+    def __init__(self, veiloc):
+        self.veiloc = veiloc
+
+    def options(self, *command):
+        said = run(self.veiloc, *command, "--help")
+        return set(re.findall(r"--[a-z][a-z-]*", said.stdout)) if said.returncode == 0 else set()
+
+    def settings(self, where, command, text, environment=None):
+        """What holds with these settings; the program's own complaint is a fault."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "settings.toml"
+            path.write_text(text)
+            given = {"PATH": os.environ["PATH"]} | (environment or {})
+            said = run(self.veiloc, command, "--config", path, "--print-config", env=given)
+        fine = check(said.returncode == 0, f"{where}: veiloc {command} takes these settings {said.stderr.strip()[:200]}")
+        return tomllib.loads(said.stdout) if fine else {}
+
+    def line(self, where, words):
+        """A command line after the program's name."""
+        count = 2 if words[:1] == ["map"] else 1
+        command, rest = words[:count], words[count:]
+        options = self.options(*command)
+        check(bool(options), f"{where}: veiloc {' '.join(command)} is a command")
+        for word in rest:
+            if word.startswith("--"):
+                check(word.split("=")[0] in options, f"{where}: veiloc {' '.join(command)} knows {word}")
+
+    def variables(self, where, command, names):
+        options = {"VEILOC_" + option[2:].upper().replace("-", "_") for option in self.options(command)}
+        for name in names:
+            check(name in options, f"{where}: {name} belongs to an option of veiloc {command}")
+
+
+def examples(known):
+    taken = {}
+    for name, command in (("gateway", "serve"), ("worker", "worker")):
+        text = (DEPLOY / f"{name}.example.toml").read_text()
+        taken[name] = known.settings(f"{name}.example.toml", command, text)
+        for user, password in re.findall(r"//([^:@/]+):([^@]+)@", text):
+            check(password == user.upper().replace("-", "_") + "_PASSWORD", f"{name}.example.toml: a placeholder for {user}")
+            check(f"user: {user}," in (DEPLOY / "nats.conf").read_text(), f"{name}.example.toml: {user} is a user of nats.conf")
+    return taken
+
+
+def image(example):
+    """Our Containerfile is the service's but for what a cluster needs."""
+    text, service = (ROOT / CONTAINERFILE).read_text(), (ROOT / "deploy" / "Containerfile").read_text()
+
+    def of(pattern, where):
+        return re.findall(pattern, where, re.M)
+
+    for pattern, what in ((r"^FROM (\S+)", "bases"), (r"^USER (\S+)", "user"), (r"^HEALTHCHECK (.*)", "health"),
+                          (r"^COPY (.*)", "files"), (r"^ENTRYPOINT (.*)", "program"), (r"^STOPSIGNAL (.*)", "signal")):
+        check(of(pattern, text) == of(pattern, service), f"Containerfile: {what} as of deploy/Containerfile")
+    clouds = bool(re.search(r"^clouds = ", (ROOT / "crates" / "cli" / "Cargo.toml").read_text(), re.M))
+    check(clouds and "--features clouds" in text, "Containerfile: built with the clouds' storage, of which the examples are")
+    made = re.search(r"^RUN install --directory --owner (\d+) --group \d+ (.*)$", text, re.M)
+    user = of(r"^USER (\d+):", text)[0]
+    check(bool(made) and made[1] == user, "Containerfile: folders of the container's user")
+    check(example["cache"] in made[2].split(), "Containerfile: the cache is one of them")
+    skip("Containerfile: an image was built", "this takes a registry; build it by hand")
+    return user, made[2].split()
+
+
+def compose(known, taken, user, folders):
+    where = "compose.yaml"
+    all_of = yaml.safe_load((DEPLOY / where).read_text())
+    services, volumes, networks = all_of["services"], all_of["volumes"], all_of["networks"]
+    program = ["/usr/local/bin/veiloc", "serve"]
+    for name, service in services.items():
+        here = f"{where} {name}"
+        check(service["read_only"] and service["cap_drop"] == ["ALL"], f"{here}: read-only, no capabilities")
+        check(all(network in networks for network in service["networks"]), f"{here}: its networks are there")
+        check(service.get("mem_limit") or "profiles" in service, f"{here}: memory has a limit")
+        check("healthcheck" in service, f"{here}: says how it is")
+        mounts = {}
+        for volume in service["volumes"]:
+            source, _, rest = volume.partition(":")
+            target = rest.split(":")[0] or source
+            mounts[target] = source
+            check(not rest or source.startswith("./") or source in volumes, f"{here}: {source} is a volume")
+            if not rest.endswith(":ro") and not name.startswith("nats"):
+                check(target in folders, f"{here}: {target} is written to, and the image makes it the user's")
+        line = service.get("entrypoint", program) + service["command"]
+        if name.startswith("nats"):
+            line = service["command"]
+            check(mounts["/etc/nats.conf"] == "./nats.conf" and line[1] == "/etc/nats.conf", f"{here}: reads nats.conf")
+            # Relative to the folder of nats.conf.
+            included = re.search(r'^include "([^"/]+)/users.conf"', (DEPLOY / "nats.conf").read_text(), re.M)
+            check(bool(included) and f"/etc/{included[1]}" in mounts, f"{here}: what nats.conf includes is mounted")
+            others = sorted(other for other in services if other.startswith("nats") and other != name)
+            routes = re.findall(r"tls://([^:]+):(\d+)", line[line.index("--routes") + 1])
+            check(sorted(routes) == [(other, "6222") for other in others], f"{here}: routes to the others")
+            check(name == line[line.index("--name") + 1], f"{here}: its name")
+            continue
+        check(line[0] == program[0], f"{here}: runs the program")
+        known.line(here, line[1:])
+        check(service["user"] == f"{user}:{user}", f"{here}: the image's user")
+        check((DEPLOY / service["build"]["context"] / service["build"]["dockerfile"]).resolve() == ROOT / CONTAINERFILE,
+              f"{here}: the image of {CONTAINERFILE}")
+        check("/etc/nats-tls" not in mounts, f"{here}: has no key of a node")
+        if name not in taken:
+            continue
+        holds = taken[name]
+        check(line[-1] == f"/etc/veiloc/{name}.toml" and mounts["/etc/veiloc"] == f"./{name}", f"{here}: its settings alone")
+        known.variables(here, line[1], service["environment"])
+        for key in ("nats-ca", "cache", "cert", "key", "tokens"):
+            if key in holds:
+                check(any(holds[key] == mount or holds[key].startswith(mount + "/") for mount in mounts),
+                      f"{here}: {key} lies in a volume")
+        patience = float(service["stop_grace_period"].rstrip("s"))
+        check(patience > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {patience} s, more than it may take")
+        servers = re.findall(r"@([^:]+):(\d+)", holds["cluster" if name == "gateway" else "nats"])
+        check(sorted(servers) == sorted((other, "4222") for other in services if other.startswith("nats")),
+              f"{here}: all nodes of NATS")
+        check("bus" in service["networks"], f"{here}: reaches the bus")
+    check(services["gateway"]["ports"] == [f"{port(taken['gateway']['listen'][0])}:8443"], f"{where}: the gateway's port")
+    check([name for name, service in services.items() if service.get("ports")] == ["gateway"],
+          f"{where}: no port but the gateway's")
+    check(networks["bus"]["internal"] is True, f"{where}: the bus is not reached from outside")
+    check(services["gateway"]["ulimits"]["nofile"] >= taken["gateway"]["connections"] + 192,
+          f"{where}: files for all connections")
+    probed = re.search(r"PROBE_PORT:-(\d+)", (ROOT / "deploy" / "probe.sh").read_text())[1]
+    check(all(str(port(holds["admin-listen"])) == probed for holds in taken.values()),
+          f"{where}: the probe asks the settings' port")
+    if shutil.which("docker") and run("docker", "compose", "version").returncode == 0:
+        said = run("docker", "compose", "-f", DEPLOY / where, "--profile", "publish", "config", "--quiet")
+        check(said.returncode == 0, f"{where}: docker compose config {said.stderr.strip()}")
+    else:
+        skip(f"{where}: by its schema", "no docker compose here")
+
+
+def meaning(text):
+    """Settings of NATS without remarks."""
+    return [line.split("#")[0].strip() for line in text.splitlines() if line.split("#")[0].strip()]
+
+
+def nats(documents):
+    """nats.conf is valid, and Kubernetes is given the same."""
+    ours, theirs = (DEPLOY / "nats.conf").read_text(), documents["ConfigMap", "veiloc-cluster"]["data"]["nats.conf"]
+    differ = set(meaning(ours)) ^ set(meaning(theirs))
+    check(differ == {"http: 127.0.0.1:8222", "http: 0.0.0.0:8222"}, f"kubernetes.yaml: nats.conf but for the monitor {differ}")
+    server, openssl = shutil.which("nats-server"), shutil.which("openssl")
+    if not server or not openssl:
+        return skip("nats.conf: by nats-server", "nats-server or openssl is not installed")
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        run("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-keyout",
+            folder / "tls.key", "-out", folder / "tls.crt", "-subj", "/CN=node", "-days", "1")
+        shutil.copy(folder / "tls.crt", folder / "ca.crt")
+        (folder / "nats-auth").mkdir()
+        names = set(re.findall(r"password: \$(\w+)", ours))
+        (folder / "nats-auth" / "users.conf").write_text("".join(f'{name}: "secret"\n' for name in names))
+        for name, text in (("nats.conf", ours), ("kubernetes.yaml's nats.conf", theirs)):
+            (folder / "nats.conf").write_text(text.replace("/etc/nats-tls", str(folder)))
+            said = run(server, "-t", "-c", folder / "nats.conf")
+            check(said.returncode == 0, f"{name}: by nats-server {said.stderr.strip() if said.returncode else ''}")
+
+
+def secrets_to_make(text):
+    """Names and keys of the secrets that the head of the file tells to make."""
+    made = {}
+    for kind, name, rest in re.findall(r"^#   kubectl create secret (\w+) (\S+) (.*)$", text, re.M):
+        keys = {"tls.crt", "tls.key"} if kind == "tls" else set(re.findall(r"--from-(?:file|literal)=([^= ]+)", rest))
+        made[name] = keys
+    return made
+
+
+def kubernetes(known, user):
+    where = "kubernetes.yaml"
+    text = (DEPLOY / where).read_text()
+    read = list(yaml.safe_load_all(text))
+    documents = {(document["kind"], document["metadata"]["name"]): document for document in read}
+    check(len(documents) == len(read), f"{where}: no name twice")
+    nats(documents)
+    secrets, used = secrets_to_make(text), set()
+    files = documents["ConfigMap", "veiloc-cluster"]["data"]
+    pods = {name: document for (kind, name), document in documents.items() if kind in ("Deployment", "StatefulSet")}
+    for name, document in pods.items():
+        here = f"{where} {name}"
+        spec = document["spec"]
+        pod, labels = spec["template"]["spec"], spec["template"]["metadata"]["labels"]
+        check(spec["selector"]["matchLabels"].items() <= labels.items(), f"{here}: its selector finds its pods")
+        check(spec["replicas"] >= 2, f"{here}: more than one")
+        budgets = [budget for (kind, _), budget in documents.items() if kind == "PodDisruptionBudget"
+                   and budget["spec"]["selector"]["matchLabels"].items() <= labels.items()]
+        check(len(budgets) == 1, f"{here}: one PodDisruptionBudget")
+        check(all(0 < budget["spec"]["maxUnavailable"] < spec["replicas"] for budget in budgets),
+              f"{here}: which leaves some, and lets go")
+        check(str(pod["securityContext"]["runAsUser"]) == user and pod["securityContext"]["runAsNonRoot"],
+              f"{here}: the image's user")
+        check(pod["automountServiceAccountToken"] is False, f"{here}: no token of the cluster's")
+        volumes = {volume["name"]: volume for volume in pod["volumes"]}
+        mine = {}
+        for container in pod["containers"]:
+            ports = {p["name"]: p["containerPort"] for p in container["ports"]}
+            for probe in ("readinessProbe", "livenessProbe"):
+                check(probe in container and container[probe]["httpGet"]["port"] in ports,
+                      f"{here}: {probe} asks a port of its own")
+            check("startupProbe" not in container or container["startupProbe"]["httpGet"]["port"] in ports,
+                  f"{here}: startupProbe")
+            check({"cpu",
+                  "memory"} <= container["resources"]["requests"].keys() and "memory" in container["resources"]["limits"],
+                  f"{here}: resources")
+            rights = container["securityContext"]
+            check(rights["readOnlyRootFilesystem"] and not rights["allowPrivilegeEscalation"]
+                  and rights["capabilities"] == {"drop": ["ALL"]}, f"{here}: read-only root, no capabilities")
+            mounts = {mount["mountPath"]: mount for mount in container["volumeMounts"]}
+            check({mount["name"] for mount in mounts.values()} == volumes.keys(), f"{here}: mounts are its volumes")
+            check(not any(a != b and a.startswith(b + "/") for a in mounts for b in mounts),
+                  f"{here}: no volume within another")
+            for mount in mounts.values():
+                volume = volumes[mount["name"]]
+                if "configMap" in volume:
+                    check(("ConfigMap", volume["configMap"]["name"]) in documents, f"{here}: the ConfigMap is there")
+                    check(mount.get("subPath", next(iter(files))) in files,
+                          f"{here}: {mount.get('subPath', 'its settings')} are in it")
+                if "secret" in volume:
+                    secret = volume["secret"]["secretName"]
+                    keys = {item["key"] for item in volume["secret"].get("items", [])} or secrets.get(secret, set())
+                    check(keys and keys <= secrets.get(secret, set()), f"{here}: the secret {secret} is told to be made")
+                    mine |= {f"{mount['mountPath']}/{key}": secret for key in keys}
+                    used.add(secret)
+            variables = {}
+            for variable in container.get("env", []):
+                source = variable["valueFrom"]
+                if "secretKeyRef" in source:
+                    secret, key = source["secretKeyRef"]["name"], source["secretKeyRef"]["key"]
+                    check(key in secrets.get(secret, ()), f"{here}: the secret {secret} is told to be made, with {key}")
+                    used.add(secret)
+                    variables[variable["name"]] = SERVERS
+            for source in container.get("envFrom", []):
+                check(source["secretRef"]["name"] in secrets,
+                      f"{here}: the secret {source['secretRef']['name']} is told to be made")
+                used.add(source["secretRef"]["name"])
+            if name == "veiloc-nats":
+                bus(here, spec, container, ports, mounts, files)
+            else:
+                ours(known, here, pod, container, ports, mounts, files, variables, mine)
+    check(used == secrets.keys(), f"{where}: every secret that is to be made is used {used ^ secrets.keys()}")
+    roads(where, documents, pods)
+    schema(where, documents)
+
+
+def bus(here, spec, container, ports, mounts, files):
+    line = container["args"]
+    check(mounts[line[line.index("--config") + 1]]["subPath"] == "nats.conf", f"{here}: reads nats.conf")
+    included = re.search(r'^include "([^"/]+)/users.conf"', files["nats.conf"], re.M)
+    check(bool(included) and f"/etc/{included[1]}" in mounts, f"{here}: what nats.conf includes is mounted")
+    routes = re.findall(r"tls://([^:,]+):(\d+)", line[line.index("--routes") + 1])
+    wanted = [(f"veiloc-nats-{i}.{spec['serviceName']}", str(ports["routes"])) for i in range(spec["replicas"])]
+    check(routes == wanted, f"{here}: routes to all nodes")
+    for name, pattern in (("nats", r"^listen: \S+:(\d+)"), ("routes", r"^  listen: \S+:(\d+)"), ("monitor", r"^http: \S+:(\d+)")):
+        check(int(re.search(pattern, files["nats.conf"], re.M)[1]) == ports[name], f"{here}: port {name} as in nats.conf")
+
+
+def ours(known, here, pod, container, ports, mounts, files, variables, mine):
+    """A pod of the program."""
+    line = container.get("command", ["/usr/local/bin/veiloc", "serve"]) + container["args"]
+    known.line(here, line[1:])
+    known.variables(here, line[1], variables)
+    holds = known.settings(here, line[1], files[pathlib.Path(line[-1]).name], variables)
+    check(line[-1].startswith("/etc/veiloc/") and "/etc/veiloc" in mounts, f"{here}: its settings are mounted")
+    for probe, path in (("startupProbe", "/readyz"), ("readinessProbe", "/readyz"), ("livenessProbe", "/healthz")):
+        got = container[probe]["httpGet"]
+        check((got["path"], got["port"]) == (path, "admin"), f"{here}: {probe} asks {path}")
+    # With the key of a node, or with the other's password, it could hear and say more than it should.
+    check(not any(path.startswith("/etc/nats-tls") and path != "/etc/nats-tls/ca.crt" for path in mine),
+          f"{here}: no key of a node")
+    check(len(variables) == 1, f"{here}: one password of the bus")
+    if not holds:
+        return
+    check(port(holds["admin-listen"]) == ports["admin"] and not holds["admin-listen"].startswith("127."),
+          f"{here}: the operator's port")
+    if "https" in ports:
+        check(port(holds["listen"][0]) == ports["https"], f"{here}: the port of the settings")
+        look = container["readinessProbe"]["periodSeconds"] * container["readinessProbe"]["failureThreshold"]
+        check(holds["drain-delay"] > look, f"{here}: drain-delay is more than {look} s between looks")
+    for key in ("nats-ca", "cert", "key", "tokens"):
+        if key in holds:
+            check(holds[key] in mine, f"{here}: {key} is of a secret")
+    check(holds["cache"] in mounts and not mounts[holds["cache"]].get("readOnly"), f"{here}: the cache can be written")
+    room = next(volume["emptyDir"]["sizeLimit"] for volume in pod["volumes"] if volume["name"] == "cache")
+    check(float(room.removesuffix("Gi")) * 1.0737 > holds["cache-gb"], f"{here}: the cache has room")
+    patience = pod["terminationGracePeriodSeconds"]
+    check(patience > holds["grace"] + holds.get("drain-delay", 0), f"{here}: waits {patience} s, more than it may take")
+    check(pod["enableServiceLinks"] is False, f"{here}: no variables of the cluster's")
+
+
+def roads(where, documents, pods):
+    """Services and the policy lead to pods and ports that are there."""
+    def found(selector):
+        return [document for document in pods.values()
+                if selector.items() <= document["spec"]["template"]["metadata"]["labels"].items()]
+
+    def ports_of(document):
+        return {value for p in document["spec"]["template"]["spec"]["containers"][0]["ports"] for value in p.values()}
+
+    for (kind, name), document in documents.items():
+        if kind == "Service":
+            target = found(document["spec"]["selector"])
+            check(len(target) == 1, f"{where}: the Service {name} leads to pods")
+            for p in document["spec"]["ports"]:
+                check(bool(target) and p.get("targetPort", p["port"]) in ports_of(target[0]),
+                      f"{where}: Service {name}, port {p['port']}")
+        if kind == "StatefulSet":
+            service = documents.get(("Service", document["spec"]["serviceName"]))
+            check(bool(service) and service["spec"]["clusterIP"] == "None", f"{where}: {name} has a headless Service")
+        if kind == "NetworkPolicy":
+            target = found(document["spec"]["podSelector"]["matchLabels"])
+            check(len(target) == 1, f"{where}: NetworkPolicy {name} is about pods")
+            allowed = {p["port"] for rule in document["spec"]["ingress"] for p in rule["ports"]}
+            check(allowed <= ports_of(target[0]), f"{where}: NetworkPolicy {name}: ports {allowed}")
+            labels = [set(e["values"]) for rule in document["spec"]["ingress"] for source in rule["from"]
+                      for e in source["podSelector"].get("matchExpressions", [])]
+            check(all(found({"app": label}) for some in labels for label in some),
+                  f"{where}: NetworkPolicy {name}: whom it lets in")
+
+
+def schema(where, documents):
+    if not importlib.util.find_spec("kubernetes_validate"):
+        return skip(f"{where}: by the schema", "kubernetes-validate is not installed (PyPI)")
+    import kubernetes_validate
+    version = kubernetes_validate.latest_version()
+    for (kind, name), document in documents.items():
+        try:
+            kubernetes_validate.validate(document, version, strict=True)
+            said = ""
+        except Exception as error:  # its classes differ between versions
+            said = f": {error}"
+        check(not said, f"{where}: {kind} {name} by the schema of {version}{said}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--veiloc", help="default: the release build of this repository")
+    known = Known(pathlib.Path(parser.parse_args().veiloc or target_dir() / "release" / "veiloc").resolve())
+    taken = examples(known)
+    if all(taken.values()):
+        user, folders = image(taken["gateway"])
+        compose(known, taken, user, folders)
+        kubernetes(known, user)
+    if faults:
+        print(f"{len(faults)} of {len(held) + len(faults)} checks do not hold")
+        sys.exit(1)
+    print(f"not checked: {'; '.join(skipped) or 'nothing'}")
+    print(f"all {len(held)} checks hold")
+
+
+if __name__ == "__main__":
+    main()
