@@ -25,6 +25,7 @@ mod images;
 mod map;
 mod options;
 mod pose;
+mod posed;
 mod profile;
 mod program;
 mod rendered;

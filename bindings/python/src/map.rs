@@ -10,19 +10,19 @@ use veiloc_client::{CameraFromRig, SealedFrame};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_keeping::Keeping;
 use veiloc_localize::{LocalizeOptions, localize, localize_rig};
-use veiloc_map::colmap::{read_model, read_posed};
-use veiloc_map::{Down, MapFile, MapLock, MapModel, PointId, PosedImage, PosedImages, SelfTest};
-use veiloc_mapping::{BuildOptions, Doubt, Input, OnBadImage, Words};
+use veiloc_map::colmap::read_model;
+use veiloc_map::{MapFile, MapLock, MapModel, PointId, PosedImages, SelfTest};
+use veiloc_mapping::{BuildOptions, Doubt, Input, Words};
 use veiloc_query::SealedQuery;
 use veiloc_selftest::{SelfTestOptions, Trial, chosen, is_testable, self_test, test_of, trials};
 
 use crate::answer::Answer;
 use crate::arrays;
-use crate::camera::camera_of;
 use crate::errors::{Fault, Result};
 use crate::estimate::position_of;
 use crate::options::pose_options;
 use crate::pose::CameraPose;
+use crate::posed::{down_of, on_bad, posed_of};
 use crate::profile::Profile;
 use crate::shares::{ImageParts, parts_of, trials_of};
 use crate::waiting::{Told, released};
@@ -35,33 +35,6 @@ use crate::waiting::{Told, released};
 pub(crate) struct Map {
     file: Arc<MapFile>,
     warnings: Vec<String>,
-}
-
-/// Where images with poses come from: a COLMAP model's folder, or a list of (name, camera, pose).
-pub(crate) fn posed_of(posed: &Bound<'_, PyAny>) -> Result<PosedImages> {
-    if let Ok(folder) = posed.extract::<PathBuf>() {
-        return Ok(read_posed(&folder)?);
-    }
-    let refused =
-        || Fault::input("posed: the folder of a COLMAP model, or a list of (name, camera, CameraPose)");
-    let image = |entry: PyResult<Bound<'_, PyAny>>| -> Result<PosedImage> {
-        let entry = entry?.extract::<(String, Bound<'_, PyAny>, CameraPose)>();
-        let (name, camera, pose) = entry.map_err(|_| refused())?;
-        Ok(PosedImage { name, camera: camera_of(&camera)?, cam_from_world: pose.0, seen: Vec::new() })
-    };
-    let images: Result<Vec<PosedImage>> = posed.try_iter().map_err(|_| refused())?.map(image).collect();
-    Ok(PosedImages::new(images?, Vec::new())?)
-}
-
-fn down_of(down: &Bound<'_, PyAny>) -> Result<Down> {
-    match down.extract::<String>() {
-        Ok(text) => text.parse::<Down>().map_err(Fault::input),
-        Err(_) => Down::new(arrays::vector::<3>("down", down)?).map_err(Fault::input),
-    }
-}
-
-pub(crate) const fn on_bad(skip_bad: bool) -> OnBadImage {
-    if skip_bad { OnBadImage::Skip } else { OnBadImage::Refuse }
 }
 
 fn test_options(images: usize) -> SelfTestOptions {

@@ -8,7 +8,7 @@ use veiloc_mapping::{BuildOptions, Input, Share, Stage, prepare as prepare_share
 use veiloc_selftest::Trial;
 
 use crate::errors::{Fault, Result};
-use crate::map::{on_bad, posed_of};
+use crate::posed::{on_bad, posed_of};
 use crate::waiting::Told;
 
 /// Computes a share of what `Map.build` with the same arguments will need, and keeps it in a folder that it will be found in.

@@ -129,7 +129,7 @@ fn an_interruption_loses_no_query_and_tables_are_made_again() {
     let kept = || {
         (
             fs::read_dir(place.path("work/room/features")).expect("kept").count(),
-            place.read("work/room/matches.bin"),
+            place.read("work/room/matches-0.bin"),
         )
     };
     let before = kept();

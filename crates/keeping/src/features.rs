@@ -8,8 +8,8 @@ use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_mapping::{Extracted, Wanted};
 use veiloc_replacing::write_whole;
 
+use crate::error::{KeepingError, io};
 use crate::key::Key;
-use crate::{KeepingError, io};
 
 /// Bytes before the keypoints: how many keypoints, how long the global descriptor is.
 const HEAD: usize = 16;

@@ -24,19 +24,21 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod error;
 mod features;
 mod key;
 mod matches;
 mod pattern;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use veiloc_descriptor::{DescriptorView, Match, MatchOptions};
-use veiloc_features::FeatureError;
 use veiloc_mapping::{BuildOptions, Extracted, Kept, Wanted};
 
+pub use error::KeepingError;
+use error::io;
 use features::FeatureFolder;
 pub use key::Key;
 use matches::MatchFiles;
@@ -48,23 +50,6 @@ pub struct Keeping {
     matches: MatchFiles,
     /// The first thing that could not be kept.
     fault: Mutex<Option<KeepingError>>,
-}
-
-/// Why nothing can be kept.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum KeepingError {
-    /// The folder, or a file in it.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// Which.
-        path: PathBuf,
-        /// What went wrong.
-        source: std::io::Error,
-    },
-    /// What makes the features, or cannot.
-    #[error(transparent)]
-    Features(#[from] FeatureError),
 }
 
 impl Keeping {
@@ -123,8 +108,4 @@ impl Kept for Keeping {
     fn keep_matches(&self, a: &[u8; 32], b: &[u8; 32], options: &MatchOptions, matches: &[Match]) {
         self.remember(self.matches.keep(a, b, options, matches));
     }
-}
-
-fn io(path: &Path) -> impl Fn(std::io::Error) -> KeepingError {
-    move |source| KeepingError::Io { path: path.to_owned(), source }
 }

@@ -11,8 +11,8 @@ use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{Match, MatchOptions};
 use veiloc_replacing::TargetLock;
 
+use crate::error::{KeepingError, io};
 use crate::key::Key;
-use crate::{KeepingError, io};
 
 /// Bytes before the matches of a record: key, number of matches, hash of the matches.
 const HEAD: usize = 16 + 8 + 8;

@@ -1,0 +1,40 @@
+//! Images with poses, as they are given for maps.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use veiloc_map::colmap::read_posed;
+use veiloc_map::{Down, PosedImage, PosedImages};
+use veiloc_mapping::OnBadImage;
+
+use crate::arrays;
+use crate::camera::camera_of;
+use crate::errors::{Fault, Result};
+use crate::pose::CameraPose;
+
+/// Where images with poses come from: a COLMAP model's folder, or a list of (name, camera, pose).
+pub(crate) fn posed_of(posed: &Bound<'_, PyAny>) -> Result<PosedImages> {
+    if let Ok(folder) = posed.extract::<PathBuf>() {
+        return Ok(read_posed(&folder)?);
+    }
+    let refused =
+        || Fault::input("posed: the folder of a COLMAP model, or a list of (name, camera, CameraPose)");
+    let image = |entry: PyResult<Bound<'_, PyAny>>| -> Result<PosedImage> {
+        let entry = entry?.extract::<(String, Bound<'_, PyAny>, CameraPose)>();
+        let (name, camera, pose) = entry.map_err(|_| refused())?;
+        Ok(PosedImage { name, camera: camera_of(&camera)?, cam_from_world: pose.0, seen: Vec::new() })
+    };
+    let images: Result<Vec<PosedImage>> = posed.try_iter().map_err(|_| refused())?.map(image).collect();
+    Ok(PosedImages::new(images?, Vec::new())?)
+}
+
+pub(crate) fn down_of(down: &Bound<'_, PyAny>) -> Result<Down> {
+    match down.extract::<String>() {
+        Ok(text) => text.parse::<Down>().map_err(Fault::input),
+        Err(_) => Down::new(arrays::vector::<3>("down", down)?).map_err(Fault::input),
+    }
+}
+
+pub(crate) const fn on_bad(skip_bad: bool) -> OnBadImage {
+    if skip_bad { OnBadImage::Skip } else { OnBadImage::Refuse }
+}
