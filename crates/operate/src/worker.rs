@@ -111,7 +111,7 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     own_process();
     let finished = runtime.block_on(async {
-        let bus = args.cluster.bus(given(&args.nats), "veiloc worker").await?;
+        let bus = args.cluster.bus(given(args.nats.as_ref()), "veiloc worker").await?;
         let worker = Worker::start(bus, shelf, options, counts).await?;
         let handle = worker.handle();
         let end = watch::Sender::new(false);
@@ -120,7 +120,11 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
         let signals =
             Signals::new().map_err(|source| ClusterError::System { what: "signal handlers", source })?;
         voice.say(format_args!("probes and metrics on http://{admin}"));
-        voice.say(format_args!("holds {} regions and indexes of {}", worker.held(), given(&args.map)));
+        voice.say(format_args!(
+            "holds {} regions and indexes of {}",
+            worker.held(),
+            given(args.map.as_ref())
+        ));
         let listening = tokio::spawn(signals.obey(handle));
         let finished = worker.run().await;
         listening.abort();
@@ -143,13 +147,13 @@ fn work(args: &Args, voice: &Voice) -> Outcome {
 }
 
 /// What is required somewhere: settings without it were refused.
-fn given(required: &Option<String>) -> &str {
-    required.as_deref().unwrap_or_default()
+fn given(required: Option<&String>) -> &str {
+    required.map(String::as_str).unwrap_or_default()
 }
 
 fn options(args: &Args) -> WorkerOptions {
     let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
-    let mut options = WorkerOptions::new(given(&args.map));
+    let mut options = WorkerOptions::new(given(args.map.as_ref()));
     options.share = args.regions.clone();
     options.index = !args.no_index;
     if let Some(workers) = args.workers {
