@@ -29,6 +29,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from beside import child_seconds
+
 REPEAT_PX = 1.5
 CORRECT_PX = 3.0
 MARGIN_PX = 8
@@ -41,22 +43,16 @@ def parsed(raw):
     """Points and descriptors in the format of crates/features/examples/extract.rs."""
     n = int(np.frombuffer(raw, "<u4", 1)[0])
     rows = np.frombuffer(raw, "<f4", 5 * n, 4).reshape(n, 5)
-    return rows[:, :2].astype(float), np.frombuffer(raw, np.uint8, 128 * n, 4 + 20 * n).reshape(n, 128).astype(float)
+    return rows[:, :2].astype(float), np.frombuffer(raw, np.uint8, -1, 4 + 20 * n).reshape(n, -1).astype(float)
 
 
 class Ours:
-    def __init__(self, binary, keypoints):
-        self.name, self.binary, self.keypoints = Path(binary).name, binary, str(keypoints)
+    def __init__(self, binary, keypoints, extra=(), name=None):
+        self.name, self.binary, self.keypoints, self.extra = name or Path(binary).name, binary, keypoints, extra
 
     def run(self, image, out, repeats):
         """Processor seconds of a run with so many extractions more."""
-        command = [self.binary, "--max", self.keypoints, "--repeat", str(repeats), str(image), str(out)]
-        child = subprocess.Popen(command, stderr=subprocess.DEVNULL, env={**os.environ, "RAYON_NUM_THREADS": "1"})
-        _, status, usage = os.wait4(child.pid, 0)
-        child.returncode = status
-        if status != 0:
-            raise SystemExit(f"{' '.join(command)} failed")
-        return usage.ru_utime + usage.ru_stime
+        return child_seconds([self.binary, "--max", self.keypoints, "--repeat", repeats, *self.extra, image, out])
 
     def features(self, gray, folder):
         image, out = folder / "gray.png", folder / "features.bin"

@@ -4,13 +4,12 @@
     .venv/bin/pip install numpy pillow onnx onnxruntime torch
     .venv/bin/python scripts/oracle_networks.py write --weights $VEILOC_DATA/../weights
     cargo build --release -p veiloc-networks --example layers
-    .venv/bin/python scripts/oracle_networks.py compare --weights $VEILOC_DATA/../weights \
-        --layers target/release/examples/layers --image $VEILOC_DATA/redkitchen/images/frame-000000.color.jpg
+    .venv/bin/python scripts/oracle_networks.py compare --weights $VEILOC_DATA/../weights --layers target/release/examples/layers
 
 `write` makes crates/networks/tests/data: `oracle.json` (numbers of layers, keypoints and descriptors of one drawn image) and
 small `.pth` and `.npz` files as PyTorch and NumPy write them. `compare` prints the largest difference of each layer over all its
-numbers, and times of one thread, ours and theirs in one run. Networks are written here from their papers' programs, with the
-weights as they are: nothing is folded and nothing left out. SuperPoint's detector head is made of numbers by a formula, as the
+numbers (how long they take: `bench_extraction.py`). Networks are written here from their papers' programs, with the weights as
+they are: nothing is folded and nothing left out. SuperPoint's detector head is made of numbers by a formula, as the
 weights that may be had for tests lack it: what is found with it is not SuperPoint.
 """
 
@@ -18,7 +17,6 @@ import argparse
 import json
 import subprocess
 import tempfile
-import time
 from collections import OrderedDict
 from pathlib import Path
 
@@ -27,7 +25,8 @@ import onnx
 import onnxruntime
 import torch
 import torch.nn.functional as F
-from PIL import Image
+
+from beside import one_thread, superpoint_weights
 
 DATA = Path(__file__).parent.parent / "crates/networks/tests/data"
 MARGIN = 32
@@ -43,12 +42,6 @@ def drawn(width: int, height: int) -> np.ndarray:
     a, b = x // 11, y // 13
     block = (a * 7 + b * 11 + (a ^ b) * 37) % 160
     return ((block + (x * 7 + y * 13 + x * y) % 31 + x % 50).astype(np.float32) / np.float32(255)).astype(np.float32)
-
-
-def made_up(count: int) -> np.ndarray:
-    """Numbers from -0.05 to 0.05 by a formula."""
-    i = np.arange(count, dtype=np.uint64)
-    return ((((i * 2654435761) % 2**32) / 2**32 - 0.5) * 0.1).astype(np.float32)
 
 
 def continued(gray: np.ndarray, multiple: int) -> np.ndarray:
@@ -114,14 +107,6 @@ def superpoint(weights: dict, image: torch.Tensor) -> Names:
     for name, wide, own in [("scores", "convPa", "convPb"), ("descriptors", "convDa", "convDb")]:
         layers.keep(name, F.conv2d(F.relu(conv(x, wide)), w[own + ".weight"], w[own + ".bias"]))
     return layers
-
-
-def superpoint_weights(folder: Path) -> dict:
-    weights = dict(np.load(folder / "superpoint/superpoint_v1_encoder_desc.npz"))
-    for name, shape in [("convPa", (256, 128, 3, 3)), ("convPb", (65, 256, 1, 1))]:
-        weights[name + ".weight"] = made_up(int(np.prod(shape))).reshape(shape)
-        weights[name + ".bias"] = made_up(shape[0])
-    return weights
 
 
 def xfeat(path: Path, image: np.ndarray, inner: list[str]) -> tuple[Names, list[str]]:
@@ -337,12 +322,6 @@ def small_files() -> None:
     np.savez(DATA / "objects.npz", a=np.array([{"x": 1}], dtype=object))
 
 
-def one_thread() -> onnxruntime.SessionOptions:
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    return options
-
-
 def ours(program: Path, model: str, file: Path, image: np.ndarray, layers: list[str]) -> list[np.ndarray]:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "in").write_bytes(np.ascontiguousarray(image, np.float32).tobytes())
@@ -371,51 +350,6 @@ def compare(args: argparse.Namespace) -> None:
                 assert theirs.shape == own.shape, (name, layer)
                 off = float(np.abs(theirs - own).max())
                 print(f"| {name} | {layer} | {own.size} | {np.abs(theirs).max():.3g} | {off:.1e} |")
-        times(args, head, Path(made))
-
-
-def times(args: argparse.Namespace, head: Path, made: Path) -> None:
-    """One thread: ours from the image in memory to features; of theirs the network alone, on an input of the same size."""
-    gray = np.asarray(Image.open(args.image).convert("L"), np.float32) / 255
-    height, width = gray.shape
-    whole = lambda side, multiple, margin: -(-(side + 2 * margin) // multiple) * multiple
-    weights = args.weights
-    rows = [
-        ("xfeat", weights / "xfeat/xfeat_800x576.onnx", None, (1, 1, 576, 800)),
-        ("alike-t", weights / "alike/alike-t.pth", 3, (1, 3, whole(height, 32, 96), whole(width, 32, 96))),
-        ("alike", weights / "alike/alike-n.pth", 3, (1, 3, whole(height, 32, 96), whole(width, 32, 96))),
-        ("superpoint, its detector head made up", head, 1, (1, 1, whole(height, 8, 64), whole(width, 8, 64))),
-    ]
-    print(f"\n{width}x{height}, one thread, fastest of {args.repeat}, milliseconds\n")
-    print("| network | input | ours, all | keypoints | ONNX Runtime, same graph | PyTorch, its own graph |\n|---|---|--:|--:|--:|--:|")
-    for label, file, channels, shape in rows:
-        name = label.split(",")[0]
-        environment = {"RAYON_NUM_THREADS": "1"}
-        command = [args.layers, name, file, "time", args.image, "2048", str(args.repeat)]
-        told = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout.split()
-        graph = file
-        if channels:
-            graph = made / "graph.onnx"
-            subprocess.run([args.layers, name, file, "onnx", graph], check=True)
-        session = onnxruntime.InferenceSession(str(graph), one_thread())
-        image = np.random.default_rng(1).random(shape, np.float32)
-        runtime = fastest(args.repeat, lambda: session.run(None, {session.get_inputs()[0].name: image}))
-        torch_ms = ""
-        if channels:
-            network = alike if name.startswith("alike") else superpoint
-            tensors = superpoint_weights(weights) if name == "superpoint" else dict(np.load(file.with_suffix(".npz")))
-            with torch.inference_mode():
-                torch_ms = f"{fastest(args.repeat, lambda: network(tensors, torch.from_numpy(image))):.0f}"
-        print(f"| {label} | {shape[3]}x{shape[2]} | {float(told[0]):.0f} | {told[1]} | {runtime:.0f} | {torch_ms} |")
-
-
-def fastest(repeat: int, job) -> float:
-    best = float("inf")
-    for _ in range(repeat):
-        started = time.perf_counter()
-        job()
-        best = min(best, time.perf_counter() - started)
-    return best * 1e3
 
 
 def main() -> None:
@@ -426,8 +360,6 @@ def main() -> None:
         job.add_argument("--weights", type=Path, required=True, help="folder of the network files")
         if name == "compare":
             job.add_argument("--layers", type=Path, required=True, help="the example `layers` of veiloc-networks")
-            job.add_argument("--image", type=Path, required=True, help="an image to time extraction on")
-            job.add_argument("--repeat", type=int, default=7)
     args = parser.parse_args()
     write(args.weights) if args.job == "write" else compare(args)
 

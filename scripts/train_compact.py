@@ -11,7 +11,7 @@ and of its warped version that lie within 1.5 px of each other are pairs. Differ
 covariance becomes a ball), differences of keypoints at large what must (the directions in which they differ most are
 kept). One step of the 4 bits is the same for all numbers, so that Euclidean distance stays what discriminates.
 
-The file: 64 (48) rows of little endian i16, one for each number of a descriptor, then as many i32. Number `i` of a descriptor `x` is
+The file: 64 (48, or `--count`) rows of little endian i16, one for each number of a descriptor, then as many i32. Number `i` of a descriptor `x` is
 `(Σ w[i, j] x[j] + o[i]) >> 18`, from -8 to 7: integers, so that every machine computes the same. Of a network's descriptors `x[j]`
 is the signed number that a byte stands for, and it is shifted by 16.
 
@@ -85,6 +85,8 @@ def keypoints(args, names, folder):
             cv2.imwrite(str(folder / f"{number:04d}_{k}.png"), warped)
     out = folder / "keypoints.jsonl.gz"
     command = [args.veiloc, "--quiet", "eval", "keypoints", folder, "--features", args.features, "--max-keypoints", "1024", "-o", out]
+    if args.engine:
+        command += ["--engine", args.engine]
     subprocess.run(list(map(str, command)), check=True)
     found = {}
     with gzip.open(out) as lines:
@@ -168,14 +170,36 @@ def found(images, encode, others=12):
     return right / total
 
 
+def distances(images, encode, length):
+    """Prints how far apart descriptors are, in units of the kind: of one place, and each from the nearest of another image."""
+    draw = np.random.default_rng(2)
+    encoded = [encode(own[1]) for own, _ in images]
+    same, apart = [], []
+    for number, ((points, _), warps) in enumerate(images):
+        other_image = encoded[(number + 1) % len(images)]
+        drawn = encoded[number][draw.permutation(len(encoded[number]))[:200]]
+        apart.append(np.sqrt(((drawn[:, None] - other_image[None]) ** 2).sum(2)).min(1))
+        for homography, (other_points, other) in warps:
+            if len(other_points):
+                off, nearest = cKDTree(other_points).query(moved(points, homography))
+                near = off < PAIR_PX
+                same.append(np.linalg.norm(encoded[number][near] - encode(other)[nearest[near]], axis=1))
+    same, apart = np.concatenate(same), np.concatenate(apart)
+    for what, values, parts in [("of one place", same, (50, 75, 90)), ("nearest of another image", apart, (1, 5, 50))]:
+        told = ", ".join(f"{part} % below {np.percentile(values, part):.0f} ({np.percentile(values, part) / length:.3f})" for part in parts)
+        print(f"   distances, {what}: {told}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, required=True)
     parser.add_argument("--veiloc", type=Path, required=True)
-    parser.add_argument("--features", default="sift", help="sift, or a model of `veiloc models` whose file VEILOC_MODELS finds")
+    parser.add_argument("--features", default="sift", help="sift, a model of `veiloc models` whose file VEILOC_MODELS finds, or a .toml")
     parser.add_argument("--train", type=int, default=500, help="images, the first by a hash of their names")
     parser.add_argument("--judge", type=int, default=30, help="images, the last")
+    parser.add_argument("--count", type=int, help="numbers of the file, an even number; 64 of sift, 48 of a network")
     parser.add_argument("--out", type=Path, help="where the projection goes")
+    parser.add_argument("--engine", help="what runs the network; rten without it")
     args = parser.parse_args()
     names = names_by_hash(args.images)
     with tempfile.TemporaryDirectory() as train, tempfile.TemporaryDirectory() as judge:
@@ -189,14 +213,16 @@ def main():
     print(f"{len(first)} pairs of {args.train} images")
     own = first.shape[1]
     print(f"{args.features}, {own} bytes: {found(judged, lambda x: x.astype(np.float32)):.4f}", flush=True)
-    for count in [count for count in (32, 48, 64, 96, 128) if count <= own]:
+    kept = args.count or COUNT[which]
+    for count in sorted(count for count in {32, 48, 64, 96, 128, kept} if count <= own):
         mean, directions = discriminant(first, second, count, FLOOR[which])
         weights, offsets, length = integers(first, mean, directions, SPREADS[which], shift)
         plain = found(judged, lambda x: ((x - mean) @ directions.T).astype(np.float32))
         coarse = found(judged, lambda x: project(weights, offsets, x, shift))
         print(f"{count} numbers: {plain:.4f} as they are, {coarse:.4f} with 4 bits ({count // 2} bytes)", flush=True)
-        if count == COUNT[which]:
+        if count == kept:
             print(f"   their median length is {length:.0f}")
+            distances(judged, lambda x: 16 * project(weights, offsets, x, shift), length)
             if args.out:
                 args.out.write_bytes(weights.tobytes() + offsets.tobytes())
 

@@ -3,14 +3,16 @@
 # untouched, so that they are fit for the final figures. Beside each, all keypoints of the same images with descriptors,
 # for `eval tradeoff`. Needs VEILOC_DATA and a release build.
 #
-#     VEILOC_DATA=../shared/data scripts/training_problems.sh FOLDER [FEATURES]
+#     VEILOC_DATA=../shared/data scripts/training_problems.sh FOLDER [FEATURES [ARGUMENT…]]
 #
-# FEATURES as `veiloc map build --features` takes them; default sift.
+# FEATURES as `veiloc map build --features` takes them; default sift. Further arguments go to `veiloc eval problems`, as
+# `--engine onnxruntime`.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 : "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
 out="${1:?name the folder the problems go to}"
 features="${2:-sift}"
+more=("${@:3}")
 veiloc="${VEILOC:-target/release/veiloc}"
 mkdir -p "$out"
 lists="$(mktemp -d)"
@@ -26,7 +28,7 @@ folds() {
         awk -v b="$block" -v f="$fold" 'int((NR - 1) / b) % 3 != f' "$names" > "$lists/map"
         "$veiloc" -q eval problems --features "$features" --posed "$posed" --images "$images" \
             --map-list "$lists/map" --query-list "$lists/query" -o "$lists/fold.jsonl" \
-            --keypoints "$lists/fold_keypoints.jsonl"
+            --keypoints "$lists/fold_keypoints.jsonl" "${more[@]}"
         cat "$lists/fold.jsonl" >> "$lists/all"
         cat "$lists/fold_keypoints.jsonl" >> "$lists/keypoints"
     done

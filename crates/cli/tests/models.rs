@@ -71,6 +71,32 @@ fn a_described_network_maps_seals_and_localizes() {
     }
 }
 
+/// A projection that a user trained, beside the description: the same road, half the bytes of a row and less, and nobody else's.
+#[test]
+fn a_projected_network_maps_seals_and_localizes() {
+    let place = place();
+    let features = format!("--features {}", corners("toml").replace("corners.toml", "corners-compact.toml"));
+    for (name, features) in [("wide", format!("--features {}", corners("toml"))), ("small", features.clone())]
+    {
+        let build = "map build --posed posed --images images --list map.txt";
+        place.run(&format!("{build} {features} -o {name}.vmap")).succeeded();
+        place.run(&format!("map profile {name}.vmap -o {name}.vprofile")).succeeded();
+        let seal = format!("seal images/query-0.png --camera {CAMERA} --profile {name}.vprofile");
+        place.run(&format!("{seal} {features} -o {name}.vquery")).succeeded();
+        let found = place.run(&format!("localize --map {name}.vmap {name}.vquery --json")).succeeded().json();
+        assert_eq!(found["queries"][0]["status"], "localized", "{found}");
+    }
+    let info = place.run("map info small.vmap --json").succeeded().json();
+    assert!(info.to_string().contains("corners-compact"), "{info}");
+    let (wide, small) = (place.read("wide.vquery").len(), place.read("small.vquery").len());
+    assert!(small < wide * 3 / 4, "{small} of {wide} bytes");
+    // Neither takes the other's.
+    let run = place.run("localize --map wide.vmap small.vquery");
+    assert!(run.code == Some(1) && run.stdout.contains("sealed with profile"), "{run}");
+    let seal = format!("seal images/query-0.png --camera {CAMERA} --profile wide.vprofile -o none.vquery");
+    refused(place, &format!("{seal} {features}"), &["never match", "corners", "corners-compact"]);
+}
+
 /// A map of global descriptors of whole images: only who consents to that very one seals for it.
 #[test]
 fn l14_a_map_that_asks_for_the_image_needs_consent() {
@@ -164,12 +190,13 @@ fn models_say_what_they_need_and_where_it_was_looked_for() {
     assert_eq!(common::documented::mistakes(&tables["models"], &[nowhere.clone(), there.clone()]), [""; 0]);
     let names: Vec<&str> =
         there["models"].as_array().expect("a list").iter().filter_map(|m| m["name"].as_str()).collect();
-    assert_eq!(names, ["xfeat", "alike", "alike-t", "superpoint"]);
+    assert_eq!(names, ["xfeat", "xfeat-compact", "alike", "alike-t", "alike-t-compact", "superpoint"]);
     assert!(
         nowhere["models"][0]["file"].is_null() && nowhere["folders"].as_array().expect("a list").is_empty()
     );
     let file = there["models"][0]["file"].as_str().expect("found").to_owned();
     assert!(file.ends_with("xfeat_640x640.onnx"), "{file}");
+    assert_eq!(there["models"][1]["file"], there["models"][0]["file"], "one file for both of its kinds");
     let text = place.run("models").succeeded().stdout;
     assert!(text.contains("superpoint") && text.contains("non-commercial"), "{text}");
     let missing = place.run("map build --posed posed --images images --features superpoint -o none.vmap");

@@ -52,6 +52,14 @@ impl DescriptorKind {
     pub const ALIKE_T: Self =
         Self { name: literal("alike-t"), dim: 64, encoding: Encoding::Signed, norm: 256 };
 
+    /// XFeat's numbers projected to 48, 4 bits each in messages (`veiloc_networks`, `models/xfeat-compact.toml`).
+    pub const XFEAT_COMPACT: Self =
+        Self { name: literal("xfeat-compact"), dim: 48, encoding: Encoding::Coarse, norm: 273 };
+
+    /// The same of the smallest ALIKE (`models/alike-t-compact.toml`).
+    pub const ALIKE_T_COMPACT: Self =
+        Self { name: literal("alike-t-compact"), dim: 48, encoding: Encoding::Coarse, norm: 273 };
+
     /// Largest number of components.
     pub const MAX_DIM: usize = 512;
     /// Bytes of a kind in files and messages.
@@ -244,6 +252,17 @@ const fn learned(kind: DescriptorKind, ratio: PriorModel, ratio_votes: PriorMode
     Measured { kind, prior, same_point: SAME_POINT, decoys: DecoyRecipe::Mixture }
 }
 
+/// Their projections, fitted as they are. `same_point`: nearer than all but one in a hundred of the nearest keypoints of another
+/// image, as `scripts/train_compact.py` prints them.
+const fn projected(
+    kind: DescriptorKind,
+    same_point: f64,
+    ratio: PriorModel,
+    ratio_votes: PriorModel,
+) -> Measured {
+    Measured { same_point, ..learned(kind, ratio, ratio_votes) }
+}
+
 /// The built-in kinds. `same_point` is a part of the norm.
 static MEASURED: &[Measured] = &[
     Measured {
@@ -271,6 +290,18 @@ static MEASURED: &[Measured] = &[
     },
     learned(DescriptorKind::XFEAT, model(6.145, -8.166, 0.0, 0.0), model(2.182, -4.496, 1.348, 0.0)),
     learned(DescriptorKind::ALIKE_T, model(11.288, -13.494, 0.0, 0.0), model(7.158, -9.479, 1.338, 0.0)),
+    projected(
+        DescriptorKind::XFEAT_COMPACT,
+        0.80,
+        model(6.802, -8.950, 0.0, 0.0),
+        model(2.553, -4.896, 1.329, 0.0),
+    ),
+    projected(
+        DescriptorKind::ALIKE_T_COMPACT,
+        0.79,
+        model(11.755, -13.935, 0.0, 0.0),
+        model(7.018, -9.279, 1.455, 0.0),
+    ),
 ];
 
 #[cfg(test)]
@@ -304,6 +335,10 @@ mod tests {
         assert!((own - sift).abs() < 0.03, "{own} {sift}");
         assert_eq!(DescriptorKind::match_prior_of("superpoint"), kind.match_prior());
         assert_eq!(DescriptorKind::match_prior_of("compact"), DescriptorKind::COMPACT.match_prior());
+        let projected = DescriptorKind::ALIKE_T_COMPACT;
+        assert_eq!(DescriptorKind::match_prior_of("alike-t-compact"), projected.match_prior());
+        assert_ne!(projected.match_prior(), DescriptorKind::ALIKE_T.match_prior());
+        assert_eq!((projected.packed_len(), projected.same_point_distance()), (24, 46513));
         let tiny = DescriptorKind::new("colour", 3, Encoding::Unsigned, 200).expect("a kind");
         assert_eq!(tiny.decoy_recipe(), None);
     }

@@ -44,7 +44,7 @@ mod progress;
 mod sift;
 
 pub use colour::{ColourImage, load_colour};
-pub use compact::{Compact, compact};
+pub use compact::{Compact, Projection, ProjectionError, compact};
 pub use door::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use error::FeatureError;
 pub use exif::{exif_camera, guessed_camera, guessed_camera_of};

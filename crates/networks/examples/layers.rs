@@ -3,12 +3,13 @@
 //! ```text
 //! layers MODEL|FILE.toml NETWORK_FILE run INPUT C H W OUT_DIR LAYER…
 //! layers MODEL|FILE.toml NETWORK_FILE time IMAGE MAX REPEAT
+//! layers MODEL|FILE.toml NETWORK_FILE keypoints IMAGE MAX OUT
 //! layers MODEL|FILE.toml NETWORK_FILE onnx OUT
 //! ```
 //!
 //! INPUT: little endian `f32`, `[1, C, H, W]`. A layer is a name or the number of an output; layer `i` goes to `OUT_DIR/i.f32`, and
 //! its shape to stdout. `time` prints the fastest of REPEAT extractions, and of as many runs of the network alone, milliseconds.
-//! `onnx` writes the graph that is made of weights, for other engines. RAYON_NUM_THREADS sets the threads, VEILOC_ENGINE the engine
+//! `keypoints` writes their positions, `[N, 2]` pixels, little endian `f32`, strongest first. `onnx` writes the graph that is made of weights, for other engines. RAYON_NUM_THREADS sets the threads, VEILOC_ENGINE the engine
 //! (`rten` or `onnxruntime`).
 #![expect(clippy::print_stdout, reason = "a command-line program")]
 
@@ -52,6 +53,11 @@ fn main() -> Result<(), Box<dyn Error>> {
                 fastest = fastest.min(started.elapsed().as_secs_f64() * 1e3);
             }
             println!("{fastest:.1} {keypoints}");
+        }
+        ("keypoints", [image, most, out]) => {
+            let features = learned.extract(&Image::from(load_gray(Path::new(image))?), most.parse()?)?;
+            let pixels = features.keypoints.iter().flat_map(|k| [k.pixel.u as f32, k.pixel.v as f32]);
+            std::fs::write(out, pixels.flat_map(f32::to_le_bytes).collect::<Vec<u8>>())?;
         }
         ("onnx", [out]) => {
             let weights = Weights::open(Path::new(file))?;

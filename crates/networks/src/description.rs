@@ -35,16 +35,27 @@
 //! grid = "centers"                  # where cells lie: "centers", "corners", "superpoint", "xfeat"
 //! length = 512                      # of a vector in bytes' units: 32 times the root of `numbers`, unless measured
 //! sight = 32                        # pixels around a keypoint that its descriptor looks at
+//!
+//! [projection]                      # of the descriptors to numbers of 4 bits; may be left out
+//! file = "mine.bin"                 # beside this file, as scripts/train_compact.py writes it, or built in (`projections/`)
+//! numbers = 48                      # of a descriptor then
+//! shift = 16                        # as the script has it
+//! length = 299                      # of a vector then, as the script prints it
 //! ```
+//!
+//! `of = "alike-t"` at the top stands for all that another model says and this file does not: a table of this file takes the place
+//! of that model's whole table.
 
 use std::path::Path;
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use veiloc_descriptor::{DescriptorKind, Encoding};
+use veiloc_descriptor::{DescriptorError, DescriptorKind, Encoding};
+use veiloc_features::Projection;
 
 use crate::graphs::Graph;
-use crate::{Layer, NetworkError, Weights, WeightsError};
+use crate::projected::Projected;
+use crate::{Layer, NetworkError, Weights, WeightsError, models};
 
 /// A model: where its file is got, and how its numbers are meant.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -61,6 +72,10 @@ pub struct Description {
     pub(crate) input: Input,
     pub(crate) scores: Scores,
     pub(crate) descriptors: Descriptors,
+    projection: Option<Projected>,
+    /// What the file that `projection` names holds.
+    #[serde(skip)]
+    pub(crate) read: Option<Projection>,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -172,6 +187,8 @@ const fn one() -> usize {
 
 /// Part of the root of `numbers`: with 4 standard deviations of a number in a random direction a byte is full.
 const LENGTH: f64 = 32.0;
+/// Names the kind of descriptors that are to be projected; none of it leaves this room.
+const PLAIN: &str = "plain";
 /// Largest network input, pixels a side.
 const MOST_SIDE: u32 = 8192;
 
@@ -182,18 +199,50 @@ pub(crate) fn parsed<T: DeserializeOwned>(
     check: impl Fn(&T) -> Result<(), String>,
 ) -> Result<T, NetworkError> {
     let refused = |reason: String| NetworkError::Description { path: file.to_owned(), reason };
-    let description = toml::from_str(text).map_err(|error| refused(error.to_string().trim().to_owned()))?;
+    let description = toml::from_str(text).map_err(|error| refused(words(&error)))?;
     check(&description).map_err(refused)?;
     Ok(description)
 }
 
+fn words(error: &toml::de::Error) -> String {
+    error.to_string().trim().to_owned()
+}
+
+/// A description with all that the model it is `of` says and it does not; `None` when it is of none.
+fn completed(text: &str) -> Result<Option<toml::Table>, String> {
+    // What is no table is refused where the description is read, with its line.
+    let Ok(mut own) = toml::from_str::<toml::Table>(text) else { return Ok(None) };
+    let Some(of) = own.remove("of") else { return Ok(None) };
+    let name = of.as_str().unwrap_or_default();
+    let text = models::built_in(name)
+        .ok_or_else(|| format!("it is of {name:?}, and no model of this name is built in"))?;
+    let mut whole = match completed(text)? {
+        Some(whole) => whole,
+        None => toml::from_str(text).map_err(|error| words(&error))?,
+    };
+    whole.extend(own);
+    Ok(Some(whole))
+}
+
 impl Description {
-    /// Reads a description.
+    /// Reads a description, and the file of its projection from beside it, where it has one of its own.
     ///
     /// # Errors
-    /// [`NetworkError::Description`] naming the file, or what stands for it.
+    /// [`NetworkError::Description`] naming the file, or what stands for it; [`NetworkError::Projection`] and [`NetworkError::Read`].
     pub fn parse(text: &str, file: &Path) -> Result<Self, NetworkError> {
-        parsed(text, file, Self::check)
+        let refused = |reason: String| NetworkError::Description { path: file.to_owned(), reason };
+        let mut description: Self = match completed(text).map_err(refused)? {
+            Some(whole) => {
+                let whole: Self = whole.try_into().map_err(|error| refused(words(&error)))?;
+                whole.check().map_err(refused)?;
+                whole
+            }
+            None => parsed(text, file, Self::check)?,
+        };
+        if let Some(projection) = &description.projection {
+            description.read = Some(projection.read(file, description.plain_kind(), description.kind())?);
+        }
+        Ok(description)
     }
 
     /// The name of the model, and of its kind of descriptors.
@@ -221,9 +270,15 @@ impl Description {
         &self.files
     }
 
-    /// The kind of its descriptors: signed bytes, a unit vector times the length.
+    /// The kind of its descriptors: signed bytes, a unit vector times the length; or numbers of 4 bits after a projection.
     pub fn kind(&self) -> DescriptorKind {
         self.checked_kind().expect("it was checked when it was read")
+    }
+
+    /// The kind of its descriptors before any projection.
+    pub(crate) fn plain_kind(&self) -> DescriptorKind {
+        let name = if self.projection.is_some() { PLAIN } else { &self.name };
+        self.plain(name).expect("it was checked when it was read")
     }
 
     /// The graph of a model whose file holds weights alone, as ONNX, for other engines; `None` for a model whose file is ONNX.
@@ -233,19 +288,33 @@ impl Description {
     }
 
     fn checked_kind(&self) -> Result<DescriptorKind, String> {
+        let kind = match &self.projection {
+            Some(Projected { numbers, length, .. }) => {
+                DescriptorKind::new(&self.name, *numbers, Encoding::Coarse, *length)
+            }
+            None => self.plain(&self.name),
+        };
+        kind.map_err(|error| error.to_string())
+    }
+
+    fn plain(&self, name: &str) -> Result<DescriptorKind, DescriptorError> {
         let numbers = self.descriptors.numbers;
         let length = self.descriptors.length.unwrap_or((LENGTH * (numbers as f64).sqrt()).round() as u32);
-        DescriptorKind::new(&self.name, numbers, Encoding::Signed, length).map_err(|error| error.to_string())
+        DescriptorKind::new(name, numbers, Encoding::Signed, length)
     }
 
     fn check(&self) -> Result<(), String> {
         let refused = |what: &str, allowed: &str| Err(format!("{what} must be {allowed}"));
         self.checked_kind()?;
+        self.plain(PLAIN).map_err(|error| error.to_string())?;
         let plain = |name: &String| {
             !name.is_empty() && Path::new(name).file_name().is_some_and(|own| own == name.as_str())
         };
         if self.files.is_empty() || !self.files.iter().all(plain) {
             return refused("files", "names of files without folders, one or more");
+        }
+        if self.projection.as_ref().is_some_and(|projection| !plain(&projection.file)) {
+            return refused("projection.file", "the name of a file without folders");
         }
         self.input.check()?;
         let Scores { form, stride, threshold, radius, rounds, border, .. } = &self.scores;

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use veiloc_features::ProjectionError;
+
 /// Why there are no learned features.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -29,6 +31,14 @@ pub enum NetworkError {
         path: PathBuf,
         /// What is wrong with it.
         source: WeightsError,
+    },
+    /// A file that a description names as the projection of its descriptors, and is not.
+    #[error("{}: this projection cannot be used: {source}", path.display())]
+    Projection {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: ProjectionError,
     },
     /// A description that says what cannot be.
     #[error("{}: this describes no model: {reason}", path.display())]

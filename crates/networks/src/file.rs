@@ -27,7 +27,7 @@ fn check(path: &Path, most: u64) -> Result<(), NetworkError> {
     let failed = |source| NetworkError::Read { path: path.to_owned(), source };
     let size = std::fs::metadata(path).map_err(failed)?.len();
     if size > most {
-        let reason = format!("it has {size} bytes, more than any network ({most})");
+        let reason = format!("it has {size} bytes, more than any such file ({most})");
         return Err(NetworkError::Model { path: path.to_owned(), reason });
     }
     Ok(())

@@ -15,11 +15,13 @@ use crate::{Description, Engine, Layer, Network, NetworkError, Tensor, Weights};
 /// Learned local features: a description and the network it is of.
 ///
 /// Positions are those of the network, in the image's own pixels. A keypoint's scale is one pixel of the network's image;
-/// orientation is none. Descriptors are unit vectors in signed bytes. Of the network's scores nothing but the order stays, and
+/// orientation is none. Descriptors are unit vectors in signed bytes, or projections of them. Of the network's scores nothing but the order stays, and
 /// that ends where a query is sealed (rules L3 and L4 of docs/privacy.md).
 pub struct Learned {
     description: Description,
     kind: DescriptorKind,
+    /// Before any projection.
+    plain: DescriptorKind,
     network: Network,
     head: Option<Head>,
     /// Width and height, where the network has one size.
@@ -101,7 +103,8 @@ impl Learned {
                 return Err(refused("its input's sides are not from 64 to 8192, both or neither".to_owned()));
             }
         };
-        Ok(Self { kind: description.kind(), description, network, head, fixed })
+        let (kind, plain) = (description.kind(), description.plain_kind());
+        Ok(Self { kind, plain, description, network, head, fixed })
     }
 
     /// What it is.
@@ -185,8 +188,12 @@ impl Extractor for Learned {
             orientation: 0.0,
             response: peak.score,
         });
-        let vectors = bytes(&said.descriptors, self.kind).collect();
-        let descriptors = Descriptors::new(self.kind, vectors).map_err(|error| broken(error.to_string()))?;
+        let vectors = bytes(&said.descriptors, self.plain).collect();
+        let plain = Descriptors::new(self.plain, vectors).map_err(|error| broken(error.to_string()))?;
+        let descriptors = match &self.description.read {
+            Some(projection) => projection.apply(&plain),
+            None => plain,
+        };
         Ok(Features { keypoints: keypoints.collect(), descriptors, global: None })
     }
 

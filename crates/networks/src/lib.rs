@@ -30,6 +30,7 @@ mod models;
 mod network;
 mod onnx;
 mod prepare;
+mod projected;
 mod sample;
 mod tensor;
 mod weights;

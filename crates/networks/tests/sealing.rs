@@ -6,15 +6,15 @@ mod common;
 use std::path::Path;
 use std::sync::Arc;
 
-use common::{drawn, made_up_alike, model_with};
-use rand::SeedableRng;
+use common::{drawn, made_up_alike, made_up_compact, model_with};
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use veiloc_descriptor::{Descriptors, Vocabulary};
+use veiloc_descriptor::{Descriptors, Encoding, Vocabulary};
 use veiloc_features::{Extractor, Extractors, Features, GrayImage, Image, Mask};
 use veiloc_geometry::Intrinsics;
 use veiloc_networks::Learned;
 use veiloc_obfuscation::{SealOptions, extract_loaded, seal, seal_with_truth};
-use veiloc_query::{Profile, Scheme};
+use veiloc_query::{Profile, Scheme, SealedQuery};
 use veiloc_testdata::real_data_test;
 
 const SCHEMES: [&str; 3] = ["dcl", "random-lines", "coordinate-permutation"];
@@ -42,6 +42,11 @@ fn learned() -> Arc<Learned> {
     Arc::new(made_up_alike(&[]))
 }
 
+/// A network as it is, and one whose descriptors are projected.
+fn both() -> [Arc<Learned>; 2] {
+    [learned(), Arc::new(made_up_compact())]
+}
+
 /// Features as a device extracts them, and what they are sealed with.
 fn extracted(learned: &Arc<Learned>, image: Image) -> (Features, Profile) {
     let first = learned.extract(&image, 600).expect("extracted");
@@ -55,21 +60,26 @@ fn extracted(learned: &Arc<Learned>, image: Image) -> (Features, Profile) {
 
 #[test]
 fn l4_scores_scales_and_orientations_of_a_network_are_not_sent() {
-    let learned = learned();
-    let (plain, profile) = extracted(&learned, drawn(320, 240).into());
+    both().iter().for_each(says_no_more_than_rows);
+}
+
+fn says_no_more_than_rows(learned: &Arc<Learned>) {
+    let (plain, profile) = extracted(learned, drawn(320, 240).into());
     let mut other = plain.clone();
     for (i, keypoint) in other.keypoints.iter_mut().enumerate() {
         (keypoint.scale, keypoint.orientation, keypoint.response) = (9.0, 0.3, 500.0 - i as f32);
     }
     for scheme in SCHEMES {
         let bytes = |features: &Features| {
-            let options = options(scheme, &learned);
+            let options = options(scheme, learned);
             seal(features.clone(), &camera(), &profile, &options, &mut rng()).expect("sealed").encode()
         };
         assert_eq!(bytes(&plain), bytes(&other), "{scheme}");
         let leaky = |features: &Features| {
             let mut rows = features.descriptors.as_bytes().to_vec();
-            for (row, keypoint) in rows.chunks_exact_mut(16).zip(&features.keypoints) {
+            for (row, keypoint) in
+                rows.chunks_exact_mut(features.descriptors.kind().dim()).zip(&features.keypoints)
+            {
                 row[0] = keypoint.response as u8;
             }
             let descriptors = Descriptors::new(features.descriptors.kind(), rows).expect("whole rows");
@@ -81,12 +91,15 @@ fn l4_scores_scales_and_orientations_of_a_network_are_not_sent() {
 
 #[test]
 fn l3_the_order_of_a_networks_scores_is_not_sent() {
-    let learned = learned();
-    let (features, profile) = extracted(&learned, drawn(320, 240).into());
+    both().iter().for_each(tells_no_order);
+}
+
+fn tells_no_order(learned: &Arc<Learned>) {
+    let (features, profile) = extracted(learned, drawn(320, 240).into());
     let strongest_first = features.keypoints.windows(2).all(|pair| pair[0].response >= pair[1].response);
     assert!(strongest_first, "the leak is an order of strength");
     for scheme in SCHEMES {
-        let options = options(scheme, &learned);
+        let options = options(scheme, learned);
         let (_, truth) =
             seal_with_truth(features.clone(), &camera(), &profile, &options, &mut rng()).expect("sealed");
         let order: Vec<f64> = truth.source.iter().flatten().map(|source| *source as f64).collect();
@@ -107,16 +120,29 @@ fn l3_the_order_of_a_networks_scores_is_not_sent() {
 
 #[test]
 fn l5_decoys_of_a_network_are_no_copies_and_as_long() {
-    let learned = learned();
-    let (features, profile) = extracted(&learned, drawn(320, 240).into());
+    both().iter().for_each(decoys_are_no_copies);
+}
+
+fn decoys_are_no_copies(learned: &Arc<Learned>) {
+    let (features, profile) = extracted(learned, drawn(320, 240).into());
     let some: Vec<usize> =
         (0..features.keypoints.len()).step_by(features.keypoints.len() / 90).take(90).collect();
+    let kind = learned.kind();
+    let mut descriptors = features.descriptors.select(some.iter().copied());
+    if kind.encoding() == Encoding::Coarse {
+        // Rows of a network that is made up are the same in coarse numbers, and so would be what is mixed of them.
+        let (mut rng, steps) = (rng(), f64::from(kind.norm()) / (kind.dim() as f64).sqrt());
+        let number =
+            |rng: &mut ChaCha8Rng| (0..4).map(|_| rng.random_range(-0.87..0.87)).sum::<f64>() * steps;
+        let rows = (0..90 * kind.dim()).map(|_| kind.encoding().byte(number(&mut rng)));
+        descriptors = Descriptors::new(kind, rows.collect()).expect("whole rows");
+    }
     let few = Features {
         keypoints: some.iter().map(|i| features.keypoints[*i]).collect(),
-        descriptors: features.descriptors.select(some),
+        descriptors,
         global: None,
     };
-    let options = options("dcl", &learned);
+    let options = options("dcl", learned);
     let (query, truth) =
         seal_with_truth(few.clone(), &camera(), &profile, &options, &mut rng()).expect("sealed");
     let of_decoys = |decoy: bool| (0..query.len()).filter(move |row| truth.source[*row].is_none() == decoy);
@@ -136,7 +162,10 @@ fn l5_decoys_of_a_network_are_no_copies_and_as_long() {
 /// What is under a mask changes nothing that is sent, and no descriptor looks there.
 #[test]
 fn l13_what_a_mask_hides_is_not_seen_by_a_network() {
-    let learned = learned();
+    both().iter().for_each(sees_nothing_under_a_mask);
+}
+
+fn sees_nothing_under_a_mask(learned: &Arc<Learned>) {
     let hides = |x: u32, y: u32| (120..200).contains(&x) && (60..150).contains(&y);
     let mask = Mask::new(320, 240, hides).expect("a part");
     let plain = drawn(320, 240);
@@ -144,8 +173,8 @@ fn l13_what_a_mask_hides_is_not_seen_by_a_network() {
         .map(|(i, sample)| if hides(i as u32 % 320, i as u32 / 320) { 1.0 - sample } else { *sample })
         .collect();
     let other = GrayImage::new(320, 240, other).expect("whole rows");
-    let (_, profile) = extracted(&learned, plain.clone().into());
-    let options = options("dcl", &learned);
+    let (_, profile) = extracted(learned, plain.clone().into());
+    let options = options("dcl", learned);
     let bytes = |image: Image| {
         let (features, camera) =
             extract_loaded(image, Path::new("drawn"), &camera(), &profile, &options).expect("extracted");
@@ -180,11 +209,36 @@ fn features_of_another_kind_are_refused() {
     let other = Arc::new(made_up_alike(&[("length = 128", "length = 120")]));
     let with_other = options("dcl", &other);
     assert!(extract_loaded(image(), Path::new("drawn"), &camera(), &profile, &with_other).is_err());
+    // The same keypoints described otherwise.
+    let compact = options("dcl", &Arc::new(made_up_compact()));
+    let text = extract_loaded(image(), Path::new("drawn"), &camera(), &profile, &compact)
+        .expect_err("compact alone")
+        .to_string();
+    assert!(text.contains("made-up"), "{text}");
     let sift =
         Extractors::default().named("sift").expect("built in").extract(&image(), 300).expect("extracted");
     assert!(seal(sift.clone(), &camera(), &profile, &SealOptions::default(), &mut rng()).is_err());
     let of_sift = self::profile(&sift);
     assert!(seal(features, &camera(), &of_sift, &SealOptions::default(), &mut rng()).is_err());
+}
+
+/// Half a byte a number, and both sides say which kind it is.
+#[test]
+fn messages_carry_a_compact_kind() {
+    let [plain, compact] = both().map(|learned| {
+        let (features, profile) = extracted(&learned, drawn(320, 240).into());
+        let options = options("dcl", &learned);
+        let query = seal(features, &camera(), &profile, &options, &mut rng()).expect("sealed");
+        let read = SealedQuery::decode(&query.encode()).expect("a query");
+        assert_eq!(read.descriptors().kind(), learned.kind());
+        let row = |query: &SealedQuery, row: usize| query.descriptors().row(row).to_vec();
+        assert!((0..query.len()).all(|i| row(&read, i) == row(&query, i)), "rows are settled first");
+        let profile_read = Profile::decode(&profile.encode()).expect("a profile");
+        assert_eq!(profile_read.descriptor_kind(), learned.kind());
+        query.encode().len() as f64 / read.len() as f64
+    });
+    // 16 bytes and 48 half bytes.
+    assert!((compact - plain - 8.0).abs() < 1.0, "{plain} and {compact} bytes a row");
 }
 
 /// How much descriptors differ between an image and the same continued by its mirror image: the mean difference, over the length of

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_features::GrayImage;
+use veiloc_features::{Extractor, GrayImage, Image};
 use veiloc_networks::{Description, Engine, Learned, Tensor, Weights};
 
 /// Blocks with noise, in whole numbers.
@@ -42,13 +42,18 @@ pub(crate) fn models_folder() -> PathBuf {
 
 /// A built-in description, with parts of it replaced.
 fn described(name: &str, changes: &[(&str, &str)]) -> Description {
-    let file = models_folder().join(format!("{name}.toml"));
-    let mut text = std::fs::read_to_string(&file).expect("a description");
+    described_in(&models_folder().join(format!("{name}.toml")), name, changes)
+}
+
+/// The same as if it were in another file.
+fn described_in(file: &Path, name: &str, changes: &[(&str, &str)]) -> Description {
+    let own = models_folder().join(format!("{name}.toml"));
+    let mut text = std::fs::read_to_string(own).expect("a description");
     for (part, by) in changes {
         assert!(text.contains(part), "{part}");
         text = text.replace(part, by);
     }
-    Description::parse(&text, &file).expect("a description")
+    Description::parse(&text, file).expect("a description")
 }
 
 /// The engines of this build: ONNX Runtime where the cargo feature is on and `ORT_DYLIB_PATH` names its library.
@@ -71,15 +76,48 @@ pub(crate) fn model_with(weights: &Path, name: &str, changes: &[(&str, &str)]) -
 pub(crate) fn model_in(engine: Engine, weights: &Path, name: &str, changes: &[(&str, &str)]) -> Learned {
     let file = match name {
         "superpoint" => return superpoint_with_made_up_head(weights, changes, engine),
-        "xfeat" => "xfeat/xfeat_800x576.onnx",
+        "xfeat" | "xfeat-compact" => "xfeat/xfeat_800x576.onnx",
         "alike" => "alike/alike-n.pth",
         _ => "alike/alike-t.pth",
     };
     Learned::open(described(name, changes), &weights.join(file), engine).expect("a file beside the data")
 }
 
+/// The made-up ALIKE with its 16 numbers projected to 48 of 4 bits (a real network has more than 16, and a row of so few coarse
+/// numbers is easily met twice): signs by a formula, less the mean of the drawn image's descriptors, in steps of 0.4 deviations.
+pub(crate) fn made_up_compact() -> Learned {
+    let folder = tempfile::tempdir().expect("a folder");
+    let features = made_up_alike(&[]).extract(&Image::from(drawn(320, 240)), 600).expect("extracted");
+    let sign =
+        |i: usize, j: usize| if (i * 16 + j).wrapping_mul(0x9e37_79b9) >> 19 & 1 == 0 { 1.0 } else { -1.0 };
+    let count = features.descriptors.len() as f64;
+    let (mut weights, mut offsets) = (Vec::new(), Vec::new());
+    for i in 0..48 {
+        let sum = |row| -> f64 {
+            let values = features.descriptors.view().values(row).enumerate();
+            values.map(|(j, x)| sign(i, j) * f64::from(x)).sum()
+        };
+        let mean = (0..features.descriptors.len()).map(sum).sum::<f64>() / count;
+        let variance =
+            (0..features.descriptors.len()).map(|row| (sum(row) - mean).powi(2)).sum::<f64>() / count;
+        let weight = (65536.0 / (0.4 * variance.sqrt())).min(30_000.0);
+        weights.extend((0..16).flat_map(|j| ((weight * sign(i, j)) as i16).to_le_bytes()));
+        offsets.extend(((-weight * mean) as i32).to_le_bytes());
+    }
+    std::fs::write(folder.path().join("signs.bin"), [weights, offsets].concat()).expect("written");
+    let projection =
+        "sight = 32\n[projection]\nfile = \"signs.bin\"\nnumbers = 48\nshift = 16\nlength = 275\n";
+    let changes = [("\"made-up\"", "\"made-up-compact\""), ("sight = 32", projection)];
+    made_up_alike_in(&folder.path().join("own.toml"), &changes)
+}
+
 /// A network of ALIKE's form with few channels and weights by a formula: something for tests that need no real one.
 pub(crate) fn made_up_alike(changes: &[(&str, &str)]) -> Learned {
+    made_up_alike_in(&models_folder().join("alike.toml"), changes)
+}
+
+/// The same, with files of its description looked for beside this one.
+fn made_up_alike_in(file: &Path, changes: &[(&str, &str)]) -> Learned {
     let mut weights = Weights::default();
     let mut put = |name: String, shape: &[usize], scale: f32, shift: f32, seed: u64| {
         let count: usize = shape.iter().product();
@@ -115,6 +153,6 @@ pub(crate) fn made_up_alike(changes: &[(&str, &str)]) -> Learned {
         ("numbers = 128", "numbers = 16"),
         ("length = 362", "length = 128"),
     ];
-    let description = described("alike", &[&own[..], changes].concat());
+    let description = described_in(file, "alike", &[&own[..], changes].concat());
     Learned::of_weights(description, &weights, Path::new("made up"), Engine::Rten).expect("a network")
 }

@@ -1,0 +1,181 @@
+#!/usr/bin/env python3
+"""How long each kind of features takes beside its rivals, one thread each, in turns in one run.
+
+SIFT and compact beside OpenCV's SIFT (as in `bench_sift.py`); each network run by rten and by ONNX Runtime as a library of ours,
+beside ONNX Runtime from PyPI on the same graph. Of ours it is the whole extraction, from the gray image in memory to bytes of
+descriptors; of PyPI's the network alone, on an input of the same size. Processor time of an extraction, the least of all rounds (a
+round is the mean of a few), without reading the image or the network.
+
+Both engines must find the same keypoints: the share of rten's with one of ONNX Runtime's within 0.1 px is printed, and the
+program fails where it is below 99 %.
+
+    cargo build --release -p veiloc-features --example extract
+    cargo build --release -p veiloc-networks --example layers --features onnxruntime
+    .venv/bin/pip install numpy opencv-python-headless onnxruntime
+    .venv/bin/python scripts/bench_extraction.py --extract target/release/examples/extract --layers target/release/examples/layers \\
+        --weights $VEILOC_DATA/../weights $VEILOC_DATA/redkitchen/images/frame-000000.color.jpg
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnxruntime
+
+import bench_sift
+from beside import child_seconds, one_thread, superpoint_weights
+
+SAME_PX, SAME_SHARE = 0.1, 0.99
+# Extractions timed at once; a network takes longer.
+REPEATS = 2
+HEAD = "its detector head made up"
+
+
+def library():
+    """The library of ONNX Runtime within its wheel."""
+    found = sorted((Path(onnxruntime.__file__).parent / "capi").glob("libonnxruntime.*"))
+    if not found:
+        raise SystemExit("the wheel of onnxruntime has no library")
+    return str(found[0])
+
+
+class Sift:
+    """One of `bench_sift`'s rivals."""
+
+    def __init__(self, rival):
+        self.rival, self.name = rival, rival.name
+
+    def seconds(self, image, folder):
+        return self.rival.seconds(image, folder)
+
+    def found(self, image, folder):
+        return self.rival.features(image, folder)[0]
+
+
+class Ours:
+    """A network of ours in an engine."""
+
+    def __init__(self, program, model, file, engine, keypoints):
+        self.name = "veiloc, " + {"rten": "rten", "onnxruntime": "ONNX Runtime"}[engine]
+        self.command, self.keypoints = [program, model, file], keypoints
+        self.environment = {"VEILOC_ENGINE": engine, "ORT_DYLIB_PATH": library()}
+
+    def run(self, *job):
+        return child_seconds([*self.command, *job], self.environment)
+
+    def seconds(self, _, folder):
+        job = ["time", folder / "gray.png", self.keypoints]
+        return (self.run(*job, 1 + REPEATS) - self.run(*job, 1)) / REPEATS
+
+    def found(self, _, folder):
+        self.run("keypoints", folder / "gray.png", self.keypoints, folder / "keypoints.f32")
+        return np.fromfile(folder / "keypoints.f32", "<f4").reshape(-1, 2)
+
+
+class Runtime:
+    """The network alone."""
+
+    name = "ONNX Runtime from PyPI, the network alone"
+
+    def __init__(self, graph, shape):
+        session = onnxruntime.InferenceSession(str(graph), one_thread(), providers=["CPUExecutionProvider"])
+        inputs = {session.get_inputs()[0].name: np.random.default_rng(1).random(shape, np.float32)}
+        self.job = lambda: session.run(None, inputs)
+        self.job()
+
+    def seconds(self, *_):
+        start = time.process_time()
+        for _ in range(REPEATS):
+            self.job()
+        return (time.process_time() - start) / REPEATS
+
+    def found(self, *_):
+        return None
+
+
+def networks(arguments, size, made):
+    """(model, file, note, input of the network on an image of this size) of each whose file is there."""
+    weights, (width, height) = arguments.weights, size
+    whole = lambda side, multiple, margin: -(-(side + 2 * margin) // multiple) * multiple
+    sides = lambda multiple, margin: (whole(height, multiple, margin), whole(width, multiple, margin))
+    rows = [
+        ("xfeat", weights / "xfeat/xfeat_800x576.onnx", "", (1, 1, 576, 800)),
+        ("alike-t", weights / "alike/alike-t.pth", "", (1, 3, *sides(32, 96))),
+        ("alike", weights / "alike/alike-n.pth", "", (1, 3, *sides(32, 96))),
+    ]
+    if (weights / "superpoint/superpoint_v1_encoder_desc.npz").is_file():
+        file = made / "superpoint.npz"
+        np.savez(file, **superpoint_weights(weights))
+        rows.append(("superpoint", file, ", " + HEAD, (1, 1, *sides(8, 64))))
+    chosen = arguments.features.split(",")
+    return [row for row in rows if row[1].is_file() and row[0] in chosen]
+
+
+def rivals_of(arguments, gray, made):
+    """{features: their rivals, what they are compared with last}"""
+    ours = lambda name, extra: Sift(bench_sift.Ours(arguments.extract, arguments.keypoints, extra, name))
+    groups = {}
+    if "sift" in arguments.features.split(","):
+        sift = [ours("veiloc", []), ours("veiloc, compact", ["--compact"])]
+        groups["sift"] = [*sift, Sift(bench_sift.OpenCv(arguments.keypoints, arguments.contrast))]
+    for model, file, note, shape in networks(arguments, gray.shape[::-1], made):
+        graph = file
+        if file.suffix != ".onnx":
+            graph = made / f"{model}.onnx"
+            child_seconds([arguments.layers, model, file, "onnx", graph])
+        own = [Ours(arguments.layers, model, file, engine, arguments.keypoints) for engine in ("rten", "onnxruntime")]
+        groups[f"{model}{note}, {shape[3]} x {shape[2]}"] = [*own, Runtime(graph, shape)]
+    return groups
+
+
+def same(first, second):
+    """Share of the first's points with one of the second's near."""
+    away = [np.square(second - point).sum(1).min() for point in first]
+    return float(np.mean(np.array(away) < SAME_PX**2))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("image", type=Path)
+    parser.add_argument("--extract", required=True, help="the example `extract` of veiloc-features")
+    parser.add_argument("--layers", required=True, help="the example `layers` of veiloc-networks, built with ONNX Runtime")
+    parser.add_argument("--weights", type=Path, required=True, help="folder of the network files")
+    parser.add_argument("--features", default="sift,xfeat,alike-t,alike,superpoint")
+    parser.add_argument("--keypoints", type=int, default=2048)
+    parser.add_argument("--contrast", type=float, default=0.012, help="OpenCV's, three times our peak threshold of 0.004")
+    parser.add_argument("--rounds", type=int, default=5)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    gray = cv2.imread(str(arguments.image), cv2.IMREAD_GRAYSCALE)
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        cv2.imwrite(str(folder / "gray.png"), gray)
+        groups = rivals_of(arguments, gray, folder)
+        least = {(name, rival): np.inf for name, rivals in groups.items() for rival in rivals}
+        for _ in range(arguments.rounds):
+            for (name, rival), best in list(least.items()):
+                least[name, rival] = min(best, rival.seconds(gray, folder))
+        print("| features, input | program | ms | of the last's | keypoints | within 0.1 px of the first's |\n|---|---|--:|--:|--:|--:|")
+        others = []
+        for name, rivals in groups.items():
+            found = [rival.found(gray, folder) for rival in rivals]
+            for i, rival in enumerate(rivals):
+                time_of = least[name, rival]
+                keypoints = "" if found[i] is None else len(found[i])
+                # OpenCV's keypoints are another detector's.
+                alike = "" if i == 0 or i == len(rivals) - 1 else same(found[0], found[i])
+                if alike != "" and alike < SAME_SHARE:
+                    others.append(name)
+                ratio = time_of / least[name, rivals[-1]]
+                told = "" if alike == "" else f"{100 * alike:.2f} %"
+                print(f"| {name} | {rival.name} | {1e3 * time_of:.1f} | {ratio:.2f} | {keypoints} | {told} |", flush=True)
+    if others:
+        sys.exit(f"other keypoints: {', '.join(others)}")
+
+
+if __name__ == "__main__":
+    main()
