@@ -22,6 +22,7 @@ mod error;
 mod file;
 mod kind;
 mod print;
+mod secret;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -67,6 +68,8 @@ struct Setting {
     kind: Kind,
     several: bool,
     paths: Paths,
+    /// Whether it is an address, which may hold a secret.
+    address: bool,
     /// What the help says, for a flag without value.
     help: String,
     /// Empty for none; of a switch `true` or `false`.
@@ -162,7 +165,8 @@ impl Settings {
     }
 
     /// All of it as a file that says the same, with where each value comes from behind it; paths are absolute. It holds
-    /// no secret, because no setting does: keys and tokens are named by their files.
+    /// no secret: keys and tokens are named by their files, and where one stands in an address (a password before an `@`, a
+    /// query) `***` is written, with word of it behind.
     ///
     /// # Errors
     /// [`SettingsError::NotText`]: a path that is no UTF-8, which TOML cannot hold.
@@ -182,9 +186,10 @@ impl Setting {
         let kind = Kind::of(argument);
         let several = matches!(argument.get_action(), ArgAction::Append);
         let paths = Paths::of(argument);
+        let address = kind::is_address(argument);
         let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
         let mut setting =
-            Self { key, kind, several, paths, help, values: Vec::new(), origin: Origin::Default };
+            Self { key, kind, several, paths, address, help, values: Vec::new(), origin: Origin::Default };
         // What the file says is held against the flag also where it does not hold: a fault that a flag hides comes back.
         let in_file = file.get(&setting.key).filter(|entry| !entry.values.is_empty());
         let in_file = in_file.map(|entry| {

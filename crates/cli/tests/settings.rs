@@ -71,6 +71,59 @@ fn what_is_wrong_is_told_with_its_line_before_anything_is_opened() {
     assert!(run.code == Some(1) && run.stderr.contains("none.toml"), "{run}");
 }
 
+/// A password of the bus, or a key in the address of a store, is in nothing that is printed or logged.
+#[test]
+fn no_secret_of_an_address_is_repeated() {
+    let folder = folder();
+    std::fs::create_dir(folder.path("objects")).expect("a folder");
+    let nats = "tls://worker-town:sEcReT@127.0.0.1:1,nats://worker-town:sEcReT@127.0.0.1:2";
+    let file = |more: &str| format!("nats = \"{nats}\"\nmap = \"town\"\ncache = \"cache\"\n{more}");
+    folder.write("worker.toml", file("store = \"objects\"\n"));
+    let printed = folder.run("worker --config worker.toml --print-config").succeeded();
+    let masked = "nats = \"tls://worker-town:***@127.0.0.1:1,nats://worker-town:***@127.0.0.1:2\" # worker.toml, line 1; \
+                  write the secret in place of ***\n";
+    assert!(printed.stdout.contains(masked), "{printed}");
+    // It can be given back, and whoever does not fill it in is told.
+    folder.write("again.toml", &printed.stdout);
+    let again = folder.run("worker --config again.toml --print-config").succeeded();
+    assert_eq!(values(&again.stdout), values(&printed.stdout));
+    let unfilled = folder.run("worker --config again.toml");
+    assert!(unfilled.code == Some(1) && unfilled.stderr.contains("--print-config"), "{unfilled}");
+
+    folder.write("key.toml", file("store = \"s3://key:sEcReT@bucket/maps\"\n"));
+    folder.write("wrong.toml", file("store = \"objects\"\nqueue = \"many\"\n"));
+    folder.write("torn.toml", format!("nats = \"{nats}\n"));
+    let mut of_variables = folder.command("worker --print-config --store objects --map town");
+    let mut help = folder.command("worker --help");
+    for command in [&mut of_variables, &mut help] {
+        command.env("VEILOC_NATS", nats);
+    }
+    let mut said =
+        vec![of_variables.output().expect("the binary runs"), help.output().expect("the binary runs")];
+    for line in [
+        "worker --config worker.toml --log trace",
+        "worker --config worker.toml --log trace --log-json",
+        "worker --config key.toml",
+        "worker --config key.toml --print-config",
+        "worker --config wrong.toml",
+        "worker --config torn.toml",
+        &format!(
+            "serve --cluster {nats} --cluster-map town --store objects --cache cache --listen 127.0.0.1:0 --log trace"
+        ),
+        &format!("serve --cluster {nats} --cluster-map town --print-config"),
+        &format!("worker --nats={nats} --map a/b --store objects"),
+        &format!("map fetch s3://key:sEcReT@bucket/maps town --out out"),
+        &format!("map fetch s3://key:sEcReT@bu^cket:x/maps town --out out"),
+    ] {
+        said.push(folder.command(line).output().expect("the binary runs"));
+    }
+    for output in said {
+        let text =
+            [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
+        assert!(!text.is_empty() && !text.contains("sEcReT"), "{text}");
+    }
+}
+
 /// A worker needs no command line: what is required may stand in a file, or in variables.
 #[test]
 fn a_worker_starts_from_a_file_or_from_variables_alone() {

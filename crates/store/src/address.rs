@@ -14,7 +14,7 @@ pub(crate) type Place = (Arc<dyn ObjectStore>, object_store::path::Path);
 
 /// What a URL names; a path is a folder. With `make`, a folder is made where there is none.
 pub(crate) fn place_of(url: &str, make: bool) -> Result<Place, StoreError> {
-    let wrong = |reason: String| StoreError::Address { url: url.to_owned(), reason };
+    let wrong = |reason: String| StoreError::Address { url: without_login(url), reason };
     if !url.contains("://") {
         return folder(Path::new(url), make);
     }
@@ -47,6 +47,14 @@ pub(crate) fn place_of(url: &str, make: bool) -> Result<Place, StoreError> {
     }
 }
 
+/// What stands before an `@` of a URL is nobody's.
+fn without_login(url: &str) -> String {
+    match url.split_once("://").and_then(|(scheme, rest)| Some((scheme, rest.rsplit_once('@')?))) {
+        Some((scheme, (_, rest))) => format!("{scheme}://{rest}"),
+        None => url.to_owned(),
+    }
+}
+
 const FORMS: &str = "a path, file:///PATH, s3://BUCKET/PATH, gs://BUCKET/PATH or az://CONTAINER/PATH";
 
 fn folder(path: &Path, make: bool) -> Result<Place, StoreError> {
@@ -70,7 +78,7 @@ fn cloud(url: &Url) -> Result<Place, Option<object_store::Error>> {
     use object_store::aws::AmazonS3Builder;
     use object_store::azure::MicrosoftAzureBuilder;
     use object_store::gcp::GoogleCloudStorageBuilder;
-    use object_store::{ClientOptions, path};
+    use object_store::{ClientOptions, RetryConfig, path};
 
     // Only the first provider counts; whoever set one before meant it.
     let _ = rustls::crypto::ring::default_provider().install_default();
@@ -79,18 +87,29 @@ fn cloud(url: &Url) -> Result<Place, Option<object_store::Error>> {
         std::env::var("AWS_ALLOW_HTTP").is_ok_and(|v| v.eq_ignore_ascii_case("true") || v == "1"),
     );
     let location = path::Path::from_url_path(url.path()).map_err(object_store::Error::from)?;
+    // Half a minute in all, with the attempts of our own around them: whoever starts meanwhile waits no longer.
+    let retry = RetryConfig { max_retries: RETRIES, ..RetryConfig::default() };
     let store: Arc<dyn ObjectStore> = match url.scheme() {
-        "s3" => {
-            Arc::new(AmazonS3Builder::from_env().with_url(url.as_str()).with_client_options(client).build()?)
-        }
+        "s3" => Arc::new(
+            AmazonS3Builder::from_env()
+                .with_url(url.as_str())
+                .with_client_options(client)
+                .with_retry(retry)
+                .build()?,
+        ),
         "gs" => Arc::new(
             GoogleCloudStorageBuilder::from_env()
                 .with_url(url.as_str())
                 .with_client_options(client)
+                .with_retry(retry)
                 .build()?,
         ),
         _ => Arc::new(
-            MicrosoftAzureBuilder::from_env().with_url(url.as_str()).with_client_options(client).build()?,
+            MicrosoftAzureBuilder::from_env()
+                .with_url(url.as_str())
+                .with_client_options(client)
+                .with_retry(retry)
+                .build()?,
         ),
     };
     Ok((store, location))
@@ -100,6 +119,10 @@ fn cloud(url: &Url) -> Result<Place, Option<object_store::Error>> {
 const fn cloud(_: &Url) -> Result<Place, Option<object_store::Error>> {
     Err(None)
 }
+
+/// Of one request, after 0.1 s, then twice as long each time.
+#[cfg(feature = "clouds")]
+const RETRIES: usize = 6;
 
 #[cfg(feature = "clouds")]
 const LONGEST_REQUEST: std::time::Duration = std::time::Duration::from_secs(3600);
@@ -117,12 +140,14 @@ mod tests {
             ("s3://key:secret@bucket/maps", "environment"),
             ("s3://bucket/maps?versionId=1", "nothing may follow"),
             ("://", "not a URL"),
+            ("s3://key:secret@bu^cket:x/maps", "not a URL"),
         ] {
             let error = place_of(url, false).expect_err(url);
             assert!(
                 matches!(error, StoreError::Address { .. }) && error.to_string().contains(expected),
                 "{error}"
             );
+            assert!(!error.to_string().contains("secret"), "{error}");
         }
         #[cfg(not(feature = "clouds"))]
         for url in ["s3://bucket/maps", "gs://bucket", "az://container/maps"] {

@@ -98,6 +98,11 @@ pub(super) fn check(argument: &Arg, kind: Kind, value: &OsStr, origin: &Origin) 
     }
 }
 
+/// Whether the value is an address, or several, by what it is called in the help.
+pub(super) fn is_address(argument: &Arg) -> bool {
+    argument.get_value_names().is_some_and(|names| names.iter().any(|name| name.contains("URL")))
+}
+
 /// Where in a value a path is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Paths {

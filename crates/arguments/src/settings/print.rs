@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use super::error::SettingsError;
 use super::kind::Kind;
+use super::secret::{MASK, masked};
 use super::{Origin, Setting, variable};
 
 /// `key = value # where from`; of a flag without value a comment.
@@ -18,8 +19,14 @@ pub(super) fn lines(setting: &Setting) -> Result<String, SettingsError> {
     let text = |value: OsString| {
         value.into_string().map_err(|_| SettingsError::NotText { key: setting.key.clone() })
     };
-    let values: Vec<String> =
-        setting.absolute().map(|value| Ok(written(setting.kind, &text(value)?))).collect::<Result<_, _>>()?;
+    let mut hidden = false;
+    let mut shown = |value: OsString| {
+        let value = text(value)?;
+        let shown = masked(&value, setting.address);
+        hidden |= shown.contains(MASK);
+        Ok(written(setting.kind, &shown))
+    };
+    let values: Vec<String> = setting.absolute().map(&mut shown).collect::<Result<_, _>>()?;
     let value = if setting.several { format!("[{}]", values.join(", ")) } else { values.concat() };
     let origin = match &setting.origin {
         Origin::Default => "default".to_owned(),
@@ -28,7 +35,8 @@ pub(super) fn lines(setting: &Setting) -> Result<String, SettingsError> {
         Origin::Variable(_) => variable(&setting.key),
         Origin::Flag => format!("--{}", setting.key),
     };
-    Ok(format!("{} = {value} # {origin}\n", setting.key))
+    let remark = if hidden { "; write the secret in place of ***" } else { "" };
+    Ok(format!("{} = {value} # {origin}{remark}\n", setting.key))
 }
 
 /// A value in TOML.

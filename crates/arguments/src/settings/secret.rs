@@ -1,0 +1,76 @@
+//! Secrets in what is printed: a user's password and a query's keys in addresses.
+
+/// What stands in place of a secret.
+pub(super) const MASK: &str = "***";
+
+/// The text without secrets; of an `address` all that may be one, of other texts what stands like a login before a host.
+///
+/// In each of several addresses with commas between them: what stands behind the user (`nats://USER:PASSWORD@HOST`), or before
+/// the `@` where no user is told apart, and all of a query (`?key=…`).
+pub(super) fn masked(text: &str, address: bool) -> String {
+    let parts: Vec<String> = text.split(',').map(|part| masked_part(part, address)).collect();
+    parts.join(",")
+}
+
+fn masked_part(part: &str, address: bool) -> String {
+    let (scheme, rest) = match part.find("://") {
+        Some(at) => part.split_at(at + 3),
+        // A path may hold anything, and so may what is no address.
+        None if !address || part.trim_start().starts_with(['/', '.', '~']) => return part.to_owned(),
+        None => ("", part),
+    };
+    let (rest, query) = match rest.split_once('?') {
+        Some((rest, query)) if address && !query.is_empty() => (rest, format!("?{MASK}")),
+        _ => (rest, String::new()),
+    };
+    // An address of a file has no login, and its path may have an `@`.
+    let login = if scheme.trim_start() == "file://" { None } else { rest.rsplit_once('@') };
+    match login {
+        None if query.is_empty() => part.to_owned(),
+        None => format!("{scheme}{rest}{query}"),
+        Some((login, host)) => {
+            let user = login.split_once(':').map_or_else(String::new, |(user, _)| format!("{user}:"));
+            format!("{scheme}{user}{MASK}@{host}{query}")
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_secret_of_an_address_is_left_and_nothing_else_is_lost() {
+        for (address, shown) in [
+            ("tls://gateway:secret@nats-0:4222", "tls://gateway:***@nats-0:4222"),
+            (
+                "nats://a:secret@b:1, nats://c:secret@d:2,nats://e:3",
+                "nats://a:***@b:1, nats://c:***@d:2,nats://e:3",
+            ),
+            ("gateway:secret@nats-0:4222", "gateway:***@nats-0:4222"),
+            ("nats://secret@host", "nats://***@host"),
+            ("nats://user:sec@ret/secret@host", "nats://user:***@host"),
+            ("s3://key:secret@bucket/maps", "s3://key:***@bucket/maps"),
+            ("https://collector:4318/in?key=secret", "https://collector:4318/in?***"),
+            ("https://me:secret@host/?key=secret", "https://me:***@host/?***"),
+        ] {
+            assert_eq!(masked(address, true), shown);
+            assert_eq!(masked(shown, true), shown, "once is enough");
+        }
+        for plain in [
+            "nats://a:4222,tls://b:4222",
+            "s3://bucket/maps",
+            "/srv/maps@home:2",
+            "./a:b@c",
+            "file:///a/b:c@d",
+            "",
+        ] {
+            assert_eq!(masked(plain, true), plain);
+        }
+        // What is no address by its kind is touched only where it looks like nothing else.
+        for plain in ["lobby=/maps/a:b@c.vmap", "1.5,-2,3,0.25", "what?key"] {
+            assert_eq!(masked(plain, false), plain);
+        }
+        assert_eq!(masked("x=tls://me:secret@host?a", false), "x=tls://me:***@host?a");
+    }
+}
