@@ -1,47 +1,191 @@
-"""Regions to S3 and back, against a local S3 (moto): what docs/scale.md says of it.
+"""Regions to S3 and back, against a local S3 (moto) behind a road that can be made bad: what docs/regions.md says of it.
 
-    pip install "moto[server,s3]"
-    cargo build --release --features clouds
-    python3 scripts/storage_s3.py target/release/veiloc place.vmap
+    pip install "moto[server,s3]" boto3
+    cargo build -p veiloc-cli --features clouds
+    python3 scripts/storage_s3.py target/debug/veiloc place.vmap [--images 20]
 
-Publishes the map's regions, publishes again (nothing is sent), fetches them (equal, byte for byte), then lets the storage
-go wrong: other bytes under an object's name, a shorter object, a missing one, a pointer to nowhere. Each must be told, and
-nothing of it must reach the folder.
+Publishes the map's regions, publishes again (nothing is sent), fetches them (equal, byte for byte). Then storage that asks to slow
+down (503) and connections that break are got over; an object that is longer than a part goes in parts. Then it goes wrong: other
+bytes under an object's name, a shorter object, a missing one, a pointer to nowhere, a key that is not known, a secret that is
+wrong, no right to write, another region, no such bucket, nobody there. Each must be told with the bucket and what to do, at once
+where waiting does not help; nothing of it must reach the folder, and no secret the screen. Prints, last, `all as it should be`.
 """
+import argparse
+import http.client
 import json
+import logging
 import os
+import shutil
+import socket
 import subprocess
-import sys
 import tempfile
 import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Lock, Thread
 
 import boto3
 from moto.server import ThreadedMotoServer
 
 BUCKET = "maps"
 URL = f"s3://{BUCKET}/of mine"
+SECRET = "sEcReT-of-the-bucket"
+# As S3 says it.
+WRONG = {
+    "InvalidAccessKeyId": (403, "The AWS Access Key Id you provided does not exist in our records."),
+    "SignatureDoesNotMatch": (403, "The request signature we calculated does not match the signature you provided."),
+    "ExpiredToken": (400, "The provided token has expired."),
+    "AccessDenied": (403, "Access Denied"),
+    "AuthorizationHeaderMalformed": (400, "The region 'us-east-1' is wrong; expecting 'eu-west-1'"),
+    "SlowDown": (503, "Please reduce your request rate."),
+}
 
 
-def main(program, place):
+class Road:
+    """A proxy in front of the storage that answers in its place as often as it is told to, and counts."""
+
+    def __init__(self, host, port):
+        self.lock, self.faults, self.asked, self.parts, self.refused = Lock(), {}, 0, 0, 0
+        road = self
+
+        class Handler(BaseHTTPRequestHandler):
+            protocol_version = "HTTP/1.1"
+
+            def log_message(self, *_):
+                pass
+
+            def handle(self):
+                try:
+                    super().handle()
+                except OSError:
+                    # Who asked is gone, as programs are that were told enough.
+                    self.close_connection = True
+
+            def answer(self):
+                body = self.rfile.read(int(self.headers.get("content-length") or 0))
+                fault = road.fault(self.command, self.path)
+                if fault == "breaks":
+                    self.close_connection = True
+                    return
+                if fault:
+                    status, message = WRONG[fault]
+                    said = f"<?xml version='1.0'?><Error><Code>{fault}</Code><Message>{message}</Message></Error>".encode()
+                    headers = [("content-type", "application/xml")]
+                else:
+                    connection = http.client.HTTPConnection(host, port, timeout=60)
+                    connection.request(self.command, self.path, body, dict(self.headers))
+                    response = connection.getresponse()
+                    status, said, headers = response.status, response.read(), response.getheaders()
+                    connection.close()
+                self.send_response(status)
+                length = str(len(said))
+                for name, value in headers:
+                    if name.lower() in ("content-length", "transfer-encoding", "connection"):
+                        if self.command == "HEAD" and name.lower() == "content-length":
+                            length = value
+                        continue
+                    self.send_header(name, value)
+                self.send_header("content-length", length)
+                self.end_headers()
+                if self.command != "HEAD":
+                    self.wfile.write(said)
+
+            do_GET = do_PUT = do_POST = do_HEAD = do_DELETE = answer
+
+        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.server.daemon_threads = True
+        self.address = f"http://127.0.0.1:{self.server.server_address[1]}"
+        Thread(target=self.server.serve_forever, daemon=True).start()
+
+    def fault(self, method, path):
+        """Each request is met with a fault as often in a row as was told; then it gets through."""
+        with self.lock:
+            self.asked += 1
+            self.parts += "partNumber=" in path
+            what, times, methods = self.faults.get("now", (None, 0, ()))
+            if not what or method not in methods:
+                return None
+            key = (method, path)
+            seen = self.faults.setdefault(key, 0)
+            self.faults[key] += 1
+            if seen < times:
+                self.refused += 1
+                return what
+            return None
+
+    def goes_wrong(self, what, times=10**9, methods=("GET", "HEAD", "PUT", "POST")):
+        with self.lock:
+            self.faults = {"now": (what, times, methods)}
+            self.refused = 0
+
+    def is_fine(self):
+        with self.lock:
+            self.faults = {}
+
+
+def worker(program, settings, road, folder):
+    """A worker takes its regions from there; one that starts while nothing can be had from there begins with what its cache has."""
+    if not shutil.which("nats-server"):
+        print("not tried: a worker (nats-server is missing: apt-get install nats-server)")
+        return
+    with socket.socket() as one, socket.socket() as two:
+        for held in (one, two):
+            held.bind(("127.0.0.1", 0))
+        bus, admin = (held.getsockname()[1] for held in (one, two))
+    settings_of_bus = Path(folder, "nats.conf")
+    settings_of_bus.write_text("max_payload: 8388608\n")
+    nats = subprocess.Popen(["nats-server", "-c", settings_of_bus, "-a", "127.0.0.1", "-p", str(bus)], stderr=subprocess.DEVNULL)
+    command = [program, "worker", "--nats", f"nats://127.0.0.1:{bus}", "--store", URL, "--map", "place", "--cache",
+               Path(folder, "cache"), "--admin-listen", f"127.0.0.1:{admin}", "--workers", "1"]
+    log = Path(folder, "worker.log")
+    try:
+        for what in ("", "breaks"):
+            if what:
+                road.goes_wrong(what)
+            started = time.monotonic()
+            with open(log, "w") as out:
+                running = subprocess.Popen(command, env=settings, stderr=out)
+            ready = False
+            while not ready and running.poll() is None and time.monotonic() < started + 90:
+                time.sleep(0.1)
+                try:
+                    connection = http.client.HTTPConnection("127.0.0.1", admin, timeout=5)
+                    connection.request("GET", "/readyz")
+                    ready = connection.getresponse().status == 200
+                except OSError:
+                    pass
+            took = time.monotonic() - started
+            running.kill()
+            running.wait()
+            assert ready, log.read_text()
+            assert ("taken from the cache" in log.read_text()) == bool(what) and SECRET not in log.read_text(), log.read_text()
+            print(f"a worker is ready after {took:.1f} s" + (" though the storage is away" if what else ""))
+    finally:
+        nats.kill()
+        nats.wait()
+        road.is_fine()
+
+
+def main(program, place, images):
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
     server = ThreadedMotoServer(ip_address="127.0.0.1", port=0)
     server.start()
-    host, port = server.get_host_and_port()
-    endpoint = f"http://{host}:{port}"
+    road = Road(*server.get_host_and_port())
     settings = {
-        "AWS_ENDPOINT": endpoint,
+        "AWS_ENDPOINT": road.address,
         "AWS_ALLOW_HTTP": "true",
         "AWS_ACCESS_KEY_ID": "key",
-        "AWS_SECRET_ACCESS_KEY": "secret",
+        "AWS_SECRET_ACCESS_KEY": SECRET,
         "AWS_REGION": "us-east-1",
     }
-    storage = boto3.client("s3", endpoint_url=endpoint, region_name="us-east-1", aws_access_key_id="key",
-                           aws_secret_access_key="secret")
+    storage = boto3.client("s3", endpoint_url=road.address, region_name="us-east-1", aws_access_key_id="key",
+                           aws_secret_access_key=SECRET)
     storage.create_bucket(Bucket=BUCKET)
 
     def run(*words):
         started = time.monotonic()
-        done = subprocess.run([program, *words], env=os.environ | settings, capture_output=True, text=True, check=False)
+        done = subprocess.run([program, *map(str, words)], env=os.environ | settings, capture_output=True, text=True, check=False)
+        assert SECRET not in done.stdout + done.stderr, "a secret is on the screen"
         return done, time.monotonic() - started
 
     def document(*words):
@@ -54,30 +198,52 @@ def main(program, place):
 
     with tempfile.TemporaryDirectory() as folder:
         regions, back = Path(folder, "regions"), Path(folder, "back")
-        split, _ = document("map", "split", place, "--images", "20", "--name", "place", "--out", str(regions))
+        split, _ = document("map", "split", place, "--images", images, "--name", "place", "--out", regions)
         objects = len(split["regions"]) + 2
-        published, seconds = document("map", "publish", str(regions), URL)
+        published, seconds = document("map", "publish", regions, URL)
         assert published["objects_sent"] == objects and published["bytes_sent"] == split["bytes"], published
-        print(f"published {objects} objects, {split['bytes'] / 1e6:.1f} MB in {seconds:.1f} s")
-        again, seconds = document("map", "publish", str(regions), URL)
+        largest = max(region["bytes"] for region in split["regions"])
+        assert (road.parts > 0) == (largest > 8 << 20), (road.parts, largest)
+        print(f"published {objects} objects, {split['bytes'] / 1e6:.1f} MB in {seconds:.1f} s; {road.parts} parts of objects over "
+              f"8 MB (the largest has {largest / 1e6:.1f} MB)")
+        again, seconds = document("map", "publish", regions, URL)
         assert again["objects_sent"] == 0 and again["objects_there"] == objects, again
         print(f"published again: nothing sent, {seconds:.1f} s")
-        fetched, seconds = document("map", "fetch", URL, "place", "--out", str(back))
-        assert fetched["objects_fetched"] == objects and fetched["manifest"] == split["manifest"], fetched
-        files = sorted(p.relative_to(regions) for p in regions.rglob("*") if p.is_file())
-        assert files == sorted(p.relative_to(back) for p in back.rglob("*") if p.is_file()), files
-        assert all((regions / f).read_bytes() == (back / f).read_bytes() for f in files)
-        print(f"fetched {objects} objects in {seconds:.1f} s: equal, byte for byte")
+
+        def fetched_whole(target):
+            fetched, seconds = document("map", "fetch", URL, "place", "--out", target)
+            assert fetched["objects_fetched"] == objects and fetched["manifest"] == split["manifest"], fetched
+            files = sorted(p.relative_to(regions) for p in regions.rglob("*") if p.is_file())
+            assert files == sorted(p.relative_to(target) for p in target.rglob("*") if p.is_file()), files
+            assert all((regions / f).read_bytes() == (target / f).read_bytes() for f in files)
+            return seconds
+
+        print(f"fetched {objects} objects in {fetched_whole(back):.1f} s: equal, byte for byte")
+
+        for what, times in (("SlowDown", 3), ("breaks", 1)):
+            road.goes_wrong(what, times)
+            seconds = fetched_whole(Path(folder, f"back-{what}"))
+            print(f"each read met {times} times with {what}: fetched all the same, in {seconds:.1f} s ({road.refused} refusals)")
+            road.goes_wrong(what, times)
+            # Not by the fault's name: a reply that holds such a word is taken for an error.
+            elsewhere = f"s3://{BUCKET}/through {times}"
+            sent, seconds = document("map", "publish", regions, elsewhere)
+            assert sent["objects_sent"] == objects, sent
+            print(f"each request met {times} times with {what}: published all the same, in {seconds:.1f} s ({road.refused} "
+                  f"refusals)")
+            road.is_fine()
 
         name = split["regions"][0]["sha256"]
         good = (regions / "objects" / name).read_bytes()
 
-        def refused(why, expected):
+        def refused(why, *expected, within=30.0, words=("map", "fetch", URL, "place", "--out", "refused")):
             target = Path(folder, "refused")
-            done, seconds = run("map", "fetch", URL, "place", "--out", str(target))
-            assert done.returncode == 1 and expected in done.stderr, (why, done.returncode, done.stderr)
+            done, seconds = run(*(target if word == "refused" else word for word in words))
+            told = " ".join(done.stderr.split())
+            assert done.returncode == 1 and all(part in told for part in expected), (why, done.returncode, done.stderr)
             assert not (target / "manifest.json").exists() and not (target / "objects" / name).exists(), why
-            print(f"{why}: refused in {seconds:.1f} s")
+            assert seconds < within, (why, seconds)
+            print(f"{why}: refused in {seconds:.1f} s\n    {told[:400]}")
 
         wrong = bytearray(good)
         wrong[len(wrong) // 2] ^= 1
@@ -85,21 +251,45 @@ def main(program, place):
         refused("another byte", name)
         storage.put_object(Bucket=BUCKET, Key=key(f"objects/{name}"), Body=good[:-1])
         refused("a byte less", name)
-        again, _ = document("map", "publish", str(regions), URL)
+        again, _ = document("map", "publish", regions, URL)
         assert again["objects_sent"] == 1, again
         print("published again: the short one was sent anew")
         storage.delete_object(Bucket=BUCKET, Key=key(f"objects/{name}"))
         refused("an object that is gone", "veiloc map publish")
+        pointer = storage.get_object(Bucket=BUCKET, Key=key("place.json"))["Body"].read()
         storage.put_object(Bucket=BUCKET, Key=key("place.json"),
                            Body=json.dumps({"version": 1, "map": "place", "manifest": "../" * 20 + "0000"}).encode())
         refused("a pointer to elsewhere", "no pointer")
+        storage.put_object(Bucket=BUCKET, Key=key("place.json"), Body=pointer)
+
+        publish = ("map", "publish", regions, f"s3://{BUCKET}/new")
+        for what, remedy in (("InvalidAccessKeyId", "AWS_ACCESS_KEY_ID"), ("SignatureDoesNotMatch", "AWS_SECRET_ACCESS_KEY"),
+                             ("ExpiredToken", "AWS_SESSION_TOKEN"), ("AccessDenied", "may"),
+                             ("AuthorizationHeaderMalformed", "AWS_REGION")):
+            road.goes_wrong(what)
+            refused(f"reading: {what}", f"s3://{BUCKET}/", remedy, within=3.0)
+            road.goes_wrong(what, methods=("PUT", "POST"))
+            refused(f"writing: {what}", f"s3://{BUCKET}/", remedy, within=3.0, words=publish)
+        road.is_fine()
+        document("map", "publish", regions, URL)
+        worker(program, settings | {"PATH": os.environ["PATH"]}, road, folder)
+        refused("reading: no such bucket", "s3://nowhere/x/", "bucket", within=3.0,
+                words=("map", "fetch", "s3://nowhere/x", "place", "--out", "refused"))
+        refused("writing: no such bucket", "s3://nowhere/x/", "bucket", within=3.0,
+                words=("map", "publish", regions, "s3://nowhere/x"))
         settings["AWS_ENDPOINT"] = "http://127.0.0.1:9"
-        done, seconds = run("map", "fetch", "s3://nowhere/x", "place", "--out", str(back))
-        print(f"no storage there: exit code {done.returncode} in {seconds:.1f} s")
-        assert done.returncode == 1
+        refused("nobody there", f"s3://{BUCKET}/", "AWS_ENDPOINT", within=60.0)
+        del settings["AWS_ACCESS_KEY_ID"], settings["AWS_SECRET_ACCESS_KEY"]
+        settings["AWS_METADATA_ENDPOINT"] = "http://127.0.0.1:9"
+        refused("no credentials at all", f"s3://{BUCKET}/", "AWS_ACCESS_KEY_ID", within=60.0)
     server.stop()
     print("all as it should be")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("program")
+    parser.add_argument("map")
+    parser.add_argument("--images", type=int, default=20, help="of a region at most")
+    given = parser.parse_args()
+    main(given.program, given.map, given.images)

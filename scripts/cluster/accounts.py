@@ -4,7 +4,7 @@
     scripts/cluster/accounts.py [--veiloc PROGRAM]
 
 Makes an authority and certificates, fills in addresses and passwords of deploy/cluster/nats.conf and of the example settings of
-gateway and worker, publishes the demo's rendered place to a folder, starts three nodes, two workers and a gateway over TLS, and
+gateway and worker, publishes a rendered room to a folder, starts three nodes, two workers and a gateway over TLS, and
 localizes through the gateway; all must be answered, also after a node is killed and a new manifest is published. A second map
 gets its account as the comments of nats.conf tell. Then it says, byte by byte, what must not be said, as somebody without a
 password, with one, with a password of another map, or as a node of another authority: one line `refused: …` each.
@@ -18,10 +18,12 @@ import pathlib
 import re
 import secrets
 import shutil
+import signal
 import socket
 import ssl
 import subprocess
 import sys
+import threading
 import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
@@ -161,7 +163,7 @@ class Guarded(Cluster):
         return Part(self, "gateway", command, lambda: ask(self.admin, "/readyz")[0] == 200)
 
     def localized(self, queries):
-        """How many of them a device got a pose of."""
+        """The status that a device got for each."""
         statuses = []
         for query in queries:
             connection = http.client.HTTPSConnection("127.0.0.1", self.port, timeout=60, context=self.mine.trusts())
@@ -169,7 +171,7 @@ class Guarded(Cluster):
                                {"content-type": PROTOBUF, "authorization": f"Bearer {token('phone')}"})
             statuses.append(connection.getresponse().status)
             connection.close()
-        return statuses.count(200)
+        return statuses
 
     def refuses(self, command, who, places, *more):
         """What the program says when it is started so; it must end by itself."""
@@ -355,10 +357,12 @@ def says(cluster):
             ("hears the queries of a region", REGION, ""), ("hears all regions", region, ""),
             ("takes a worker's place", region, "members"), ("hears all of veiloc", "veiloc.>", ""),
             ("hears everything", ">", ""), ("hears replies to workers", f"_INBOX_worker-{MAP}.>", ""),
+            ("hears what other gateways cancel", f"{region}.cancel", ""),
             ("hears inboxes of no user", "_INBOX.>", ""), ("hears all inboxes", "*.>", ""), ("hears the system", "$SYS.>", "")):
         refused(f"the gateway's user {what}", gateway.subscribe(subject, queue), no_sub)
     for what, subject in (("says what no worker is asked", f"veiloc.{MAP}.other"), ("answers in a worker's place", f"{INBOX}.1"),
-                          ("asks the system", "$SYS.REQ.SERVER.PING"), ("asks for what is stored", "$JS.API.INFO")):
+                          ("asks the system", "$SYS.REQ.SERVER.PING"), ("says beside a group what nobody hears", f"{REGION}.other"),
+                          ("asks for what is stored", "$JS.API.INFO")):
         refused(f"the gateway's user {what}", gateway.publish(subject), no_pub)
     works("the gateway's user hears its own replies", gateway.subscribe(f"{INBOX}.*") == "")
     gateway.publish(FOREIGN, reply=f"{INBOX}.1")
@@ -374,10 +378,12 @@ def says(cluster):
             ("hears all inboxes", "*.>", ""), ("hears the system", "$SYS.>", ""),
             ("hears replies to workers of another map", f"_INBOX_worker-{OTHER}.>", ""),
             ("hears queries about another map", FOREIGN, "members"),
+            ("hears what is cancelled of another map", f"{FOREIGN}.cancel", ""),
             ("hears all regions of another map", f"veiloc.{OTHER}.region.*", "members")):
         refused(f"a worker's user {what}", worker.subscribe(subject, queue), no_sub)
     for what, subject in (
             ("sends a pose to a gateway that did not ask it", f"{INBOX}.1"),
+            ("cancels what a gateway asked for", f"{REGION}.cancel"),
             ("asks about another map", FOREIGN), ("asks the index of another map", f"veiloc.{OTHER}.index.0"),
             ("asks for what is stored", "$JS.API.INFO")):
         refused(f"a worker's user {what}", worker.publish(subject), no_pub)
@@ -389,6 +395,7 @@ def says(cluster):
     listener = user(f"worker-{MAP}", 2)
     listener.subscribe(f"_INBOX_worker-{MAP}.>")
     works("a worker joins the group of a region", worker.subscribe(REGION, "members") == "")
+    works("it listens to what is cancelled there", worker.subscribe(f"{REGION}.cancel", sid=2) == "")
     reached, deadline = None, time.monotonic() + PATIENCE
     while reached is None and time.monotonic() < deadline:
         # Word of who joined takes a moment to get to the other nodes.
@@ -402,6 +409,12 @@ def says(cluster):
         heard = gateway.hear()
         works("the gateway hears the answer", heard is not None and heard[0] == f"{INBOX}.2" and heard[2] == b"pose", heard)
         refused("a worker's user answers a second time", worker.publish(reached[1], b"another pose"), no_pub)
+    works("the gateway says what it no longer waits for", gateway.publish(f"{REGION}.cancel", f"{INBOX}.2".encode()) == "")
+    heard = worker.hear()
+    while heard is not None and heard[0] == REGION:
+        # Said more than once above.
+        heard = worker.hear()
+    works("the worker hears it", heard is not None and heard[:2] == (f"{REGION}.cancel", ""), heard)
     longest = cluster.longest
     works(f"the nodes take {longest} bytes", gateway.publish(REGION, bytes(longest), f"{INBOX}.3") == "", gateway.errors)
     heard = worker.hear()
@@ -414,6 +427,33 @@ def says(cluster):
     refused("a message of one byte more than max_payload", " ".join(gateway.errors[:1]), "Maximum Payload Violation")
 
 
+def loser(cluster, town):
+    """A worker that hangs is asked, and another one beside it: what the first has is cancelled, and it stops."""
+    def cancelled():
+        text = ask(cluster.workers[0].admin, "/metrics")[1].decode()
+        return sum(counter(text, "veiloc_cancelled_total", f'when="{when}"') for when in ("waiting", "working"))
+
+    def hedges():
+        return counter(ask(cluster.admin, "/metrics")[1].decode(), "veiloc_cluster_hedges_total")
+
+    before, hung = cancelled(), cluster.workers[0].process
+    answered = []
+    asking = threading.Thread(target=lambda: answered.extend(cluster.localized(town.queries * 2)))
+    hung.send_signal(signal.SIGSTOP)
+    sent = hedges()
+    asking.start()
+    # No longer: its node would hang up on it, and replies by way of another one are nobody's.
+    deadline = time.monotonic() + 6
+    while hedges() == sent and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    hung.send_signal(signal.SIGCONT)
+    asking.join()
+    works("queries are answered beside a worker that hangs", answered.count(200) == 2 * len(town.queries), answered)
+    wait_for(lambda: cancelled() > before, "a cancelled query")
+    works("what it was asked is cancelled, and it goes on", ask(cluster.workers[0].admin, "/readyz")[0] == 200)
+
+
 def main():
     given = arguments(__doc__).parse_args()
     if not shutil.which("openssl"):
@@ -423,13 +463,14 @@ def main():
     count = len(town.queries)
 
     def all_answered(when):
-        answered = cluster.localized(town.queries)
+        answered = cluster.localized(town.queries).count(200)
         works(f"{count} of {count} queries are answered {when}", answered == count, f"{answered} of {count}")
 
     all_answered("through gateway and workers, over TLS")
     gets_in(cluster)
     nodes(cluster)
     says(cluster)
+    loser(cluster, town)
     # A worker asks whether others hold the new manifest before it leaves the old one: its account must let it.
     cluster.publish(town.smaller)
     objects = 1 + len(json.loads((cluster.work / "regions" / "manifest.json").read_text())["regions"])

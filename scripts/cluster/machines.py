@@ -255,18 +255,23 @@ class Kitchen(Town):
 
 
 class Rendered(Town):
-    """The demo's place."""
+    """A rendered room: 24 images in regions of 8; made in a fraction of the time that the demo takes."""
 
     images, whole = 8, 1000
 
     def __init__(self, veiloc):
-        super().__init__(veiloc, "cluster-rendered", 4)
+        super().__init__(veiloc, "cluster-room", 4)
 
     def make(self, kept, count):
-        self.run("demo", "--out", kept)
-        names = sorted(path.name for path in (kept / "images").glob("map-*"))
+        room = kept / "room"
+        # What a run that was broken off left there.
+        shutil.rmtree(room, ignore_errors=True)
+        self.run("synth", "city", "--rooms", 1, "--map-views", 24, "--query-views", count, "--width", 480, "--out", room)
+        names = first_words(room / "map.txt")
+        self.run("map", "build", "--posed", room / "posed", "--images", room / "images", "--list", room / "map.txt",
+                 "--max-keypoints", 1024, "-o", self.map)
         self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
-        self.seal(kept, sorted((kept / "images").glob("query-*"))[:count], kept / "posed")
+        self.seal(kept, [room / "images" / name for name in first_words(room / "query.txt")], room / "posed")
 
 
 def place(given):
@@ -279,4 +284,4 @@ def counter(text, name, labels=""):
     return sum(float(line.rsplit(" ", 1)[1]) for line in text.splitlines() if line.startswith(start))
 
 
-__all__ = ["Clients", "Cluster", "Server", "arguments", "ask", "counter", "header", "percentile", "place", "row", "wait_for"]
+__all__ = ["Clients", "Cluster", "Part", "Server", "arguments", "ask", "counter", "header", "percentile", "place", "row", "wait_for"]

@@ -41,7 +41,7 @@ def histogram_mean(text, name):
 
 def main():
     parser = arguments(__doc__)
-    parser.add_argument("--rendered", action="store_true", help="the demo's rendered place, which needs no data")
+    parser.add_argument("--rendered", action="store_true", help="a rendered room, which needs no data")
     parser.add_argument("--seconds", type=float, default=15.0, help="of each row")
     parser.add_argument("--json", metavar="FILE", help="also write the points for scripts/scale_model.py --check")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4, 10])

@@ -10,6 +10,9 @@
 //! looks like the second. Whoever needs an answer sends the same bytes again. Nothing is stored: a message that nobody
 //! waits for is gone.
 //!
+//! Who no longer waits may say so ([`Bus::request_cancellable`]), and then the member that was asked hears of it
+//! ([`Incoming::cancelled`]): at best. It is said once, to nobody else, and nobody else can say it.
+//!
 //! This room knows nothing of maps or queries.
 //!
 //! ```
@@ -112,13 +115,37 @@ impl Bus {
         payload: Bytes,
         within: Duration,
     ) -> Result<Bytes, BusError> {
+        self.ask(subject, payload, within, false).await
+    }
+
+    /// As [`Self::request`], for what keeps its member busy: when nobody waits for the reply any more, because the future
+    /// was dropped or time is over, the member is told ([`Incoming::cancelled`]). That is not certain to reach it.
+    ///
+    /// # Errors
+    /// As [`Self::request`].
+    pub async fn request_cancellable(
+        &self,
+        subject: &Subject,
+        payload: Bytes,
+        within: Duration,
+    ) -> Result<Bytes, BusError> {
+        self.ask(subject, payload, within, true).await
+    }
+
+    async fn ask(
+        &self,
+        subject: &Subject,
+        payload: Bytes,
+        within: Duration,
+        cancellable: bool,
+    ) -> Result<Bytes, BusError> {
         let longest = self.max_payload();
         if payload.len() > longest {
             return Err(BusError::TooLong { bytes: payload.len(), longest });
         }
         let answered = async {
             match &self.0 {
-                Road::Nats(nats) => nats.request(subject, payload).await,
+                Road::Nats(nats) => nats.request(subject, payload, cancellable).await,
                 Road::Process(process) => process.request(subject, payload).await,
             }
         };
@@ -196,6 +223,15 @@ enum Reply {
 }
 
 impl Incoming {
+    /// Returns when who asked waits no more and has said so; never, when nothing of that kind is heard. After it returned it
+    /// is not to be asked again.
+    pub async fn cancelled(&mut self) {
+        match &mut self.to {
+            Reply::Nats(reply) => reply.cancelled().await,
+            Reply::Process(reply) => reply.cancelled().await,
+        }
+    }
+
     /// Answers it. Whether anybody still waits is not known.
     ///
     /// # Errors

@@ -2,6 +2,10 @@
 //!
 //! The inbox is ours and not the library's: the library keeps a note of each request until its reply comes, and of those
 //! whose member died none ever does.
+//!
+//! Who no longer waits says so on the group's subject and `.cancel`, where all members listen: which of them was asked nobody
+//! knows. What is said is the inbox that the reply would have come to, which two know, who asked and who was asked; so nobody
+//! can cancel what another one asked for, though he may speak there.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -14,13 +18,16 @@ use async_nats::connection::State;
 use async_nats::{Client, ConnectOptions, Event, ServerAddr, StatusCode, Subscriber};
 use bytes::Bytes;
 use futures_util::StreamExt as _;
-use tokio::sync::oneshot;
+use tokio::sync::{mpsc, oneshot};
 
 use crate::error::BusError;
 use crate::subject::Subject;
 
 /// All members of a subject are in the queue group of this name.
 const GROUP: &str = "members";
+
+/// What is no longer waited for and was not said yet; more is not said at all.
+const UNSAID: usize = 1024;
 
 /// How to reach NATS.
 #[derive(Clone, Default)]
@@ -83,6 +90,9 @@ fn without_password(address: &str) -> String {
     scheme.map_or_else(|| host.to_owned(), |scheme| format!("{scheme}://{host}"))
 }
 
+/// What is printed where a password stands.
+const MASK: &str = "***";
+
 /// Who we are to the servers.
 struct Login {
     user: String,
@@ -107,6 +117,11 @@ impl Login {
         if password.contains('%') {
             return Err(BusError::Login { reason: "its password has an escape (%), which is not read" });
         }
+        if password == MASK {
+            return Err(BusError::Login {
+                reason: "the password is the `***` that --print-config prints in place of one; write the real one there",
+            });
+        }
         Ok(Some(Self { user: user.to_owned(), password: password.to_owned() }))
     }
 }
@@ -121,8 +136,12 @@ struct Connection {
     inbox: String,
     next: AtomicU64,
     waiting: Arc<Waiting>,
-    _replies: Aborted,
+    cancels: mpsc::Sender<Cancel>,
+    _tasks: [Aborted; 2],
 }
+
+/// To be said: on which subject, and to which inbox no reply is wanted any more.
+type Cancel = (String, String);
 
 type Replied = Result<Bytes, Nobody>;
 
@@ -178,7 +197,10 @@ impl Nats {
         let replies = client.subscribe(format!("{inbox}.*")).await.map_err(|e| wrong(e.to_string()))?;
         let waiting = Arc::new(Waiting::default());
         let replies = Aborted(tokio::spawn(hand_out(replies, waiting.clone())));
-        Ok(Self(Arc::new(Connection { client, inbox, next: AtomicU64::new(0), waiting, _replies: replies })))
+        let (cancels, unsaid) = mpsc::channel(UNSAID);
+        let tasks = [replies, Aborted(tokio::spawn(say_cancels(client.clone(), unsaid)))];
+        let next = AtomicU64::new(0);
+        Ok(Self(Arc::new(Connection { client, inbox, next, waiting, cancels, _tasks: tasks })))
     }
 
     /// Another server may take other lengths than the first.
@@ -194,13 +216,19 @@ impl Nats {
         let _ = tokio::time::timeout(Duration::from_secs(2), self.0.client.flush()).await;
     }
 
-    pub(crate) async fn request(&self, subject: &Subject, payload: Bytes) -> Result<Bytes, BusError> {
-        let connection = &self.0;
+    pub(crate) async fn request(
+        &self,
+        subject: &Subject,
+        payload: Bytes,
+        cancellable: bool,
+    ) -> Result<Bytes, BusError> {
+        let connection = &*self.0;
         let number = connection.next.fetch_add(1, Ordering::Relaxed);
         let (reply, answer) = oneshot::channel();
         connection.waiting.all().insert(number, reply);
-        let _forgotten = Forgotten { waiting: &connection.waiting, number };
         let to = format!("{}.{number}", connection.inbox);
+        let cancel = cancellable.then(|| (subject.of_cancels(), to.clone()));
+        let _forgotten = Forgotten { connection, number, cancel };
         let sent = connection.client.publish_with_reply(subject.as_str().to_owned(), to, payload).await;
         sent.map_err(|_| BusError::Closed)?;
         match answer.await {
@@ -214,21 +242,38 @@ impl Nats {
         let client = self.0.client.clone();
         let joined = client.queue_subscribe(subject.as_str().to_owned(), GROUP.to_owned()).await;
         let asked = joined.map_err(|_| BusError::Closed)?;
+        let cancels = client.subscribe(subject.of_cancels()).await.map_err(|_| BusError::Closed)?;
+        let open = Arc::new(Open::default());
+        let cancels = Aborted(tokio::spawn(hear_cancels(cancels, open.clone())));
         // The server knows of it before anything is said of it.
         client.flush().await.map_err(|_| BusError::Closed)?;
-        Ok(Membership { client, asked })
+        Ok(Membership { client, asked, open, _cancels: cancels })
     }
 }
 
-/// Who no longer waits is forgotten, answered or not.
+/// Who no longer waits is forgotten, answered or not; if not, it is said where it may be.
 struct Forgotten<'a> {
-    waiting: &'a Waiting,
+    connection: &'a Connection,
     number: u64,
+    cancel: Option<Cancel>,
 }
 
 impl Drop for Forgotten<'_> {
     fn drop(&mut self) {
-        self.waiting.all().remove(&self.number);
+        let unanswered = self.connection.waiting.all().remove(&self.number).is_some();
+        if let Some(cancel) = self.cancel.take().filter(|_| unanswered) {
+            // Where too much is unsaid the member works in vain, as it would without all this.
+            let _ = self.connection.cancels.try_send(cancel);
+        }
+    }
+}
+
+/// Says what is no longer waited for, as long as the connection lives.
+async fn say_cancels(client: Client, mut unsaid: mpsc::Receiver<Cancel>) {
+    while let Some((subject, inbox)) = unsaid.recv().await {
+        if client.publish(subject, inbox.into()).await.is_err() {
+            return;
+        }
     }
 }
 
@@ -245,6 +290,28 @@ async fn hand_out(mut replies: Subscriber, waiting: Arc<Waiting>) {
 pub(crate) struct Membership {
     client: Client,
     asked: Subscriber,
+    open: Arc<Open>,
+    _cancels: Aborted,
+}
+
+/// What a member was asked and has not answered, by the inbox of who asked.
+#[derive(Default)]
+struct Open(Mutex<HashMap<String, oneshot::Sender<()>>>);
+
+impl Open {
+    fn all(&self) -> MutexGuard<'_, HashMap<String, oneshot::Sender<()>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Tells those who work for nobody. What names no inbox that we have is another member's, or made up.
+async fn hear_cancels(mut cancels: Subscriber, open: Arc<Open>) {
+    while let Some(message) = cancels.next().await {
+        let inbox = std::str::from_utf8(&message.payload).unwrap_or_default();
+        if let Some(work) = open.all().remove(inbox) {
+            let _ = work.send(());
+        }
+    }
 }
 
 impl Membership {
@@ -253,7 +320,10 @@ impl Membership {
         loop {
             let message = self.asked.next().await?;
             if let Some(to) = message.reply {
-                return Some((message.payload, Reply { client: self.client.clone(), to }));
+                let (cancel, cancelled) = oneshot::channel();
+                self.open.all().insert(to.to_string(), cancel);
+                let (client, open) = (self.client.clone(), self.open.clone());
+                return Some((message.payload, Reply { client, open, to, cancelled }));
             }
         }
     }
@@ -267,16 +337,31 @@ impl Membership {
 /// The way back.
 pub(crate) struct Reply {
     client: Client,
+    open: Arc<Open>,
     to: async_nats::Subject,
+    cancelled: oneshot::Receiver<()>,
+}
+
+impl Drop for Reply {
+    fn drop(&mut self) {
+        self.open.all().remove(self.to.as_str());
+    }
 }
 
 impl Reply {
+    pub(crate) async fn cancelled(&mut self) {
+        if (&mut self.cancelled).await.is_err() {
+            // Nobody can say it any more.
+            std::future::pending::<()>().await;
+        }
+    }
+
     pub(crate) async fn send(self, payload: Bytes) -> Result<(), BusError> {
         let longest = self.client.server_info().max_payload;
         if payload.len() > longest {
             return Err(BusError::TooLong { bytes: payload.len(), longest });
         }
-        self.client.publish(self.to, payload).await.map_err(|_| BusError::Closed)
+        self.client.publish(self.to.clone(), payload).await.map_err(|_| BusError::Closed)
     }
 }
 
@@ -293,8 +378,13 @@ mod tests {
         assert!(matches!(login("nats://a:4222"), Ok(None)));
         let named = login("nats://a:4222,tls://worker-town:secret@b:4222,tls://other:word@c:4222");
         assert_eq!(named.expect("read"), Some(("worker-town".to_owned(), "secret".to_owned())));
-        for wrong in ["nats://me@a", "nats://me.too:secret@a", "nats://m%2a:secret@a", "nats://me:se%63ret@a"]
-        {
+        for wrong in [
+            "nats://me:***@a",
+            "nats://me@a",
+            "nats://me.too:secret@a",
+            "nats://m%2a:secret@a",
+            "nats://me:se%63ret@a",
+        ] {
             let error = login(wrong).expect_err(wrong).to_string();
             assert!(error.contains("NATS") && !error.contains("secret"), "{error}");
         }

@@ -107,6 +107,10 @@ impl Drop for Membership {
 pub(crate) struct Reply(oneshot::Sender<Bytes>);
 
 impl Reply {
+    pub(crate) async fn cancelled(&mut self) {
+        self.0.closed().await;
+    }
+
     pub(crate) fn send(self, payload: Bytes) -> Result<(), BusError> {
         if payload.len() > Process::MAX_PAYLOAD {
             return Err(BusError::TooLong { bytes: payload.len(), longest: Process::MAX_PAYLOAD });

@@ -39,6 +39,12 @@ impl Subject {
         Ok(Self(subject.into()))
     }
 
+    /// Where the members of this group hear what is no longer waited for. No group has this name: its words would be one
+    /// more than those of any that is asked.
+    pub(crate) fn of_cancels(&self) -> String {
+        format!("{}.cancel", self.0)
+    }
+
     /// As the bus has it.
     pub fn as_str(&self) -> &str {
         &self.0

@@ -92,6 +92,50 @@ async fn all_laws(bus: &Bus) {
     assert_eq!(bus.request(&three, "x".into(), LONG).await.expect("a reply"), Bytes::from_static(b"in time"));
     member.abort();
 
+    // Who no longer waits says so, to the one who was asked and to nobody else; nobody else can say it for him.
+    let five = subject("five");
+    let mut members = [bus.join(&five).await.expect("joined"), bus.join(&five).await.expect("joined")];
+    let ask = || {
+        let (bus, five) = (bus.clone(), five.clone());
+        tokio::spawn(async move { bus.request_cancellable(&five, "work".into(), LONG).await })
+    };
+    let (given_up, waited_for) = (ask(), ask());
+    let mut asked = Vec::new();
+    while asked.len() < 2 {
+        let [one, other] = &mut members;
+        let incoming =
+            tokio::select! { incoming = one.next() => incoming, incoming = other.next() => incoming };
+        asked.push(incoming.expect("asked"));
+    }
+    let said_by_others = Subject::new(["test", "five", "cancel"]).expect("a subject");
+    for made_up in ["", "work", "_INBOX.0.1", "\u{0}"] {
+        // Nobody answers, whoever hears it.
+        assert!(bus.request(&said_by_others, made_up.into(), short).await.is_err());
+    }
+    for incoming in &mut asked {
+        let told = tokio::time::timeout(short, incoming.cancelled()).await;
+        assert!(told.is_err(), "both are waited for");
+    }
+    given_up.abort();
+    let mut told = 0;
+    let [first, second] = &mut asked[..] else { panic!("two were asked") };
+    tokio::select! {
+        () = first.cancelled() => told += 1,
+        () = second.cancelled() => told += 2,
+        () = tokio::time::sleep(LONG) => panic!("the one who works for nobody is not told"),
+    }
+    let still_waited_for = &mut asked[2 - told];
+    assert!(tokio::time::timeout(short, still_waited_for.cancelled()).await.is_err(), "one of two gave up");
+    asked.remove(2 - told).answer("done".into()).await.expect("sent");
+    assert_eq!(waited_for.await.expect("it ends").expect("a reply"), Bytes::from_static(b"done"));
+    asked.remove(0).answer("for nobody".into()).await.expect("sent");
+    // Time that is over says it too.
+    assert!(bus.request_cancellable(&five, "work".into(), short).await.is_err());
+    let [one, other] = &mut members;
+    let incoming = tokio::select! { incoming = one.next() => incoming, incoming = other.next() => incoming };
+    tokio::time::timeout(LONG, incoming.expect("asked").cancelled()).await.expect("told");
+    drop(members);
+
     // Messages of all lengths up to the longest, and none beyond.
     let four = subject("four");
     let member = echo(bus, &four, "c").await;

@@ -113,6 +113,36 @@ fn what_is_published_comes_back_and_damage_does_not() {
     }
 }
 
+/// A disk that is full, in the shape of a limit for files: one whose last bytes did not get there is no object.
+#[cfg(unix)]
+#[test]
+fn what_the_disk_does_not_take_is_told_and_not_kept() {
+    let place = place();
+    let split = place.run("map split place.vmap --images 6 --out full-regions --json").succeeded().json();
+    place.run("map publish full-regions full").succeeded();
+    let regions = split["regions"].as_array().expect("regions");
+    let largest = regions.iter().max_by_key(|region| region["bytes"].as_u64()).expect("some");
+    let (name, bytes) = (text(&largest["sha256"]), largest["bytes"].as_u64().expect("a length"));
+    for lost in [1, 20_000] {
+        let fetch = place.command("map fetch full place --out half");
+        let mut limited = std::process::Command::new("sh");
+        let limit = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" \"$@\"", (bytes - lost) / 512);
+        limited.args(["-c", &limit]).arg(fetch.get_program()).args(fetch.get_args());
+        limited.current_dir(fetch.get_current_dir().expect("the place's"));
+        let refused = limited.output().expect("the binary runs");
+        let told = String::from_utf8_lossy(&refused.stderr);
+        assert!(refused.status.code() == Some(1) && told.contains(&name), "{lost}: {told}");
+        let left: Vec<_> = fs::read_dir(place.path("half/objects")).expect("a folder").collect();
+        assert!(
+            left.iter().flatten().all(|entry| !entry.file_name().to_string_lossy().contains(&name)),
+            "{left:?}"
+        );
+    }
+    place.run("map fetch full place --out half").succeeded();
+    let object = format!("objects/{name}");
+    assert_eq!(place.read(&format!("half/{object}")), place.read(&format!("full/{object}")));
+}
+
 fn url_of(path: &std::path::Path) -> String {
     format!("file://{}", path.canonicalize().expect("a folder").display())
 }

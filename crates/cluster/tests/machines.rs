@@ -2,18 +2,24 @@
 
 mod common;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use common::service::{Running, truth};
 use common::{MAP, Machines, Town, directly, eventually, impostor, region, timeless};
+use tokio::runtime::Handle;
 use veiloc_bus::Bus;
 use veiloc_cluster::message::{Reply, Request, Said, Wanted, Why};
+use veiloc_cluster::{Gateway, GatewayOptions, StoreShelf, Worker, WorkerOptions};
+use veiloc_server::labour::Probed as _;
 use veiloc_server::{Asked, Elsewhere as _, Kind, MapElsewhere, NoPose, Question, ServerOptions, Unanswered};
 
 /// The share of a worker that holds the index and no region.
 const INDEX_ALONE: &str = "999";
+
+const LITTLE: Duration = Duration::from_millis(100);
 
 /// A worker's reply to this request.
 fn reply(request: &Request, said: Said) -> bytes::Bytes {
@@ -116,10 +122,15 @@ async fn who_is_silent_is_asked_around() {
     let town = Town::new(10);
     let bus = Bus::in_process();
     let machines = Machines::start(&town, bus.clone(), &["all"]).await;
-    let heard = Arc::new(AtomicUsize::new(0));
-    let count = heard.clone();
-    let _silent = impostor(&bus, &town.subject(0), move |_| {
-        count.fetch_add(1, Ordering::Relaxed);
+    let (heard, cancelled) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
+    let counts = (heard.clone(), cancelled.clone());
+    let _silent = impostor(&bus, &town.subject(0), move |mut incoming| {
+        let (heard, cancelled) = counts.clone();
+        heard.fetch_add(1, Ordering::Relaxed);
+        tokio::spawn(async move {
+            incoming.cancelled().await;
+            cancelled.fetch_add(1, Ordering::Relaxed);
+        });
         std::future::ready(())
     })
     .await;
@@ -129,6 +140,106 @@ async fn who_is_silent_is_asked_around() {
     let heard = heard.load(Ordering::Relaxed);
     assert!(heard >= 2, "members take turns, and it was asked {heard} times");
     assert!(machines.counted("veiloc_cluster_hedges_total") >= heard as u64);
+    eventually("word that nobody waits for it", || cancelled.load(Ordering::Relaxed) == heard).await;
+}
+
+/// A new map of which something is gone is not taken by half: all goes by the old one, which is said, until it is whole.
+#[tokio::test(flavor = "multi_thread")]
+async fn an_object_that_vanishes_holds_up_the_new_map_and_no_query() {
+    let town = Town::new(5);
+    let old = town.folder().manifest().id();
+    let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
+    let worker = machines.handle();
+    let kept = town.regions().join("kept");
+    let new = town.publish_spoilt(9, 4, |objects, manifest| {
+        let region = objects.join(manifest.regions[0].sha256.to_string());
+        std::fs::rename(region, &kept).expect("it was there");
+    });
+    let failing = || common::value(&worker.metrics(), "veiloc_reload_failing");
+    eventually("word of it", || failing() == 1).await;
+    for query in town.queries(6) {
+        assert!(machines.ask(&query).await.expect("a pose").trusted);
+    }
+    assert_eq!(machines.gateway.manifest(), Some(old));
+    let region = town.regions().join("objects").join(new.regions[0].sha256.to_string());
+    std::fs::rename(&kept, region).expect("back");
+    eventually("the new manifest", || machines.gateway.manifest() == Some(new.id())).await;
+    eventually("word of it", || failing() == 0).await;
+    assert!(machines.ask(&town.query(&truth())).await.expect("a pose").trusted);
+}
+
+/// Storage that is away when a machine starts holds it up only when it never had the map: it begins with what its cache has.
+#[cfg(unix)]
+#[tokio::test(flavor = "multi_thread")]
+async fn machines_start_with_what_they_had_while_the_storage_is_away() {
+    let town = Town::new(4);
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let (store, cache) = (folder.path().join("store"), folder.path().join("cache"));
+    let url = store.to_str().expect("text");
+    let storage =
+        || veiloc_store::Storage::open(url).expect("a folder").with_patience(1, LITTLE, LITTLE * 100);
+    tokio::task::block_in_place(|| {
+        let published = veiloc_store::Storage::create(url).expect("a folder");
+        Handle::current().block_on(published.publish(&town.folder(), &|_, _| ())).expect("published");
+    });
+    let shelf = |cache: &Path| Arc::new(StoreShelf::of(storage(), cache, 1 << 30).expect("a cache"));
+    let bus = Bus::in_process();
+    let worker = async |cache: &Path| {
+        let counts = veiloc_observe::WorkerCounts::new("test", 2, 32);
+        Worker::start(bus.clone(), shelf(cache), WorkerOptions::new(MAP), counts).await
+    };
+    let held = worker(&cache).await.expect("a worker").held();
+    let pointer = store.join(format!("{MAP}.json"));
+    std::fs::remove_file(&pointer).expect("it was there");
+    // What is removed is told: nobody goes on with a map that was taken back.
+    let gone = worker(&cache).await.err().expect("nothing is published").to_string();
+    assert!(gone.contains("not there"), "{gone}");
+    // A name that leads to itself: neither there nor not there.
+    std::os::unix::fs::symlink(&pointer, &pointer).expect("a link");
+    let again = worker(&cache).await.expect("a worker");
+    assert_eq!(again.held(), held);
+    let counts = veiloc_observe::GatewayCounts::default();
+    let gateway = Gateway::start(bus.clone(), shelf(&cache), GatewayOptions::new(MAP), counts).await;
+    assert_eq!(gateway.expect("a gateway").manifest(), Some(town.folder().manifest().id()));
+    assert!(worker(&folder.path().join("another cache")).await.is_err(), "who never had it");
+}
+
+/// What nobody waits for any more is not begun, or stopped; what somebody waits for is answered.
+#[tokio::test(flavor = "multi_thread")]
+async fn work_for_nobody_is_dropped_and_counted() {
+    const ASKED: u64 = 24;
+    let town = Town::new(10);
+    let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
+    let worker = machines.handle();
+    let (subject, object) = (town.subject(0), town.folder().manifest().regions[0].sha256);
+    let body: bytes::Bytes = town.query(&truth()).into();
+    let ask = |i: u64| {
+        let wanted = Wanted::Pose { kind: Kind::Query, body: body.clone(), near: None };
+        let mut name = [0; 16];
+        name[..8].copy_from_slice(&i.to_le_bytes());
+        let request = Request { name, object, within: Duration::from_secs(60), wanted };
+        let (bus, subject) = (machines.bus.clone(), subject.clone());
+        tokio::spawn(async move {
+            let reply = bus.request_cancellable(&subject, request.encode(), Duration::from_secs(60)).await;
+            Reply::decode(reply.expect("a reply"), &request.name).expect("understood").said
+        })
+    };
+    let counted = |what: &str| common::value(&worker.metrics(), what);
+    let all: Vec<_> = (0..ASKED).map(ask).collect();
+    eventually("all of them", || counted("veiloc_asked_total{wanted=\"pose\"}") == ASKED).await;
+    let mut all = all.into_iter();
+    let kept = all.next_back().expect("the last");
+    all.for_each(|asked| asked.abort());
+    assert!(matches!(kept.await.expect("it ends"), Said::Pose(_)));
+    let cancelled =
+        || ["waiting", "working"].map(|when| counted(&format!("veiloc_cancelled_total{{when=\"{when}\"}}")));
+    let answered = || counted("veiloc_said_total{said=\"answered\"}");
+    eventually("an end of each", || answered() + cancelled().iter().sum::<u64>() >= ASKED).await;
+    let [waiting, working] = cancelled();
+    assert!(waiting > 0, "{waiting} were waiting, {working} being worked on");
+    eventually("rest", || counted("veiloc_queue_length") == 0 && counted("veiloc_workers_busy") == 0).await;
+    // The next ones are answered as if nothing had been.
+    assert!(matches!(ask(ASKED).await.expect("it ends"), Said::Pose(_)));
 }
 
 /// The sealed bytes are what the device sent, to every member that sees them, however often.

@@ -104,7 +104,7 @@ impl Learned {
             }
         };
         let (kind, plain) = (description.kind(), description.plain_kind());
-        Ok(Self { kind, plain, description, network, head, fixed })
+        Ok(Self { description, kind, plain, network, head, fixed })
     }
 
     /// What it is.

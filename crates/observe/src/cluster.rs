@@ -29,6 +29,9 @@ const WANTED: [&str; 3] = ["ping", "search", "pose"];
 /// How a worker answered.
 const SAID: [&str; 6] = ["answered", "unanswered", "busy", "twin", "unread", "broken"];
 
+/// What a worker was at when nobody waited for its answer any more.
+const WHEN: [&str; 2] = ["waiting", "working"];
+
 /// What a gateway counts; clones count together.
 #[derive(Clone)]
 pub struct GatewayCounts {
@@ -127,6 +130,7 @@ pub struct WorkerCounts {
     registry: Registry,
     asked: Family<Labels, Counter>,
     said: Family<Labels, Counter>,
+    cancelled: Family<Labels, Counter>,
     busy_seconds: Counter<f64, AtomicU64>,
     failing: Gauge,
     now: [Gauge; 4],
@@ -169,9 +173,12 @@ impl WorkerCounts {
         };
         let asked = family(registry, "asked", "Requests of gateways, by what was wanted", "wanted", &WANTED);
         let said = family(registry, "said", "Replies to gateways, by what was said", "said", &SAID);
+        let help = "Requests whose answer nobody waited for any more, by what was being done with them";
+        let cancelled = family(registry, "cancelled", help, "when", &WHEN);
         let busy_seconds: Counter<f64, AtomicU64> = Counter::default();
         registry.register("busy_seconds", "Time that threads localized, in all", busy_seconds.clone());
-        Arc::new(Self { registry: all, asked, said, busy_seconds, failing, now: [queued, busy, held, ready] })
+        let now = [queued, busy, held, ready];
+        Arc::new(Self { registry: all, asked, said, cancelled, busy_seconds, failing, now })
     }
 
     /// A request came.
@@ -182,6 +189,11 @@ impl WorkerCounts {
     /// A reply went.
     pub fn said(&self, said: &'static str) {
         self.said.get_or_create(&vec![("said", said)]).inc();
+    }
+
+    /// Nobody waits for the answer to a request any more, which was `waiting` or which a thread was `working` on.
+    pub fn cancelled(&self, when: &'static str) {
+        self.cancelled.get_or_create(&vec![("when", when)]).inc();
     }
 
     /// A thread worked for so long.
@@ -231,6 +243,7 @@ mod tests {
             "veiloc_busy_seconds_total 1.5\n",
             "veiloc_said_total{said=\"busy\"} 1\n",
             "veiloc_asked_total{wanted=\"pose\"} 0\n",
+            "veiloc_cancelled_total{when=\"waiting\"} 0\n",
         ] {
             assert!(text.contains(line), "{line} in\n{text}");
         }

@@ -9,14 +9,17 @@ use std::time::{Duration, SystemTime};
 use futures_util::StreamExt as _;
 use sha2::{Digest as _, Sha256};
 use tokio::io::AsyncWriteExt as _;
+use veiloc_access::is_map_name;
 use veiloc_regions::{
     Folder, MOST_MANIFEST_BYTES, Manifest, OBJECTS_FOLDER, ObjectId, ObjectRef, RegionsError, verify_file,
 };
 
 use crate::error::StoreError;
+use crate::pointer::Pointer;
 use crate::storage::{AGAIN, Storage};
 
-/// A folder of objects that were fetched, `objects/<sha256>`, and manifests, `manifests/<id>.json`.
+/// A folder of objects that were fetched, `objects/<sha256>`, manifests, `manifests/<id>.json`, and pointers as they were read
+/// last, `pointers/<map name>.json`.
 ///
 /// A file bears the name of an object only when it is that object: it is written beside, verified, and renamed. It is
 /// verified again whenever it is asked for, and one that is damaged is fetched again. Several programs may share a folder.
@@ -37,6 +40,7 @@ pub struct Trimmed {
 }
 
 const MANIFESTS_FOLDER: &str = "manifests";
+const POINTERS_FOLDER: &str = "pointers";
 /// What a download is called until it is verified.
 const PARTIAL: &str = ".partial";
 /// A download that nobody wrote to for so long is of the dead.
@@ -48,7 +52,7 @@ impl Cache {
     /// # Errors
     /// [`StoreError::Io`] when it cannot be made.
     pub fn open(folder: &Path, most_bytes: u64) -> Result<Self, StoreError> {
-        for part in [OBJECTS_FOLDER, MANIFESTS_FOLDER] {
+        for part in [OBJECTS_FOLDER, MANIFESTS_FOLDER, POINTERS_FOLDER] {
             let path = folder.join(part);
             fs::create_dir_all(&path).map_err(StoreError::io(&path))?;
         }
@@ -85,6 +89,25 @@ impl Cache {
         Ok(manifest)
     }
 
+    /// Remembers that this manifest of a map was the current one.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`].
+    pub fn remember(&self, map: &str, id: ObjectId) -> Result<(), StoreError> {
+        let path = self.pointer(map);
+        veiloc_replacing::write_whole(&path, &Pointer::new(map, id).encode()).map_err(StoreError::io(&path))
+    }
+
+    /// What was remembered last of a map: what to begin with while storage cannot be reached.
+    pub fn remembered(&self, map: &str) -> Option<ObjectId> {
+        let bytes = fs::read(self.pointer(map)).ok().filter(|_| is_map_name(map))?;
+        Pointer::decode(&bytes, map).ok().map(|pointer| pointer.manifest)
+    }
+
+    fn pointer(&self, map: &str) -> PathBuf {
+        self.folder.join(POINTERS_FOLDER).join(format!("{map}.json"))
+    }
+
     /// Where an object lies here, verified; fetched where it does not yet, or is damaged.
     ///
     /// # Errors
@@ -116,6 +139,25 @@ impl Cache {
     /// # Errors
     /// [`StoreError::Io`] when the folder cannot be read.
     pub fn trim(&self, needed: &BTreeSet<ObjectId>) -> Result<Trimmed, StoreError> {
+        self.trim_to(needed, self.most_bytes)
+    }
+
+    /// The same before these objects are fetched, so that they and what is there are together no more than there may be.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`] when the folder cannot be read.
+    pub fn make_room(
+        &self,
+        objects: &[ObjectRef],
+        needed: &BTreeSet<ObjectId>,
+    ) -> Result<Trimmed, StoreError> {
+        let folder = self.folder.join(OBJECTS_FOLDER);
+        let is_missing = |object: &&ObjectRef| !folder.join(object.sha256.to_string()).exists();
+        let coming: u64 = objects.iter().filter(is_missing).map(|object| object.bytes).sum();
+        self.trim_to(needed, self.most_bytes.saturating_sub(coming))
+    }
+
+    fn trim_to(&self, needed: &BTreeSet<ObjectId>, most_bytes: u64) -> Result<Trimmed, StoreError> {
         let folder = self.folder.join(OBJECTS_FOLDER);
         let mut others = Vec::new();
         let mut trimmed = Trimmed::default();
@@ -129,13 +171,13 @@ impl Cache {
                 if !needed.contains(&id) {
                     others.push((used, id, metadata.len()));
                 }
-            } else if name.ends_with(PARTIAL) && used.elapsed().is_ok_and(|since| since > DEAD_AFTER) {
+            } else if name.ends_with(PARTIAL) && apart(used, SystemTime::now()) > DEAD_AFTER {
                 let _ = fs::remove_file(entry.path());
             }
         }
         others.sort_unstable();
         for (_, id, bytes) in others {
-            if trimmed.bytes <= self.most_bytes {
+            if trimmed.bytes <= most_bytes {
                 break;
             }
             // One that another program removed first is gone all the same.
@@ -220,6 +262,8 @@ impl Cache {
         if found != object.sha256 {
             return Err(wrong(format!("the object {found}")));
         }
+        // The last write is told by `flush` alone: `sync_all` forgets that it failed, on a full disk for example.
+        file.flush().await.map_err(StoreError::io(to))?;
         file.sync_all().await.map_err(StoreError::io(to))
     }
 }
@@ -231,6 +275,11 @@ impl Drop for Partial {
     fn drop(&mut self) {
         let _ = fs::remove_file(&self.0);
     }
+}
+
+/// Between two times of the clock, whichever is first: it may have been set back since.
+fn apart(one: SystemTime, other: SystemTime) -> Duration {
+    one.duration_since(other).unwrap_or_else(|error| error.duration())
 }
 
 fn gone_is_gone(error: std::io::Error) -> std::io::Result<()> {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::refusal::hint_of;
 use veiloc_regions::{ManifestError, ObjectRef, RegionsError};
 
 /// Why regions were not published or fetched.
@@ -16,8 +17,20 @@ pub enum StoreError {
         /// Why not, and the remedy.
         reason: String,
     },
-    /// Storage refused, or could not be reached.
-    #[error("{address}: {source}")]
+    /// Storage refused for a reason that stays.
+    #[error("{address}: {why} ({said}); {remedy}")]
+    Refused {
+        /// Of what.
+        address: String,
+        /// Why.
+        why: &'static str,
+        /// What to do.
+        remedy: &'static str,
+        /// What it said.
+        said: String,
+    },
+    /// Storage could not be reached, or said what is not known.
+    #[error("{address}: {source}{}", hint_of(address, source))]
     Storage {
         /// Of what.
         address: String,
@@ -89,7 +102,7 @@ pub enum StoreError {
         most: u64,
     },
     /// A local file could not be read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}{}", path.display(), remedy_of(source))]
     Io {
         /// Which file.
         path: PathBuf,
@@ -101,13 +114,23 @@ pub enum StoreError {
     Regions(#[from] RegionsError),
 }
 
+/// What to do about what the system said, where it is not plain from that.
+fn remedy_of(source: &std::io::Error) -> &'static str {
+    match source.kind() {
+        std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {
+            "; make room there, or allow a cache less (`--cache-gb`)"
+        }
+        _ => "",
+    }
+}
+
 impl StoreError {
     pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         |source| Self::Io { path: path.to_owned(), source }
     }
 
-    /// Whether the same may go well a little later.
-    pub(crate) fn may_pass(&self) -> bool {
+    /// Whether the same may go well a little later: storage cannot be reached, or says so of itself.
+    pub fn may_pass(&self) -> bool {
         use object_store::Error as Cause;
         match self {
             Self::Stalled { .. } | Self::Object { .. } => true,

@@ -38,6 +38,7 @@ mod error;
 mod fetch;
 mod pointer;
 mod publish;
+mod refusal;
 mod retry;
 mod storage;
 

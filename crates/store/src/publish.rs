@@ -33,6 +33,8 @@ pub struct Published {
 
 /// Objects that are sent at the same time.
 const AT_ONCE: usize = 4;
+/// What was being published is gone.
+const MEANWHILE: &str = "it went while it was being published: run `veiloc map publish` again";
 /// Bytes of a part of a large object; storage wants 5 MB at least.
 const PART: usize = 8 << 20;
 
@@ -76,14 +78,14 @@ impl Storage {
         match self.patience.await_next(self.store.head(&entry.location), &entry.address).await? {
             Ok(there) if there.size == object.bytes => return Ok(false),
             Ok(_) | Err(object_store::Error::NotFound { .. }) => {}
-            Err(source) => return Err(entry.error(source, "")),
+            Err(source) => return Err(entry.error(source, MEANWHILE)),
         }
         let path = folder.path_of(&object.sha256);
         let verified = {
             let (path, object) = (path.clone(), *object);
             tokio::task::spawn_blocking(move || verify_file(&path, &object)).await
         };
-        verified.map_err(|error| entry.error(error.into(), ""))??;
+        verified.map_err(|error| entry.error(error.into(), MEANWHILE))??;
         let mut file = tokio::fs::File::open(&path).await.map_err(StoreError::io(&path))?;
         let mut writer = BufWriter::with_capacity(self.store.clone(), entry.location.clone(), PART);
         let mut piece = vec![0; 1 << 18];
@@ -96,11 +98,11 @@ impl Storage {
                 return Err(StoreError::io(&path)(ended));
             }
             let written = self.patience.await_next(writer.write_all(&piece[..read]), &entry.address).await?;
-            written.map_err(|error| entry.error(cause_of(error), ""))?;
+            written.map_err(|error| entry.error(cause_of(error), MEANWHILE))?;
             left -= read as u64;
         }
         let ended = self.patience.await_next(writer.shutdown(), &entry.address).await?;
-        ended.map_err(|error| entry.error(cause_of(error), ""))?;
+        ended.map_err(|error| entry.error(cause_of(error), MEANWHILE))?;
         Ok(true)
     }
 
@@ -109,7 +111,7 @@ impl Storage {
             let payload = PutPayload::from(bytes.clone());
             let answer =
                 self.patience.await_next(self.store.put(&entry.location, payload), &entry.address).await?;
-            answer.map(|_| ()).map_err(|source| entry.error(source, ""))
+            answer.map(|_| ()).map_err(|source| entry.error(source, MEANWHILE))
         };
         self.patience.attempt(put).await
     }

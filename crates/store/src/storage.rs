@@ -11,6 +11,7 @@ use veiloc_regions::{MOST_MANIFEST_BYTES, Manifest, ManifestError, ObjectId, Reg
 use crate::address::place_of;
 use crate::error::StoreError;
 use crate::pointer::Pointer;
+use crate::refusal::{Refusal, refusal_of};
 use crate::retry::Patience;
 
 /// A place where regions of maps are published.
@@ -151,6 +152,9 @@ pub(crate) struct Entry {
 impl Entry {
     pub(crate) fn error(&self, source: object_store::Error, remedy: &'static str) -> StoreError {
         let address = self.address.clone();
+        if let Some(Refusal { why, remedy, said }) = refusal_of(&address, &source) {
+            return StoreError::Refused { address, why, remedy, said };
+        }
         match source {
             object_store::Error::NotFound { .. } => StoreError::NotThere { address, remedy },
             source => StoreError::Storage { address, source: Box::new(source) },

@@ -169,9 +169,13 @@ fn the_cache_stays_within_its_bounds() {
     let folder_of = to.path().join(OBJECTS_FOLDER);
     let partial = folder_of.join(format!(".{}.1-0.partial", objects[0].sha256));
     let fresh = folder_of.join(format!(".{}.1-1.partial", objects[0].sha256));
-    for (path, age) in [(&partial, 2), (&fresh, 0)] {
+    // Of a time when the clock was ahead.
+    let ahead = folder_of.join(format!(".{}.1-2.partial", objects[0].sha256));
+    let written =
+        [(&partial, hour(2)), (&fresh, hour(0)), (&ahead, SystemTime::now() + Duration::from_secs(7200))];
+    for (path, time) in written {
         fs::write(path, "half").expect("written");
-        fs::File::options().append(true).open(path).expect("there").set_modified(hour(age)).expect("a time");
+        fs::File::options().append(true).open(path).expect("there").set_modified(time).expect("a time");
     }
     let needed = BTreeSet::from([objects[1].sha256]);
     let trimmed = cache.trim(&needed).expect("trimmed");
@@ -180,7 +184,7 @@ fn the_cache_stays_within_its_bounds() {
     let is_left = |object: &ObjectRef| left.contains(&object.sha256.to_string());
     assert!(is_left(&objects[0]) && is_left(&objects[1]), "the newest and the needed stay");
     assert!(!is_left(&objects[2]), "the oldest goes");
-    assert!(!partial.exists() && fresh.exists());
+    assert!(!partial.exists() && fresh.exists() && !ahead.exists());
     let bytes: u64 = objects.iter().filter(|o| is_left(o)).map(|o| o.bytes).sum();
     assert_eq!(bytes, trimmed.bytes);
     // What is needed stays though it is too much.
@@ -189,4 +193,45 @@ fn the_cache_stays_within_its_bounds() {
         run(cache.object(&reader, object)).expect("fetched");
     }
     assert_eq!(cache.trim(&all).expect("trimmed").removed, 0);
+}
+
+#[test]
+fn there_is_room_before_anything_is_fetched() {
+    let (memory, folder, _from) = published();
+    let reader = storage(&memory, Fault::None);
+    let objects: Vec<ObjectRef> = folder.manifest().objects().collect();
+    let bytes_of = |objects: &[ObjectRef]| objects.iter().map(|object| object.bytes).sum::<u64>();
+    let (old, new) = objects.split_at(objects.len() / 2);
+    let to = tempfile::tempdir().expect("a folder");
+    let most = bytes_of(&objects) - 1;
+    let cache = Cache::open(to.path(), most).expect("a cache");
+    for object in old {
+        run(cache.object(&reader, object)).expect("fetched");
+    }
+    let ids = |objects: &[ObjectRef]| objects.iter().map(|object| object.sha256).collect::<BTreeSet<_>>();
+    // What is held stays; what nobody holds makes room, and no more of it goes than must.
+    let held = ids(&objects);
+    assert_eq!(cache.make_room(new, &held).expect("looked").removed, 0);
+    let made = cache.make_room(new, &ids(new)).expect("made");
+    assert!(made.removed == 1 && made.bytes + bytes_of(new) <= most, "{made:?}");
+    // What is there needs none.
+    assert_eq!(cache.make_room(&old[1..], &ids(new)).expect("looked").removed, 0);
+}
+
+#[test]
+fn what_was_current_last_is_remembered_and_damage_is_not_believed() {
+    let to = tempfile::tempdir().expect("a folder");
+    let cache = Cache::open(to.path(), 1 << 30).expect("a cache");
+    assert_eq!(cache.remembered("rooms"), None);
+    for id in [ObjectId::of(b"one"), ObjectId::of(b"two")] {
+        cache.remember("rooms", id).expect("written");
+        assert_eq!(cache.remembered("rooms"), Some(id));
+    }
+    assert_eq!((cache.remembered("hall"), cache.remembered("../pointers/rooms")), (None, None));
+    let path = to.path().join("pointers/rooms.json");
+    let whole = fs::read_to_string(&path).expect("text");
+    for damaged in [&whole[1..], "", &whole.replace("rooms", "hall")] {
+        fs::write(&path, damaged).expect("written");
+        assert_eq!(cache.remembered("rooms"), None, "{damaged}");
+    }
 }

@@ -66,6 +66,7 @@ impl Road<'_> {
             tokio::select! {
                 Some(end) = under_way.next(), if !under_way.is_empty() => match end {
                     Ok(said) => {
+                        // Dropped with the question, which whoever is at them is told.
                         (0..under_way.len()).for_each(|_| self.counts.message("not-needed"));
                         return Ok(said);
                     }
@@ -124,7 +125,7 @@ impl Road<'_> {
         let (subject, object) = ask.group;
         let within = ask.deadline.saturating_duration_since(begun);
         let request = Request { name: ask.name, object: *object, within, wanted: ask.wanted.clone() };
-        let sent = self.bus.request(subject, request.encode(), within).await;
+        let sent = self.bus.request_cancellable(subject, request.encode(), within).await;
         let reply: Bytes = sent.map_err(|error| match error {
             BusError::Nobody { .. } => Failed::Nobody,
             BusError::TimedOut { .. } => Failed::NoReply,

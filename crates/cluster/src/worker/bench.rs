@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 use std::num::NonZeroUsize;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -125,7 +126,7 @@ impl Bench {
         }
     }
 
-    /// On a thread of this pool, as long as there is time.
+    /// On a thread of this pool, as long as there is time. Dropped before its end, it is not begun, or soon stopped.
     async fn queued(
         &self,
         pool: &Pool,
@@ -135,7 +136,10 @@ impl Bench {
         work: impl FnOnce() -> Said + Send + 'static,
     ) -> Done {
         let counts = self.counts.clone();
+        let begun = Arc::new(AtomicBool::new(false));
+        let mut job_of = JobOf { stop, begun: begun.clone(), counts: &self.counts, ended: false };
         let job = move |waited: Duration| {
+            begun.store(true, Ordering::Relaxed);
             let started = Instant::now();
             let said = during(RequestId::from_bytes(name), work);
             let worked = started.elapsed();
@@ -146,26 +150,48 @@ impl Bench {
         let limit = order.limit;
         let result = match pool.submit(order, job) {
             Ok(result) => result,
-            Err(Refused::Full { retry_after } | Refused::Late { retry_after }) => {
-                return Done::at_once(Said::Elsewhere(Why::Busy { retry_after }));
+            Err(refused) => {
+                job_of.ended = true;
+                return Done::at_once(Said::Elsewhere(match refused {
+                    Refused::Full { retry_after } | Refused::Late { retry_after } => {
+                        Why::Busy { retry_after }
+                    }
+                    Refused::Closed => Why::Leaving,
+                }));
             }
-            Err(Refused::Closed) => return Done::at_once(Said::Elsewhere(Why::Leaving)),
         };
-        match tokio::time::timeout(limit, result).await {
+        let ended = tokio::time::timeout(limit, result).await;
+        job_of.ended = true;
+        match ended {
             Ok(Ok(done)) => done,
             Ok(Err(_)) => {
                 tracing::error!("localization broke; this is a bug in veiloc, the line before says where");
                 Done::at_once(Said::Elsewhere(Why::Broken))
             }
-            Err(_) => {
-                stop.set();
-                Done::at_once(Said::Unanswered(Unanswered::TimedOut))
-            }
+            Err(_) => Done::at_once(Said::Unanswered(Unanswered::TimedOut)),
         }
     }
 
     fn at_it(&self) -> MutexGuard<'_, HashSet<(RequestName, ObjectId)>> {
         self.at_it.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A job that somebody waits for; when nobody does any more it is stopped, and counted unless it had ended by itself or by
+/// the clock. One that still waits for a thread is not begun: its receiver is gone.
+struct JobOf<'a> {
+    stop: Stop,
+    begun: Arc<AtomicBool>,
+    counts: &'a WorkerCounts,
+    ended: bool,
+}
+
+impl Drop for JobOf<'_> {
+    fn drop(&mut self) {
+        self.stop.set();
+        if !self.ended {
+            self.counts.cancelled(if self.begun.load(Ordering::Relaxed) { "working" } else { "waiting" });
+        }
     }
 }
 

@@ -155,6 +155,13 @@ impl Probed for WorkerHandle {
     }
 }
 
+/// The pause after one more failure: twice as long, up to a minute, or to what lies between two looks where that is longer.
+fn longer(pause: Duration, watch: Duration) -> Duration {
+    (pause * 2).min(watch.max(LONGEST_PAUSE))
+}
+
+const LONGEST_PAUSE: Duration = Duration::from_secs(60);
+
 impl Worker {
     /// Fetches and opens its share of what is published, and joins.
     ///
@@ -203,15 +210,18 @@ impl Worker {
     /// Answers until it is told to stop, then leaves its groups and finishes what it was asked. Whether it could.
     pub async fn run(mut self) -> bool {
         let mut phase = self.stop.subscribe();
+        let mut pause = self.options.watch;
         loop {
             tokio::select! {
-                () = tokio::time::sleep(self.options.watch) => {}
+                () = tokio::time::sleep(pause) => {}
                 () = reached(&mut phase, Phase::Leaving) => break,
             }
             // What is being fetched must not hold up the end.
             tokio::select! {
                 followed = self.follow() => {
                     self.counts.failing(followed.is_err());
+                    // What cannot be taken, on a full disk for example, was perhaps fetched nearly to its end: not at every look.
+                    pause = if followed.is_ok() { self.options.watch } else { longer(pause, self.options.watch) };
                     if let Err(error) = followed {
                         tracing::error!(%error, "what is published cannot be taken; what is held stays");
                     }

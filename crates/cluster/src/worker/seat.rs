@@ -71,10 +71,16 @@ async fn told(leave: &mut watch::Receiver<bool>) {
     let _ = leave.wait_for(|leave| *leave).await;
 }
 
-async fn answer(desk: Arc<Desk>, incoming: Incoming) {
+async fn answer(desk: Arc<Desk>, mut incoming: Incoming) {
     let (name, done) = match Request::decode(incoming.payload.clone()) {
         Ok(request) if request.object == desk.object => {
-            (request.name, desk.bench.work(request, &desk.content).await)
+            let name = request.name;
+            tokio::select! {
+                biased;
+                done = desk.bench.work(request, &desk.content) => (name, done),
+                // Another copy was answered first, the device has left, or time is over: nobody waits for a reply.
+                () = incoming.cancelled() => return,
+            }
         }
         Ok(request) => (request.name, Done::at_once(Said::Elsewhere(Why::NotHeld))),
         Err(error) => {

@@ -5,7 +5,7 @@
 #[path = "../../../server/tests/common/mod.rs"]
 pub mod service;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -52,6 +52,16 @@ impl Town {
     /// Replaces what is published by a map of so many images, in regions of at most so many; as one step for readers, as
     /// `veiloc map publish` does.
     pub fn publish(&self, images: u32, of_region: usize) -> Manifest {
+        self.publish_spoilt(images, of_region, |_, _| ())
+    }
+
+    /// The same, after something was done to its objects.
+    pub fn publish_spoilt(
+        &self,
+        images: u32,
+        of_region: usize,
+        spoil: impl FnOnce(&Path, &Manifest),
+    ) -> Manifest {
         let next = self.folder.path().join("next");
         let map = self.map(images);
         let regions = cut(&map, &SplitOptions::default().with_images(of_region)).expect("regions");
@@ -64,6 +74,7 @@ impl Town {
             let name = entry.expect("an entry").file_name();
             std::fs::copy(from.join(&name), to.join(&name)).expect("copied");
         }
+        spoil(&to, &manifest);
         std::fs::rename(next.join("manifest.json"), self.regions().join("manifest.json")).expect("replaced");
         manifest
     }
@@ -154,9 +165,19 @@ impl Machines {
         let metrics =
             Metrics::new(&MetricsOptions { gateway: Some(&self.counts), ..MetricsOptions::default() });
         let text = metrics.text(&Now::default());
-        let line = text.lines().find_map(|line| line.strip_prefix(what)).expect("it is counted");
-        line.trim().parse().expect("a count")
+        value(&text, what)
     }
+
+    /// The first worker.
+    pub fn handle(&self) -> WorkerHandle {
+        self.workers.lock().expect("whole")[0].0.clone()
+    }
+}
+
+/// A value of a page of metrics.
+pub fn value(text: &str, what: &str) -> u64 {
+    let line = text.lines().find_map(|line| line.strip_prefix(what)).expect("it is counted");
+    line.trim().parse().expect("a count")
 }
 
 async fn start_worker(town: &Town, bus: &Bus, share: &str) -> (WorkerHandle, JoinHandle<bool>) {
