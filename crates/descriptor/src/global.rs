@@ -44,10 +44,15 @@ impl GlobalDescriptor {
     /// 0 when either is all zeros (an image without descriptors), or when the lengths differ: vectors of different
     /// vocabularies have nothing in common.
     pub fn similarity(&self, codes: &[i8]) -> f32 {
+        self.similarity_of_square(dot_i8(&self.codes, &self.codes), codes)
+    }
+
+    /// [`Self::similarity`], its own squared length given.
+    fn similarity_of_square(&self, square: i64, codes: &[i8]) -> f32 {
         if self.codes.len() != codes.len() {
             return 0.0;
         }
-        let norms = (dot_i8(&self.codes, &self.codes) as f64 * dot_i8(codes, codes) as f64).sqrt();
+        let norms = (square as f64 * dot_i8(codes, codes) as f64).sqrt();
         if norms == 0.0 {
             return 0.0;
         }
@@ -61,8 +66,9 @@ impl GlobalDescriptor {
         images: impl IntoIterator<Item = (usize, &'a [i8])>,
         count: usize,
     ) -> Vec<(usize, f32)> {
-        let mut all: Vec<(usize, f32)> =
-            images.into_iter().map(|(image, codes)| (image, self.similarity(codes))).collect();
+        let square = dot_i8(&self.codes, &self.codes);
+        let similarity = |(image, codes)| (image, self.similarity_of_square(square, codes));
+        let mut all: Vec<(usize, f32)> = images.into_iter().map(similarity).collect();
         let better = |a: &(usize, f32), b: &(usize, f32)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
         // Only the best need be in order: of a city they are few.
         if (1..all.len()).contains(&count) {

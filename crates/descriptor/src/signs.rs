@@ -8,6 +8,8 @@
 //! The rotation: codes change places and signs, each as fixed numbers say, then a Hadamard transform of each block of a
 //! power of two; all in integers, equal on every machine.
 
+use veiloc_kernels::hadamard;
+
 use crate::GlobalDescriptor;
 
 impl GlobalDescriptor {
@@ -51,6 +53,7 @@ impl GlobalDescriptor {
 const SPREAD: f64 = 31.0;
 
 /// Which code comes from where, and with which sign.
+#[derive(Clone)]
 pub(crate) struct Mixing {
     order: Vec<(usize, i32)>,
 }
@@ -67,15 +70,24 @@ impl Mixing {
         Self { order }
     }
 
-    /// The signs of a descriptor of as many codes, eight a byte.
-    pub(crate) fn signs(&self, codes: &[i8]) -> impl Iterator<Item = u8> + use<> {
+    /// The rotated codes of a descriptor of as many; those of a block of `n` are `√n` times as long.
+    pub(crate) fn rotated(&self, codes: &[i8]) -> Vec<i32> {
         let mut rotated: Vec<i32> =
             self.order.iter().map(|(from, sign)| i32::from(codes[*from]) * sign).collect();
         hadamard_blocks(&mut rotated);
-        let bytes = rotated.len().div_ceil(8);
-        (0..bytes).map(move |byte| {
-            let eight = &rotated[8 * byte..rotated.len().min(8 * byte + 8)];
-            (0_u8..).zip(eight).fold(0, |byte, (i, v)| byte | u8::from(*v >= 0) << i)
+        rotated
+    }
+
+    /// The signs of a descriptor of as many codes, eight a byte.
+    pub(crate) fn signs(&self, codes: &[i8]) -> impl Iterator<Item = u8> + use<> {
+        let bytes: Vec<u8> = self.rotated(codes).iter().map(|value| u8::from(*value >= 0)).collect();
+        let count = bytes.len().div_ceil(8);
+        (0..count).map(move |byte| {
+            let own = &bytes[8 * byte..bytes.len().min(8 * byte + 8)];
+            let mut eight = [0; 8];
+            eight[..own.len()].copy_from_slice(own);
+            // The lowest bit of each byte, gathered in the highest byte.
+            (u64::from_le_bytes(eight).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8
         })
     }
 }
@@ -89,7 +101,7 @@ fn next(state: &mut u64) -> u64 {
 }
 
 /// The powers of two that sum up to `len`, largest first, as ranges.
-fn blocks(len: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+pub(crate) fn blocks(len: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
     let mut start = 0;
     std::iter::from_fn(move || {
         let size = 1 << (len - start).checked_ilog2()?;
@@ -102,20 +114,10 @@ fn block_values(values: &[i32]) -> impl Iterator<Item = &[i32]> {
     blocks(values.len()).map(|block| &values[block])
 }
 
-/// The Hadamard transform of each block, without the factor that keeps lengths; its own inverse up to that.
+/// The Hadamard transform of each block.
 fn hadamard_blocks(values: &mut [i32]) {
     for block in blocks(values.len()) {
-        let values = &mut values[block];
-        let mut half = 1;
-        while half < values.len() {
-            for pair in values.chunks_exact_mut(2 * half) {
-                let (low, high) = pair.split_at_mut(half);
-                for (a, b) in low.iter_mut().zip(high) {
-                    (*a, *b) = (*a + *b, *a - *b);
-                }
-            }
-            half *= 2;
-        }
+        hadamard(&mut values[block]);
     }
 }
 

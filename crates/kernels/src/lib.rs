@@ -2,7 +2,8 @@
 //!
 //! - [`PackedRows`], [`best_two`], [`best_two_with_columns`]: exact brute-force nearest neighbours of byte vectors.
 //! - [`dot_u8`], [`dot_i8`]: one dot product.
-//! - [`hamming`]: how many bits differ.
+//! - [`hamming`]: how many bits differ; [`hamming_of_three_bits`]: how far numbers of three bits are from signs.
+//! - [`hadamard`]: the Hadamard transform.
 //! - [`pose`]: scores and normal equations of camera poses.
 //! - [`sift`]: the loops of the extraction of features.
 //! - `MappedFile`: a file read as one slice; not on WebAssembly, which has no files to map.
@@ -32,6 +33,7 @@ mod approx;
 mod backend;
 mod dispatch;
 mod dot;
+mod hadamard;
 mod hamming;
 #[cfg(not(target_family = "wasm"))]
 mod mapped;
@@ -43,7 +45,8 @@ mod tile;
 
 pub use backend::Backend;
 pub use dot::{dot_i8, dot_u8};
-pub use hamming::hamming;
+pub use hadamard::hadamard;
+pub use hamming::{hamming, hamming_of_three_bits};
 #[cfg(not(target_family = "wasm"))]
 pub use mapped::MappedFile;
 pub use packed::{MAX_DIM, PackedRows};
