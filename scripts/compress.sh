@@ -3,13 +3,16 @@
 # images of elsewhere get in the small maps. Needs VEILOC_DATA.
 #
 #     VEILOC_DATA=../shared/data scripts/compress.sh [TIMES…] > compress.txt
+#
+# HALF=final asks the images of elsewhere that nothing was chosen with; NEGATIVES="10 20" asks them in maps of these times
+# alone, which is most of the hours that all take; VEILOC=PROGRAM takes a program that is built.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 : "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real images}"
 [ $# -gt 0 ] || set -- 1 3 5 10 15 20
 
-cargo build --release --quiet
-veiloc=target/release/veiloc
+veiloc="${VEILOC:-target/release/veiloc}"
+[ -n "${VEILOC:-}" ] || cargo build --release --quiet
 out="$(mktemp -d)"
 trap 'rm -rf "$out"' EXIT
 
@@ -24,6 +27,7 @@ place() {
         "$veiloc" eval scene --posed "$place/posed" --images "$place/images" --map-list "$place/map.txt" \
             --query-list "$place/query.txt" --schemes points,random-lines,coordinate-permutation,dcl \
             --thresholds "$thresholds" --work "$out/work-$name" --keep-map "$out/$name-$times.vmap" "${small[@]}" --json "$out/$name-$times.json" > /dev/null 2>&1
+        [[ " ${NEGATIVES:-$*} " = *" $times "* ]] || continue
         echo "\$ veiloc eval negatives --map $name-$times.vmap --half design …"
         "$veiloc" eval negatives --map "$out/$name-$times.vmap" --images "$VEILOC_DATA/training-photos" --half "${HALF:-design}" \
             --schemes points,random-lines,coordinate-permutation,dcl --json "$out/$name-$times-negatives.json" > /dev/null 2>&1
@@ -48,13 +52,14 @@ print("|---|--:|--:|--:|---|--:|--:|---|---|--:|--:|")
 for place in ("redkitchen", "herzjesu"):
     for t in times:
         scene = json.loads((out / f"{place}-{t}.json").read_text())
-        negatives = json.loads((out / f"{place}-{t}-negatives.json").read_text())
-        of_scheme = {row["scheme"]: row for row in negatives["rows"]}
+        asked = out / f"{place}-{t}-negatives.json"
+        of_scheme = {row["scheme"]: row for row in json.loads(asked.read_text())["rows"]} if asked.exists() else {}
         size = scene["map"]["bytes"] / scene["map"]["images"] / 1e3
         for row in scene["schemes"]:
             recall = ", ".join(f"{100 * share:.1f} % within {name}" for name, share in row["recall"].items())
-            strange = of_scheme[row["scheme"]]
+            strange = of_scheme.get(row["scheme"])
+            elsewhere = f'{strange["trusted"]} of {strange["negatives"]} | {evidence(strange)}' if strange else "not asked |"
             print(f'| {place} | {t} | {size:.1f} | {scene["map"]["points"]} | {row["scheme"]} | {row["trusted"]} of {row["queries"]} '
                   f'| {row["trusted_wrong"]} | {100 * row["median_translation"]:.2f} cm / {row["median_rotation_deg"]:.3f}° | {recall} '
-                  f'| {strange["trusted"]} of {strange["negatives"]} | {evidence(strange)} |')
+                  f'| {elsewhere} |')
 PYTHON

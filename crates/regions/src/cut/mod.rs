@@ -28,7 +28,8 @@ pub struct SplitOptions {
     /// Images of a region at most, those beside its core among them. Default 500: some hundred megabytes, so that a machine
     /// holds many and a new one is there within seconds.
     pub images: usize,
-    /// Share of these that may be images of other regions, from 0 to 0.9. Default 0.3; no other was measured yet.
+    /// Share of these that is kept free for images of other regions, from 0 to 0.9; a core that fills less than the rest
+    /// leaves them more. Default 0.3: more costs bytes and gains nothing (docs/scale.md).
     pub overlap: f64,
 }
 
@@ -45,7 +46,7 @@ impl SplitOptions {
         Self { images, ..self }
     }
 
-    /// With at most this share of images of other regions.
+    /// With this share kept free for images of other regions.
     #[must_use]
     pub const fn with_overlap(self, overlap: f64) -> Self {
         Self { overlap, ..self }
