@@ -12,11 +12,31 @@ use veiloc_map::MapFile;
 use crate::draw::draw;
 use crate::error::RetrievalError;
 
+/// What is sought.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Sought {
+    /// These images.
+    Images(Vec<PathBuf>),
+    /// Images of the map itself, which are then no part of what is searched, nor of what is drawn: of every sixteen the last
+    /// four, so that most of their neighbours along a walk are gone with them. What an index is tuned by.
+    HeldOut,
+}
+
+impl Sought {
+    /// How many are sought in a map of so many images.
+    pub fn count(&self, map_images: usize) -> usize {
+        match self {
+            Self::Images(images) => images.len(),
+            Self::HeldOut => (0..map_images).filter(|image| held_out(*image)).count(),
+        }
+    }
+}
+
 /// What to search, and for what.
 #[derive(Clone)]
 pub struct SearchEvaluation {
-    /// Images that are sought.
-    pub queries: Vec<PathBuf>,
+    /// What is sought.
+    pub queries: Sought,
     /// Images of elsewhere, to be put among those of the map.
     pub others: Vec<PathBuf>,
     /// Numbers of images that are searched, in the order of the table. Smaller than the map: its first so many.
@@ -65,8 +85,9 @@ pub fn evaluate_search(
         ));
     };
     let largest = evaluation.sizes.iter().copied().max().unwrap_or(0);
-    if evaluation.queries.is_empty() || evaluation.sizes.contains(&0) || largest == 0 {
-        return Err(RetrievalError::Options("nothing to search, or nothing to search for".to_owned()));
+    let nothing = || RetrievalError::Options("nothing to search, or nothing to search for".to_owned());
+    if evaluation.sizes.contains(&0) || largest == 0 {
+        return Err(nothing());
     }
     let limits = map.profile().limits();
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
@@ -81,10 +102,20 @@ pub fn evaluate_search(
         progress.finish();
         all.map_err(RetrievalError::Extract)
     };
-    let queries = globals("Looking at queries", &evaluation.queries)?;
-    let others = globals("Looking at other images", &evaluation.others)?;
     let codes = vocabulary.global_len();
-    let mut all: Vec<i8> = map.images().flat_map(|image| image.global()).copied().collect();
+    let is_out = |image: usize| evaluation.queries == Sought::HeldOut && held_out(image);
+    let (out, of_map): (Vec<usize>, Vec<usize>) = (0..map.image_count()).partition(|image| is_out(*image));
+    let queries = match &evaluation.queries {
+        Sought::Images(images) => globals("Looking at queries", images)?,
+        Sought::HeldOut => {
+            out.iter().map(|image| GlobalDescriptor::new(map.image(*image).global().to_vec())).collect()
+        }
+    };
+    if queries.is_empty() {
+        return Err(nothing());
+    }
+    let others = globals("Looking at other images", &evaluation.others)?;
+    let mut all: Vec<i8> = of_map.iter().flat_map(|image| map.image(*image).global()).copied().collect();
     all.extend(others.iter().flat_map(GlobalDescriptor::as_codes));
     let real = all.len() / codes;
     if largest > real {
@@ -96,12 +127,17 @@ pub fn evaluate_search(
     let mut rows = Vec::new();
     progress.start("Searching", evaluation.sizes.len());
     for images in &evaluation.sizes {
-        let place = Searched { all: &all[..images * codes], codes, of_map: map.image_count(), real };
+        let place = Searched { all: &all[..images * codes], codes, of_map: of_map.len(), real };
         rows.extend(place.rows(&queries, evaluation.retrieve));
         progress.advance(1);
     }
     progress.finish();
     Ok(rows)
+}
+
+/// Whether [`Sought::HeldOut`] seeks this image of the map.
+const fn held_out(image: usize) -> bool {
+    image % 16 >= 12
 }
 
 /// Codes of one word.

@@ -13,5 +13,5 @@ mod evaluate;
 mod table;
 
 pub use error::RetrievalError;
-pub use evaluate::{SearchEvaluation, SearchRow, evaluate_search};
+pub use evaluate::{SearchEvaluation, SearchRow, Sought, evaluate_search};
 pub use table::table;
