@@ -55,7 +55,7 @@ use veiloc_features::Projection;
 
 use crate::graphs::Graph;
 use crate::projected::Projected;
-use crate::{Layer, NetworkError, Weights, WeightsError, models};
+use crate::{Layer, NetworkError, Weights, WeightsError, built_in};
 
 /// A model: where its file is got, and how its numbers are meant.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -214,7 +214,7 @@ fn completed(text: &str) -> Result<Option<toml::Table>, String> {
     let Ok(mut own) = toml::from_str::<toml::Table>(text) else { return Ok(None) };
     let Some(of) = own.remove("of") else { return Ok(None) };
     let name = of.as_str().unwrap_or_default();
-    let text = models::built_in(name)
+    let text = built_in::of(name)
         .ok_or_else(|| format!("it is of {name:?}, and no model of this name is built in"))?;
     let mut whole = match completed(text)? {
         Some(whole) => whole,

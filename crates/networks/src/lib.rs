@@ -17,6 +17,7 @@
 //! does without it, so that a device that uses SIFT needs no engine.
 #![forbid(unsafe_code)]
 
+mod built_in;
 mod description;
 mod engine;
 mod error;

@@ -4,29 +4,8 @@ use std::path::{Path, PathBuf};
 
 use veiloc_features::Extractors;
 
+use crate::built_in::{BUILT_IN, GLOBALS};
 use crate::{Description, Engine, GlobalDescription, Learned, LearnedGlobal, NetworkError};
-
-/// Descriptions that are built in.
-const BUILT_IN: [(&str, &str); 6] = [
-    ("models/xfeat.toml", include_str!("../models/xfeat.toml")),
-    ("models/xfeat-compact.toml", include_str!("../models/xfeat-compact.toml")),
-    ("models/alike.toml", include_str!("../models/alike.toml")),
-    ("models/alike-t.toml", include_str!("../models/alike-t.toml")),
-    ("models/alike-t-compact.toml", include_str!("../models/alike-t-compact.toml")),
-    ("models/superpoint.toml", include_str!("../models/superpoint.toml")),
-];
-
-/// Descriptions of global descriptors that are built in.
-const GLOBALS: [(&str, &str); 2] = [
-    ("globals/netvlad.toml", include_str!("../globals/netvlad.toml")),
-    ("globals/xfeat-netvlad.toml", include_str!("../globals/xfeat-netvlad.toml")),
-];
-
-/// The text of the built-in description of this name.
-pub(crate) fn built_in(name: &str) -> Option<&'static str> {
-    let own = |file: &str| Path::new(file).file_stem().is_some_and(|stem| stem == name);
-    BUILT_IN.iter().find(|(file, _)| own(file)).map(|(_, text)| *text)
-}
 
 /// Descriptions by name, and folders to look for files in. Nothing is ever downloaded.
 #[derive(Debug, Clone)]
