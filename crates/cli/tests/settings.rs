@@ -112,8 +112,8 @@ fn no_secret_of_an_address_is_repeated() {
         ),
         &format!("serve --cluster {nats} --cluster-map town --print-config"),
         &format!("worker --nats={nats} --map a/b --store objects"),
-        &format!("map fetch s3://key:sEcReT@bucket/maps town --out out"),
-        &format!("map fetch s3://key:sEcReT@bu^cket:x/maps town --out out"),
+        "map fetch s3://key:sEcReT@bucket/maps town --out out",
+        "map fetch s3://key:sEcReT@bu^cket:x/maps town --out out",
     ] {
         said.push(folder.command(line).output().expect("the binary runs"));
     }
