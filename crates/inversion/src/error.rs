@@ -62,6 +62,9 @@ pub enum InversionError {
     /// No network takes places.
     #[error("none of the networks takes places; train one with `veiloc train inversion`")]
     NoNetwork,
+    /// Several networks would answer the same, and only one can.
+    #[error("two of the networks are given {0}; give one, and evaluate the other by itself")]
+    TwoNetworks(String),
     /// A network that is given no places was to learn which places are wrong.
     #[error(
         "which places are wrong is learned by networks that are given places, and this one is given {sees}; use --sees places"

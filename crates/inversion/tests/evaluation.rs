@@ -142,4 +142,7 @@ fn every_scheme_and_attack_has_its_rows() {
     let none =
         evaluate(&paths[3..4], &networks[1..], Realistic::default()).expect_err("no network for places");
     assert!(none.to_string().contains("none of the networks takes places"), "{none}");
+    let alike = [networks[0].clone(), staged[0].clone()];
+    let two = evaluate(&paths[3..4], &alike, Realistic::default()).expect_err("one of them would go unused");
+    assert!(two.to_string().contains("two of the networks are given places"), "{two}");
 }

@@ -61,6 +61,20 @@ enum Input {
     Nothing,
 }
 
+/// Of networks that are given the same, one would go unused.
+fn refuse_alike(networks: &[Inverter]) -> Result<(), InversionError> {
+    let given = |network: &Inverter| match network.shape().sees {
+        Sees::Lines => format!("lines of {}", network.scheme()),
+        sees @ (Sees::Places | Sees::Bag) => sees.name().to_owned(),
+    };
+    for (i, network) in networks.iter().enumerate() {
+        if networks[..i].iter().any(|earlier| given(earlier) == given(network)) {
+            return Err(InversionError::TwoNetworks(given(network)));
+        }
+    }
+    Ok(())
+}
+
 /// Evaluates; also the contact sheets, of the images and of the wide view.
 ///
 /// # Errors
@@ -72,6 +86,7 @@ pub fn evaluate_inversion(
 ) -> Result<(EvaluationDocument, [Sheet; 2]), InversionError> {
     let of = |sees: Sees| evaluation.networks.iter().filter(move |n| n.shape().sees == sees);
     let placed = of(Sees::Places).next().ok_or(InversionError::NoNetwork)?;
+    refuse_alike(evaluation.networks)?;
     let images = keypoints_of_images(&evaluation.images, evaluation.extractor, evaluation.limits, progress)?;
     let originals = evaluation.images.iter().map(|path| load_colour(path)).collect::<Result<Vec<_>, _>>()?;
     let how = (evaluation.k, evaluation.seed);
