@@ -5,18 +5,14 @@ use std::ops::ControlFlow;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use veiloc_obfuscation::SealError;
 use veiloc_training::{Course, Progress, Subject, Trained, TrainingState, begin, fingerprint, learn};
 
 use crate::error::InversionError;
 use crate::example::{Example, Lesson};
 use crate::inverter::Inverter;
 use crate::loss::loss_of;
-use crate::network::{Network, Placed};
+use crate::network::Network;
 use crate::task::InversionTask;
-
-/// Images by which the network's first layers are set before it learns.
-const BEGIN_WITH: usize = 32;
 
 /// Trains a network, and keeps that of the highest PSNR on the `validation` images.
 ///
@@ -50,13 +46,7 @@ pub fn train(
         return Err(InversionError::Nothing("choose the best step by"));
     }
     let (net, places) = Network::new(task.shape);
-    let mut rng = ChaCha8Rng::seed_from_u64(course.seed);
-    let mut numbers = places.draw(&mut rng);
-    let examples = lessons.iter().step_by((lessons.len() / BEGIN_WITH).max(1)).take(BEGIN_WITH);
-    let examples: Vec<Placed> = examples
-        .map(|example| Ok(example.whole(task, &mut rng)?.placed))
-        .collect::<Result<_, SealError>>()?;
-    net.begin(&mut numbers, &examples);
+    let numbers = places.draw(&mut ChaCha8Rng::seed_from_u64(course.seed));
     let begun_with = fingerprint(|feed| {
         feed(format!("inversion {task:?} {course:?}").as_bytes());
         for set in [training, validation] {

@@ -96,18 +96,6 @@ impl Linear {
         y
     }
 
-    /// Changes matrix and bias so that outputs which came out with this mean and standard deviation, `[to]` each, come out with 0
-    /// and 1: where training begins, told by examples (Salimans and Kingma, *Weight Normalization*, NeurIPS 2016, section 3).
-    /// Outputs that do not vary keep their weights.
-    pub fn standardize(&self, numbers: &mut [f32], mean: &[f32], deviation: &[f32]) {
-        let (weights, biases) = numbers[self.at..].split_at_mut(self.from * self.to);
-        for (output, (mean, deviation)) in mean.iter().zip(deviation).enumerate() {
-            let scale = if *deviation > FLOOR { 1.0 / deviation } else { 1.0 };
-            weights.iter_mut().skip(output).step_by(self.to).for_each(|w| *w *= scale);
-            biases[output] = scale * (biases[output] - mean);
-        }
-    }
-
     /// Adds to the derivatives of its numbers, from what came in and the derivatives of what went out.
     pub fn learn(&self, slopes: &mut [f32], x: &Matrix, dy: &Matrix) {
         let (weights, rest) = slopes[self.at..].split_at_mut(self.from * self.to);

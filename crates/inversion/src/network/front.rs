@@ -4,7 +4,6 @@ use veiloc_training::Matrix;
 use veiloc_training::layers::{Linear, Places};
 
 use super::Placed;
-use super::spread::Spread;
 
 /// Numbers a cell is told by beside descriptors: how full it is, and where it is.
 pub(super) const MORE: usize = 3;
@@ -44,18 +43,6 @@ impl Front {
         (x, full)
     }
 
-    /// Sets the matrix so that what stands in cells, of these examples, has mean 0 and variance 1 in every channel. Averages of
-    /// descriptors that share a cell differ little from each other; what they have in common would hide it for long.
-    pub(super) fn begin(&self, numbers: &mut [f32], examples: &[Placed]) {
-        let mut seen = Spread::new(self.width);
-        for placed in examples {
-            let (x, full) = self.forward(numbers, placed);
-            let columns = x.as_slice().chunks_exact(self.width + MORE).zip(&full);
-            columns.filter(|(_, full)| **full > 0.0).for_each(|(column, _)| seen.add(&column[..self.width]));
-        }
-        seen.standardize(&self.matrix, numbers);
-    }
-
     /// Adds to the derivatives of the matrix, from those of what stands on the grid.
     pub(super) fn learn(&self, slopes: &mut [f32], placed: &Placed, full: &[f32], d: &Matrix) {
         if placed.shares.is_empty() {
@@ -75,42 +62,11 @@ impl Front {
 
 #[cfg(test)]
 mod tests {
-    use rand::{Rng, SeedableRng};
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
     use super::super::Grid;
     use super::*;
-
-    /// Descriptors that are nearly the same, several a cell: at first hardly anything tells cells apart.
-    #[test]
-    fn what_stands_in_cells_begins_with_mean_0_and_variance_1() {
-        let grid = Grid { width: 8, height: 8 };
-        let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let mut places = Places::default();
-        let front = Front::new(&mut places, 4, 3);
-        let mut numbers = places.draw(&mut rng);
-        let mut example = || {
-            let descriptors = Matrix::from_fn(4, 200, |_, _| rng.random_range(0.9..1.1));
-            let shares = (0..800).map(|i| (i % 200, rng.random_range(0..64), 1.0)).collect();
-            Placed { grid, descriptors, shares }
-        };
-        let examples = [example(), example()];
-        let spread = |numbers: &[f32]| {
-            let mut seen = Spread::new(3);
-            for placed in &examples {
-                front.forward(numbers, placed).0.column_iter().for_each(|c| seen.add(&c.as_slice()[..3]));
-            }
-            seen.of_each()
-        };
-        let (_, before) = spread(&numbers);
-        assert!(before.iter().all(|deviation| *deviation < 0.1), "{before:?}");
-        front.begin(&mut numbers, &examples);
-        let (mean, deviation) = spread(&numbers);
-        assert!(mean.iter().all(|mean| mean.abs() < 1e-3), "{mean:?}");
-        assert!(deviation.iter().all(|deviation| (deviation - 1.0).abs() < 1e-3), "{deviation:?}");
-        front.begin(&mut numbers, &[]);
-        assert_eq!(spread(&numbers), (mean, deviation), "no examples change nothing");
-    }
 
     #[test]
     fn descriptors_in_one_cell_are_averaged_and_their_order_is_nothing() {

@@ -61,11 +61,6 @@ impl InvSfm {
         (Self { width, front, judge, coarse, refine }, places)
     }
 
-    /// As [`UNet::begin`](super::unet::UNet::begin).
-    pub(crate) fn begin(&self, numbers: &mut [f32], examples: &[Placed]) {
-        self.front.begin(numbers, examples);
-    }
-
     /// What all stages answer.
     pub(crate) fn forward(&self, numbers: &[f32], placed: &Placed) -> (Made, Tape) {
         let grid = placed.grid;

@@ -20,7 +20,6 @@ mod front;
 mod invsfm;
 mod levels;
 mod sampling;
-mod spread;
 mod unet;
 
 use invsfm::InvSfm;
@@ -229,14 +228,6 @@ impl Network {
 
     pub(crate) fn shape(&self) -> &Shape {
         &self.shape
-    }
-
-    /// Sets what descriptors come in by, of numbers just drawn, to what these examples are like.
-    pub(crate) fn begin(&self, numbers: &mut [f32], examples: &[Placed]) {
-        match &self.layers {
-            Layers::UNet(net) => net.begin(numbers, examples),
-            Layers::InvSfm(net) => net.begin(numbers, examples),
-        }
     }
 
     pub(crate) fn forward(&self, numbers: &[f32], placed: &Placed) -> (Made, Tape) {
