@@ -131,7 +131,11 @@ fn what_the_disk_does_not_take_is_told_and_not_kept() {
         limited.current_dir(fetch.get_current_dir().expect("the place's"));
         let refused = limited.output().expect("the binary runs");
         let told = String::from_utf8_lossy(&refused.stderr);
-        assert!(refused.status.code() == Some(3) && told.contains(".partial: "), "{lost}: {:?} {told}", refused.status);
+        assert!(
+            refused.status.code() == Some(3) && told.contains(".partial: "),
+            "{lost}: {:?} {told}",
+            refused.status
+        );
         let left: Vec<_> = fs::read_dir(place.path("half/objects")).expect("a folder").collect();
         assert!(
             left.iter().flatten().all(|entry| !entry.file_name().to_string_lossy().contains(&name)),
