@@ -50,7 +50,7 @@ pub struct Args {
     /// three that hold what the whole map would retrieve, as `veiloc serve --cluster` does. Default: the map stays whole.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     regions: Option<u32>,
-    /// Share of a region's images that may be of other regions, as of `veiloc map split`. Default: 0.3.
+    /// Share of a region's images that is kept free for images of other regions, as of `veiloc map split`. Default: 0.3.
     #[arg(long, value_name = "SHARE", requires = "regions")]
     overlap: Option<f64>,
     #[command(flatten)]

@@ -28,7 +28,8 @@ pub(crate) struct SplitArgs {
     /// Images of a region at most, those beside its core among them.
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..))]
     images: u32,
-    /// Share of a region's images that may be of other regions, from 0 to 0.9.
+    /// Share of a region's images that is kept free for images of other regions, from 0 to 0.9; a core that fills less leaves them
+    /// more.
     #[arg(long, value_name = "SHARE", default_value_t = 0.3)]
     overlap: f64,
     /// Name of the map, as services serve it. Default: the name of the file without its ending.
