@@ -436,22 +436,33 @@ def loser(cluster, town):
     def hedges():
         return counter(ask(cluster.admin, "/metrics")[1].decode(), "veiloc_cluster_hedges_total")
 
-    before, hung = cancelled(), cluster.workers[0].process
-    answered = []
-    asking = threading.Thread(target=lambda: answered.extend(cluster.localized(town.queries * 2)))
-    hung.send_signal(signal.SIGSTOP)
-    sent = hedges()
-    asking.start()
-    # No longer: its node would hang up on it, and replies by way of another one are nobody's.
-    deadline = time.monotonic() + 6
-    while hedges() == sent and time.monotonic() < deadline:
-        time.sleep(0.05)
-    time.sleep(0.5)
-    hung.send_signal(signal.SIGCONT)
-    asking.join()
-    works("queries are answered beside a worker that hangs", answered.count(200) == 2 * len(town.queries), answered)
-    wait_for(lambda: cancelled() > before, "a cancelled query")
-    works("what it was asked is cancelled, and it goes on", ask(cluster.workers[0].admin, "/readyz")[0] == 200)
+    def asked_beside_it():
+        """Asks while the worker hangs; then it finds what it was asked, and that others were asked too."""
+        answered = []
+        asking = threading.Thread(target=lambda: answered.extend(cluster.localized(town.queries * 2)))
+        hung.send_signal(signal.SIGSTOP)
+        sent = hedges()
+        asking.start()
+        # No longer: its node would hang up on it, and replies by way of another one are nobody's.
+        deadline = time.monotonic() + 6
+        while hedges() == sent and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(0.5)
+        hung.send_signal(signal.SIGCONT)
+        asking.join()
+        return answered
+
+    before, hung, rounds, answered = cancelled(), cluster.workers[0].process, 0, []
+    # Of two workers chance takes one: in a round it may be asked for nothing but a search, which ends before it is told.
+    while cancelled() == before and rounds < 10:
+        rounds += 1
+        answered += asked_beside_it()
+        told = time.monotonic() + 2
+        while cancelled() == before and time.monotonic() < told:
+            time.sleep(0.05)
+    works("queries are answered beside a worker that hangs", answered.count(200) == rounds * 2 * len(town.queries), answered)
+    works("what it was asked is cancelled", cancelled() > before, f"nothing in {rounds} rounds")
+    works("it goes on", ask(cluster.workers[0].admin, "/readyz")[0] == 200)
 
 
 def main():

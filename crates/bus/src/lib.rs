@@ -42,6 +42,7 @@
 
 mod error;
 mod nats;
+mod open;
 mod process;
 mod subject;
 

@@ -21,6 +21,7 @@ use futures_util::StreamExt as _;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::error::BusError;
+use crate::open::Open;
 use crate::subject::Subject;
 
 /// All members of a subject are in the queue group of this name.
@@ -294,23 +295,12 @@ pub(crate) struct Membership {
     _cancels: Aborted,
 }
 
-/// What a member was asked and has not answered, by the inbox of who asked.
-#[derive(Default)]
-struct Open(Mutex<HashMap<String, oneshot::Sender<()>>>);
-
-impl Open {
-    fn all(&self) -> MutexGuard<'_, HashMap<String, oneshot::Sender<()>>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// Tells those who work for nobody. What names no inbox that we have is another member's, or made up.
+/// Tells those who work for nobody. What names no inbox that we have is another member's, made up, or a question's that
+/// is still to come.
 async fn hear_cancels(mut cancels: Subscriber, open: Arc<Open>) {
     while let Some(message) = cancels.next().await {
-        let inbox = std::str::from_utf8(&message.payload).unwrap_or_default();
-        if let Some(work) = open.all().remove(inbox) {
-            let _ = work.send(());
-        }
+        let Ok(inbox) = std::str::from_utf8(&message.payload) else { continue };
+        open.not_waited_for(inbox);
     }
 }
 
@@ -320,8 +310,7 @@ impl Membership {
         loop {
             let message = self.asked.next().await?;
             if let Some(to) = message.reply {
-                let (cancel, cancelled) = oneshot::channel();
-                self.open.all().insert(to.to_string(), cancel);
+                let cancelled = self.open.asked(&to);
                 let (client, open) = (self.client.clone(), self.open.clone());
                 return Some((message.payload, Reply { client, open, to, cancelled }));
             }
@@ -344,7 +333,7 @@ pub(crate) struct Reply {
 
 impl Drop for Reply {
     fn drop(&mut self) {
-        self.open.all().remove(self.to.as_str());
+        self.open.ended(&self.to);
     }
 }
 
