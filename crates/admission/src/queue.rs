@@ -114,6 +114,18 @@ impl<K: Ord + Copy, T> FairQueue<K, T> {
         self.len += 1;
     }
 
+    /// Takes out what is not to be kept; nobody's turn changes.
+    pub fn retain(&mut self, keep: impl Fn(&T) -> bool) {
+        for lane in self.lanes.values_mut() {
+            lane.small.retain(|(_, work)| keep(work));
+            lane.large.retain(|(_, work)| keep(work));
+            lane.cost = lane.small.iter().chain(&lane.large).map(|(cost, _)| cost).sum();
+        }
+        self.lanes.retain(|_, lane| lane.len() > 0);
+        self.turns.retain(|key| self.lanes.contains_key(key));
+        self.len = self.lanes.values().map(Lane::len).sum();
+    }
+
     /// The work whose turn it is, and its cost.
     pub fn pop(&mut self) -> Option<(u64, T)> {
         loop {
@@ -210,6 +222,26 @@ mod tests {
             queue.push(None, 1, i);
         }
         assert!(!queue.has_room(None) && !queue.has_room(Some(1)));
+    }
+
+    #[test]
+    fn what_is_taken_out_leaves_room_and_costs_nothing() {
+        let mut queue = queue(6);
+        for (key, cost, work) in
+            [(1, 500, 0), (1, 4000, 1), (2, 500, 2), (2, 4000, 3), (3, 500, 4), (3, 500, 6)]
+        {
+            queue.push(Some(key), cost, work);
+        }
+        assert!(!queue.has_room(Some(4)));
+        queue.retain(|work| work % 2 == 1);
+        assert!(queue.has_room(Some(3)) && queue.len() == 2);
+        assert_eq!(queue.ahead(Some(3), 1), 8000);
+        queue.push(Some(3), 500, 5);
+        let order: Vec<u64> = std::iter::from_fn(|| queue.pop()).map(|(_, work)| work).collect();
+        assert_eq!((order.len(), queue.len(), queue.is_empty()), (3, 0, true));
+        assert!([1, 3, 5].iter().all(|work| order.contains(work)), "{order:?}");
+        queue.retain(|_| false);
+        assert_eq!(queue.pop(), None);
     }
 
     /// What is told to be ahead is what is done before, at most.

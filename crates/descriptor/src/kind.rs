@@ -1,7 +1,7 @@
 //! What a descriptor is: its name, its numbers, and everything that follows from its kind, in this one file.
 //!
 //! A kind is a value, not a case of an enum: an extractor described by a file at run time has one too. What only
-//! measurements can tell of a kind (its prior, its decoys) stands in [`MEASURED`]; a kind that is not there gets
+//! measurements can tell of a kind (its prior, how near rows of one point are) stands in [`MEASURED`]; a kind that is not there gets
 //! cautious general figures.
 
 use crate::{DescriptorError, Encoding, MatchPrior, Name, PriorModel};
@@ -19,21 +19,11 @@ pub struct DescriptorKind {
     norm: u16,
 }
 
-/// How decoys of a kind are made of the rows that are sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum DecoyRecipe {
-    /// Quarters of several RootSIFT patches, mirrored, chosen so that they continue each other.
-    RootSiftQuarters,
-    /// Several vectors mixed, with noise, brought back to the kind's length.
-    Mixture,
-}
-
 /// What was measured of a kind.
 struct Measured {
     kind: DescriptorKind,
     prior: MatchPrior,
     same_point: f64,
-    decoys: DecoyRecipe,
 }
 
 impl DescriptorKind {
@@ -198,13 +188,10 @@ impl DescriptorKind {
         (f64::from(self.norm) * part).powi(2) as u32
     }
 
-    /// How its decoys are made; `None` when nobody knows, and then it cannot be filled up and no query of few
-    /// keypoints is sent.
-    pub fn decoy_recipe(self) -> Option<DecoyRecipe> {
-        match self.measured() {
-            Some(measured) => Some(measured.decoys),
-            None => (self.dim() >= MIXTURE_MIN_DIM).then_some(DecoyRecipe::Mixture),
-        }
+    /// Whether decoys of it can be made of its rows: vectors of fewer than 16 numbers give themselves away when they are blended,
+    /// and no query of few keypoints of such a kind is sent.
+    pub const fn can_be_blended(self) -> bool {
+        self.dim() >= BLEND_MIN_DIM
     }
 }
 
@@ -231,8 +218,8 @@ const fn literal(text: &str) -> Name {
 /// places hardly nearer than 300.
 const SAME_POINT: f64 = 0.390_625;
 
-/// Vectors of fewer components give themselves away when they are mixed.
-const MIXTURE_MIN_DIM: usize = 16;
+/// See [`DescriptorKind::can_be_blended`].
+const BLEND_MIN_DIM: usize = 16;
 
 const fn model(offset: f64, ratio: f64, log_votes: f64, log_track_length: f64) -> PriorModel {
     PriorModel { offset, ratio, log_votes, log_track_length }
@@ -249,7 +236,7 @@ const UNMEASURED_PRIOR: MatchPrior = MatchPrior {
 /// out: what it says of one place is wrong of another. How near one point's descriptors are was not measured.
 const fn learned(kind: DescriptorKind, ratio: PriorModel, ratio_votes: PriorModel) -> Measured {
     let prior = MatchPrior { ratio, ratio_votes, full: ratio_votes };
-    Measured { kind, prior, same_point: SAME_POINT, decoys: DecoyRecipe::Mixture }
+    Measured { kind, prior, same_point: SAME_POINT }
 }
 
 /// Their projections, fitted as they are. `same_point`: nearer than all but one in a hundred of the nearest keypoints of another
@@ -274,7 +261,6 @@ static MEASURED: &[Measured] = &[
             full: model(7.490, -11.347, 0.581, -0.143),
         },
         same_point: SAME_POINT,
-        decoys: DecoyRecipe::RootSiftQuarters,
     },
     Measured {
         kind: DescriptorKind::COMPACT,
@@ -286,7 +272,6 @@ static MEASURED: &[Measured] = &[
         },
         // Half of all pairs are nearer than 155, keypoints of other places hardly nearer than 310.
         same_point: 0.748,
-        decoys: DecoyRecipe::Mixture,
     },
     learned(DescriptorKind::XFEAT, model(6.145, -8.166, 0.0, 0.0), model(2.182, -4.496, 1.348, 0.0)),
     learned(DescriptorKind::ALIKE_T, model(11.288, -13.494, 0.0, 0.0), model(7.158, -9.479, 1.338, 0.0)),
@@ -318,7 +303,7 @@ mod tests {
         assert_eq!(DescriptorKind::from_v1_code(1), Some(kind));
         assert_eq!(DescriptorKind::from_v1_code(2), None);
         assert_eq!(kind.same_point_distance(), 200 * 200);
-        assert_eq!(kind.decoy_recipe(), Some(DecoyRecipe::RootSiftQuarters));
+        assert!(kind.can_be_blended());
         let mut bytes = [0; 40];
         bytes[..4].copy_from_slice(b"sift");
         (bytes[32], bytes[37]) = (128, 2);
@@ -328,7 +313,7 @@ mod tests {
     #[test]
     fn a_kind_of_ones_own_gets_general_figures() {
         let kind = DescriptorKind::new("superpoint", 256, Encoding::Signed, 512).expect("a kind");
-        assert_eq!((kind.v1_code(), kind.decoy_recipe()), (None, Some(DecoyRecipe::Mixture)));
+        assert_eq!((kind.v1_code(), kind.can_be_blended()), (None, true));
         assert_ne!(kind.match_prior(), DescriptorKind::ROOT_SIFT.match_prior());
         let middle = |prior: MatchPrior| -prior.full.offset / prior.full.ratio;
         let (own, sift) = (middle(kind.match_prior()), middle(DescriptorKind::ROOT_SIFT.match_prior()));
@@ -340,7 +325,7 @@ mod tests {
         assert_ne!(projected.match_prior(), DescriptorKind::ALIKE_T.match_prior());
         assert_eq!((projected.packed_len(), projected.same_point_distance()), (24, 46513));
         let tiny = DescriptorKind::new("colour", 3, Encoding::Unsigned, 200).expect("a kind");
-        assert_eq!(tiny.decoy_recipe(), None);
+        assert!(!tiny.can_be_blended());
     }
 
     #[test]

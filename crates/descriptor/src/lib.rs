@@ -52,7 +52,7 @@ pub use error::DescriptorError;
 pub use global::GlobalDescriptor;
 pub use global_model::{GlobalModel, NamedGlobal};
 pub use index::GlobalIndex;
-pub use kind::{DecoyRecipe, DescriptorKind};
+pub use kind::DescriptorKind;
 pub use matching::{Match, MatchOptions, match_descriptors};
 pub use name::Name;
 pub use neighbours::{Neighbour, TwoNearest, two_nearest};

@@ -186,3 +186,19 @@ fn decoys_are_made_of_sent_rows() {
     };
     assert!(bytes(1, &profile()) == bytes(2, &profile()));
 }
+
+/// Words could be chosen so that what is made of them stands out: no row depends on them.
+#[test]
+fn no_profile_has_a_part_in_decoys() {
+    let kind = DescriptorKind::new("own", 64, Encoding::Signed, 100).expect("a kind");
+    let rows = |words: Vec<u8>| {
+        let mut draw = rng(8);
+        let bytes = (0..60 * 64).map(|_| rand::Rng::random_range(&mut draw, 100..156)).collect();
+        let mut features = features_at(&uniform_pixels(60, 8), 8);
+        features.descriptors = Descriptors::new(kind, bytes).expect("whole rows");
+        let words = Descriptors::new(kind, words).and_then(Vocabulary::new).expect("words");
+        let query = seal(features, &camera(), &Profile::vlad(words), &SealOptions::default(), &mut rng(8));
+        query.expect("sealed").descriptors().as_bytes().to_vec()
+    };
+    assert!(rows(vec![128; 64]) == rows((0..128).map(|i| if i % 64 == 0 { 255 } else { 0 }).collect()));
+}

@@ -17,11 +17,36 @@ use crate::panics;
 use veiloc_access::TokenKey;
 use veiloc_admission::FairQueue;
 
-/// One piece of work: gets the time it waited, sends its result itself, and tells whether it was begun at all.
-type Work = Box<dyn FnOnce(Duration) -> bool + Send>;
+/// One piece of work, whatever its result is.
+trait Work: Send {
+    /// Whether somebody still waits for its result.
+    fn is_waited_for(&self) -> bool;
+    /// Gets the time it waited, sends its result itself, and tells whether it was begun at all.
+    fn run(self: Box<Self>, waited: Duration) -> bool;
+}
+
+struct Task<T, F> {
+    reply: oneshot::Sender<T>,
+    work: F,
+}
+
+impl<T: Send, F: FnOnce(Duration) -> T + Send> Work for Task<T, F> {
+    fn is_waited_for(&self) -> bool {
+        !self.reply.is_closed()
+    }
+
+    fn run(self: Box<Self>, waited: Duration) -> bool {
+        let begun = self.is_waited_for();
+        if begun {
+            // Nobody waits any longer when this fails.
+            let _ = self.reply.send((self.work)(waited));
+        }
+        begun
+    }
+}
 
 struct Job {
-    work: Work,
+    work: Box<dyn Work>,
     accepted: Instant,
 }
 
@@ -138,7 +163,8 @@ impl Pool {
     /// Queues work. The receiver gets its result; an error there means that the work panicked, at the place that
     /// [`panics`] logged.
     ///
-    /// Work whose receiver is gone by the time a thread is free (the client left, or time ran out) is not begun.
+    /// Work whose receiver is gone by the time a thread is free (the client left, or time ran out) is not begun, and gives up
+    /// its place to who else would be refused.
     ///
     /// # Errors
     /// [`Refused`]: there is no room, no time, or the pool is closed.
@@ -148,29 +174,36 @@ impl Pool {
         work: impl FnOnce(Duration) -> T + Send + 'static,
     ) -> Result<oneshot::Receiver<T>, Refused> {
         let (reply, result) = oneshot::channel();
-        let work: Work = Box::new(move |waited| {
-            let begun = !reply.is_closed();
-            if begun {
-                // Nobody waits any longer when this fails.
-                let _ = reply.send(work(waited));
-            }
-            begun
-        });
+        let work = Box::new(Task { reply, work });
         let mut waiting = self.shared.waiting();
         if waiting.closed {
             return Err(Refused::Closed);
         }
-        let ahead = self.time_of(waiting.jobs.ahead(order.who, order.cost()));
-        if !waiting.jobs.has_room(order.who) {
-            return Err(Refused::Full { retry_after: seconds(ahead) });
-        }
-        if let Some(late) = ahead.checked_sub(order.limit) {
-            return Err(Refused::Late { retry_after: seconds(late) });
+        if let Err(refused) = self.takes(&waiting, order) {
+            // Those who left meanwhile make room; looked for only now, for it looks at all that wait.
+            let before = waiting.jobs.len();
+            waiting.jobs.retain(|job| job.work.is_waited_for());
+            if waiting.jobs.len() == before {
+                return Err(refused);
+            }
+            self.takes(&waiting, order)?;
         }
         waiting.jobs.push(order.who, order.cost(), Job { work, accepted: Instant::now() });
         drop(waiting);
         self.shared.changed.notify_one();
         Ok(result)
+    }
+
+    /// Whether there is room for this and it would be done in time.
+    fn takes(&self, waiting: &Waiting, order: Order) -> Result<(), Refused> {
+        let ahead = self.time_of(waiting.jobs.ahead(order.who, order.cost()));
+        if !waiting.jobs.has_room(order.who) {
+            return Err(Refused::Full { retry_after: seconds(ahead) });
+        }
+        match ahead.checked_sub(order.limit) {
+            Some(late) => Err(Refused::Late { retry_after: seconds(late) }),
+            None => Ok(()),
+        }
     }
 
     /// The time that work of this cost takes at the pace of late, with all threads and what they have in hand; zero as
@@ -222,7 +255,7 @@ fn work_until_closed(shared: &Shared) {
         let started = Instant::now();
         // Its reply is dropped with it, which is how the one who waits learns of it. The hook has logged the place; what
         // the panic said is thrown away here, because it may hold something of a query.
-        let begun = catch_unwind(AssertUnwindSafe(|| work(started.duration_since(accepted))));
+        let begun = catch_unwind(AssertUnwindSafe(|| work.run(started.duration_since(accepted))));
         shared.busy.fetch_sub(1, Ordering::Relaxed);
         shared.in_work.fetch_sub(cost, Ordering::Relaxed);
         // Work that nobody waited for took no time, and says nothing about how long work takes.
@@ -293,6 +326,22 @@ mod tests {
         go.wait();
         pool.finish();
         assert_eq!(begun.load(Ordering::Relaxed), 1);
+    }
+
+    #[test]
+    fn work_nobody_waits_for_keeps_nobody_out() {
+        let pool = pool(1, 2);
+        let (go, _first) = occupy(&pool);
+        let left = pool.submit(ORDER, |_| 1).expect("room");
+        let kept = pool.submit(ORDER, |_| 2).expect("room");
+        assert!(matches!(pool.submit(ORDER, |_| 3), Err(Refused::Full { .. })), "both are waited for");
+        drop(left);
+        let third = pool.submit(ORDER, |_| 3).expect("the place of who left");
+        assert_eq!(pool.queued(), 2);
+        assert!(matches!(pool.submit(ORDER, |_| 4), Err(Refused::Full { .. })));
+        go.wait();
+        pool.finish();
+        assert_eq!((kept.blocking_recv(), third.blocking_recv()), (Ok(2), Ok(3)));
     }
 
     /// A burst of clients that leave, as happens under overload, must not make the service promise a free queue.
