@@ -132,7 +132,7 @@ pub fn obfuscate_points(
 /// Positions lie in the image. Nothing is invented for an image without keypoints.
 ///
 /// # Errors
-/// [`SealError::NoDecoys`] for a kind that has no recipe.
+/// [`SealError::NoDecoys`] for a kind of too few numbers, and for fewer rows than can be blended.
 pub fn decoys(
     keypoints: &[Pixel],
     descriptors: &Descriptors,

@@ -122,7 +122,7 @@ fn an_unknown_kind_is_an_error() {
     assert!(matches!(missing, Err(ExtractError::Image(_))), "{missing:?}");
 }
 
-/// Other kinds get decoys too, made of the rows that are sent and never copies; a kind that has no recipe, and too few
+/// Other kinds get decoys too, made of the rows that are sent and never copies; a kind of too few numbers, and too few
 /// rows to mix, are errors.
 #[test]
 fn decoys_of_other_kinds_are_no_copies() {
@@ -166,7 +166,7 @@ fn decoys_of_other_kinds_are_no_copies() {
 
     let too_few = |kind: &str, keypoints| SealError::NoDecoys { kind: kind.to_owned(), keypoints };
     assert_eq!(sealed(64, 2).map(|q| q.0), Err(too_few("own", 2)));
-    assert_eq!(sealed(8, 60).map(|q| q.0), Err(too_few("own", 60)), "no recipe for so short a vector");
+    assert_eq!(sealed(8, 60).map(|q| q.0), Err(too_few("own", 60)), "none of so short a vector");
     assert!(sealed(8, 300).is_ok(), "and none needed");
 }
 

@@ -165,7 +165,7 @@ fn likeness<R: Rng + ?Sized>(centred: &[Vec<f64>], rng: &mut R) -> Vec<f64> {
     let directions: Vec<Vec<f64>> = (chosen.into_iter())
         .map(|row| {
             let mut direction = centred[row].clone();
-            scale(&mut direction, 1.0 / length(&centred[row]).max(TINY));
+            bring_to(&mut direction, 1.0);
             direction
         })
         .collect();
@@ -190,13 +190,13 @@ fn match_distribution(rows: &mut [Vec<f64>], real: &[Vec<f64>], i: usize) {
     }
 }
 
-/// The largest number becomes `largest` in magnitude, the others make up the rest of the length.
-fn match_largest(row: &mut [f64], wanted: f64, full_length: f64) {
+/// The largest number becomes `most` in magnitude, the others make up the rest of the length.
+fn match_largest(row: &mut [f64], most: f64, wanted: f64) {
     let (place, value) = largest(row);
     let rest = (length(row).powi(2) - value * value).max(0.0).sqrt();
     let sign = row[place].signum();
-    scale(row, (full_length * full_length - wanted * wanted).max(0.0).sqrt() / rest.max(TINY));
-    row[place] = sign * wanted;
+    scale(row, (wanted * wanted - most * most).max(0.0).sqrt() / rest.max(TINY));
+    row[place] = sign * most;
 }
 
 /// No number is larger, and the length is this; about.
@@ -223,6 +223,7 @@ fn length(row: &[f64]) -> f64 {
     dot(row, row).sqrt()
 }
 
+/// To this length.
 fn bring_to(row: &mut [f64], wanted: f64) {
     let own = length(row);
     scale(row, wanted / own.max(TINY));

@@ -74,7 +74,7 @@ fn others<'a>(rows: &'a [Row], row: &Row) -> Vec<&'a Row> {
 }
 
 fn length(row: &Row) -> f64 {
-    row.descriptor.iter().map(|v| v * v).sum::<f64>().sqrt()
+    dot(&row.descriptor, &row.descriptor).sqrt()
 }
 
 fn sum(row: &Row) -> f64 {
@@ -91,9 +91,8 @@ fn nearness(rows: &[Row], row: &Row) -> f64 {
 /// The share of a row, less the mean, that three others explain, each taken in its turn as the one that explains most of what
 /// is left: what someone looks for who has read that decoys are sums of rows.
 fn explained(row: &[f64], others: &[&[f64]], mean: &[f64]) -> f64 {
-    let centred = |row: &[f64]| row.iter().zip(mean).map(|(v, m)| v - m).collect::<Vec<f64>>();
-    let mut left = centred(row);
-    let mut others: Vec<Vec<f64>> = others.iter().map(|other| centred(other)).collect();
+    let mut left = less(row, mean);
+    let mut others: Vec<Vec<f64>> = others.iter().map(|other| less(other, mean)).collect();
     let whole = dot(&left, &left);
     for _ in 0..3 {
         let part = |other: &Vec<f64>| dot(&left, other).powi(2) / dot(other, other).max(1e-6);
@@ -121,6 +120,10 @@ fn mean_of(rows: &[&[f64]]) -> Vec<f64> {
     (0..rows[0].len()).map(|i| rows.iter().map(|row| row[i]).sum::<f64>() / rows.len() as f64).collect()
 }
 
+fn less(row: &[f64], mean: &[f64]) -> Vec<f64> {
+    row.iter().zip(mean).map(|(value, mean)| value - mean).collect()
+}
+
 /// The share of images whose real rows are counted to within two; printed.
 #[expect(clippy::print_stderr, reason = "the figures of the document")]
 pub(crate) fn counted(kind: &str, rows: &[Row], count: usize) -> f64 {
@@ -135,8 +138,7 @@ pub(crate) fn counted(kind: &str, rows: &[Row], count: usize) -> f64 {
 fn seem_to_be(rows: &[Row]) -> usize {
     let all: Vec<&[f64]> = rows.iter().map(|row| &row.descriptor[..]).collect();
     let mean = mean_of(&all);
-    let mut left: Vec<Vec<f64>> =
-        all.iter().map(|row| row.iter().zip(&mean).map(|(v, m)| v - m).collect()).collect();
+    let mut left: Vec<Vec<f64>> = all.iter().map(|row| less(row, &mean)).collect();
     let most_left: Vec<f64> = (0..mean.len() - 2)
         .map(|_| {
             let most = left.iter().max_by(|a, b| dot(a, a).total_cmp(&dot(b, b))).expect("a row").clone();
