@@ -13,9 +13,9 @@ trap 'rm -rf "$corpus"' EXIT
 
 # Seeds: the known answers that are committed anyway.
 mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap,tokens,settings,manifest,index}
-cp ../crates/query/tests/data/*.vquery "$corpus/sealed_query/"
-cp ../crates/query/tests/data/*.profile "$corpus/profile/"
-cp ../crates/query/tests/data/*.answer "$corpus/answer/"
+cp ../crates/core/protocol/tests/data/*.vquery "$corpus/sealed_query/"
+cp ../crates/core/protocol/tests/data/*.profile "$corpus/profile/"
+cp ../crates/core/protocol/tests/data/*.answer "$corpus/answer/"
 cp ../crates/map/tests/data/map-v*.bin "$corpus/map_file/"
 cp ../crates/access/tests/data/*.tokens "$corpus/tokens/"
 cp ../crates/regions/tests/data/manifest/*.json "$corpus/manifest/"

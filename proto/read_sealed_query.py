@@ -2,7 +2,7 @@
 
 python3 proto/read_sealed_query.py FILE.vquery [ROWS]
 
-Written from the document, not from the Rust code: the known answers of crates/query/tests/known_answers.rs come from
+Written from the document, not from the Rust code: the known answers of crates/core/protocol/tests/it/known_answers.rs come from
 here, so the test holds the two against each other.
 """
 

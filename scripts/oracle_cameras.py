@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Projections and rays of all of COLMAP's cameras that veiloc has, by pycolmap: crates/geometry/tests/data/cameras.txt.
+"""Projections and rays of all of COLMAP's cameras that veiloc has, by pycolmap: crates/core/geometry/tests/data/cameras.txt.
 
     python -m venv venv && venv/bin/pip install pycolmap numpy
-    venv/bin/python scripts/oracle_cameras.py crates/geometry/tests/data/cameras.txt
+    venv/bin/python scripts/oracle_cameras.py crates/core/geometry/tests/data/cameras.txt
 
 A line is `camera MODEL,W,H,PARAMS…` or `point X Y U V X' Y'`: a position on the plane z = 1, its pixel, and the position that
 pycolmap finds for that pixel again. Its iterations end at a step, not at a residual: how far X', Y' are off X, Y is printed.

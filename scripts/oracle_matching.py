@@ -1,6 +1,6 @@
 """Nearest neighbours, mutual matches and VLAD by NumPy, for the tests of the crate `veiloc-descriptor`.
 
-Writes crates/descriptor/tests/data/matching_oracle.json next to this script's folder (or to the path given):
+Writes crates/core/descriptor/tests/data/matching_oracle.json next to this script's folder (or to the path given):
 
     python3 scripts/oracle_matching.py [OUT]
 
@@ -57,7 +57,7 @@ def vlad(words, rows):
 
 
 def main():
-    default = pathlib.Path(__file__).parent.parent / "crates/descriptor/tests/data/matching_oracle.json"
+    default = pathlib.Path(__file__).parent.parent / "crates/core/descriptor/tests/data/matching_oracle.json"
     out = pathlib.Path(sys.argv[1]) if len(sys.argv) > 1 else default
     rng = np.random.default_rng(20260)
     database = rootsift_like(rng, 80)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Minimal problems and other programs' solutions to them: the fixture that `crates/solvers/tests/oracle.rs` checks.
+"""Minimal problems and other programs' solutions to them: the fixture that `crates/core/pose/tests/it/solvers/oracle.rs` checks.
 
 Random exact problems of a 640 x 480 camera for p3p, p6lp, p5lp_radial (in a camera whose optical axis is the ray of
 DCL's first anchor) and up2p, solved by PoseLib, an independent implementation. For p6lp, PoseLib eliminates the
@@ -8,7 +8,7 @@ PoseLib's p6lp again, less the poses that put a point on the wrong half of its l
 scan of all angles about the vertical for the sign changes of a determinant, refined by bisection.
 
     python3 -m venv .venv && .venv/bin/pip install numpy poselib
-    .venv/bin/python scripts/oracle_poses.py > crates/solvers/tests/data/poselib.json
+    .venv/bin/python scripts/oracle_poses.py > crates/core/pose/tests/data/solvers/poselib.json
 """
 
 import json

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, PixelLine, Point3, Rigid3};
-use veiloc_robust::{
+use veiloc_pose::{
     AnchoredSolver, Correspondences, Gravity, PoseOptions, PoseProblem, ScoreKind, estimate_pose,
 };
 

@@ -9,8 +9,8 @@ use std::{hint::black_box, sync::LazyLock, time::Instant};
 
 use divan::Bencher;
 use veiloc_features::{GrayImage, SiftOptions, extract_sift};
-use veiloc_kernels::Backend;
-use veiloc_kernels::sift::{
+use veiloc_simd::Backend;
+use veiloc_simd::sift::{
     HalfKernel, LANES, PatchMemory, Patches, View, blur_along, blur_down, differences, peaks,
 };
 

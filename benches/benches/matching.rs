@@ -18,7 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{
     DescriptorKind, Descriptors, MatchOptions, Vocabulary, match_descriptors, two_nearest,
 };
-use veiloc_kernels::{Backend, BestTwo, PackedRows, best_two};
+use veiloc_simd::{Backend, BestTwo, PackedRows, best_two};
 
 const DIM: usize = 128;
 const QUERIES: usize = 1024;

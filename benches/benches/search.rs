@@ -123,7 +123,7 @@ impl Signs {
 impl Point for Signs {
     fn distance(&self, other: &Self) -> f32 {
         let mut differing = [0];
-        veiloc_kernels::hamming(&self.0, &other.0, &mut differing);
+        veiloc_simd::hamming(&self.0, &other.0, &mut differing);
         differing[0] as f32
     }
 }

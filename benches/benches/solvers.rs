@@ -12,7 +12,9 @@ use std::cell::Cell;
 use divan::Bencher;
 use veiloc_benches::samples::{FIVE_AND_ONE, Layout, Lines, Sample, Samples, THREE_AND_THREE};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-use veiloc_solvers::{ArrayVec, GravityAlignment, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p};
+use veiloc_pose::solvers::{
+    ArrayVec, GravityAlignment, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p,
+};
 
 const SAMPLES: usize = 8192;
 

@@ -10,7 +10,7 @@ use veiloc_geometry::nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 use veiloc_geometry::{
     CameraFromWorld, Pencils, Pinhole, Pixel, PixelLine, PlaneLine, PlanePoint, Point3, Rigid3,
 };
-use veiloc_solvers::HalfPlane;
+use veiloc_pose::solvers::HalfPlane;
 
 /// How the map points and the image lie.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,7 +1,7 @@
 //! What must hold for any bytes: an error, or a value that is written back as the same bytes and can be used.
 //!
-//! The same properties run on a few hundred damaged inputs in every `cargo test`: `crates/query/tests/hostile.rs`,
-//! `crates/query/tests/answer.rs`, `crates/map/src/file/tests.rs`, `crates/map/tests/any_bytes.rs`,
+//! The same properties run on a few hundred damaged inputs in every `cargo test`: `crates/core/protocol/tests/it/hostile.rs`,
+//! `crates/core/protocol/tests/it/answer.rs`, `crates/map/src/file/tests.rs`, `crates/map/tests/any_bytes.rs`,
 //! `crates/access/tests/any_bytes.rs`, `crates/arguments/tests/any_bytes.rs`,
 //! `crates/regions/tests/any_bytes.rs`.
 
@@ -15,7 +15,7 @@ use std::path::Path;
 
 use veiloc_map::MapFile;
 use veiloc_map::colmap::{ColmapImage, read_model, write_text};
-use veiloc_query::{Answer, AnswerVersion, Profile, SealedQuery};
+use veiloc_protocol::{Answer, AnswerVersion, Profile, SealedQuery};
 use xxhash_rust::xxh3::xxh3_64;
 
 pub use regions::{index, manifest};

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use veiloc_access::TokenList;
 use veiloc_fuzz::damage::Numbers;
 use veiloc_map::{MapFile, MapMemory};
-use veiloc_query::{Answer, Profile, SealedQuery};
+use veiloc_protocol::{Answer, Profile, SealedQuery};
 use veiloc_regions::{Index, Manifest};
 
 /// Damaged inputs for each target; fewer where they take longer than [`LONGEST`], but never fewer than a tenth.
@@ -51,19 +51,19 @@ fn run(target: &str, seeds: &[Vec<u8>], is_accepted: impl Fn(&[u8]) -> bool, pro
 
 #[test]
 fn sealed_query() {
-    let seeds = files("crates/query/tests/data", ".vquery");
+    let seeds = files("crates/core/protocol/tests/data", ".vquery");
     run("sealed_query", &seeds, |bytes| SealedQuery::decode(bytes).is_ok(), veiloc_fuzz::sealed_query);
 }
 
 #[test]
 fn profile() {
-    let seeds = files("crates/query/tests/data", ".profile");
+    let seeds = files("crates/core/protocol/tests/data", ".profile");
     run("profile", &seeds, |bytes| Profile::decode(bytes).is_ok(), veiloc_fuzz::profile);
 }
 
 #[test]
 fn answer() {
-    let seeds = files("crates/query/tests/data", ".answer");
+    let seeds = files("crates/core/protocol/tests/data", ".answer");
     run("answer", &seeds, |bytes| Answer::decode(bytes).is_ok(), veiloc_fuzz::answer);
 }
 

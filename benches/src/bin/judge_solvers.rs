@@ -18,7 +18,9 @@ use std::time::{Duration, Instant};
 use veiloc_benches::samples::{FIVE_AND_ONE, Layout, Lines, Sample, Samples, THREE_AND_THREE};
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use veiloc_geometry::{CameraFromWorld, Rigid3};
-use veiloc_solvers::{ArrayVec, GravityAlignment, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p};
+use veiloc_pose::solvers::{
+    ArrayVec, GravityAlignment, p3p, p5lp_radial, p6lp, p6lp_dual_radial, u4lp, up2p,
+};
 
 type Failure = Box<dyn std::error::Error>;
 

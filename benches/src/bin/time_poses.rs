@@ -14,7 +14,7 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::{Intrinsics, Pixel, Point3};
-use veiloc_robust::{Correspondences, PoseError, PoseEstimate, PoseOptions, PoseProblem, estimate_pose};
+use veiloc_pose::{Correspondences, PoseError, PoseEstimate, PoseOptions, PoseProblem, estimate_pose};
 
 const CAMERA: &str = "PINHOLE,640,480,525,525,320,240";
 const NUMBERS: usize = 5;

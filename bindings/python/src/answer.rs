@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localize::{GravityUse, Localization, RigLocalization};
 use veiloc_map::MapFile;
-use veiloc_robust::Confidence;
+use veiloc_pose::Confidence;
 
 use crate::arrays;
 use crate::errors::{Fault, Result};
@@ -169,7 +169,7 @@ impl Answer {
     }
 
     /// What a service answered.
-    pub(crate) fn of_service(answer: &veiloc_query::Answer) -> Result<Self> {
+    pub(crate) fn of_service(answer: &veiloc_protocol::Answer) -> Result<Self> {
         let pose = answer.pose.as_ref();
         let refused = || Fault::other("the service answered a pose that is none");
         let found =
@@ -177,7 +177,7 @@ impl Answer {
         Ok(Self {
             pose: found.transpose()?,
             covariance: pose.map_or([[f64::INFINITY; 6]; 6], |p| p.covariance),
-            position_sd: pose.map_or(f64::INFINITY, veiloc_query::AnswerPose::position_sd),
+            position_sd: pose.map_or(f64::INFINITY, veiloc_protocol::AnswerPose::position_sd),
             state: answer.state().to_string(),
             doubts: answer.doubts.iter().map(|d| d.text.clone()).collect(),
             log_evidence: answer.log_evidence,

@@ -9,7 +9,7 @@ use veiloc_audit::{
 };
 use veiloc_datasets::{KeypointImage, keypoints_of_images};
 use veiloc_features::{Extractors, Progress};
-use veiloc_query::{ExtractionLimits, Scheme};
+use veiloc_protocol::{ExtractionLimits, Scheme};
 
 use crate::errors::{Fault, Result};
 use crate::waiting::Told;

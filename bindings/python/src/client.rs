@@ -7,7 +7,7 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use veiloc_client::{ClientOptions, Enough, LocalizeRequest, ProgressiveAnswer, RigMessage};
-use veiloc_query::{PositionHint, SealedQuery};
+use veiloc_protocol::{PositionHint, SealedQuery};
 
 use crate::answer::Answer;
 use crate::arrays;

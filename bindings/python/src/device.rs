@@ -10,8 +10,8 @@ use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{
     DeviceLimits, KnownCamera, SealOptions, audit::obfuscate_points, device_rng, extract_loaded,
 };
-use veiloc_query::{AngleBits, CoarseGravity, FocalKnowledge, Observations, Scheme, SealedQuery};
-use veiloc_robust::Stop;
+use veiloc_pose::Stop;
+use veiloc_protocol::{AngleBits, CoarseGravity, FocalKnowledge, Observations, Scheme, SealedQuery};
 
 use crate::arrays;
 use crate::camera::camera_of;

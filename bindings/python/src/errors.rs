@@ -13,8 +13,8 @@ use veiloc_localize::LocalizeError;
 use veiloc_map::MapError;
 use veiloc_mapping::MappingError;
 use veiloc_obfuscation::ExtractError;
-use veiloc_query::QueryError;
-use veiloc_robust::PoseError;
+use veiloc_pose::PoseError;
+use veiloc_protocol::QueryError;
 
 mod python {
     //! The classes, where Python defines them.

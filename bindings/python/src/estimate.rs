@@ -7,11 +7,11 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, Intrinsics, Pencils, Pinhole, PixelLine, Point3};
-use veiloc_query::{LayoutTurn, Scheme};
-use veiloc_robust::{
+use veiloc_pose::{
     Correspondences, FocalKnowledge, Gravity, PoseEstimate, PoseOptions, PoseProblem, PositionPrior,
     estimate_pose,
 };
+use veiloc_protocol::{LayoutTurn, Scheme};
 
 use crate::arrays;
 use crate::camera::{camera_of, undistorted};
@@ -246,10 +246,10 @@ fn estimate<'py>(
     problem.prior = known.prior.map(|prior| arrays::numbers::<f64>("prior", prior)).transpose()?;
     problem.gravity = known.gravity.map(gravity_of).transpose()?;
     problem.position = known.position.map(position_of).transpose()?;
-    problem.focal = match known.focal.parse::<veiloc_query::FocalKnowledge>().map_err(Fault::input)? {
-        veiloc_query::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
-        veiloc_query::FocalKnowledge::Exif => FocalKnowledge::Exif,
-        veiloc_query::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
+    problem.focal = match known.focal.parse::<veiloc_protocol::FocalKnowledge>().map_err(Fault::input)? {
+        veiloc_protocol::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
+        veiloc_protocol::FocalKnowledge::Exif => FocalKnowledge::Exif,
+        veiloc_protocol::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
     };
     let stop = options.stop.clone();
     let found = released_at_once(py, &stop, move || {

@@ -13,7 +13,7 @@ use veiloc_localize::{LocalizeOptions, localize, localize_rig};
 use veiloc_map::colmap::read_model;
 use veiloc_map::{MapFile, MapLock, MapModel, PointId, PosedImages, SelfTest};
 use veiloc_mapping::{BuildOptions, Doubt, Input, Words};
-use veiloc_query::SealedQuery;
+use veiloc_protocol::SealedQuery;
 use veiloc_selftest::{SelfTestOptions, Trial, chosen, is_testable, self_test, test_of, trials};
 
 use crate::answer::Answer;

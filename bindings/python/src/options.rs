@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use veiloc_robust::{PoseOptions, ScoreKind};
+use veiloc_pose::{PoseOptions, ScoreKind};
 
 use crate::errors::{Fault, Result};
 

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyType;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Vector3};
-use veiloc_solvers::RadialPose;
+use veiloc_pose::solvers::RadialPose;
 
 use crate::arrays;
 use crate::errors::{Fault, Result};

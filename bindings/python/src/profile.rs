@@ -13,7 +13,7 @@ use crate::errors::{Fault, Result};
 /// file holds.
 #[pyclass(frozen, module = "veiloc", from_py_object)]
 #[derive(Clone)]
-pub(crate) struct Profile(pub(crate) veiloc_query::Profile);
+pub(crate) struct Profile(pub(crate) veiloc_protocol::Profile);
 
 #[pymethods]
 impl Profile {
@@ -24,7 +24,7 @@ impl Profile {
     #[staticmethod]
     fn open(path: PathBuf) -> Result<Self> {
         let bytes = std::fs::read(&path).map_err(|e| Fault::file(&path, e))?;
-        veiloc_query::Profile::decode(&bytes).map(Self).map_err(|e| Fault::file(&path, e))
+        veiloc_protocol::Profile::decode(&bytes).map(Self).map_err(|e| Fault::file(&path, e))
     }
 
     /// A profile of its bytes.
@@ -33,7 +33,7 @@ impl Profile {
     ///     QueryError: they are none.
     #[staticmethod]
     fn from_bytes(data: &[u8]) -> Result<Self> {
-        Ok(Self(veiloc_query::Profile::decode(data)?))
+        Ok(Self(veiloc_protocol::Profile::decode(data)?))
     }
 
     fn __bytes__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use image::{ImageFormat, RgbImage};
 use pyo3::prelude::*;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
-use veiloc_robust::Stop;
+use veiloc_pose::Stop;
 use veiloc_synth::{PathOptions, Place, RenderOptions};
 
 use crate::errors::{Fault, Result};

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use veiloc_client::{Orientation, SessionAnchors, SessionOptions};
 use veiloc_obfuscation::device_rng;
-use veiloc_robust::Stop;
+use veiloc_pose::Stop;
 
 use crate::arrays;
 use crate::device::{Ready, Wishes};

@@ -5,7 +5,7 @@
 use pyo3::prelude::*;
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
 use veiloc_geometry::{CameraFromWorld, PlaneLine, Point3, frames::World};
-use veiloc_solvers::{ArrayVec, GravityAlignment, HalfPlane};
+use veiloc_pose::solvers::{ArrayVec, GravityAlignment, HalfPlane};
 
 use crate::arrays;
 use crate::errors::{Fault, Result};
@@ -51,7 +51,7 @@ fn found<const N: usize>(poses: ArrayVec<CameraFromWorld, N>) -> Vec<CameraPose>
 pub(crate) fn p3p(bearings: &Bound<'_, PyAny>, points3d: &Bound<'_, PyAny>) -> Result<Vec<CameraPose>> {
     let mut poses = ArrayVec::new();
     let unit = vectors::<3>("bearings", bearings)?.map(|b| b.normalize());
-    veiloc_solvers::p3p(&unit, &points(points3d)?, &mut poses);
+    veiloc_pose::solvers::p3p(&unit, &points(points3d)?, &mut poses);
     Ok(found(poses))
 }
 
@@ -62,7 +62,7 @@ pub(crate) fn p6lp(lines: &Bound<'_, PyAny>, points3d: &Bound<'_, PyAny>) -> Res
     let mut poses = ArrayVec::new();
     let points = points(points3d)?;
     if let Some(lines) = self::lines(lines)? {
-        veiloc_solvers::p6lp(&lines, &points, &mut poses);
+        veiloc_pose::solvers::p6lp(&lines, &points, &mut poses);
     }
     Ok(found(poses))
 }
@@ -76,7 +76,7 @@ pub(crate) fn p5lp_radial(
 ) -> Result<Vec<CameraPose>> {
     let mut poses = ArrayVec::new();
     let directions = arrays::sample::<5, 2>("directions", directions)?.map(Vector2::from);
-    veiloc_solvers::p5lp_radial(&directions, &points(points3d)?, &mut poses);
+    veiloc_pose::solvers::p5lp_radial(&directions, &points(points3d)?, &mut poses);
     Ok(poses.into_iter().map(CameraPose::from).collect())
 }
 
@@ -98,7 +98,7 @@ pub(crate) fn p6lp_dual_radial(
     };
     let anchor = Vector3::from(arrays::vector::<3>("anchor", anchor)?);
     let inward = vectors::<5>("inward", inward)?;
-    veiloc_solvers::p6lp_dual_radial(&anchor, &inward, &sixth, &points(points3d)?, &mut poses);
+    veiloc_pose::solvers::p6lp_dual_radial(&anchor, &inward, &sixth, &points(points3d)?, &mut poses);
     Ok(found(poses))
 }
 
@@ -114,7 +114,12 @@ pub(crate) fn up2p(
 ) -> Result<Vec<CameraPose>> {
     let mut poses = ArrayVec::new();
     let unit = vectors::<2>("bearings", bearings)?.map(|b| b.normalize());
-    veiloc_solvers::up2p(&unit, &points(points3d)?, &gravity(down_in_camera, down_in_world)?, &mut poses);
+    veiloc_pose::solvers::up2p(
+        &unit,
+        &points(points3d)?,
+        &gravity(down_in_camera, down_in_world)?,
+        &mut poses,
+    );
     Ok(found(poses))
 }
 
@@ -131,7 +136,7 @@ pub(crate) fn u4lp(
     let mut poses = ArrayVec::new();
     let (points, gravity) = (points(points3d)?, gravity(down_in_camera, down_in_world)?);
     if let Some(lines) = self::lines(lines)? {
-        veiloc_solvers::u4lp(&lines, &points, &gravity, &mut poses);
+        veiloc_pose::solvers::u4lp(&lines, &points, &gravity, &mut poses);
     }
     Ok(found(poses))
 }

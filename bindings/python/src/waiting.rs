@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
 use veiloc_features::Progress;
-use veiloc_robust::Stop;
+use veiloc_pose::Stop;
 
 use crate::errors::{Fault, Result};
 use crate::hands::on_another_thread;

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::Serialize;
 use veiloc_obfuscation::{Session, SessionOptions};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::error::WebError;
 use crate::message;

@@ -3,7 +3,7 @@
 use veiloc_attacks::AttackError;
 use veiloc_features::FeatureError;
 use veiloc_obfuscation::{ExtractError, SealError, SessionAnchorsError, SessionBytesError};
-use veiloc_query::{Lopsided, QueryError};
+use veiloc_protocol::{Lopsided, QueryError};
 
 /// Why a call gives nothing.
 #[derive(Debug, thiserror::Error)]

@@ -9,7 +9,7 @@ use serde::Serialize;
 use veiloc_features::{Features, GrayImage, Image, guessed_camera_of};
 use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel};
 use veiloc_obfuscation::{Orientation, SealOptions, Session, extract_loaded, seal as seal_features};
-use veiloc_query::{AngleBits, FocalKnowledge, Profile, QueryError, SealedQuery, SizeClass};
+use veiloc_protocol::{AngleBits, FocalKnowledge, Profile, QueryError, SealedQuery, SizeClass};
 
 use crate::error::WebError;
 use crate::message;

@@ -11,7 +11,7 @@ use veiloc_attacks::{
     errors_px, graph, prior_only,
 };
 use veiloc_geometry::Pixel;
-use veiloc_query::{Observations, SealedQuery};
+use veiloc_protocol::{Observations, SealedQuery};
 
 use crate::error::WebError;
 use crate::message::{self, floats};

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{GrayImage, Image};
 use veiloc_obfuscation::{SealOptions, extract_loaded, seal};
-use veiloc_query::{Profile, SealedQuery};
+use veiloc_protocol::{Profile, SealedQuery};
 use veiloc_web::device::Device;
 use veiloc_web::exports::reply;
 use veiloc_web::message;

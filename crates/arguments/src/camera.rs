@@ -6,7 +6,7 @@ use std::str::FromStr;
 use veiloc_features::FeatureError;
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::KnownCamera;
-use veiloc_query::FocalKnowledge;
+use veiloc_protocol::FocalKnowledge;
 
 use crate::exit::Failure;
 use crate::files;

@@ -7,7 +7,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use veiloc_features::{Extractor, Extractors};
 use veiloc_hloc::{HlocError, StoredFeatures};
 use veiloc_networks::{Engine, Learned, Models, NetworkError};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::exit::Failure;
 

@@ -3,7 +3,7 @@
 use veiloc_features::SharedGlobal;
 use veiloc_networks::Models;
 use veiloc_obfuscation::SealOptions;
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::exit::Failure;
 use crate::ui::Ui;

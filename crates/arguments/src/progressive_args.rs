@@ -1,6 +1,6 @@
 //! Progressive queries: the same words wherever queries are sent.
 
-use veiloc_query::Enough;
+use veiloc_protocol::Enough;
 
 /// How much of a sealed query is sent.
 #[derive(clap::Args)]

@@ -1,7 +1,7 @@
 //! What an attacker holds of one keypoint.
 
 use veiloc_geometry::{Anchor, PencilLine, Pencils, Pixel, PixelLine, Span};
-use veiloc_query::Observations;
+use veiloc_protocol::Observations;
 
 /// What one sealed row tells about the position of its keypoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,7 +120,7 @@ impl Observation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use veiloc_query::AnchoredLine;
+    use veiloc_protocol::AnchoredLine;
 
     #[test]
     fn what_is_sent_is_read_as_it_is() {

@@ -2,7 +2,7 @@
 
 use veiloc_attacks::{Density, Descriptors, KnownImage, NeighbourLists, Observation, Transfer, prior_only};
 use veiloc_geometry::Pixel;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_sightings::{RestingOptions, Sighted, resting_camera};
 
 use crate::error::AuditError;

@@ -87,7 +87,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use veiloc_datasets::synthetic_image;
     use veiloc_obfuscation::audit::obfuscate_points;
-    use veiloc_query::{AngleBits, DclLayout, Scheme};
+    use veiloc_protocol::{AngleBits, DclLayout, Scheme};
 
     use super::*;
 

@@ -4,7 +4,7 @@
 
 use veiloc_attacks::{NeighbourLists, Observation};
 use veiloc_geometry::Pixel;
-use veiloc_query::{Observations, Scheme};
+use veiloc_protocol::{Observations, Scheme};
 
 use super::attacks::Attack;
 use veiloc_datasets::KeypointImage;

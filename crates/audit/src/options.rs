@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_protocol::{AngleBits, Scheme};
 
 use crate::attacks::Attack;
 use crate::neighbours::NeighbourSource;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_attacks::{Descriptors, Observation};
 use veiloc_geometry::Pixel;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use crate::error::AuditError;
 

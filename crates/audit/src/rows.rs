@@ -1,7 +1,7 @@
 //! The rows of the table: what is run, and what is kept of it.
 
 use veiloc_attacks::ErrorSummary;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::attacks::Attack;
 use super::document::AttackSummary;

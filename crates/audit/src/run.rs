@@ -9,7 +9,7 @@ use veiloc_attacks::{
     Density, Descriptors, KnownImage, NeighbourLists, Observation, PlaceCounts, Transfer, bits_over_prior,
     errors_px,
 };
-use veiloc_query::{Observations, Scheme};
+use veiloc_protocol::{Observations, Scheme};
 use veiloc_sightings::RestingOptions;
 
 use super::attacks::Attack;

@@ -11,8 +11,8 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{ErrorSummary, Observation};
 use veiloc_geometry::{Pixel, PlanePoint};
 use veiloc_obfuscation::obfuscate_points;
-use veiloc_query::{Observations, Scheme};
-use veiloc_robust::{PoseOptions, estimate_pose};
+use veiloc_pose::{PoseOptions, estimate_pose};
+use veiloc_protocol::{Observations, Scheme};
 
 use super::document::ServerSummary;
 use super::options::{AttackEvaluation, Measured, ServerKnowledge};

@@ -2,7 +2,7 @@
 
 use veiloc_attacks::Observation;
 use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel};
-use veiloc_query::Observations;
+use veiloc_protocol::Observations;
 
 /// One image as the server sees it under one scheme.
 pub(crate) struct View {

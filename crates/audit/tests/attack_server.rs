@@ -14,7 +14,7 @@ use veiloc_audit::{
 };
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, PlanePoint, Point3};
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_protocol::{AngleBits, Scheme};
 
 const POINTS: usize = 500;
 const FOCAL: f64 = 500.0;

@@ -6,7 +6,7 @@ mod made;
 
 use common::{CAMERA, Place, place};
 use made::Field::Short;
-use veiloc_query::{FocalKnowledge, SealedQuery};
+use veiloc_protocol::{FocalKnowledge, SealedQuery};
 
 /// An image of the place with EXIF that has the focal length, and a word that must not get out.
 fn with_exif(place: &Place, name: &str, fields: &[made::Field]) {

@@ -4,7 +4,7 @@ mod common;
 
 use common::{CAMERA, Place, place};
 use image::{DynamicImage, GrayImage, ImageBuffer, Luma, LumaA, RgbImage};
-use veiloc_query::SealedQuery;
+use veiloc_protocol::SealedQuery;
 
 /// Black where a person could stand.
 fn person(x: u32, y: u32) -> bool {

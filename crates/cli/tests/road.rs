@@ -5,7 +5,7 @@ mod common;
 use common::{CAMERA, MAP_VIEWS, Place, QUERIES, keys, place};
 use serde_json::{Value, json};
 use veiloc_geometry::CameraFromWorld;
-use veiloc_query::{AngleBits, Profile, Scheme, SealedQuery, WireVersion, Wish};
+use veiloc_protocol::{AngleBits, Profile, Scheme, SealedQuery, WireVersion, Wish};
 
 /// Rotation (degrees) and translation (map units) between the pose of a document and the true one.
 fn pose_error(document: &Value, truth: &CameraFromWorld) -> (f64, f64) {

@@ -5,7 +5,7 @@ mod common;
 use common::{CAMERA, Place, folder, place};
 use veiloc_geometry::Anchor;
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_query::{Observations, SealedQuery};
+use veiloc_protocol::{Observations, SealedQuery};
 
 /// The words with which an image of the place is sealed.
 fn seal(image: &str, words: &str, out: &str) -> String {

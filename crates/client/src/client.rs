@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use veiloc_query::{Answer, Profile, RigMessage, SealedQuery};
+use veiloc_protocol::{Answer, Profile, RigMessage, SealedQuery};
 
 use crate::address::{Address, token};
 use crate::profile_cache::{ProfileCache, hash, keep};

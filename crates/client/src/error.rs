@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use veiloc_query::{Lopsided, QueryError, RigMessage};
+use veiloc_protocol::{Lopsided, QueryError, RigMessage};
 
 use crate::Refusal;
 

@@ -96,7 +96,7 @@ pub use veiloc_obfuscation::{
     KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors, SessionBytesError,
     SessionOptions,
 };
-pub use veiloc_query::{
+pub use veiloc_protocol::{
     Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, Enough, FocalKnowledge,
     PositionHint, Profile, RigMessage, Scheme, SealedFrame, SealedQuery,
 };

@@ -1,6 +1,6 @@
 //! Progressive queries: a few rows first, more only while the service does not trust the pose (decision 0020).
 
-use veiloc_query::{Answer, Enough, Profile, SealedQuery};
+use veiloc_protocol::{Answer, Enough, Profile, SealedQuery};
 
 use crate::{Client, ClientError, LocalizeRequest};
 

@@ -1,6 +1,6 @@
 //! What a caller may say beside a sealed query.
 
-use veiloc_query::PositionHint;
+use veiloc_protocol::PositionHint;
 
 /// What a caller may say beside a sealed query. The default says nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use veiloc_features::{Features, Mask};
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{ExtractError, SealError, SealOptions, device_rng, extract, extract_masked, seal};
-use veiloc_query::{Profile, SealedQuery};
+use veiloc_protocol::{Profile, SealedQuery};
 
 use crate::SessionFileError;
 

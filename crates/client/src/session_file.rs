@@ -9,7 +9,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{
     Orientation, SealOptions, Session, SessionOptions, device_rng, extract, extract_masked,
 };
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::replace::replace;
 use crate::{SealImageError, SealedImage, SessionFileError};

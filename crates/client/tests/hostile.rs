@@ -4,7 +4,7 @@ mod common;
 
 use common::{Service, known, problem, protobuf, query, quick, reply};
 use veiloc_client::{Answer, AnswerState, Client, ClientError, LocalizeRequest, Profile};
-use veiloc_query::AnswerVersion;
+use veiloc_protocol::AnswerVersion;
 
 fn bad_answer(replies: Vec<Vec<u8>>) -> String {
     let service = Service::saying(replies);

@@ -9,7 +9,7 @@ use veiloc_client::{
 };
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
-use veiloc_query::{
+use veiloc_protocol::{
     AnchoredRow, AngleBits, AngleForm, AnswerVersion, CanonicalCamera, Hints, LayoutTurn, QueryParts, Rows,
 };
 

@@ -39,7 +39,7 @@ pub enum ClusterError {
         /// Which object.
         object: veiloc_regions::ObjectId,
         /// What is wrong with it.
-        source: veiloc_query::QueryError,
+        source: veiloc_protocol::QueryError,
     },
     /// The listener of probes and metrics.
     #[error(transparent)]

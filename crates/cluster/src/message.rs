@@ -5,7 +5,7 @@
 
 use bytes::Bytes;
 use prost::Message;
-use veiloc_query::{Answer, AnswerVersion, PositionHint};
+use veiloc_protocol::{Answer, AnswerVersion, PositionHint};
 use veiloc_regions::ObjectId;
 use veiloc_server::{Kind, NoPose, Unanswered};
 

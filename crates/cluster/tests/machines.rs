@@ -73,14 +73,14 @@ async fn of_several_regions_the_trusted_pose_with_most_evidence_is_told() {
 async fn a_session_goes_the_same_road() {
     let town = Town::new(10);
     let machines = Machines::start(&town, Bus::in_process(), &["all"]).await;
-    let frame = |pose| veiloc_query::SealedFrame {
-        query: veiloc_query::SealedQuery::decode(&town.query(&pose)).expect("sealed"),
+    let frame = |pose| veiloc_protocol::SealedFrame {
+        query: veiloc_protocol::SealedQuery::decode(&town.query(&pose)).expect("sealed"),
         cam_from_rig: veiloc_geometry::CameraFromRig::from_quaternion([1.0, 0.0, 0.0, 0.0], [0.0; 3])
             .expect("a pose"),
         rotation_sd_deg: 0.0,
         translation_sd: 0.0,
     };
-    let bytes = veiloc_query::RigMessage { frames: vec![frame(truth())] }.encode();
+    let bytes = veiloc_protocol::RigMessage { frames: vec![frame(truth())] }.encode();
     let asked = || Asked::decode(Kind::Rig, &bytes).expect("a session");
     let options = veiloc_localize::LocalizeOptions::default();
     let expected = asked().localize(&region(&town.folder(), 0), &options, 0.0).expect("a pose").answer;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 use veiloc_features::{Extractor, Limits, Progress, extract_image};
 use veiloc_geometry::Pixel;
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 
 use crate::KeypointImage;
 use crate::error::DatasetError;

@@ -7,8 +7,8 @@ use veiloc_descriptor::DescriptorKind;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pinhole, Pixel, Point3};
-use veiloc_robust::prior::{Evidence, match_probability};
-use veiloc_robust::{Gravity, SeenFrom};
+use veiloc_pose::prior::{Evidence, match_probability};
+use veiloc_pose::{Gravity, SeenFrom};
 
 use crate::error::DatasetError;
 use crate::json_lines;

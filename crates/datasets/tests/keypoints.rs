@@ -4,7 +4,7 @@ use std::path::Path;
 
 use veiloc_datasets::{KeypointImage, keypoints_of_image, read_keypoints};
 use veiloc_features::Sift;
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 use veiloc_testdata::real_data_test;
 
 /// Row `i` as a unit vector.

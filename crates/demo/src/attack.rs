@@ -11,7 +11,7 @@ use veiloc_features::Progress;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{extract, seal_with_truth};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_report::{AttackedBy, AttackedScheme};
 
 use crate::error::DemoError;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 /// What the demo does.
 #[derive(Debug, Clone)]

@@ -18,8 +18,8 @@ use veiloc_map::{MapFile, PosedImages};
 use veiloc_mapping::{BuildOptions, Input};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
-use veiloc_query::{Observations, Scheme, SealedQuery};
-use veiloc_robust::Correspondences;
+use veiloc_pose::Correspondences;
+use veiloc_protocol::{Observations, Scheme, SealedQuery};
 
 use crate::error::EvalError;
 use crate::road::{PlaceMap, PosedQuery, equipped, extracted, posed_queries};

@@ -10,7 +10,7 @@ use veiloc_localize::{Localization, LocalizeOptions, localize};
 use veiloc_map::colmap::read_posed;
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_obfuscation::{SealOptions, extract, seal};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_regions::{Folder, FolderWriter, SplitOptions, cut};
 use veiloc_results::Evaluation;
 use veiloc_testdata::real_data_test;

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
+use veiloc_pose::ScoreKind;
 use veiloc_poses::{PoseEvaluation, Recipe, evaluate_poses};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_results::Hypotheses;
 use veiloc_results::{Evaluation, SchemeSummary};
-use veiloc_robust::ScoreKind;
 use veiloc_testdata::real_data_test;
 
 fn names(list: &Path) -> Vec<String> {

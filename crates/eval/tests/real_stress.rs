@@ -9,8 +9,8 @@ use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_posed;
 use veiloc_mapping::{BuildOptions, Input, build};
-use veiloc_query::Scheme;
-use veiloc_robust::State;
+use veiloc_pose::State;
+use veiloc_protocol::Scheme;
 use veiloc_testdata::real_data_test;
 
 fn names(list: &Path, every: usize) -> Vec<String> {

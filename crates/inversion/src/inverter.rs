@@ -14,7 +14,7 @@ use veiloc_attacks::Observation;
 use veiloc_datasets::KeypointImage;
 use veiloc_features::ColourImage;
 use veiloc_geometry::Pixel;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_training::TrainingError;
 use veiloc_training::file::{Format, Reader, Writer};
 

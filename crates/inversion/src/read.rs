@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use rayon::prelude::*;
 use veiloc_datasets::keypoints_of_image;
 use veiloc_features::{Extractor, Progress, load_colour};
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 
 use crate::error::InversionError;
 use crate::example::Example;

@@ -1,6 +1,6 @@
 //! What is learned.
 
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_protocol::{AngleBits, Scheme};
 use veiloc_training::TrainingError;
 
 use crate::error::InversionError;

@@ -11,7 +11,7 @@ use veiloc_inversion::evaluation::{
 use veiloc_inversion::{
     Course, Form, InversionError, InversionTask, Inverter, Sees, Shape, read_examples, train,
 };
-use veiloc_query::{ExtractionLimits, Scheme};
+use veiloc_protocol::{ExtractionLimits, Scheme};
 
 /// Squares on a slope, with corners for SIFT to find.
 fn draw(folder: &Path, shift: u32) -> PathBuf {

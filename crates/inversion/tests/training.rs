@@ -248,7 +248,10 @@ fn files_are_read_back_or_refused() {
 fn what_makes_no_sense_is_refused() {
     let dcl = "dcl".parse().expect("a scheme");
     assert!(InversionTask::new(shape(Sees::Lines), None).is_err(), "lines of what");
-    assert!(InversionTask::new(shape(Sees::Lines), Some(veiloc_query::Scheme::Points)).is_err(), "no lines");
+    assert!(
+        InversionTask::new(shape(Sees::Lines), Some(veiloc_protocol::Scheme::Points)).is_err(),
+        "no lines"
+    );
     assert!(InversionTask::new(shape(Sees::Bag), Some(dcl)).is_err(), "nothing is seen of it");
     for sees in [Sees::Lines, Sees::Bag] {
         let shape = Shape { form: Form::InvSfm, ..shape(sees) };

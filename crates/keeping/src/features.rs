@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     fn wanted(path: &Path, global: bool) -> Wanted<'_> {
-        let limits = veiloc_query::ExtractionLimits::default();
+        let limits = veiloc_protocol::ExtractionLimits::default();
         Wanted { path, size: (4, 3), limits, kind: DescriptorKind::ROOT_SIFT, global }
     }
 

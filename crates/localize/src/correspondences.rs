@@ -1,8 +1,8 @@
 //! From what the query tells about a row to what the estimator wants to know about a match.
 
 use veiloc_geometry::PixelLine;
-use veiloc_query::Observations;
-use veiloc_robust::Correspondences;
+use veiloc_pose::Correspondences;
+use veiloc_protocol::Observations;
 
 /// What a query tells about its matches, as the robust estimator takes it.
 #[derive(Debug, Clone, PartialEq)]

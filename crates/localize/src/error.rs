@@ -1,7 +1,7 @@
 //! Why a query was not localized.
 
-use veiloc_query::QueryError;
-use veiloc_robust::PoseError;
+use veiloc_pose::PoseError;
+use veiloc_protocol::QueryError;
 
 /// Why there is no pose.
 ///
@@ -27,7 +27,7 @@ pub enum LocalizeError {
         /// What is wrong with it.
         source: Box<LocalizeError>,
     },
-    /// It was given up before its end: [`veiloc_robust::PoseOptions::stop`].
+    /// It was given up before its end: [`veiloc_pose::PoseOptions::stop`].
     #[error("localization was stopped before its end")]
     Stopped,
     /// The robust estimator found no pose.

@@ -17,7 +17,7 @@
 //! ```
 //! use veiloc_geometry::{Pixel, PixelLine};
 //! use veiloc_localize::observe_matches;
-//! use veiloc_query::Observations;
+//! use veiloc_protocol::Observations;
 //!
 //! // Coordinate permutation: of each row's lines, the level one or the upright one runs through the keypoint.
 //! let either = |u, v| [0.0, std::f64::consts::FRAC_PI_2].map(|angle| PixelLine::through(Pixel::new(u, v), angle));

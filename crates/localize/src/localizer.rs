@@ -8,11 +8,11 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::MatchOptions;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_map::{MapFile, MapView, PointId};
-use veiloc_query::{CoarseGravity, SealedQuery};
-use veiloc_robust::prior::{Evidence, MatchPrior, match_probability};
-use veiloc_robust::{
+use veiloc_pose::prior::{Evidence, MatchPrior, match_probability};
+use veiloc_pose::{
     Confidence, FocalKnowledge, Gravity, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
 };
+use veiloc_protocol::{CoarseGravity, SealedQuery};
 
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
@@ -214,9 +214,9 @@ fn problem_of(
     problem.position = options.position;
     problem.gravity = gravity_of(query, map);
     problem.focal = match query.focal_known() {
-        veiloc_query::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
-        veiloc_query::FocalKnowledge::Exif => FocalKnowledge::Exif,
-        veiloc_query::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
+        veiloc_protocol::FocalKnowledge::Calibrated => FocalKnowledge::Calibrated,
+        veiloc_protocol::FocalKnowledge::Exif => FocalKnowledge::Exif,
+        veiloc_protocol::FocalKnowledge::Unknown => FocalKnowledge::Unknown,
     };
     problem.point_covariances =
         Some(observed.match_of.iter().map(|m| map.point_covariance(of_match(m).point)).collect());

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
 use veiloc_map::{MapFile, MapView, PointId};
-use veiloc_robust::{SeenFrom, Stop};
+use veiloc_pose::{SeenFrom, Stop};
 
 use crate::retrieval::Retrieved;
 

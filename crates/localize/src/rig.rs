@@ -6,8 +6,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 use veiloc_map::MapFile;
-use veiloc_query::{Scheme, SealedFrame};
-use veiloc_robust::{Confidence, RigFrame, State, estimate_rig_pose};
+use veiloc_pose::{Confidence, RigFrame, State, estimate_rig_pose};
+use veiloc_protocol::{Scheme, SealedFrame};
 
 use crate::error::LocalizeError;
 use crate::localizer::{LocalizeOptions, MatchedQuery, StageTimes, distinct, match_query};

@@ -1,8 +1,8 @@
 //! What an estimate is worth in this map: its covariance calibrated by the map's self-test, and its state.
 
 use veiloc_map::{Calibration, MapFile};
-use veiloc_query::Scheme;
-use veiloc_robust::{Confidence, PoseError, State};
+use veiloc_pose::{Confidence, PoseError, State};
+use veiloc_protocol::Scheme;
 
 use crate::error::LocalizeError;
 

@@ -12,8 +12,8 @@ use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
 use veiloc_localize::{GravityUse, Localization, LocalizeOptions, localize};
 use veiloc_map::{Down, MapFile, MapModel};
 use veiloc_obfuscation::seal;
-use veiloc_query::{CoarseGravity, SealedQuery};
-use veiloc_robust::State;
+use veiloc_pose::State;
+use veiloc_protocol::{CoarseGravity, SealedQuery};
 
 const SCHEMES: [&str; 3] = ["points", "random-lines", "dcl"];
 

@@ -9,7 +9,7 @@ use veiloc_geometry::Rigid3;
 use veiloc_localize::{LocalizeError, LocalizeOptions, localize, localize_rig};
 use veiloc_map::{BuildSettings, MapModel, MapPoint};
 use veiloc_obfuscation::{SealOptions, seal};
-use veiloc_query::{SealedFrame, SealedQuery};
+use veiloc_protocol::{SealedFrame, SealedQuery};
 
 #[test]
 fn a_session_gives_one_pose_and_refuses_what_is_no_session() {

@@ -22,7 +22,7 @@
 //! ```
 //! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 //! use veiloc_map::{BuildSettings, MapFile, MapLock, MapModel};
-//! use veiloc_query::Profile;
+//! use veiloc_protocol::Profile;
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let path = folder.path().join("hall.vmap");

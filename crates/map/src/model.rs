@@ -6,7 +6,7 @@ use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Matrix3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::compressed::Compressed;
 use crate::down::Down;

@@ -4,7 +4,7 @@
 //! compared with those that the map was built with. It is run by `veiloc-selftest`; here is what it came to, because it is
 //! kept in the map's file and used where queries are answered.
 
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 /// Shares of [`SelfTest::scale`] and degrees within which poses are counted, whatever the map's unit is.
 pub const RELATIVE: [(f64, f64); 3] = [(0.002, 0.2), (0.01, 1.0), (0.05, 5.0)];

@@ -1,6 +1,6 @@
 //! How a map was built, as far as images that join later must be treated the same way.
 
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 
 use crate::error::MapError;
 

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, GlobalModel};
 use veiloc_map::{BuildSettings, MapImage, MapModel, PosedImage, PosedImages};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::complete::grow;
 use crate::diagnose::{diagnose, explain};

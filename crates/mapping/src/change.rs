@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, GlobalModel};
 use veiloc_map::{MapImage, MapModel, Observation, PosedImage};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images};
 use crate::complete::grow;

@@ -3,7 +3,7 @@
 use veiloc_descriptor::DescriptorError;
 use veiloc_features::FeatureError;
 use veiloc_map::MapError;
-use veiloc_query::QueryError;
+use veiloc_protocol::QueryError;
 
 use crate::bad_image::BadImages;
 use crate::report::Doubt;

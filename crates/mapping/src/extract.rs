@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use veiloc_features::{Extractor, FeatureError, Image, Limits, SharedGlobal, extract_loaded, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::PosedImage;
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 
 use crate::bad_image::{BadImage, BadReason};
 use crate::error::MappingError;

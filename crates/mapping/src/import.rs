@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use veiloc_geometry::{Pixel, PlanePoint};
 use veiloc_map::colmap::{ColmapModel, ColmapPoint, ColmapPoint2d};
 use veiloc_map::{MapModel, MapPoint, Observation};
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 
 use crate::bad_image::BadImage;
 use crate::build::{append_images, profile};

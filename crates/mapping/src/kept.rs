@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::path::Path;
 
 use veiloc_descriptor::{DescriptorKind, DescriptorView, Descriptors, GlobalDescriptor, Match, MatchOptions};
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 
 /// What was found in one image.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,7 +2,7 @@
 
 use veiloc_features::{Extractors, SharedGlobal};
 use veiloc_map::BuildSettings;
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 
 /// How to build a map.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,7 +6,7 @@ use veiloc_audit::{
     Attack, AttackEvaluation, FrameChoice, Measured, NeighbourSource, ServerKnowledge, attacks_table,
     evaluate_attacks,
 };
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_protocol::{AngleBits, Scheme};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::json_args::JsonArgs;

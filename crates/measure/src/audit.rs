@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use veiloc_audit::{Attack, AttackEvaluation, Audit, AuditOptions, attacks_table, run_audit};
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 use veiloc_report::audit_page;
 
 use crate::attack::AdversaryArgs;

@@ -14,7 +14,7 @@ use veiloc_features::{Extractor, Extractors, Features, GrayImage, Image, Mask};
 use veiloc_geometry::Intrinsics;
 use veiloc_networks::Learned;
 use veiloc_obfuscation::{SealOptions, extract_loaded, seal, seal_with_truth};
-use veiloc_query::{Profile, Scheme, SealedQuery};
+use veiloc_protocol::{Profile, Scheme, SealedQuery};
 use veiloc_testdata::real_data_test;
 
 const SCHEMES: [&str; 3] = ["dcl", "random-lines", "coordinate-permutation"];

@@ -21,7 +21,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{Extractors, Limits, Sift, extract_image, guessed_camera};
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::{SealOptions, extract, extract_with, seal_with_truth};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 type Fault = Box<dyn Error>;
 

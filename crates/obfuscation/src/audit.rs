@@ -7,7 +7,7 @@ use rand::{CryptoRng, Rng};
 use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
 use veiloc_geometry::{Intrinsics, Pinhole, Pixel};
-use veiloc_query::{AngleBits, AngleForm, LayoutTurn, Observations, Profile, Scheme, SealedQuery};
+use veiloc_protocol::{AngleBits, AngleForm, LayoutTurn, Observations, Profile, Scheme, SealedQuery};
 
 use crate::decoy;
 use crate::lift::{Places, dither, lift, select};

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use veiloc_features::{FeatureError, exif_camera, guessed_camera};
 use veiloc_geometry::Intrinsics;
-use veiloc_query::FocalKnowledge;
+use veiloc_protocol::FocalKnowledge;
 
 /// An image's camera, and how well its focal length is known: what [`SealOptions::with_focal`](crate::SealOptions) is to
 /// be told.

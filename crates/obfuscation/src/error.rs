@@ -1,6 +1,6 @@
 //! Why an image could not be sealed, and what to do about it.
 
-use veiloc_query::QueryError;
+use veiloc_protocol::QueryError;
 
 /// Why nothing was sealed. Holds counts and indices, never positions.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

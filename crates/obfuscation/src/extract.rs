@@ -6,7 +6,7 @@ use veiloc_features::{
     ExtractedImage, Extractor, Extractors, FeatureError, Features, Image, Limits, Mask, load_gray,
 };
 use veiloc_geometry::Intrinsics;
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::{SealError, SealOptions};
 

@@ -3,7 +3,7 @@
 //! Of all rooms only this one sees both a keypoint's position and the line that is sent instead. It runs on the
 //! device. [`seal`] is the door; everything it may not let through is listed with its test in `docs/privacy.md`.
 //!
-//! What happens to positions is said by [`SealOptions`], which are the device's own; a [`Profile`](veiloc_query::Profile)
+//! What happens to positions is said by [`SealOptions`], which are the device's own; a [`Profile`](veiloc_protocol::Profile)
 //! says what to extract, and is followed within [`DeviceLimits`] only.
 //!
 //! ```
@@ -15,7 +15,7 @@
 //! // On a device the profile comes from the map's server, and features from `veiloc_obfuscation::extract`.
 //! let kind = DescriptorKind::ROOT_SIFT;
 //! let words = Descriptors::new(kind, vec![20; 2 * 128])?;
-//! let profile = veiloc_query::Profile::vlad(Vocabulary::new(words)?);
+//! let profile = veiloc_protocol::Profile::vlad(Vocabulary::new(words)?);
 //! let place = |i: u32| Pixel::new(f64::from(20 + i * 97 % 600), f64::from(20 + i * 61 % 440));
 //! let keypoints = (0..300).map(|i| Keypoint { pixel: place(i), scale: 2.0, orientation: 0.0, response: 1.0 });
 //! let bytes = (0..300 * 128_u32).map(|i| (i * 31 % 90) as u8).collect();

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rand::Rng;
 use rand::seq::SliceRandom;
 use veiloc_geometry::{Pencils, Pinhole, Pixel};
-use veiloc_query::{
+use veiloc_protocol::{
     AnchoredRow, AngleBits, AngleForm, DclLayout, DualAnchors, LayoutTurn, LineRow, PositionRow, Rows, Scheme,
 };
 

@@ -2,7 +2,7 @@
 
 use veiloc_descriptor::{GlobalModel, Vocabulary};
 use veiloc_features::{Extractors, SharedGlobal};
-use veiloc_query::{AngleBits, CoarseGravity, ExtractionLimits, FocalKnowledge, Hints, Profile, Scheme};
+use veiloc_protocol::{AngleBits, CoarseGravity, ExtractionLimits, FocalKnowledge, Hints, Profile, Scheme};
 
 use crate::SealError;
 
@@ -12,7 +12,7 @@ use crate::SealError;
 ///
 /// ```
 /// use veiloc_obfuscation::SealOptions;
-/// use veiloc_query::Scheme;
+/// use veiloc_protocol::Scheme;
 ///
 /// assert_eq!(SealOptions::default().scheme().to_string(), "dcl");
 /// let lines = SealOptions::new("random-lines".parse()?)?.with_max_keypoints(512);

@@ -1,7 +1,7 @@
 //! What a session changes in how one of its frames is sealed.
 
 use veiloc_geometry::Anchor;
-use veiloc_query::LayoutTurn;
+use veiloc_protocol::LayoutTurn;
 
 use crate::grid::AngleGrid;
 

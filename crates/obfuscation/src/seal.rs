@@ -4,7 +4,7 @@ use rand::CryptoRng;
 use rand::seq::SliceRandom;
 use veiloc_features::Features;
 use veiloc_geometry::{Intrinsics, Pencils, Pixel};
-use veiloc_query::{
+use veiloc_protocol::{
     CanonicalCamera, Profile, QueryError, QueryParts, Rows, Scheme, SealedQuery, SizeClass, Window,
 };
 
@@ -35,7 +35,7 @@ const ANCHOR_CLEARANCE: f64 = 1.0;
 ///
 /// ```compile_fail,E0382
 /// # use veiloc_obfuscation::{SealOptions, device_rng, seal};
-/// # fn f(features: veiloc_features::Features, camera: veiloc_geometry::Intrinsics, profile: veiloc_query::Profile) {
+/// # fn f(features: veiloc_features::Features, camera: veiloc_geometry::Intrinsics, profile: veiloc_protocol::Profile) {
 /// let options = SealOptions::default();
 /// let first = seal(features, &camera, &profile, &options, &mut device_rng().unwrap());
 /// let retry = seal(features, &camera, &profile, &options, &mut device_rng().unwrap()); // the image is used up

@@ -6,7 +6,7 @@ use common::{camera, features_at, options, profile, random_descriptors, rng, uni
 use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding, GlobalModel, NamedGlobal, Vocabulary};
 use veiloc_features::{Image, load_gray};
 use veiloc_obfuscation::{DeviceLimits, ExtractError, SealError, SealOptions, extract, extract_loaded, seal};
-use veiloc_query::{AngleBits, ExtractionLimits, Observations, Profile, Scheme, SealedQuery, Wish};
+use veiloc_protocol::{AngleBits, ExtractionLimits, Observations, Profile, Scheme, SealedQuery, Wish};
 
 fn sealed(profile: &Profile, options: &SealOptions, count: usize) -> Result<SealedQuery, SealError> {
     seal(features_at(&uniform_pixels(count, 1), 1), &camera(), profile, options, &mut rng(1))

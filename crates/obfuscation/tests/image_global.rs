@@ -13,7 +13,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{
     ExtractError, Orientation, SealError, SealOptions, Session, SessionOptions, extract, extract_masked, seal,
 };
-use veiloc_query::{Profile, SealedQuery, SizeClass};
+use veiloc_protocol::{Profile, SealedQuery, SizeClass};
 
 const WIDE: u32 = 16;
 const HIGH: u32 = 12;

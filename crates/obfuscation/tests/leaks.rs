@@ -12,7 +12,7 @@ use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
 use veiloc_geometry::{Anchor, Intrinsics, Pixel, PixelLine};
 use veiloc_obfuscation::{SealError, SealOptions, obfuscate_points, seal, seal_with_truth};
-use veiloc_query::{
+use veiloc_protocol::{
     AngleBits, CanonicalCamera, CoarseGravity, DualAnchors, FocalKnowledge, Observations, Scheme, SizeClass,
 };
 
@@ -370,7 +370,7 @@ fn l8_debug_output_has_counts_only() {
         let features = |seed| format!("{:?}", features_at(&uniform_pixels(256, seed), seed));
         assert_eq!(features(1), features(2));
         // The leak: what a derived implementation would print.
-        let content = |q: &veiloc_query::SealedQuery| format!("{:?}", q.descriptors().as_bytes());
+        let content = |q: &veiloc_protocol::SealedQuery| format!("{:?}", q.descriptors().as_bytes());
         assert_ne!(content(&a), content(&b), "the measure does not see the leak");
     }
     let mut features = features_at(&uniform_pixels(10, 1), 1);
@@ -439,6 +439,6 @@ fn l9_random_directions_owe_nothing_to_the_keypoint() {
     }
 }
 
-fn limits(max_keypoints: u32) -> veiloc_query::ExtractionLimits {
-    veiloc_query::ExtractionLimits { max_keypoints, max_image_side: 1600 }
+fn limits(max_keypoints: u32) -> veiloc_protocol::ExtractionLimits {
+    veiloc_protocol::ExtractionLimits { max_keypoints, max_image_side: 1600 }
 }

@@ -6,7 +6,7 @@ mod common;
 use common::*;
 use veiloc_geometry::{Anchor, Intrinsics, Pixel};
 use veiloc_obfuscation::seal;
-use veiloc_query::DualAnchors;
+use veiloc_protocol::DualAnchors;
 
 /// Images of each lens.
 const IMAGES: u64 = 250;

@@ -12,7 +12,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{
     ExtractError, Orientation, SealOptions, Session, SessionOptions, extract, extract_masked, seal,
 };
-use veiloc_query::{ExtractionLimits, Profile};
+use veiloc_protocol::{ExtractionLimits, Profile};
 use veiloc_testdata::real_data_test;
 
 const SCHEMES: [&str; 4] = ["points", "random-lines", "coordinate-permutation", "dcl"];

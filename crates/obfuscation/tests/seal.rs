@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_obfuscation::{SealError, obfuscate_points, seal, seal_with_truth};
-use veiloc_query::{AngleBits, ExtractionLimits, Observations, QueryError, Scheme, SealedQuery};
+use veiloc_protocol::{AngleBits, ExtractionLimits, Observations, QueryError, Scheme, SealedQuery};
 
 const SCHEMES: [&str; 6] =
     ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:horizontal", "dcl:angle=30,s=2"];

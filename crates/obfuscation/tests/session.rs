@@ -9,7 +9,7 @@ use veiloc_geometry::{Anchor, Intrinsics, Pencils, Pixel};
 use veiloc_obfuscation::{
     Orientation, SealError, SealOptions, SealTruth, Session, SessionAnchors, SessionOptions, seal,
 };
-use veiloc_query::{AnchoredLine, Observations, SealedQuery};
+use veiloc_protocol::{AnchoredLine, Observations, SealedQuery};
 
 const STRIPES: &str = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";
 const LAYOUTS: [&str; 4] = ["dcl", "dcl:angle=30,s=2", STRIPES, "dcl:axis=90:sectors=16:anchors=@90+@0"];

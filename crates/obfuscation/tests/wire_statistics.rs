@@ -10,7 +10,7 @@ use common::{angles, camera, correlation, features_at, options, profile, rng, un
 use rand::Rng;
 use veiloc_geometry::{Anchor, Pixel};
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
-use veiloc_query::{DualAnchors, Observations, SealedQuery};
+use veiloc_protocol::{DualAnchors, Observations, SealedQuery};
 
 const ROWS: usize = 256;
 

@@ -12,7 +12,7 @@ use veiloc_geometry::Pixel;
 use veiloc_obfuscation::audit::obfuscate_points;
 use veiloc_outsider::positions::{PositionNetwork, PositionTask, Sees, Told, recover, told, train};
 use veiloc_outsider::{NetworkError, Progress, Trained, TrainingOptions, TrainingState};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_training::TrainingError;
 
 const DIMENSION: usize = 16;

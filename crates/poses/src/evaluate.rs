@@ -14,8 +14,8 @@ use veiloc_features::Progress;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_localize::{MatchedObservations, observe_matches};
 use veiloc_obfuscation::obfuscate_points;
-use veiloc_query::{AngleBits, Observations, Scheme};
-use veiloc_robust::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
+use veiloc_pose::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
+use veiloc_protocol::{AngleBits, Observations, Scheme};
 
 use crate::error::PosesError;
 use crate::floor::{ORACLE_RADIUS_PX, truly_right};

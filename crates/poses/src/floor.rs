@@ -1,7 +1,7 @@
 //! The floor: least squares from the true pose on the truly right matches, below which no estimator can be expected.
 
 use veiloc_geometry::{CameraFromWorld, Pixel, PlanePoint};
-use veiloc_robust::{Correspondences, PoseProblem};
+use veiloc_pose::{Correspondences, PoseProblem};
 
 /// How near a map point must project to its keypoint for a match to be truly right, pixels: the paper's inlier threshold
 /// for images of 640 x 480.

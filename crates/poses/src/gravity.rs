@@ -6,7 +6,7 @@ use std::str::FromStr;
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
-use veiloc_robust::Gravity;
+use veiloc_pose::Gravity;
 use veiloc_synth::problems::normal;
 
 /// Where the direction of gravity comes from.

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use veiloc_robust::{AnchoredSolver, PoseOptions, ScoreKind};
+use veiloc_pose::{AnchoredSolver, PoseOptions, ScoreKind};
 
 /// A way of estimating a pose.
 ///

@@ -1,6 +1,6 @@
 //! Which scores an evaluation runs when it is told none.
 
-use veiloc_robust::ScoreKind;
+use veiloc_pose::ScoreKind;
 
 /// The score an estimator compares by that is told none.
 pub(crate) const DEFAULT_SCORE: ScoreKind = ScoreKind::Likelihood;

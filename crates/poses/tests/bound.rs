@@ -2,7 +2,7 @@
 
 use veiloc_poses::PosesError;
 use veiloc_poses::crb::{BoundEvaluation, SyntheticEvaluation, SyntheticScene, evaluate_bound};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 fn small() -> SyntheticEvaluation {
     let mut evaluation = SyntheticEvaluation::default();

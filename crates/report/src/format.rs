@@ -1,6 +1,6 @@
 //! Words and numbers as they stand on the page.
 
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 /// Text made safe for HTML, in element content and in quoted attributes.
 pub(super) fn escape(text: &str) -> String {

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use veiloc_geometry::{Pixel, PixelLine};
-use veiloc_query::Observations;
+use veiloc_protocol::Observations;
 
 use crate::run::{RowState, SentDrawing};
 

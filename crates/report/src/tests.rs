@@ -10,13 +10,13 @@ use veiloc_attacks::{
     lift, prior_only,
 };
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pencils, Pixel, PixelLine};
-use veiloc_query::{AnchoredLine, Observations};
+use veiloc_protocol::{AnchoredLine, Observations};
 use veiloc_synth::{PathOptions, Place, RenderOptions};
 
 use super::*;
 use veiloc_audit::{Attack, AttackSummary};
+use veiloc_pose::State;
 use veiloc_results::SchemeSummary;
-use veiloc_robust::State;
 
 const SIZE: (u32, u32) = (640, 480);
 

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
-use veiloc_robust::State;
+use veiloc_pose::State;
 
 use super::format::{escape, length};
 

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use veiloc_geometry::CameraFromWorld;
-use veiloc_query::Scheme;
-use veiloc_robust::{ScoreKind, State};
+use veiloc_pose::{ScoreKind, State};
+use veiloc_protocol::Scheme;
 
 use crate::metrics::{PoseError, finite};
 use crate::state::{as_text_if_any, from_text_if_any};

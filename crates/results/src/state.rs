@@ -2,7 +2,7 @@
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serializer};
-use veiloc_robust::State;
+use veiloc_pose::State;
 
 /// As the state prints itself.
 ///

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use veiloc_robust::State;
+use veiloc_pose::State;
 
 use crate::document::{QueryResult, SchemeSummary, SeedSummary, SentSummary};
 use crate::metrics::{PoseError, Threshold, finite, mean, median, recall};

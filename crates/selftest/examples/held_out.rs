@@ -16,7 +16,7 @@ use veiloc_localize::{LocalizeOptions, localize};
 use veiloc_map::{Calibration, MapFile, colmap};
 use veiloc_mapping::{BuildOptions, Input, build};
 use veiloc_obfuscation::{SealOptions, extract, seal};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_selftest::{SelfTestOptions, self_test};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;

@@ -9,7 +9,7 @@ use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_localize::Matched;
 use veiloc_map::{MapImage, MapModel};
 use veiloc_obfuscation::{SealError, SealOptions, seal};
-use veiloc_query::{Profile, Scheme, SealedQuery};
+use veiloc_protocol::{Profile, Scheme, SealedQuery};
 
 /// How a device seals under a scheme when it decides nothing else but to send what the map asks for of whole images.
 pub(crate) fn options_for(scheme: Scheme, profile: &Profile) -> SealOptions {

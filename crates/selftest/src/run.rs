@@ -7,7 +7,7 @@ use veiloc_localize::{LocalizeOptions, Matched, localize_matched, match_in};
 use veiloc_map::{MapError, MapFile, MapModel, MapView, PointId, SelfTest, Without};
 use veiloc_mapping::{LeaveOut, MappingError, Progress};
 use veiloc_obfuscation::SealError;
-use veiloc_query::{Scheme, SealedQuery};
+use veiloc_protocol::{Scheme, SealedQuery};
 
 use crate::query::{options_for, sealed, stored_features, transferred};
 use crate::summary::{median, summarize};

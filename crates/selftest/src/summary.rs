@@ -1,7 +1,7 @@
 //! From the trials of a scheme to what is said of it.
 
 use veiloc_map::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use crate::fit::fit;
 use crate::trial::{Distances, Trial};

@@ -8,7 +8,7 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, PlanePoint, Point3, Rigid3};
 use veiloc_map::{BuildSettings, Evidence, MapImage, MapModel, MapPoint, Observation};
 use veiloc_mapping::{CompressOptions, compress};
-use veiloc_query::{Profile, Scheme};
+use veiloc_protocol::{Profile, Scheme};
 use veiloc_selftest::{SelfTest, SelfTestOptions, self_test, self_test_compressed, smallest_within};
 
 const IMAGES: usize = 10;

@@ -3,8 +3,8 @@
 use veiloc_geometry::Rigid3;
 use veiloc_geometry::frames::World;
 use veiloc_localize::{Localization, RigLocalization, StageTimes};
-use veiloc_query::{Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, DoubtKind};
-use veiloc_robust::{Confidence, Doubt};
+use veiloc_pose::{Confidence, Doubt};
+use veiloc_protocol::{Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, DoubtKind};
 
 /// What is answered for a pose that took `queue_ms` to be begun with.
 pub(crate) fn answer_of(found: &Localization, queue_ms: f64) -> Answer {

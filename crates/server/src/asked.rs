@@ -4,8 +4,8 @@ use std::num::NonZeroU64;
 
 use veiloc_localize::{LocalizeError, LocalizeOptions, StageTimes, localize, localize_rig};
 use veiloc_map::MapFile;
-use veiloc_query::{Answer, QueryError, RigMessage, SealedFrame, SealedQuery};
-use veiloc_robust::PoseError;
+use veiloc_pose::PoseError;
+use veiloc_protocol::{Answer, QueryError, RigMessage, SealedFrame, SealedQuery};
 
 use crate::answer::{answer_of, answer_of_rig};
 

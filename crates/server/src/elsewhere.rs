@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use veiloc_observe::RequestId;
-use veiloc_query::{Answer, PositionHint, Profile};
+use veiloc_protocol::{Answer, PositionHint, Profile};
 
 use crate::asked::{Asked, Unanswered};
 use crate::geo::GeoFrame;

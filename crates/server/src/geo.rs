@@ -12,7 +12,7 @@ use std::str::FromStr;
 use serde::Serialize;
 use utoipa::ToSchema;
 use veiloc_geometry::nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
-use veiloc_query::{Answer, AnswerPose};
+use veiloc_protocol::{Answer, AnswerPose};
 
 /// Semi-major axis of WGS 84, metres.
 const A: f64 = 6_378_137.0;
@@ -208,7 +208,7 @@ fn geodetic_from_earth(earth: &Vector3<f64>) -> (f64, f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use veiloc_query::AnswerTimes;
+    use veiloc_protocol::AnswerTimes;
 
     use super::*;
 

@@ -14,7 +14,7 @@
 //! # let folder = tempfile::tempdir()?;
 //! # let path = folder.path().join("lobby.vmap");
 //! # let words = veiloc_descriptor::Descriptors::new(veiloc_descriptor::DescriptorKind::ROOT_SIFT, vec![9; 512])?;
-//! # let profile = veiloc_query::Profile::vlad(veiloc_descriptor::Vocabulary::new(words)?);
+//! # let profile = veiloc_protocol::Profile::vlad(veiloc_descriptor::Vocabulary::new(words)?);
 //! # veiloc_map::write(&veiloc_map::MapModel::empty(profile, Default::default()), &path)?;
 //! let mut options = ServerOptions::new(vec![MapSource { name: "lobby".to_owned(), path, geo: None }]);
 //! options.listen = vec!["127.0.0.1:0".parse()?];

@@ -8,7 +8,7 @@ use std::time::{Instant, SystemTime};
 use veiloc_access::is_map_name;
 use veiloc_map::{MapError, MapFile, MapMemory};
 use veiloc_page::{Content, thinned};
-use veiloc_query::{Profile, RigMessage};
+use veiloc_protocol::{Profile, RigMessage};
 use veiloc_transport::Attempts;
 
 use crate::asked::Kind;

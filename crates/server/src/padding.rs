@@ -1,7 +1,7 @@
 //! Rule L12: how long a reply is does not tell what it says, also to who counts bytes outside TLS.
 //!
 //! Bodies are filled up to a whole number of [`BODY_UNIT`]: JSON with spaces, protobuf with a field of its own
-//! (`veiloc_query::AnswerVersion::Padded`). What is left are the few bytes by which status lines and headers differ, and
+//! (`veiloc_protocol::AnswerVersion::Padded`). What is left are the few bytes by which status lines and headers differ, and
 //! the body of an answer of version 1, which has no room for padding; a header fills these up, see [`fill_head`].
 //! `tests/lengths.rs` measures both on the wire, over TLS too.
 
@@ -9,7 +9,7 @@ use axum::body::HttpBody as _;
 use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH};
 use axum::http::{HeaderName, HeaderValue};
 use axum::response::Response;
-use veiloc_query::Answer;
+use veiloc_protocol::Answer;
 use veiloc_transport::HeadBytes;
 
 /// Padded bodies have a whole number of times so many bytes: once, for everything this service says.

@@ -14,7 +14,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
 use veiloc_observe::{RequestId, RequestKind};
-use veiloc_query::QueryError;
+use veiloc_protocol::QueryError;
 
 use crate::asked::{NoPose, Unanswered};
 use crate::padding::{self, Hidden};

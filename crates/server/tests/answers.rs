@@ -7,7 +7,7 @@ use common::{Files, OPERATOR, PHONE, Running, truth};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld};
 use veiloc_localize::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
-use veiloc_query::{Answer, AnswerDocument, Profile, RigMessage, SealedFrame, SealedQuery};
+use veiloc_protocol::{Answer, AnswerDocument, Profile, RigMessage, SealedFrame, SealedQuery};
 
 #[test]
 fn a_sealed_query_gets_the_pose_the_library_finds() {
@@ -146,7 +146,7 @@ fn a_place_nearby_goes_along_with_one_request() {
     let sealed = SealedQuery::decode(&query).expect("own bytes");
     let center = truth().center();
     let mut options = LocalizeOptions::default();
-    options.position = Some(veiloc_robust::PositionPrior { center, sd: 0.5 });
+    options.position = Some(veiloc_pose::PositionPrior { center, sd: 0.5 });
     let expected = localize(&sealed, &map, &options).expect("localized");
     let near = format!("{},{},{},0.5", center.coords.x, center.coords.y, center.coords.z);
     let told = Request::localize(&query)

@@ -11,7 +11,7 @@ const WORD: &str = "XqZvKwJyQx";
 
 /// A whole query of version 1, made by an earlier program for another map.
 fn known_query() -> Vec<u8> {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../query/tests/data/v1-dcl.vquery");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../core/protocol/tests/data/v1-dcl.vquery");
     std::fs::read(path).expect("the known answer")
 }
 

@@ -14,7 +14,7 @@ use common::{Files, PHONE, Place, Running, data, truth};
 use rustls::pki_types::pem::PemObject as _;
 use rustls::pki_types::{CertificateDer, ServerName};
 use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
-use veiloc_query::Answer;
+use veiloc_protocol::Answer;
 use veiloc_server::{ServerOptions, TlsFiles};
 
 /// Everything a reply may be asked for in.

@@ -9,7 +9,7 @@ use common::{Files, OPERATOR, PHONE, Place, Running, pose, truth};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld};
 use veiloc_localize::{LocalizeOptions, localize_rig};
 use veiloc_map::MapFile;
-use veiloc_query::{Answer, RigMessage, SealedFrame, SealedQuery};
+use veiloc_protocol::{Answer, RigMessage, SealedFrame, SealedQuery};
 
 /// A device that turned and moved; the rig is the camera of its first image.
 fn session(place: &Place) -> RigMessage {

@@ -8,7 +8,7 @@ use veiloc_attacks::{
 };
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, PlanePoint, Point3};
-use veiloc_query::AngleBits;
+use veiloc_protocol::AngleBits;
 use veiloc_sightings::{
     Frame, FramesOptions, RestingOptions, Sighted, most_telling, resting_camera, several_frames,
 };

@@ -12,7 +12,7 @@ use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3};
 use veiloc_obfuscation::{Orientation, SealOptions, SealTruth, Session, SessionAnchors, SessionOptions};
-use veiloc_query::{Profile, SealedQuery};
+use veiloc_protocol::{Profile, SealedQuery};
 use veiloc_sightings::{Frame, FramesOptions, RestingOptions, resting_camera, several_frames};
 
 const STRIPES: &str = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";

@@ -5,7 +5,7 @@ use std::path::Path;
 use veiloc_eval::SceneEvaluation;
 use veiloc_map::colmap::read_posed;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_testdata::real_data_test;
 use veiloc_tradeoff::sessions::{Motion, SessionRow, SessionsEvaluation, evaluate_sessions};
 

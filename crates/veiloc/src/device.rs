@@ -17,7 +17,7 @@ pub use veiloc_obfuscation::{
     DeviceLimits, ExtractError, KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors,
     SessionBytesError, SessionOptions, device_rng, extract, extract_loaded, extract_with, seal,
 };
-pub use veiloc_query::{
+pub use veiloc_protocol::{
     Answer, AnswerDocument, AnswerPose, CoarseGravity, FocalKnowledge, PositionHint, Profile, QueryError,
     Scheme, SealedQuery,
 };

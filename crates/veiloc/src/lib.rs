@@ -66,4 +66,4 @@ pub mod server;
 /// Frames, cameras, poses, lines: what both roads speak in.
 pub use veiloc_geometry as geometry;
 /// The sealed query, the profile and the answer: what crosses the network.
-pub use veiloc_query as query;
+pub use veiloc_protocol as query;

@@ -16,6 +16,6 @@ pub use veiloc_map::{
 pub use veiloc_mapping::{
     BuildOptions, BuildReport, Input, MappingError, OnBadImage, Words, add, build, import, remove,
 };
-pub use veiloc_query::{Profile, SealedQuery};
+pub use veiloc_protocol::{Profile, SealedQuery};
 #[cfg(feature = "self-test")]
 pub use veiloc_selftest::{SelfTest, SelfTestError, SelfTestOptions, self_test};

@@ -15,7 +15,7 @@ use std::time::Instant;
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 use veiloc_obfuscation::{SealOptions, extract, seal};
-use veiloc_query::{Profile, SealedQuery};
+use veiloc_protocol::{Profile, SealedQuery};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

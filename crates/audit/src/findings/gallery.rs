@@ -2,7 +2,7 @@
 
 use veiloc_attacks::{NeighbourLists, Observation};
 use veiloc_geometry::Pixel;
-use veiloc_query::{Observations, Scheme};
+use veiloc_protocol::{Observations, Scheme};
 
 use crate::{Attack, AttackObserver, AttackTrial};
 

@@ -1,7 +1,7 @@
 //! The sentences follow the figures, and nothing is done twice.
 
 use veiloc_datasets::synthetic_image;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::*;
 use crate::{Attack, AttackSummary, ImageGroup, Neighbours};

@@ -1,6 +1,6 @@
 //! What attacks and neighbours are called in sentences.
 
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::verdict::base_share;
 use crate::{Attack, AttackDocument, Neighbours};

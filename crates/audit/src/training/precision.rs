@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{NeighbourLists, Observation};
 use veiloc_datasets::{KeypointImage, seed_for};
 use veiloc_obfuscation::audit::obfuscate_points;
-use veiloc_query::{AngleBits, DclLayout, Scheme};
+use veiloc_protocol::{AngleBits, DclLayout, Scheme};
 
 use super::document::PrecisionRow;
 use crate::error::AuditError;

@@ -1,7 +1,7 @@
 //! What a device decides, whatever a profile says: the scheme, and how much it sends.
 
 use veiloc_obfuscation::SealOptions;
-use veiloc_query::{CoarseGravity, FocalKnowledge, Profile, Scheme};
+use veiloc_protocol::{CoarseGravity, FocalKnowledge, Profile, Scheme};
 
 use crate::exit::Failure;
 use crate::ui::Ui;

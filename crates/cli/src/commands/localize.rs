@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use veiloc_geometry::Point3;
 use veiloc_localize::{LocalizeError, LocalizeOptions, localize};
 use veiloc_map::MapFile;
-use veiloc_query::{PositionHint, SealedQuery};
-use veiloc_robust::{PositionPrior, State};
+use veiloc_pose::{PositionPrior, State};
+use veiloc_protocol::{PositionHint, SealedQuery};
 
 use self::document::{
     Document, ErrorDocument, NoPoseKind, Query, Status, UNUSED_GRAVITY, found_query, lost_query,

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use veiloc_geometry::CameraFromRig;
-use veiloc_query::{RigMessage, SealedFrame, SealedQuery};
+use veiloc_protocol::{RigMessage, SealedFrame, SealedQuery};
 
 use crate::exit::Failure;
 use crate::files;

@@ -8,7 +8,7 @@ use veiloc_client::{Mask, Orientation, SealImageError, SealedImage, SessionFile,
 use veiloc_features::FeatureError;
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::SealOptions;
-use veiloc_query::{FocalKnowledge, Profile};
+use veiloc_protocol::{FocalKnowledge, Profile};
 
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::mask_args::MaskArgs;

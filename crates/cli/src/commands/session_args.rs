@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use veiloc_client::{Orientation, SessionAnchors, SessionFile, SessionFileError, SessionOptions};
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3};
-use veiloc_query::CoarseGravity;
+use veiloc_protocol::CoarseGravity;
 
 use crate::exit::Failure;
 

@@ -93,7 +93,7 @@ pub fn problem(status: &str, name: &str, headers: &[(&str, &str)]) -> Vec<u8> {
 
 /// A file of known answers of the wire format, which every version reads.
 pub fn known(name: &str) -> Vec<u8> {
-    let path = format!("{}/../query/tests/data/{name}", env!("CARGO_MANIFEST_DIR"));
+    let path = format!("{}/../../core/protocol/tests/data/{name}", env!("CARGO_MANIFEST_DIR"));
     std::fs::read(path).expect("the known answer")
 }
 

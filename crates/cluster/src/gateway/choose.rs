@@ -1,6 +1,6 @@
 //! What is told of what the regions gave.
 
-use veiloc_query::Answer;
+use veiloc_protocol::Answer;
 use veiloc_regions::is_better;
 use veiloc_server::Unanswered;
 
@@ -50,7 +50,7 @@ const fn weight(why: Unanswered) -> u8 {
 mod tests {
     use std::num::NonZeroU64;
 
-    use veiloc_query::AnswerTimes;
+    use veiloc_protocol::AnswerTimes;
     use veiloc_server::NoPose;
 
     use super::*;

@@ -14,7 +14,7 @@ use bytes::Bytes;
 use futures_util::future::join_all;
 use veiloc_bus::Bus;
 use veiloc_observe::GatewayCounts;
-use veiloc_query::{Answer, Profile};
+use veiloc_protocol::{Answer, Profile};
 use veiloc_regions::{ASKED, Folder, Manifest, ObjectId, RegionsError, rounds};
 use veiloc_server::{Answering, Description, Elsewhere, Question, Unanswered};
 

@@ -1,7 +1,7 @@
 //! Frames as they are written, damaged and made up.
 
 use proptest::prelude::*;
-use veiloc_query::{AnswerPose, AnswerTimes};
+use veiloc_protocol::{AnswerPose, AnswerTimes};
 
 use super::*;
 

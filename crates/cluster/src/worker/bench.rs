@@ -11,9 +11,9 @@ use veiloc_descriptor::GlobalDescriptor;
 use veiloc_geometry::Point3;
 use veiloc_localize::LocalizeOptions;
 use veiloc_observe::{RequestId, WorkerCounts};
-use veiloc_query::PositionHint;
+use veiloc_pose::{PositionPrior, Stop};
+use veiloc_protocol::PositionHint;
 use veiloc_regions::{Index, ObjectId};
-use veiloc_robust::{PositionPrior, Stop};
 use veiloc_server::labour::{Order, Pool, Refused, during};
 use veiloc_server::{Asked, Found, Kind, Unanswered};
 

@@ -16,7 +16,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_observe::{GatewayCounts, Metrics, MetricsOptions, Now, RequestIds, WorkerCounts};
-use veiloc_query::Answer;
+use veiloc_protocol::Answer;
 use veiloc_regions::{Folder, FolderWriter, Manifest, SplitOptions, cut};
 use veiloc_server::labour::Told as _;
 use veiloc_server::{Asked, Elsewhere as _, Kind, Question, Unanswered};
@@ -216,7 +216,7 @@ pub fn region(folder: &Folder, number: usize) -> MapFile {
 
 /// An answer without what differs from run to run.
 pub fn timeless(mut answer: Answer) -> Answer {
-    answer.times = veiloc_query::AnswerTimes::default();
+    answer.times = veiloc_protocol::AnswerTimes::default();
     answer
 }
 

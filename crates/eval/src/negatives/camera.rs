@@ -51,7 +51,7 @@ pub(super) fn camera_of(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use veiloc_query::FocalKnowledge;
+    use veiloc_protocol::FocalKnowledge;
 
     #[test]
     fn what_is_given_is_taken_and_a_file_that_is_none_is_refused() {

@@ -17,7 +17,7 @@ use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{ExtractError, SealOptions, extract_loaded};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use crate::error::EvalError;
 use crate::road::{ask, equipped, send};

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use veiloc_robust::State;
+use veiloc_pose::State;
 
 use super::document::{NegativeRow, Negatives};
 use veiloc_results::text_table::TextTable;
@@ -57,7 +57,7 @@ pub fn table(negatives: &Negatives) -> String {
 mod tests {
     use super::super::document::tests::negative;
     use super::*;
-    use veiloc_query::Scheme;
+    use veiloc_protocol::Scheme;
     use veiloc_results::text_table::WIDTH;
 
     fn negatives(queries: Vec<super::super::Negative>) -> Negatives {

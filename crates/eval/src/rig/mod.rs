@@ -15,8 +15,8 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_localize::localize_rig;
 use veiloc_map::MapFile;
 use veiloc_mapping::Input;
-use veiloc_query::{Scheme, SealedFrame, SealedQuery};
-use veiloc_robust::{ScoreKind, State};
+use veiloc_pose::{ScoreKind, State};
+use veiloc_protocol::{Scheme, SealedFrame, SealedQuery};
 
 use crate::error::EvalError;
 use crate::road::{PlaceMap, PosedQuery, queries_of_place, send};

@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use veiloc_localize::{Localization, LocalizeError, LocalizeOptions, localize};
 use veiloc_map::MapFile;
-use veiloc_query::{QueryError, SealedQuery};
-use veiloc_robust::{PoseError, State};
+use veiloc_pose::{PoseError, State};
+use veiloc_protocol::{QueryError, SealedQuery};
 
 /// Why there is no pose.
 #[derive(Debug, thiserror::Error)]

@@ -5,7 +5,7 @@ use std::path::Path;
 use veiloc_features::{Features, load_mask};
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{ExtractError, SealOptions, extract, extract_masked};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::error::EvalError;
 

@@ -3,9 +3,9 @@
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapFile;
-use veiloc_query::Scheme;
+use veiloc_pose::{ScoreKind, State};
+use veiloc_protocol::Scheme;
 use veiloc_results::{QueryResult, QueryUncertainty, SentDocument};
-use veiloc_robust::{ScoreKind, State};
 
 use super::ask::{Answer, ask};
 use super::posed_query::{AskedQuery, PosedQuery};

@@ -2,8 +2,8 @@
 
 use veiloc_geometry::deviations::position_sd;
 use veiloc_localize::LocalizeOptions;
-use veiloc_query::{Enough, Profile, SealedQuery};
-use veiloc_robust::State;
+use veiloc_pose::State;
+use veiloc_protocol::{Enough, Profile, SealedQuery};
 
 use super::ask::Answer;
 use super::served::Served;

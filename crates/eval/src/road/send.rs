@@ -7,7 +7,7 @@ use veiloc_features::{Extractors, Features, SharedGlobal};
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::audit::{SealTruth, seal_with_truth};
 use veiloc_obfuscation::{SealError, SealOptions};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 /// The same for a device that has what the map is built with, and whose owner consents to a global descriptor of the image
 /// where the map's are such.

@@ -4,10 +4,10 @@ use tempfile::TempDir;
 use veiloc_features::Progress;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::{MapFile, MapMemory};
-use veiloc_query::SealedQuery;
+use veiloc_pose::State;
+use veiloc_protocol::SealedQuery;
 use veiloc_regions::{ASKED, Folder, FolderWriter, Index, SplitOptions, cut, is_better, rounds};
 use veiloc_results::RegionsSummary;
-use veiloc_robust::State;
 
 use super::ask::{Answer, ask};
 use crate::error::EvalError;

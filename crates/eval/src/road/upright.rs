@@ -6,7 +6,7 @@ use veiloc_datasets::seed_for;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_map::{Down, PosedImages};
-use veiloc_query::CoarseGravity;
+use veiloc_protocol::CoarseGravity;
 use veiloc_synth::problems::normal;
 
 use crate::error::EvalError;

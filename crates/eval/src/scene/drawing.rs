@@ -8,7 +8,7 @@ use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_localize::{Localization, localize};
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
-use veiloc_query::{Scheme, SealedQuery};
+use veiloc_protocol::{Scheme, SealedQuery};
 
 use super::options::SceneEvaluation;
 use crate::error::EvalError;

@@ -3,7 +3,7 @@
 use veiloc_features::Progress;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::extract;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::options::{Negatives, SceneEvaluation};
 use crate::error::EvalError;

@@ -3,9 +3,9 @@
 use std::time::Instant;
 
 use veiloc_obfuscation::audit::options_for;
-use veiloc_query::Scheme;
+use veiloc_pose::State;
+use veiloc_protocol::Scheme;
 use veiloc_results::{QueryResult, Variant};
-use veiloc_robust::State;
 
 use super::options::SceneEvaluation;
 use crate::error::EvalError;

@@ -8,9 +8,9 @@ use veiloc_geometry::Intrinsics;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
-use veiloc_query::Scheme;
+use veiloc_pose::ScoreKind;
+use veiloc_protocol::Scheme;
 use veiloc_regions::SplitOptions;
-use veiloc_robust::ScoreKind;
 
 use crate::road::{AskedQuery, Sending};
 use veiloc_results::metrics::Threshold;

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use veiloc_obfuscation::SealError;
-use veiloc_query::Scheme;
-use veiloc_robust::State;
+use veiloc_pose::State;
+use veiloc_protocol::Scheme;
 
 use super::from_truth::{ErrorDocument, FromTruth};
 use super::kind::Stress;

@@ -4,8 +4,8 @@ use serde::Serialize;
 use veiloc_geometry::{CameraFromWorld, Pixel};
 use veiloc_localize::{LocalizeOptions, match_query};
 use veiloc_map::MapFile;
-use veiloc_query::SealedQuery;
-use veiloc_robust::{PoseError as NoPose, PoseEstimate, optimize_pose, refine_pose};
+use veiloc_pose::{PoseError as NoPose, PoseEstimate, optimize_pose, refine_pose};
+use veiloc_protocol::SealedQuery;
 
 use crate::road::Sent;
 use veiloc_poses::truly_right;

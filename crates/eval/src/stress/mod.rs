@@ -18,7 +18,7 @@ use veiloc_map::MapFile;
 use veiloc_mapping::{BuildOptions, Input};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealOptions, extract_loaded};
-use veiloc_query::{Scheme, SizeClass};
+use veiloc_protocol::{Scheme, SizeClass};
 
 use crate::error::EvalError;
 use crate::road::{PlaceMap, PosedQuery, Upright, ask, equipped, queries_of_place, send};

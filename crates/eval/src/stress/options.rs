@@ -7,7 +7,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::kind::Stress;
 use veiloc_poses::ORACLE_RADIUS_PX;

@@ -68,8 +68,8 @@ fn number(value: Option<f64>, digits: usize) -> String {
 mod tests {
     use super::super::document::tests::{evaluation, query};
     use super::*;
+    use veiloc_pose::State;
     use veiloc_results::text_table::WIDTH;
-    use veiloc_robust::State;
 
     #[test]
     fn rows_fit_the_terminal_with_and_without_the_truth() {

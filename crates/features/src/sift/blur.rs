@@ -1,6 +1,6 @@
 //! The Gaussians of the scale space: how many, how wide, their weights.
 
-use veiloc_kernels::sift::{HalfKernel, MAX_RADIUS, exp2};
+use veiloc_simd::sift::{HalfKernel, MAX_RADIUS, exp2};
 
 /// Scales per octave at which keypoints are looked for.
 pub(super) const SCALES: usize = 3;

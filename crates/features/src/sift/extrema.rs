@@ -1,7 +1,7 @@
 //! Extrema of the differences of Gaussians, refined to a fraction of a sample.
 
-use veiloc_kernels::Backend;
-use veiloc_kernels::sift::peaks;
+use veiloc_simd::Backend;
+use veiloc_simd::sift::peaks;
 
 use super::SiftOptions;
 use super::blur::{LEVELS, SCALES};

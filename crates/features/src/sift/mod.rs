@@ -27,8 +27,8 @@ mod strip;
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::Pixel;
-use veiloc_kernels::Backend;
-use veiloc_kernels::sift::{DESCRIPTOR, PatchMemory, Patches, View};
+use veiloc_simd::Backend;
+use veiloc_simd::sift::{DESCRIPTOR, PatchMemory, Patches, View};
 
 pub use options::{Border, SiftOptions};
 
@@ -38,7 +38,7 @@ use extrema::Extremum;
 use octave::Octave;
 
 /// How far from a keypoint its descriptor looks, as a multiple of the keypoint's scale.
-pub(crate) const REACH: f64 = veiloc_kernels::sift::REACH as f64;
+pub(crate) const REACH: f64 = veiloc_simd::sift::REACH as f64;
 
 /// Finds keypoints and describes them, strongest first.
 ///
@@ -101,7 +101,7 @@ fn strongest(extrema: &[Extremum], octaves: &[Octave], count: usize) -> Vec<(f32
 
 /// Whether gradients that count for the descriptor lie outside of the image, or have no neighbour on one side.
 fn over_border(extremum: &Extremum, octave: &Octave) -> bool {
-    let reach = veiloc_kernels::sift::REACH * sigma_of_level(f64::from(extremum.level)) as f32;
+    let reach = veiloc_simd::sift::REACH * sigma_of_level(f64::from(extremum.level)) as f32;
     let over = |at: f32, size: usize| at - reach < 1.0 || at + reach > size as f32 - 2.0;
     over(extremum.x, octave.width()) || over(extremum.y, octave.height())
 }
@@ -121,7 +121,7 @@ fn describe(
     let continued;
     if options.border == Border::Mirrored && over_border(extremum, octave) {
         // The patch and a sample around it, for gradients at its end.
-        let reach = (veiloc_kernels::sift::REACH * sigma as f32).ceil() as usize + 2;
+        let reach = (veiloc_simd::sift::REACH * sigma as f32).ceil() as usize + 2;
         let corner = centre.map(|c| c.floor() as isize - reach as isize);
         continued = plane.mirrored(corner, [2 * reach + 2; 2]);
         plane = &continued;

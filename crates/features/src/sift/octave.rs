@@ -1,7 +1,7 @@
 //! The Gaussian scale space, one octave at a time.
 
 use rayon::prelude::*;
-use veiloc_kernels::Backend;
+use veiloc_simd::Backend;
 
 use super::SiftOptions;
 use super::blur::{FIRST_SIGMA, LEVELS, SCALES, half_kernel, quarter_kernels, sigma_of_level};

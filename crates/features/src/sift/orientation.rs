@@ -2,7 +2,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use veiloc_kernels::sift::BINS;
+use veiloc_simd::sift::BINS;
 
 /// A direction counts as dominant from this share of the strongest on.
 const PEAK_SHARE: f32 = 0.8;

@@ -1,6 +1,6 @@
 //! Sample grids whose rows are padded to whole vectors.
 
-use veiloc_kernels::sift::LANES;
+use veiloc_simd::sift::LANES;
 
 /// A grid of samples, `[height, stride]`; what lies right of `width` is finite and means nothing.
 #[derive(Debug, Clone, Default)]

@@ -4,8 +4,8 @@
 //! read was written a moment ago and is still in the cache, and of the levels that nobody asks for later only the last
 //! rows are kept.
 
-use veiloc_kernels::Backend;
-use veiloc_kernels::sift::{
+use veiloc_simd::Backend;
+use veiloc_simd::sift::{
     Doubling, HalfKernel, LANES, MAX_RADIUS, blur_along, blur_down, differences, double_row,
 };
 

@@ -11,7 +11,7 @@ use veiloc_audit::{
 use veiloc_datasets::KeypointImage;
 use veiloc_features::Progress;
 use veiloc_geometry::Pixel;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use crate::error::InversionError;
 

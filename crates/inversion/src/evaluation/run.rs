@@ -6,7 +6,7 @@ use veiloc_datasets::{KeypointImage, keypoints_of_images};
 use veiloc_detector::Detection;
 use veiloc_features::{ColourImage, Extractor, Progress, load_colour};
 use veiloc_geometry::Pixel;
-use veiloc_query::{ExtractionLimits, Scheme};
+use veiloc_protocol::{ExtractionLimits, Scheme};
 
 use super::attacked::{Answer, Attacked, Realistic, attack};
 use super::beliefs::Beliefs;

@@ -11,7 +11,7 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
 use veiloc_map::{BuildSettings, MapFile, MapImage, MapModel, MapPoint, Observation};
 use veiloc_obfuscation::SealOptions;
-use veiloc_query::{Profile, Scheme};
+use veiloc_protocol::{Profile, Scheme};
 
 /// Points with descriptors, and the camera that sees them.
 pub struct Place {

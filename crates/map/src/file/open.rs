@@ -7,8 +7,8 @@ use std::sync::OnceLock;
 
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, CameraModel, Intrinsics};
-use veiloc_kernels::MappedFile;
-use veiloc_query::{ExtractionLimits, Profile};
+use veiloc_protocol::{ExtractionLimits, Profile};
+use veiloc_simd::MappedFile;
 use xxhash_rust::xxh3::xxh3_64;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 

@@ -1,6 +1,6 @@
 //! The self-test section: one record for all schemes, then one a scheme.
 
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::layout::{SchemeTestRecord, SelfTestRecord};

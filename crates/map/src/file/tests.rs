@@ -15,7 +15,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
-use veiloc_query::{AngleBits, ExtractionLimits, Profile, Scheme, Wish};
+use veiloc_protocol::{AngleBits, ExtractionLimits, Profile, Scheme, Wish};
 use xxhash_rust::xxh3::xxh3_64;
 use zerocopy::{FromBytes, IntoBytes};
 

@@ -163,7 +163,7 @@ mod tests {
     use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
     use veiloc_geometry::nalgebra::{Rotation3, SymmetricEigen};
     use veiloc_geometry::{CameraFromWorld, PlanePoint};
-    use veiloc_query::Profile;
+    use veiloc_protocol::Profile;
 
     use super::*;
     use crate::{BuildSettings, MapImage, MapModel, MapPoint};

@@ -7,8 +7,8 @@ use std::sync::OnceLock;
 use veiloc_descriptor::{DescriptorView, GlobalDescriptor, GlobalIndex};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
-use veiloc_kernels::MappedFile;
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
+use veiloc_simd::MappedFile;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{NO_POINT, ObservationRecord, PointRecord};

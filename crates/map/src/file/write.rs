@@ -3,8 +3,8 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use veiloc_kernels::MappedFile;
 use veiloc_replacing::{Readers, TargetLock, replace_file};
+use veiloc_simd::MappedFile;
 use xxhash_rust::xxh3::Xxh3;
 use zerocopy::IntoBytes;
 

@@ -7,7 +7,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_map::colmap::{ColmapModel, read_model, read_posed};
 use veiloc_map::{PosedImage, PosedImages};
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 use veiloc_testdata::real_data_test;
 
 use crate::import::recomputed_error;

@@ -6,7 +6,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::{BuildSettings, MapModel, MapPoint, PosedImage};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images, sort_points};
 use crate::change::{Words, join, remove};

@@ -6,7 +6,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_map::{BuildSettings, MapFile, MapImage, MapModel, MapPoint, Observation, PointId};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use crate::scene::Scene;
 use crate::triangulation::triangulate;

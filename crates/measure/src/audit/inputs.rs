@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use veiloc_audit::{Attack, ImageGroup};
 use veiloc_datasets::{KeypointImage, keypoints_of_images, read_keypoints};
 use veiloc_features::{Extractor, Progress};
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 
 use crate::exit::Failure;
 use crate::items::{self, IMAGES, Item};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_map::colmap::read_posed;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_tradeoff::adversaries::{
     AdversariesEvaluation, Adversary, Place, adversaries_table, evaluate_adversaries,
 };

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_poses::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, table};
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_protocol::{AngleBits, Scheme};
 use veiloc_report::plots;
 use veiloc_results::Hypotheses;
 

@@ -8,7 +8,7 @@ use veiloc_inversion::evaluation::{
     InversionEvaluation, Judges, Realistic, evaluate_inversion, evaluation_table,
 };
 use veiloc_inversion::judges::{Detector, FeatureDistance, Lpips, LpipsNetwork};
-use veiloc_query::{ExtractionLimits, Scheme};
+use veiloc_protocol::{ExtractionLimits, Scheme};
 use veiloc_report::inversion_page;
 
 use crate::exit::{Exit, Failure, Outcome};

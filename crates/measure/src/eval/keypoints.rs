@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_datasets::{encode_keypoints, keypoints_of_images};
-use veiloc_query::ExtractionLimits;
+use veiloc_protocol::ExtractionLimits;
 
 use crate::exit::{Exit, Outcome};
 use crate::feature_args::ImageFeatureArgs;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_eval::stress::Stress;
 use veiloc_map::colmap::read_posed;
-use veiloc_query::{DclLayout, Scheme};
+use veiloc_protocol::{DclLayout, Scheme};
 use veiloc_report::plots;
 use veiloc_tradeoff::layouts::{LayoutsEvaluation, evaluate_layouts, layouts_table};
 

@@ -6,7 +6,7 @@ use serde::Serialize;
 use veiloc_eval::negatives::{NegativeImage, Negatives, NegativesEvaluation, evaluate_negatives, table};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
-use veiloc_query::{FocalKnowledge, Scheme};
+use veiloc_protocol::{FocalKnowledge, Scheme};
 
 use crate::camera::{CameraArg, CameraSource};
 use crate::eval::half::Half;

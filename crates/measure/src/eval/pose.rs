@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_poses::{GravitySource, PoseEvaluation, Recipe, evaluate_poses};
-use veiloc_query::AngleBits;
+use veiloc_protocol::AngleBits;
 use veiloc_results::Hypotheses;
 
 use crate::eval::report::ReportArgs;

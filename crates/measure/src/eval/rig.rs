@@ -39,7 +39,7 @@ pub struct Args {
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let scores = args.scene.report.scores(&args.scene.pose.engine);
-    if scores.iter().any(|score| *score != veiloc_robust::ScoreKind::Likelihood) {
+    if scores.iter().any(|score| *score != veiloc_pose::ScoreKind::Likelihood) {
         return Err(Failure::with_help(
             "sessions are localized with the likelihood only",
             "leave --score and --scores away",

@@ -2,7 +2,7 @@
 
 use veiloc_eval::stress::{Stress, StressEvaluation, evaluate_stress, table};
 use veiloc_map::colmap::read_posed;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_results::metrics::Threshold;
 
 use crate::eval::place::{GravityArgs, PlaceArgs};

@@ -7,7 +7,7 @@ use veiloc_inversion::{
     Form, InversionDocument, InversionError, InversionTask, Sees, Shape, inversion_table, read_examples,
     refuse_shared, train,
 };
-use veiloc_query::{ExtractionLimits, Scheme};
+use veiloc_protocol::{ExtractionLimits, Scheme};
 use veiloc_report::plots;
 
 use super::course::CourseArgs;

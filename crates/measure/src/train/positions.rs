@@ -2,7 +2,7 @@
 
 use veiloc_audit::AuditError;
 use veiloc_audit::training::{PositionRun, PositionTask, Sees, position_table, train_positions};
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_protocol::{AngleBits, Scheme};
 use veiloc_report::plots;
 
 use super::attention::AttentionArgs;

@@ -11,7 +11,7 @@ use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::Anchor;
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
-use veiloc_query::{CanonicalCamera, Scheme};
+use veiloc_protocol::{CanonicalCamera, Scheme};
 
 use super::memory::{Landmark, MOST, Memory};
 use super::{Session, SessionAnchors, SessionOptions, Start};

@@ -33,7 +33,7 @@ use rand::CryptoRng;
 use veiloc_features::Features;
 use veiloc_geometry::Intrinsics;
 use veiloc_geometry::nalgebra::Rotation3;
-use veiloc_query::{CanonicalCamera, Profile, Scheme, SealedQuery};
+use veiloc_protocol::{CanonicalCamera, Profile, Scheme, SealedQuery};
 
 pub use bytes::SessionBytesError;
 pub use options::{SessionAnchors, SessionAnchorsError, SessionOptions};
@@ -57,7 +57,7 @@ use crate::{SealError, SealOptions};
 /// # use veiloc_geometry::Pixel;
 /// use veiloc_obfuscation::{Orientation, SealOptions, Session, SessionOptions, device_rng};
 /// # let kind = DescriptorKind::ROOT_SIFT;
-/// # let profile = veiloc_query::Profile::vlad(Vocabulary::new(Descriptors::new(kind, vec![20; 2 * 128])?)?);
+/// # let profile = veiloc_protocol::Profile::vlad(Vocabulary::new(Descriptors::new(kind, vec![20; 2 * 128])?)?);
 /// # let features = || -> Features {
 /// #     let place = |i: u32| Pixel::new(f64::from(20 + i * 97 % 600), f64::from(20 + i * 61 % 440));
 /// #     let keypoints = (0..300).map(|i| Keypoint { pixel: place(i), scale: 2.0, orientation: 0.0, response: 1.0 });

@@ -1,7 +1,7 @@
 //! How a device held its camera.
 
 use veiloc_geometry::nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
-use veiloc_query::CoarseGravity;
+use veiloc_protocol::CoarseGravity;
 
 /// How a device held its camera during a frame, as far as it knows. Never sent: a query says how its layout is turned against the
 /// camera, which is the difference to the session's first frame.

@@ -3,7 +3,7 @@
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{Anchor, Intrinsics};
-use veiloc_query::{CanonicalCamera, LEAST_A_SIDE, LayoutTurn, Scheme};
+use veiloc_protocol::{CanonicalCamera, LEAST_A_SIDE, LayoutTurn, Scheme};
 
 use super::align::{refined, seen};
 use super::memory::Matched;

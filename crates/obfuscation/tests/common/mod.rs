@@ -7,7 +7,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_obfuscation::SealOptions;
-use veiloc_query::{AnchoredLine, DualAnchors, Observations, Profile, Scheme};
+use veiloc_protocol::{AnchoredLine, DualAnchors, Observations, Profile, Scheme};
 
 pub(crate) fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)

@@ -18,7 +18,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalDescriptor, Vocabular
 use veiloc_features::{Features, Keypoint, compact};
 use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
-use veiloc_query::{Profile, SealedQuery};
+use veiloc_protocol::{Profile, SealedQuery};
 use veiloc_testdata::real_data_test;
 
 /// All keypoints of one real image.

@@ -5,7 +5,7 @@ use std::path::Path;
 use veiloc_descriptor::{Encoding, Vocabulary};
 use veiloc_features::Extractor as _;
 use veiloc_networks::{Learned, Models};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 use veiloc_testdata::real_data_test;
 
 use crate::measures::{counted, judge, of_blends};

@@ -120,7 +120,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use veiloc_attacks::{lift, prior_only};
     use veiloc_geometry::Pencils;
-    use veiloc_query::{AngleBits, Scheme};
+    use veiloc_protocol::{AngleBits, Scheme};
 
     use super::*;
 

@@ -26,7 +26,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use veiloc_attacks::Observation;
-use veiloc_query::{AngleBits, Scheme};
+use veiloc_protocol::{AngleBits, Scheme};
 use veiloc_training::layers::Places;
 
 use crate::engine::Matrix;

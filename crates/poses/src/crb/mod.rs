@@ -19,8 +19,8 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use serde::Serialize;
 use veiloc_features::Progress;
-use veiloc_query::{AngleBits, Scheme};
-use veiloc_robust::PoseOptions;
+use veiloc_pose::PoseOptions;
+use veiloc_protocol::{AngleBits, Scheme};
 
 use crate::error::PosesError;
 use trial::Trial;

@@ -1,8 +1,8 @@
 //! How noisy an observation is: the detector's noise, and what obfuscation adds to it.
 
 use veiloc_geometry::{CameraFromWorld, PlanePoint};
-use veiloc_query::AngleBits;
-use veiloc_robust::{Correspondences, PoseProblem};
+use veiloc_pose::{Correspondences, PoseProblem};
+use veiloc_protocol::AngleBits;
 
 /// Variance of the dither, uniform over one pixel, along any direction.
 const DITHER: f64 = 1.0 / 12.0;
@@ -53,7 +53,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use veiloc_geometry::Pixel;
     use veiloc_obfuscation::obfuscate_points;
-    use veiloc_query::Scheme;
+    use veiloc_protocol::Scheme;
     use veiloc_synth::problems::PointProblem;
 
     /// The formula against what sealing does to 20 000 keypoints: the spread of the distances of the true projections

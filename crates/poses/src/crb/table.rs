@@ -111,7 +111,7 @@ fn number(value: Option<f64>, digits: usize) -> String {
 mod tests {
     use super::*;
     use crate::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound};
-    use veiloc_query::Scheme;
+    use veiloc_protocol::Scheme;
     use veiloc_results::text_table::WIDTH;
 
     #[test]

@@ -3,8 +3,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_obfuscation::obfuscate_points;
-use veiloc_query::Scheme;
-use veiloc_robust::{PoseEstimate, PoseProblem, estimate_pose, fisher_information};
+use veiloc_pose::{PoseEstimate, PoseProblem, estimate_pose, fisher_information};
+use veiloc_protocol::Scheme;
 use veiloc_synth::problems::PointProblem;
 
 use super::{Condition, SyntheticEvaluation, bound, noise};

@@ -12,7 +12,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use veiloc_map::{MapFile, Region};
-use veiloc_query::ProfileId;
+use veiloc_protocol::ProfileId;
 use xxhash_rust::xxh3::Xxh3;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use veiloc_descriptor::{GlobalDescriptor, GlobalIndex};
-use veiloc_kernels::MappedFile;
 use veiloc_map::{MapFile, MapMemory};
-use veiloc_query::ProfileId;
+use veiloc_protocol::ProfileId;
+use veiloc_simd::MappedFile;
 use zerocopy::FromBytes as _;
 
 pub use self::layout::INDEX_VERSION;

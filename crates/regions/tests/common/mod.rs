@@ -5,7 +5,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Pixel, PlanePoint, Point3};
 use veiloc_map::{BuildSettings, MapFile, MapImage, MapModel, MapPoint, Observation};
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 /// Points that are seen by each image at most.
 const SEEN: u32 = 12;

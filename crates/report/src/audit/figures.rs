@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
 use veiloc_geometry::Pixel;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::cdf::{self, Curve};
 use super::collage::collage;

@@ -3,7 +3,7 @@
 use veiloc_audit::{Attack, AttackEvaluation, AttackSummary, AuditOptions, ImageGroup, run_audit};
 use veiloc_datasets::synthetic_image;
 use veiloc_geometry::Pixel;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::audit_page;
 

@@ -3,7 +3,7 @@
 use veiloc_eval::DrawnQuery;
 use veiloc_localize::Localization;
 use veiloc_map::{MapFile, PointId};
-use veiloc_query::SealedQuery;
+use veiloc_protocol::SealedQuery;
 
 use super::data::{PlaceView, QueryDrawing, RowState, SentDrawing};
 use crate::undistort::undistorted;

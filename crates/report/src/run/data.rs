@@ -2,9 +2,9 @@
 
 use image::RgbImage;
 use veiloc_geometry::{CameraFromWorld, Pixel};
-use veiloc_query::Observations;
+use veiloc_pose::State;
+use veiloc_protocol::Observations;
 use veiloc_results::SchemeSummary;
-use veiloc_robust::State;
 
 use crate::card::Card;
 

@@ -1,10 +1,10 @@
 //! Pages of documents: rows, outcomes, curves and large numbers of what an evaluation found.
 
 use veiloc_geometry::CameraFromWorld;
+use veiloc_pose::State;
 use veiloc_results::metrics::median;
 use veiloc_results::tables::TableData;
 use veiloc_results::{QueryResult, SchemeSummary};
-use veiloc_robust::State;
 
 use super::data::{PlaceView, QueryOutcome, RunFigure, RunReport, RunRow};
 use crate::card::Card;

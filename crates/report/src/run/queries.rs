@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use veiloc_robust::State;
+use veiloc_pose::State;
 
 use super::data::{QueryDrawing, QueryOutcome, RowState, RunReport, SentDrawing};
 use super::{name_of, worst_first};

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use veiloc_robust::State;
+use veiloc_pose::State;
 
 use super::data::{QueryOutcome, RunReport, RunRow};
 use super::{name_of, queries};

@@ -6,8 +6,8 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::Vector3;
+use veiloc_pose::State;
 use veiloc_results::metrics::median;
-use veiloc_robust::State;
 
 use super::{Budget, SpaceRow};
 use crate::run::{PlaceView, QueryOutcome};

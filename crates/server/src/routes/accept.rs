@@ -2,7 +2,7 @@
 
 use axum::http::HeaderMap;
 use axum::http::header::ACCEPT;
-use veiloc_query::AnswerVersion;
+use veiloc_protocol::AnswerVersion;
 
 /// A form of answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

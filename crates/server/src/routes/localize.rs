@@ -16,8 +16,8 @@ use tokio::runtime::Handle;
 use tokio::sync::oneshot;
 use veiloc_geometry::Point3;
 use veiloc_localize::{LocalizeOptions, StageTimes};
-use veiloc_query::{AnswerDocument, AnswerState, AnswerTimes, AnswerVersion};
-use veiloc_robust::{PositionPrior, Stop};
+use veiloc_pose::{PositionPrior, Stop};
+use veiloc_protocol::{AnswerDocument, AnswerState, AnswerTimes, AnswerVersion};
 
 use super::accept::{Form, Unmet};
 use super::admit::{admit, wanted};

@@ -8,7 +8,7 @@ use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
-use veiloc_query::AnswerDocument;
+use veiloc_protocol::AnswerDocument;
 
 use super::localize::serve;
 use crate::asked::Kind;

@@ -3,7 +3,7 @@
 //! Headers and not the address: proxies write addresses into their logs.
 
 use axum::http::{HeaderMap, HeaderName};
-use veiloc_query::PositionHint;
+use veiloc_protocol::PositionHint;
 
 use crate::problem::Problem;
 

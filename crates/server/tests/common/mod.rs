@@ -19,7 +19,7 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
 use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_obfuscation::{SealOptions, seal};
-use veiloc_query::{Profile, SealedQuery};
+use veiloc_protocol::{Profile, SealedQuery};
 use veiloc_server::{Listening, MapSource, Server, ServerHandle, ServerOptions, Stopped};
 
 use http::{Request, Response};

@@ -10,7 +10,7 @@ use veiloc_audit::{
 };
 use veiloc_datasets::{KeypointImage, read_keypoints};
 use veiloc_features::Progress;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::adversary::Adversary;
 use super::keypoints::Keypoints;

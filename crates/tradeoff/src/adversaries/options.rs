@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::adversary::Adversary;
 use crate::error::TradeoffError;

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 use veiloc_eval::stress::StressQuery;
-use veiloc_query::Scheme;
+use veiloc_pose::State;
+use veiloc_protocol::Scheme;
 use veiloc_results::metrics::{finite, median};
-use veiloc_robust::State;
 
 /// Poses of one layout under one condition, beside those of points. A query without a pose counts as infinitely wrong.
 #[derive(Debug, Clone, PartialEq, Serialize)]

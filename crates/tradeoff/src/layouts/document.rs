@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use veiloc_query::{DclLayout, Scheme};
+use veiloc_protocol::{DclLayout, Scheme};
 use veiloc_results::metrics::finite;
 
 use super::accuracy::{Accuracy, ConditionFigures};

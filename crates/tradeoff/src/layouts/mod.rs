@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use veiloc_eval::ProblemSource;
 use veiloc_eval::stress::{StressQuery, evaluate_stress};
 use veiloc_features::Progress;
-use veiloc_query::{DclLayout, Scheme};
+use veiloc_protocol::{DclLayout, Scheme};
 
 use crate::adversaries::Keypoints;
 use crate::error::TradeoffError;

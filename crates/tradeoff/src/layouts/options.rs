@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_eval::stress::{Stress, StressEvaluation};
 use veiloc_map::PosedImages;
-use veiloc_query::{DclLayout, Scheme};
+use veiloc_protocol::{DclLayout, Scheme};
 
 use crate::error::TradeoffError;
 

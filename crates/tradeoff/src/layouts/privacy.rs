@@ -7,7 +7,7 @@ use veiloc_attacks::NeighbourLists;
 use veiloc_datasets::KeypointImage;
 use veiloc_features::Progress;
 use veiloc_geometry::Pencils;
-use veiloc_query::{DclLayout, Scheme};
+use veiloc_protocol::{DclLayout, Scheme};
 
 use super::options::LayoutsEvaluation;
 use crate::adversaries::{Adversary, Attackers, Gain, Keypoints};

@@ -6,7 +6,7 @@ use veiloc_descriptor::{MatchOptions, match_descriptors};
 use veiloc_eval::EvalError;
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::SessionAnchors;
-use veiloc_query::AngleBits;
+use veiloc_protocol::AngleBits;
 use veiloc_sightings::{
     Frame, FramesOptions, RestingOptions, Sighted, most_telling_matched, resting_camera,
     several_matched_frames,

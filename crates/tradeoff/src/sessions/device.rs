@@ -8,7 +8,7 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::{SealTruth, options_for};
 use veiloc_obfuscation::{Orientation, Session, SessionAnchors};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_synth::problems::normal;
 
 use super::SessionsEvaluation;

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use veiloc_attacks::{ErrorSummary, bits_over_prior};
 use veiloc_obfuscation::SessionAnchors;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_results::metrics::{finite, median};
 use veiloc_results::{MapSummary, SchemeSummary};
 

@@ -11,7 +11,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel};
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{ExtractError, extract_loaded};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_synth::problems::normal;
 
 /// A frame as the device has it.

@@ -29,7 +29,7 @@ use veiloc_features::Progress;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_mapping::Input;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_results::{QueryResult, summarize};
 
 use crate::spread::spread;

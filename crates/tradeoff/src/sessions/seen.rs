@@ -9,9 +9,9 @@ use veiloc_eval::road::{PosedQuery, localize_one};
 use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, PlanePoint};
 use veiloc_localize::{LocalizeOptions, match_query};
 use veiloc_map::MapFile;
-use veiloc_query::{Scheme, SealedQuery};
+use veiloc_pose::{ScoreKind, State, estimate_pose};
+use veiloc_protocol::{Scheme, SealedQuery};
 use veiloc_results::QueryResult;
-use veiloc_robust::{ScoreKind, State, estimate_pose};
 
 use super::device::Sealed;
 use super::frames::Shown;

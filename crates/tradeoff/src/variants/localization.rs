@@ -2,7 +2,7 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_robust::{PoseOptions, estimate_pose};
+use veiloc_pose::{PoseOptions, estimate_pose};
 
 use super::data::Query;
 use super::sent::Sent;

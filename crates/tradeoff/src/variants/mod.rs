@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use rayon::prelude::*;
 use veiloc_attacks::{Descriptors, KnownImage, NeighbourPredictor, Transfer, transfer};
 use veiloc_features::Progress;
-use veiloc_robust::PoseOptions;
+use veiloc_pose::PoseOptions;
 
 use crate::spread::spread;
 use data::{Data, Query};

@@ -6,7 +6,7 @@ use veiloc_attacks::{
     Descriptors, GraphOptions, NeighbourLists, NeighbourPredictor, Transfer, errors_px, graph, prior_only,
 };
 use veiloc_geometry::{Anchor, PencilLine, Pixel};
-use veiloc_query::Observations;
+use veiloc_protocol::Observations;
 
 use super::sent::Sent;
 use veiloc_audit::AuditError;

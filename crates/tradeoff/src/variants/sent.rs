@@ -8,7 +8,7 @@ use veiloc_attacks::{KnownSegment, Observation};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::{Pencils, Pixel};
 use veiloc_obfuscation::{audit, obfuscate_points};
-use veiloc_query::{Observations, Scheme};
+use veiloc_protocol::{Observations, Scheme};
 use veiloc_synth::problems::normal;
 
 use super::data;
@@ -125,7 +125,7 @@ fn across(pixels: &[Pixel], pencils: &Pencils, noise: f64, rng: &mut impl Rng) -
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use veiloc_query::{AnchoredLine, DualAnchors};
+    use veiloc_protocol::{AnchoredLine, DualAnchors};
 
     /// 400 keypoints with descriptors drawn at random; two of them at one position.
     pub(in crate::variants) fn image() -> KeypointImage {

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use rand::Rng;
-use veiloc_query::{AngleBits, DclLayout, Scheme};
+use veiloc_protocol::{AngleBits, DclLayout, Scheme};
 
 /// What a device sends, told by how it differs from `dcl`.
 ///

@@ -11,8 +11,8 @@ use veiloc::query::Observations;
 use veiloc_attacks::{
     ClosedFormOptions, ErrorSummary, NeighbourLists, Observation, closed_form, errors_px, prior_only,
 };
+use veiloc_pose::{PoseOptions, estimate_pose};
 use veiloc_poses::pose_problem;
-use veiloc_robust::{PoseOptions, estimate_pose};
 use veiloc_synth::problems::{PointProblem, PointProblemOptions};
 
 /// The scheme: keypoints in, what is told of them out. Nothing of a position along its line is used.

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc::geometry::frames::World;
 use veiloc::geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc::geometry::{CameraFromWorld, PixelLine, PlaneLine, Point3};
-use veiloc_robust::{Correspondences, PoseOptions, PoseProblem, optimize_pose};
+use veiloc_pose::{Correspondences, PoseOptions, PoseProblem, optimize_pose};
 use veiloc_synth::problems::{PointProblem, PointProblemOptions};
 
 /// Camera position from three line–point pairs when the orientation is known, of a phone that has a compass.

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use veiloc_localize::{GravityUse, Localization, LocalizeError};
+use veiloc_pose::{Confidence, State};
 use veiloc_results::PoseDocument;
-use veiloc_robust::{Confidence, State};
 
 use crate::items::Fault;
 
@@ -106,7 +106,7 @@ pub(super) struct Query {
     pub(super) error: Option<ErrorDocument>,
 }
 
-/// What speaks for and against a pose; see `veiloc_robust::Confidence`.
+/// What speaks for and against a pose; see `veiloc_pose::Confidence`.
 #[derive(Serialize)]
 pub(super) struct ConfidenceDocument {
     /// Natural logarithm of the evidence against chance.

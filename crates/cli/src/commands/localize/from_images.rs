@@ -7,7 +7,7 @@ use veiloc_arguments::camera::{CameraArg, CameraSource};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::SealOptions;
-use veiloc_query::{Profile, SealedQuery};
+use veiloc_protocol::{Profile, SealedQuery};
 
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::listed::images_of_list;

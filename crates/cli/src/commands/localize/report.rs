@@ -5,11 +5,11 @@ use std::path::{Component, Path, PathBuf};
 use veiloc_geometry::deviations::rotation_sd_degrees;
 use veiloc_localize::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
-use veiloc_query::SealedQuery;
+use veiloc_pose::State;
+use veiloc_protocol::SealedQuery;
 use veiloc_report::{
     PlaceView, QueryDrawing, QueryOutcome, RunReport, RunRow, SentDrawing, run_page, worst_first,
 };
-use veiloc_robust::State;
 
 use super::document::{Document, Query, Status, name_of};
 use crate::exit::Failure;

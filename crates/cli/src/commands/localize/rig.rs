@@ -7,9 +7,9 @@ use serde::Serialize;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localize::{LocalizeError, LocalizeOptions, RigLocalization, localize_rig};
 use veiloc_map::MapFile;
-use veiloc_query::SealedFrame;
+use veiloc_pose::State;
+use veiloc_protocol::SealedFrame;
 use veiloc_results::PoseDocument;
-use veiloc_robust::State;
 
 use super::document::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
 use crate::commands::rig_file;

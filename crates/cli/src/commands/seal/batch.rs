@@ -7,7 +7,7 @@ use serde::Serialize;
 use veiloc_client::SessionFile;
 use veiloc_features::mask_in;
 use veiloc_obfuscation::SealOptions;
-use veiloc_query::Profile;
+use veiloc_protocol::Profile;
 
 use super::{Args, InSession, Sealed, seal_one};
 use crate::commands::listed::images_of_list;

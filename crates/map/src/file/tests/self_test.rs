@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use proptest::prelude::*;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 
 use super::{forged, known_answer, open_bytes, sample};
 use crate::file::layout::Section;

@@ -48,7 +48,7 @@ impl AttackArgs {
             masks: None,
         });
         // Points hide nothing: there is nothing to attack.
-        let hiding = scene.schemes.iter().filter(|scheme| !matches!(scheme, veiloc_query::Scheme::Points));
+        let hiding = scene.schemes.iter().filter(|scheme| !matches!(scheme, veiloc_protocol::Scheme::Points));
         evaluation.schemes = hiding.copied().collect();
         if evaluation.schemes.is_empty() || scene.query_list.is_empty() {
             ui.complain(format!(

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_places::MissingImages;
-use veiloc_query::Scheme;
+use veiloc_protocol::Scheme;
 use veiloc_results::metrics::Threshold;
 
 use super::adversaries::AttackArgs;

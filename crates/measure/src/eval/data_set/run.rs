@@ -3,12 +3,12 @@
 use veiloc_eval::{SceneEvaluation, evaluate_scene};
 use veiloc_map::{PosedImage, PosedImages};
 use veiloc_places::{Place, PlaceError};
+use veiloc_pose::{AnchoredSolver, ScoreKind};
 use veiloc_results::tables::{Format, TableData, TableOptions, tables};
 use veiloc_results::{
     DataSetEvaluation, Evaluation, PlaceFacts, PlaceQuery, PlaceSummary, QueryResult, RunFacts, summarize,
     table,
 };
-use veiloc_robust::{AnchoredSolver, ScoreKind};
 
 use super::options::{DataSetArgs, cores};
 use crate::eval::html;

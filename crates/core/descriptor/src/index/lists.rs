@@ -1,0 +1,181 @@
+//! Images that look alike in one list: a query then looks at some lists, and at no more of them the more images there are.
+//!
+//! Each list has a middle, which is a vector of signs as those of images are: of each sign, the one that most of its images
+//! have (k-majority; Grana and others, *A fast approach for integrating ORB descriptors in the bag of words model*, SPIE
+//! 2013). All in integers and without chance: equal images give equal lists, whatever the number of threads.
+
+use rayon::prelude::*;
+use veiloc_simd::hamming;
+
+/// The middles of lists.
+#[derive(Clone)]
+pub(super) struct Middles {
+    words: usize,
+    /// `[K, words]`
+    all: Vec<u64>,
+    /// `[K, FIRST]`, the first words alone: they tell which middles are near at all.
+    first: Vec<u64>,
+}
+
+impl Middles {
+    /// `count` middles of signs `[N, words]`: as many images, evenly spaced, then each the majority of the images that are
+    /// nearest to it, several times over.
+    pub(super) fn of(signs: &[u64], words: usize, count: usize) -> Self {
+        let images = signs.len() / words;
+        // One of so many images that are evenly spaced.
+        let row = |i: usize, of: usize| &signs[i * images / of * words..][..words];
+        let mut middles = Self::new(words, (0..count).flat_map(|i| row(i, count)).copied().collect());
+        for samples in ROUNDS {
+            let samples = images.min(samples * count);
+            let row = |i: usize| row(i, samples);
+            let mut of_middle = vec![Vec::new(); count];
+            let lists = middles.nearest_of((0..samples).into_par_iter().map(row));
+            for (sample, list) in lists.into_iter().enumerate() {
+                of_middle[list as usize].push(sample);
+            }
+            let mut all = middles.all;
+            all.par_chunks_exact_mut(words).zip(&of_middle).for_each(|(middle, samples)| {
+                majority(middle, samples.iter().map(|sample| row(*sample)));
+            });
+            middles = Self::new(words, all);
+        }
+        middles
+    }
+
+    fn new(words: usize, all: Vec<u64>) -> Self {
+        let first = all.chunks_exact(words).flat_map(|row| &row[..FIRST.min(words)]).copied().collect();
+        Self { words, all, first }
+    }
+
+    /// All of them, `[K, words]`.
+    pub(super) fn rows(&self) -> &[u64] {
+        &self.all
+    }
+
+    /// Number of lists.
+    pub(super) const fn len(&self) -> usize {
+        self.all.len() / self.words
+    }
+
+    /// Bytes in memory.
+    pub(super) const fn byte_count(&self) -> usize {
+        (self.all.len() + self.first.len()) * size_of::<u64>()
+    }
+
+    /// For each row of signs its list, in the order of the rows.
+    pub(super) fn nearest_of<'a>(&self, rows: impl IndexedParallelIterator<Item = &'a [u64]>) -> Vec<u32> {
+        rows.map_init(|| vec![0; self.len()], |room, row| self.nearest(row, room)).collect()
+    }
+
+    /// The middle that the fewest signs differ from, of equals the first. Only those are compared in whole whose first signs
+    /// are about as near as any; the others are hardly ever nearer.
+    fn nearest(&self, row: &[u64], room: &mut [u32]) -> u32 {
+        let first = FIRST.min(self.words);
+        hamming(&row[..first], &self.first, room);
+        let near = room.iter().min().copied().unwrap_or(0) + MARGIN;
+        let mut best = (u32::MAX, 0);
+        for (list, distance) in (0..).zip(room.iter()) {
+            if *distance <= near {
+                let mut whole = [0];
+                hamming(row, &self.all[list as usize * self.words..][..self.words], &mut whole);
+                best = best.min((whole[0], list));
+            }
+        }
+        best.1
+    }
+}
+
+/// Makes a middle the majority of these rows; a sign that half of them have stays as it was, and all do when there are none.
+fn majority<'a>(middle: &mut [u64], rows: impl Iterator<Item = &'a [u64]>) {
+    // How many rows have a sign, in binary: the first plane has the lowest bit of each number, the next the second.
+    let mut planes: Vec<Vec<u64>> = Vec::new();
+    let mut count = 0_u32;
+    let mut carried = vec![0; middle.len()];
+    for row in rows {
+        count += 1;
+        carried.copy_from_slice(row);
+        for plane in &mut planes {
+            for (bits, carry) in plane.iter_mut().zip(&mut carried) {
+                (*bits, *carry) = (*bits ^ *carry, *bits & *carry);
+            }
+        }
+        if carried.iter().any(|bits| *bits != 0) {
+            planes.push(carried.clone());
+        }
+    }
+    for (word, signs) in middle.iter_mut().enumerate() {
+        for bit in 0..64 {
+            let have = planes.iter().rev().fold(0_u32, |n, plane| 2 * n + (plane[word] >> bit & 1) as u32);
+            match (2 * have).cmp(&count) {
+                std::cmp::Ordering::Less => *signs &= !(1 << bit),
+                std::cmp::Ordering::Equal => {}
+                std::cmp::Ordering::Greater => *signs |= 1 << bit,
+            }
+        }
+    }
+}
+
+/// Rounds of learning, by how many images a middle is learned from in each: the first move middles far, whatever the images.
+const ROUNDS: [usize; 5] = [16, 16, 32, 32, 64];
+/// Words that tell which middles are near at all: 512 signs.
+const FIRST: usize = 8;
+/// Signs of these by which the nearest middle may be farther than another: by chance alone they spread by eleven.
+const MARGIN: u32 = 14;
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    #[test]
+    fn majorities_are_counted() {
+        let rows: [&[u64]; 5] = [&[0b1110], &[0b0110], &[0b0010], &[0b0010], &[0b0110]];
+        let mut middle = [0b1001];
+        majority(&mut middle, rows.into_iter());
+        assert_eq!(middle, [0b0110]);
+        majority(&mut middle, rows[1..].iter().copied());
+        assert_eq!(middle, [0b0110], "two of four have the third sign, which stays");
+        let mut none = [0b1001];
+        majority(&mut none, rows[..0].iter().copied());
+        assert_eq!(none, [0b1001]);
+    }
+
+    /// Twenty groups, each of signs that differ from a row of its own in one of eight.
+    fn groups(words: usize) -> Vec<u64> {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let own: Vec<u64> = (0..20 * words).map(|_| rng.random()).collect();
+        let mut rows = Vec::new();
+        for image in 0..600 {
+            let group = image * 7 % 20;
+            let flips =
+                |rng: &mut ChaCha8Rng| rng.random::<u64>() & rng.random::<u64>() & rng.random::<u64>();
+            rows.extend(own[group * words..][..words].iter().map(|word| word ^ flips(&mut rng)));
+        }
+        rows
+    }
+
+    #[test]
+    fn alike_images_share_a_list_whatever_the_number_of_threads() {
+        let words = 24;
+        let rows = groups(words);
+        let listed = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| {
+                let middles = Middles::of(&rows, words, 20);
+                let lists = middles.nearest_of(rows.par_chunks_exact(words));
+                (middles.all, lists)
+            })
+        };
+        let (middles, lists) = listed(1);
+        assert_eq!((&middles, &lists), (&listed(3).0, &listed(3).1));
+        // Middles begin as images, so some groups have two lists and some share one; nobody is between groups.
+        let pure = (0..20).filter(|group| {
+            let of = |image: &usize| lists[*image];
+            let own: Vec<usize> = (0..600).filter(|image| image * 7 % 20 == *group).collect();
+            own.iter().all(|image| of(image) == of(&own[0]))
+        });
+        assert!(pure.count() >= 14);
+    }
+}

@@ -1,0 +1,56 @@
+//! What is asked for, as numbers of three bits: signs are all that is kept of an image, and more can be kept of a query.
+//!
+//! Three bits a code of the query leave about half of the error that its signs alone would leave (docs/scale.md), for three
+//! times the work on each word that is read.
+
+use veiloc_simd::{dot_i8, hamming_of_three_bits};
+
+use crate::signs::{Mixing, blocks};
+
+/// The rotated codes of a query in three bits each.
+pub(super) struct Question {
+    words: usize,
+    /// `[3, words]`, as [`hamming_of_three_bits`] takes them.
+    planes: Vec<u64>,
+}
+
+impl Question {
+    /// Of a descriptor of as many codes as the rotation is for.
+    pub(super) fn new(mixing: &Mixing, codes: &[i8]) -> Self {
+        let rotated = mixing.rotated(codes);
+        let words = rotated.len().div_ceil(64);
+        let mut planes = vec![0; 3 * words];
+        let spread = (dot_i8(codes, codes) as f64 / codes.len().max(1) as f64).sqrt();
+        for block in blocks(rotated.len()) {
+            let own = &rotated[block.clone()];
+            let steps = STEPS / (spread * (own.len() as f64).sqrt()).max(f64::MIN_POSITIVE);
+            for (i, value) in block.zip(own) {
+                let number = (f64::from(*value) * steps + 4.0).floor().clamp(0.0, 7.0) as u64;
+                for (bit, plane) in planes.chunks_exact_mut(words).enumerate() {
+                    plane[i / 64] |= (number >> bit & 1) << (i % 64);
+                }
+            }
+        }
+        Self { words, planes }
+    }
+
+    /// Only some of its words.
+    pub(super) fn part(&self, words: std::ops::Range<usize>) -> Self {
+        let planes = self.planes.chunks_exact(self.words.max(1)).flat_map(|plane| &plane[words.clone()]);
+        Self { planes: planes.copied().collect(), words: words.len() }
+    }
+
+    /// How far each row of as many words of signs is from it, `[N]`; the less, the more alike.
+    pub(super) fn distances(&self, rows: &[u64], distances: &mut [u32]) {
+        hamming_of_three_bits(&self.planes, self.words, rows, distances);
+    }
+
+    /// The largest possible distance.
+    pub(super) const fn largest(&self) -> usize {
+        7 * 64 * self.words
+    }
+}
+
+/// Steps of a number in the spread of the codes. Of numbers that spread normally the outermost three in a hundred then get the
+/// lowest and the highest step.
+const STEPS: f64 = 1.82;

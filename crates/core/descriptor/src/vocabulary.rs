@@ -1,0 +1,205 @@
+//! VLAD: how the descriptors of an image differ from the nearest of a few fixed words, summed up.
+
+use rand::Rng;
+use veiloc_simd::PackedRows;
+
+use crate::{
+    DescriptorError, DescriptorKind, DescriptorView, Descriptors, GlobalDescriptor, kmeans,
+    neighbours::{nearest_rows, pack},
+};
+
+/// The words of a visual vocabulary, `[K, dim]` bytes, and the aggregation of an image's descriptors over them.
+///
+/// # Method
+/// VLAD (Jégou et al., *Aggregating local descriptors into a compact image representation*, CVPR 2010) with
+/// intra-normalization (Arandjelović and Zisserman, *All about VLAD*, CVPR 2013), which replaces the signed square root
+/// there and does better: no single word with many repetitive descriptors drowns the others.
+///
+/// ```text
+/// V_k = sum of (x - c_k) over the descriptors x whose nearest word is c_k     exact, in integers
+/// v_k = V_k / |V_k|, or 0
+/// codes = round(127 v)                                                        [K * dim]
+/// ```
+///
+/// Each `v_k` is a unit vector, so no component is beyond 1 and no code saturates. The usual last step, dividing the whole
+/// vector by its length, is left out: the cosine does not see a common factor, and dividing first would leave codes of
+/// one or two. A code is off by at most half of one, `v` by at most 1/254 per component; the cosine is off by less than
+/// 0.002 in the tests.
+#[derive(Clone)]
+pub struct Vocabulary {
+    words: Descriptors,
+    packed: PackedRows,
+}
+
+impl std::fmt::Debug for Vocabulary {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Vocabulary({:?}, {})", self.kind(), self.len())
+    }
+}
+
+impl PartialEq for Vocabulary {
+    fn eq(&self, other: &Self) -> bool {
+        self.words == other.words
+    }
+}
+
+impl Eq for Vocabulary {}
+
+impl Vocabulary {
+    /// The most words a vocabulary may have: a global descriptor of 1 MiB for RootSIFT, 4 MiB at most.
+    pub const MAX_LEN: usize = 8192;
+
+    /// From its words.
+    ///
+    /// # Errors
+    /// [`DescriptorError::WordCount`] when there are none, or more than [`Vocabulary::MAX_LEN`].
+    pub fn new(words: Descriptors) -> Result<Self, DescriptorError> {
+        check_word_count(words.len())?;
+        let packed = pack(words.view());
+        Ok(Self { words, packed })
+    }
+
+    /// Learns `k` words from descriptors of many images by k-means.
+    ///
+    /// Equal samples and an equal generator give equal words, on every machine and for every number of threads. 1000
+    /// samples per word are plenty; the time grows with `samples * k`.
+    ///
+    /// # Errors
+    /// - [`DescriptorError::WordCount`] when `k` is 0 or more than [`Vocabulary::MAX_LEN`].
+    /// - [`DescriptorError::TooFewSamples`] when fewer than `k` samples differ from each other.
+    pub fn train(samples: DescriptorView<'_>, k: usize, rng: &mut impl Rng) -> Result<Self, DescriptorError> {
+        check_word_count(k)?;
+        let words = kmeans::train(samples, k, rng)?;
+        Self::new(Descriptors::new(samples.kind(), words)?)
+    }
+
+    /// Kind of the descriptors it is for.
+    pub const fn kind(&self) -> DescriptorKind {
+        self.words.kind()
+    }
+
+    /// Number of words, K.
+    pub const fn len(&self) -> usize {
+        self.words.len()
+    }
+
+    /// Never: a vocabulary has at least one word.
+    pub const fn is_empty(&self) -> bool {
+        self.words.is_empty()
+    }
+
+    /// Its words, `[K, dim]`.
+    pub fn words(&self) -> DescriptorView<'_> {
+        self.words.view()
+    }
+
+    /// Number of codes of the global descriptors it makes, `K * dim`.
+    pub const fn global_len(&self) -> usize {
+        self.len() * self.kind().dim()
+    }
+
+    /// Sums up the descriptors of one image. No descriptors, or ones of another kind, give all zeros.
+    ///
+    /// The order of the descriptors does not matter.
+    pub fn aggregate(&self, descriptors: DescriptorView<'_>) -> GlobalDescriptor {
+        let dim = self.kind().dim();
+        let residuals = self.residuals(descriptors);
+        let codes = residuals.chunks_exact(dim).flat_map(|residual| {
+            let length = residual.iter().map(|&r| (r as f64).powi(2)).sum::<f64>().sqrt();
+            let scale = if length > 0.0 { f64::from(i8::MAX) / length } else { 0.0 };
+            residual.iter().map(move |&r| (r as f64 * scale).round() as i8)
+        });
+        GlobalDescriptor::new(codes.collect())
+    }
+
+    /// `V_k` of the type's doc, `[K, dim]`.
+    fn residuals(&self, descriptors: DescriptorView<'_>) -> Vec<i64> {
+        let dim = self.kind().dim();
+        let mut residuals = vec![0_i64; self.global_len()];
+        if descriptors.kind() != self.kind() {
+            return residuals;
+        }
+        let nearest = nearest_rows(descriptors.as_bytes(), &self.packed);
+        for (row, two) in descriptors.as_bytes().chunks_exact(dim).zip(nearest) {
+            let word = two.expect("a vocabulary has at least one word").nearest.index as usize;
+            let residual = &mut residuals[word * dim..][..dim];
+            for ((sum, &value), &center) in residual.iter_mut().zip(row).zip(self.words.row(word)) {
+                *sum += i64::from(value) - i64::from(center);
+            }
+        }
+        residuals
+    }
+
+    /// Its bytes, for a file or a message: the mark `VLAD`, then as little-endian `u32` the version, and
+    /// - in version 1 the descriptor kind's number and K,
+    /// - in version 2 K and the kind `[40]` (see [`DescriptorKind::to_bytes`]),
+    ///
+    /// then the words `[K, dim]`. Kinds that have a number are written in version 1.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = MARK.to_vec();
+        let count = self.len() as u32;
+        if let Some(code) = self.kind().v1_code() {
+            bytes.extend([VERSION_1, code, count].into_iter().flat_map(u32::to_le_bytes));
+        } else {
+            bytes.extend([VERSION_2, count].into_iter().flat_map(u32::to_le_bytes));
+            bytes.extend(self.kind().to_bytes());
+        }
+        bytes.extend_from_slice(self.words.as_bytes());
+        bytes
+    }
+
+    /// Reads what [`Vocabulary::to_bytes`] wrote, and nothing else.
+    ///
+    /// # Errors
+    /// What is wrong with the bytes: mark, version, kind, number of words or length.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, DescriptorError> {
+        if !bytes.iter().zip(MARK).all(|(a, b)| a == b) {
+            return Err(DescriptorError::NotAVocabulary);
+        }
+        let too_short = |expected| DescriptorError::VocabularyLength { expected, found: bytes.len() };
+        let (header, words) = bytes.split_first_chunk::<HEADER>().ok_or_else(|| too_short(HEADER))?;
+        let number =
+            |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+        let (kind, count, words) = match number(4) {
+            VERSION_1 => {
+                let code = number(8);
+                let kind = DescriptorKind::from_v1_code(code).ok_or(DescriptorError::UnknownKind { code })?;
+                (kind, number(12), words)
+            }
+            VERSION_2 => {
+                let after = &bytes[HEADER - 4..];
+                let (kind, words) = after
+                    .split_first_chunk::<{ DescriptorKind::BYTES }>()
+                    .ok_or_else(|| too_short(HEADER - 4 + DescriptorKind::BYTES))?;
+                let kind = DescriptorKind::from_bytes(kind)?;
+                if let Some(code) = kind.v1_code() {
+                    return Err(DescriptorError::UnknownKind { code }); // has a form of its own in version 1
+                }
+                (kind, number(8), words)
+            }
+            found => return Err(DescriptorError::VocabularyVersion { found, supported: VERSION_2 }),
+        };
+        let count = count as usize;
+        check_word_count(count)?;
+        if words.len() != count * kind.dim() {
+            return Err(too_short(bytes.len() - words.len() + count * kind.dim()));
+        }
+        Self::new(Descriptors::new(kind, words.to_vec())?)
+    }
+}
+
+fn check_word_count(words: usize) -> Result<(), DescriptorError> {
+    if (1..=Vocabulary::MAX_LEN).contains(&words) {
+        return Ok(());
+    }
+    Err(DescriptorError::WordCount { words, max: Vocabulary::MAX_LEN })
+}
+
+pub(crate) const MARK: &[u8; 4] = b"VLAD";
+const VERSION_1: u32 = 1;
+const VERSION_2: u32 = 2;
+/// Mark and three numbers, which both versions are longer than.
+const HEADER: usize = 16;
+
+#[cfg(test)]
+mod tests;

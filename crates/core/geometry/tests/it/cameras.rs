@@ -1,0 +1,35 @@
+//! All of COLMAP's cameras against pycolmap's (`scripts/oracle_cameras.py`).
+
+use std::collections::BTreeSet;
+
+use veiloc_geometry::{Intrinsics, Pixel, PlanePoint};
+
+const ORACLE: &str = include_str!("../data/cameras.txt");
+
+/// How far pycolmap's own way back is off: its iterations end at a step. Everywhere else the numbers are those of float64.
+const OWN_WAY_BACK: f64 = 1e-8;
+
+#[test]
+fn pixels_and_rays_are_pycolmaps() {
+    let mut camera: Option<Intrinsics> = None;
+    let (mut models, mut points) = (BTreeSet::new(), 0);
+    for line in ORACLE.lines().filter(|line| !line.starts_with('#')) {
+        let (word, rest) = line.split_once(' ').expect("a word and numbers");
+        if word == "camera" {
+            let read: Intrinsics = rest.parse().expect("a camera");
+            models.insert(read.model.name());
+            camera = Some(read);
+            continue;
+        }
+        let camera = camera.as_ref().expect("a camera first");
+        let numbers: Vec<f64> = rest.split(' ').map(|n| n.parse().expect("a number")).collect();
+        let &[x, y, u, v, back_x, back_y] = numbers.as_slice() else { panic!("{line}") };
+        let projected = camera.project(PlanePoint::new(x, y));
+        assert!(projected.distance(&Pixel::new(u, v)) < 1e-9, "{camera} {line}: {projected:?}");
+        let ray = camera.unproject(Pixel::new(u, v)).expect("a ray");
+        assert!((ray.x - x).hypot(ray.y - y) < 1e-12, "{camera} {line}: {ray:?}");
+        assert!((ray.x - back_x).hypot(ray.y - back_y) < OWN_WAY_BACK, "{camera} {line}: {ray:?}");
+        points += 1;
+    }
+    assert_eq!((models.len(), points), (11, 11 * 28));
+}

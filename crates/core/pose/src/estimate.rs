@@ -1,0 +1,220 @@
+//! The pose of a query: one door for points, lines and anchored lines.
+
+use rand::Rng;
+use veiloc_geometry::CameraFromWorld;
+
+use crate::confidence::{assess, free_direction};
+use crate::error::PoseError;
+use crate::focal_search::{OfImage, Settled, over_focal_lengths};
+use crate::likelihood::{
+    Beliefs, Correspondences, FocalKnowledge, Matches, PoseProblem, Scale, Verdict, Zoomed, free_along,
+    with_shift,
+};
+use crate::minimal::Minimal;
+use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
+use crate::pose_estimate::PoseEstimate;
+use crate::ransac::{Budget, Estimator, lo_ransac};
+use crate::search::Search;
+
+/// Estimates where the camera was.
+///
+/// LO-RANSAC with the solvers of the problem's kind, then a final refinement that is kept only when it does not make
+/// the score worse. Equal problems, options and generator states give equal estimates.
+///
+/// # Errors
+/// [`PoseError`]: input that is inconsistent or not finite, too few correspondences, all lines of one anchor, or no
+/// pose with enough inliers.
+pub fn estimate_pose<R: Rng + ?Sized>(
+    problem: &PoseProblem,
+    options: &PoseOptions,
+    rng: &mut R,
+) -> Result<PoseEstimate, PoseError> {
+    options.check()?;
+    problem.check()?;
+    let matches = Matches::new(problem, options.expected_inlier_ratio);
+    if options.score.unwrap_or_default() == ScoreKind::Msac {
+        return search_at(&matches, problem, options, 1.0, rng);
+    }
+    let best = over_focal_lengths(problem.focal, |factor| {
+        let observations = &problem.observations;
+        search_at(&matches, problem, options, factor, rng).map(|estimate| OfImage { estimate, observations })
+    });
+    // Between two focal lengths: the best of those that were tried is not what all of them would have given.
+    if options.stop.is_set() { Err(PoseError::Stopped) } else { best.map(|best| best.estimate) }
+}
+
+/// Searches with a focal length so many times as long as the given one.
+fn search_at<R: Rng + ?Sized>(
+    matches: &Matches<'_>,
+    problem: &PoseProblem,
+    options: &PoseOptions,
+    factor: f64,
+    rng: &mut R,
+) -> Result<PoseEstimate, PoseError> {
+    if options.stop.is_set() {
+        return Err(PoseError::Stopped);
+    }
+    let zoomed = matches.with_focal(factor);
+    let mut search = search(&zoomed, problem, options);
+    // What is told beside the matches is searched with, and then without: were it wrong, it would hide the pose, or poses
+    // that the matches explain as well.
+    let budget = match options.fixed_hypotheses {
+        Some(samples) if !search.beliefs().is_empty() => Budget::fixed(samples.div_ceil(2)),
+        _ => options.budget(1),
+    };
+    let mut found = lo_ransac(&mut search, &budget, rng);
+    if !search.beliefs().is_empty() {
+        let without = Minimal::new(&zoomed, solver(options), None, options.noise_px);
+        let known = search.forget(without);
+        let alone = lo_ransac(&mut search, &budget, rng);
+        let cost = alone.model.as_ref().map_or(f64::INFINITY, |pose| alone.cost + known.loss(pose));
+        if cost < found.cost {
+            found.model = alone.model;
+        }
+        found.samples += alone.samples;
+        search.remember(known);
+    }
+    if options.stop.is_set() {
+        return Err(PoseError::Stopped);
+    }
+    let start = found.model.map(|pose| Zoomed { pose, factor });
+    conclude(search, matches, start, found.samples, problem.focal, options).map_err(|error| {
+        if has_one_side(problem) { PoseError::OneSided { lines: matches.len() } } else { error }
+    })
+}
+
+/// Whether all lines run through one anchor.
+fn has_one_side(problem: &PoseProblem) -> bool {
+    match &problem.observations {
+        Correspondences::Anchored { lines, .. } => lines.iter().all(|(anchor, _)| *anchor == lines[0].0),
+        Correspondences::Points { .. } | Correspondences::Lines { .. } => false,
+    }
+}
+
+/// Estimates where the camera was from a guess of it, such as the pose of the frame before.
+///
+/// The guess is optimised and refined on the same objective as [`estimate_pose`]'s hypotheses, over all
+/// correspondences; nothing is sampled. From the true pose it gives the optimum that a search should find.
+///
+/// # Errors
+/// As [`estimate_pose`]; the guess must agree with enough correspondences after refinement.
+pub fn optimize_pose(
+    problem: &PoseProblem,
+    guess: &CameraFromWorld,
+    options: &PoseOptions,
+) -> Result<PoseEstimate, PoseError> {
+    options.check()?;
+    problem.check()?;
+    if !guess.is_finite() {
+        return Err(PoseError::NotFinite { what: "guess", index: 0 });
+    }
+    let matches = Matches::new(problem, options.expected_inlier_ratio);
+    let search = search(&matches, problem, options);
+    let descended = search.descend(guess);
+    let start = if search.cost(&descended, f64::INFINITY) < search.cost(guess, f64::INFINITY) {
+        descended
+    } else {
+        *guess
+    };
+    let start = Some(Zoomed { pose: start, factor: 1.0 });
+    conclude(search, &matches, start, 0, problem.focal, options)
+}
+
+/// How hypotheses for anchored lines are made.
+fn solver(options: &PoseOptions) -> AnchoredSolver {
+    options.anchored_solver.unwrap_or(AnchoredSolver::default_for(options.score.unwrap_or_default()))
+}
+
+fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOptions) -> Search<'a> {
+    let kind = options.score.unwrap_or_default();
+    let scale = match kind {
+        ScoreKind::Msac => {
+            let lines = match matches.observations {
+                Correspondences::Points { .. } => 1.0,
+                Correspondences::Lines { .. } | Correspondences::Anchored { .. } => {
+                    std::f64::consts::FRAC_1_SQRT_2
+                }
+            };
+            Scale::Msac { threshold: options.max_error_px * lines }
+        }
+        ScoreKind::Likelihood => Scale::Likelihood { noise: options.noise_px },
+    };
+    let minimal = Minimal::new(matches, solver(options), problem.gravity.as_ref(), options.noise_px);
+    let beliefs = match kind {
+        ScoreKind::Msac => Beliefs::default(),
+        ScoreKind::Likelihood => Beliefs::of(problem),
+    };
+    Search::new(matches, scale, minimal, beliefs).until(&options.stop)
+}
+
+/// Final refinement of the best pose, and what is said of it.
+///
+/// `matches` are those of the focal length as given; the start names the one that it was found with.
+fn conclude<'a>(
+    search: Search<'a>,
+    matches: &Matches<'a>,
+    start: Option<Zoomed>,
+    hypotheses: usize,
+    focal: FocalKnowledge,
+    options: &PoseOptions,
+) -> Result<PoseEstimate, PoseError> {
+    let no_consensus =
+        |inliers| PoseError::NoConsensus { inliers, required: options.min_inliers, hypotheses };
+    let Some(start) = start else { return Err(no_consensus(0)) };
+    let seen = matches.as_seen_from(&start.pose);
+    let Settled { search, polished, factor, verdict } =
+        Settled::new(search, &seen, &start, focal, options.estimate_noise);
+    let focal_sd = (verdict == Verdict::Wrong && search.is_likelihood()).then(|| focal.sd());
+    let matches = search.matches();
+    let likelihoods = search.likelihoods(&polished);
+    let inliers = search.agreeing(&polished.pose, &likelihoods);
+    let inlier_keypoints = matches.keypoints_among(inliers.iter().copied());
+    if inlier_keypoints < options.min_inliers {
+        return Err(no_consensus(inlier_keypoints));
+    }
+    let mut mask = vec![false; matches.len()];
+    for &i in &inliers {
+        mask[i] = true;
+    }
+    let uncertainty =
+        |known: &Beliefs, free| search.uncertainty(known, &polished, &likelihoods, &inliers, focal_sd, free);
+    // Trust is told by the matches alone: what somebody says of the camera beside them never strengthens it.
+    let nothing = Beliefs::default();
+    let (noise_px, mut by_matches) = uncertainty(&nothing, None);
+    let free = free_direction(matches, &polished.pose, &inliers, &likelihoods, &by_matches);
+    if free.is_some() {
+        by_matches = uncertainty(&nothing, free).1;
+    }
+    let known = search.beliefs();
+    let mut covariance = if known.is_empty() { by_matches } else { uncertainty(known, free).1 };
+    let margin = search.margin(&polished, &by_matches, options.estimate_noise);
+    let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &by_matches, margin)
+        .with_covariances(&covariance, &by_matches);
+    confidence.log_evidence -= known.loss(&polished.pose);
+    if let Verdict::Suspicious(other) = verdict {
+        let shift = polished.pose.step_to(&other.pose);
+        (covariance, by_matches) = (with_shift(&covariance, &shift), with_shift(&by_matches, &shift));
+        confidence = confidence.with_covariances(&covariance, &by_matches);
+        confidence.other_focal = verdict.doubted();
+    }
+    if let Some((direction, _)) = free {
+        covariance = free_along(&covariance, &direction);
+        by_matches = free_along(&by_matches, &direction);
+        confidence = confidence.held_only_across();
+    }
+    Ok(PoseEstimate {
+        cam_from_world: polished.pose,
+        inlier_count: inliers.len(),
+        inlier_keypoints,
+        hypotheses,
+        score: search.cost(&polished.pose, f64::INFINITY),
+        noise_px,
+        focal_scale: factor,
+        covariance,
+        covariance_by_matches: by_matches,
+        confidence,
+        free_direction: free.map(|(d, _)| (polished.pose.rotation().inverse() * d).into()),
+        inliers: mask,
+        refined: polished.kept,
+    })
+}

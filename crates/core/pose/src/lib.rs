@@ -1,0 +1,80 @@
+//! Robust estimation: LO-RANSAC, samplers, and what the result is worth.
+//!
+//! [`estimate_pose`] is the door. Inside, [`ransac`] holds the one search loop, generic over what it estimates.
+//!
+//! | observations | minimal samples | with gravity |
+//! |---|---|---|
+//! | points | three points, `p3p` | two points, `up2p` |
+//! | lines of any direction | six lines, `p6lp` | four lines, `u4lp` |
+//! | anchored lines | five lines of one anchor and a vote of the other's ([`AnchoredSolver::RadialVote`]), five and one (`p6lp_dual_radial`), or any six (`p6lp`) | four lines, `u4lp` |
+//!
+//! Hypotheses are compared by the likelihood of what was observed ([`ScoreKind::Likelihood`]; `veiloc-likelihood` states it for
+//! all three, and so that schemes can be compared fairly it is one formula), optimised locally and refined on the same
+//! objective, at the noise that the inliers show. What each match is worth before geometry is asked comes from [`prior`].
+//! The plain MSAC score, the paper's recipe, has a false optimum on anchored lines, with the scene projected onto an
+//! anchor; the likelihood has not.
+//!
+//! An estimate comes with a covariance that covers what it claims and with a [`Confidence`] that says whether to trust
+//! it. Recall, errors and times: `docs/pose-engine.md`.
+//!
+//! # Example
+//! A camera at the origin, and sixty keypoints of which it told no more than a line each:
+//! ```
+//! use rand::SeedableRng;
+//! use veiloc_geometry::{CameraFromWorld, Pencils, Pinhole, Pixel, Point3};
+//! use veiloc_pose::{Correspondences, PoseOptions, PoseProblem, estimate_pose};
+//!
+//! let camera = Pinhole { width: 640, height: 480, focal: [525.0; 2], principal: [320.0, 240.0] };
+//! let pencils = Pencils::paper(640, 480);
+//! let pixel = |i: u32| Pixel::new(f64::from(i * 97 % 640) + 0.5, f64::from(i * 53 % 480) + 0.5);
+//! let depth = |i: u32| 2.0 + 0.7 * f64::from(i % 5);
+//! let line = |p: Pixel| (pencils.anchor_of(p), pencils.angle_of(pencils.anchor_of(p), p));
+//! let lines = (0..60).map(|i| line(pixel(i))).collect();
+//! let observations = Correspondences::Anchored { pencils, lines };
+//! let keypoints = (0..60).collect(); // each has one correspondence
+//! let points = (0..60)
+//!     .map(|i| Point3::from_vector(camera.unproject(pixel(i)).homogeneous() * depth(i)))
+//!     .collect();
+//! let problem = PoseProblem::new(camera, observations, keypoints, points);
+//! let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+//! let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng)?;
+//! assert!(found.cam_from_world.translation_error(&CameraFromWorld::identity()) < 1e-3);
+//! assert!(found.inlier_keypoints > 50);
+//! # Ok::<(), veiloc_pose::PoseError>(())
+//! ```
+//!
+//! Results depend on the problem, the options and the generator handed in, on nothing else.
+#![forbid(unsafe_code)]
+#![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
+
+mod bound;
+mod confidence;
+mod error;
+mod estimate;
+mod focal_search;
+mod given;
+mod half_planes;
+pub mod likelihood;
+mod minimal;
+mod options;
+mod pose_estimate;
+mod radial;
+pub mod ransac;
+mod rig;
+mod rivals;
+mod sampler;
+mod search;
+pub mod solvers;
+mod stop;
+
+pub use crate::likelihood::prior;
+pub use crate::likelihood::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};
+pub use bound::fisher_information;
+pub use confidence::{Confidence, Doubt, State};
+pub use error::PoseError;
+pub use estimate::{estimate_pose, optimize_pose};
+pub use given::refine_pose;
+pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
+pub use pose_estimate::PoseEstimate;
+pub use rig::{FrameEstimate, RigEstimate, RigFrame, estimate_rig_pose};
+pub use stop::Stop;

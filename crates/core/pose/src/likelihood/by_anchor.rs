@@ -1,0 +1,24 @@
+//! How the correspondences are spread over the anchors.
+
+use veiloc_geometry::Anchor;
+
+use crate::likelihood::matches::Matches;
+
+impl Matches<'_> {
+    /// The anchor that has most correspondences, the first of equals.
+    pub fn richest_anchor(&self) -> Anchor {
+        let counts = self.count_by_anchor();
+        Anchor::first(Anchor::MOST).rev().max_by_key(|a| counts[a.index()]).unwrap_or(Anchor::FIRST)
+    }
+
+    /// How many anchors have any.
+    pub fn anchors_seen(&self) -> usize {
+        self.count_by_anchor().iter().filter(|count| **count > 0).count()
+    }
+
+    fn count_by_anchor(&self) -> [usize; Anchor::MOST] {
+        let mut counts = [0; Anchor::MOST];
+        self.anchor.iter().for_each(|a| counts[a.index()] += 1);
+        counts
+    }
+}

@@ -1,0 +1,487 @@
+//! The correspondences as the estimators see them: residuals in pixels, their derivatives, and what each is worth.
+//!
+//! # The likelihood
+//! For each correspondence the logarithm of how much better "right, with noise" explains what was observed than "wrong,
+//! anything goes". With `γ` the probability that it is right, `e` the distance in pixels of the projection from the
+//! observation and `σ` the scale of the noise,
+//!
+//! | kind | observed | spread of wrong ones | log likelihood ratio |
+//! |---|---|---|---|
+//! | points | position | the image, `1/(W H)` | `logit γ + log(W H / (2π σ²)) − 3 log(1 + e²/(4σ²))` |
+//! | lines | offset, given the direction | its chord's share of the image, `L/(W H)` | `logit γ + log(c W H / (L σ)) − 3 log(1 + e²/(5σ²))` |
+//! | anchored | angle about the anchor | the arc in which the image is seen, `1/α` | `logit γ + log(c α r / σ) − 3 log(1 + e²/(5σ²))` |
+//!
+//! The noise is a Student t distribution of four (points, in the plane) or five (lines) degrees of freedom, with
+//! `c = 8 / (3 π √5)`: keypoints are a precise many and a coarse few, and a Gaussian lets the few pull. On keypoints of
+//! truly Gaussian noise it costs 2 % (`veiloc eval crb`). Further, `r` is by how many pixels the line moves at the projection per radian, which grows with the distance from the anchor:
+//! an angle seen from far is worth more than one seen from near, and the collapse of the scene into an anchor is worth nothing. It counts only when the point is in front
+//! of the camera, inside the image and, for anchored lines, in a sector of the anchor (each with a small margin).
+
+use std::collections::HashMap;
+use std::hash::Hash;
+
+use veiloc_geometry::nalgebra::{Vector2, Vector3};
+use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
+
+use crate::likelihood::clutter;
+use crate::likelihood::problem::{Correspondences, PoseProblem, SeenFrom};
+use crate::likelihood::visibility::visibility;
+
+/// Degrees of freedom of the noise of points. With the two dimensions of the plane they make the exponent 3.
+const POINT_FREEDOM: f64 = 4.0;
+
+/// Degrees of freedom of the noise across a line. With the one dimension they make the exponent 3.
+const LINE_FREEDOM: f64 = 5.0;
+
+/// Priors are kept this far from certainty: no single match may decide.
+const PRIOR_LIMIT: f64 = 1e-3;
+
+/// Worth of what cannot be seen: far below what any residual adds.
+const UNSEEN: f64 = 1e-30;
+
+/// How far outside the image, or over the border of a sector, a projection may lie, as a share of the image's width.
+const MARGIN: f64 = 0.01;
+
+/// The correspondences of one problem that has passed its check: what every score and every sampler reads.
+#[derive(Debug, Clone)]
+pub struct Matches<'a> {
+    /// The camera of the observations, without distortion.
+    pub camera: Pinhole,
+    /// As they came: what kind of observation all of them are.
+    pub observations: &'a Correspondences,
+    /// Keypoint of each, numbered from 0 in order of first appearance, `[N]`.
+    pub keypoint: Vec<usize>,
+    /// How many keypoints there are.
+    pub keypoints: usize,
+    /// From where each was seen when the map was made, `[N]`, if known.
+    seen_from: Option<&'a [SeenFrom]>,
+    /// Map point of each, numbered from 0: those at one place are one.
+    place: Vec<usize>,
+    /// Covariance of each map point, `[N]`, world frame, if known.
+    point_covariances: Option<&'a [[[f64; 3]; 3]]>,
+    /// Map points, world frame, map units, `[N]`.
+    pub points: Vec<Vector3<f64>>,
+    /// Lines: `(a, b, c)` of unit normal in pixels. Points: `(u, v, 1)`. `[N]`.
+    pub observed: Vec<Vector3<f64>>,
+    /// Anchor of each line, `[N]`; `First` for all where there are none.
+    pub anchor: Vec<Anchor>,
+    /// Log likelihood ratio of each without `σ`, `e` and the distance from the anchor, `[N]`.
+    pub worth: Vec<f64>,
+    /// Probability that each is right before geometry is asked, `[N]`: how often it is drawn.
+    pub weight: Vec<f64>,
+    /// Logarithm of how crowded the query is where each was observed, 0 where its matches are spread evenly: what
+    /// [`Self::worth`] would be less by if wrong matches were as the query shows them. For the evidence alone.
+    pub crowding: Vec<f64>,
+}
+
+/// One correspondence under one pose.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Residual {
+    /// Pixels; lines have one, points two (the second is 0 for lines).
+    pub(crate) error: [f64; 2],
+    /// Derivative of each by the six numbers of [`CameraFromWorld::perturbed`].
+    pub(crate) jacobian: [[f64; 6]; 2],
+    /// Logarithm of the distance from the anchor, 0 without anchors.
+    pub(crate) log_radius: f64,
+    /// Its derivative.
+    pub(crate) radius_jacobian: [f64; 6],
+    /// Derivative of each error by the logarithm of the focal length.
+    pub(crate) by_log_focal: [f64; 2],
+    /// The same of `log r`.
+    pub(crate) radius_by_log_focal: f64,
+}
+
+impl Residual {
+    pub(crate) fn squared(&self) -> f64 {
+        self.error[0] * self.error[0] + self.error[1] * self.error[1]
+    }
+}
+
+impl<'a> Matches<'a> {
+    /// The problem must have passed [`PoseProblem::check`]. Where it brings no prior, each correspondence is taken to be
+    /// right with probability `expected_inlier_ratio`.
+    pub fn new(problem: &'a PoseProblem, expected_inlier_ratio: f64) -> Self {
+        let camera = problem.camera;
+        let n = problem.points.len();
+        let area = f64::from(camera.width) * f64::from(camera.height);
+        // Density of the noise across a line at its middle, in units of 1/σ: the `c` of the table.
+        let peak = 8.0 / (3.0 * std::f64::consts::PI * LINE_FREEDOM.sqrt());
+        let mut anchor = vec![Anchor::FIRST; n];
+        let (observed, spread): (Vec<Vector3<f64>>, Vec<f64>) = match &problem.observations {
+            Correspondences::Points { pixels } => {
+                (pixels.iter().map(|p| p.homogeneous()).collect(), vec![area / std::f64::consts::TAU; n])
+            }
+            Correspondences::Lines { lines } => (
+                lines.iter().map(|l| *l.coefficients()).collect(),
+                lines.iter().map(|l| area * peak / chord_length(l, &camera)).collect(),
+            ),
+            Correspondences::Anchored { pencils, lines } => {
+                anchor = lines.iter().map(|(a, _)| *a).collect();
+                let arcs: Vec<f64> = pencils.anchors().map(|a| pencils.arc(a).length).collect();
+                let line = |(a, angle): &(Anchor, f64)| {
+                    *pencils
+                        .line(*a, *angle)
+                        .expect("lines that miss the image plane are refused")
+                        .coefficients()
+                };
+                // The part of `r` that all projections on one line share; the other is their distance from the anchor.
+                let spread = |(a, angle): &(Anchor, f64)| {
+                    arcs[a.index()] * peak * pencils.pixels_per_radian(*a, *angle)
+                };
+                (lines.iter().map(line).collect(), lines.iter().map(spread).collect())
+            }
+        };
+        let prior = |i: usize| {
+            let p = problem.prior.as_ref().map_or(expected_inlier_ratio, |p| p[i]);
+            p.clamp(PRIOR_LIMIT, 1.0 - PRIOR_LIMIT)
+        };
+        let (keypoint, keypoints) = numbered(&problem.keypoints);
+        let (place, _) =
+            numbered(&problem.points.iter().map(|p| p.coords.map(f64::to_bits)).collect::<Vec<_>>());
+        Self {
+            camera,
+            observations: &problem.observations,
+            keypoint,
+            keypoints,
+            seen_from: problem.seen_from.as_deref(),
+            place,
+            point_covariances: problem.point_covariances.as_deref(),
+            points: problem.points.iter().map(|p| p.coords).collect(),
+            observed,
+            anchor,
+            worth: (0..n).map(|i| (prior(i) / (1.0 - prior(i))).ln() + spread[i].ln()).collect(),
+            weight: (0..n).map(prior).collect(),
+            crowding: clutter::crowding(&problem.observations, &camera),
+        }
+    }
+
+    /// The same correspondences as this pose could have seen them: those it could not are worth nothing.
+    pub fn as_seen_from(&self, pose: &CameraFromWorld) -> Self {
+        let mut seen = self.clone();
+        if self.seen_from.is_some() {
+            for (i, worth) in seen.worth.iter_mut().enumerate() {
+                *worth += self.visibility(i, pose).max(UNSEEN).ln();
+            }
+        }
+        seen
+    }
+
+    /// Share of each correspondence, `[N]`, when they are right with these probabilities: the correspondences of one keypoint
+    /// or of one map point have one error between them, and count as one.
+    pub(crate) fn shares(&self, right: &[f64]) -> Vec<f64> {
+        let sums = |of: &[usize]| {
+            let mut sums = vec![0.0_f64; of.iter().max().map_or(0, |most| most + 1)];
+            of.iter().zip(right).for_each(|(k, r)| sums[*k] += r);
+            sums
+        };
+        let (by_keypoint, by_place) = (sums(&self.keypoint), sums(&self.place));
+        let crowd = |i: usize| by_keypoint[self.keypoint[i]].max(by_place[self.place[i]]);
+        (0..self.len()).map(|i| crowd(i).max(1.0).recip()).collect()
+    }
+
+    /// Covariance of the map point of a correspondence, if known.
+    pub(crate) fn point_covariance(&self, i: usize) -> Option<&[[f64; 3]; 3]> {
+        self.point_covariances.map(|all| &all[i])
+    }
+
+    /// The same correspondences seen by a camera with a focal length so many times as long.
+    pub fn with_focal(&self, factor: f64) -> Self {
+        Self { camera: self.zoomed_camera(factor), ..self.clone() }
+    }
+
+    /// The camera with a focal length so many times as long.
+    pub(crate) fn zoomed_camera(&self, factor: f64) -> Pinhole {
+        Pinhole { focal: self.camera.focal.map(|f| f * factor), ..self.camera }
+    }
+
+    /// How much of a correspondence's worth is left from where this pose sees it, 0 to 1.
+    pub fn visibility(&self, i: usize, pose: &CameraFromWorld) -> f64 {
+        let Some(seen_from) = self.seen_from else { return 1.0 };
+        let center = pose.rotation().inverse() * -pose.translation();
+        visibility(&self.points[i], &seen_from[i], &center, self.camera.focal[0])
+    }
+
+    /// How many correspondences there are.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// True when there is none.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// How many keypoints these correspondences belong to.
+    pub fn keypoints_among(&self, correspondences: impl Iterator<Item = usize>) -> usize {
+        let mut seen = vec![false; self.keypoints];
+        correspondences.filter(|&i| !std::mem::replace(&mut seen[self.keypoint[i]], true)).count()
+    }
+
+    /// Residuals of one correspondence: two for points, one for lines.
+    pub const fn residuals(&self) -> usize {
+        self.observations.residuals()
+    }
+
+    /// What the squared residual is divided by in the likelihood, for unit noise.
+    pub const fn freedom(&self) -> f64 {
+        match self.observations {
+            Correspondences::Points { .. } => POINT_FREEDOM,
+            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => LINE_FREEDOM,
+        }
+    }
+
+    /// `−log σ` as often as the noise (pixels) enters, for [`Self::worth`].
+    pub fn noise_term(&self, noise: f64) -> f64 {
+        -(self.residuals() as f64) * noise.ln()
+    }
+
+    /// Margin of the gates, pixels.
+    pub fn margin(&self) -> f64 {
+        MARGIN * f64::from(self.camera.width)
+    }
+
+    /// Whether a projection may be what was seen: inside the image, in a sector of its anchor.
+    fn admits(&self, i: usize, pixel: &Vector2<f64>) -> bool {
+        let margin = self.margin();
+        let pixel = Pixel::new(pixel.x, pixel.y);
+        let is_own = match self.observations {
+            Correspondences::Anchored { pencils, .. } => pencils.admits(self.anchor[i], pixel, margin),
+            Correspondences::Points { .. } | Correspondences::Lines { .. } => true,
+        };
+        is_own && self.camera.contains(pixel, margin)
+    }
+
+    /// Residual with derivatives; `None` behind the camera or, when `gated`, where nothing can have been seen.
+    pub(crate) fn residual(&self, i: usize, pose: &CameraFromWorld, gated: bool) -> Option<Residual> {
+        self.residual_of(&self.camera, i, pose, gated)
+    }
+
+    /// The same for a camera that differs in its focal length.
+    pub(crate) fn residual_of(
+        &self,
+        c: &Pinhole,
+        i: usize,
+        pose: &CameraFromWorld,
+        gated: bool,
+    ) -> Option<Residual> {
+        let p = pose.rotation() * self.points[i] + pose.translation();
+        let pixel = pixel_of(c, &p)?;
+        if gated && !self.admits(i, &pixel) {
+            return None;
+        }
+        let plane = Vector2::new(p.x / p.z, p.y / p.z);
+        // Gradients of u and v by the point in the camera frame.
+        let du = Vector3::new(c.focal[0], 0.0, -c.focal[0] * plane.x) / p.z;
+        let dv = Vector3::new(0.0, c.focal[1], -c.focal[1] * plane.y) / p.z;
+        let chart = |g: Vector3<f64>| {
+            let turn = p.cross(&g);
+            [turn.x, turn.y, turn.z, g.x, g.y, g.z]
+        };
+        let o = &self.observed[i];
+        let mut residual = Residual {
+            error: [0.0; 2],
+            jacobian: [[0.0; 6]; 2],
+            log_radius: 0.0,
+            radius_jacobian: [0.0; 6],
+            by_log_focal: [0.0; 2],
+            radius_by_log_focal: 0.0,
+        };
+        // How the projection moves with the logarithm of the focal length.
+        let zoom = Vector2::new(pixel.x - c.principal[0], pixel.y - c.principal[1]);
+        match self.observations {
+            Correspondences::Points { .. } => {
+                residual.error = [pixel.x - o.x, pixel.y - o.y];
+                residual.jacobian = [chart(du), chart(dv)];
+                residual.by_log_focal = [zoom.x, zoom.y];
+            }
+            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => {
+                residual.error[0] = o.x * pixel.x + o.y * pixel.y + o.z;
+                residual.jacobian[0] = chart(du * o.x + dv * o.y);
+                residual.by_log_focal[0] = o.x * zoom.x + o.y * zoom.y;
+            }
+        }
+        if let Correspondences::Anchored { pencils, .. } = self.observations {
+            let anchor = pencils.homogeneous(self.anchor[i]);
+            let from_anchor = pixel * anchor.z - anchor.xy();
+            let squared = from_anchor.norm_squared().max(1e-12);
+            residual.log_radius = 0.5 * squared.ln();
+            let slope = from_anchor * (anchor.z / squared);
+            residual.radius_jacobian = chart(du * slope.x + dv * slope.y);
+            residual.radius_by_log_focal = zoom.dot(&slope);
+        }
+        Some(residual)
+    }
+
+    /// Squared distance of the projection from what was observed, pixels squared; `None` behind the camera.
+    pub fn squared_error(&self, i: usize, pose: &CameraFromWorld) -> Option<f64> {
+        let p = pose.rotation() * self.points[i] + pose.translation();
+        pixel_of(&self.camera, &p).map(|pixel| self.squared_distance(i, &pixel))
+    }
+
+    /// Squared distance of a pixel from what was observed.
+    fn squared_distance(&self, i: usize, pixel: &Vector2<f64>) -> f64 {
+        let o = &self.observed[i];
+        match self.observations {
+            Correspondences::Points { .. } => (pixel.x - o.x).powi(2) + (pixel.y - o.y).powi(2),
+            Correspondences::Lines { .. } | Correspondences::Anchored { .. } => {
+                (o.x * pixel.x + o.y * pixel.y + o.z).powi(2)
+            }
+        }
+    }
+
+    /// The log likelihood ratio at this scale of the noise, pixels; `None` where nothing can have been seen.
+    pub(crate) fn log_likelihood_ratio(&self, i: usize, pose: &CameraFromWorld, noise: f64) -> Option<f64> {
+        self.log_likelihood_ratio_at(i, &(pose.rotation() * self.points[i] + pose.translation()), noise)
+    }
+
+    /// That of all correspondences, `[N]`; `−∞` where nothing can have been seen.
+    pub fn log_likelihood_ratios(&self, pose: &CameraFromWorld, noise: f64) -> Vec<f64> {
+        let of = |i| self.log_likelihood_ratio(i, pose, noise).unwrap_or(f64::NEG_INFINITY);
+        (0..self.len()).map(of).collect()
+    }
+
+    /// The same for a correspondence whose point is at `p` in the camera frame, map units.
+    pub fn log_likelihood_ratio_at(&self, i: usize, p: &Vector3<f64>, noise: f64) -> Option<f64> {
+        let pixel = pixel_of(&self.camera, p)?;
+        if !self.admits(i, &pixel) {
+            return None;
+        }
+        let log_radius = match self.observations {
+            Correspondences::Anchored { pencils, .. } => {
+                pencils.distance(self.anchor[i], Pixel::new(pixel.x, pixel.y)).max(1e-6).ln()
+            }
+            Correspondences::Points { .. } | Correspondences::Lines { .. } => 0.0,
+        };
+        let squared = self.squared_distance(i, &pixel);
+        let tail = 3.0 * (squared / (self.freedom() * noise * noise)).ln_1p();
+        Some(self.worth[i] + self.noise_term(noise) + log_radius - tail)
+    }
+}
+
+/// Where a point of the camera frame projects; `None` when it is not in front.
+fn pixel_of(c: &Pinhole, p: &Vector3<f64>) -> Option<Vector2<f64>> {
+    (p.z > 0.0).then(|| {
+        Vector2::new(c.focal[0] * p.x / p.z + c.principal[0], c.focal[1] * p.y / p.z + c.principal[1])
+    })
+}
+
+/// The same keypoints numbered from 0 in order of first appearance, and how many there are: their own numbers change
+/// nothing, not even the order of sums.
+fn numbered<T: Copy + Eq + Hash>(keypoints: &[T]) -> (Vec<usize>, usize) {
+    let mut known: HashMap<T, usize> = HashMap::with_capacity(keypoints.len());
+    let numbered = keypoints
+        .iter()
+        .map(|keypoint| {
+            let next = known.len();
+            *known.entry(*keypoint).or_insert(next)
+        })
+        .collect();
+    (numbered, known.len())
+}
+
+/// Length of a line inside the image, at least one pixel.
+fn chord_length(line: &PixelLine, camera: &Pinhole) -> f64 {
+    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+    let foot = line.closest_point(Pixel::new(w / 2.0, h / 2.0));
+    let along = line.direction();
+    // Clip foot + s·along against both pairs of sides.
+    let mut span = (f64::NEG_INFINITY, f64::INFINITY);
+    for (at, d, size) in [(foot.u, along.x, w), (foot.v, along.y, h)] {
+        if d.abs() > 1e-12 {
+            let (a, b) = (-at / d, (size - at) / d);
+            span = (span.0.max(a.min(b)), span.1.min(a.max(b)));
+        } else if !(0.0..=size).contains(&at) {
+            return 1.0;
+        }
+    }
+    (span.1 - span.0).max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::likelihood::test_data::observe;
+    use veiloc_geometry::nalgebra::Rotation3;
+    use veiloc_geometry::{Pencils, Point3, Rigid3};
+
+    fn problem(kind: usize) -> PoseProblem {
+        let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
+        let pencils = Pencils::paper(640, 480);
+        let pixels: Vec<Pixel> = (0..30)
+            .map(|i| Pixel::new(f64::from(i * 97 % 640) + 0.3, f64::from(i * 53 % 480) + 0.7))
+            .collect();
+        let points = pixels
+            .iter()
+            .enumerate()
+            .map(|(i, p)| Point3::from_vector(camera.unproject(*p).homogeneous() * (2.0 + 0.1 * i as f64)))
+            .collect();
+        let mut angles = (0..).map(f64::from);
+        let observations = observe(kind, pixels, &pencils, || angles.next().unwrap_or(0.0));
+        let keypoints = (0..30).collect();
+        PoseProblem::new(camera, observations, keypoints, points)
+    }
+
+    fn near_identity() -> CameraFromWorld {
+        Rigid3::new(Rotation3::from_euler_angles(0.01, -0.02, 0.015), Vector3::new(0.02, -0.03, 0.05))
+    }
+
+    #[test]
+    fn jacobians_agree_with_finite_differences() {
+        for kind in 0..3 {
+            let problem = problem(kind);
+            let matches = Matches::new(&problem, 0.2);
+            let pose = near_identity();
+            for i in 0..matches.len() {
+                let here = matches.residual(i, &pose, false).expect("in front");
+                for k in 0..6 {
+                    let h = 1e-6;
+                    let at = |s: f64| {
+                        let mut step = [0.0; 6];
+                        step[k] = s;
+                        matches.residual(i, &pose.perturbed(&step), false).expect("in front")
+                    };
+                    let (plus, minus) = (at(h), at(-h));
+                    for row in 0..2 {
+                        let numeric = (plus.error[row] - minus.error[row]) / (2.0 * h);
+                        let given = here.jacobian[row][k];
+                        assert!((numeric - given).abs() < 1e-4 * (1.0 + given.abs()), "{numeric} {given}");
+                    }
+                    let numeric = (plus.log_radius - minus.log_radius) / (2.0 * h);
+                    let given = here.radius_jacobian[k];
+                    assert!((numeric - given).abs() < 1e-4 * (1.0 + given.abs()), "{numeric} {given}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_likelihood_of_a_true_anchored_match_is_the_formula() {
+        let problem = problem(2);
+        let matches = Matches::new(&problem, 0.25);
+        let pencils = Pencils::paper(640, 480);
+        for i in 0..matches.len() {
+            let pixel = problem.camera.project(
+                veiloc_geometry::PlanePoint::from_camera_point(&Point3::from_vector(matches.points[i]))
+                    .expect("front"),
+            );
+            // How far the line moves there, by a small turn of it.
+            let anchor = pencils.anchor_of(pixel);
+            let turned = pencils.line(anchor, pencils.angle_of(anchor, pixel) + 1e-6).expect("in sight");
+            let r = turned.signed_distance(pixel).abs() / 1e-6;
+            let expected = (0.25_f64 / 0.75).ln() + (8.0 * r / (3.0 * 5.0_f64.sqrt() * 1.5)).ln();
+            let found = matches.log_likelihood_ratio(i, &CameraFromWorld::identity(), 1.5).expect("visible");
+            assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn chords() {
+        let camera = Pinhole { width: 640, height: 480, focal: [1.0; 2], principal: [0.0; 2] };
+        let line = |u, v, angle| chord_length(&PixelLine::through(Pixel::new(u, v), angle), &camera);
+        assert!((line(5.0, 100.0, 0.0) - 640.0).abs() < 1e-9);
+        assert!((line(5.0, 100.0, std::f64::consts::FRAC_PI_2) - 480.0).abs() < 1e-9);
+        assert!((line(0.0, 0.0, 3.0_f64.atan2(4.0)) - 800.0).abs() < 1e-9);
+        assert_eq!(line(-50.0, -50.0, -std::f64::consts::FRAC_PI_4), 1.0);
+        assert_eq!(line(0.0, 600.0, 0.0), 1.0);
+    }
+}

@@ -1,0 +1,272 @@
+//! What goes into pose estimation: correspondences between one query and the map.
+
+use veiloc_geometry::frames::World;
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_geometry::{Anchor, Pencils, Pinhole, Pixel, PixelLine, Point3};
+
+use crate::likelihood::error::ProblemError;
+
+/// What the query tells about each correspondence, `[N]`.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Correspondences {
+    /// The keypoints themselves.
+    Points {
+        /// `[N]`, undistorted.
+        pixels: Vec<Pixel>,
+    },
+    /// Lines through the keypoints, of any direction.
+    Lines {
+        /// `[N]`, in undistorted pixels.
+        lines: Vec<PixelLine>,
+    },
+    /// Dual Convergent Lines: half-planes about one of the anchors.
+    Anchored {
+        /// Where the anchors are, and what is joined to which.
+        pencils: Pencils,
+        /// `[N]`, anchor and angle as [`Pencils::angle_of`] measures it.
+        lines: Vec<(Anchor, f64)>,
+    },
+}
+
+impl Correspondences {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Points { pixels } => pixels.len(),
+            Self::Lines { lines } => lines.len(),
+            Self::Anchored { lines, .. } => lines.len(),
+        }
+    }
+
+    /// True when there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Correspondences in a minimal sample: three points or six lines.
+    pub const fn sample_size(&self) -> usize {
+        match self {
+            Self::Points { .. } => 3,
+            Self::Lines { .. } | Self::Anchored { .. } => 6,
+        }
+    }
+
+    /// Residuals of one correspondence: two for points, one for lines.
+    pub(crate) const fn residuals(&self) -> usize {
+        match self {
+            Self::Points { .. } => 2,
+            Self::Lines { .. } | Self::Anchored { .. } => 1,
+        }
+    }
+}
+
+/// A query's correspondences and the camera that saw them.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct PoseProblem {
+    /// The camera of the observations, without distortion.
+    pub camera: Pinhole,
+    /// What was seen, `[N]`.
+    pub observations: Correspondences,
+    /// The keypoint that each correspondence belongs to, `[N]`: its row in the query, or any other number that
+    /// correspondences of one keypoint share and those of different ones do not.
+    ///
+    /// A keypoint proposed for several map points has one correspondence for each of them, one that was sent as two lines
+    /// one for each line: at most one of them is right, and they count as one piece of evidence. What was observed cannot
+    /// tell, because different keypoints often have the same line once angles are rounded.
+    pub keypoints: Vec<usize>,
+    /// The map points proposed for them, `[N]`, map units.
+    pub points: Vec<Point3<World>>,
+    /// Probability in (0, 1) that each correspondence is right, `[N]`; `None` treats all alike.
+    ///
+    /// Weighs the drawing of samples under both scores, and the likelihood. See [`crate::likelihood::prior`].
+    pub prior: Option<Vec<f64>>,
+    /// From where each correspondence's descriptor was seen when the map was made, `[N]`: a pose from where it cannot look
+    /// the same does not explain the match. `None` lets every pose see every point.
+    pub seen_from: Option<Vec<SeenFrom>>,
+    /// Which way is down, if the device has felt it: then smaller samples are enough.
+    pub gravity: Option<Gravity>,
+    /// Where the camera is, roughly, if somebody knows.
+    pub position: Option<PositionPrior>,
+    /// How well the focal length of [`Self::camera`] is known.
+    pub focal: FocalKnowledge,
+    /// Covariance of each map point in the world frame, `[N]`, map units squared; `None` takes the map for exact.
+    pub point_covariances: Option<Vec<[[f64; 3]; 3]>>,
+}
+
+/// Where the map image stood that proposed a match.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenFrom {
+    /// Its camera centre, world frame, map units.
+    pub center: Point3<World>,
+    /// Its focal length, pixels.
+    pub focal_px: f64,
+}
+
+/// One direction of the world as the camera feels it: down, by an accelerometer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gravity {
+    /// In the camera frame; any length but zero.
+    pub in_camera: Vector3<f64>,
+    /// The same direction in the world frame; any length but zero.
+    pub in_world: Vector3<f64>,
+    /// Standard deviation about each of the two axes across it, degrees; above 0.
+    pub sd_deg: f64,
+}
+
+impl Gravity {
+    /// What a phone's accelerometer errs by when nobody says better, degrees.
+    pub const PHONE_SD_DEG: f64 = 2.0;
+
+    /// As a phone at rest feels it ([`Self::PHONE_SD_DEG`]).
+    pub const fn felt(in_camera: Vector3<f64>, in_world: Vector3<f64>) -> Self {
+        Self { in_camera, in_world, sd_deg: Self::PHONE_SD_DEG }
+    }
+}
+
+/// Where the camera is before anything is seen, for example by GPS: a normal distribution about a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PositionPrior {
+    /// Middle, world frame, map units.
+    pub center: Point3<World>,
+    /// Standard deviation along each axis, map units; above 0.
+    pub sd: f64,
+}
+
+/// How well a camera's focal length is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum FocalKnowledge {
+    /// Measured for this camera.
+    #[default]
+    Calibrated,
+    /// Told by the image's metadata: mostly right to some per cent, and wrong when the image was cropped.
+    Exif,
+    /// A guess.
+    Unknown,
+}
+
+impl PoseProblem {
+    /// Of one correspondence an entry, `[N]` in all three lists; nothing else is known, the camera is calibrated.
+    pub const fn new(
+        camera: Pinhole,
+        observations: Correspondences,
+        keypoints: Vec<usize>,
+        points: Vec<Point3<World>>,
+    ) -> Self {
+        Self {
+            camera,
+            observations,
+            keypoints,
+            points,
+            prior: None,
+            seen_from: None,
+            gravity: None,
+            position: None,
+            focal: FocalKnowledge::Calibrated,
+            point_covariances: None,
+        }
+    }
+
+    /// Refuses what no pose can be estimated from. All else in this room takes a problem that has passed.
+    ///
+    /// # Errors
+    /// [`ProblemError`]: lists that differ in length, a number that is not finite or not possible, or fewer correspondences
+    /// than a minimal sample.
+    pub fn check(&self) -> Result<(), ProblemError> {
+        let n = self.observations.len();
+        let required = self.observations.sample_size();
+        for (what, actual) in [("points", self.points.len()), ("keypoints", self.keypoints.len())] {
+            if actual != n {
+                return Err(ProblemError::LengthMismatch { what, expected: n, actual });
+            }
+        }
+        let c = &self.camera;
+        positive("focal length fx", c.focal[0])?;
+        positive("focal length fy", c.focal[1])?;
+        for (what, value) in [("principal point cx", c.principal[0]), ("principal point cy", c.principal[1])]
+        {
+            if !value.is_finite() {
+                return Err(ProblemError::BadValue { what, value });
+            }
+        }
+        if c.width == 0 || c.height == 0 {
+            return Err(ProblemError::BadValue { what: "image size", value: 0.0 });
+        }
+        let bad = match &self.observations {
+            Correspondences::Points { pixels } => pixels.iter().position(|p| !p.is_finite()),
+            Correspondences::Lines { lines } => {
+                lines.iter().position(|l| !l.coefficients().iter().all(|c| c.is_finite()))
+            }
+            Correspondences::Anchored { pencils, lines } => {
+                let is_line = |anchor: Anchor, angle: f64| {
+                    anchor.index() < pencils.len()
+                        && angle.is_finite()
+                        && pencils.line(anchor, angle).is_some()
+                };
+                lines.iter().position(|(anchor, angle)| !is_line(*anchor, *angle))
+            }
+        };
+        if let Some(index) = bad {
+            return Err(ProblemError::NotFinite { what: "observation", index });
+        }
+        if let Some(index) = self.points.iter().position(|p| !p.is_finite()) {
+            return Err(ProblemError::NotFinite { what: "point", index });
+        }
+        if let Some(prior) = &self.prior {
+            if prior.len() != n {
+                return Err(ProblemError::LengthMismatch { what: "prior", expected: n, actual: prior.len() });
+            }
+            if let Some(index) = prior.iter().position(|p| !(0.0..=1.0).contains(p)) {
+                return Err(ProblemError::BadPrior { index, value: prior[index] });
+            }
+        }
+        if let Some(seen_from) = &self.seen_from {
+            if seen_from.len() != n {
+                let actual = seen_from.len();
+                return Err(ProblemError::LengthMismatch { what: "seen_from", expected: n, actual });
+            }
+            let possible = |s: &SeenFrom| s.center.is_finite() && s.focal_px.is_finite() && s.focal_px > 0.0;
+            if let Some(index) = seen_from.iter().position(|s| !possible(s)) {
+                return Err(ProblemError::NotFinite { what: "seen_from", index });
+            }
+        }
+        if let Some(gravity) = &self.gravity {
+            for (what, v) in [
+                ("length of gravity in the camera", gravity.in_camera),
+                ("length of gravity in the world", gravity.in_world),
+            ] {
+                if !(v.norm().is_finite() && v.norm() > 0.0) {
+                    return Err(ProblemError::BadValue { what, value: v.norm() });
+                }
+            }
+            positive("standard deviation of gravity", gravity.sd_deg)?;
+        }
+        if let Some(position) = &self.position {
+            if !position.center.is_finite() {
+                return Err(ProblemError::NotFinite { what: "position prior", index: 0 });
+            }
+            positive("standard deviation of the position prior", position.sd)?;
+        }
+        if let Some(covariances) = &self.point_covariances {
+            if covariances.len() != n {
+                let actual = covariances.len();
+                return Err(ProblemError::LengthMismatch { what: "point covariances", expected: n, actual });
+            }
+            let possible = |c: &[[f64; 3]; 3]| {
+                c.iter().flatten().all(|v| v.is_finite()) && (0..3).all(|k| c[k][k] >= 0.0)
+            };
+            if let Some(index) = covariances.iter().position(|c| !possible(c)) {
+                return Err(ProblemError::NotFinite { what: "point covariance", index });
+            }
+        }
+        if n < required {
+            return Err(ProblemError::TooFew { required, actual: n });
+        }
+        Ok(())
+    }
+}
+
+/// Refuses a number that is not finite or not above 0.
+fn positive(what: &'static str, value: f64) -> Result<(), ProblemError> {
+    if value.is_finite() && value > 0.0 { Ok(()) } else { Err(ProblemError::BadValue { what, value }) }
+}

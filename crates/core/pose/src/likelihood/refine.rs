@@ -1,0 +1,251 @@
+//! Levenberg–Marquardt on the six numbers of a pose, with robust losses and the anchored likelihood.
+
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Matrix6, Vector6};
+
+use crate::likelihood::descent::{Descended, Patience, levenberg_marquardt};
+use crate::likelihood::matches::{Matches, Residual};
+
+/// What is minimised over the chosen correspondences.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Loss {
+    /// `½ e²`.
+    Squared,
+    /// `½ min(e², τ²)`: what MSAC scores.
+    Truncated {
+        /// `τ`, pixels.
+        threshold: f64,
+    },
+    /// `−log(1 + exp(llr))`: the likelihood of "right or wrong, whichever", with the `log r` of anchored lines.
+    Likelihood {
+        /// Scale of the noise, pixels.
+        noise: f64,
+    },
+}
+
+/// A pose and the loss at it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Refined {
+    /// The pose.
+    pub pose: CameraFromWorld,
+    /// What it costs.
+    pub loss: f64,
+}
+
+/// Gauss–Newton system `H δ = −g` at one pose, over the six numbers of [`CameraFromWorld::perturbed`].
+pub struct System {
+    /// The loss there.
+    pub loss: f64,
+    /// `g`, its derivative.
+    pub gradient: Vector6<f64>,
+    /// `H`, symmetric.
+    pub hessian: Matrix6<f64>,
+}
+
+/// Minimises the loss over the correspondences `active`, at most `steps` accepted or refused steps.
+///
+/// Never returns a pose with a larger loss than the start's.
+pub fn refine(
+    matches: &Matches<'_>,
+    active: &[usize],
+    loss: Loss,
+    start: &CameraFromWorld,
+    steps: usize,
+) -> Refined {
+    descend(|pose| linearize(matches, active, loss, pose), start, steps, 1e-9)
+}
+
+/// Levenberg–Marquardt on any objective that can be linearized, at most `steps` accepted or refused steps; ends when a
+/// step gains less than this share of the loss.
+///
+/// Never returns a pose with a larger loss than the start's.
+pub fn descend(
+    objective: impl Fn(&CameraFromWorld) -> System,
+    start: &CameraFromWorld,
+    steps: usize,
+    least_gain: f64,
+) -> Refined {
+    let step = |pose: &CameraFromWorld, system: &System, damping| {
+        let step = damped_step(system, damping)?;
+        Some((pose.perturbed(&step.into()), -0.5 * step.dot(&system.gradient)))
+    };
+    let Descended { at: pose, here } =
+        levenberg_marquardt(*start, Patience { steps, least_gain }, objective, |here| here.loss, step);
+    Refined { pose: reorthonormalized(&pose), loss: here.loss }
+}
+
+fn damped_step(system: &System, damping: f64) -> Option<Vector6<f64>> {
+    let mut h = system.hessian;
+    for k in 0..6 {
+        h[(k, k)] += damping * h[(k, k)].max(1e-12);
+    }
+    let step = h.cholesky()?.solve(&-system.gradient);
+    step.iter().all(|s| s.is_finite()).then_some(step)
+}
+
+/// Products of rotations drift off orthonormality by rounding only; once at the end is enough.
+fn reorthonormalized(pose: &CameraFromWorld) -> CameraFromWorld {
+    let mut rotation = *pose.rotation();
+    rotation.renormalize();
+    CameraFromWorld::new(rotation, *pose.translation())
+}
+
+/// Loss and derivatives over the correspondences `active` at a pose. Those that the pose cannot have seen count as certainly
+/// wrong.
+pub fn linearize(matches: &Matches<'_>, active: &[usize], loss: Loss, pose: &CameraFromWorld) -> System {
+    let mut system = System::empty();
+    let gated = matches!(loss, Loss::Likelihood { .. });
+    let noise_term = match loss {
+        Loss::Likelihood { noise } => matches.noise_term(noise),
+        Loss::Squared | Loss::Truncated { .. } => 0.0,
+    };
+    for &i in active {
+        let Some(residual) = matches.residual(i, pose, gated) else {
+            system.loss += loss_out_of_sight(loss);
+            continue;
+        };
+        let e2 = residual.squared();
+        // Loss, weight of each squared residual, weight of −log r.
+        let (value, weight, radial) = match loss {
+            Loss::Squared => (0.5 * e2, 1.0, 0.0),
+            Loss::Truncated { threshold } => {
+                let t2 = threshold * threshold;
+                (0.5 * e2.min(t2), if e2 < t2 { 1.0 } else { 0.0 }, 0.0)
+            }
+            Loss::Likelihood { noise } => {
+                let scale = matches.freedom() * noise * noise;
+                let llr = matches.worth[i] + noise_term + residual.log_radius - 3.0 * (e2 / scale).ln_1p();
+                let right = 1.0 / (1.0 + (-llr).exp());
+                let softplus = llr.max(0.0) + (-llr.abs()).exp().ln_1p();
+                (-softplus, 6.0 * right / (scale + e2), right)
+            }
+        };
+        system.loss += value;
+        system.add(&residual, weight, radial, matches.residuals());
+    }
+    for row in 0..6 {
+        for column in 0..row {
+            system.hessian[(row, column)] = system.hessian[(column, row)];
+        }
+    }
+    system
+}
+
+/// A correspondence that cannot have been seen counts as one that is certainly wrong.
+fn loss_out_of_sight(loss: Loss) -> f64 {
+    match loss {
+        // A finite number that no residual in sight reaches: least squares may not push points behind the camera.
+        Loss::Squared => 1e12,
+        Loss::Truncated { threshold } => 0.5 * threshold * threshold,
+        Loss::Likelihood { .. } => 0.0,
+    }
+}
+
+impl System {
+    /// Of no correspondence.
+    pub fn empty() -> Self {
+        Self { loss: 0.0, gradient: Vector6::zeros(), hessian: Matrix6::zeros() }
+    }
+
+    fn add(&mut self, residual: &Residual, weight: f64, radial: f64, rows: usize) {
+        if weight <= 0.0 {
+            return;
+        }
+        for k in 0..rows {
+            let (e, j) = (residual.error[k], &residual.jacobian[k]);
+            for a in 0..6 {
+                let wj = weight * j[a];
+                self.gradient[a] += wj * e;
+                for b in a..6 {
+                    self.hessian[(a, b)] += wj * j[b];
+                }
+            }
+        }
+        if radial > 0.0 {
+            for a in 0..6 {
+                self.gradient[a] -= radial * residual.radius_jacobian[a];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::likelihood::problem::PoseProblem;
+    use crate::likelihood::test_data::observe;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+    use veiloc_geometry::{Pencils, Pinhole, Pixel, Point3, Rigid3};
+
+    const LOSSES: [Loss; 3] =
+        [Loss::Squared, Loss::Truncated { threshold: 4.0 }, Loss::Likelihood { noise: 2.0 }];
+
+    /// Exact observations from the identity pose, well inside the image.
+    fn exact(rng: &mut ChaCha8Rng, kind: usize) -> PoseProblem {
+        let camera = Pinhole { width: 640, height: 480, focal: [500.0, 510.0], principal: [310.0, 250.0] };
+        let pencils = Pencils::paper(640, 480);
+        let pixels: Vec<Pixel> = (0..60)
+            .map(|_| Pixel::new(rng.random_range(60.0..580.0), rng.random_range(60.0..420.0)))
+            .collect();
+        let points = pixels
+            .iter()
+            .map(|p| Point3::from_vector(camera.unproject(*p).homogeneous() * rng.random_range(2.0..6.0)))
+            .collect();
+        let observations = observe(kind, pixels, &pencils, || rng.random_range(0.0..3.0));
+        let keypoints = (0..60).collect();
+        PoseProblem::new(camera, observations, keypoints, points)
+    }
+
+    fn start(rng: &mut ChaCha8Rng, size: f64) -> CameraFromWorld {
+        let mut r = || rng.random_range(-size..size);
+        Rigid3::new(Rotation3::from_euler_angles(r(), r(), r()), Vector3::new(r(), r(), r()))
+    }
+
+    #[test]
+    fn gradients_of_all_losses_agree_with_finite_differences() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        for kind in 0..3 {
+            let problem = exact(&mut rng, kind);
+            let matches = Matches::new(&problem, 0.2);
+            let active: Vec<usize> = (0..matches.len()).collect();
+            for loss in LOSSES {
+                let pose = start(&mut rng, 0.004);
+                let system = linearize(&matches, &active, loss, &pose);
+                for k in 0..6 {
+                    let at = |h: f64| {
+                        let mut step = [0.0; 6];
+                        step[k] = h;
+                        linearize(&matches, &active, loss, &pose.perturbed(&step)).loss
+                    };
+                    let numeric = (at(1e-7) - at(-1e-7)) / 2e-7;
+                    let tolerance = 1e-3 * (1.0 + system.gradient.amax());
+                    assert!((numeric - system.gradient[k]).abs() < tolerance, "{kind} {loss:?} {k}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_exact_pose_is_reached_and_the_loss_never_rises() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        for kind in 0..3 {
+            for _ in 0..20 {
+                let problem = exact(&mut rng, kind);
+                let matches = Matches::new(&problem, 0.2);
+                let active: Vec<usize> = (0..matches.len()).collect();
+                let from = start(&mut rng, 0.02);
+                let found = refine(&matches, &active, Loss::Squared, &from, 50).pose;
+                assert!(found.translation_error(&CameraFromWorld::identity()) < 1e-6, "{kind}");
+                for loss in LOSSES {
+                    let before = linearize(&matches, &active, loss, &from).loss;
+                    let refined = refine(&matches, &active, loss, &from, 10);
+                    assert!(refined.loss <= before);
+                    let after = linearize(&matches, &active, loss, &refined.pose).loss;
+                    assert!((after - refined.loss).abs() < 1e-6 * (1.0 + after.abs()));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! What is known of the camera beside the matches: a focal length that is wrong or open, gravity, a rough position.
+
+use super::support;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use support::{Scheme, Setup, problem};
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_geometry::{CameraFromWorld, Point3};
+use veiloc_pose::{
+    Doubt, FocalKnowledge, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
+};
+
+const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
+
+/// A problem whose camera is said to have a focal length so many times the true one.
+fn zoomed(scheme: Scheme, factor: f64, rng: &mut ChaCha8Rng) -> (PoseProblem, CameraFromWorld) {
+    let (mut problem, truth) = problem(&Setup { scheme, right: 150, wrong: 150, noise: 0.5 }, rng);
+    problem.camera.focal = problem.camera.focal.map(|f| f * factor);
+    (problem, truth)
+}
+
+#[test]
+fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
+    for scheme in SCHEMES {
+        for (factor, knowledge) in [
+            (1.03, FocalKnowledge::Calibrated),
+            (0.9, FocalKnowledge::Calibrated),
+            (1.3, FocalKnowledge::Calibrated),
+            (1.04, FocalKnowledge::Exif),
+            (0.7, FocalKnowledge::Unknown),
+            (1.4, FocalKnowledge::Unknown),
+        ] {
+            for seed in 0..5 {
+                let mut rng = ChaCha8Rng::seed_from_u64(seed);
+                let (mut problem, truth) = zoomed(scheme, factor, &mut rng);
+                problem.focal = knowledge;
+                let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+                let what = format!("{scheme:?} {factor} {knowledge:?} {seed}: {}", found.focal_scale);
+                let error = found.cam_from_world.translation_error(&truth);
+                // A calibrated one that few matches contradict is not changed: it is doubted, or the covariance holds it.
+                if factor == 1.03 && found.focal_scale == 1.0 {
+                    let held = error < 3.0 * found.confidence.center_sd;
+                    assert!(found.confidence.state() == State::Doubtful || held, "{what} {error}");
+                    continue;
+                }
+                assert!((found.focal_scale * factor - 1.0).abs() < 0.02, "{what}");
+                assert!(error < 0.1, "{what} {error}");
+                assert_eq!(found.confidence.state(), State::Trusted, "{what}");
+            }
+        }
+        for seed in 0..10 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let (problem, _) = zoomed(scheme, 1.0, &mut rng);
+            let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+            assert_eq!(found.focal_scale, 1.0, "{scheme:?} {seed}");
+        }
+    }
+}
+
+/// One that is wrong by less than a lens may be is neither estimated nor doubted: the covariance holds what it does.
+#[test]
+fn a_slightly_wrong_focal_length_is_in_the_covariance() {
+    for scheme in SCHEMES {
+        let (mut inside, mut noticed, mut looked_at) = (0, 0, 0);
+        for seed in 0..10 {
+            let mut sd = [0.0; 2];
+            for (sd, factor) in sd.iter_mut().zip([1.0, 1.01]) {
+                let mut rng = ChaCha8Rng::seed_from_u64(seed);
+                let (problem, truth) = zoomed(scheme, factor, &mut rng);
+                let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+                *sd = found.confidence.center_sd;
+                if factor == 1.01 && found.focal_scale == 1.0 && found.confidence.state() == State::Trusted {
+                    looked_at += 1;
+                    inside += usize::from(found.cam_from_world.translation_error(&truth) < 3.0 * *sd);
+                }
+            }
+            noticed += usize::from(sd[1] > 1.5 * sd[0]);
+        }
+        assert!(looked_at >= 8 && inside + 1 >= looked_at, "{scheme:?}: {inside} of {looked_at}");
+        assert!(noticed >= 5, "{scheme:?}: {noticed}");
+    }
+}
+
+/// Few matches in a small part of the image hold the position, and the orientation less: it is doubted.
+#[test]
+fn a_loose_orientation_is_doubted() {
+    let (problem, _, mut rng) = few(Scheme::Points, 4);
+    let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+    assert!((found.confidence.held_rotation_deg - found.confidence.rotation_sd_deg).abs() < 1e-9);
+    assert!(found.confidence.held_rotation_deg < 1.0);
+    let mut loose = found.confidence;
+    loose.held_rotation_deg = 1.2;
+    let doubts = loose.doubts();
+    let loose =
+        |doubt: &Doubt| matches!(doubt, Doubt::LooselyHeld { rotation_sd_deg, .. } if *rotation_sd_deg > 1.0);
+    assert!(doubts.iter().any(loose), "{doubts:?}");
+}
+
+#[test]
+fn an_open_focal_length_widens_the_covariance() {
+    for scheme in SCHEMES {
+        let sd = |knowledge| {
+            let mut rng = ChaCha8Rng::seed_from_u64(2);
+            let (mut problem, _) = zoomed(scheme, 1.0, &mut rng);
+            problem.focal = knowledge;
+            let found = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+            found.confidence.center_sd
+        };
+        assert!(sd(FocalKnowledge::Unknown) > 1.2 * sd(FocalKnowledge::Calibrated), "{scheme:?}");
+    }
+}
+
+/// Few and noisy matches, so that what is known beside them matters.
+fn few(scheme: Scheme, seed: u64) -> (PoseProblem, CameraFromWorld, ChaCha8Rng) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let (problem, truth) = problem(&Setup { scheme, right: 40, wrong: 30, noise: 2.5 }, &mut rng);
+    (problem, truth, rng)
+}
+
+#[test]
+fn gravity_pulls_as_much_as_it_is_sure() {
+    for scheme in SCHEMES {
+        let (mut with, mut without) = (0.0, 0.0);
+        for seed in 0..12 {
+            let (mut problem, truth, mut rng) = few(scheme, seed);
+            let tilt = |pose: &CameraFromWorld| {
+                let down = Vector3::new(0.0, 0.0, -1.0);
+                (pose.rotation() * down).angle(&(truth.rotation() * down)).to_degrees()
+            };
+            let Ok(plain) = estimate_pose(&problem, &PoseOptions::default(), &mut rng) else { continue };
+            let down = Vector3::new(0.0, 0.0, -1.0);
+            let gravity = Gravity { in_camera: truth.rotation() * down, in_world: down, sd_deg: 0.02 };
+            problem.gravity = Some(gravity);
+            let helped = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+            without += tilt(&plain.cam_from_world);
+            with += tilt(&helped.cam_from_world);
+            // Thirty degrees off, and said to be two: it loses its say.
+            let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.5) * gravity.in_camera;
+            problem.gravity = Some(Gravity::felt(turned, down));
+            if let Ok(misled) = estimate_pose(&problem, &PoseOptions::default(), &mut rng) {
+                let right = misled.confidence.state() != State::Trusted || tilt(&misled.cam_from_world) < 5.0;
+                assert!(right, "{scheme:?} {seed}");
+            }
+        }
+        assert!(with < 0.2 * without, "{scheme:?}: {with} after {without}");
+    }
+}
+
+#[test]
+fn a_position_prior_pulls_and_is_checked() {
+    let (mut problem, truth, mut rng) = few(Scheme::Dcl, 3);
+    let plain = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+    problem.position = Some(PositionPrior { center: truth.center(), sd: 1e-3 });
+    let held = estimate_pose(&problem, &PoseOptions::default(), &mut rng).expect("a pose");
+    assert!(held.cam_from_world.translation_error(&truth) < 0.01);
+    assert!(held.confidence.center_sd < 2e-3 && held.confidence.center_sd < plain.confidence.center_sd);
+    for sd in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        problem.position = Some(PositionPrior { center: truth.center(), sd });
+        let refused = estimate_pose(&problem, &PoseOptions::default(), &mut rng);
+        assert!(matches!(refused, Err(PoseError::BadValue { .. })), "{sd}");
+    }
+    problem.position = Some(PositionPrior { center: Point3::new(f64::NAN, 0.0, 0.0), sd: 1.0 });
+    let refused = estimate_pose(&problem, &PoseOptions::default(), &mut rng);
+    assert!(matches!(refused, Err(PoseError::NotFinite { .. })));
+}

@@ -1,0 +1,140 @@
+//! `estimate_rig_pose` where the focal length is open or wrong: as good as it can be, or a doubt, never trusted and wrong.
+
+use super::support;
+use super::support::rigs;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rigs::{ODOMETRY, session};
+use support::{Scheme, Setup, problem};
+use veiloc_geometry::{CameraFromRig, RigFromWorld};
+use veiloc_pose::{
+    FocalKnowledge, PoseOptions, RigEstimate, RigFrame, State, estimate_pose, estimate_rig_pose,
+};
+
+const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
+
+/// Sessions of so many frames, told with a focal length so many times the true one.
+fn zoomed(
+    setup: &Setup,
+    frames: usize,
+    factor: f64,
+    focal: FocalKnowledge,
+    seed: u64,
+) -> (Vec<RigFrame>, RigFromWorld) {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let (mut frames, truth) = session(setup, frames, ODOMETRY, &mut rng);
+    for frame in &mut frames {
+        frame.problem.camera.focal = frame.problem.camera.focal.map(|f| f * factor);
+        frame.problem.focal = focal;
+    }
+    (frames, truth)
+}
+
+fn estimate(frames: &[RigFrame], seed: u64) -> RigEstimate {
+    let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+    estimate_rig_pose(frames, &PoseOptions::default(), rng).expect("a pose")
+}
+
+#[test]
+fn a_wrong_focal_length_is_estimated_and_a_right_one_left_alone() {
+    for scheme in SCHEMES {
+        let setup = Setup { scheme, right: 100, wrong: 100, noise: 0.7 };
+        for (factor, focal) in [
+            (1.03, FocalKnowledge::Calibrated),
+            (0.9, FocalKnowledge::Calibrated),
+            (1.1, FocalKnowledge::Calibrated),
+            (1.3, FocalKnowledge::Calibrated),
+            (0.7, FocalKnowledge::Calibrated),
+            (1.03, FocalKnowledge::Exif),
+            (0.9, FocalKnowledge::Exif),
+            (1.1, FocalKnowledge::Unknown),
+            (0.7, FocalKnowledge::Unknown),
+            (1.3, FocalKnowledge::Unknown),
+        ] {
+            let mut told = 0;
+            for seed in 0..5 {
+                let (frames, truth) = zoomed(&setup, 3, factor, focal, seed);
+                let found = estimate(&frames, seed);
+                let scale = found.frames[0].focal_scale;
+                let error = found.rig_from_world.translation_error(&truth);
+                let what = format!("{scheme:?} {factor} {focal:?} {seed}: {scale}, off by {error}");
+                assert!(found.frames.iter().all(|frame| frame.focal_scale == scale), "{what}");
+                if found.confidence.state() != State::Trusted {
+                    assert!(factor == 1.03 && focal == FocalKnowledge::Calibrated, "{what}");
+                    assert!(found.confidence.other_focal.is_some(), "{what}: {:?}", found.confidence);
+                    continue;
+                }
+                told += 1;
+                assert!((scale * factor - 1.0).abs() < 0.01, "{what}");
+                assert!(error < 0.05 && error < 5.0 * found.confidence.center_sd, "{what}");
+            }
+            assert!(told > 0 || factor == 1.03, "{scheme:?} {factor} {focal:?}");
+        }
+        for seed in 0..10 {
+            let (frames, _) = zoomed(&setup, 3, 1.0, FocalKnowledge::Calibrated, seed);
+            let found = estimate(&frames, seed);
+            assert!(found.frames.iter().all(|frame| frame.focal_scale == 1.0), "{scheme:?} {seed}");
+            assert_eq!(found.confidence.other_focal, None, "{scheme:?} {seed}");
+        }
+    }
+}
+
+#[test]
+fn frames_together_know_a_focal_length_better_than_one() {
+    for scheme in SCHEMES {
+        let setup = Setup { scheme, right: 60, wrong: 60, noise: 1.0 };
+        let spread = |frames: usize| {
+            let squared = (0..20).map(|seed| {
+                let (session, _) = zoomed(&setup, 6, 1.1, FocalKnowledge::Unknown, seed);
+                (estimate(&session[..frames], seed).frames[0].focal_scale * 1.1).ln().powi(2)
+            });
+            (squared.sum::<f64>() / 20.0).sqrt()
+        };
+        let (one, six) = (spread(1), spread(6));
+        assert!(six < 0.75 * one, "{scheme:?}: {six} with six frames, {one} with one");
+    }
+}
+
+#[test]
+fn a_rig_of_one_frame_has_its_focal_length() {
+    for scheme in SCHEMES {
+        for (factor, focal) in [(1.1, FocalKnowledge::Calibrated), (0.8, FocalKnowledge::Unknown)] {
+            let mut rng = ChaCha8Rng::seed_from_u64(5);
+            let (mut problem, _) = problem(&Setup { scheme, right: 150, wrong: 100, noise: 0.5 }, &mut rng);
+            problem.camera.focal = problem.camera.focal.map(|f| f * factor);
+            problem.focal = focal;
+            let rng = &mut ChaCha8Rng::seed_from_u64(7);
+            let alone = estimate_pose(&problem, &PoseOptions::default(), rng).expect("a pose");
+            let cam_from_rig = CameraFromRig::identity();
+            let frame = RigFrame { problem, cam_from_rig, rotation_sd_deg: 0.0, translation_sd: 0.0 };
+            let rig = estimate(&[frame], 7);
+            let what = format!("{scheme:?} {factor}");
+            assert!((rig.frames[0].focal_scale / alone.focal_scale - 1.0).abs() < 1e-3, "{what}");
+            assert_eq!(rig.confidence.state(), alone.confidence.state(), "{what}");
+            for k in 0..6 {
+                assert!((rig.covariance[k][k] / alone.covariance[k][k] - 1.0).abs() < 0.05, "{what} {k}");
+            }
+        }
+    }
+}
+
+/// Two cameras on one rig, of which one is told wrong: the other's frames are left alone.
+#[test]
+fn a_focal_length_is_its_own_cameras() {
+    for scheme in SCHEMES {
+        let setup = Setup { scheme, right: 120, wrong: 60, noise: 0.7 };
+        for seed in 0..4 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let (mut frames, truth) = session(&setup, 4, ODOMETRY, &mut rng);
+            for frame in &mut frames[2..] {
+                frame.problem.camera.focal = frame.problem.camera.focal.map(|f| f * 1.15);
+            }
+            let found = estimate(&frames, seed);
+            let scales: Vec<f64> = found.frames.iter().map(|frame| frame.focal_scale).collect();
+            assert_eq!(scales[..2], [1.0; 2], "{scheme:?} {seed}");
+            assert!((scales[2] * 1.15 - 1.0).abs() < 0.01 && scales[2] == scales[3], "{scheme:?} {scales:?}");
+            assert!(found.rig_from_world.translation_error(&truth) < 0.02, "{scheme:?} {seed}");
+        }
+    }
+}

@@ -1,0 +1,25 @@
+//! Writes the known-answer files of the wire format: `cargo run -p veiloc-protocol --example known_answers`.
+//!
+//! They were written once for each version and must be read for ever; this program is for the next version's files.
+
+#[path = "../tests/it/common/mod.rs"]
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+fn main() -> std::io::Result<()> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    fs::create_dir_all(&folder)?;
+    for (file, query) in common::known_answers() {
+        fs::write(folder.join(format!("{file}.vquery")), query.encode())?;
+    }
+    for (file, profile) in common::known_profiles() {
+        fs::write(folder.join(format!("{file}.profile")), profile.encode())?;
+    }
+    for (file, version, answer) in common::known_replies() {
+        let bytes = answer.encode(version).map_err(std::io::Error::other)?;
+        fs::write(folder.join(format!("{file}.answer")), bytes)?;
+    }
+    Ok(())
+}

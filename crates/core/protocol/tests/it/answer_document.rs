@@ -1,0 +1,50 @@
+//! An answer as JSON: the fields of `docs/service.md`, and what JSON cannot say.
+
+use super::common;
+
+use veiloc_protocol::{Answer, AnswerDocument, AnswerVersion};
+
+#[test]
+fn a_document_tells_what_the_answer_tells() {
+    let answer: Answer = common::answer_in(AnswerVersion::Full, 5, 2);
+    let pose = answer.pose.expect("a pose");
+    let document = serde_json::to_value(AnswerDocument::new("lobby", &answer)).expect("JSON");
+    assert_eq!(document["version"], 1);
+    assert_eq!(document["map"], "lobby");
+    assert_eq!(document["cam_from_world"]["q"], serde_json::json!([0.5, -0.5, 0.5, 0.5]));
+    assert_eq!(document["cam_from_world"]["t"], serde_json::json!(pose.translation));
+    assert_eq!(document["center"], serde_json::json!(pose.center));
+    assert_eq!(document["covariance"][2][3], pose.covariance[2][3]);
+    assert_eq!(document["center_covariance"], serde_json::json!(pose.center_covariance));
+    assert_eq!((&document["trusted"], &document["state"]), (&false.into(), &"doubtful".into()));
+    assert_eq!(document["position_sd"], serde_json::json!(pose.position_sd()));
+    assert_eq!((&document["noise_px"], &document["focal_scale"]), (&0.75.into(), &1.031_25.into()));
+    assert_eq!(
+        document["doubts"][1],
+        serde_json::json!({
+            "kind": "weak-evidence", "text": "because of weak-evidence"
+        })
+    );
+    assert_eq!(document["confidence"]["log_evidence"], 812.5);
+    assert_eq!((&document["inliers"], &document["matches"]), (&311.into(), &912.into()));
+    assert_eq!(
+        document["ms"],
+        serde_json::json!({ "queue": 0.25, "retrieve": 0.5, "match": 12.0, "pose": 3.75 })
+    );
+    // JSON has no infinity.
+    assert!(document["covariance"][5][5].is_null() && document["confidence"]["margin"].is_null());
+}
+
+/// A pose that is withheld is not there at all; everything else is.
+#[test]
+fn a_withheld_pose_is_absent() {
+    let answer = common::answer_in(AnswerVersion::Full, 5, 1);
+    let fields = |answer: &Answer| -> Vec<String> {
+        let document = serde_json::to_value(AnswerDocument::new("lobby", answer)).expect("JSON");
+        document.as_object().expect("fields").keys().cloned().collect()
+    };
+    let (all, left) = (fields(&answer), fields(&answer.trusted_only()));
+    let gone: Vec<&str> = all.iter().filter(|f| !left.contains(f)).map(String::as_str).collect();
+    assert_eq!(gone, ["cam_from_world", "center", "center_covariance", "covariance", "position_sd"]);
+    assert!(left.contains(&"doubts".to_owned()) && left.contains(&"state".to_owned()), "{left:?}");
+}

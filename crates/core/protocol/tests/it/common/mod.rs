@@ -1,0 +1,256 @@
+//! Sealed queries made of random codes, for the tests of this room and for the known-answer files.
+#![allow(dead_code)] // each test binary uses its own part
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{RngCore, SeedableRng};
+use veiloc_descriptor::{
+    DescriptorKind, Descriptors, Encoding, GlobalDescriptor, GlobalModel, NamedGlobal, Vocabulary,
+};
+use veiloc_geometry::Anchor;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_protocol::{
+    AnchoredRow, AngleBits, AngleForm, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes,
+    AnswerVersion, CanonicalCamera, CoarseGravity, DoubtKind, FocalKnowledge, Hints, LayoutTurn, LineRow,
+    PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery, WireVersion, Wish,
+};
+
+/// Numbers straight from the generator, so that the known answers do not depend on how a library draws ranges.
+pub(crate) struct Draw(ChaCha8Rng);
+
+impl Draw {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    /// From 0 to `n - 1`.
+    pub(crate) fn below(&mut self, n: u32) -> u32 {
+        ((u64::from(self.0.next_u32()) * u64::from(n)) >> 32) as u32
+    }
+
+    /// A position from the centre of an image of this size, quarter pixels.
+    fn position(&mut self, [width, height]: [u32; 2]) -> [f64; 2] {
+        [width, height].map(|size| f64::from(self.below(4 * size + 1)) / 4.0 - f64::from(size) / 2.0)
+    }
+}
+
+pub(crate) fn vocabulary(draw: &mut Draw) -> Vocabulary {
+    let bytes: Vec<u8> = (0..4 * 128).map(|_| draw.below(90) as u8).collect();
+    Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).and_then(Vocabulary::new).expect("four whole words")
+}
+
+/// RootSIFT and a vocabulary of four words, version 1.
+pub(crate) fn profile(scheme: Scheme, angle_bits: AngleBits) -> Profile {
+    profile_v2().to_v1(Wish { scheme, angle_bits }).expect("version 1 knows RootSIFT")
+}
+
+/// The same in version 2.
+pub(crate) fn profile_v2() -> Profile {
+    Profile::vlad(vocabulary(&mut Draw::new(7)))
+}
+
+/// Signed descriptors of 48 numbers, and a global descriptor of 40 numbers that comes from the image.
+pub(crate) fn own_profile() -> Profile {
+    let kind = DescriptorKind::new("own-kind", 48, Encoding::Signed, 300).expect("a kind");
+    let global = NamedGlobal::new("own-global", 40).expect("a model");
+    Profile::new(kind, GlobalModel::Named(global)).expect("no vocabulary to disagree with")
+}
+
+/// Sealed with a version 1 profile of this scheme.
+pub(crate) fn query(scheme: Scheme, bits: AngleBits, count: usize, seed: u64) -> SealedQuery {
+    query_with(&profile(scheme, bits), scheme, bits, count, seed)
+}
+
+/// Compact descriptors, two numbers a byte, and a vocabulary of four words.
+pub(crate) fn compact_profile() -> Profile {
+    let kind = DescriptorKind::COMPACT;
+    let mut draw = Draw::new(8);
+    let words = (0..4 * kind.dim()).map(|_| draw.below(256) as u8).collect();
+    Profile::vlad(Descriptors::new(kind, words).and_then(Vocabulary::new).expect("four whole words"))
+}
+
+/// Every profile that tests seal with: of both versions, and with descriptors version 1 does not know.
+pub(crate) fn profiles(scheme: Scheme, bits: AngleBits) -> [Profile; 4] {
+    [profile(scheme, bits), profile_v2(), own_profile(), compact_profile()]
+}
+
+pub(crate) fn query_with(
+    profile: &Profile,
+    scheme: Scheme,
+    bits: AngleBits,
+    count: usize,
+    seed: u64,
+) -> SealedQuery {
+    query_saying(Hints::default(), profile, scheme, bits, count, seed)
+}
+
+/// A later frame of a session: the layout is turned against its camera.
+pub(crate) fn query_turned(turn: LayoutTurn, profile: &Profile, scheme: Scheme, seed: u64) -> SealedQuery {
+    query_made((Hints::default(), turn), profile, scheme, AngleBits::default(), 256, seed)
+}
+
+pub(crate) fn query_saying(
+    hints: Hints,
+    profile: &Profile,
+    scheme: Scheme,
+    bits: AngleBits,
+    count: usize,
+    seed: u64,
+) -> SealedQuery {
+    query_made((hints, LayoutTurn::default()), profile, scheme, bits, count, seed)
+}
+
+fn query_made(
+    (hints, turn): (Hints, LayoutTurn),
+    profile: &Profile,
+    scheme: Scheme,
+    bits: AngleBits,
+    count: usize,
+    seed: u64,
+) -> SealedQuery {
+    let mut draw = Draw::new(seed);
+    let camera = CanonicalCamera::from_codes(36, 20, 15).expect("512 px, 640 × 480");
+    let size = [camera.width(), camera.height()];
+    let position = |draw: &mut Draw| {
+        let [u, v] = draw.position(size);
+        PositionRow::new(u, v).expect("inside")
+    };
+    let rows = match scheme {
+        Scheme::Points => Rows::Points((0..count).map(|_| position(&mut draw)).collect()),
+        Scheme::CoordinatePermutation => {
+            Rows::CoordinatePermutation((0..count).map(|_| position(&mut draw)).collect())
+        }
+        Scheme::RandomLines => {
+            let line = |draw: &mut Draw| {
+                let angle = draw.below(bits.levels()) as u16;
+                let [u, v] = draw.position(size);
+                LineRow::through(bits, angle, u, v).expect("inside")
+            };
+            Rows::RandomLines((0..count).map(|_| line(&mut draw)).collect())
+        }
+        Scheme::Dcl(layout) => {
+            let form = AngleForm::needed(layout, turn);
+            let row = |draw: &mut Draw| {
+                let anchor = Anchor::new(draw.below(layout.anchors() as u32) as usize).expect("one of few");
+                let angle = match form {
+                    AngleForm::HalfCircle => bits.angle_of(draw.below(bits.levels()) as u16),
+                    AngleForm::Circle => bits.angle_on_circle(draw.below(bits.levels_of_circle())),
+                };
+                AnchoredRow::new(form, bits, anchor, angle)
+            };
+            Rows::Dcl((0..count).map(|_| row(&mut draw)).collect())
+        }
+    };
+    let kind = profile.descriptor_kind();
+    let bytes = (0..count * kind.dim()).map(|_| draw.below(120) as u8).collect();
+    let descriptors = Descriptors::new(kind, bytes).expect("whole rows");
+    let image_global = profile.vocabulary().is_none().then(|| {
+        let codes = (0..profile.global_model().global_len()).map(|_| draw.below(100) as i8 - 50);
+        GlobalDescriptor::new(codes.collect())
+    });
+    let parts = QueryParts { camera, scheme, angle_bits: bits, rows, descriptors, image_global, hints, turn };
+    SealedQuery::new(profile, parts).expect("parts fit")
+}
+
+/// The known-answer files without their endings, and what is in them.
+pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
+    let schemes = ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:angle=30,s=2"];
+    let of = |version: WireVersion, name: &str| {
+        let bits = AngleBits::new(if name == "dcl:angle=30,s=2" { 10 } else { 12 }).expect("allowed");
+        let scheme: Scheme = name.parse().expect("a scheme");
+        let query = match version {
+            WireVersion::V1 => query_with(&profile(scheme, bits), scheme, bits, 256, 1),
+            WireVersion::V2 => in_version_2(query_with(&profile_v2(), scheme, bits, 256, 1)),
+            WireVersion::V3 | WireVersion::V4 => query_with(&profile_v2(), scheme, bits, 256, 1),
+        };
+        (format!("v{}-{}", version.number(), name.replace([':', '=', ','], "-")), query)
+    };
+    let older = [WireVersion::V1, WireVersion::V2, WireVersion::V3];
+    let mut all: Vec<_> = older.iter().flat_map(|v| schemes.map(|name| of(*v, name))).collect();
+    let dcl = |profile: &Profile, hints| {
+        query_saying(hints, profile, Scheme::default(), AngleBits::default(), 256, 1)
+    };
+    all.push(("v2-own-kind".to_owned(), in_version_2(dcl(&own_profile(), Hints::default()))));
+    let gravity = |down, sd| Some(CoarseGravity::new(down, sd).expect("a direction"));
+    for (name, focal, gravity) in [
+        ("v3-exif-gravity", FocalKnowledge::Exif, gravity([0.3, 9.5, -2.0], 1.0)),
+        ("v3-unknown-gravity", FocalKnowledge::Unknown, gravity([-0.9, 0.1, -0.4], 5.0)),
+    ] {
+        all.push((name.to_owned(), dcl(&profile_v2(), Hints { focal, gravity })));
+    }
+    all.push(("v3-own-kind".to_owned(), dcl(&own_profile(), Hints::default())));
+    let paper = || "dcl:paper".parse().expect("a layout");
+    let turn =
+        LayoutTurn::new(&Rotation3::from_scaled_axis(Vector3::new(0.125, -0.5, 0.0625))).expect("finite");
+    for (name, scheme, turn) in [
+        ("v4-stripes", "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0", LayoutTurn::default()),
+        (
+            "v4-board",
+            "dcl:axis=90,sectors=21,shift=0.5,across=0/12/0.25,anchors=@90+@0+0/-20",
+            LayoutTurn::default(),
+        ),
+        ("v4-session", "dcl:axis=115,sectors=22,anchors=0.23/-0.33+-0.88/-0.47", turn),
+    ] {
+        let scheme = scheme.parse().expect("a layout");
+        all.push((name.to_owned(), query_turned(turn, &profile_v2(), scheme, 1)));
+    }
+    all.push(("v4-halves".to_owned(), query_turned(turn, &profile_v2(), paper(), 1)));
+    all
+}
+
+/// As an earlier program wrote it.
+pub(crate) fn in_version_2(query: SealedQuery) -> SealedQuery {
+    query.in_version_2().expect("it says nothing that version 2 cannot")
+}
+
+/// The profiles they were sealed with, `v1.profile` with the scheme `dcl`.
+pub(crate) fn known_profiles() -> [(&'static str, Profile); 3] {
+    let v1 = profile(Scheme::default(), AngleBits::default());
+    [("v1", v1), ("v2", profile_v2()), ("v2-own-kind", own_profile())]
+}
+
+/// An answer of numbers that are exact in binary, so that nothing depends on rounding.
+pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
+    let mut draw = Draw::new(seed);
+    let mut eighth = || f64::from(draw.below(1 << 12)) / 8.0 - 256.0;
+    Answer {
+        pose: Some(AnswerPose {
+            rotation: [0.5, -0.5, 0.5, 0.5],
+            translation: std::array::from_fn(|_| eighth()),
+            center: std::array::from_fn(|_| eighth()),
+            covariance: std::array::from_fn(|i| {
+                std::array::from_fn(|j| if i == 5 && j == 5 { f64::INFINITY } else { eighth() })
+            }),
+            center_covariance: std::array::from_fn(|_| std::array::from_fn(|_| eighth())),
+        }),
+        trusted: doubts == 0,
+        doubts: DoubtKind::ALL
+            .into_iter()
+            .cycle()
+            .take(doubts)
+            .map(|kind| AnswerDoubt { kind, text: format!("because of {}", kind.name()) })
+            .collect(),
+        log_evidence: 812.5,
+        margin: f64::INFINITY,
+        fit: None,
+        inliers: 311,
+        matches: 912,
+        hypotheses: 64,
+        times: AnswerTimes { queue_ms: 0.25, retrieve_ms: 0.5, match_ms: 12.0, pose_ms: 3.75 },
+    }
+}
+
+/// The same as this version can say it: from version 3 on with how well the query fits.
+pub(crate) fn answer_in(version: AnswerVersion, seed: u64, doubts: usize) -> Answer {
+    let fit = AnswerFit { noise_px: 0.75, focal_scale: 1.03125 };
+    let fit = (version == AnswerVersion::Full).then_some(fit);
+    Answer { fit, ..answer(seed, doubts) }
+}
+
+/// The known answers without their endings: one of each version, and one whose pose is withheld.
+pub(crate) fn known_replies() -> Vec<(String, AnswerVersion, Answer)> {
+    let of = |v: AnswerVersion| (format!("v{}", v.number()), v, answer_in(v, 1, 2));
+    let mut all: Vec<_> = AnswerVersion::ALL.into_iter().map(of).collect();
+    let last = AnswerVersion::Full;
+    all.push(("v3-withheld".to_owned(), last, answer_in(last, 1, 2).trusted_only()));
+    all
+}

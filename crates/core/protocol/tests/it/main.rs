@@ -1,0 +1,11 @@
+//! Tests of `veiloc-protocol` from outside, one executable: linking is what costs.
+
+mod answer;
+mod answer_document;
+mod balance;
+mod common;
+mod document;
+mod hostile;
+mod known_answers;
+mod schema;
+mod steps;

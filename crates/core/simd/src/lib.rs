@@ -1,0 +1,53 @@
+//! The only room with unsafe code: vectorized kernels and memory-mapped files, behind safe functions.
+//!
+//! - [`PackedRows`], [`best_two`], [`best_two_with_columns`]: exact brute-force nearest neighbours of byte vectors.
+//! - [`dot_u8`], [`dot_i8`]: one dot product.
+//! - [`hamming`]: how many bits differ; [`hamming_of_three_bits`]: how far numbers of three bits are from signs.
+//! - [`hadamard`]: the Hadamard transform.
+//! - [`pose`]: scores and normal equations of camera poses.
+//! - [`sift`]: the loops of the extraction of features.
+//! - `MappedFile`: a file read as one slice; not on WebAssembly, which has no files to map.
+//!
+//! Every kernel has a portable twin without intrinsics ([`Backend::PORTABLE`]), which is also what machines other than
+//! x86-64 run. All results are equal on every backend, to the bit; the tests hold each one against naive loops.
+//!
+//! Who calls this crate picks a [`Backend`] once ([`Backend::best`]) and hands over plain slices; shapes stand beside
+//! each function.
+//!
+//! # Example
+//! ```
+//! use veiloc_simd::{Backend, PackedRows, best_two};
+//!
+//! // Three rows of two bytes each; the query lies nearest to the second.
+//! let rows = PackedRows::new(Backend::best(), &[0, 0, 10, 0, 0, 20], 2);
+//! let nearest = best_two(&[9, 1], &rows)[0].expect("there are rows");
+//! assert_eq!((nearest.index, nearest.distance), (1, 1 + 1));
+//! ```
+#![deny(unsafe_op_in_unsafe_fn)]
+#![expect(
+    unsafe_code,
+    reason = "vector loads, calls into code for detected CPU features, and memory maps live here alone"
+)]
+
+mod approx;
+mod backend;
+mod dispatch;
+mod dot;
+mod hadamard;
+mod hamming;
+#[cfg(not(target_family = "wasm"))]
+mod mapped;
+mod packed;
+pub mod pose;
+mod scan;
+pub mod sift;
+mod tile;
+
+pub use backend::Backend;
+pub use dot::{dot_i8, dot_u8};
+pub use hadamard::hadamard;
+pub use hamming::{hamming, hamming_of_three_bits};
+#[cfg(not(target_family = "wasm"))]
+pub use mapped::MappedFile;
+pub use packed::{MAX_DIM, PackedRows};
+pub use scan::{BestTwo, ColumnBest, best_two, best_two_with_columns};
