@@ -40,7 +40,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 
 
 def parsed(raw):
-    """Points and descriptors in the format of crates/features/examples/extract.rs."""
+    """Points and descriptors in the format of crates/device/features/examples/extract.rs."""
     n = int(np.frombuffer(raw, "<u4", 1)[0])
     rows = np.frombuffer(raw, "<f4", 5 * n, 4).reshape(n, 5)
     return rows[:, :2].astype(float), np.frombuffer(raw, np.uint8, -1, 4 + 20 * n).reshape(n, -1).astype(float)
@@ -72,7 +72,7 @@ class Wasm:
     def __init__(self, keypoints, folder):
         self.keypoints, self.folder = keypoints, folder
         (folder / "src").mkdir()
-        (folder / "Cargo.toml").write_text(WASM_MANIFEST % (REPOSITORY / "crates/features"))
+        (folder / "Cargo.toml").write_text(WASM_MANIFEST % (REPOSITORY / "crates/device/features"))
         (folder / "src/lib.rs").write_text(WASM_LIBRARY)
         (folder / "run.mjs").write_text(WASM_RUN)
         (folder / "Cargo.lock").write_bytes((REPOSITORY / "Cargo.lock").read_bytes())
@@ -224,7 +224,7 @@ def agreement(before, after, homography, size):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("images", nargs="+", type=Path)
-    parser.add_argument("--extract", action="append", required=True, help="the example binary of crates/features")
+    parser.add_argument("--extract", action="append", required=True, help="the example binary of crates/device/features")
     parser.add_argument("--keypoints", type=int, default=2048)
     parser.add_argument("--contrast", type=float, default=0.012, help="OpenCV's, three times our peak threshold of 0.004")
     parser.add_argument("--rounds", type=int, default=8)

@@ -2,7 +2,7 @@
 """Border bits: what a learner can tell from a sent descriptor about where its keypoint is (rule L11 of docs/privacy.md).
 
 A descriptor whose patch reaches over the image's border may show the border. For each way to treat such keypoints
-(`cut`, `sent`, `whole`: crates/obfuscation/examples/sent_rows.rs), images of elsewhere are sealed as a device does.
+(`cut`, `sent`, `whole`: crates/device/obfuscation/examples/sent_rows.rs), images of elsewhere are sealed as a device does.
 A network learns on the rows of one half of the images, and is judged on the other half, told apart by a hash of their
 names. It is given the 128 bytes of a row and sums, zeros and mirror symmetries of their cells. It answers in which of 17
 zones of the sealed image the keypoint is: nearer to one of the four sides than 8, 16, 32 or 64 pixels, or farther in
@@ -181,7 +181,7 @@ def write_keypoints(rows, chosen, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sent-rows", required=True, help="the program crates/obfuscation/examples/sent_rows.rs")
+    parser.add_argument("--sent-rows", required=True, help="the program crates/device/obfuscation/examples/sent_rows.rs")
     parser.add_argument("--data", type=Path, required=True, help="the folder of the real images")
     parser.add_argument("--ways", default=",".join(WAYS))
     parser.add_argument("--every", type=int, default=1, help="every so manieth image only")

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Boxes of a detector file by ONNX Runtime on a few images, and small detector files for tests.
 
-Writes what crates/detector/tests hold ours against: `oracle.json` (boxes from another runtime, with its own letterbox and its
+Writes what crates/device/features/tests hold ours against: `oracle.json` (boxes from another runtime, with its own letterbox and its
 own choice of one box for each thing) and `*.onnx` (detectors of two classes that find the same two boxes in any image, and ones
 that are wrong in one way each). The detector file itself is the user's and is not kept here.
 
@@ -21,7 +21,7 @@ from onnx import TensorProto, helper
 from PIL import Image
 
 PHOTOS = ["01.jpg", "24.jpg", "02928139_3448003521.jpg"]
-OUT = Path(__file__).parent.parent / "crates/detector/tests/data"
+OUT = Path(__file__).parent.parent / "crates/device/features/tests/data/detector"
 LEAST, SAME = 0.25, 0.5
 
 

@@ -15,8 +15,8 @@ descriptors are compared as RootSIFT. Two kinds of pairs:
     python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
     .venv/bin/python scripts/oracle_features.py --extract target/release/examples/extract --data $VEILOC_DATA
 
-With `--fixture crates/features/tests/data` it writes instead a small drawn image and what pycolmap and OpenCV find in
-it, which crates/features/tests/oracle.rs compares with.
+With `--fixture crates/device/features/tests/data` it writes instead a small drawn image and what pycolmap and OpenCV find in
+it, which crates/device/features/tests/it/oracle.rs compares with.
 """
 
 import argparse
@@ -91,7 +91,7 @@ class Ours:
 
 
 def read_raw(path):
-    """The format of crates/features/examples/extract.rs."""
+    """The format of crates/device/features/examples/extract.rs."""
     raw = Path(path).read_bytes()
     n = int(np.frombuffer(raw, "<u4", 1)[0])
     return (
@@ -337,7 +337,7 @@ def write_fixture(folder):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--extract", help="the example binary of crates/features")
+    parser.add_argument("--extract", help="the example binary of crates/device/features")
     parser.add_argument("--data", type=Path, help="the folder with the photographs")
     parser.add_argument("--keypoints", type=int, default=2048)
     parser.add_argument("--photos", type=int, default=8)

@@ -3,7 +3,7 @@
     oracle_netvlad.py write
     oracle_netvlad.py compare --globals target/release/examples/globals --image FILE [--folder DIR]
 
-`write` makes the files of `crates/networks/tests/data` that its tests read: `netvlad.mat` with few channels, the same unpacked,
+`write` makes the files of `crates/device/features/tests/data/learned` that its tests read: `netvlad.mat` with few channels, the same unpacked,
 files that are refused, and `netvlad.json`, the layers and the vector of a drawn image. `compare` makes the network in its full
 size (0.6 GB), with drawn weights, and prints for each convolution and the vector how far ours is from NumPy's. No weights that
 were learned are in either.
@@ -21,7 +21,7 @@ import numpy as np
 import scipy.io
 from PIL import Image
 
-DATA = Path(__file__).resolve().parent.parent / "crates/networks/tests/data"
+DATA = Path(__file__).resolve().parent.parent / "crates/device/features/tests/data/learned"
 # VGG16's convolutions among its layers, and where it halves the image.
 CONVOLUTIONS = [0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28]
 HALVED = [2, 7, 14, 21]

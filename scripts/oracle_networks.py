@@ -3,10 +3,10 @@
 
     .venv/bin/pip install numpy pillow onnx onnxruntime torch
     .venv/bin/python scripts/oracle_networks.py write --weights $VEILOC_DATA/../weights
-    cargo build --release -p veiloc-networks --example layers
+    cargo build --release -p veiloc-features --example layers
     .venv/bin/python scripts/oracle_networks.py compare --weights $VEILOC_DATA/../weights --layers target/release/examples/layers
 
-`write` makes crates/networks/tests/data: `oracle.json` (numbers of layers, keypoints and descriptors of one drawn image) and
+`write` makes crates/device/features/tests/data/learned: `oracle.json` (numbers of layers, keypoints and descriptors of one drawn image) and
 small `.pth` and `.npz` files as PyTorch and NumPy write them. `compare` prints the largest difference of each layer over all its
 numbers (how long they take: `bench_extraction.py`). Networks are written here from their papers' programs, with the weights as
 they are: nothing is folded and nothing left out. SuperPoint's detector head is made of numbers by a formula, as the
@@ -28,7 +28,7 @@ import torch.nn.functional as F
 
 from beside import one_thread, superpoint_weights
 
-DATA = Path(__file__).parent.parent / "crates/networks/tests/data"
+DATA = Path(__file__).parent.parent / "crates/device/features/tests/data/learned"
 MARGIN = 32
 BORDER = 4
 SMALL = (160, 128)

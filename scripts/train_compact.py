@@ -2,7 +2,7 @@
 """Trains the projection of compact descriptors: RootSIFT to 64 numbers of 4 bits, or the descriptors of a network to 48.
 
     .venv/bin/python scripts/train_compact.py --images $VEILOC_DATA/training-photos --veiloc target/release/veiloc \
-        --out crates/features/src/compact/projection.bin
+        --out crates/device/features/src/compact/projection.bin
     .venv/bin/python scripts/train_compact.py --images $VEILOC_DATA/training-photos --veiloc target/release/veiloc \
         --features xfeat --train 200
 

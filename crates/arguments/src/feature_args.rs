@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use veiloc_features::learned::{Engine, Learned, Models, NetworkError};
 use veiloc_features::{Extractor, Extractors};
 use veiloc_hloc::{HlocError, StoredFeatures};
-use veiloc_networks::{Engine, Learned, Models, NetworkError};
 use veiloc_protocol::Profile;
 
 use crate::exit::Failure;

@@ -1,7 +1,7 @@
 //! Which global descriptors, and the consent to send one that is made of the image.
 
 use veiloc_features::SharedGlobal;
-use veiloc_networks::Models;
+use veiloc_features::learned::Models;
 use veiloc_obfuscation::SealOptions;
 use veiloc_protocol::Profile;
 

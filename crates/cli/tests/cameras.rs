@@ -1,7 +1,7 @@
 //! Where the camera of an image comes from, and what is said of it and of gravity.
 
 mod common;
-#[path = "../../features/tests/common/exif.rs"]
+#[path = "../../device/features/tests/it/common/exif.rs"]
 mod made;
 
 use common::{CAMERA, Place, place};

@@ -6,7 +6,7 @@ use common::{CAMERA, Place, place};
 
 /// A network by a formula, and its description (`scripts/oracle_networks.py`).
 fn corners(ending: &str) -> String {
-    format!("{}/../networks/tests/data/corners.{ending}", env!("CARGO_MANIFEST_DIR"))
+    format!("{}/../../device/features/tests/data/learned/corners.{ending}", env!("CARGO_MANIFEST_DIR"))
 }
 
 /// Ends with 1, says all of this, and writes no query.
@@ -101,7 +101,8 @@ fn a_projected_network_maps_seals_and_localizes() {
 #[test]
 fn l14_a_map_that_asks_for_the_image_needs_consent() {
     let place = place();
-    let file = format!("{}/../networks/tests/data/corner-map.toml", env!("CARGO_MANIFEST_DIR"));
+    let file =
+        format!("{}/../../device/features/tests/data/learned/corner-map.toml", env!("CARGO_MANIFEST_DIR"));
     let build =
         format!("map build --posed posed --images images --list map.txt --global {file} -o whole.vmap");
     place.run(&build).succeeded();

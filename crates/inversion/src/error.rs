@@ -2,8 +2,8 @@
 
 use veiloc_audit::AuditError;
 use veiloc_datasets::DatasetError;
-use veiloc_detector::DetectorError;
 use veiloc_features::FeatureError;
+use veiloc_features::detector::DetectorError;
 use veiloc_judge::JudgeError;
 use veiloc_obfuscation::SealError;
 use veiloc_training::TrainingError;

@@ -32,7 +32,7 @@ pub use task::InversionTask;
 pub use training::train;
 /// Who judges images: what an [`evaluation`] takes.
 pub mod judges {
-    pub use veiloc_detector::Detector;
+    pub use veiloc_features::detector::Detector;
     pub use veiloc_judge::{FeatureDistance, Lpips, LpipsNetwork};
 }
 

@@ -1,6 +1,6 @@
 //! Why two images cannot be compared.
 
-use veiloc_networks::NetworkError;
+use veiloc_features::learned::NetworkError;
 
 /// Why two images cannot be compared.
 #[derive(Debug, thiserror::Error)]

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use veiloc_features::learned::{Backbone, NetworkError, Tensor, Weights, WeightsError};
 use veiloc_features::{ColourImage, GrayImage};
-use veiloc_networks::{Backbone, NetworkError, Tensor, Weights, WeightsError};
 
 use crate::error::JudgeError;
 use crate::layers::mean_over_pixels;

@@ -1,6 +1,6 @@
 //! Layers of two images, pixel by pixel: what LPIPS and the distance of features have in common.
 
-use veiloc_networks::Tensor;
+use veiloc_features::learned::Tensor;
 
 /// Added to the length of a pixel's channels, as LPIPS has it.
 const FLOOR: f32 = 1e-10;

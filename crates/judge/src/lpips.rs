@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use veiloc_features::ColourImage;
-use veiloc_networks::{Backbone, NetworkError, Tensor, Weights, WeightsError};
+use veiloc_features::learned::{Backbone, NetworkError, Tensor, Weights, WeightsError};
 
 use crate::error::JudgeError;
 use crate::layers::mean_over_pixels;

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use serde_json::Value;
 use veiloc_features::ColourImage;
+use veiloc_features::learned::{Backbone, Tensor, Weights};
 use veiloc_judge::{FeatureDistance, Lpips, psnr, ssim};
-use veiloc_networks::{Backbone, Tensor, Weights};
 use veiloc_testdata::real_data_test;
 
 /// The script's `drawn`.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_detector::{DetectorError, HideOptions, Hider};
+use veiloc_features::detector::{DetectorError, HideOptions, Hider};
 use veiloc_features::{FeatureError, Mask, load_mask};
 
 use crate::exit::Failure;

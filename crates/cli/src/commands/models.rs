@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 use veiloc_arguments::feature_args::models;
-use veiloc_networks::{Found, FoundGlobal};
+use veiloc_features::learned::{Found, FoundGlobal};
 
 use crate::exit::{Exit, Outcome};
 use crate::ui::Ui;

@@ -35,14 +35,14 @@ impl DescriptorKind {
     pub const COMPACT: Self =
         Self { name: literal("compact"), dim: 64, encoding: Encoding::Coarse, norm: 374 };
 
-    /// XFeat's 64 numbers, a unit vector times 256 (`veiloc_networks`, `models/xfeat.toml`).
+    /// XFeat's 64 numbers, a unit vector times 256 (`veiloc_features::learned`, `models/xfeat.toml`).
     pub const XFEAT: Self = Self { name: literal("xfeat"), dim: 64, encoding: Encoding::Signed, norm: 256 };
 
-    /// The 64 numbers of the smallest ALIKE, a unit vector times 256 (`veiloc_networks`, `models/alike-t.toml`).
+    /// The 64 numbers of the smallest ALIKE, a unit vector times 256 (`veiloc_features::learned`, `models/alike-t.toml`).
     pub const ALIKE_T: Self =
         Self { name: literal("alike-t"), dim: 64, encoding: Encoding::Signed, norm: 256 };
 
-    /// XFeat's numbers projected to 48, 4 bits each in messages (`veiloc_networks`, `models/xfeat-compact.toml`).
+    /// XFeat's numbers projected to 48, 4 bits each in messages (`veiloc_features::learned`, `models/xfeat-compact.toml`).
     pub const XFEAT_COMPACT: Self =
         Self { name: literal("xfeat-compact"), dim: 48, encoding: Encoding::Coarse, norm: 273 };
 

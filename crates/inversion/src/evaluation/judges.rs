@@ -1,7 +1,7 @@
 //! How alike an image is to the one it was made of, and which objects are still found in it.
 
-use veiloc_detector::{Detection, Detector};
 use veiloc_features::ColourImage;
+use veiloc_features::detector::{Detection, Detector};
 use veiloc_judge::{FeatureDistance, Lpips, psnr, ssim};
 
 use crate::error::InversionError;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_datasets::{KeypointImage, keypoints_of_images};
-use veiloc_detector::Detection;
+use veiloc_features::detector::Detection;
 use veiloc_features::{ColourImage, Extractor, Progress, load_colour};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::{ExtractionLimits, Scheme};

@@ -2,8 +2,8 @@
 
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
-use veiloc_detector::Detection;
 use veiloc_features::ColourImage;
+use veiloc_features::detector::Detection;
 
 use crate::error::InversionError;
 

@@ -1,0 +1,6 @@
+//! Tests of `veiloc-client` from outside, one executable: linking is what costs.
+
+mod common;
+mod hostile;
+mod progressive;
+mod retries;

@@ -1,0 +1,25 @@
+//! Texts of the descriptions that need no file (`models/`, `globals/`).
+
+use std::path::Path;
+
+/// Descriptions that are built in.
+pub(crate) const BUILT_IN: [(&str, &str); 6] = [
+    ("models/xfeat.toml", include_str!("../../models/xfeat.toml")),
+    ("models/xfeat-compact.toml", include_str!("../../models/xfeat-compact.toml")),
+    ("models/alike.toml", include_str!("../../models/alike.toml")),
+    ("models/alike-t.toml", include_str!("../../models/alike-t.toml")),
+    ("models/alike-t-compact.toml", include_str!("../../models/alike-t-compact.toml")),
+    ("models/superpoint.toml", include_str!("../../models/superpoint.toml")),
+];
+
+/// Descriptions of global descriptors that are built in.
+pub(crate) const GLOBALS: [(&str, &str); 2] = [
+    ("globals/netvlad.toml", include_str!("../../globals/netvlad.toml")),
+    ("globals/xfeat-netvlad.toml", include_str!("../../globals/xfeat-netvlad.toml")),
+];
+
+/// The text of the built-in description of this name.
+pub(crate) fn of(name: &str) -> Option<&'static str> {
+    let own = |file: &str| Path::new(file).file_stem().is_some_and(|stem| stem == name);
+    BUILT_IN.iter().find(|(file, _)| own(file)).map(|(_, text)| *text)
+}

@@ -1,0 +1,57 @@
+//! What runs a network: rten, which is always there, or ONNX Runtime, which is faster and a library of the user's.
+
+#[cfg(feature = "onnxruntime")]
+mod onnxruntime;
+mod rten;
+mod run;
+
+use std::str::FromStr;
+
+use crate::learned::NetworkError;
+pub(crate) use run::Run;
+
+/// What runs networks. An engine rounds in its own way: a device and its map do best with one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Engine {
+    /// rten: pure Rust, part of the program. Results do not depend on the number of threads.
+    #[default]
+    Rten,
+    /// ONNX Runtime, as a library that the environment variable `ORT_DYLIB_PATH` names. Needs the cargo feature `onnxruntime`.
+    OnnxRuntime,
+}
+
+impl Engine {
+    /// All of them, whether this program has them or not.
+    pub const ALL: [Self; 2] = [Self::Rten, Self::OnnxRuntime];
+
+    /// The name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Rten => "rten",
+            Self::OnnxRuntime => "onnxruntime",
+        }
+    }
+
+    /// Reads an ONNX model; what is wrong with it, or with the engine, in words.
+    pub(crate) fn load(self, onnx: Vec<u8>) -> Result<Box<dyn Run>, String> {
+        match self {
+            Self::Rten => Ok(Box::new(rten::Rten::load(onnx)?)),
+            #[cfg(feature = "onnxruntime")]
+            Self::OnnxRuntime => Ok(Box::new(onnxruntime::OnnxRuntime::load(onnx)?)),
+            #[cfg(not(feature = "onnxruntime"))]
+            Self::OnnxRuntime => Err("this program was built without ONNX Runtime; build it with \
+                 `--features onnxruntime`, or leave the engine to rten"
+                .to_owned()),
+        }
+    }
+}
+
+impl FromStr for Engine {
+    type Err = NetworkError;
+
+    fn from_str(name: &str) -> Result<Self, NetworkError> {
+        let known = || Self::ALL.map(Self::name).join(", ");
+        let unknown = || NetworkError::Engine { name: name.chars().take(80).collect(), known: known() };
+        Self::ALL.into_iter().find(|engine| engine.name() == name).ok_or_else(unknown)
+    }
+}

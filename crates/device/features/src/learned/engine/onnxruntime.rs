@@ -1,0 +1,132 @@
+//! ONNX Runtime as an engine: a library of the user's, loaded when the first network is.
+//!
+//! The library is the one that `ORT_DYLIB_PATH` names, and no other: what is found somewhere on a system is not run.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use ort::session::{Session, SessionInputValue};
+use ort::value::{TensorRef, ValueType};
+
+use super::run::Run;
+use crate::learned::onnx::with_outputs;
+use crate::learned::{Layer, Tensor};
+
+/// Where the library is.
+const LIBRARY: &str = "ORT_DYLIB_PATH";
+
+/// A network. A session gives the outputs that its model declares, so a layer that is none needs a model that says it is one.
+pub(super) struct OnnxRuntime {
+    onnx: Vec<u8>,
+    /// Name and sides of each input.
+    inputs: Vec<(String, Vec<Option<usize>>)>,
+    /// Names of what the file itself declares.
+    outputs: Vec<String>,
+    threads: usize,
+    /// One for each set of inner layers that was asked for; the first is of none.
+    sessions: Mutex<Vec<(Vec<String>, Session)>>,
+}
+
+impl OnnxRuntime {
+    pub(super) fn load(onnx: Vec<u8>) -> Result<Self, String> {
+        library()?;
+        let threads = rayon::current_num_threads();
+        let session = session(&onnx, threads)?;
+        let inputs = session.inputs().iter().map(|input| (input.name().to_owned(), sides(input.dtype())));
+        let inputs = inputs.collect();
+        let outputs = session.outputs().iter().map(|output| output.name().to_owned()).collect();
+        let sessions = Mutex::new(vec![(Vec::new(), session)]);
+        Ok(Self { onnx, inputs, outputs, threads, sessions })
+    }
+}
+
+impl Run for OnnxRuntime {
+    fn inputs(&self) -> Vec<Vec<Option<usize>>> {
+        self.inputs.iter().map(|(_, sides)| sides.clone()).collect()
+    }
+
+    fn ends(&self) -> [usize; 2] {
+        [self.inputs.len(), self.outputs.len()]
+    }
+
+    fn metadata(&self, key: &str) -> Option<String> {
+        let sessions = self.sessions.lock().unwrap_or_else(PoisonError::into_inner);
+        sessions.first()?.1.metadata().ok()?.custom(key)
+    }
+
+    fn run(&self, images: &[([usize; 3], &[f32])], layers: &[Layer]) -> Result<Vec<Tensor>, String> {
+        let name = |layer: &Layer| match layer {
+            Layer::Output(number) => {
+                let output = self.outputs.get(*number).cloned();
+                output.ok_or_else(|| format!("it has no output {number}"))
+            }
+            Layer::Named(name) => Ok(name.clone()),
+        };
+        let names = layers.iter().map(name).collect::<Result<Vec<_>, _>>()?;
+        let mut inner: Vec<String> =
+            names.iter().filter(|name| !self.outputs.contains(name)).cloned().collect();
+        inner.sort();
+        inner.dedup();
+        let mut sessions = self.sessions.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = sessions.iter().position(|(of, _)| *of == inner);
+        let at = known.unwrap_or(sessions.len());
+        if known.is_none() {
+            let onnx = with_outputs(&self.onnx, &inner).ok_or("it is damaged")?;
+            sessions.push((inner, session(&onnx, self.threads)?));
+        }
+        let session = &mut sessions[at].1;
+        let inputs = self
+            .inputs
+            .iter()
+            .zip(images)
+            .map(|((name, _), ([channels, height, width], data))| {
+                let view =
+                    TensorRef::from_array_view(([1, *channels, *height, *width], *data)).map_err(words)?;
+                Ok((name.clone(), SessionInputValue::from(view)))
+            })
+            .collect::<Result<Vec<_>, String>>()?;
+        let results = session.run(inputs).map_err(words)?;
+        let tensor = |name: &String| {
+            let value = results.get(name).ok_or_else(|| format!("it has no layer {name}"))?;
+            let (shape, data) = value.try_extract_tensor::<f32>().map_err(words)?;
+            let shape = shape.iter().map(|side| usize::try_from(*side).unwrap_or(0)).collect();
+            Ok(Tensor { shape, data: data.to_vec() })
+        };
+        names.iter().map(tensor).collect()
+    }
+}
+
+/// Loads the library, once.
+fn library() -> Result<(), String> {
+    static LOADED: OnceLock<Result<(), String>> = OnceLock::new();
+    let load = || {
+        let path = std::env::var_os(LIBRARY).filter(|path| !path.is_empty()).map(PathBuf::from);
+        let path = path.ok_or_else(|| {
+            format!(
+                "{LIBRARY} names no library of ONNX Runtime (libonnxruntime.so, or as the system calls it)"
+            )
+        })?;
+        // Some builds report who runs what: not from a device that is to keep its images to itself.
+        ort::init_from(&path).map_err(words)?.with_telemetry(false).commit();
+        Ok(())
+    };
+    LOADED.get_or_init(load).clone()
+}
+
+fn session(onnx: &[u8], threads: usize) -> Result<Session, String> {
+    let builder = Session::builder().map_err(words)?;
+    let builder = builder.with_intra_threads(threads).map_err(words)?;
+    let mut builder = builder.with_deterministic_compute(true).map_err(words)?;
+    builder.commit_from_memory(onnx).map_err(words)
+}
+
+fn words(error: impl std::fmt::Display) -> String {
+    error.to_string()
+}
+
+fn sides(kind: &ValueType) -> Vec<Option<usize>> {
+    match kind {
+        ValueType::Tensor { shape, .. } => shape.iter().map(|side| usize::try_from(*side).ok()).collect(),
+        _ => Vec::new(),
+    }
+}

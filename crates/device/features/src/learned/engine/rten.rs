@@ -1,0 +1,85 @@
+//! rten as an engine.
+//!
+//! Equal inputs give equal outputs, with any number of threads: rten shares out rows and channels of a result, and never a sum.
+
+use std::sync::Arc;
+
+use rten::{Dimension, Model, ModelOptions, NodeId, RunOptions, ThreadPool, ValueOrView};
+use rten_tensor::NdTensorView;
+use rten_tensor::prelude::*;
+
+use super::run::Run;
+use crate::learned::onnx::exact;
+use crate::learned::{Layer, Tensor};
+
+pub(super) struct Rten {
+    model: Model,
+    threads: Arc<ThreadPool>,
+}
+
+impl Rten {
+    pub(super) fn load(onnx: Vec<u8>) -> Result<Self, String> {
+        let model = ModelOptions::with_all_ops()
+            .prepack_weights(true)
+            .load(exact(&onnx).unwrap_or(onnx))
+            .map_err(|error| error.to_string())?;
+        let threads = Arc::new(ThreadPool::with_num_threads(rayon::current_num_threads()));
+        Ok(Self { model, threads })
+    }
+}
+
+impl Run for Rten {
+    fn inputs(&self) -> Vec<Vec<Option<usize>>> {
+        let sides = |input| self.model.input_shape(input).unwrap_or_default().iter().map(fixed).collect();
+        (0..self.model.input_ids().len()).map(sides).collect()
+    }
+
+    fn ends(&self) -> [usize; 2] {
+        [self.model.input_ids().len(), self.model.output_ids().len()]
+    }
+
+    fn metadata(&self, key: &str) -> Option<String> {
+        self.model.metadata().get(key).map(str::to_owned)
+    }
+
+    fn run(&self, images: &[([usize; 3], &[f32])], layers: &[Layer]) -> Result<Vec<Tensor>, String> {
+        let inputs: Vec<(NodeId, ValueOrView<'_>)> = self
+            .model
+            .input_ids()
+            .iter()
+            .zip(images)
+            .map(|(id, ([channels, height, width], data))| {
+                (*id, NdTensorView::from_data([1, *channels, *height, *width], *data).as_dyn().into())
+            })
+            .collect();
+        let of = |layer: &Layer| match layer {
+            Layer::Output(number) => {
+                let output = self.model.output_ids().get(*number).copied();
+                output.ok_or_else(|| format!("it has no output {number}"))
+            }
+            Layer::Named(name) => self.model.node_id(name).map_err(|error| error.to_string()),
+        };
+        let outputs = layers.iter().map(of).collect::<Result<Vec<_>, _>>()?;
+        let options = RunOptions::default().with_thread_pool(Some(Arc::clone(&self.threads)));
+        // On a thread of its own. One of rayon's would take up other images while it waits for this one, and hold the layers of
+        // all of them in memory, one upon the other.
+        let run = || self.model.run(inputs, &outputs, Some(options));
+        let results = match std::thread::scope(|scope| scope.spawn(run).join()) {
+            Ok(results) => results.map_err(|error| error.to_string())?,
+            Err(_) => return Err("it does not fit this image".to_owned()),
+        };
+        let tensor = |value: rten::Value| {
+            let tensor: rten_tensor::Tensor<f32> =
+                value.try_into().map_err(|_| "its output is no table of numbers".to_owned())?;
+            Ok(Tensor { shape: tensor.shape().to_vec(), data: tensor.into_data() })
+        };
+        results.into_iter().map(tensor).collect()
+    }
+}
+
+fn fixed(dimension: &Dimension) -> Option<usize> {
+    match dimension {
+        Dimension::Fixed(size) => Some(*size),
+        Dimension::Symbolic(_) => None,
+    }
+}

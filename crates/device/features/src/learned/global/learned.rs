@@ -1,0 +1,212 @@
+//! Described networks as an extractor of global descriptors.
+
+use std::path::{Path, PathBuf};
+
+use crate::{FeatureError, GlobalExtractor, GrayImage, Image};
+use veiloc_descriptor::{GlobalDescriptor, NamedGlobal};
+
+use super::GlobalDescription;
+use super::description::{From, Graph, Part, Seen};
+use crate::learned::graphs::{FEATURES, NetVlad, netvlad};
+use crate::learned::prepare::{prepare, resized};
+use crate::learned::{Engine, Layer, Network, NetworkError, Tensor, Weights};
+
+/// Part of the root of the numbers: with 4 standard deviations of a number in a random direction a byte is full.
+const LENGTH: f64 = 32.0;
+
+/// A learned global descriptor: a description and the networks it is of.
+///
+/// Its codes are a unit vector times 32 √numbers in bytes. It is made of the image in gray, at the networks' size, from border to
+/// border. What leaves a device of it: rule L14 of docs/privacy.md.
+pub struct LearnedGlobal {
+    description: GlobalDescription,
+    model: NamedGlobal,
+    networks: Vec<Network>,
+    head: Option<NetVlad>,
+}
+
+impl std::fmt::Debug for LearnedGlobal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "LearnedGlobal({:?}, {:?})", self.model, self.networks)
+    }
+}
+
+impl LearnedGlobal {
+    /// Reads the networks of a description from these files, one for each.
+    ///
+    /// # Errors
+    /// [`NetworkError`] for a file that is no network, is damaged, or is not what the description says.
+    pub fn open(
+        description: GlobalDescription,
+        files: &[PathBuf],
+        engine: Engine,
+    ) -> Result<Self, NetworkError> {
+        match (&description.networks[..], files) {
+            ([Part { graph: Some(Graph::Netvlad), .. }], [file]) => {
+                Self::of_weights(description, Weights::open(file)?, file, engine)
+            }
+            (parts, files) if parts.len() == files.len() => {
+                let networks =
+                    files.iter().map(|file| Network::open(file, engine)).collect::<Result<_, _>>()?;
+                let all = Self { model: description.model(), description, networks, head: None };
+                all.check(files)?;
+                Ok(all)
+            }
+            (parts, files) => {
+                let reason = format!("{} files are given for {} networks", files.len(), parts.len());
+                Err(NetworkError::Model { path: files.first().cloned().unwrap_or_default(), reason })
+            }
+        }
+    }
+
+    /// The same of weights in memory, for a description that names a graph; `file` is what messages are to call them.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn of_weights(
+        description: GlobalDescription,
+        weights: Weights,
+        file: &Path,
+        engine: Engine,
+    ) -> Result<Self, NetworkError> {
+        let refused = |reason: String| NetworkError::Model { path: file.to_owned(), reason };
+        if description.networks.iter().all(|part| part.graph.is_none()) {
+            return Err(refused("its description names no graph".to_owned()));
+        }
+        let (onnx, head) =
+            netvlad(weights).map_err(|source| NetworkError::Weights { path: file.to_owned(), source })?;
+        let (model, numbers) = (description.model(), head.numbers());
+        if numbers != model.dim() {
+            return Err(refused(format!("its vectors have {numbers} numbers and not {}", model.dim())));
+        }
+        let networks = vec![Network::of_onnx(onnx, engine).map_err(refused)?];
+        Ok(Self { description, model, networks, head: Some(head) })
+    }
+
+    /// What it is.
+    pub fn description(&self) -> &GlobalDescription {
+        &self.description
+    }
+
+    /// Its networks, in the order in which they are run.
+    pub fn networks(&self) -> &[Network] {
+        &self.networks
+    }
+
+    fn check(&self, files: &[PathBuf]) -> Result<(), NetworkError> {
+        let parts = self.description.networks.iter().zip(&self.networks).zip(files).enumerate();
+        for (at, ((part, network), file)) in parts {
+            let refused = |reason: String| Err(NetworkError::Model { path: file.clone(), reason });
+            let (expected, actual) = (part.inputs(at == 0).len(), network.ends()[0]);
+            if expected != actual {
+                return refused(format!("it has {actual} inputs and not {expected}"));
+            }
+            for input in 0..actual {
+                if !matches!(network.sides_of(input), [None | Some(1), _, _, _]) {
+                    return refused(format!("its input {input} is not one image"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The vector of an image, of length 1; all zeros where the networks say nothing. `[numbers]`
+    ///
+    /// # Errors
+    /// [`NetworkError::Run`].
+    pub fn vector(&self, image: &GrayImage) -> Result<Vec<f32>, NetworkError> {
+        let mut before = None;
+        for (at, (part, network)) in self.description.networks.iter().zip(&self.networks).enumerate() {
+            before = Some(self.step(part, network, at == 0, image, before)?);
+        }
+        let last = before.map(|tensor| tensor.data).unwrap_or_default();
+        if last.len() != self.model.dim() || last.iter().any(|number| !number.is_finite()) {
+            let reason = format!("its vector is not {} numbers", self.model.dim());
+            return Err(NetworkError::Run { reason });
+        }
+        let length = last.iter().map(|number| f64::from(*number).powi(2)).sum::<f64>().sqrt();
+        let factor = if length > 0.0 { 1.0 / length } else { 0.0 };
+        Ok(last.iter().map(|number| (f64::from(*number) * factor) as f32).collect())
+    }
+
+    fn step(
+        &self,
+        part: &Part,
+        network: &Network,
+        is_first: bool,
+        image: &GrayImage,
+        before: Option<Tensor>,
+    ) -> Result<Tensor, NetworkError> {
+        let broken = |reason: &str| NetworkError::Run { reason: reason.to_owned() };
+        let seen = match &part.image {
+            Some(seen) => {
+                let input = part.inputs(is_first).iter().position(|from| *from == From::Image).unwrap_or(0);
+                Some(shown(image, seen, network.sides_of(input)))
+            }
+            None => None,
+        };
+        let given = part.inputs(is_first).iter().map(|from| match from {
+            From::Image => seen.as_ref().ok_or_else(|| broken("it is given no image")),
+            From::Before => before.as_ref().ok_or_else(|| broken("there is no network before it")),
+        });
+        let given: Vec<&Tensor> = given.collect::<Result<_, _>>()?;
+        if let Some(head) = &self.head {
+            let features = network.run_on(&given, &[Layer::from(FEATURES)])?;
+            let vector = features.first().and_then(|features| head.describe(features));
+            let data = vector.ok_or_else(|| broken("the image is too small for it"))?;
+            return Ok(Tensor { shape: vec![1, data.len()], data });
+        }
+        let result = network.run_on(&given, std::slice::from_ref(&part.layer))?.pop();
+        let mut result = result.ok_or_else(|| broken("it gives nothing"))?;
+        if part.channels_last {
+            result = result.channels_first().ok_or_else(|| broken("what it gives is no image"))?;
+        }
+        match part.middle {
+            Some(sides) => middle(&result, sides).ok_or_else(|| broken("what it gives is too small")),
+            None => Ok(result),
+        }
+    }
+}
+
+/// The image as a network wants it.
+fn shown(image: &GrayImage, seen: &Seen, sides: &[Option<usize>]) -> Tensor {
+    let fixed = match sides {
+        [_, _, Some(height), Some(width)] => Some([*width, *height]),
+        _ => None,
+    };
+    let made = seen.size.map(|[width, height]| {
+        let samples = resized(image, [width as usize, height as usize]);
+        GrayImage::new(width, height, samples).expect("as many samples as pixels")
+    });
+    prepare(made.as_ref().unwrap_or(image), &seen.input(), fixed).0
+}
+
+/// So many columns and rows in the middle of `[1, C, H, W]`.
+fn middle(tensor: &Tensor, [columns, rows]: [usize; 2]) -> Option<Tensor> {
+    let [channels, height, width] = tensor.image()?;
+    let (left, upper) = (width.checked_sub(columns)? / 2, height.checked_sub(rows)? / 2);
+    let mut data = Vec::with_capacity(channels * rows * columns);
+    for plane in tensor.data.chunks_exact(height * width) {
+        for row in plane.chunks_exact(width).skip(upper).take(rows) {
+            data.extend_from_slice(&row[left..left + columns]);
+        }
+    }
+    Some(Tensor { shape: vec![1, channels, rows, columns], data })
+}
+
+impl GlobalExtractor for LearnedGlobal {
+    fn model(&self) -> NamedGlobal {
+        self.model
+    }
+
+    fn describe(&self, image: &Image) -> Result<GlobalDescriptor, FeatureError> {
+        let broken = |error: NetworkError| FeatureError::Extractor {
+            name: self.model.name().to_owned(),
+            reason: error.to_string(),
+        };
+        let vector = self.vector(image.gray()).map_err(broken)?;
+        let length = LENGTH * (self.model.dim() as f64).sqrt();
+        let code = |number: &f32| (f64::from(*number) * length).round().clamp(-127.0, 127.0) as i8;
+        Ok(GlobalDescriptor::new(vector.iter().map(code).collect()))
+    }
+}

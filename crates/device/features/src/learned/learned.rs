@@ -1,0 +1,208 @@
+//! A described network as an extractor of local features.
+
+use std::path::Path;
+
+use crate::{Extractor, FeatureError, Features, Image, Keypoint};
+use veiloc_descriptor::{DescriptorKind, Descriptors};
+use veiloc_geometry::Pixel;
+
+use crate::learned::graphs::{self, Head};
+use crate::learned::keypoints::{Peak, ScoreMap};
+use crate::learned::prepare::prepare;
+use crate::learned::sample::{DescriptorMap, Scratch, by_head, bytes};
+use crate::learned::{Description, Engine, Layer, Network, NetworkError, Tensor, Weights};
+
+/// Learned local features: a description and the network it is of.
+///
+/// Positions are those of the network, in the image's own pixels. A keypoint's scale is one pixel of the network's image;
+/// orientation is none. Descriptors are unit vectors in signed bytes, or projections of them. Of the network's scores nothing but
+/// the order stays, and that ends where a query is sealed (rules L3 and L4 of docs/privacy.md).
+pub struct Learned {
+    description: Description,
+    kind: DescriptorKind,
+    /// Before any projection.
+    plain: DescriptorKind,
+    network: Network,
+    head: Option<Head>,
+    /// Width and height, where the network has one size.
+    fixed: Option<[usize; 2]>,
+}
+
+impl std::fmt::Debug for Learned {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Learned({:?}, {:?})", self.kind, self.network)
+    }
+}
+
+/// What a network says of an image, for tests and the audit of numbers.
+pub(crate) struct Said {
+    pub(crate) peaks: Vec<Peak>,
+    /// `[N, numbers]`, of length 1.
+    pub(crate) descriptors: Vec<f32>,
+    /// Pixels of the image for one of the network's.
+    pub(crate) pixel: f64,
+    /// Where each peak is, corner of the image at 0, 0.
+    pub(crate) positions: Vec<[f64; 2]>,
+}
+
+impl Learned {
+    /// Reads the network of a description from this file: ONNX, or weights where the description names a graph.
+    ///
+    /// # Errors
+    /// [`NetworkError`] for a file that is no network, is damaged, or is not what the description says.
+    pub fn open(description: Description, file: &Path, engine: Engine) -> Result<Self, NetworkError> {
+        match description.graph {
+            Some(_) => Self::of_weights(description, &Weights::open(file)?, file, engine),
+            None => Self::of(description, Network::open(file, engine)?, None, file),
+        }
+    }
+
+    /// The same of weights in memory; `file` is what messages are to call them.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; [`NetworkError::Model`] for a description that names no graph.
+    pub fn of_weights(
+        description: Description,
+        weights: &Weights,
+        file: &Path,
+        engine: Engine,
+    ) -> Result<Self, NetworkError> {
+        let model = |reason: String| NetworkError::Model { path: file.to_owned(), reason };
+        let graph = description.graph.ok_or_else(|| model("its description names no graph".to_owned()))?;
+        let made =
+            graph.of(weights).map_err(|source| NetworkError::Weights { path: file.to_owned(), source })?;
+        Self::of(description, Network::of_onnx(made.onnx, engine).map_err(model)?, made.head, file)
+    }
+
+    fn of(
+        description: Description,
+        network: Network,
+        head: Option<Head>,
+        file: &Path,
+    ) -> Result<Self, NetworkError> {
+        let refused = |reason: String| NetworkError::Model { path: file.to_owned(), reason };
+        if let Some(head) = head.as_ref().filter(|head| head.dim() != description.descriptors.numbers) {
+            let expected = description.descriptors.numbers;
+            return Err(refused(format!("its descriptors have {} numbers and not {expected}", head.dim())));
+        }
+        let channels = description.input.channels;
+        let (Some(&[None | Some(1), own, height, width]), [1, _]) =
+            (network.input().first_chunk::<4>(), network.ends())
+        else {
+            return Err(refused("its input is not one image".to_owned()));
+        };
+        if own.is_some_and(|own| own != channels) {
+            return Err(refused(format!("its input has another number of channels than {channels}")));
+        }
+        let fixed = match (width, height) {
+            (None, None) => None,
+            (Some(width), Some(height)) if (64..=8192).contains(&width) && (64..=8192).contains(&height) => {
+                Some([width, height])
+            }
+            _ => {
+                return Err(refused("its input's sides are not from 64 to 8192, both or neither".to_owned()));
+            }
+        };
+        let (kind, plain) = (description.kind(), description.plain_kind());
+        Ok(Self { description, kind, plain, network, head, fixed })
+    }
+
+    /// What it is.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// Its network.
+    pub fn network(&self) -> &Network {
+        &self.network
+    }
+
+    pub(crate) fn say(&self, image: &Image, most: usize) -> Result<Said, NetworkError> {
+        let Description { input, scores, descriptors, .. } = &self.description;
+        let (samples, placed) = prepare(image.gray(), input, self.fixed);
+        let [_, _, height, width] = samples.shape[..] else { unreachable!("an image has four sides") };
+        let mut layers = vec![scores.layer.clone()];
+        layers.extend(scores.factor.clone());
+        match &descriptors.layer {
+            Some(layer) => layers.push(layer.clone()),
+            None => layers.extend(graphs::LEVELS.map(Layer::from)),
+        }
+        let mut results = self.network.run(&samples, &layers)?.into_iter();
+        let mut next = || results.next().expect("one result for each layer");
+        let map = ScoreMap::of(next(), scores)?;
+        let factor = scores.factor.as_ref().map(|_| next());
+        if [map.width, map.height] != [width, height] {
+            let (w, h) = (map.width, map.height);
+            let reason = format!("its scores are of {w}x{h} pixels, and it was given {width}x{height}");
+            return Err(NetworkError::Run { reason });
+        }
+        let factor_at = |pixel: [usize; 2]| {
+            factor.as_ref().map_or(1.0, |factor| factor_at(factor, pixel, [width, height]))
+        };
+        let peaks = map.peaks(scores, placed, factor_at, most);
+        let mut vectors = vec![0.0; peaks.len() * descriptors.numbers];
+        let of_peaks = peaks.iter().zip(vectors.chunks_exact_mut(descriptors.numbers));
+        if let Some(head) = &self.head {
+            let levels: Vec<Tensor> = results.collect();
+            let mut scratch = Scratch::default();
+            of_peaks.for_each(|(peak, vector)| by_head(head, &levels, peak, vector, &mut scratch));
+        } else {
+            let map = DescriptorMap::of(next(), descriptors)?;
+            of_peaks.for_each(|(peak, vector)| map.at(peak.position, [width, height], descriptors, vector));
+        }
+        let positions = peaks.iter().map(|peak| placed.to_image(peak.position)).collect();
+        Ok(Said { peaks, descriptors: vectors, pixel: placed.pixel(), positions })
+    }
+}
+
+/// The factor at a pixel, linear between cells, as XFeat's program samples its reliability.
+fn factor_at(factor: &Tensor, pixel: [usize; 2], size: [usize; 2]) -> f32 {
+    let Some([_, rows, columns]) = factor.image() else { return 1.0 };
+    let [x, y] = [(0, columns), (1, rows)].map(|(axis, cells)| {
+        let at = pixel[axis] as f64 / (size[axis] as f64 - 1.0).max(1.0) * cells as f64 - 0.5;
+        let first = at.floor();
+        [(first, 1.0 - (at - first)), (first + 1.0, at - first)]
+    });
+    let mut sum = 0.0;
+    for (row, down) in y {
+        for (column, across) in x {
+            if row >= 0.0 && column >= 0.0 && row < rows as f64 && column < columns as f64 {
+                sum += (down * across) as f32 * factor.data[row as usize * columns + column as usize];
+            }
+        }
+    }
+    sum
+}
+
+impl Extractor for Learned {
+    fn kind(&self) -> DescriptorKind {
+        self.kind
+    }
+
+    fn extract(&self, image: &Image, max_keypoints: usize) -> Result<Features, FeatureError> {
+        let broken = |reason: String| FeatureError::Extractor { name: self.kind.name().to_owned(), reason };
+        let said = self.say(image, max_keypoints).map_err(|error| broken(error.to_string()))?;
+        let keypoints = said.positions.iter().zip(&said.peaks).map(|([u, v], peak)| Keypoint {
+            pixel: Pixel::new(*u, *v),
+            scale: said.pixel as f32,
+            orientation: 0.0,
+            response: peak.score,
+        });
+        let vectors = bytes(&said.descriptors, self.plain).collect();
+        let plain = Descriptors::new(self.plain, vectors).map_err(|error| broken(error.to_string()))?;
+        let descriptors = match &self.description.read {
+            Some(projection) => projection.apply(&plain),
+            None => plain,
+        };
+        Ok(Features { keypoints: keypoints.collect(), descriptors, global: None })
+    }
+
+    /// 0: the image is continued by its mirror image, as wide as the description's `margin`.
+    fn reach(&self) -> f64 {
+        0.0
+    }
+
+    fn sight(&self) -> f64 {
+        self.description.descriptors.sight
+    }
+}

@@ -1,0 +1,49 @@
+//! Learned features: networks that users bring, and what makes keypoints and descriptors, local and global, of their numbers.
+//!
+//! ```text
+//! image ── prepared: size, mirror image around it, numbers ── network ── scores ── peaks ── descriptors there ── features
+//! ```
+//!
+//! - [`Models`]: the models known by name, where their files are got and where they are looked for.
+//! - [`Description`]: a model as a text file says it; any ONNX network that fits one is an extractor.
+//! - [`Learned`]: a described network as an [`Extractor`](crate::Extractor).
+//! - [`GlobalDescription`], [`LearnedGlobal`]: the same for one vector of a whole image ([`GlobalExtractor`](crate::GlobalExtractor)).
+//! - [`Network`]: an ONNX file or a graph made of weights, run by an [`Engine`]: rten (pure Rust), or ONNX Runtime where the
+//!   user brings it (cargo feature `onnxruntime`).
+//! - [`Backbone`]: networks whose layers images are compared by.
+//! - [`Weights`]: tensors of PyTorch's `.pth`, NumPy's `.npz` and MATLAB's `.mat`. Nothing in a file is ever executed.
+//!
+//! No network is part of the project, and none is downloaded. This room runs on the device and where maps are built; `features`
+//! does without it, so that a device that uses SIFT needs no engine.
+#![forbid(unsafe_code)]
+
+mod built_in;
+mod description;
+mod engine;
+mod error;
+mod file;
+mod global;
+mod graphs;
+mod keypoints;
+mod layer;
+mod learned;
+mod models;
+mod network;
+mod onnx;
+mod prepare;
+mod projected;
+mod sample;
+mod tensor;
+mod weights;
+
+pub use description::Description;
+pub use engine::Engine;
+pub use error::{NetworkError, WeightsError};
+pub use global::{GlobalDescription, LearnedGlobal};
+pub use graphs::Backbone;
+pub use layer::Layer;
+pub use learned::Learned;
+pub use models::{Found, FoundGlobal, Models};
+pub use network::Network;
+pub use tensor::Tensor;
+pub use weights::Weights;

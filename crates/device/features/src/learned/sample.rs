@@ -1,0 +1,148 @@
+//! Descriptors at keypoints: interpolated between the cells of a network's map, of length 1.
+
+use veiloc_descriptor::DescriptorKind;
+
+use crate::learned::description::{Descriptors, Grid, Interpolation};
+use crate::learned::graphs::Head;
+use crate::learned::keypoints::Peak;
+use crate::learned::{NetworkError, Tensor};
+
+/// A map of vectors, each of length 1.
+pub(crate) struct DescriptorMap {
+    rows: usize,
+    columns: usize,
+    numbers: usize,
+    /// `[rows, columns, numbers]`
+    data: Vec<f32>,
+}
+
+impl DescriptorMap {
+    /// # Errors
+    /// [`NetworkError::Run`] when the layer is of another form than described, or holds numbers that are none.
+    pub(crate) fn of(map: Tensor, described: &Descriptors) -> Result<Self, NetworkError> {
+        let broken = |reason: &str| NetworkError::Run { reason: format!("its descriptors {reason}") };
+        let ((true, &[1, rows, columns, numbers]) | (false, &[1, numbers, rows, columns])) =
+            (described.channels_last, &map.shape[..])
+        else {
+            return Err(broken("are no map"));
+        };
+        if numbers != described.numbers {
+            return Err(broken(&format!("have {numbers} numbers and not {}", described.numbers)));
+        }
+        if map.data.iter().any(|number| !number.is_finite()) {
+            return Err(broken("hold numbers that are none"));
+        }
+        let mut data = if described.channels_last {
+            map.data
+        } else {
+            let cells = rows * columns;
+            let mut data = vec![0.0; map.data.len()];
+            for (number, plane) in map.data.chunks_exact(cells.max(1)).enumerate() {
+                for (cell, value) in plane.iter().enumerate() {
+                    data[cell * numbers + number] = *value;
+                }
+            }
+            data
+        };
+        data.chunks_exact_mut(numbers.max(1)).for_each(normalize);
+        Ok(Self { rows, columns, numbers, data })
+    }
+
+    /// The descriptor at a position of the network's image of this width and height, into `out`, of length 1.
+    pub(crate) fn at(&self, position: [f64; 2], size: [usize; 2], described: &Descriptors, out: &mut [f32]) {
+        let cells = [self.columns, self.rows];
+        let [x, y] = [0, 1].map(|axis| {
+            let (at, side, cells) = (position[axis], size[axis] as f64, cells[axis] as f64);
+            let stride = described.stride as f64;
+            match described.grid {
+                Grid::Centers => (at + 0.5) / stride - 0.5,
+                Grid::Corners => at / (side - 1.0).max(1.0) * (cells - 1.0),
+                Grid::Superpoint => (at - stride / 2.0 + 0.5) / (side - stride / 2.0 - 0.5) * (cells - 1.0),
+                Grid::Xfeat => at / (side - 1.0).max(1.0) * cells - 0.5,
+            }
+        });
+        let ([columns, across], [rows, down]) =
+            (weights(x, described.interpolation), weights(y, described.interpolation));
+        out.fill(0.0);
+        for (row, down) in rows.iter().zip(down) {
+            for (column, across) in columns.iter().zip(across) {
+                let (row, column, weight) = (*row as usize, *column as usize, (down * across) as f32);
+                // Cells outside count as zeros.
+                if weight != 0.0 && row < self.rows && column < self.columns {
+                    let cell = &self.data[(row * self.columns + column) * self.numbers..][..self.numbers];
+                    for (out, value) in out.iter_mut().zip(cell) {
+                        *out += weight * value;
+                    }
+                }
+            }
+        }
+        normalize(out);
+    }
+}
+
+/// Four cells along an axis, and how much each counts. A cell below the first is far beyond the last one.
+fn weights(at: f64, interpolation: Interpolation) -> [[f64; 4]; 2] {
+    let first = at.floor();
+    let part = at - first;
+    let cells =
+        [-1.0, 0.0, 1.0, 2.0].map(|step| if first + step < 0.0 { f64::from(u32::MAX) } else { first + step });
+    let counts = match interpolation {
+        Interpolation::Linear => [0.0, 1.0 - part, part, 0.0],
+        Interpolation::Cubic => {
+            // Keys' convolution with a = -0.75, as PyTorch's `grid_sample`.
+            let a = -0.75;
+            let near = |t: f64| ((a + 2.0) * t - (a + 3.0)) * t * t + 1.0;
+            let far = |t: f64| ((a * t - 5.0 * a) * t + 8.0 * a) * t - 4.0 * a;
+            [far(part + 1.0), near(part), near(1.0 - part), far(2.0 - part)]
+        }
+    };
+    [cells, counts]
+}
+
+/// The descriptor of a peak where the last layer is computed at keypoints alone: linear between four pixels, into `out`.
+pub(crate) fn by_head(head: &Head, levels: &[Tensor], peak: &Peak, out: &mut [f32], scratch: &mut Scratch) {
+    let Some([_, height, width]) = levels.first().and_then(Tensor::image) else { return };
+    let [x, y] = [(peak.position[0], width), (peak.position[1], height)].map(|(at, side)| {
+        let at = at.clamp(0.0, side as f64 - 1.0);
+        let first = at as usize;
+        [(first, 1.0 - (at - first as f64)), ((first + 1).min(side - 1), at - first as f64)]
+    });
+    out.fill(0.0);
+    scratch.corner.resize(out.len(), 0.0);
+    for (row, down) in y {
+        for (column, across) in x {
+            let weight = (down * across) as f32;
+            if weight != 0.0 {
+                head.at(levels, [column, row], &mut scratch.joined, &mut scratch.corner);
+                normalize(&mut scratch.corner);
+                for (out, value) in out.iter_mut().zip(&scratch.corner) {
+                    *out += weight * value;
+                }
+            }
+        }
+    }
+    normalize(out);
+}
+
+/// Room for [`by_head`].
+#[derive(Default)]
+pub(crate) struct Scratch {
+    joined: Vec<f32>,
+    corner: Vec<f32>,
+}
+
+/// A unit vector in bytes of a kind: each number times the kind's length, rounded, cut at the ends of a byte.
+pub(crate) fn bytes(vector: &[f32], kind: DescriptorKind) -> impl Iterator<Item = u8> {
+    let length = f64::from(kind.norm());
+    vector.iter().map(move |number| kind.encoding().byte(f64::from(*number) * length))
+}
+
+/// Length 1; a vector of nothing stays so.
+fn normalize(vector: &mut [f32]) {
+    let length = vector.iter().map(|number| number * number).sum::<f32>().sqrt();
+    if length > 1e-12 {
+        for number in vector {
+            *number /= length;
+        }
+    }
+}

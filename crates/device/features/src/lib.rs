@@ -1,0 +1,64 @@
+//! From an image to keypoints and descriptors. Runs on the device, and when a map is built.
+//!
+//! - [`extract_image`]: the one door from a file to features, whatever the [`Extractor`].
+//! - [`extract_loaded`]: the same of an image in memory.
+//! - [`Extractors`]: the extractors a program has, by name. SIFT and [`Compact`] are built in; bring your own with [`Extractors::with`].
+//! - [`GlobalExtractor`]: what makes one vector of a whole image; none is built in.
+//! - [`Mask`]: parts of an image that nobody is to be told of; [`Image::without`] takes them out.
+//! - [`exif_camera`]: the camera that a file's EXIF tells, for images nobody calibrated.
+//! - [`extract_sift`]: SIFT on an image in memory.
+//!
+//! Keypoints exist in this room as plain positions; the server's rooms do not depend on it.
+//!
+//! ```
+//! use veiloc_features::{Extractors, GrayImage, Image};
+//!
+//! // A bright square on dark ground has corners to find.
+//! let samples = (0..64 * 64).map(|i| if (20..44).contains(&(i % 64)) && (20..44).contains(&(i / 64)) { 0.9 } else { 0.1 });
+//! let image = Image::from(GrayImage::new(64, 64, samples.collect())?);
+//! let features = Extractors::default().named("sift")?.extract(&image, 100)?;
+//! assert!(!features.keypoints.is_empty());
+//! assert_eq!(features.descriptors.row(0).len(), 128);
+//!
+//! let unknown = Extractors::default().named("orb").err().map(|e| e.to_string());
+//! assert_eq!(unknown.as_deref(), Some("no features of kind orb here; there are: sift, compact"));
+//! # Ok::<(), veiloc_features::FeatureError>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod colour;
+mod compact;
+#[cfg(feature = "learned")]
+pub mod detector;
+mod door;
+mod error;
+mod exif;
+mod extractor;
+mod extractors;
+mod global;
+mod gray;
+mod input;
+mod keypoint;
+#[cfg(feature = "learned")]
+pub mod learned;
+mod load;
+mod mask;
+mod orientation;
+mod progress;
+mod sift;
+
+pub use colour::{ColourImage, load_colour};
+pub use compact::{Compact, Projection, ProjectionError, compact};
+pub use door::{ExtractedImage, Limits, extract_image, extract_loaded};
+pub use error::FeatureError;
+pub use exif::{exif_camera, guessed_camera, guessed_camera_of};
+pub use extractor::{Extractor, Sift, Stored};
+pub use extractors::Extractors;
+pub use global::{GlobalExtractor, SharedGlobal};
+pub use gray::GrayImage;
+pub use input::Image;
+pub use keypoint::{Features, Keypoint};
+pub use load::{MAX_PIXELS, load_gray};
+pub use mask::{Mask, load_mask, mask_in};
+pub use progress::Progress;
+pub use sift::{Border, SiftOptions, extract_sift};

@@ -1,0 +1,3 @@
+//! Set-up that several tests share.
+
+pub mod exif;

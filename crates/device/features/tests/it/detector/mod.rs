@@ -1,0 +1,4 @@
+//! Tests of `detector`.
+
+mod files;
+mod oracle;

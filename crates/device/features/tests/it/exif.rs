@@ -1,0 +1,141 @@
+//! Cameras from EXIF: what real cameras write, what cannot be used, and bytes from anybody.
+
+use super::common::exif as made;
+use image::DynamicImage;
+use made::Field::{Long, Rational, Short};
+use made::{
+    DIGITAL_ZOOM, FOCAL_35MM, FOCAL_LENGTH, Field, ORIENTATION, PIXEL_X, PIXEL_Y, PLANE_UNIT,
+    PLANE_X_RESOLUTION,
+};
+use veiloc_features::{FeatureError, exif_camera, guessed_camera};
+use veiloc_geometry::Intrinsics;
+
+fn camera_of(name: &str, size: (u32, u32), metadata: Option<Vec<u8>>) -> Result<Intrinsics, FeatureError> {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let path = folder.path().join(name);
+    made::save(&path, &DynamicImage::new_rgb8(size.0, size.1), metadata);
+    exif_camera(&path)
+}
+
+fn focal(size: (u32, u32), exif: &[Field]) -> Result<f64, FeatureError> {
+    let camera = camera_of("a.jpg", size, Some(made::tiff(&[], exif)))?;
+    let pinhole = camera.pinhole();
+    assert_eq!((camera.width, camera.height), size);
+    assert_eq!(pinhole.principal, [f64::from(size.0) / 2.0, f64::from(size.1) / 2.0]);
+    assert_eq!(pinhole.focal[0], pinhole.focal[1]);
+    Ok(pinhole.focal[0])
+}
+
+#[test]
+fn focal_lengths_as_cameras_write_them() {
+    let close = |size, fields: &[Field], expected: f64| {
+        let got = focal(size, fields).unwrap_or_else(|e| panic!("{fields:?}: {e}"));
+        assert!((got / expected - 1.0).abs() < 1e-9, "{fields:?}: {got} instead of {expected}");
+    };
+    let diagonal = 36.0_f64.hypot(24.0);
+    // 26 mm of film on a 4:3 sensor, whole and as a smaller copy, upright and lying.
+    close((400, 300), &[Short(FOCAL_35MM, 26)], 26.0 * 500.0 / diagonal);
+    close((300, 400), &[Short(FOCAL_35MM, 26)], 26.0 * 500.0 / diagonal);
+    close(
+        (400, 300),
+        &[Long(PIXEL_X, 4000), Long(PIXEL_Y, 3000), Short(FOCAL_35MM, 26)],
+        26.0 * 500.0 / diagonal,
+    );
+    // On film itself the width says the same as the diagonal.
+    close((360, 240), &[Short(FOCAL_35MM, 50)], 500.0);
+    // A reflex camera: 18 mm, 4438.356 pixels an inch of its sensor, 3888 pixels wide.
+    let reflex = |unit, resolution: (u32, u32), zoom: Option<(u32, u32)>| {
+        let zoom = zoom.map(|(a, b)| Rational(DIGITAL_ZOOM, a, b));
+        let rest = [
+            Rational(FOCAL_LENGTH, 18, 1),
+            Short(PIXEL_X, 3888),
+            Short(PIXEL_Y, 2592),
+            Rational(PLANE_X_RESOLUTION, resolution.0, resolution.1),
+            Short(PLANE_UNIT, unit),
+        ];
+        rest.into_iter().chain(zoom).collect::<Vec<_>>()
+    };
+    let expected = 18.0 * 4438.356 / 25.4;
+    close((3888, 2592), &reflex(2, (4_438_356, 1000), None), expected);
+    close((486, 324), &reflex(2, (4_438_356, 1000), None), expected / 8.0);
+    close((324, 486), &reflex(2, (4_438_356, 1000), None), expected / 8.0);
+    close((486, 324), &reflex(2, (4_438_356, 1000), Some((3, 2))), 1.5 * expected / 8.0);
+    close((486, 324), &reflex(2, (4_438_356, 1000), Some((0, 1))), expected / 8.0);
+    close((3888, 2592), &reflex(3, (1_747_384, 1000), None), 18.0 * 1747.384 / 10.0);
+    // Both: the one that needs no more to be right.
+    let both: Vec<Field> = reflex(2, (1, 1), None).into_iter().chain([Short(FOCAL_35MM, 29)]).collect();
+    close((486, 324), &both, 29.0 * 486.0_f64.hypot(324.0) / diagonal);
+    // Unknown is written as 0.
+    let unknown: Vec<Field> =
+        reflex(2, (4_438_356, 1000), None).into_iter().chain([Short(FOCAL_35MM, 0)]).collect();
+    close((3888, 2592), &unknown, expected);
+}
+
+#[test]
+fn what_does_not_tell_is_refused_with_the_reason() {
+    let refused = |found: Result<f64, FeatureError>, word: &str| {
+        let error = found.expect_err("refused");
+        assert!(matches!(error, FeatureError::NoFocal { .. }), "{error}");
+        let said = error.to_string();
+        assert!(said.contains("a.jpg") && said.contains(word) && said.contains("camera"), "{word}: {said}");
+    };
+    refused(camera_of("a.jpg", (40, 30), None).map(|_| 0.0), "no EXIF");
+    refused(camera_of("a.jpg", (40, 30), Some(b"nonsense".to_vec())).map(|_| 0.0), "damaged");
+    let tell = |fields: &[Field]| focal((400, 300), fields);
+    refused(tell(&[]), "does not tell");
+    refused(tell(&[Rational(FOCAL_LENGTH, 18, 1)]), "does not tell");
+    refused(tell(&[Rational(FOCAL_LENGTH, 18, 0), Rational(PLANE_X_RESOLUTION, 4000, 1)]), "does not tell");
+    let unit =
+        |unit| [Rational(FOCAL_LENGTH, 4, 1), Rational(PLANE_X_RESOLUTION, 4000, 1), Short(PLANE_UNIT, unit)];
+    refused(tell(&unit(9)), "does not tell");
+    refused(tell(&[Short(FOCAL_35MM, 60_000)]), "impossible");
+    refused(tell(&[Short(FOCAL_35MM, 1)]), "impossible");
+    refused(tell(&[Long(PIXEL_X, 4000), Long(PIXEL_Y, 4000), Short(FOCAL_35MM, 26)]), "cropped");
+}
+
+#[test]
+fn the_orientation_turns_nothing() {
+    for orientation in 1..=8 {
+        let metadata = made::tiff(&[Short(ORIENTATION, orientation)], &[Short(FOCAL_35MM, 28)]);
+        for name in ["a.jpg", "a.png"] {
+            let camera = camera_of(name, (400, 300), Some(metadata.clone())).expect("told");
+            assert_eq!((camera.width, camera.height), (400, 300), "{name} {orientation}");
+        }
+    }
+}
+
+#[test]
+fn a_guess_is_one_of_the_longer_side() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let path = folder.path().join("a.jpg");
+    made::save(&path, &DynamicImage::new_rgb8(300, 400), None);
+    assert_eq!(guessed_camera(&path).expect("an image").pinhole().focal, [480.0; 2]);
+    let missing = folder.path().join("no.jpg");
+    for refused in [guessed_camera(&missing), exif_camera(&missing)] {
+        assert!(matches!(refused, Err(FeatureError::Read { .. })), "{refused:?}");
+    }
+}
+
+/// Every cut and many changed bytes: refused, or read as some camera; never a panic.
+#[test]
+fn any_metadata_is_refused_or_read() {
+    let fields =
+        [Rational(FOCAL_LENGTH, 18, 1), Short(PIXEL_X, 400), Short(PIXEL_Y, 300), Short(FOCAL_35MM, 27)];
+    let whole = made::tiff(&[Short(ORIENTATION, 6)], &fields);
+    let read = |metadata: Vec<u8>| {
+        if let Ok(camera) = camera_of("a.png", (8, 6), Some(metadata)) {
+            let focal = camera.pinhole().focal[0];
+            assert!((0.8..=800.0).contains(&focal), "{focal}");
+        }
+    };
+    for cut in 0..whole.len() {
+        read(whole[..cut].to_vec());
+    }
+    for at in 0..whole.len() {
+        for value in [0, 1, 0x7F, 0xFF] {
+            let mut changed = whole.clone();
+            changed[at] = value;
+            read(changed);
+        }
+    }
+}

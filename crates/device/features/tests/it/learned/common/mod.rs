@@ -1,0 +1,158 @@
+//! The drawn image of `scripts/oracle_networks.py`, and networks of the weights beside the real images.
+#![allow(dead_code)] // each test binary uses its own part
+
+use std::path::{Path, PathBuf};
+
+use veiloc_features::learned::{Description, Engine, Learned, Tensor, Weights};
+use veiloc_features::{Extractor, GrayImage, Image};
+
+/// Blocks with noise, in whole numbers.
+pub(crate) fn drawn(width: u32, height: u32) -> GrayImage {
+    let sample = |x: u32, y: u32| {
+        let (a, b) = (x / 11, y / 13);
+        let block = (a * 7 + b * 11 + (a ^ b) * 37) % 160;
+        (block + (x * 7 + y * 13 + x * y) % 31 + x % 50) as f32 / 255.0
+    };
+    let samples = (0..width * height).map(|i| sample(i % width, i / width));
+    GrayImage::new(width, height, samples.collect()).expect("whole rows")
+}
+
+/// Numbers from -0.05 to 0.05 by a formula.
+fn made_up(shape: &[usize]) -> Tensor {
+    let count: usize = shape.iter().product();
+    let number = |i: u64| (((i * 2_654_435_761) % (1 << 32)) as f64 / (1_u64 << 32) as f64 - 0.5) * 0.1;
+    Tensor { shape: shape.to_vec(), data: (0..count as u64).map(|i| number(i) as f32).collect() }
+}
+
+/// SuperPoint's encoder and descriptors with a detector head that is made up: nothing found with it is SuperPoint's.
+fn superpoint_with_made_up_head(weights: &Path, changes: &[(&str, &str)], engine: Engine) -> Learned {
+    let file = weights.join("superpoint/superpoint_v1_encoder_desc.npz");
+    let mut tensors = Weights::open(&file).expect("weights beside the data");
+    for (name, shape) in [("convPa", [256, 128, 3, 3]), ("convPb", [65, 256, 1, 1])] {
+        tensors = tensors.with(&format!("{name}.weight"), made_up(&shape));
+        tensors = tensors.with(&format!("{name}.bias"), made_up(&shape[..1]));
+    }
+    let description = described("superpoint", changes);
+    Learned::of_weights(description, &tensors, &file, engine).expect("a network")
+}
+
+pub(crate) fn models_folder() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("models")
+}
+
+/// A built-in description, with parts of it replaced.
+fn described(name: &str, changes: &[(&str, &str)]) -> Description {
+    described_in(&models_folder().join(format!("{name}.toml")), name, changes)
+}
+
+/// The same as if it were in another file.
+fn described_in(file: &Path, name: &str, changes: &[(&str, &str)]) -> Description {
+    let own = models_folder().join(format!("{name}.toml"));
+    let mut text = std::fs::read_to_string(own).expect("a description");
+    for (part, by) in changes {
+        assert!(text.contains(part), "{part}");
+        text = text.replace(part, by);
+    }
+    Description::parse(&text, file).expect("a description")
+}
+
+/// The engines of this build: ONNX Runtime where the cargo feature is on and `ORT_DYLIB_PATH` names its library.
+pub(crate) fn engines() -> Vec<Engine> {
+    let runtime = cfg!(feature = "onnxruntime") && std::env::var_os("ORT_DYLIB_PATH").is_some();
+    [Engine::Rten].into_iter().chain(runtime.then_some(Engine::OnnxRuntime)).collect()
+}
+
+/// One of the models, with its file from the folder of weights.
+pub(crate) fn model(weights: &Path, name: &str) -> Learned {
+    model_with(weights, name, &[])
+}
+
+/// The same with parts of its description replaced.
+pub(crate) fn model_with(weights: &Path, name: &str, changes: &[(&str, &str)]) -> Learned {
+    model_in(Engine::Rten, weights, name, changes)
+}
+
+/// The same in an engine.
+pub(crate) fn model_in(engine: Engine, weights: &Path, name: &str, changes: &[(&str, &str)]) -> Learned {
+    let file = match name {
+        "superpoint" => return superpoint_with_made_up_head(weights, changes, engine),
+        "xfeat" | "xfeat-compact" => "xfeat/xfeat_800x576.onnx",
+        "alike" => "alike/alike-n.pth",
+        _ => "alike/alike-t.pth",
+    };
+    Learned::open(described(name, changes), &weights.join(file), engine).expect("a file beside the data")
+}
+
+/// The made-up ALIKE with its 16 numbers projected to 48 of 4 bits (a real network has more than 16, and a row of so few coarse
+/// numbers is easily met twice): signs by a formula, less the mean of the drawn image's descriptors, in steps of 0.4 deviations.
+pub(crate) fn made_up_compact() -> Learned {
+    let folder = tempfile::tempdir().expect("a folder");
+    let features = made_up_alike(&[]).extract(&Image::from(drawn(320, 240)), 600).expect("extracted");
+    let sign =
+        |i: usize, j: usize| if (i * 16 + j).wrapping_mul(0x9e37_79b9) >> 19 & 1 == 0 { 1.0 } else { -1.0 };
+    let count = features.descriptors.len() as f64;
+    let (mut weights, mut offsets) = (Vec::new(), Vec::new());
+    for i in 0..48 {
+        let sum = |row| -> f64 {
+            let values = features.descriptors.view().values(row).enumerate();
+            values.map(|(j, x)| sign(i, j) * f64::from(x)).sum()
+        };
+        let mean = (0..features.descriptors.len()).map(sum).sum::<f64>() / count;
+        let variance =
+            (0..features.descriptors.len()).map(|row| (sum(row) - mean).powi(2)).sum::<f64>() / count;
+        let weight = (65536.0 / (0.4 * variance.sqrt())).min(30_000.0);
+        weights.extend((0..16).flat_map(|j| ((weight * sign(i, j)) as i16).to_le_bytes()));
+        offsets.extend(((-weight * mean) as i32).to_le_bytes());
+    }
+    std::fs::write(folder.path().join("signs.bin"), [weights, offsets].concat()).expect("written");
+    let projection =
+        "sight = 32\n[projection]\nfile = \"signs.bin\"\nnumbers = 48\nshift = 16\nlength = 275\n";
+    let changes = [("\"made-up\"", "\"made-up-compact\""), ("sight = 32", projection)];
+    made_up_alike_in(&folder.path().join("own.toml"), &changes)
+}
+
+/// A network of ALIKE's form with few channels and weights by a formula: something for tests that need no real one.
+pub(crate) fn made_up_alike(changes: &[(&str, &str)]) -> Learned {
+    made_up_alike_in(&models_folder().join("alike.toml"), changes)
+}
+
+/// The same, with files of its description looked for beside this one.
+fn made_up_alike_in(file: &Path, changes: &[(&str, &str)]) -> Learned {
+    let mut weights = Weights::default();
+    let mut put = |name: String, shape: &[usize], scale: f32, shift: f32, seed: u64| {
+        let count: usize = shape.iter().product();
+        let number = |i: u64| {
+            let mixed = (i + seed * 7919).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            ((mixed ^ (mixed >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 24) as f32
+                - 0.5
+        };
+        let data = (0..count as u64).map(|i| number(i) * scale + shift).collect();
+        weights = std::mem::take(&mut weights).with(&name, Tensor { shape: shape.to_vec(), data });
+    };
+    let widths = [3, 8, 8, 8, 8];
+    for block in 1..5 {
+        let (from, to) = (widths[block - 1], widths[block]);
+        let name = |what: &str| format!("block{block}.{what}");
+        for (conv, from) in [(1, from), (2, to)] {
+            let seed = (10 * block + conv) as u64;
+            put(name(&format!("conv{conv}.weight")), &[to, from, 3, 3], 1.2, 0.0, seed);
+            put(name(&format!("bn{conv}.weight")), &[to], 0.0, 1.0, seed);
+            put(name(&format!("bn{conv}.bias")), &[to], 0.2, 0.0, seed + 5);
+            put(name(&format!("bn{conv}.running_mean")), &[to], 0.1, 0.0, seed + 7);
+            put(name(&format!("bn{conv}.running_var")), &[to], 0.0, 1.0, seed);
+        }
+        if block > 1 {
+            put(name("downsample.weight"), &[to, from, 1, 1], 1.0, 0.0, 80 + block as u64);
+            put(name("downsample.bias"), &[to], 0.1, 0.0, 90 + block as u64);
+        }
+        put(format!("conv{block}.weight"), &[4, to, 1, 1], 2.0, 0.0, 100 + block as u64);
+    }
+    put("convhead2.weight".to_owned(), &[17, 16, 1, 1], 2.0, 0.0, 200);
+    let own = [
+        ("name = \"alike\"", "name = \"made-up\""),
+        ("numbers = 128", "numbers = 16"),
+        ("length = 362", "length = 128"),
+    ];
+    let description = described_in(file, "alike", &[&own[..], changes].concat());
+    Learned::of_weights(description, &weights, Path::new("made up"), Engine::Rten).expect("a network")
+}

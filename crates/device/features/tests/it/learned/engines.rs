@@ -1,0 +1,71 @@
+//! Engines: by name, and what is said of one that is not there.
+
+use super::common;
+
+use std::path::Path;
+
+use common::{drawn, engines};
+use veiloc_features::learned::{Engine, Models, NetworkError};
+use veiloc_features::{Extractor, Image};
+use veiloc_testdata::real_data_test;
+
+#[test]
+fn engines_are_known_by_name() {
+    for engine in Engine::ALL {
+        assert_eq!(engine.name().parse::<Engine>().ok(), Some(engine));
+    }
+    let error = "tensorflow".parse::<Engine>().unwrap_err().to_string();
+    assert_eq!(error, "no engine of the name \"tensorflow\" is known; there are: rten, onnxruntime");
+}
+
+/// Not rten in its place: who asked for an engine is told that it is not there.
+#[real_data_test]
+fn an_engine_that_is_not_there_is_an_error(data: &Path) {
+    if engines().contains(&Engine::OnnxRuntime) {
+        return;
+    }
+    let file = data.join("../weights/xfeat/xfeat_640x640.onnx");
+    let models = Models::new(Vec::new()).with_engine(Engine::OnnxRuntime);
+    let error = models.open("xfeat", Some(&file)).unwrap_err();
+    let expected = if cfg!(feature = "onnxruntime") {
+        "ORT_DYLIB_PATH names no library"
+    } else {
+        "this program was built without ONNX Runtime"
+    };
+    assert!(matches!(&error, NetworkError::Model { reason, .. } if reason.contains(expected)), "{error}");
+}
+
+/// A file that is no network is an error in every engine, and so is an image that does not fit.
+#[test]
+fn what_is_no_network_is_an_error_in_every_engine() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("xfeat_640x640.onnx");
+    for bytes in [&b""[..], b"not a network", &[8, 8, 58, 2, 10]] {
+        std::fs::write(&file, bytes).expect("written");
+        for engine in engines() {
+            let opened = Models::new(Vec::new()).with_engine(engine).open("xfeat", Some(&file));
+            assert!(matches!(opened, Err(NetworkError::Model { .. })), "{}: {opened:?}", engine.name());
+        }
+    }
+}
+
+/// Rounding alone: most keypoints are the same, to a hundredth of a pixel.
+#[real_data_test]
+fn engines_find_the_same_keypoints(data: &Path) {
+    let image = Image::from(drawn(300, 200));
+    for (name, file) in [("xfeat", "xfeat/xfeat_640x640.onnx"), ("alike-t", "alike/alike-t.pth")] {
+        let of = |engine: Engine| {
+            let models = Models::new(Vec::new()).with_engine(engine);
+            let learned = models.open(name, Some(&data.join("../weights").join(file))).expect("a network");
+            learned.extract(&image, 300).expect("extracted").keypoints
+        };
+        let first = of(Engine::Rten);
+        assert!(first.len() > 50, "{name}: {}", first.len());
+        for engine in engines() {
+            let found = of(engine);
+            let same = first.iter().filter(|one| found.iter().any(|k| one.pixel.distance(&k.pixel) < 0.01));
+            let same = same.count();
+            assert!(same * 100 >= first.len() * 97, "{name}, {}: {same} of {}", engine.name(), first.len());
+        }
+    }
+}

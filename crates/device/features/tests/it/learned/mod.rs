@@ -1,0 +1,9 @@
+//! Tests of `learned`.
+
+mod common;
+mod engines;
+mod globals;
+mod models;
+mod oracle;
+mod sealing;
+mod weights;

@@ -1,0 +1,178 @@
+//! Layers, keypoints and descriptors of real weights against PyTorch and ONNX Runtime (`scripts/oracle_networks.py`). Needs
+//! `VEILOC_DATA`, and `weights/` beside it, which the user brings.
+
+use super::common;
+
+use std::path::Path;
+
+use common::{drawn, engines, model, model_in};
+use serde_json::Value;
+use veiloc_features::learned::{Engine, Layer, Learned, Tensor};
+use veiloc_features::{Extractor, Image};
+use veiloc_testdata::real_data_test;
+
+const MARGIN: usize = 32;
+
+/// A model with the margin that the oracle has.
+fn as_the_oracle(engine: Engine, data: &Path, name: &str) -> Learned {
+    let own = match name {
+        "xfeat" => "margin = 48",
+        "superpoint" => "margin = 64",
+        _ => "margin = 96",
+    };
+    model_in(engine, &data.join("../weights"), name, &[(own, "margin = 32")])
+}
+
+fn oracle(name: &str) -> Value {
+    let all: Value =
+        serde_json::from_str(include_str!("../../data/learned/oracle.json")).expect("the oracle's document");
+    all[name].clone()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().expect("a list").iter().map(|v| v.as_f64().expect("a number")).collect()
+}
+
+fn size(oracle: &Value) -> [usize; 2] {
+    let size = numbers(&oracle["size"]);
+    [size[0] as usize, size[1] as usize]
+}
+
+/// The network's input, made as the oracle makes it and not as the room does.
+fn input(size: [usize; 2], channels: usize, multiple: usize, normalized: bool) -> Tensor {
+    let image = drawn(size[0] as u32, size[1] as u32);
+    let mut samples: Vec<f64> = image.data().iter().map(|s| f64::from(*s)).collect();
+    if normalized {
+        let count = samples.len() as f64;
+        let mean = samples.iter().sum::<f64>() / count;
+        let variance = samples.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / count;
+        samples = samples.iter().map(|s| (s - mean) / (variance + 1e-5).sqrt()).collect();
+    }
+    let whole = size.map(|side| (side + 2 * MARGIN).next_multiple_of(multiple));
+    let first = [0, 1].map(|axis| (whole[axis] - size[axis]) / 2);
+    let at = |at: usize, axis: usize| match at.checked_sub(first[axis]) {
+        None => first[axis] - 1 - at,
+        Some(inside) if inside < size[axis] => inside,
+        Some(beyond) => 2 * size[axis] - 1 - beyond,
+    };
+    let mut data = Vec::new();
+    for _ in 0..channels {
+        for y in 0..whole[1] {
+            data.extend((0..whole[0]).map(|x| samples[at(y, 1) * size[0] + at(x, 0)] as f32));
+        }
+    }
+    Tensor { shape: vec![1, channels, whole[1], whole[0]], data }
+}
+
+/// The largest difference of any layer of the oracle, in its mean or in some of its numbers, over the largest number of the layer.
+/// Shapes must be equal.
+fn layers_off(learned: &Learned, oracle: &Value, input: &Tensor) -> f64 {
+    let layers = oracle["layers"].as_object().expect("layers");
+    assert!(layers.len() >= 10, "{} layers", layers.len());
+    let names: Vec<Layer> = layers.keys().map(|name| Layer::from(name.as_str())).collect();
+    let results = learned.network().run(input, &names).expect("it runs");
+    let mut most: f64 = 0.0;
+    for ((name, theirs), own) in layers.iter().zip(results) {
+        let shape: Vec<usize> = numbers(&theirs["shape"]).iter().map(|side| *side as usize).collect();
+        assert_eq!(own.shape, shape, "{name}");
+        assert!(own.data.iter().all(|number| number.is_finite()), "{name}");
+        let largest = theirs["largest"].as_f64().expect("a number");
+        let mean = own.data.iter().map(|v| f64::from(*v)).sum::<f64>() / own.data.len() as f64;
+        most = most.max((mean - theirs["mean"].as_f64().expect("a number")).abs() / largest);
+        for (at, value) in numbers(&theirs["at"]).iter().zip(numbers(&theirs["values"])) {
+            most = most.max((f64::from(own.data[*at as usize]) - value).abs() / largest);
+        }
+    }
+    most
+}
+
+/// Rounding of single precision, in sums of a thousand products through ten layers.
+const ROUNDING: f64 = 2e-5;
+
+/// The oracle's strongest keypoints, each with its position, score and descriptor.
+fn check_keypoints(learned: &Learned, oracle: &Value) {
+    let size = size(oracle);
+    let image = Image::from(drawn(size[0] as u32, size[1] as u32));
+    let features = learned.extract(&image, 2048).expect("extracted");
+    let kind = learned.kind();
+    let (points, vectors) = (&oracle["keypoints"], &oracle["descriptors"]);
+    let points: Vec<Vec<f64>> = points.as_array().expect("a list").iter().map(numbers).collect();
+    assert!(points.len() >= 40 && features.keypoints.len() >= points.len(), "{}", features.keypoints.len());
+    let step = (kind.dim() / 8).max(1);
+    let mut found = 0;
+    for (point, vector) in points.iter().zip(vectors.as_array().expect("a list")) {
+        let near = features.keypoints.iter().position(|k| {
+            (k.pixel.u - point[0]).hypot(k.pixel.v - point[1]) < 0.01
+                && (f64::from(k.response) - point[2]).abs() < 1e-4 * point[2].max(0.01)
+        });
+        let Some(near) = near else { continue };
+        let row = features.descriptors.row(near).iter().step_by(step);
+        let off = row.zip(numbers(vector)).map(|(byte, number)| {
+            (f64::from(kind.encoding().value(*byte)) - (number * f64::from(kind.norm())).clamp(-128.0, 127.0))
+                .abs()
+        });
+        let off = off.fold(0.0, f64::max);
+        // Half of it is the rounding to bytes.
+        assert!(off < 0.55, "a descriptor is off by {off} of {}", kind.norm());
+        found += 1;
+    }
+    // Of two scores that differ in the last bit either may be the larger.
+    assert!(found * 100 >= points.len() * 97, "{found} of {} keypoints", points.len());
+    let strongest = features.keypoints.windows(2).all(|pair| pair[0].response >= pair[1].response);
+    assert!(strongest, "not in the order of strength");
+}
+
+/// A network in each engine. `channels` of the input, of which number its sides are multiples, and whether it is normalized.
+fn is_that_of_another_engine(data: &Path, name: &str, channels: usize, multiple: usize, normalized: bool) {
+    for engine in engines() {
+        let (learned, oracle) = (as_the_oracle(engine, data, name), oracle(name));
+        assert_eq!(learned.network().engine(), engine);
+        let off = layers_off(&learned, &oracle, &input(size(&oracle), channels, multiple, normalized));
+        assert!(off < ROUNDING, "{name}, {}: {off}", engine.name());
+        check_keypoints(&learned, &oracle);
+    }
+}
+
+#[real_data_test]
+fn alike_is_that_of_another_engine(data: &Path) {
+    for name in ["alike", "alike-t"] {
+        is_that_of_another_engine(data, name, 3, 32, false);
+    }
+}
+
+#[real_data_test]
+fn superpoint_is_that_of_another_engine(data: &Path) {
+    is_that_of_another_engine(data, "superpoint", 1, 8, false);
+}
+
+#[real_data_test]
+fn xfeat_is_that_of_another_engine(data: &Path) {
+    is_that_of_another_engine(data, "xfeat", 1, 1, true);
+}
+
+/// The measure sees a network that is a little another.
+#[real_data_test]
+fn another_input_is_another_result(data: &Path) {
+    let (learned, oracle) = (as_the_oracle(Engine::Rten, data, "alike-t"), oracle("alike-t"));
+    let mut input = input(size(&oracle), 3, 32, false);
+    input.data = input.data.iter().map(|sample| sample * 1.01).collect();
+    let off = layers_off(&learned, &oracle, &input);
+    assert!(off > 10.0 * ROUNDING, "a hundredth brighter, and no layer differs: {off}");
+}
+
+/// One thread or several: the same bytes.
+#[real_data_test]
+fn any_number_of_threads_gives_the_same_features(data: &Path) {
+    let image = Image::from(drawn(200, 150));
+    for name in ["alike-t", "xfeat", "superpoint"] {
+        let of = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| model(&data.join("../weights"), name).extract(&image, 300).expect("extracted"))
+        };
+        let one = of(1);
+        assert!(one.keypoints.len() > 20, "{name}: {}", one.keypoints.len());
+        for threads in [2, 3, 7] {
+            assert!(of(threads) == one, "{name}: {threads} threads");
+        }
+    }
+}

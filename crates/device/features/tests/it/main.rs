@@ -1,0 +1,12 @@
+//! Tests of `veiloc-features` from outside, one executable: linking is what costs.
+
+mod bad_input;
+mod blobs;
+mod common;
+mod detector;
+mod exif;
+mod learned;
+mod oracle;
+mod photos;
+mod reach;
+mod threads;

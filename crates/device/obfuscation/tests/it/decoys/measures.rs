@@ -1,0 +1,225 @@
+//! What looks for decoys among the rows of sealed queries, and how well it finds them.
+
+use std::ops::Range;
+
+use rand::Rng as _;
+use rand::seq::index::sample;
+use veiloc_descriptor::{DescriptorKind, Encoding};
+
+use crate::decoys::common::rng;
+
+/// Rows of a query that was filled up.
+const ROWS: usize = 256;
+
+/// One row of a sealed query as the attacker sees it, beside the truth.
+pub(crate) struct Row {
+    pub(crate) image: usize,
+    pub(crate) descriptor: Vec<f64>,
+    pub(crate) decoy: bool,
+}
+
+/// What a measure is called, how well it tells decoys, and how well it may.
+pub(crate) type Found = (&'static str, f64, Range<f64>);
+
+/// Probability that a decoy has a higher value than a real row: 0.5 is chance.
+fn auc(values: &[(f64, bool)]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut below, mut wins, mut at) = (0.0, 0.0, 0);
+    while at < sorted.len() {
+        let end = at + sorted[at..].iter().take_while(|v| v.0 == sorted[at].0).count();
+        let decoys = sorted[at..end].iter().filter(|v| v.1).count() as f64;
+        let real = (end - at) as f64 - decoys;
+        wins += decoys * (below + real / 2.0);
+        below += real;
+        at = end;
+    }
+    wins / (below * (sorted.len() as f64 - below))
+}
+
+/// How well a number of each row tells decoys.
+pub(crate) fn simple(rows: &[Row], value: impl Fn(&Row) -> f64) -> f64 {
+    auc(&rows.iter().map(|row| (value(row), row.decoy)).collect::<Vec<_>>())
+}
+
+/// Logistic regression on features of a row, trained on even images and judged on odd ones.
+fn trained(rows: &[Row], features: impl Fn(&Row) -> Vec<f64>) -> f64 {
+    let inputs: Vec<(Vec<f64>, bool, bool)> =
+        rows.iter().map(|r| (features(r), r.decoy, r.image % 2 == 0)).collect();
+    let mut weights = vec![0.0; inputs[0].0.len() + 1];
+    let score = |w: &[f64], x: &[f64]| w[0] + x.iter().zip(&w[1..]).map(|(a, b)| a * b).sum::<f64>();
+    for epoch in 0..60 {
+        let rate = 0.05 / (1.0 + f64::from(epoch) / 10.0);
+        for (x, decoy, train) in &inputs {
+            if *train {
+                let error = f64::from(u8::from(*decoy)) - 1.0 / (1.0 + (-score(&weights, x)).exp());
+                weights[0] += rate * error;
+                weights[1..].iter_mut().zip(x).for_each(|(w, v)| *w += rate * error * v);
+            }
+        }
+    }
+    let judged: Vec<(f64, bool)> =
+        inputs.iter().filter(|i| !i.2).map(|(x, decoy, _)| (score(&weights, x), *decoy)).collect();
+    auc(&judged)
+}
+
+/// The other rows of a row's query.
+fn others<'a>(rows: &'a [Row], row: &Row) -> Vec<&'a Row> {
+    rows.iter()
+        .skip(row.image * ROWS)
+        .take(ROWS)
+        .filter(|other| !std::ptr::eq(*other, row))
+        .inspect(|other| assert_eq!(other.image, row.image))
+        .collect()
+}
+
+fn length(row: &Row) -> f64 {
+    dot(&row.descriptor, &row.descriptor).sqrt()
+}
+
+fn sum(row: &Row) -> f64 {
+    row.descriptor.iter().sum()
+}
+
+/// How near the nearest other row of the query is: the nearer, the higher.
+fn nearness(rows: &[Row], row: &Row) -> f64 {
+    let distance =
+        |o: &&Row| row.descriptor.iter().zip(&o.descriptor).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+    -others(rows, row).iter().map(distance).fold(f64::INFINITY, f64::min)
+}
+
+/// The share of a row, less the mean, that three others explain, each taken in its turn as the one that explains most of what
+/// is left: what someone looks for who has read that decoys are sums of rows.
+fn explained(row: &[f64], others: &[&[f64]], mean: &[f64]) -> f64 {
+    let mut left = less(row, mean);
+    let mut others: Vec<Vec<f64>> = others.iter().map(|other| less(other, mean)).collect();
+    let whole = dot(&left, &left);
+    for _ in 0..3 {
+        let part = |other: &Vec<f64>| dot(&left, other).powi(2) / dot(other, other).max(1e-6);
+        let best = others.iter().max_by(|a, b| part(a).total_cmp(&part(b))).expect("a row").clone();
+        take_out(&mut left, &best);
+        for other in &mut others {
+            take_out(other, &best);
+        }
+    }
+    1.0 - dot(&left, &left) / whole.max(1e-6)
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// What of a row lies along a direction goes.
+fn take_out(row: &mut [f64], direction: &[f64]) {
+    let part = dot(row, direction) / dot(direction, direction).max(1e-6);
+    row.iter_mut().zip(direction).for_each(|(value, along)| *value -= part * along);
+}
+
+/// The mean of some rows.
+fn mean_of(rows: &[&[f64]]) -> Vec<f64> {
+    (0..rows[0].len()).map(|i| rows.iter().map(|row| row[i]).sum::<f64>() / rows.len() as f64).collect()
+}
+
+fn less(row: &[f64], mean: &[f64]) -> Vec<f64> {
+    row.iter().zip(mean).map(|(value, mean)| value - mean).collect()
+}
+
+/// The share of images whose real rows are counted to within two; printed.
+#[expect(clippy::print_stderr, reason = "the figures of the document")]
+pub(crate) fn counted(kind: &str, rows: &[Row], count: usize) -> f64 {
+    let seems: Vec<usize> = rows.chunks(ROWS).map(seem_to_be).collect();
+    let share = seems.iter().filter(|n| n.abs_diff(count) <= 2).count() as f64 / seems.len() as f64;
+    eprintln!("{share:.2}  {kind}: images whose {count} real rows are counted");
+    share
+}
+
+/// How many real rows there seem to be: rows are taken out one after the other, each time the one of which most is left, and
+/// where suddenly next to nothing is left there were no more.
+fn seem_to_be(rows: &[Row]) -> usize {
+    let all: Vec<&[f64]> = rows.iter().map(|row| &row.descriptor[..]).collect();
+    let mean = mean_of(&all);
+    let mut left: Vec<Vec<f64>> = all.iter().map(|row| less(row, &mean)).collect();
+    let most_left: Vec<f64> = (0..mean.len() - 2)
+        .map(|_| {
+            let most = left.iter().max_by(|a, b| dot(a, a).total_cmp(&dot(b, b))).expect("a row").clone();
+            for row in &mut left {
+                take_out(row, &most);
+            }
+            dot(&most, &most)
+        })
+        .collect();
+    let drop = |i: &usize| most_left[i - 1] / most_left[*i].max(1e-6);
+    (5..most_left.len()).max_by(|a, b| drop(a).total_cmp(&drop(b))).expect("a step")
+}
+
+/// What all kinds are judged by.
+pub(crate) fn of_blends(kind: DescriptorKind, rows: &[Row]) -> [(&'static str, f64); 9] {
+    // Of about unit variance.
+    let unit = f64::from(kind.norm()) / (kind.dim() as f64).sqrt();
+    let middle = if kind.encoding() == Encoding::Unsigned { 0.8 } else { 0.0 };
+    let numbers = |r: &Row| r.descriptor.iter().map(|v| v / unit - middle).collect::<Vec<f64>>();
+    let products = |r: &Row| {
+        let x = numbers(r);
+        let pairs = (0..x.len()).flat_map(|i| (i..x.len()).map(move |j| (i, j)));
+        pairs.map(|(i, j)| x[i] * x[j] * 8.0 / x.len() as f64).collect()
+    };
+    let mut draw = rng(4);
+    let layer: Vec<(Vec<f64>, f64)> = (0..500)
+        .map(|_| {
+            let spread = 3.0 / (kind.dim() as f64).sqrt();
+            let weights = (0..kind.dim()).map(|_| spread * draw.random_range(-1.0..1.0));
+            (weights.collect(), draw.random_range(-1.0..1.0))
+        })
+        .collect();
+    let hinges = |r: &Row| {
+        let x = numbers(r);
+        layer.iter().map(|(weights, offset)| (dot(weights, &x) + offset).max(0.0) * 0.2).collect()
+    };
+    let largest = |r: &Row| r.descriptor.iter().map(|v| v.abs()).fold(0.0, f64::max);
+    [
+        ("length of the vector", simple(rows, length)),
+        ("sum", simple(rows, sum)),
+        ("largest number", simple(rows, largest)),
+        ("distance to the nearest row", simple(rows, |r| nearness(rows, r))),
+        ("logistic regression trained on decoys", trained(rows, numbers)),
+        ("the same of products of two numbers", trained(rows, products)),
+        ("the same of 500 random hinges", trained(rows, hinges)),
+        ("search for the rows it is a sum of", simple(rows, |r| found_in(&others(rows, r), r))),
+        ("the same, of sums of three rows", sums_of_three(rows)),
+    ]
+}
+
+fn found_in(others: &[&Row], row: &Row) -> f64 {
+    let others: Vec<&[f64]> = others.iter().map(|other| &other.descriptor[..]).collect();
+    explained(&row.descriptor, &others, &mean_of(&others))
+}
+
+/// How well the search for the rows that one is a sum of finds one that is.
+fn sums_of_three(rows: &[Row]) -> f64 {
+    let mut draw = rng(3);
+    let of_image = |image: usize| {
+        let real: Vec<&Row> = rows.iter().filter(|r| r.image == image && !r.decoy).collect();
+        let parents: Vec<(usize, f64)> =
+            sample(&mut draw, real.len(), 3).into_iter().map(|i| (i, draw.random_range(0.3..0.7))).collect();
+        let number = |i: usize| parents.iter().map(|(row, part)| part * real[*row].descriptor[i]).sum();
+        let row = Row { image, descriptor: (0..real[0].descriptor.len()).map(number).collect(), decoy: true };
+        let own = real.iter().enumerate().map(|(i, r)| {
+            let rest: Vec<&Row> = real.iter().enumerate().filter(|(j, _)| i != *j).map(|(_, r)| *r).collect();
+            (found_in(&rest, r), false)
+        });
+        own.chain([(found_in(&real, &row), true)]).collect::<Vec<_>>()
+    };
+    auc(&(0..rows.len() / ROWS).flat_map(of_image).collect::<Vec<_>>())
+}
+
+/// Prints what was found, and holds it within what the document says.
+#[expect(clippy::print_stderr, reason = "the figures of the document")]
+pub(crate) fn judge(kind: &str, rows: &[Row], found: &[Found]) {
+    eprintln!("AUC of telling decoys from real rows of {kind}, 0.5 is chance, {} images:", rows.len() / ROWS);
+    for (what, found, _) in found {
+        eprintln!("{found:.2}  {what}");
+    }
+    for (what, found, allowed) in found {
+        assert!(allowed.contains(found), "{kind}, {what}: {found:.3}");
+    }
+}

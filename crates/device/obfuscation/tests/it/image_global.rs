@@ -1,0 +1,170 @@
+//! L14, the global descriptor of the image: none leaves the device without its owner's consent to that very model, and none tells
+//! of what a mask hides.
+
+use super::common;
+
+use std::path::{Path, PathBuf};
+
+use common::{features_at, options, profile, rng, uniform_pixels};
+use image::{GrayImage, Luma};
+use veiloc_descriptor::{DescriptorKind, GlobalDescriptor, GlobalModel, NamedGlobal};
+use veiloc_features::{FeatureError, Features, GlobalExtractor, Image, Mask, SharedGlobal, load_gray};
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{
+    ExtractError, Orientation, SealError, SealOptions, Session, SessionOptions, extract, extract_masked, seal,
+};
+use veiloc_protocol::{Profile, SealedQuery, SizeClass};
+
+const WIDE: u32 = 16;
+const HIGH: u32 = 12;
+
+/// The image made tiny: every pixel of it has its share in a code.
+struct Thumbnail(&'static str, usize);
+
+impl GlobalExtractor for Thumbnail {
+    fn model(&self) -> NamedGlobal {
+        NamedGlobal::new(self.0, self.1).expect("in range")
+    }
+
+    fn describe(&self, image: &Image) -> Result<GlobalDescriptor, FeatureError> {
+        let small = image.gray().resized(WIDE, HIGH);
+        Ok(GlobalDescriptor::new(small.data().iter().map(|s| (s * 127.0).round() as i8).collect()))
+    }
+}
+
+fn camera() -> Intrinsics {
+    "SIMPLE_PINHOLE,320,240,256,160,120".parse().expect("valid")
+}
+
+fn thumbnail() -> SharedGlobal {
+    SharedGlobal::new(Thumbnail("thumbnail", (WIDE * HIGH) as usize))
+}
+
+fn asking(name: &str, codes: usize) -> Profile {
+    let model = GlobalModel::Named(NamedGlobal::new(name, codes).expect("in range"));
+    Profile::new(DescriptorKind::ROOT_SIFT, model).expect("a profile")
+}
+
+fn asking_for_thumbnails() -> Profile {
+    asking("thumbnail", (WIDE * HIGH) as usize)
+}
+
+/// Blocks of gray, others in the part that is hidden.
+fn scene(folder: &Path, hidden: u32) -> PathBuf {
+    let mask = mask();
+    let pixel = |x: u32, y: u32| {
+        let own = if mask.hides(x, y) { hidden } else { 1 };
+        let (a, b) = (x / 9, y / 9);
+        Luma([((a * 37 + b * 91 + (a ^ b) * 53) * own % 251) as u8])
+    };
+    let path = folder.join(format!("{hidden}.png"));
+    GrayImage::from_fn(320, 240, pixel).save(&path).expect("written");
+    path
+}
+
+fn mask() -> Mask {
+    Mask::new(320, 240, |x, y| (100..180).contains(&x) && (45..165).contains(&y)).expect("a part")
+}
+
+/// Whatever a profile asks for: without consent to this very model nothing is extracted and nothing sealed.
+#[test]
+fn l14_none_is_made_without_consent_to_that_very_one() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = scene(folder.path(), 1);
+    let others = [
+        SealOptions::default(),
+        SealOptions::default().with_image_global(SharedGlobal::new(Thumbnail("another", 192))),
+        SealOptions::default().with_image_global(SharedGlobal::new(Thumbnail("thumbnail", 191))),
+    ];
+    let asking = asking_for_thumbnails();
+    let refused = SealError::GlobalOfImage { name: "thumbnail".to_owned(), codes: 192 };
+    for own in &others {
+        let extracted = extract(&image, &camera(), &asking, own).expect_err("no consent");
+        assert!(matches!(extracted, ExtractError::Profile(error) if error == refused));
+        let features = Features {
+            global: Some(GlobalDescriptor::new(vec![1; 192])),
+            ..features_at(&uniform_pixels(300, 1), 2)
+        };
+        assert_eq!(seal(features.clone(), &camera(), &asking, own, &mut rng(1)), Err(refused.clone()));
+        let mut session = Session::new(SessionOptions::default(), &mut rng(1));
+        let held = Orientation::unknown();
+        assert_eq!(session.seal(features, &camera(), &asking, own, &held, &mut rng(1)), Err(refused.clone()));
+    }
+    let own = SealOptions::default().with_image_global(thumbnail());
+    assert!(extract(&image, &camera(), &asking, &own).is_ok(), "the owner's word");
+}
+
+/// A map that asks for none gets none: to the byte what is sent without consent.
+#[test]
+fn l14_consent_sends_nothing_that_is_not_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = scene(folder.path(), 1);
+    let bytes = |own: &SealOptions| {
+        let (features, seen) = extract(&image, &camera(), &profile(), own).expect("extracted");
+        assert_eq!(features.global, None);
+        seal(features, &seen, &profile(), own, &mut rng(3)).expect("sealed").encode()
+    };
+    let plain = options("dcl");
+    assert!(bytes(&plain) == bytes(&plain.clone().with_image_global(thumbnail())));
+}
+
+/// Two images that differ under the mask only give the same bytes, with the image's vector in them.
+#[test]
+fn l14_what_is_hidden_is_not_in_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let images = [scene(folder.path(), 1), scene(folder.path(), 3)];
+    let (asking, own) = (asking_for_thumbnails(), options("dcl").with_image_global(thumbnail()));
+    let sealed = |image: &PathBuf| {
+        let (features, seen) = extract_masked(image, &mask(), &camera(), &asking, &own).expect("extracted");
+        seal(features, &seen, &asking, &own, &mut rng(5)).expect("sealed")
+    };
+    assert!(sealed(&images[0]).encode() == sealed(&images[1]).encode());
+    // The leak: the vector is made of the whole image, the rows of what is shown.
+    let leak = |image: &PathBuf| {
+        let (features, seen) = extract_masked(image, &mask(), &camera(), &asking, &own).expect("extracted");
+        let whole = Image::from(load_gray(image).expect("written"));
+        let features = Features { global: Some(thumbnail().describe(&whole).expect("made")), ..features };
+        seal(features, &seen, &asking, &own, &mut rng(5)).expect("sealed")
+    };
+    assert!(leak(&images[0]).encode() != leak(&images[1]).encode(), "the measure does not see the leak");
+    assert!(sealed(&images[0]).global() != leak(&images[0]).global(), "the mask hides a part of it");
+}
+
+/// It is what the extractor made, in every step of a progressive query and every frame of a session; rows know nothing of it.
+#[test]
+fn l14_steps_and_sessions_send_the_images_own() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = scene(folder.path(), 1);
+    let (asking, own) = (asking_for_thumbnails(), options("dcl").with_image_global(thumbnail()));
+    let (features, seen) = extract(&image, &camera(), &asking, &own).expect("extracted");
+    let made = thumbnail().describe(&Image::from(load_gray(&image).expect("written"))).expect("made");
+    assert_eq!(features.global, Some(made.clone()));
+    let query = seal(features.clone(), &seen, &asking, &own, &mut rng(7)).expect("sealed");
+    assert_eq!(query.global(), &made);
+    let query = SealedQuery::decode(&query.encode()).expect("its own bytes");
+    assert_eq!(query.global(), &made);
+    let step = query.first_rows(SizeClass::SMALLEST, &asking).expect("a step");
+    assert!(step.len() < query.len() && step.global() == &made);
+    let mut session = Session::new(SessionOptions::default(), &mut rng(7));
+    let held = Orientation::unknown();
+    let frame = session.seal(features.clone(), &seen, &asking, &own, &held, &mut rng(7)).expect("sealed");
+    assert_eq!(frame.global(), &made);
+    // One that came without its vector is not sent with another.
+    let without = Features { global: None, ..features.clone() };
+    assert_eq!(seal(without, &seen, &asking, &own, &mut rng(7)), Err(SealError::NoGlobal));
+    // Rows are the same whatever the vector says.
+    let other = Features { global: Some(GlobalDescriptor::new(vec![9; 192])), ..features };
+    let other = seal(other, &seen, &asking, &own, &mut rng(7)).expect("sealed");
+    assert!(other.descriptors().as_bytes() == query.descriptors().as_bytes());
+    assert!(other.global() != query.global() && other.encode().len() == query.encode().len());
+}
+
+/// An extractor that does not make what it says is an error, not a query of another length.
+#[test]
+fn a_vector_of_another_length_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let image = scene(folder.path(), 1);
+    let own = options("dcl").with_image_global(SharedGlobal::new(Thumbnail("short", 10)));
+    let refused = extract(&image, &camera(), &asking("short", 10), &own).expect_err("192 and not 10");
+    assert!(refused.to_string().contains("192 codes and not 10"), "{refused}");
+}

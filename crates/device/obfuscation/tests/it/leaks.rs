@@ -1,0 +1,444 @@
+//! Tests for each rule L1–L9 of the design, named after it. Every test also builds the leak and shows that its
+//! own measure finds it: a test that could not fail would prove nothing.
+
+use super::common;
+
+use std::collections::BTreeSet;
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use common::{angles, camera, correlation, features_at, options, profile, rng, uniform_pixels};
+use rand::Rng;
+use veiloc_descriptor::Descriptors;
+use veiloc_features::Features;
+use veiloc_geometry::{Anchor, Intrinsics, Pixel, PixelLine};
+use veiloc_obfuscation::{SealError, SealOptions, obfuscate_points, seal, seal_with_truth};
+use veiloc_protocol::{
+    AngleBits, CanonicalCamera, CoarseGravity, DualAnchors, FocalKnowledge, Observations, Scheme, SizeClass,
+};
+
+const LINE_SCHEMES: [&str; 3] = ["random-lines", "coordinate-permutation", "dcl"];
+
+/// L1: the number that is sent must not tell the distance from the anchor. The leak: the plain product `x × a`,
+/// whose norm is that distance.
+#[test]
+fn l1_a_line_tells_no_distance_from_its_anchor() {
+    let anchors = DualAnchors::vertical(640, 480);
+    let mut rng = rng(1);
+    // Any radius at any angle, so that the two are independent.
+    let pixels: Vec<Pixel> = (0..4096)
+        .map(|i| {
+            let anchor = Anchor::BOTH[i % 2];
+            let direction = anchors.ray_direction(anchor, rng.random_range(0.05..1.5));
+            let p = anchors.position(anchor).vector() + direction * rng.random_range(10.0..310.0);
+            Pixel::new(p.x, p.y)
+        })
+        .collect();
+    let (query, truth) = seal_with_truth(
+        features_at(&pixels, 1),
+        &camera(),
+        &profile().with_limits(limits(4096)).expect("allowed"),
+        &options("dcl").with_max_keypoints(4096),
+        &mut rng,
+    )
+    .expect("sealed");
+    let radius = |p: Pixel| anchors.position(anchors.anchor_of(p)).distance(&p);
+
+    let sent: Vec<(f64, f64)> = angles(&query.observations())
+        .iter()
+        .zip(&truth.pixels)
+        .map(|((_, angle), pixel)| (*angle, radius(*pixel)))
+        .collect();
+    let leak: Vec<(f64, f64)> = truth
+        .pixels
+        .iter()
+        .map(|&x| {
+            let product = x.homogeneous().cross(&anchors.position(anchors.anchor_of(x)).homogeneous());
+            (product.xy().norm(), radius(x))
+        })
+        .collect();
+    assert!(correlation(&leak) > 0.999, "the measure does not see the leak");
+    assert!(correlation(&sent).abs() < 0.06, "{}", correlation(&sent));
+
+    // And there is nothing else in the message than anchor and angle: 13 bits a row, all of them accounted for.
+    assert_eq!(common::bytes_of_field(&query.encode(), common::POSITIONS).len(), 4096 * 13 / 8);
+    for ((anchor, angle), pixel) in angles(&query.observations()).iter().zip(&truth.pixels) {
+        let anchor = Anchor::BOTH[*anchor];
+        let dither = (0.71 / radius(*pixel)).min(1.0).asin();
+        let off = (anchors.angle_of(anchor, *pixel) - angle).abs();
+        assert!(off <= dither + PI / 4096.0 || anchors.signed_side(*pixel).abs() < 0.51, "{off}");
+    }
+}
+
+/// L2: extractors that report whole pixels put keypoints on a lattice, and an exact angle names the lattice point.
+#[test]
+fn l2_an_angle_names_no_pixel() {
+    let small: Intrinsics = "SIMPLE_PINHOLE,160,128,128,80,64".parse().expect("valid");
+    let anchors = DualAnchors::vertical(160, 128);
+    let mut rng = rng(2);
+    let lattice: Vec<Pixel> =
+        (0..160 * 128).map(|i| Pixel::new(f64::from(i % 160) + 0.5, f64::from(i / 160) + 0.5)).collect();
+    let pixels: Vec<Pixel> = (0..256).map(|_| lattice[rng.random_range(0..lattice.len())]).collect();
+    let (query, truth) =
+        seal_with_truth(features_at(&pixels, 2), &small, &profile(), &options("dcl"), &mut rng)
+            .expect("sealed");
+    let sent = angles(&query.observations());
+
+    // The attacker takes the lattice point whose exact angle is nearest.
+    let by_angle: Vec<(usize, f64, Pixel)> = lattice
+        .iter()
+        .map(|&p| {
+            let anchor = anchors.anchor_of(p);
+            (anchor.index(), anchors.angle_of(anchor, p), p)
+        })
+        .collect();
+    let named = |told: &dyn Fn(usize) -> (usize, f64)| -> usize {
+        (0..256)
+            .filter(|&row| {
+                let (anchor, angle) = told(row);
+                let guess = by_angle
+                    .iter()
+                    .filter(|(a, ..)| *a == anchor)
+                    .min_by(|a, b| (a.1 - angle).abs().total_cmp(&(b.1 - angle).abs()))
+                    .expect("every side has lattice points");
+                guess.2 == truth.pixels[row]
+            })
+            .count()
+    };
+    let exact = |row: usize| {
+        let anchor = anchors.anchor_of(truth.pixels[row]);
+        (anchor.index(), anchors.angle_of(anchor, truth.pixels[row]))
+    };
+    let bits = AngleBits::default();
+    let undithered = |row: usize| (exact(row).0, bits.angle_of(bits.code_of(exact(row).1)));
+    let (leak, half_leak, real) = (named(&exact), named(&undithered), named(&|row| sent[row]));
+    assert!(leak > 128, "the measure does not see the leak: {leak} of 256 pixels named");
+    assert!(half_leak > 2 * real.max(4), "dither does nothing: {half_leak} against {real}");
+    assert!(real <= 8, "{real} of 256 pixels named");
+}
+
+/// L3: extractors go through the image row by row.
+#[test]
+fn l3_rows_are_in_no_order() {
+    let mut pixels = uniform_pixels(512, 3);
+    pixels.sort_by(|a, b| a.v.total_cmp(&b.v));
+    let rank = |order: &[Option<usize>]| -> f64 {
+        let pairs: Vec<(f64, f64)> =
+            order.iter().enumerate().filter_map(|(row, s)| s.map(|s| (row as f64, s as f64))).collect();
+        correlation(&pairs)
+    };
+    let unshuffled: Vec<Option<usize>> = (0..512).map(Some).collect();
+    assert!(rank(&unshuffled) > 0.999, "the measure does not see the leak");
+    for scheme in ["points", "random-lines", "coordinate-permutation", "dcl"] {
+        let order = |seed| {
+            let features = features_at(&pixels, 3);
+            let sealed = seal_with_truth(features, &camera(), &profile(), &options(scheme), &mut rng(seed));
+            sealed.expect("sealed").1.source
+        };
+        let (first, second) = (order(1), order(2));
+        assert!(rank(&first).abs() < 0.15, "{scheme}: {}", rank(&first));
+        assert_ne!(first, second, "{scheme}: another generator, another order");
+        let kept: BTreeSet<usize> = first.iter().copied().flatten().collect();
+        assert_eq!(kept.len(), 512, "{scheme}: each keypoint once");
+    }
+}
+
+/// L4: strength, scale and orientation leave no trace; two images that differ in nothing else give the same bytes.
+#[test]
+fn l4_strength_scale_and_orientation_are_not_sent() {
+    let plain = features_at(&uniform_pixels(256, 4), 4);
+    let mut other = plain.clone();
+    for (i, keypoint) in other.keypoints.iter_mut().enumerate() {
+        keypoint.scale *= 3.0;
+        keypoint.orientation = 0.1;
+        keypoint.response = 500.0 - i as f32; // the same order
+    }
+    for scheme in LINE_SCHEMES {
+        let bytes = |f: &Features| {
+            seal(f.clone(), &camera(), &profile(), &options(scheme), &mut rng(4)).expect("sealed").encode()
+        };
+        assert_eq!(bytes(&plain), bytes(&other), "{scheme}");
+        // The leak: the octave in a place that is sent, the first number of the descriptor.
+        let leaky = |f: &Features| {
+            let dim = f.descriptors.kind().dim();
+            let mut rows = f.descriptors.as_bytes().to_vec();
+            for (row, keypoint) in rows.chunks_exact_mut(dim).zip(&f.keypoints) {
+                row[0] = keypoint.scale.log2() as u8;
+            }
+            let descriptors = Descriptors::new(f.descriptors.kind(), rows).expect("whole rows");
+            bytes(&Features { descriptors, keypoints: f.keypoints.clone(), global: None })
+        };
+        assert_ne!(leaky(&plain), leaky(&other), "the measure does not see the leak");
+
+        // Strength decides who is kept, and shows in the place of no row.
+        let (_, truth) = seal_with_truth(plain.clone(), &camera(), &profile(), &options(scheme), &mut rng(4))
+            .expect("sealed");
+        let strength = |source: usize| f64::from(plain.keypoints[source].response);
+        let told = |order: &[usize]| -> f64 {
+            let pairs: Vec<_> = order.iter().enumerate().map(|(row, s)| (row as f64, strength(*s))).collect();
+            correlation(&pairs).abs()
+        };
+        let order: Vec<usize> = truth.source.into_iter().flatten().collect();
+        let mut strongest_first = order.clone();
+        strongest_first.sort_by(|a, b| strength(*b).total_cmp(&strength(*a)));
+        assert!(told(&strongest_first) > 0.25, "the measure does not see the leak");
+        assert!(told(&order) < 0.2, "{scheme}: {}", told(&order));
+    }
+}
+
+/// L4, of the steps of a progressive query: which rows come first owes nothing to their strength. The leak: the strongest
+/// first, which would name to everybody those that are.
+#[test]
+fn l4_the_first_rows_are_no_stronger() {
+    let features = features_at(&uniform_pixels(1024, 8), 8);
+    let profile = profile();
+    // A strength is its rank here: the mean of 256 random ones of 1024 is 511.5 give or take 16.
+    let mean = |rows: &[usize]| rows.iter().sum::<usize>() as f64 / rows.len() as f64;
+    for scheme in LINE_SCHEMES {
+        let (query, truth) =
+            seal_with_truth(features.clone(), &camera(), &profile, &options(scheme), &mut rng(8))
+                .expect("sealed");
+        let ranks: Vec<usize> = truth.source.into_iter().flatten().collect();
+        let mut strongest = ranks.clone();
+        strongest.sort_unstable();
+        assert!(mean(&strongest[..256]) < 200.0, "the measure does not see the leak");
+        let first = query.first_rows(SizeClass::Rows256, &profile).expect("it has 1024");
+        assert!(first.descriptors().to_owned() == features.descriptors.select(ranks[..256].iter().copied()));
+        assert!((mean(&ranks[..256]) - 511.5).abs() < 80.0, "{scheme}: {}", mean(&ranks[..256]));
+    }
+}
+
+/// L5: the number of keypoints shows in nothing but one of five classes, and nothing marks a decoy.
+#[test]
+fn l5_size_tells_the_class_only_and_nothing_marks_decoys() {
+    for scheme in LINE_SCHEMES {
+        let sealed = |count: usize| {
+            let features = features_at(&uniform_pixels(count, 5), count as u64);
+            seal_with_truth(features, &camera(), &profile(), &options(scheme), &mut rng(5)).expect("sealed")
+        };
+        let lengths: BTreeSet<usize> =
+            [3, 60, 255, 256, 300, 511].into_iter().map(|n| sealed(n).0.encode().len()).collect();
+        assert_eq!(lengths.len(), 1, "{scheme}: {lengths:?}");
+        assert_ne!(
+            sealed(512).0.encode().len(),
+            *lengths.first().expect("one"),
+            "the measure does not see sizes"
+        );
+
+        // The weakest are dropped.
+        let (_, truth) = sealed(400);
+        let kept: BTreeSet<usize> = truth.source.iter().copied().flatten().collect();
+        assert_eq!(kept, (0..256).collect(), "{scheme}");
+
+        // Decoys: as long as real descriptors, and part of the global descriptor like them. The leak would be a
+        // global descriptor of the real rows alone: rows it does not know are decoys.
+        let (query, truth) = sealed(100);
+        let decoys: Vec<usize> = (0..256).filter(|&row| truth.source[row].is_none()).collect();
+        assert_eq!(decoys.len(), 156, "{scheme}");
+        let norm = |row: &usize| -> f64 {
+            query.descriptors().row(*row).iter().map(|v| f64::from(*v).powi(2)).sum::<f64>().sqrt()
+        };
+        assert!((0..256).all(|row| (norm(&row) - 512.0).abs() < 8.0), "{scheme}: a length stands out");
+        let profile = profile();
+        let vocabulary = profile.vocabulary().expect("VLAD");
+        let of = |rows: Vec<usize>| vocabulary.aggregate(query.descriptors().to_owned().select(rows).view());
+        let real_only = of((0..256).filter(|&row| truth.source[row].is_some()).collect());
+        assert_eq!(of((0..256).collect()).as_codes(), query.global().as_codes(), "{scheme}");
+        assert_ne!(real_only.as_codes(), query.global().as_codes(), "the measure does not see the leak");
+    }
+}
+
+/// L6: devices of one model differ a little in every number of their calibration.
+#[test]
+fn l6_the_camera_names_no_device() {
+    let mut rng = rng(6);
+    let pixels = uniform_pixels(256, 6);
+    let mut told = BTreeSet::new();
+    let mut leak = BTreeSet::new();
+    for i in 0..300 {
+        let params = [
+            rng.random_range(515.0..535.0),
+            rng.random_range(314.0..326.0),
+            rng.random_range(234.0..246.0),
+            rng.random_range(-0.02..0.0),
+        ];
+        let device = Intrinsics::new("SIMPLE_RADIAL", 640, 480, &params).expect("valid");
+        leak.insert(params.map(f64::to_bits));
+        told.insert(CanonicalCamera::for_intrinsics(&device).expect("ordinary").codes());
+        if i % 50 == 0 {
+            // Nothing is lost: the canonical pixel is the same ray.
+            let features = features_at(&pixels, 6);
+            let (query, truth) =
+                seal_with_truth(features, &device, &profile(), &options("dcl"), &mut rng).expect("sealed");
+            for (source, pixel) in truth.source.iter().zip(&truth.pixels) {
+                let Some(source) = source else { continue };
+                let ray = device.unproject(pixels[*source]).expect("inside").bearing();
+                assert!((query.camera().unproject(*pixel).bearing() - ray).norm() < 1e-12);
+            }
+        }
+    }
+    assert_eq!(leak.len(), 300, "the measure does not see the leak");
+    assert!(told.len() <= 9, "{} cameras for 300 devices of one model", told.len());
+}
+
+/// L6: accelerometers err, each in its own way by some tenths of a degree; rounding hides which. And nothing is told that
+/// nobody gave, nor does anything else change with it.
+#[test]
+fn l6_gravity_is_rounded_and_not_sent_by_default() {
+    let features = || features_at(&uniform_pixels(256, 6), 6);
+    let sealed = |options: &SealOptions| {
+        seal(features(), &camera(), &profile(), options, &mut rng(6)).expect("sealed")
+    };
+    let plain = sealed(&options("dcl"));
+    assert_eq!((plain.gravity(), plain.focal_known()), (None, FocalKnowledge::Calibrated));
+    let (mut told, mut leak) = (BTreeSet::new(), BTreeSet::new());
+    let mut rng_of_devices = rng(7);
+    for _ in 0..300 {
+        let mut error = || rng_of_devices.random_range(-0.003..0.003); // radians: a sixth of a degree
+        let felt = [0.021 + error(), 0.981, 0.174 + error()];
+        leak.insert(felt.map(f64::to_bits));
+        let gravity = CoarseGravity::new(felt, 1.0).expect("a direction");
+        let query = sealed(&options("dcl").with_gravity(Some(gravity)));
+        assert_eq!(query.gravity(), Some(gravity));
+        told.insert(query.encode());
+        assert_eq!(query.encode().len(), plain.encode().len(), "L5");
+        assert_eq!(query.observations(), plain.observations(), "the rows owe it nothing");
+    }
+    assert_eq!(leak.len(), 300, "the measure does not see the leak");
+    assert!(told.len() <= 6, "{} directions for 300 devices of one model", told.len());
+    let said = format!("{:?}", options("dcl").with_gravity(plain.gravity()));
+    assert!(!said.contains("0."), "L8: {said}");
+}
+
+/// L7: two different lines for one keypoint cross in it. Within an image, features at one position share a line;
+/// across retries, `seal` takes the features away (a `compile_fail` example in its documentation holds that).
+#[test]
+fn l7_one_keypoint_has_one_line() {
+    let places = uniform_pixels(300, 7);
+    // Two orientations at every place, as SIFT gives them.
+    let twice: Vec<Pixel> = places.iter().flat_map(|p| [*p, *p]).collect();
+    for scheme in LINE_SCHEMES {
+        let (query, truth) =
+            seal_with_truth(features_at(&twice, 7), &camera(), &profile(), &options(scheme), &mut rng(7))
+                .expect("sealed");
+        let row_of = |source: usize| truth.source.iter().position(|s| *s == Some(source)).expect("kept");
+        let observations = query.observations();
+        for place in 0..256 {
+            let rows = [row_of(2 * place), row_of(2 * place + 1)];
+            match &observations {
+                Observations::Lines(lines) => assert_eq!(lines[rows[0]], lines[rows[1]]),
+                Observations::EitherLine(lines) => assert_eq!(lines[rows[0]], lines[rows[1]]),
+                Observations::Anchored { lines, .. } => assert_eq!(lines[rows[0]], lines[rows[1]]),
+                Observations::Points(_) => panic!("a line scheme"),
+            }
+        }
+    }
+    // The leak: a second line for each keypoint. Half a pixel of dither on either line does not help.
+    let lines = |seed| {
+        let scheme = Scheme::RandomLines;
+        match obfuscate_points(&places, 640, 480, &scheme, AngleBits::default(), &mut rng(seed)) {
+            Ok(Observations::Lines(lines)) => lines,
+            other => panic!("{other:?}"),
+        }
+    };
+    let (first, second) = (lines(1), lines(2));
+    let named = places
+        .iter()
+        .zip(first.iter().zip(&second))
+        .filter(|(place, (a, b))| a.intersection(b).is_some_and(|crossing| crossing.distance(place) < 3.0));
+    assert!(named.count() > 200, "the measure does not see the leak");
+    // A retry sends the same bytes.
+    let query =
+        seal(features_at(&places, 7), &camera(), &profile(), &options("dcl"), &mut rng(7)).expect("sealed");
+    assert_eq!(query.encode(), query.clone().encode());
+}
+
+/// L8: what may be logged is the same for any two queries of a class.
+#[test]
+fn l8_debug_output_has_counts_only() {
+    for scheme in ["points", "random-lines", "coordinate-permutation", "dcl"] {
+        let sealed = |seed| {
+            let features = features_at(&uniform_pixels(256, seed), seed);
+            seal_with_truth(features, &camera(), &profile(), &options(scheme), &mut rng(seed))
+                .expect("sealed")
+        };
+        let ((a, truth_a), (b, truth_b)) = (sealed(1), sealed(2));
+        assert_eq!(format!("{a:?} {a:#?}"), format!("{b:?} {b:#?}"));
+        assert_eq!(format!("{:?}", a.observations()), format!("{:?}", b.observations()));
+        assert_eq!(format!("{truth_a:?}"), format!("{truth_b:?}"));
+        assert_eq!(format!("{:?}", a.descriptors()), format!("{:?}", b.descriptors()));
+        assert_eq!(format!("{:?}", a.global()), format!("{:?}", b.global()));
+        let features = |seed| format!("{:?}", features_at(&uniform_pixels(256, seed), seed));
+        assert_eq!(features(1), features(2));
+        // The leak: what a derived implementation would print.
+        let content = |q: &veiloc_protocol::SealedQuery| format!("{:?}", q.descriptors().as_bytes());
+        assert_ne!(content(&a), content(&b), "the measure does not see the leak");
+    }
+    let mut features = features_at(&uniform_pixels(10, 1), 1);
+    features.keypoints[3].pixel.u = f64::NAN;
+    let error = seal(features, &camera(), &profile(), &options("dcl"), &mut rng(1)).expect_err("not finite");
+    assert_eq!(error, SealError::NotFinite { index: 3 });
+}
+
+/// L9: a random direction that depends on the keypoint tells of it. Drawn first, it cannot.
+#[test]
+fn l9_random_directions_owe_nothing_to_the_keypoint() {
+    let bits = AngleBits::default();
+    let lines = |points: &[Pixel], seed| match obfuscate_points(
+        points,
+        640,
+        480,
+        &Scheme::RandomLines,
+        bits,
+        &mut rng(seed),
+    ) {
+        Ok(Observations::Lines(lines)) => lines,
+        other => panic!("{other:?}"),
+    };
+    let angle = |line: &PixelLine| line.direction().y.atan2(line.direction().x).rem_euclid(PI);
+    let (here, there) = (uniform_pixels(5000, 8), uniform_pixels(5000, 9));
+    let told = lines(&here, 1);
+    // Exactly: with one generator, two images have the same directions.
+    let codes = |lines: &[PixelLine]| -> Vec<u16> { lines.iter().map(|l| bits.code_of(angle(l))).collect() };
+    let same = codes(&told).iter().zip(codes(&lines(&there, 1))).filter(|(a, b)| **a == *b).count();
+    assert!(same >= 4990, "{same} of 5000 directions the same"); // code_of may round across a border
+    // The leak: a direction chosen so that the line crosses the middle of the image, within 60 degrees or so.
+    let toward = |p: &Pixel| (240.0 - p.v).atan2(320.0 - p.u);
+    let alignment = |pairs: &mut dyn Iterator<Item = (f64, f64)>| -> f64 {
+        pairs.map(|(a, b)| (2.0 * (a - b)).cos()).sum::<f64>() / 5000.0
+    };
+    let real = alignment(&mut here.iter().zip(&told).map(|(p, l)| (angle(l), toward(p))));
+    let mut draw = rng(10);
+    let leak = alignment(&mut here.iter().map(|p| (toward(p) + draw.random_range(-1.0..1.0), toward(p))));
+    assert!(leak > 0.4, "the measure does not see the leak");
+    assert!(real.abs() < 0.04, "{real}");
+    // Uniform over the half circle: chi² with 15 degrees of freedom stays under its 99.9 % point.
+    let mut bins = [0.0_f64; 16];
+    for line in &told {
+        bins[(angle(line) / PI * 16.0) as usize % 16] += 1.0;
+    }
+    let chi2: f64 = bins.iter().map(|n| (n - 312.5).powi(2) / 312.5).sum();
+    assert!(chi2 < 37.7, "{chi2}");
+    // Offsets are whole quarters of a pixel from the centre, and each line passes within dither of its keypoint.
+    for (line, point) in told.iter().zip(&here) {
+        let quarters = 4.0 * line.signed_distance(Pixel::new(320.0, 240.0));
+        assert!((quarters - quarters.round()).abs() < 1e-6);
+        assert!(line.signed_distance(*point).abs() < 0.7072 + 0.1251);
+    }
+    // The same for permuted positions: one of both lines passes by the keypoint.
+    let scheme = Scheme::CoordinatePermutation;
+    match obfuscate_points(&here, 640, 480, &scheme, bits, &mut rng(1)) {
+        Ok(Observations::EitherLine(pairs)) => {
+            for ([horizontal, vertical], point) in pairs.iter().zip(&here) {
+                assert!((angle(horizontal).min(PI - angle(horizontal))) < 1e-9);
+                assert!((angle(vertical) - FRAC_PI_2).abs() < 1e-9);
+                let distance = [horizontal, vertical].map(|l| l.signed_distance(*point).abs());
+                assert!(distance[0].min(distance[1]) <= 0.626, "{distance:?}");
+            }
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+fn limits(max_keypoints: u32) -> veiloc_protocol::ExtractionLimits {
+    veiloc_protocol::ExtractionLimits { max_keypoints, max_image_side: 1600 }
+}

@@ -1,0 +1,98 @@
+//! A session that is kept goes on as if it had never stopped; what is no session is refused.
+
+use super::common;
+
+use common::{camera, features_at, options, profile, rng, uniform_pixels};
+use veiloc_geometry::nalgebra::Rotation3;
+use veiloc_obfuscation::{Orientation, Session, SessionAnchors, SessionBytesError, SessionOptions};
+
+const STRIPES: &str = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";
+
+/// A session after so many frames of a camera at rest.
+fn after(frames: usize, options: SessionOptions, scheme: &str) -> Session {
+    let mut rng = rng(3);
+    let mut session = Session::new(options, &mut rng);
+    for _ in 0..frames {
+        next(&mut session, scheme);
+    }
+    session
+}
+
+fn next(session: &mut Session, scheme: &str) -> Vec<u8> {
+    let held = Orientation::in_world(Rotation3::from_euler_angles(0.1, 0.2, 0.3)).expect("finite");
+    let held = held.with_down([0.1, 1.0, 0.0]).expect("a direction");
+    let features = features_at(&uniform_pixels(500, 1), 2);
+    let mut rng = rng(17);
+    session
+        .seal(features, &camera(), &profile(), &options(scheme), &held, &mut rng)
+        .expect("a query")
+        .encode()
+}
+
+#[test]
+fn a_kept_session_goes_on() {
+    for anchors in [SessionAnchors::World, SessionAnchors::Gravity] {
+        for scheme in ["dcl", STRIPES] {
+            for frames in 0..3 {
+                let mut session = after(frames, SessionOptions::default().with_anchors(anchors), scheme);
+                let bytes = session.to_bytes();
+                let mut again = Session::from_bytes(&bytes).expect("a session");
+                assert_eq!(again.to_bytes(), bytes);
+                assert_eq!(next(&mut again, scheme), next(&mut session, scheme));
+                assert_eq!((again.frames(), again.starts()), (frames as u32 + 1, 1));
+            }
+        }
+    }
+    let mut any = after(2, SessionOptions::default().with_most_starts(None).with_memory(false), "dcl");
+    let mut again = Session::from_bytes(&any.to_bytes()).expect("a session");
+    assert_eq!(next(&mut again, "dcl"), next(&mut any, "dcl"));
+}
+
+#[test]
+fn what_is_no_session_is_refused() {
+    let bytes = after(2, SessionOptions::default(), STRIPES).to_bytes();
+    for length in (0..bytes.len()).step_by(997).chain([8, 12, 13, bytes.len() - 1]) {
+        assert!(Session::from_bytes(&bytes[..length]).is_err(), "{length} bytes");
+    }
+    let mut longer = bytes.clone();
+    longer.push(0);
+    assert_eq!(Session::from_bytes(&longer), Err(SessionBytesError::Damaged { what: "checksum" }));
+    for at in (0..bytes.len()).step_by(401) {
+        let mut changed = bytes.clone();
+        changed[at] ^= 1;
+        assert!(Session::from_bytes(&changed).is_err(), "byte {at}");
+    }
+    assert_eq!(Session::from_bytes(b"something else"), Err(SessionBytesError::Other));
+    let mut newer = bytes.clone();
+    newer[8] = 2;
+    assert_eq!(Session::from_bytes(&newer), Err(SessionBytesError::Version { found: 2 }));
+}
+
+#[test]
+fn nonsense_with_a_right_checksum_is_refused() {
+    use sha2::{Digest as _, Sha256};
+    let bytes = after(1, SessionOptions::default(), STRIPES).to_bytes();
+    let mut refused = 0;
+    // Every byte of the head and of the first landmarks, all ones and with its highest bit changed.
+    for at in 12..600 {
+        for value in [0xFF, bytes[at] ^ 0x80] {
+            let mut changed = bytes.clone();
+            changed[at] = value;
+            let body = changed.len() - 32;
+            let sum = Sha256::digest(&changed[..body]);
+            changed[body..].copy_from_slice(&sum);
+            // Never a panic, and what is taken can be gone on with.
+            match Session::from_bytes(&changed) {
+                Err(_) => refused += 1,
+                Ok(mut session) => {
+                    let held = Orientation::unknown();
+                    let features = features_at(&uniform_pixels(400, 1), 2);
+                    let _ =
+                        session.seal(features, &camera(), &profile(), &options(STRIPES), &held, &mut rng(1));
+                    let _ = session.to_bytes();
+                }
+            }
+        }
+    }
+    assert!(refused > 300, "{refused}");
+}
