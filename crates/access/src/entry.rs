@@ -7,7 +7,9 @@ use std::str::FromStr;
 use crate::error::{EditError, LineFault};
 use crate::key::TokenKey;
 use crate::moment::Moment;
-use crate::names::{is_map_name, is_token_name};
+use veiloc_map::is_map_name;
+
+use crate::names::is_token_name;
 
 /// A line of the file of tokens. Its `Display` is that line, hash included.
 #[derive(Clone, PartialEq, Eq)]

@@ -50,6 +50,6 @@ pub use error::{EditError, LineFault, ListError};
 pub use key::TokenKey;
 pub use list::TokenList;
 pub use moment::{BadMoment, Moment};
-pub use names::{is_map_name, is_token_name};
+pub use names::is_token_name;
 pub use secret::Secret;
 pub use store::{StoreError, TokenFile};

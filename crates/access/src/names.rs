@@ -1,11 +1,4 @@
-//! What maps and tokens may be called.
-
-/// Whether a map can have this name: 1 to 64 of letters, digits, `-`, `_` and `.`, so that nothing in addresses, metrics
-/// and logs needs escaping; not `.` or `..`.
-pub fn is_map_name(name: &str) -> bool {
-    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-    (1..=64).contains(&name.len()) && name.chars().all(allowed) && name != "." && name != ".."
-}
+//! What tokens may be called.
 
 /// Whether a new token can have this name: as a map, `@` and `+` too (people have addresses), and not `nobody`, which
 /// means that there is none. Names of older lines may hold anything but spaces.

@@ -49,6 +49,7 @@ mod down;
 mod error;
 mod file;
 mod model;
+mod name;
 mod ply;
 mod posed;
 mod region;
@@ -62,6 +63,7 @@ pub use file::{
     Evidence, FORMAT_VERSION, ImageView, MapFile, MapLock, MapMemory, MapView, PointWithout, Without,
     byte_count, write,
 };
+pub use name::is_map_name;
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
 pub use ply::write_ply;
 pub use posed::{PosedImage, PosedImages};

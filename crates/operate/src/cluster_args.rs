@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use veiloc_access::is_map_name;
+use veiloc_map::is_map_name;
 use veiloc_bus::{Bus, NatsOptions};
 use veiloc_cluster::{ClusterError, StoreShelf};
 

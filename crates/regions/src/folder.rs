@@ -6,7 +6,7 @@ use std::fs;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use veiloc_access::is_map_name;
+use veiloc_map::is_map_name;
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 use veiloc_map::{MapFile, MapMemory, Region};

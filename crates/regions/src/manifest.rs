@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
-use veiloc_access::is_map_name;
+use veiloc_map::is_map_name;
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Instant, SystemTime};
 
-use veiloc_access::is_map_name;
+use veiloc_map::is_map_name;
 use veiloc_map::{MapError, MapFile, MapMemory};
 use veiloc_page::{Content, thinned};
 use veiloc_protocol::{Profile, RigMessage};

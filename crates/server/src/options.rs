@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use veiloc_access::is_map_name;
+use veiloc_map::is_map_name;
 use veiloc_localize::LocalizeOptions;
 use veiloc_map::MapMemory;
 use veiloc_page::Page;

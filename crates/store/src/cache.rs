@@ -9,7 +9,7 @@ use std::time::{Duration, SystemTime};
 use futures_util::StreamExt as _;
 use sha2::{Digest as _, Sha256};
 use tokio::io::AsyncWriteExt as _;
-use veiloc_access::is_map_name;
+use veiloc_map::is_map_name;
 use veiloc_regions::{
     Folder, MOST_MANIFEST_BYTES, Manifest, OBJECTS_FOLDER, ObjectId, ObjectRef, RegionsError, verify_file,
 };

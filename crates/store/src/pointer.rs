@@ -1,7 +1,7 @@
 //! The pointer: which manifest of a map is the current one.
 
 use serde::{Deserialize, Serialize};
-use veiloc_access::is_map_name;
+use veiloc_map::is_map_name;
 use veiloc_regions::ObjectId;
 
 /// Names the current manifest of a map: the one thing in storage that changes.

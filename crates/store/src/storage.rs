@@ -5,7 +5,7 @@ use std::sync::Arc;
 use futures_util::StreamExt as _;
 use object_store::path::Path as Location;
 use object_store::{ObjectStore, ObjectStoreExt as _};
-use veiloc_access::is_map_name;
+use veiloc_map::is_map_name;
 use veiloc_regions::{MOST_MANIFEST_BYTES, Manifest, ManifestError, ObjectId, RegionsError};
 
 use crate::address::place_of;
