@@ -16,13 +16,13 @@ mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap,tokens,settings,man
 cp ../crates/core/protocol/tests/data/*.vquery "$corpus/sealed_query/"
 cp ../crates/core/protocol/tests/data/*.profile "$corpus/profile/"
 cp ../crates/core/protocol/tests/data/*.answer "$corpus/answer/"
-cp ../crates/map/tests/data/map-v*.bin "$corpus/map_file/"
-cp ../crates/access/tests/data/*.tokens "$corpus/tokens/"
-cp ../crates/regions/tests/data/manifest/*.json "$corpus/manifest/"
-cp ../crates/regions/tests/data/index/*.index "$corpus/index/"
+cp ../crates/server/map/tests/data/map-v*.bin "$corpus/map_file/"
+cp ../crates/server/service/tests/data/auth/*.tokens "$corpus/tokens/"
+cp ../crates/server/map/tests/data/regions/manifest/*.json "$corpus/manifest/"
+cp ../crates/server/map/tests/data/regions/index/*.index "$corpus/index/"
 cp ../deploy/*.toml ../crates/arguments/tests/data/*.toml "$corpus/settings/"
 for kind in txt:T bin:O; do # the last bit of the first byte says which
-    for folder in $(find ../crates/map/tests/data/colmap -name "cameras.${kind%:*}" -exec dirname {} \;); do
+    for folder in $(find ../crates/server/map/tests/data/colmap -name "cameras.${kind%:*}" -exec dirname {} \;); do
         {
             printf '%s' "${kind#*:}" | tr TO '01'
             cat "$folder/cameras.${kind%:*}"; printf '\n====\n'

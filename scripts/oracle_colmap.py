@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """COLMAP's own reader and writer beside ours.
 
-    .venv/bin/python scripts/oracle_colmap.py fixtures      writes crates/map/tests/data/colmap/{text,binary}
+    .venv/bin/python scripts/oracle_colmap.py fixtures      writes crates/server/map/tests/data/colmap/{text,binary}
     .venv/bin/python scripts/oracle_colmap.py read DIR      reads a model we wrote, prints what COLMAP sees in it
 
 `fixtures` makes one small model (five camera models, four images, points, an image without 2D points) and has pycolmap
-write it as text and as binary; the tests of crates/map hold our two readers against them.
+write it as text and as binary; the tests of crates/server/map hold our two readers against them.
 `read` recomputes every reprojection error with COLMAP's projection and compares it with the ERROR column.
 """
 
@@ -68,7 +68,7 @@ def read(folder):
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["fixtures"]:
-        fixtures(Path(__file__).parent.parent / "crates/map/tests/data/colmap")
+        fixtures(Path(__file__).parent.parent / "crates/server/map/tests/data/colmap")
     elif len(sys.argv) == 3 and sys.argv[1] == "read":
         read(Path(sys.argv[2]))
     else:

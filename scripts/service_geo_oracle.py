@@ -1,4 +1,4 @@
-"""Prints the expected numbers of the tests in crates/server/src/geo.rs, by pyproj: pip install pyproj numpy."""
+"""Prints the expected numbers of the tests in crates/server/service/service/src/geo.rs, by pyproj: pip install pyproj numpy."""
 import numpy as np
 import pyproj
 to_ecef = pyproj.Transformer.from_crs(4979, 4978, always_xy=True)

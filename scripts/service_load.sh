@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.."
 : "${VEILOC_DATA:?set VEILOC_DATA to the folder of the real photographs}"
 
 cargo build --release --quiet -p veiloc-cli
-cargo build --release --quiet -p veiloc-server --example load
+cargo build --release --quiet -p veiloc-service --example load
 bin="$(cargo metadata --format-version 1 --no-deps | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')/release"
 place="$VEILOC_DATA/redkitchen"
 work="$(mktemp -d)"

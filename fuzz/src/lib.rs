@@ -1,9 +1,9 @@
 //! What must hold for any bytes: an error, or a value that is written back as the same bytes and can be used.
 //!
 //! The same properties run on a few hundred damaged inputs in every `cargo test`: `crates/core/protocol/tests/it/hostile.rs`,
-//! `crates/core/protocol/tests/it/answer.rs`, `crates/map/src/file/tests.rs`, `crates/map/tests/any_bytes.rs`,
-//! `crates/access/tests/any_bytes.rs`, `crates/arguments/tests/any_bytes.rs`,
-//! `crates/regions/tests/any_bytes.rs`.
+//! `crates/core/protocol/tests/it/answer.rs`, `crates/server/map/src/file/tests.rs`, `crates/server/map/tests/it/any_bytes.rs`,
+//! `crates/server/service/tests/it/auth/any_bytes.rs`, `crates/arguments/tests/any_bytes.rs`,
+//! `crates/server/map/tests/it/regions/any_bytes.rs`.
 
 pub mod damage;
 mod regions;

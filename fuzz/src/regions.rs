@@ -1,8 +1,8 @@
-//! What must hold for any manifest and any index of regions. Also a part of `crates/regions/tests/any_bytes.rs`.
+//! What must hold for any manifest and any index of regions. Also a part of `crates/server/map/tests/it/regions/any_bytes.rs`.
 
 use veiloc_descriptor::GlobalDescriptor;
 use veiloc_map::MapMemory;
-use veiloc_regions::{Index, Manifest, ObjectId};
+use veiloc_map::regions::{Index, Manifest, ObjectId};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// A manifest: one content has one form, and so one id; no name leads out of a folder.

@@ -1,6 +1,6 @@
-//! What must hold for any file of tokens. Also a part of `crates/access/tests/any_bytes.rs`.
+//! What must hold for any file of tokens. Also a part of `crates/server/service/tests/it/auth/any_bytes.rs`.
 
-use veiloc_access::{Entry, TokenKey, TokenList, added, revoked};
+use veiloc_service::auth::{Entry, TokenKey, TokenList, added, revoked};
 
 /// A file of tokens: every line reads as it is written, and adding and revoking a token touches no other.
 pub fn tokens(bytes: &[u8]) {

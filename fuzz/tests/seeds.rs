@@ -5,11 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use veiloc_access::TokenList;
+use veiloc_service::auth::TokenList;
 use veiloc_fuzz::damage::Numbers;
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::{Answer, Profile, SealedQuery};
-use veiloc_regions::{Index, Manifest};
+use veiloc_map::regions::{Index, Manifest};
 
 /// Damaged inputs for each target; fewer where they take longer than [`LONGEST`], but never fewer than a tenth.
 const DAMAGED: usize = 3000;
@@ -75,14 +75,14 @@ fn map_file() {
         fs::write(&path, bytes).expect("room");
         MapFile::open(&path).is_ok()
     };
-    run("map_file", &files("crates/map/tests/data", ".bin"), opens, veiloc_fuzz::map_file);
+    run("map_file", &files("crates/server/map/tests/data", ".bin"), opens, veiloc_fuzz::map_file);
 }
 
 /// The files of a COLMAP model as one seed: a byte that says text or binary, then the three files.
 #[test]
 fn colmap() {
     let mut seeds = Vec::new();
-    let models = folder("crates/map/tests/data/colmap");
+    let models = folder("crates/server/map/tests/data/colmap");
     for entry in fs::read_dir(&models).expect("models") {
         let model = entry.expect("an entry").path();
         for (extension, mark) in [("txt", b'0'), ("bin", b'1')] {
@@ -114,7 +114,7 @@ fn colmap() {
 
 #[test]
 fn tokens() {
-    let seeds = files("crates/access/tests/data", ".tokens");
+    let seeds = files("crates/server/service/tests/data/auth", ".tokens");
     run("tokens", &seeds, |bytes| TokenList::parse(bytes).is_ok(), veiloc_fuzz::tokens);
 }
 
@@ -126,7 +126,7 @@ fn settings() {
 
 #[test]
 fn manifest() {
-    let seeds = files("crates/regions/tests/data/manifest", ".json");
+    let seeds = files("crates/server/map/tests/data/regions/manifest", ".json");
     run("manifest", &seeds, |bytes| Manifest::decode(bytes).is_ok(), veiloc_fuzz::manifest);
 }
 
@@ -138,5 +138,5 @@ fn index() {
         fs::write(&path, bytes).expect("room");
         Index::open(&path, MapMemory::Copied).is_ok()
     };
-    run("index", &files("crates/regions/tests/data/index", ".index"), opens, veiloc_fuzz::index);
+    run("index", &files("crates/server/map/tests/data/regions/index", ".index"), opens, veiloc_fuzz::index);
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use veiloc_geometry::CameraFromWorld;
-use veiloc_localize::{GravityUse, Localization, RigLocalization};
+use veiloc_localization::{GravityUse, Localization, RigLocalization};
 use veiloc_map::MapFile;
 use veiloc_pose::Confidence;
 
@@ -150,8 +150,9 @@ impl Answer {
     /// Of a rig's queries; the pose is the rig's.
     pub(crate) fn of_rig(found: &RigLocalization) -> Self {
         let rig = &found.rig_from_world;
-        let sum =
-            |count: fn(&veiloc_localize::FrameLocalization) -> usize| found.frames.iter().map(count).sum();
+        let sum = |count: fn(&veiloc_localization::FrameLocalization) -> usize| {
+            found.frames.iter().map(count).sum()
+        };
         Self {
             inliers: sum(|f| f.inliers),
             matches: sum(|f| f.matches),

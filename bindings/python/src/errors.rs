@@ -9,7 +9,7 @@ use veiloc_client::{ClientError, Refusal, SealError, SealImageError, SessionByte
 use veiloc_datasets::DatasetError;
 use veiloc_features::FeatureError;
 use veiloc_geometry::IntrinsicsError;
-use veiloc_localize::LocalizeError;
+use veiloc_localization::LocalizeError;
 use veiloc_map::MapError;
 use veiloc_mapping::MappingError;
 use veiloc_obfuscation::ExtractError;

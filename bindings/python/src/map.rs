@@ -9,7 +9,7 @@ use pyo3::types::PyDict;
 use veiloc_client::{CameraFromRig, SealedFrame};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_keeping::Keeping;
-use veiloc_localize::{LocalizeOptions, localize, localize_rig};
+use veiloc_localization::{LocalizeOptions, localize, localize_rig};
 use veiloc_map::colmap::read_model;
 use veiloc_map::{MapFile, MapLock, MapModel, PointId, PosedImages, SelfTest};
 use veiloc_mapping::{BuildOptions, Doubt, Input, Words};

@@ -67,5 +67,5 @@ fn write(path: &Path, image: &RgbImage) -> Result<()> {
     let mut bytes = Cursor::new(Vec::new());
     image.write_to(&mut bytes, ImageFormat::Png).map_err(Fault::other)?;
     let told = |why| Fault::other(format_args!("{}: {why}", path.display()));
-    veiloc_replacing::write_whole(path, bytes.get_ref()).map_err(told)
+    veiloc_map::atomic_file::write_whole(path, bytes.get_ref()).map_err(told)
 }

@@ -1,6 +1,6 @@
 //! Options of localization that `localize` and `eval` share, each with its meaning and why the default.
 
-use veiloc_localize::LocalizeOptions;
+use veiloc_localization::LocalizeOptions;
 use veiloc_pose::{AnchoredSolver, PoseOptions, ScoreKind};
 use veiloc_results::Hypotheses;
 

@@ -2,7 +2,7 @@
 #![cfg(unix)]
 
 mod common;
-#[path = "../../server/tests/common/http.rs"]
+#[path = "../../server/service/tests/it/common/http.rs"]
 mod http;
 
 use std::fs;
@@ -204,7 +204,7 @@ fn a_session_gets_one_pose() {
 #[test]
 fn tls_and_tokens() {
     let place = place();
-    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../server/tests/data");
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../../server/service/tests/data");
     // SHA-256 of `phone-token`, by openssl.
     let hash = Command::new("sh").args(["-c", "printf %s phone-token | sha256sum | cut -d' ' -f1"]).output();
     place.write(

@@ -4,7 +4,7 @@ mod common;
 
 use common::folder;
 use serde_json::Value;
-use veiloc_access::{TokenKey, TokenList};
+use veiloc_service::auth::{TokenKey, TokenList};
 
 fn list(folder: &common::Place) -> TokenList {
     TokenList::parse(&folder.read("tokens")).expect("a file of tokens")

@@ -39,5 +39,5 @@ pub enum EvalError {
     Map(#[from] veiloc_map::MapError),
     /// A map could not be cut into regions.
     #[error(transparent)]
-    Regions(#[from] veiloc_regions::RegionsError),
+    Regions(#[from] veiloc_map::regions::RegionsError),
 }

@@ -6,12 +6,12 @@ use std::path::Path;
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng as _;
 use veiloc_eval::{SceneEvaluation, evaluate_scene};
-use veiloc_localize::{Localization, LocalizeOptions, localize};
+use veiloc_localization::{Localization, LocalizeOptions, localize};
 use veiloc_map::colmap::read_posed;
+use veiloc_map::regions::{Folder, FolderWriter, SplitOptions, cut};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_obfuscation::{SealOptions, extract, seal};
 use veiloc_protocol::Scheme;
-use veiloc_regions::{Folder, FolderWriter, SplitOptions, cut};
 use veiloc_results::Evaluation;
 use veiloc_testdata::real_data_test;
 

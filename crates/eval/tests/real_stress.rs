@@ -5,7 +5,7 @@ use std::path::Path;
 use veiloc_eval::negatives::{CameraSource, NegativeImage, NegativesEvaluation, evaluate_negatives};
 use veiloc_eval::stress::{Stress, StressEvaluation, evaluate_stress};
 use veiloc_features::Extractors;
-use veiloc_localize::LocalizeOptions;
+use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_posed;
 use veiloc_mapping::{BuildOptions, Input, build};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use veiloc_replacing::write_whole;
+use veiloc_map::atomic_file::write_whole;
 
 use crate::error::HlocError;
 

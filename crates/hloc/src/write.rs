@@ -6,7 +6,7 @@ use std::path::Path;
 use hdf5_pure::{
     AttrValue, Datatype, DatatypeByteOrder, FileBuilder, FinishedGroup, FloatingPointLayout, GroupBuilder,
 };
-use veiloc_replacing::write_whole;
+use veiloc_map::atomic_file::write_whole;
 
 use crate::binary16;
 use crate::error::HlocError;

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{Descriptors, GlobalDescriptor};
+use veiloc_map::atomic_file::write_whole;
 use veiloc_mapping::{Extracted, Wanted};
-use veiloc_replacing::write_whole;
 
 use crate::error::{KeepingError, io};
 use crate::key::Key;

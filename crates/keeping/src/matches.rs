@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 
 use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{Match, MatchOptions};
-use veiloc_replacing::TargetLock;
+use veiloc_map::atomic_file::TargetLock;
 
 use crate::error::{KeepingError, io};
 use crate::key::Key;

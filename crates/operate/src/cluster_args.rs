@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use veiloc_map::is_map_name;
-use veiloc_bus::{Bus, NatsOptions};
+use veiloc_cluster::bus::{Bus, NatsOptions};
 use veiloc_cluster::{ClusterError, StoreShelf};
+use veiloc_map::is_map_name;
 
 use crate::exit::Failure;
 use veiloc_arguments::localization_args::positive;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use veiloc_page::Page;
+use veiloc_service::web_page::Page;
 
 use crate::exit::Failure;
 

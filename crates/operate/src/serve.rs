@@ -10,10 +10,10 @@ use std::time::Duration;
 #[cfg(feature = "cluster")]
 use veiloc_cluster::{Gateway, GatewayOptions};
 #[cfg(feature = "cluster")]
-use veiloc_observe::GatewayCounts;
+use veiloc_service::MapElsewhere;
 #[cfg(feature = "cluster")]
-use veiloc_server::MapElsewhere;
-use veiloc_server::{
+use veiloc_service::telemetry::GatewayCounts;
+use veiloc_service::{
     BadGeoFrame, GeoFrame, ListenAddress, MapSource, Origin, RateLimit, ServerOptions, Stopped, TlsFiles,
     run_prepared,
 };

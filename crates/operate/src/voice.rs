@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use tracing_subscriber::filter::LevelFilter;
-use veiloc_server::LogQueue;
+use veiloc_service::LogQueue;
 
 /// How long the last lines of the log may take.
 const LAST_LINES: Duration = Duration::from_secs(1);

@@ -9,8 +9,8 @@ use std::time::Duration;
 use tokio::sync::watch;
 use veiloc_cluster::{ClusterError, Share, Worker, WorkerOptions};
 use veiloc_map::MapMemory;
-use veiloc_observe::WorkerCounts;
-use veiloc_server::labour::{Signals, own_process, probes};
+use veiloc_service::labour::{Signals, own_process, probes};
+use veiloc_service::telemetry::WorkerCounts;
 
 use crate::cluster_args::{ClusterArgs, map_name};
 use crate::exit::{Exit, Failure, Outcome};

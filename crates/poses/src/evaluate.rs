@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use veiloc_features::Progress;
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_localize::{MatchedObservations, observe_matches};
+use veiloc_localization::{MatchedObservations, observe_matches};
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_pose::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
 use veiloc_protocol::{AngleBits, Observations, Scheme};

@@ -12,7 +12,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use rayon::prelude::*;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
-use veiloc_localize::{LocalizeOptions, localize};
+use veiloc_localization::{LocalizeOptions, localize};
 use veiloc_map::{Calibration, MapFile, colmap};
 use veiloc_mapping::{BuildOptions, Input, build};
 use veiloc_obfuscation::{SealOptions, extract, seal};

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha20Rng;
 use veiloc_descriptor::{GlobalDescriptor, GlobalModel, NamedGlobal};
 use veiloc_features::{FeatureError, Features, GlobalExtractor, Image, Keypoint, SharedGlobal};
 use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_localize::Matched;
+use veiloc_localization::Matched;
 use veiloc_map::{MapImage, MapModel};
 use veiloc_obfuscation::{SealError, SealOptions, seal};
 use veiloc_protocol::{Profile, Scheme, SealedQuery};

@@ -3,7 +3,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use rayon::prelude::*;
-use veiloc_localize::{LocalizeOptions, Matched, localize_matched, match_in};
+use veiloc_localization::{LocalizeOptions, Matched, localize_matched, match_in};
 use veiloc_map::{MapError, MapFile, MapModel, MapView, PointId, SelfTest, Without};
 use veiloc_mapping::{LeaveOut, MappingError, Progress};
 use veiloc_obfuscation::SealError;

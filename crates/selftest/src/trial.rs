@@ -2,7 +2,7 @@
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
-use veiloc_localize::Localization;
+use veiloc_localization::Localization;
 use veiloc_map::Calibration;
 
 /// A pose that was found for an image, and how far it is from the image's own.

@@ -8,7 +8,7 @@
 //! nothing that could name a keypoint of a query.
 
 pub use veiloc_features::{Extractor, Extractors, Progress};
-pub use veiloc_localize::{GravityUse, Localization, LocalizeError, LocalizeOptions, localize};
+pub use veiloc_localization::{GravityUse, Localization, LocalizeError, LocalizeOptions, localize};
 pub use veiloc_map::colmap::{read_model, read_posed};
 pub use veiloc_map::{
     Down, DownError, MapError, MapFile, MapModel, PosedImage, PosedImages, write as write_map,

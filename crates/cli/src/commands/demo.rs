@@ -8,7 +8,7 @@ use veiloc_audit::attacks_table;
 use veiloc_demo::{DemoOptions, HiddenViews, map_place, run_demo};
 use veiloc_operate::page_args::{About, View, page};
 use veiloc_results::table;
-use veiloc_server::{ListenAddress, MapSource, ServerOptions, run_until_signal};
+use veiloc_service::{ListenAddress, MapSource, ServerOptions, run_until_signal};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;

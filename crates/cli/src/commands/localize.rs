@@ -9,7 +9,7 @@ mod written;
 use std::path::{Path, PathBuf};
 
 use veiloc_geometry::Point3;
-use veiloc_localize::{LocalizeError, LocalizeOptions, localize};
+use veiloc_localization::{LocalizeError, LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_pose::{PositionPrior, State};
 use veiloc_protocol::{PositionHint, SealedQuery};

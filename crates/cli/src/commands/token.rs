@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use serde::Serialize;
-use veiloc_access::{Entry, Moment, Secret, StoreError, TokenFile, TokenList, added, is_map_name, revoked};
+use veiloc_map::is_map_name;
+use veiloc_service::auth::{Entry, Moment, Secret, StoreError, TokenFile, TokenList, added, revoked};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;

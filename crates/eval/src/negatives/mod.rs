@@ -13,7 +13,7 @@ use std::path::PathBuf;
 use rayon::prelude::*;
 use veiloc_features::{Extractors, Image, Progress, SharedGlobal, load_gray};
 use veiloc_geometry::Intrinsics;
-use veiloc_localize::LocalizeOptions;
+use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{ExtractError, SealOptions, extract_loaded};

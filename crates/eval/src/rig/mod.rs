@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::seed_for;
 use veiloc_features::{Features, Progress};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
-use veiloc_localize::localize_rig;
+use veiloc_localization::localize_rig;
 use veiloc_map::MapFile;
 use veiloc_mapping::Input;
 use veiloc_pose::{ScoreKind, State};

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use veiloc_localize::{Localization, LocalizeError, LocalizeOptions, localize};
+use veiloc_localization::{Localization, LocalizeError, LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_pose::{PoseError, State};
 use veiloc_protocol::{QueryError, SealedQuery};

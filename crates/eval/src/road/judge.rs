@@ -1,7 +1,7 @@
 //! One query asked and judged: what an evaluation keeps of it.
 
 use veiloc_geometry::CameraFromWorld;
-use veiloc_localize::LocalizeOptions;
+use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_pose::{ScoreKind, State};
 use veiloc_protocol::Scheme;

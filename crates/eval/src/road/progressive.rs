@@ -1,7 +1,7 @@
 //! A query asked in steps, as a device does it that sends no more rows than a trusted pose takes.
 
 use veiloc_geometry::deviations::position_sd;
-use veiloc_localize::LocalizeOptions;
+use veiloc_localization::LocalizeOptions;
 use veiloc_pose::State;
 use veiloc_protocol::{Enough, Profile, SealedQuery};
 

@@ -2,11 +2,11 @@
 
 use tempfile::TempDir;
 use veiloc_features::Progress;
-use veiloc_localize::LocalizeOptions;
+use veiloc_localization::LocalizeOptions;
+use veiloc_map::regions::{ASKED, Folder, FolderWriter, Index, SplitOptions, cut, is_better, rounds};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_pose::State;
 use veiloc_protocol::SealedQuery;
-use veiloc_regions::{ASKED, Folder, FolderWriter, Index, SplitOptions, cut, is_better, rounds};
 use veiloc_results::RegionsSummary;
 
 use super::ask::{Answer, ask};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use veiloc_features::Progress;
 use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_localize::{Localization, localize};
+use veiloc_localization::{Localization, localize};
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_protocol::{Scheme, SealedQuery};

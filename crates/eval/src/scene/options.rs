@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use veiloc_features::mask_in;
 use veiloc_geometry::Intrinsics;
-use veiloc_localize::LocalizeOptions;
+use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
+use veiloc_map::regions::SplitOptions;
 use veiloc_mapping::BuildOptions;
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
-use veiloc_regions::SplitOptions;
 
 use crate::road::{AskedQuery, Sending};
 use veiloc_results::metrics::Threshold;

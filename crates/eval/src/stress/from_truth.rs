@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use veiloc_geometry::{CameraFromWorld, Pixel};
-use veiloc_localize::{LocalizeOptions, match_query};
+use veiloc_localization::{LocalizeOptions, match_query};
 use veiloc_map::MapFile;
 use veiloc_pose::{PoseError as NoPose, PoseEstimate, optimize_pose, refine_pose};
 use veiloc_protocol::SealedQuery;

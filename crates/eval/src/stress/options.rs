@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use veiloc_geometry::Intrinsics;
-use veiloc_localize::LocalizeOptions;
+use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
 use veiloc_protocol::Scheme;

@@ -305,8 +305,9 @@ fn a_retrained_vocabulary_knows_nothing_of_the_images_that_left() {
 #[test]
 fn errors_of_pycolmaps_model_are_ours() {
     for format in ["text", "binary"] {
-        let dir =
-            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../map/tests/data/colmap").join(format);
+        let dir = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../server/map/tests/data/colmap")
+            .join(format);
         let colmap = veiloc_map::colmap::read_model(&dir).unwrap();
         assert_eq!(colmap.points().len(), 12);
         for point in colmap.points() {

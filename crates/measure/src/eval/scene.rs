@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use veiloc_eval::road::Sending;
 use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
-use veiloc_regions::SplitOptions;
+use veiloc_map::regions::SplitOptions;
 
 use crate::eval::html::{self, HtmlArgs};
 use crate::eval::place::{GravityArgs, PlaceArgs};

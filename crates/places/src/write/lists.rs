@@ -11,7 +11,7 @@ use crate::error::PlaceError;
 /// Makes the folder and writes the file, whole.
 pub(super) fn save_text(path: &Path, text: &str) -> Result<(), PlaceError> {
     make_folder_of(path)?;
-    veiloc_replacing::write_whole(path, text.as_bytes()).map_err(PlaceError::io(path))
+    veiloc_map::atomic_file::write_whole(path, text.as_bytes()).map_err(PlaceError::io(path))
 }
 
 /// Makes the folder that a file is to lie in.

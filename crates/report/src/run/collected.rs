@@ -1,7 +1,7 @@
 //! Drawings of what was localized: from queries, answers and maps, which no document holds.
 
 use veiloc_eval::DrawnQuery;
-use veiloc_localize::Localization;
+use veiloc_localization::Localization;
 use veiloc_map::{MapFile, PointId};
 use veiloc_protocol::SealedQuery;
 

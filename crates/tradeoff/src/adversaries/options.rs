@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_localize::LocalizeOptions;
+use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_mapping::BuildOptions;
 use veiloc_protocol::Scheme;

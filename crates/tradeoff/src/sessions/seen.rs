@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{Descriptors, Observation};
 use veiloc_eval::road::{PosedQuery, localize_one};
 use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, PlanePoint};
-use veiloc_localize::{LocalizeOptions, match_query};
+use veiloc_localization::{LocalizeOptions, match_query};
 use veiloc_map::MapFile;
 use veiloc_pose::{ScoreKind, State, estimate_pose};
 use veiloc_protocol::{Scheme, SealedQuery};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use veiloc_localize::{GravityUse, Localization, LocalizeError};
+use veiloc_localization::{GravityUse, Localization, LocalizeError};
 use veiloc_pose::{Confidence, State};
 use veiloc_results::PoseDocument;
 

@@ -3,7 +3,7 @@
 use std::path::{Component, Path, PathBuf};
 
 use veiloc_geometry::deviations::rotation_sd_degrees;
-use veiloc_localize::{LocalizeOptions, localize};
+use veiloc_localization::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_pose::State;
 use veiloc_protocol::SealedQuery;

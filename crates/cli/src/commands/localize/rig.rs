@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use veiloc_geometry::CameraFromWorld;
-use veiloc_localize::{LocalizeError, LocalizeOptions, RigLocalization, localize_rig};
+use veiloc_localization::{LocalizeError, LocalizeOptions, RigLocalization, localize_rig};
 use veiloc_map::MapFile;
 use veiloc_pose::State;
 use veiloc_protocol::SealedFrame;

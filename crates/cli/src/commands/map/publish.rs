@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use veiloc_regions::{Folder, ObjectId};
-use veiloc_store::{Fetched, Published, Storage, fetch_folder};
+use veiloc_cluster::object_store::{Fetched, Published, Storage, fetch_folder};
+use veiloc_map::regions::{Folder, ObjectId};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use veiloc_map::MapFile;
+use veiloc_map::regions::{FolderWriter, Manifest, RegionEntry, SplitOptions, cut};
 use veiloc_mapping::Progress as _;
-use veiloc_regions::{FolderWriter, Manifest, RegionEntry, SplitOptions, cut};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::stages::Stages;
@@ -84,7 +84,7 @@ impl SplitArgs {
     fn name(&self) -> Result<String, Failure> {
         let of_file = || self.map.file_stem().and_then(|stem| stem.to_str()).map(str::to_owned);
         let name = self.name.clone().or_else(of_file).unwrap_or_default();
-        if veiloc_access::is_map_name(&name) {
+        if veiloc_map::is_map_name(&name) {
             return Ok(name);
         }
         let wrong = format!("{name:?} is no name of a map");

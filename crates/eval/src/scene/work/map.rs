@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use veiloc_keeping::Key;
-use veiloc_replacing::write_whole;
+use veiloc_map::atomic_file::write_whole;
 use veiloc_results::MapSummary;
 
 use super::key::EvaluationKey as _;

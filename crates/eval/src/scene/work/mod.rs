@@ -13,8 +13,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use veiloc_keeping::Keeping;
+use veiloc_map::atomic_file::TargetLock;
 use veiloc_mapping::BuildOptions;
-use veiloc_replacing::TargetLock;
 
 use crate::error::EvalError;
 

@@ -1,0 +1,404 @@
+//! What gateway and workers say to each other: small frames around bytes that a device or the service itself wrote.
+//!
+//! Both ends are the operator's own machines, and still nothing is believed: lengths, names and numbers are checked, and a
+//! frame that is not right is a [`MessageError`] that names the field. Frames are protobuf; `docs/cluster.md` lists the fields.
+
+use bytes::Bytes;
+use prost::Message;
+use veiloc_map::regions::ObjectId;
+use veiloc_protocol::{Answer, AnswerVersion, PositionHint};
+use veiloc_service::{Kind, NoPose, Unanswered};
+
+use std::num::NonZeroU64;
+use std::time::Duration;
+
+/// The version of frames that this program writes and reads.
+pub const VERSION: u32 = 1;
+
+/// Bytes of a frame beside what it carries.
+pub const FRAME_BYTES: usize = 1024;
+
+/// Every reply about a query has so many bytes, whatever it says, unless it is longer than any of ours.
+pub const REPLY_BYTES: usize = 5120;
+
+/// Seconds that a reply may ask to wait.
+const LONGEST_WAIT: u32 = 60;
+
+/// Why a frame is none.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MessageError {
+    /// No protobuf, or of other fields.
+    #[error("not a frame of this cluster")]
+    Malformed,
+    /// Written by a newer program.
+    #[error(
+        "a frame of version {found}, this program reads {VERSION}; use one version of veiloc in a cluster"
+    )]
+    Version {
+        /// Its version.
+        found: u32,
+    },
+    /// A field that is not what it may be.
+    #[error("the field {field} of a frame is not what it may be")]
+    Field {
+        /// Which.
+        field: &'static str,
+    },
+    /// An answer to another question.
+    #[error("a reply to another request")]
+    OtherRequest,
+}
+
+/// The name of a request: the one of its log line.
+pub type RequestName = [u8; 16];
+
+/// What a worker is asked.
+#[derive(Clone, PartialEq)]
+pub struct Request {
+    /// Which request of the gateway's it belongs to.
+    pub name: RequestName,
+    /// The region or index that is asked: whoever does not hold this very one says so.
+    pub object: ObjectId,
+    /// How long an answer may take from when it arrives; clocks of machines are not compared.
+    pub within: Duration,
+    /// What is wanted.
+    pub wanted: Wanted,
+}
+
+/// What is wanted of a worker.
+#[derive(Clone, PartialEq)]
+pub enum Wanted {
+    /// To say that it is there.
+    Ping,
+    /// The regions to ask, of an index: for the global descriptors of the images.
+    Search {
+        /// Codes of each, at least one.
+        globals: Vec<Bytes>,
+    },
+    /// A pose, of a region.
+    Pose {
+        /// What the body is.
+        kind: Kind,
+        /// The body, as the device sent it.
+        body: Bytes,
+        /// Where the camera roughly is.
+        near: Option<PositionHint>,
+    },
+}
+
+/// Rule L8: nothing of a query reaches a log.
+impl std::fmt::Debug for Request {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let wanted = match self.wanted {
+            Wanted::Ping => "ping",
+            Wanted::Search { .. } => "search",
+            Wanted::Pose { .. } => "pose",
+        };
+        f.debug_struct("Request")
+            .field("object", &self.object)
+            .field("wanted", &wanted)
+            .finish_non_exhaustive()
+    }
+}
+
+/// What a worker says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reply {
+    /// The request's name.
+    pub name: RequestName,
+    /// What it says.
+    pub said: Said,
+    /// How long it worked.
+    pub worked: Duration,
+    /// How long the request waited for that.
+    pub waited: Duration,
+}
+
+/// What a worker can say.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Said {
+    /// It is there.
+    Here,
+    /// The regions that hold most of what looks like the images, best first.
+    Regions(Vec<Candidate>),
+    /// The pose, whole.
+    Pose(Box<Answer>),
+    /// There is no pose, or there will be none; asking another worker of the group would give the same.
+    Unanswered(Unanswered),
+    /// Not now, not here: another worker of the group may.
+    Elsewhere(Why),
+}
+
+/// A region to ask.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Candidate {
+    /// Its number in the manifest.
+    pub region: u32,
+    /// How many of the images that retrieval would give it holds.
+    pub held: u32,
+}
+
+/// Why another worker of the group should be asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Why {
+    /// All threads are busy and the queue is full, or too long for the time there is.
+    Busy {
+        /// Seconds after which there should be room, 1 to 60.
+        retry_after: NonZeroU64,
+    },
+    /// It is working on this very request.
+    AtIt,
+    /// It is leaving.
+    Leaving,
+    /// It holds another object than was asked for.
+    NotHeld,
+    /// It could not read the request.
+    Unread,
+    /// A bug there, which was logged.
+    Broken,
+}
+
+#[derive(Clone, PartialEq, Message)]
+#[prost(skip_debug)]
+struct RequestFrame {
+    #[prost(fixed32, tag = "1")]
+    version: u32,
+    #[prost(bytes = "bytes", tag = "2")]
+    name: Bytes,
+    #[prost(bytes = "bytes", tag = "3")]
+    object: Bytes,
+    #[prost(fixed32, tag = "4")]
+    within_ms: u32,
+    #[prost(fixed32, tag = "5")]
+    wanted: u32,
+    #[prost(double, repeated, tag = "6")]
+    near: Vec<f64>,
+    #[prost(bytes = "bytes", repeated, tag = "7")]
+    body: Vec<Bytes>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct ReplyFrame {
+    #[prost(fixed32, tag = "1")]
+    version: u32,
+    #[prost(bytes = "bytes", tag = "2")]
+    name: Bytes,
+    #[prost(fixed32, tag = "3")]
+    said: u32,
+    #[prost(fixed32, tag = "4")]
+    retry_after: u32,
+    #[prost(fixed64, tag = "5")]
+    worked_us: u64,
+    #[prost(fixed64, tag = "6")]
+    waited_us: u64,
+    #[prost(bytes = "bytes", tag = "7")]
+    answer: Bytes,
+    #[prost(fixed32, repeated, tag = "8")]
+    regions: Vec<u32>,
+    #[prost(fixed32, repeated, tag = "9")]
+    held: Vec<u32>,
+    #[prost(bytes = "bytes", tag = "10")]
+    padding: Bytes,
+}
+
+/// Most regions that an index names.
+pub const MOST_REGIONS: usize = 64;
+
+const PING: u32 = 0;
+const SEARCH: u32 = 1;
+const QUERY: u32 = 2;
+const RIG: u32 = 3;
+
+impl Request {
+    /// As bytes.
+    pub fn encode(&self) -> Bytes {
+        let (wanted, near, body) = match &self.wanted {
+            Wanted::Ping => (PING, None, Vec::new()),
+            Wanted::Search { globals } => (SEARCH, None, globals.clone()),
+            Wanted::Pose { kind: Kind::Query, body, near } => (QUERY, *near, vec![body.clone()]),
+            Wanted::Pose { kind: Kind::Rig, body, near } => (RIG, *near, vec![body.clone()]),
+        };
+        let near = near.map_or_else(Vec::new, |near| {
+            let [x, y, z] = near.center();
+            vec![x, y, z, near.sd()]
+        });
+        let frame = RequestFrame {
+            version: VERSION,
+            name: Bytes::copy_from_slice(&self.name),
+            object: Bytes::copy_from_slice(self.object.as_bytes()),
+            within_ms: u32::try_from(self.within.as_millis()).unwrap_or(u32::MAX),
+            wanted,
+            near,
+            body,
+        };
+        frame.encode_to_vec().into()
+    }
+
+    /// From bytes; what is sealed in it is not looked at.
+    ///
+    /// # Errors
+    /// [`MessageError`] naming what is wrong.
+    pub fn decode(bytes: Bytes) -> Result<Self, MessageError> {
+        let frame = RequestFrame::decode(bytes).map_err(|_| MessageError::Malformed)?;
+        check_version(frame.version)?;
+        let field = |field| MessageError::Field { field };
+        let object: [u8; 32] = frame.object.as_ref().try_into().map_err(|_| field("object"))?;
+        let near = match frame.near[..] {
+            [] => None,
+            [x, y, z, sd] => Some(PositionHint::new([x, y, z], sd).map_err(|_| field("near"))?),
+            _ => return Err(field("near")),
+        };
+        let mut body = frame.body;
+        let wanted = match (frame.wanted, body.len()) {
+            (PING, 0) => Wanted::Ping,
+            (SEARCH, 1..=32) => Wanted::Search { globals: body },
+            (QUERY | RIG, 1) => {
+                let kind = if frame.wanted == QUERY { Kind::Query } else { Kind::Rig };
+                Wanted::Pose { kind, body: body.swap_remove(0), near }
+            }
+            (PING | SEARCH | QUERY | RIG, _) => return Err(field("body")),
+            _ => return Err(field("wanted")),
+        };
+        Ok(Self {
+            name: name(&frame.name)?,
+            object: ObjectId::from_bytes(object),
+            within: Duration::from_millis(frame.within_ms.into()),
+            wanted,
+        })
+    }
+}
+
+impl Reply {
+    /// As bytes. All replies about a query are equally long.
+    pub fn encode(&self) -> Bytes {
+        let code = code_of(&self.said);
+        let micros = |time: Duration| u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
+        let mut frame = ReplyFrame {
+            version: VERSION,
+            name: Bytes::copy_from_slice(&self.name),
+            said: code,
+            worked_us: micros(self.worked),
+            waited_us: micros(self.waited),
+            ..ReplyFrame::default()
+        };
+        match &self.said {
+            Said::Regions(candidates) => {
+                frame.regions = candidates.iter().map(|candidate| candidate.region).collect();
+                frame.held = candidates.iter().map(|candidate| candidate.held).collect();
+            }
+            // Every answer can be said in the newest version.
+            Said::Pose(answer) => {
+                frame.answer = answer.encode(AnswerVersion::Full).unwrap_or_default().into();
+            }
+            Said::Unanswered(Unanswered::Busy { retry_after } | Unanswered::Unreached { retry_after })
+            | Said::Elsewhere(Why::Busy { retry_after }) => {
+                frame.retry_after =
+                    u32::try_from(retry_after.get()).unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT);
+            }
+            Said::Here | Said::Unanswered(_) | Said::Elsewhere(_) => {}
+        }
+        if !matches!(self.said, Said::Here | Said::Regions(_)) {
+            // Tag and length of the padding are three bytes where the whole is between 128 and 16384 bytes.
+            let left = REPLY_BYTES.saturating_sub(frame.encoded_len() + 3);
+            frame.padding = vec![0; left].into();
+        }
+        frame.encode_to_vec().into()
+    }
+
+    /// From bytes, as the reply to the request of this name.
+    ///
+    /// # Errors
+    /// [`MessageError`] naming what is wrong.
+    pub fn decode(bytes: Bytes, asked: &RequestName) -> Result<Self, MessageError> {
+        let frame = ReplyFrame::decode(bytes).map_err(|_| MessageError::Malformed)?;
+        check_version(frame.version)?;
+        let name = name(&frame.name)?;
+        if name != *asked {
+            return Err(MessageError::OtherRequest);
+        }
+        let (worked, waited) =
+            (Duration::from_micros(frame.worked_us), Duration::from_micros(frame.waited_us));
+        Ok(Self { name, said: said(frame)?, worked, waited })
+    }
+}
+
+fn check_version(found: u32) -> Result<(), MessageError> {
+    if found == VERSION { Ok(()) } else { Err(MessageError::Version { found }) }
+}
+
+fn name(bytes: &Bytes) -> Result<RequestName, MessageError> {
+    bytes.as_ref().try_into().map_err(|_| MessageError::Field { field: "name" })
+}
+
+const HERE: u32 = 0;
+const REGIONS: u32 = 1;
+const POSE: u32 = 2;
+
+/// Everything else that can be said: each has one number for ever.
+const fn code_of(said: &Said) -> u32 {
+    match said {
+        Said::Here => HERE,
+        Said::Regions(_) => REGIONS,
+        Said::Pose(_) => POSE,
+        Said::Unanswered(why) => match why {
+            Unanswered::WrongProfile => 16,
+            Unanswered::EmptyMap => 17,
+            Unanswered::NoPose(NoPose::Unsupported) => 18,
+            Unanswered::NoPose(NoPose::OneSided) => 19,
+            Unanswered::NoPose(NoPose::TooFew) => 20,
+            Unanswered::Stopped => 21,
+            Unanswered::Busy { .. } => 22,
+            Unanswered::Unreached { .. } => 23,
+            Unanswered::TimedOut => 24,
+            Unanswered::Broken => 25,
+        },
+        Said::Elsewhere(why) => match why {
+            Why::Busy { .. } => 32,
+            Why::AtIt => 33,
+            Why::Leaving => 34,
+            Why::NotHeld => 35,
+            Why::Unread => 36,
+            Why::Broken => 37,
+        },
+    }
+}
+
+fn said(frame: ReplyFrame) -> Result<Said, MessageError> {
+    let field = |field| MessageError::Field { field };
+    let retry_after = || {
+        let seconds = NonZeroU64::new(frame.retry_after.into()).filter(|n| n.get() <= LONGEST_WAIT.into());
+        seconds.ok_or(field("retry_after"))
+    };
+    Ok(match frame.said {
+        HERE => Said::Here,
+        REGIONS => {
+            if frame.regions.len() != frame.held.len() || frame.regions.len() > MOST_REGIONS {
+                return Err(field("regions"));
+            }
+            let both = frame.regions.iter().zip(&frame.held);
+            Said::Regions(both.map(|(region, held)| Candidate { region: *region, held: *held }).collect())
+        }
+        POSE => Said::Pose(Box::new(Answer::decode(&frame.answer).map_err(|_| field("answer"))?)),
+        16 => Said::Unanswered(Unanswered::WrongProfile),
+        17 => Said::Unanswered(Unanswered::EmptyMap),
+        18 => Said::Unanswered(Unanswered::NoPose(NoPose::Unsupported)),
+        19 => Said::Unanswered(Unanswered::NoPose(NoPose::OneSided)),
+        20 => Said::Unanswered(Unanswered::NoPose(NoPose::TooFew)),
+        21 => Said::Unanswered(Unanswered::Stopped),
+        22 => Said::Unanswered(Unanswered::Busy { retry_after: retry_after()? }),
+        23 => Said::Unanswered(Unanswered::Unreached { retry_after: retry_after()? }),
+        24 => Said::Unanswered(Unanswered::TimedOut),
+        25 => Said::Unanswered(Unanswered::Broken),
+        32 => Said::Elsewhere(Why::Busy { retry_after: retry_after()? }),
+        33 => Said::Elsewhere(Why::AtIt),
+        34 => Said::Elsewhere(Why::Leaving),
+        35 => Said::Elsewhere(Why::NotHeld),
+        36 => Said::Elsewhere(Why::Unread),
+        37 => Said::Elsewhere(Why::Broken),
+        _ => return Err(field("said")),
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,59 @@
+//! All regions of a map into a folder, as `veiloc map split` writes one.
+
+use std::path::Path;
+
+use veiloc_map::regions::{MANIFEST_FILE, ObjectId};
+
+use crate::object_store::cache::Cache;
+use crate::object_store::error::StoreError;
+use crate::object_store::publish::Watch;
+use crate::object_store::storage::Storage;
+
+/// What was fetched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Fetched {
+    /// Id of the manifest.
+    pub manifest: ObjectId,
+    /// Objects that were fetched.
+    pub fetched: usize,
+    /// Bytes of them.
+    pub fetched_bytes: u64,
+    /// Objects that were there and sound.
+    pub there: usize,
+    /// Bytes of them.
+    pub there_bytes: u64,
+}
+
+/// Fetches all that a manifest of this map names into a folder; the manifest comes last, so that an older one in the folder is
+/// whole until then.
+///
+/// # Errors
+/// As [`Cache::object`] and [`Storage::manifest`].
+pub async fn fetch_folder(
+    storage: &Storage,
+    map: &str,
+    id: ObjectId,
+    folder: &Path,
+    watch: Watch<'_>,
+) -> Result<Fetched, StoreError> {
+    let manifest = storage.manifest(map, id).await?;
+    let cache = Cache::open_objects(folder)?;
+    let total = manifest.byte_count();
+    let mut result = Fetched { manifest: id, fetched: 0, fetched_bytes: 0, there: 0, there_bytes: 0 };
+    watch(0, total);
+    for object in manifest.objects() {
+        let (_, is_new) = cache.object_of(storage, &object).await?;
+        let (count, bytes) = if is_new {
+            (&mut result.fetched, &mut result.fetched_bytes)
+        } else {
+            (&mut result.there, &mut result.there_bytes)
+        };
+        *count += 1;
+        *bytes += object.bytes;
+        watch(result.fetched_bytes + result.there_bytes, total);
+    }
+    let path = folder.join(MANIFEST_FILE);
+    veiloc_map::atomic_file::write_whole(&path, &manifest.encode()).map_err(StoreError::io(&path))?;
+    Ok(result)
+}

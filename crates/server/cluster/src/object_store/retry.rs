@@ -1,0 +1,50 @@
+//! What may pass is tried again, a little later each time.
+
+use std::time::Duration;
+
+use crate::object_store::error::StoreError;
+
+/// How often, how long between, and how long nothing may come.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Patience {
+    pub(crate) attempts: u32,
+    /// Before the second attempt; twice as long before each further one.
+    pub(crate) pause: Duration,
+    /// Between two pieces of an answer.
+    pub(crate) stall: Duration,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        Self { attempts: 4, pause: Duration::from_millis(500), stall: Duration::from_secs(60) }
+    }
+}
+
+impl Patience {
+    /// The first success, or the last failure.
+    pub(crate) async fn attempt<T>(
+        &self,
+        act: impl AsyncFn() -> Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
+        let mut pause = self.pause;
+        for _ in 1..self.attempts {
+            match act().await {
+                Err(error) if error.may_pass() => tokio::time::sleep(pause).await,
+                decided => return decided,
+            }
+            pause *= 2;
+        }
+        act().await
+    }
+
+    /// What comes in time.
+    pub(crate) async fn await_next<T>(
+        &self,
+        next: impl Future<Output = T>,
+        address: &str,
+    ) -> Result<T, StoreError> {
+        tokio::time::timeout(self.stall, next)
+            .await
+            .map_err(|_| StoreError::Stalled { address: address.to_owned(), seconds: self.stall.as_secs() })
+    }
+}

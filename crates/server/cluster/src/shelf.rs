@@ -1,0 +1,108 @@
+//! Where maps are published: what a machine of a cluster needs of it, and a folder that does for one.
+//!
+//! A [`Shelf`] says which manifest of a map holds now, and brings objects to the local disk. What it brings has been
+//! verified: an object is named by the SHA-256 of its bytes.
+
+mod store;
+
+use std::collections::BTreeSet;
+use std::future::Future;
+use std::path::{Path, PathBuf};
+use std::pin::Pin;
+use std::sync::Arc;
+
+use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef, RegionsError, verify_file};
+
+pub use store::StoreShelf;
+
+/// What is published of a map.
+#[derive(Debug)]
+pub struct Published {
+    /// The SHA-256 of the manifest.
+    pub id: ObjectId,
+    /// The manifest.
+    pub manifest: Manifest,
+}
+
+impl Published {
+    /// This manifest.
+    pub fn of(manifest: Manifest) -> Arc<Self> {
+        Arc::new(Self { id: manifest.id(), manifest })
+    }
+}
+
+/// What a shelf is about to say.
+pub type Fetching<'a, T> = Pin<Box<dyn Future<Output = Result<T, ShelfError>> + Send + 'a>>;
+
+/// Why nothing came from a shelf.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ShelfError {
+    /// There is no such map.
+    #[error("no map {map:?} is published at {place}; publish one with `veiloc map publish`")]
+    NoMap {
+        /// Its name.
+        map: String,
+        /// Where it was looked for.
+        place: String,
+    },
+    /// What is there is not what it should be, or cannot be read.
+    #[error(transparent)]
+    Regions(#[from] RegionsError),
+    /// The store itself.
+    #[error("{0}")]
+    Store(Box<dyn std::error::Error + Send + Sync>),
+}
+
+/// Where maps are published.
+pub trait Shelf: Send + Sync {
+    /// The manifest that holds now for the map of this name.
+    fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>>;
+
+    /// Brings these objects, each verified, to a folder in which [`Folder::of`] finds them; those that are there stay.
+    fn bring(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf>;
+
+    /// Of what was brought these objects are needed; others may go when there is little room.
+    fn keep(&self, needed: &BTreeSet<ObjectId>) {
+        let _ = needed;
+    }
+}
+
+/// A folder as `veiloc map split` writes it: one map, nothing to be brought. For tests and machines that share a disk.
+#[derive(Debug, Clone)]
+pub struct FolderShelf {
+    folder: PathBuf,
+}
+
+impl FolderShelf {
+    /// Of this folder.
+    pub fn new(folder: &Path) -> Self {
+        Self { folder: folder.to_owned() }
+    }
+}
+
+impl Shelf for FolderShelf {
+    fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>> {
+        Box::pin(async move {
+            let found = Folder::open(&self.folder);
+            let other =
+                || ShelfError::NoMap { map: map.to_owned(), place: self.folder.display().to_string() };
+            match found {
+                Ok(folder) if folder.manifest().map == map => Ok(Published::of(folder.manifest().clone())),
+                Ok(_) | Err(RegionsError::NoRegions { .. }) => Err(other()),
+                Err(error) => Err(error.into()),
+            }
+        })
+    }
+
+    fn bring(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
+        Box::pin(async move {
+            let anywhere = || -> Result<(), RegionsError> {
+                let manifest = Folder::open(&self.folder)?;
+                objects.iter().try_for_each(|object| verify_file(&manifest.path_of(&object.sha256), object))
+            };
+            anywhere()?;
+            Ok(self.folder.clone())
+        })
+    }
+}

@@ -1,0 +1,4 @@
+//! Tests of `bus`.
+
+mod laws;
+mod servers;

@@ -1,0 +1,159 @@
+//! A small map, cut and published, and storage that does not do what it should.
+#![allow(dead_code, unreachable_pub, reason = "a module of each test program, which takes what it needs")]
+
+#[path = "../../../../../map/tests/it/regions/common/mod.rs"]
+mod rooms;
+
+use std::fmt;
+use std::future::Future;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use async_trait::async_trait;
+use bytes::Bytes;
+use futures_util::StreamExt as _;
+use futures_util::stream::BoxStream;
+use object_store::memory::InMemory;
+use object_store::path::Path as Location;
+use object_store::{
+    CopyOptions, Error, GetOptions, GetResult, GetResultPayload, ListResult, MultipartUpload, ObjectMeta,
+    ObjectStore, PutMultipartOptions, PutOptions, PutPayload, PutResult, Result,
+};
+use veiloc_cluster::object_store::Storage;
+use veiloc_map::regions::{Folder, FolderWriter, SplitOptions, cut};
+
+/// Regions of a map of two rooms of so many images each, in a folder.
+pub fn regions(images: u32, folder: &Path) -> Folder {
+    let map = rooms::file(&rooms::rooms(2, images));
+    let regions = cut(&map, &SplitOptions::default().with_images(6)).expect("regions");
+    let writer = FolderWriter::begin(&map, "rooms", folder).expect("a folder");
+    let entries = regions.iter().map(|region| writer.region(region).expect("a region")).collect();
+    writer.finish(&regions, entries).expect("a manifest");
+    Folder::open(folder).expect("what was written")
+}
+
+pub fn run<T>(work: impl Future<Output = T>) -> T {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime").block_on(work)
+}
+
+pub fn nobody(_: u64, _: u64) {}
+
+/// How storage misbehaves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    None,
+    /// The first so many reads and writes fail.
+    First(usize),
+    /// All writes after so many fail.
+    WritesAfter(usize),
+    /// What is read never ends.
+    Endless,
+    /// Nothing comes.
+    Stalls,
+}
+
+/// Storage in memory, with a fault.
+#[derive(Debug)]
+pub struct Faulty {
+    pub inner: Arc<InMemory>,
+    fault: Fault,
+    asked: AtomicUsize,
+}
+
+impl fmt::Display for Faulty {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Faulty({:?})", self.fault)
+    }
+}
+
+/// The same memory with this fault, and little patience.
+pub fn storage(inner: &Arc<InMemory>, fault: Fault) -> Storage {
+    let store = Faulty { inner: inner.clone(), fault, asked: AtomicUsize::new(0) };
+    Storage::of(Arc::new(store), Location::from("maps"), "memory://maps").with_patience(
+        3,
+        Duration::from_millis(1),
+        Duration::from_millis(if fault == Fault::Stalls { 50 } else { 60_000 }),
+    )
+}
+
+impl Faulty {
+    fn may(&self, is_write: bool) -> Result<()> {
+        let asked =
+            self.asked.fetch_add(usize::from(is_write || self.fault != Fault::None), Ordering::SeqCst);
+        let fails = match self.fault {
+            Fault::First(count) => asked < count,
+            Fault::WritesAfter(count) => is_write && asked >= count,
+            _ => false,
+        };
+        let failed = || Error::Generic { store: "faulty", source: "it broke".into() };
+        if fails { Err(failed()) } else { Ok(()) }
+    }
+}
+
+#[async_trait]
+impl ObjectStore for Faulty {
+    async fn put_opts(
+        &self,
+        location: &Location,
+        payload: PutPayload,
+        opts: PutOptions,
+    ) -> Result<PutResult> {
+        self.may(true)?;
+        self.inner.put_opts(location, payload, opts).await
+    }
+
+    async fn put_multipart_opts(
+        &self,
+        location: &Location,
+        opts: PutMultipartOptions,
+    ) -> Result<Box<dyn MultipartUpload>> {
+        self.may(true)?;
+        self.inner.put_multipart_opts(location, opts).await
+    }
+
+    async fn get_opts(&self, location: &Location, options: GetOptions) -> Result<GetResult> {
+        let is_head = options.head;
+        if let Fault::First(_) = self.fault {
+            self.may(false)?;
+        }
+        let there = self.inner.get_opts(location, options).await?;
+        if is_head {
+            return Ok(there);
+        }
+        let payload = match self.fault {
+            Fault::Endless => {
+                let piece = Bytes::from(vec![7; 1 << 16]);
+                GetResultPayload::Stream(futures_util::stream::repeat_with(move || Ok(piece.clone())).boxed())
+            }
+            Fault::Stalls => GetResultPayload::Stream(futures_util::stream::pending().boxed()),
+            _ => return Ok(there),
+        };
+        Ok(GetResult { payload, ..there })
+    }
+
+    async fn get_ranges(&self, location: &Location, ranges: &[Range<u64>]) -> Result<Vec<Bytes>> {
+        self.inner.get_ranges(location, ranges).await
+    }
+
+    fn delete_stream(
+        &self,
+        locations: BoxStream<'static, Result<Location>>,
+    ) -> BoxStream<'static, Result<Location>> {
+        self.inner.delete_stream(locations)
+    }
+
+    fn list(&self, prefix: Option<&Location>) -> BoxStream<'static, Result<ObjectMeta>> {
+        self.inner.list(prefix)
+    }
+
+    async fn list_with_delimiter(&self, prefix: Option<&Location>) -> Result<ListResult> {
+        self.inner.list_with_delimiter(prefix).await
+    }
+
+    async fn copy_opts(&self, from: &Location, to: &Location, options: CopyOptions) -> Result<()> {
+        self.inner.copy_opts(from, to, options).await
+    }
+}

@@ -1,0 +1,5 @@
+//! Tests of `object_store`.
+
+mod common;
+mod hostile;
+mod publishing;

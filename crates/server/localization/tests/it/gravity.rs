@@ -1,0 +1,142 @@
+//! Gravity that a query tells: used where the map knows which way is down, left aside where it does not, and never a reason
+//! to trust.
+
+use super::common;
+
+use common::{Place, open, options, pose};
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use veiloc_features::Features;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
+use veiloc_localization::{GravityUse, Localization, LocalizeOptions, localize};
+use veiloc_map::{Down, MapFile, MapModel};
+use veiloc_obfuscation::seal;
+use veiloc_pose::State;
+use veiloc_protocol::{CoarseGravity, SealedQuery};
+
+const SCHEMES: [&str; 3] = ["points", "random-lines", "dcl"];
+
+/// Down in the place: its cameras are held upright, more or less.
+const DOWN: [f64; 3] = [0.1, 0.9, -0.2];
+
+fn map(down: Option<Down>) -> MapFile {
+    open(&MapModel { down, ..Place::new(1).map() })
+}
+
+fn down() -> Down {
+    Down::new(DOWN).expect("a direction")
+}
+
+/// What the camera feels, turned by so many degrees.
+fn felt(truth: &CameraFromWorld, degrees: f64, sd_deg: f64) -> CoarseGravity {
+    let exact = truth.rotation() * Vector3::from(DOWN);
+    let axis = Unit::new_normalize(exact.cross(&Vector3::new(0.4, 0.1, 0.9)));
+    let turned = Rotation3::from_axis_angle(&axis, degrees.to_radians()) * exact;
+    CoarseGravity::new(turned.into(), sd_deg).expect("a direction")
+}
+
+fn sealed(scheme: &str, features: Features, gravity: Option<CoarseGravity>) -> SealedQuery {
+    let place = Place::new(1);
+    let options = options(scheme).with_gravity(gravity);
+    let mut rng = ChaCha20Rng::seed_from_u64(3);
+    let query = seal(features, &place.camera, &place.profile, &options, &mut rng).expect("sealed");
+    SealedQuery::decode(&query.encode()).expect("decodes")
+}
+
+fn found(query: &SealedQuery, map: &MapFile) -> Option<Localization> {
+    localize(query, map, &LocalizeOptions::default()).ok()
+}
+
+#[test]
+fn what_became_of_it_is_said() {
+    let truth = pose(0.13, 0.2);
+    let told = Some(felt(&truth, 0.0, 1.0));
+    for (told, down, used) in [
+        (None, None, GravityUse::NotTold),
+        (None, Some(down()), GravityUse::NotTold),
+        (told, None, GravityUse::MapDoesNotKnow),
+        (told, Some(down()), GravityUse::Used),
+    ] {
+        let query = sealed("dcl", Place::new(1).query(&truth), told);
+        let found = found(&query, &map(down)).expect("localized");
+        assert_eq!(found.gravity, used);
+        assert_eq!(found.state, State::Trusted);
+        assert!(found.cam_from_world.translation_error(&truth) < 0.03);
+    }
+}
+
+/// A map that does not know which way is down answers a query with gravity as one without.
+#[test]
+fn without_down_in_the_map_nothing_changes() {
+    let truth = pose(0.13, 0.2);
+    let map = map(None);
+    let pose_of = |told| {
+        found(&sealed("dcl", Place::new(1).query(&truth), told), &map).expect("localized").cam_from_world
+    };
+    assert_eq!(pose_of(None), pose_of(Some(felt(&truth, 30.0, 0.5))));
+}
+
+/// Few, and moved by some pixels: what a dark or half-hidden image leaves.
+fn poor(truth: &CameraFromWorld, seed: usize) -> Features {
+    let all = Place::new(1).query(truth);
+    let kept: Vec<usize> = (0..all.keypoints.len()).filter(|i| (i * 7 + seed).is_multiple_of(19)).collect();
+    let mut few = Features {
+        keypoints: kept.iter().map(|i| all.keypoints[*i]).collect(),
+        descriptors: all.descriptors.select(kept.iter().copied()),
+        global: None,
+    };
+    for (i, keypoint) in few.keypoints.iter_mut().enumerate() {
+        let angle = (i * 37 + seed) as f64;
+        keypoint.pixel.u += 4.0 * angle.sin();
+        keypoint.pixel.v += 4.0 * angle.cos();
+    }
+    few
+}
+
+#[test]
+fn little_is_seen_and_gravity_holds_the_camera_upright() {
+    let map = map(Some(down()));
+    for scheme in ["random-lines", "dcl"] {
+        let (mut with, mut without) = (0.0, 0.0);
+        for seed in 0..12 {
+            let truth = pose(0.02 * seed as f64, 0.1);
+            let tilt = |told| {
+                let found = found(&sealed(scheme, poor(&truth, seed), told), &map).expect("localized");
+                let down = Vector3::from(DOWN);
+                (found.cam_from_world.rotation() * down).angle(&(truth.rotation() * down)).to_degrees()
+            };
+            without += tilt(None);
+            with += tilt(Some(felt(&truth, 0.0, 0.5)));
+        }
+        assert!(with < 0.85 * without, "{scheme}: {with} after {without}");
+    }
+}
+
+#[test]
+fn a_wrong_direction_makes_no_wrong_pose_trusted() {
+    let map = map(Some(down()));
+    let mut trusted = 0;
+    for scheme in SCHEMES {
+        for seed in 0..4 {
+            let truth = pose(0.02 * seed as f64, 0.1);
+            let without = found(&sealed(scheme, poor(&truth, seed), None), &map);
+            for degrees in [5.0, 30.0, 120.0] {
+                for sd_deg in [0.5, 2.0] {
+                    let query = sealed(scheme, poor(&truth, seed), Some(felt(&truth, degrees, sd_deg)));
+                    let Some(with) = found(&query, &map).filter(|f| f.state == State::Trusted) else {
+                        continue;
+                    };
+                    let what = format!("{scheme} {seed}: {degrees}° ± {sd_deg}°");
+                    let without = without.as_ref().filter(|f| f.state == State::Trusted);
+                    let without = without.unwrap_or_else(|| panic!("{what}: trusted by what was said"));
+                    let off = with.cam_from_world.translation_error(&truth);
+                    let own = without.cam_from_world.translation_error(&truth);
+                    assert!(off < own + 3.0 * without.confidence.center_sd, "{what}: {off} after {own}");
+                    trusted += 1;
+                }
+            }
+        }
+    }
+    assert!(trusted > 12, "{trusted} poses trusted: the rest says nothing");
+}

@@ -1,0 +1,5 @@
+//! Tests of `veiloc-localization` from outside, one executable: linking is what costs.
+
+mod common;
+mod gravity;
+mod synthetic;

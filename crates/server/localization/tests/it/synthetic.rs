@@ -1,0 +1,152 @@
+//! The whole server side on a place of random points: every scheme, rows and pairs, and what is refused.
+
+use super::common;
+
+use common::{Place, open, options, pose};
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use veiloc_geometry::Rigid3;
+use veiloc_localization::{LocalizeError, LocalizeOptions, localize, localize_rig};
+use veiloc_map::{BuildSettings, MapModel, MapPoint};
+use veiloc_obfuscation::{SealOptions, seal};
+use veiloc_protocol::{SealedFrame, SealedQuery};
+
+#[test]
+fn a_session_gives_one_pose_and_refuses_what_is_no_session() {
+    let place = Place::new(1);
+    let map = open(&place.map());
+    let truth = pose(0.13, 0.2);
+    // The first frame is the rig's; the device turned and moved between the others.
+    let sealed = |scheme: &str, k: u64| {
+        let cam = pose(0.13 - 0.1 * k as f64, 0.2 + 0.15 * k as f64);
+        let mut rng = ChaCha20Rng::seed_from_u64(30 + k);
+        let query = seal(place.query(&cam), &place.camera, &place.profile, &options(scheme), &mut rng);
+        SealedFrame {
+            query: query.expect("sealed"),
+            cam_from_rig: Rigid3::new(
+                cam.rotation() * truth.rotation().inverse(),
+                cam.translation() - cam.rotation() * truth.rotation().inverse() * truth.translation(),
+            ),
+            rotation_sd_deg: if k == 0 { 0.0 } else { 0.05 },
+            translation_sd: if k == 0 { 0.0 } else { 0.005 },
+        }
+    };
+    for scheme in ["points", "random-lines", "dcl"] {
+        let frames: Vec<SealedFrame> = (0..4).map(|k| sealed(scheme, k)).collect();
+        let found = localize_rig(&frames, &map, &LocalizeOptions::default()).expect("localized");
+        assert!(found.frames[0].cam_from_world.translation_error(&truth) < 0.02, "{scheme}");
+        assert_eq!((found.frames.len(), found.frames_that_agree()), (4, 4));
+        assert!(found.frames.iter().all(|f| f.inliers > 100 && f.inliers <= f.matches), "{scheme}");
+        let alone = localize_rig(&frames[..1], &map, &LocalizeOptions::default()).expect("localized");
+        let of_query = localize(&frames[0].query, &map, &LocalizeOptions::default()).expect("localized");
+        assert!(alone.frames[0].cam_from_world.translation_error(&of_query.cam_from_world) < 1e-4);
+        assert!(found.confidence.center_sd < 1.1 * alone.confidence.center_sd, "{scheme}");
+    }
+    let none = localize_rig(&[], &map, &LocalizeOptions::default()).expect_err("no frame");
+    assert!(none.to_string().contains("rig without frames"), "{none}");
+    let other = open(&Place::new(2).map());
+    let frames = [sealed("dcl", 0), sealed("dcl", 1)];
+    let wrong = localize_rig(&frames, &other, &LocalizeOptions::default()).expect_err("another map");
+    assert!(wrong.to_string().starts_with("frame 0: "), "{wrong}");
+}
+
+#[test]
+fn every_scheme_finds_the_camera() {
+    let place = Place::new(1);
+    let map = open(&place.map());
+    let truth = pose(0.13, 0.2);
+    for (scheme, bound) in [
+        ("points", 0.01),
+        ("random-lines", 0.02),
+        ("dcl", 0.03),
+        ("dcl:horizontal", 0.03),
+        ("coordinate-permutation", 0.05),
+    ] {
+        let mut rng = ChaCha20Rng::seed_from_u64(3);
+        let options = options(scheme);
+        let sealed =
+            seal(place.query(&truth), &place.camera, &place.profile, &options, &mut rng).expect("sealed");
+        let received = SealedQuery::decode(&sealed.encode()).expect("decodes");
+        let found = localize(&received, &map, &LocalizeOptions::default()).expect("localized");
+        let error = found.cam_from_world.translation_error(&truth);
+        assert!(error < bound, "{scheme}: off by {error}");
+        assert!(found.cam_from_world.rotation_error_degrees(&truth) < 0.5, "{scheme}");
+        assert!(found.inliers > 100 && found.inliers <= found.matches, "{scheme}: {}", found.inliers);
+        let again = localize(&received, &map, &LocalizeOptions::default()).expect("localized");
+        assert_eq!(found.cam_from_world, again.cam_from_world, "equal seeds give equal poses");
+    }
+}
+
+#[test]
+fn rows_are_counted_whatever_number_of_points_they_are_matched_to() {
+    // Every map point twice, each seen by half of the images, as unfinished tracks leave them: a row has two pairs.
+    let place = Place::new(1);
+    let whole = place.map();
+    let mut halves = whole.clone();
+    halves.points = whole
+        .points
+        .iter()
+        .flat_map(|point| {
+            let (first, second) = point.track.split_at(point.track.len() / 2);
+            [first, second].map(|track| MapPoint { track: track.to_vec(), ..point.clone() })
+        })
+        .filter(|point| !point.track.is_empty())
+        .collect();
+    halves.link_keypoints();
+    for scheme in ["points", "coordinate-permutation", "dcl"] {
+        let options = options(scheme);
+        let mut rng = ChaCha20Rng::seed_from_u64(3);
+        let sealed = seal(place.query(&pose(0.13, 0.2)), &place.camera, &place.profile, &options, &mut rng)
+            .expect("sealed");
+        let [once, twice] = [&whole, &halves]
+            .map(|map| localize(&sealed, &open(map), &LocalizeOptions::default()).expect("localized"));
+        assert!(once.inliers <= once.matches && once.matches <= once.pairs, "{scheme}");
+        assert_eq!(twice.matches, once.matches, "{scheme}: rows");
+        assert!(twice.inliers <= twice.matches && twice.inliers > 100, "{scheme}: {}", twice.inliers);
+        assert!(twice.pairs > once.pairs * 3 / 2, "{scheme}: {} pairs", twice.pairs);
+        assert!(twice.inlier_pairs > twice.inliers * 3 / 2, "{scheme}: {} agree", twice.inlier_pairs);
+        // The same rows see the same places: what they prove does not double.
+        let (once, twice) = (once.confidence.log_evidence, twice.confidence.log_evidence);
+        assert!(twice < 1.3 * once, "{scheme}: {twice} in place of {once}");
+    }
+}
+
+#[test]
+fn a_query_for_another_map_is_refused() {
+    let (place, other) = (Place::new(1), Place::new(2));
+    let map = open(&place.map());
+    let mut rng = ChaCha20Rng::seed_from_u64(3);
+    let sealed =
+        seal(other.query(&pose(0.0, 0.0)), &other.camera, &other.profile, &SealOptions::default(), &mut rng)
+            .expect("sealed");
+    let refused = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("another profile");
+    assert!(matches!(refused, LocalizeError::WrongProfile { .. }), "{refused}");
+    assert!(refused.to_string().contains("veiloc map profile"), "{refused}");
+}
+
+#[test]
+fn a_place_never_mapped_is_not_found() {
+    // The same vocabulary, but points of another place: matches exist, a pose must not.
+    let place = Place::new(1);
+    let map = open(&place.map());
+    let mut negative = Place::new(2);
+    negative.profile = place.profile.clone();
+    let mut rng = ChaCha20Rng::seed_from_u64(3);
+    let options = SealOptions::unprotected_points();
+    let query = negative.query(&pose(0.0, 0.0));
+    let sealed = seal(query, &negative.camera, &place.profile, &options, &mut rng).expect("sealed");
+    let lost = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing agrees");
+    assert!(matches!(lost, LocalizeError::NoPose { .. }), "{lost}");
+}
+
+#[test]
+fn an_empty_map_says_so() {
+    let place = Place::new(1);
+    let map = open(&MapModel::empty(place.profile.clone(), BuildSettings::default()));
+    let mut rng = ChaCha20Rng::seed_from_u64(3);
+    let sealed =
+        seal(place.query(&pose(0.0, 0.0)), &place.camera, &place.profile, &SealOptions::default(), &mut rng)
+            .expect("sealed");
+    let refused = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing to find");
+    assert!(matches!(refused, LocalizeError::EmptyMap), "{refused}");
+}

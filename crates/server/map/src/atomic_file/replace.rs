@@ -1,0 +1,251 @@
+//! Replacing a file so that whatever happens, the old one or the new one is there, whole.
+
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use crate::atomic_file::TargetLock;
+
+/// Who may read a file that is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Readers {
+    /// As the file that is replaced; of a new one, as is usual.
+    AsBefore,
+    /// Of a new file, its owner alone. One that is replaced keeps its owner and group, and of its mode what they may read
+    /// and write: a service often reads a secret by its group, and must not be locked out by an edit of root's.
+    OwnerAndGroup,
+}
+
+/// Writes a new file beside the one that is locked, `path`, flushes it to the disk, renames it over `path`, and flushes the folder.
+///
+/// When `content` fails, the new file is removed and `path` is as it was. When the process dies, a file named
+/// `.NAME.<process>-<count>.partial` stays behind, which nothing reads; the next call for the same path removes it. As
+/// only the holder of the lock writes such files, all that it finds are of the dead.
+///
+/// # Errors
+/// The system's, and those of `content`; then the old file stays.
+pub fn replace_file(
+    lock: &TargetLock,
+    readers: Readers,
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let path = lock.target();
+    let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "no file name"))?;
+    let dir = match path.parent() {
+        Some(dir) if !dir.as_os_str().is_empty() => dir,
+        _ => Path::new("."),
+    };
+    let mut prefix = OsString::from(".");
+    prefix.push(name);
+    prefix.push(".");
+    remove_stale(dir, &prefix)?;
+
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let mut partial = prefix;
+    partial.push(format!("{}-{}{SUFFIX}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
+    let partial = dir.join(partial);
+    let written = write_and_rename(&partial, path, readers, content);
+    if written.is_err() {
+        // What failed is told; that the remains could not be removed either adds nothing.
+        let _ = fs::remove_file(&partial);
+    }
+    written?;
+    sync_dir(dir)
+}
+
+/// Replaces a file by these bytes, as [`replace_file`] does, readable as is usual; for files of which nobody has to read the
+/// old content first.
+///
+/// # Errors
+/// The system's; then the old file stays.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let lock = TargetLock::acquire(path)?;
+    replace_file(&lock, Readers::AsBefore, |out| out.write_all(bytes))
+}
+
+fn write_and_rename(
+    partial: &Path,
+    path: &Path,
+    readers: Readers,
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    if readers == Readers::OwnerAndGroup {
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    }
+    let file = options.open(partial)?;
+    if let Ok(old) = fs::metadata(path) {
+        match readers {
+            // A file keeps its permissions when its content is replaced.
+            Readers::AsBefore => file.set_permissions(old.permissions())?,
+            Readers::OwnerAndGroup => take_over(&file, &old)?,
+        }
+    }
+    let mut out = BufWriter::with_capacity(1 << 20, file);
+    content(&mut out)?;
+    let file = out.into_inner().map_err(io::IntoInnerError::into_error)?;
+    file.sync_all()?;
+    fs::rename(partial, path)
+}
+
+#[cfg(unix)]
+fn take_over(file: &File, old: &fs::Metadata) -> io::Result<()> {
+    use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _, fchown};
+    let own = file.metadata()?;
+    if (own.uid(), own.gid()) != (old.uid(), old.gid()) {
+        fchown(file, Some(old.uid()), Some(old.gid()))?;
+    }
+    file.set_permissions(fs::Permissions::from_mode(old.mode() & 0o060 | 0o600))
+}
+
+#[cfg(not(unix))]
+fn take_over(_: &File, _: &fs::Metadata) -> io::Result<()> {
+    Ok(())
+}
+
+/// Removes what writers of the same file left behind when they died.
+fn remove_stale(dir: &Path, prefix: &OsString) -> io::Result<()> {
+    for entry in fs::read_dir(dir)? {
+        let path: PathBuf = entry?.path();
+        let Some(name) = path.file_name() else { continue };
+        let (name, prefix) = (name.as_encoded_bytes(), prefix.as_encoded_bytes());
+        let middle = name.strip_prefix(prefix).and_then(|rest| rest.strip_suffix(SUFFIX.as_bytes()));
+        let ours =
+            middle.is_some_and(|m| !m.is_empty() && m.iter().all(|b| b.is_ascii_digit() || *b == b'-'));
+        if ours {
+            // It may not be ours to remove: it is only rubbish, so no failure.
+            let _ = fs::remove_file(&path);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(unix)]
+fn sync_dir(dir: &Path) -> io::Result<()> {
+    File::open(dir)?.sync_all()
+}
+
+/// Elsewhere a folder cannot be opened as a file; renaming is all there is.
+#[cfg(not(unix))]
+fn sync_dir(_dir: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+const SUFFIX: &str = ".partial";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(dir: &Path) -> Vec<String> {
+        let mut all: Vec<_> =
+            fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        all.sort();
+        all
+    }
+
+    fn replace(path: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+        replace_file(&TargetLock::acquire(path)?, Readers::AsBefore, content)
+    }
+
+    /// Each thread adds one to a number in a file, many times: a lock that two can hold loses some.
+    #[test]
+    fn of_many_who_read_and_replace_nobody_loses_an_update() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("count");
+        fs::write(&path, "0").unwrap();
+        let (threads, rounds) = (8, 40);
+        std::thread::scope(|scope| {
+            for _ in 0..threads {
+                scope.spawn(|| {
+                    for _ in 0..rounds {
+                        let lock = TargetLock::acquire(&path).unwrap();
+                        let count: usize = fs::read_to_string(&path).unwrap().parse().unwrap();
+                        replace_file(&lock, Readers::AsBefore, |out| write!(out, "{}", count + 1)).unwrap();
+                    }
+                });
+            }
+        });
+        assert_eq!(fs::read_to_string(&path).unwrap(), (threads * rounds).to_string());
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "nothing is left lying about");
+    }
+
+    #[test]
+    fn a_writer_that_fails_midway_leaves_the_old_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("place.vmap");
+        replace(&path, |out| out.write_all(b"old")).unwrap();
+        let error = replace(&path, |out| {
+            out.write_all(&vec![0; 3 << 20])?;
+            Err(io::Error::other("the disk is full"))
+        });
+        assert_eq!(error.unwrap_err().to_string(), "the disk is full");
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(dir.path()), ["place.vmap"]);
+    }
+
+    /// Many writers of one file at once: each of them ends well, though each clears away what looks left behind.
+    #[test]
+    fn writers_at_once_do_not_remove_each_others_files() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("place.vmap");
+        std::thread::scope(|scope| {
+            for thread in 0..8_u8 {
+                let path = &path;
+                scope.spawn(move || {
+                    for _ in 0..40 {
+                        replace(path, |out| out.write_all(&[thread; 1000])).unwrap();
+                    }
+                });
+            }
+        });
+        let last = fs::read(&path).unwrap();
+        assert!(last.len() == 1000 && last.iter().all(|b| *b == last[0]), "one writer's file, whole");
+        assert_eq!(names(dir.path()), ["place.vmap"]);
+    }
+
+    #[test]
+    fn remains_of_the_dead_are_removed_and_files_of_others_are_not() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("place.vmap");
+        for name in [".place.vmap.4711-0.partial", ".place.vmap.mine.partial", ".other.vmap.4711-0.partial"] {
+            fs::write(dir.path().join(name), b"half a map").unwrap();
+        }
+        replace(&path, |out| out.write_all(b"new")).unwrap();
+        assert_eq!(
+            names(dir.path()),
+            [".other.vmap.4711-0.partial", ".place.vmap.mine.partial", "place.vmap"]
+        );
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+    }
+
+    #[test]
+    fn a_panicking_writer_leaves_the_old_file_and_the_next_one_cleans_up() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("place.vmap");
+        replace(&path, |out| out.write_all(b"old")).unwrap();
+        let died = std::panic::catch_unwind(|| {
+            replace(&path, |out| {
+                out.write_all(&vec![0; 3 << 20])?;
+                panic!("killed");
+            })
+        });
+        assert!(died.is_err());
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(names(dir.path()).len(), 2, "a killed writer leaves its file behind");
+        replace(&path, |out| out.write_all(b"new")).unwrap();
+        assert_eq!(names(dir.path()), ["place.vmap"]);
+    }
+
+    #[test]
+    fn impossible_places_are_errors() {
+        let dir = tempfile::tempdir().unwrap();
+        assert!(replace(&dir.path().join("none/place.vmap"), |_| Ok(())).is_err());
+        assert!(replace(Path::new("/"), |_| Ok(())).is_err());
+        assert!(replace(dir.path(), |_| Ok(())).is_err(), "a folder is not replaced by a file");
+    }
+}

@@ -1,0 +1,18 @@
+//! The folder of a model, written.
+
+use std::fs;
+use std::path::Path;
+
+use crate::atomic_file::write_whole;
+
+use crate::error::MapError;
+
+/// Writes the files of a model, each of which is replaced whole.
+pub(super) fn write_files<const N: usize>(dir: &Path, files: [(&str, Vec<u8>); N]) -> Result<(), MapError> {
+    fs::create_dir_all(dir).map_err(MapError::io(dir))?;
+    for (name, content) in files {
+        let path = dir.join(name);
+        write_whole(&path, &content).map_err(MapError::io(&path))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,286 @@
+//! The manifest: what belongs to a map that was cut into regions.
+
+use std::collections::BTreeSet;
+
+use crate::is_map_name;
+use serde::{Deserialize, Serialize};
+use veiloc_geometry::Point3;
+use veiloc_geometry::frames::World;
+
+use crate::regions::error::ManifestError;
+use crate::regions::object::{ObjectId, ObjectRef};
+
+/// The version of the manifest that this program writes and reads.
+pub const MANIFEST_VERSION: u32 = 1;
+
+/// The longest manifest that is read, bytes: some two hundred thousand regions. So much a hostile one may make a reader take.
+pub const MOST_MANIFEST_BYTES: usize = 64 << 20;
+
+/// The longest object that a manifest may name, bytes: beyond any region, and beyond an index of a hundred million images.
+pub const MOST_OBJECT_BYTES: u64 = 1 << 40;
+
+/// A map that was cut: its regions, the index of its images and its profile, each an object by its SHA-256.
+///
+/// A JSON document (`docs/regions.md`). Equal maps that are cut with equal options have equal bytes; the SHA-256 of these
+/// bytes is the manifest's id.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// [`MANIFEST_VERSION`].
+    version: u32,
+    /// Name of the map, as a service serves it.
+    pub map: String,
+    /// Number of images of the whole map.
+    pub images: u64,
+    /// Number of points of the whole map.
+    pub points: u64,
+    /// What devices need to seal queries: the profile of the whole map and of every region. The first half of its SHA-256 is
+    /// its id.
+    pub profile: ObjectRef,
+    /// The [`Index`](crate::regions::Index).
+    pub index: ObjectRef,
+    /// The regions, each a map file; the index names them by their number here.
+    pub regions: Vec<RegionEntry>,
+}
+
+/// A region of a map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RegionEntry {
+    /// SHA-256 of its map file.
+    pub sha256: ObjectId,
+    /// Number of bytes of its map file.
+    pub bytes: u64,
+    /// Number of its images, those of its core among them.
+    pub images: u64,
+    /// Number of images that are in the core of this region and of no other.
+    pub core_images: u64,
+    /// Number of its points.
+    pub points: u64,
+    /// Mean of the camera centres of its core, in the axes of the map, map units.
+    pub centre: [f64; 3],
+    /// Distance of the farthest camera centre of its core from there, map units.
+    pub radius: f64,
+}
+
+impl RegionEntry {
+    /// As an object.
+    pub const fn object(&self) -> ObjectRef {
+        ObjectRef { sha256: self.sha256, bytes: self.bytes }
+    }
+
+    /// How far a position lies outside of the ball that holds the cameras of the core, map units; 0 inside.
+    pub fn distance_to(&self, position: &Point3<World>) -> f64 {
+        let [x, y, z] = self.centre;
+        ((position.coords - Point3::<World>::new(x, y, z).coords).norm() - self.radius).max(0.0)
+    }
+}
+
+impl Manifest {
+    /// Put together of its parts.
+    ///
+    /// # Errors
+    /// [`ManifestError::Impossible`] naming what does not fit.
+    pub fn new(
+        map: &str,
+        images: u64,
+        points: u64,
+        profile: ObjectRef,
+        index: ObjectRef,
+        regions: Vec<RegionEntry>,
+    ) -> Result<Self, ManifestError> {
+        let manifest =
+            Self { version: MANIFEST_VERSION, map: map.to_owned(), images, points, profile, index, regions };
+        manifest.check().map_err(|reason| ManifestError::Impossible { reason })?;
+        Ok(manifest)
+    }
+
+    /// Reads a manifest.
+    ///
+    /// # Errors
+    /// [`ManifestError`]: longer than any manifest, no manifest, of another version, impossible, or not in the one form in
+    /// which a manifest is written.
+    pub fn decode(bytes: &[u8]) -> Result<Self, ManifestError> {
+        if bytes.len() > MOST_MANIFEST_BYTES {
+            return Err(ManifestError::TooLong { most: MOST_MANIFEST_BYTES });
+        }
+        // The version first, so that a newer manifest is called newer and not wrong.
+        let Head { version } = serde_json::from_slice(bytes)?;
+        if version != MANIFEST_VERSION {
+            return Err(ManifestError::Version { found: version, supported: MANIFEST_VERSION });
+        }
+        let manifest: Self = serde_json::from_slice(bytes)?;
+        manifest.check().map_err(|reason| ManifestError::Impossible { reason })?;
+        if manifest.encode() != bytes {
+            return Err(ManifestError::SecondForm);
+        }
+        Ok(manifest)
+    }
+
+    /// Reads the manifest of this id.
+    ///
+    /// # Errors
+    /// As [`Self::decode`], and [`ManifestError::OtherId`].
+    pub fn decode_as(bytes: &[u8], expected: ObjectId) -> Result<Self, ManifestError> {
+        // What is too long is not even hashed.
+        if bytes.len() <= MOST_MANIFEST_BYTES {
+            let found = ObjectId::of(bytes);
+            if found != expected {
+                return Err(ManifestError::OtherId { expected, found });
+            }
+        }
+        Self::decode(bytes)
+    }
+
+    /// Its bytes: JSON with two spaces, fields in the order of [`Manifest`], and a newline at the end.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut bytes =
+            serde_json::to_vec_pretty(self).expect("numbers, text and lists, all finite when checked");
+        bytes.push(b'\n');
+        bytes
+    }
+
+    /// The SHA-256 of its bytes.
+    pub fn id(&self) -> ObjectId {
+        ObjectId::of(&self.encode())
+    }
+
+    /// Every object that it names: profile and index first, then the regions in their order.
+    pub fn objects(&self) -> impl Iterator<Item = ObjectRef> {
+        [self.profile, self.index].into_iter().chain(self.regions.iter().map(RegionEntry::object))
+    }
+
+    /// Bytes of all that it names.
+    pub fn byte_count(&self) -> u64 {
+        self.objects().map(|object| object.bytes).sum()
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if !is_map_name(&self.map) {
+            return Err(format!("{:?} is no name of a map", self.map));
+        }
+        if self.regions.is_empty() || self.regions.len() > u32::MAX as usize {
+            return Err(format!("{} regions", self.regions.len()));
+        }
+        let mut core = 0_u64;
+        let mut names = BTreeSet::new();
+        for (number, region) in self.regions.iter().enumerate() {
+            if region.core_images == 0 || region.core_images > region.images || region.images > self.images {
+                return Err(format!(
+                    "region {number} has {} images of {}, {} in its core",
+                    region.images, self.images, region.core_images
+                ));
+            }
+            if region.points > self.points {
+                return Err(format!("region {number} has {} points of {}", region.points, self.points));
+            }
+            let is_somewhere = region.centre.iter().all(|c| c.is_finite());
+            if !(is_somewhere && region.radius.is_finite() && region.radius >= 0.0) {
+                return Err(format!("region {number} has no place"));
+            }
+            if !names.insert(region.sha256) {
+                return Err(format!("region {number} appears twice"));
+            }
+            core = core.saturating_add(region.core_images);
+        }
+        if core != self.images {
+            return Err(format!(
+                "regions have {core} images in their cores, and the map has {}",
+                self.images
+            ));
+        }
+        match self.objects().find(|object| !(1..=MOST_OBJECT_BYTES).contains(&object.bytes)) {
+            Some(object) => Err(format!("an object of {} bytes", object.bytes)),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What every version has.
+#[derive(Deserialize)]
+struct Head {
+    version: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn manifest() -> Manifest {
+        let object = |content: &[u8]| ObjectRef::of(content);
+        let region = |content: &[u8], images, core_images| RegionEntry {
+            sha256: ObjectId::of(content),
+            bytes: 1000,
+            images,
+            core_images,
+            points: 50,
+            centre: [0.1, -2.5, 1e-7],
+            radius: 3.25,
+        };
+        Manifest::new(
+            "kitchen-2",
+            30,
+            70,
+            object(b"profile"),
+            object(b"index"),
+            vec![region(b"one", 25, 20), region(b"two", 15, 10)],
+        )
+        .unwrap()
+    }
+
+    #[test]
+    fn it_is_read_as_it_was_written_and_in_no_other_form() {
+        let manifest = manifest();
+        let bytes = manifest.encode();
+        assert_eq!(Manifest::decode(&bytes).unwrap(), manifest);
+        assert_eq!(Manifest::decode_as(&bytes, manifest.id()).unwrap(), manifest);
+        let other = Manifest::decode_as(&bytes, ObjectId::of(b"other"));
+        assert!(matches!(other, Err(ManifestError::OtherId { found, .. }) if found == manifest.id()));
+        let compact = serde_json::to_vec(&manifest).unwrap();
+        assert!(matches!(Manifest::decode(&compact), Err(ManifestError::SecondForm)));
+        assert_eq!(manifest.byte_count(), 2000 + b"profile".len() as u64 + b"index".len() as u64);
+    }
+
+    #[test]
+    fn what_is_newer_is_called_newer() {
+        let text = String::from_utf8(manifest().encode()).unwrap();
+        let newer = text.replacen("\"version\": 1", "\"parents\": [], \"version\": 2", 1);
+        let error = Manifest::decode(newer.as_bytes()).unwrap_err();
+        assert!(matches!(error, ManifestError::Version { found: 2, supported: 1 }), "{error}");
+        let unknown = text.replacen("\"map\"", "\"more\": 1, \"map\"", 1);
+        assert!(matches!(Manifest::decode(unknown.as_bytes()), Err(ManifestError::Json(_))));
+    }
+
+    #[test]
+    fn the_impossible_is_named() {
+        let good = || manifest();
+        let refused = |change: &dyn Fn(&mut Manifest)| {
+            let mut manifest = good();
+            change(&mut manifest);
+            match Manifest::decode(&manifest.encode()) {
+                Err(ManifestError::Impossible { reason }) => reason,
+                other => panic!("{other:?}"),
+            }
+        };
+        assert!(refused(&|m| m.map = "../x".to_owned()).contains("no name of a map"));
+        assert!(refused(&|m| m.regions.clear()).contains("0 regions"));
+        assert!(refused(&|m| m.images = 31).contains("30 images in their cores"));
+        assert!(refused(&|m| m.regions[0].core_images = 26).contains("region 0"));
+        assert!(refused(&|m| m.regions[0].core_images = 0).contains("region 0"));
+        assert!(refused(&|m| m.regions[1].core_images = u64::MAX).contains("region 1"));
+        assert!(refused(&|m| m.regions[1].points = 71).contains("71 points of 70"));
+        assert!(refused(&|m| m.regions[1].radius = -1.0).contains("no place"));
+        assert!(refused(&|m| m.regions[1].sha256 = m.regions[0].sha256).contains("twice"));
+        assert!(refused(&|m| m.regions[1].bytes = u64::MAX).contains("an object of"));
+        assert!(refused(&|m| m.index.bytes = 0).contains("an object of 0"));
+        let long = vec![b' '; MOST_MANIFEST_BYTES + 1];
+        assert!(matches!(Manifest::decode(&long), Err(ManifestError::TooLong { .. })));
+    }
+
+    #[test]
+    fn a_position_is_so_far_from_a_region() {
+        let region = &manifest().regions[0];
+        assert_eq!(region.distance_to(&Point3::new(0.1, -2.5, 3.0)), 0.0);
+        assert!((region.distance_to(&Point3::new(0.1, -2.5, 10.0)) - (10.0 - 1e-7 - 3.25)).abs() < 1e-12);
+    }
+}

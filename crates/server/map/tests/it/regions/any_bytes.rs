@@ -1,0 +1,52 @@
+//! Manifests and indexes, damaged in every way: refused, or something that holds together. The properties are the fuzzer's;
+//! and the known answers of both, which must load for ever.
+#![allow(missing_docs, unreachable_pub, dead_code, reason = "shared with fuzz/")]
+
+use super::common;
+#[path = "../../../../../../fuzz/src/damage.rs"]
+mod damage;
+#[path = "../../../../../../fuzz/src/regions.rs"]
+mod properties;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use veiloc_map::MapMemory;
+use veiloc_map::regions::{Folder, FolderWriter, Index, MANIFEST_FILE, Manifest, SplitOptions, cut};
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/regions").join(name)
+}
+
+/// A map of two rooms, cut, whose manifest and index are the known answers.
+#[test]
+fn known_answers() {
+    let map = common::file(&common::rooms(2, 8));
+    let folder = tempfile::tempdir().expect("a folder");
+    let regions = cut(&map, &SplitOptions::default().with_images(6)).expect("regions");
+    let writer = FolderWriter::begin(&map, "two-rooms", folder.path()).expect("a folder");
+    let entries = regions.iter().map(|region| writer.region(region).expect("a region")).collect();
+    let manifest = writer.finish(&regions, entries).expect("a manifest");
+    let index = Folder::open(folder.path()).expect("regions").path_of(&manifest.index.sha256);
+    let files = [(folder.path().join(MANIFEST_FILE), "manifest/v1.json"), (index, "index/v1.index")];
+    for (written, known) in files {
+        if std::env::var_os("VEILOC_BLESS").is_some() {
+            fs::copy(&written, data(known)).expect("blessed");
+        }
+        assert_eq!(fs::read(&written).expect("written"), fs::read(data(known)).expect("known"), "{known}");
+    }
+    let known = fs::read(data("manifest/v1.json")).expect("known");
+    assert_eq!(Manifest::decode(&known).expect("a manifest"), manifest);
+    let index = Index::open(&data("index/v1.index"), MapMemory::Mapped).expect("an index");
+    assert_eq!((index.image_count(), index.region_count()), (16, manifest.regions.len()));
+}
+
+#[test]
+fn damaged_manifests_are_refused_or_hold_together() {
+    damage::hold_on_files(&data("manifest"), "json", 3000, properties::manifest);
+}
+
+#[test]
+fn damaged_indexes_are_refused_or_hold_together() {
+    damage::hold_on_files(&data("index"), "index", 1000, properties::index);
+}

@@ -1,0 +1,5 @@
+//! Tests of `regions`.
+
+mod any_bytes;
+mod common;
+mod cutting;

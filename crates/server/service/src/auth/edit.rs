@@ -1,0 +1,123 @@
+//! Changing the text of a file of tokens; every line that is not meant stays as it is, comments included.
+
+use crate::auth::entry::Entry;
+use crate::auth::error::{EditError, ListError};
+use crate::auth::list::{Line, TokenList};
+
+/// The text with one more token; `nobody` goes, as somebody may ask now.
+///
+/// # Errors
+/// [`EditError`]: the name or the token is there already, or the text is no file of tokens. An empty one is.
+pub fn added(text: &str, entry: &Entry) -> Result<String, EditError> {
+    entry.check()?;
+    let list = match TokenList::parse(text.as_bytes()) {
+        Err(ListError::Empty) => TokenList::default(),
+        read => read?,
+    };
+    if list.entries().iter().any(|other| other.name() == entry.name()) {
+        return Err(EditError::NameTaken);
+    }
+    if list.find(&entry.key()).is_some() {
+        return Err(EditError::TokenTaken);
+    }
+    let mut new = without(text, |line| matches!(line, Line::Nobody)).0;
+    if !new.is_empty() && !new.ends_with('\n') {
+        new.push('\n');
+    }
+    Ok(format!("{new}{entry}\n"))
+}
+
+/// What revoking a token came to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Revoked {
+    /// The new text.
+    pub text: String,
+    /// Lines of the name; older files may have several.
+    pub lines: usize,
+    /// Whether those were the last tokens: then `nobody` stands there.
+    pub was_last: bool,
+}
+
+/// The text without the tokens of this name. After the last one it says `nobody`: a file without tokens would be an error,
+/// by which the last valid tokens hold for a while.
+///
+/// # Errors
+/// [`EditError`]: there is none of this name, or the text is no file of tokens.
+pub fn revoked(text: &str, name: &str) -> Result<Revoked, EditError> {
+    let count = TokenList::parse(text.as_bytes())?.entries().len();
+    let (mut text, lines) = without(text, |line| matches!(line, Line::Token(entry) if entry.name() == name));
+    if lines == 0 {
+        return Err(EditError::Unknown);
+    }
+    let was_last = lines == count;
+    if was_last {
+        if !text.is_empty() && !text.ends_with('\n') {
+            text.push('\n');
+        }
+        text += "nobody\n";
+    }
+    Ok(Revoked { text, lines, was_last })
+}
+
+/// The text without such lines, and how many there were.
+fn without(text: &str, goes: impl Fn(&Line) -> bool) -> (String, usize) {
+    let mut gone = 0;
+    let mut rest = String::with_capacity(text.len());
+    for line in text.split_inclusive('\n') {
+        if Line::parse(line).is_ok_and(|line| goes(&line)) {
+            gone += 1;
+        } else {
+            rest += line;
+        }
+    }
+    (rest, gone)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::auth::key::TokenKey;
+
+    fn entry(name: &str) -> Entry {
+        Entry::new(name, TokenKey::of_token(name.as_bytes())).expect("a name")
+    }
+
+    #[test]
+    fn what_is_not_meant_stays_as_it_is() {
+        let a = entry("a").to_string();
+        let text = format!("# phones\r\n\n  {a}  \n# the end");
+        let two = added(&text, &entry("b")).expect("added");
+        assert_eq!(two, format!("{text}\n{}\n", entry("b")));
+        assert_eq!(added(&two, &entry("b")), Err(EditError::NameTaken));
+        let again = Entry::new("c", entry("a").key()).expect("a name");
+        assert_eq!(added(&two, &again), Err(EditError::TokenTaken));
+        let one = revoked(&two, "a").expect("revoked");
+        assert_eq!(one.text, format!("# phones\r\n\n# the end\n{}\n", entry("b")));
+        assert_eq!((one.lines, one.was_last), (1, false));
+        assert_eq!(revoked(&one.text, "a"), Err(EditError::Unknown));
+        let none = revoked(&one.text, "b").expect("revoked");
+        assert!(none.was_last && none.text.ends_with("# the end\nnobody\n"), "{none:?}");
+        let back = added(&none.text, &entry("b")).expect("added");
+        assert_eq!(back, one.text, "and nobody is gone");
+        assert_eq!(added("", &entry("a")).expect("the first"), format!("{a}\n"));
+    }
+
+    #[test]
+    fn all_lines_of_a_name_go_and_a_wrong_file_stays() {
+        let second = Entry::new("a", TokenKey::of_token(b"second")).expect("a name");
+        let text = format!("{}\n{second}", entry("a"));
+        let gone = revoked(&text, "a").expect("revoked");
+        assert_eq!((gone.text.as_str(), gone.lines, gone.was_last), ("nobody\n", 2, true));
+        for wrong in ["a b\n", "nobody\nnobody x\n"] {
+            assert!(matches!(added(wrong, &entry("n")), Err(EditError::List(_))), "{wrong}");
+            assert!(matches!(revoked(wrong, "a"), Err(EditError::List(_))), "{wrong}");
+        }
+        let mut bound = entry("b");
+        bound.operator = true;
+        bound.grant_maps(["m"]).expect("names");
+        assert!(matches!(added("", &bound), Err(EditError::Fault(_))));
+        for bad in ["", "nobody", "a b", "#a", "a\nb", "ä", &"x".repeat(65)] {
+            assert_eq!(Entry::new(bad, TokenKey::of_token(b"x")), Err(EditError::Name), "{bad:?}");
+        }
+    }
+}

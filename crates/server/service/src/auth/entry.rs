@@ -1,0 +1,130 @@
+//! One token: who has it and what it is worth.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::str::FromStr;
+
+use crate::auth::error::{EditError, LineFault};
+use crate::auth::key::TokenKey;
+use crate::auth::moment::Moment;
+use veiloc_map::is_map_name;
+
+use crate::auth::names::is_token_name;
+
+/// A line of the file of tokens. Its `Display` is that line, hash included.
+#[derive(Clone, PartialEq, Eq)]
+pub struct Entry {
+    name: String,
+    key: TokenKey,
+    /// Whether it may read the metrics.
+    pub operator: bool,
+    /// The maps it may ask for; `None` for all, never empty.
+    maps: Option<BTreeSet<String>>,
+    /// From when on it is worth nothing.
+    pub expires: Option<Moment>,
+}
+
+impl Entry {
+    /// A client's token that may ask for every map, for ever.
+    ///
+    /// # Errors
+    /// [`EditError::Name`] for a name that is none.
+    pub fn new(name: &str, key: TokenKey) -> Result<Self, EditError> {
+        if !is_token_name(name) {
+            return Err(EditError::Name);
+        }
+        Ok(Self { name: name.to_owned(), key, operator: false, maps: None, expires: None })
+    }
+
+    /// Only these maps.
+    ///
+    /// # Errors
+    /// [`LineFault`] when there are none, or one of them cannot be a map's name.
+    pub fn grant_maps<'a>(&mut self, maps: impl IntoIterator<Item = &'a str>) -> Result<(), LineFault> {
+        let maps: BTreeSet<String> = maps.into_iter().map(str::to_owned).collect();
+        if maps.is_empty() || !maps.iter().all(|map| is_map_name(map)) {
+            return Err(LineFault::Maps);
+        }
+        self.maps = Some(maps);
+        Ok(())
+    }
+
+    /// What people call it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its hash.
+    pub const fn key(&self) -> TokenKey {
+        self.key
+    }
+
+    /// The maps it may ask for; `None` for all.
+    pub fn maps(&self) -> Option<impl Iterator<Item = &str>> {
+        self.maps.as_ref().map(|maps| maps.iter().map(String::as_str))
+    }
+
+    /// Whether it may ask for a map of this name, whether or not there is one.
+    pub fn may_ask_for(&self, map: &str) -> bool {
+        self.maps.as_ref().is_none_or(|maps| maps.contains(map))
+    }
+
+    /// Whether it is worth nothing any more.
+    pub fn has_expired(&self, now: Moment) -> bool {
+        self.expires.is_some_and(|end| now >= end)
+    }
+
+    /// Metrics tell of every map, so an operator's token cannot be kept from some.
+    pub(crate) fn check(&self) -> Result<(), LineFault> {
+        if self.operator && self.maps.is_some() { Err(LineFault::OperatorOfSome) } else { Ok(()) }
+    }
+}
+
+impl fmt::Display for Entry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.name, self.key.hex())?;
+        if self.operator {
+            f.write_str(" operator")?;
+        }
+        if let Some(maps) = &self.maps {
+            let maps: Vec<&str> = maps.iter().map(String::as_str).collect();
+            write!(f, " maps={}", maps.join(","))?;
+        }
+        if let Some(expires) = self.expires {
+            write!(f, " expires={expires}")?;
+        }
+        Ok(())
+    }
+}
+
+// The hash is not printed.
+impl fmt::Debug for Entry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Entry").field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
+impl FromStr for Entry {
+    type Err = LineFault;
+
+    fn from_str(line: &str) -> Result<Self, LineFault> {
+        let mut words = line.split_whitespace();
+        let (Some(name), Some(hex)) = (words.next(), words.next()) else { return Err(LineFault::TooShort) };
+        let key = TokenKey::of_hex(hex).ok_or(LineFault::Hash)?;
+        let mut entry = Self { name: name.to_owned(), key, operator: false, maps: None, expires: None };
+        for word in words {
+            match word.split_once('=') {
+                None if word == "operator" && !entry.operator => entry.operator = true,
+                Some(("maps", maps)) if entry.maps.is_none() => entry.grant_maps(maps.split(','))?,
+                Some(("expires", end)) if entry.expires.is_none() => {
+                    entry.expires = Some(end.parse().map_err(|_| LineFault::Expires)?);
+                }
+                None if word == "operator" => return Err(LineFault::WordTwice),
+                Some(("maps" | "expires", _)) => return Err(LineFault::WordTwice),
+                _ => return Err(LineFault::Word),
+            }
+        }
+        entry.check()?;
+        Ok(entry)
+    }
+}

@@ -1,0 +1,154 @@
+//! What a file of tokens holds.
+
+use std::collections::HashMap;
+
+use crate::auth::entry::Entry;
+use crate::auth::error::{LineFault, ListError};
+use crate::auth::key::TokenKey;
+
+/// All tokens, found by their hashes.
+#[derive(Debug, Default)]
+pub struct TokenList {
+    /// In the order of the file.
+    entries: Vec<Entry>,
+    of_key: HashMap<TokenKey, usize>,
+}
+
+/// What one line of the file is.
+pub(crate) enum Line {
+    /// Empty, or a comment.
+    Nothing,
+    /// That nobody may ask is meant.
+    Nobody,
+    Token(Entry),
+}
+
+impl Line {
+    pub(crate) fn parse(line: &str) -> Result<Self, LineFault> {
+        match line.trim() {
+            "" => Ok(Self::Nothing),
+            comment if comment.starts_with('#') => Ok(Self::Nothing),
+            "nobody" => Ok(Self::Nobody),
+            token => token.parse().map(Self::Token),
+        }
+    }
+}
+
+impl TokenList {
+    /// Reads the bytes of a file.
+    ///
+    /// # Errors
+    /// [`ListError`]: a line that is none, two lines of one token, and a file without any token.
+    pub fn parse(bytes: &[u8]) -> Result<Self, ListError> {
+        let at = |line, fault| ListError::Line { line, fault };
+        let text = std::str::from_utf8(bytes).map_err(|error| {
+            let before = String::from_utf8_lossy(&bytes[..error.valid_up_to()]);
+            at(1 + before.matches('\n').count(), LineFault::NoText)
+        })?;
+        let mut list = Self::default();
+        let mut nobody = None;
+        for (number, line) in (1..).zip(text.lines()) {
+            match Line::parse(line).map_err(|fault| at(number, fault))? {
+                Line::Nothing => {}
+                Line::Nobody => nobody = Some(number),
+                Line::Token(entry) => {
+                    if list.of_key.insert(entry.key(), list.entries.len()).is_some() {
+                        return Err(at(number, LineFault::TokenTwice));
+                    }
+                    list.entries.push(entry);
+                }
+            }
+        }
+        match (nobody, list.entries.is_empty()) {
+            (Some(line), false) => Err(at(line, LineFault::NobodyAndTokens)),
+            (None, true) => Err(ListError::Empty),
+            _ => Ok(list),
+        }
+    }
+
+    /// All tokens in the order of the file; none where nobody may ask.
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
+    /// The token with this hash.
+    pub fn find(&self, key: &TokenKey) -> Option<&Entry> {
+        self.of_key.get(key).map(|at| &self.entries[*at])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `printf %s secret | openssl dgst -sha256`
+    const SECRET: &str = "2bb80d537b1da3e38bd30361aa855686bde0eacd7162fef6a25fe97bf527a25b";
+    const OTHER: &str = "d9298a10d1b0735837dc4bd85dac641b0f3cef27a47e5d53a54f2f3f5b2fcffa";
+
+    fn read(text: &str) -> Result<TokenList, ListError> {
+        TokenList::parse(text.as_bytes())
+    }
+
+    #[test]
+    fn files_from_before_maps_and_expiry_read_as_they_did() {
+        let list = read(&format!("# phones\n\nphone {SECRET}\n ops\t{} operator\r\n", OTHER.to_uppercase()))
+            .expect("a file");
+        let [phone, ops] = list.entries() else { panic!("{list:?}") };
+        assert_eq!((phone.name(), phone.operator), ("phone", false));
+        assert_eq!((ops.name(), ops.operator), ("ops", true));
+        for entry in [phone, ops] {
+            assert!(
+                entry.may_ask_for("anything") && !entry.has_expired(crate::auth::Moment::of_unix(i64::MAX))
+            );
+        }
+        assert_eq!(list.find(&TokenKey::of_token(b"secret")).map(Entry::name), Some("phone"));
+        assert!(list.find(&TokenKey::of_token(SECRET.as_bytes())).is_none(), "a hash is no token");
+        assert!(read("# closed\nnobody\n").expect("nobody").entries().is_empty());
+    }
+
+    #[test]
+    fn maps_and_an_end_bind() {
+        let list = read(&format!("phone {SECRET} expires=2027-01-31 maps=b,a,b")).expect("a file");
+        let phone = &list.entries()[0];
+        assert_eq!(phone.maps().expect("some").collect::<Vec<_>>(), ["a", "b"]);
+        assert!(phone.may_ask_for("a") && !phone.may_ask_for("c") && !phone.may_ask_for(""));
+        let end: crate::auth::Moment = "2027-01-31T00:00:00Z".parse().expect("a moment");
+        assert!(phone.has_expired(end) && !phone.has_expired(crate::auth::Moment::of_unix(end.unix() - 1)));
+        assert_eq!(phone.to_string(), format!("phone {SECRET} maps=a,b expires=2027-01-31T00:00:00Z"));
+    }
+
+    #[test]
+    fn wrong_lines_are_named_and_never_repeated() {
+        use LineFault as F;
+        for (text, line, fault) in [
+            ("phone".to_owned(), 1, F::TooShort),
+            ("\nphone hunter2".to_owned(), 2, F::Hash),
+            (format!("phone {}", &SECRET[1..]), 1, F::Hash),
+            (format!("phone {SECRET}0"), 1, F::Hash),
+            (format!("phone +{}", &SECRET[1..]), 1, F::Hash),
+            (format!("phone {SECRET} admin"), 1, F::Word),
+            (format!("phone {SECRET} operator too"), 1, F::Word),
+            (format!("phone {SECRET} operator operator"), 1, F::WordTwice),
+            (format!("phone {SECRET} maps=a maps=b"), 1, F::WordTwice),
+            (format!("phone {SECRET} maps="), 1, F::Maps),
+            (format!("phone {SECRET} maps=a,,b"), 1, F::Maps),
+            (format!("phone {SECRET} maps=a/b"), 1, F::Maps),
+            (format!("phone {SECRET} maps=a operator"), 1, F::OperatorOfSome),
+            (format!("phone {SECRET} expires=soon"), 1, F::Expires),
+            (format!("phone {SECRET} Expires=2027-01-31"), 1, F::Word),
+            (format!("a {SECRET}\nb {SECRET}"), 2, F::TokenTwice),
+            (format!("a {SECRET}\nnobody"), 2, F::NobodyAndTokens),
+        ] {
+            let error = read(&text).expect_err(&text);
+            assert_eq!(error, ListError::Line { line, fault }, "{text}");
+            let told = error.to_string();
+            assert!(!told.contains("hunter2") && !told.contains(&SECRET[..8]), "{told}");
+        }
+        let bytes = [b"a\nb\n".as_slice(), &[0xFF]].concat();
+        let error = TokenList::parse(&bytes).expect_err("no text");
+        assert_eq!(error, ListError::Line { line: 3, fault: F::NoText });
+        for empty in ["", "\n\n", "# phones\n"] {
+            assert_eq!(read(empty).expect_err(empty), ListError::Empty);
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Until when a certificate is valid: the one thing of X.509 that its server has to know beside its bytes.
+//!
+//! `Certificate ::= SEQUENCE { tbs SEQUENCE { [0] version OPTIONAL, serial, signature, issuer, validity SEQUENCE { notBefore,
+//! notAfter }, … } … }` (RFC 5280, 4.1); times are `UTCTime` or `GeneralizedTime`, always in UTC and with seconds.
+
+use crate::auth::Moment;
+
+/// Seconds since 1970; `None` for bytes that are no certificate.
+pub(crate) fn not_after(der: &[u8]) -> Option<i64> {
+    let (_, certificate, _) = element(der, SEQUENCE)?;
+    let (_, mut fields, _) = element(certificate, SEQUENCE)?;
+    if let Some((_, _, rest)) = element(fields, VERSION) {
+        fields = rest;
+    }
+    for kind in [INTEGER, SEQUENCE, SEQUENCE] {
+        fields = element(fields, kind)?.2;
+    }
+    let (_, validity, _) = element(fields, SEQUENCE)?;
+    let (_, _, rest) = any(validity)?;
+    let (kind, text, _) = any(rest)?;
+    let digits = std::str::from_utf8(text.strip_suffix(b"Z")?).ok()?;
+    let (year, rest) = match kind {
+        UTC_TIME => {
+            let (year, rest) = digits.split_at_checked(2)?;
+            let year = number(year)?;
+            (if year < 50 { 2000 + year } else { 1900 + year }, rest)
+        }
+        GENERALIZED_TIME => {
+            let (year, rest) = digits.split_at_checked(4)?;
+            (number(year)?, rest)
+        }
+        _ => return None,
+    };
+    if rest.len() != 10 {
+        return None;
+    }
+    let two = |at: usize| number(rest.get(at..at + 2)?);
+    let moment = Moment::of_calendar([year, two(0)?, two(2)?], [two(4)?, two(6)?, two(8)?])?;
+    Some(moment.unix())
+}
+
+const INTEGER: u8 = 0x02;
+const SEQUENCE: u8 = 0x30;
+const VERSION: u8 = 0xA0;
+const UTC_TIME: u8 = 0x17;
+const GENERALIZED_TIME: u8 = 0x18;
+
+fn number(digits: &str) -> Option<i64> {
+    digits.bytes().all(|c| c.is_ascii_digit()).then(|| digits.parse().ok())?
+}
+
+/// Tag, content, and what follows.
+fn any(der: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (&[tag, first], rest) = der.split_first_chunk::<2>()?;
+    let (length, rest) = match first {
+        0..=0x7F => (usize::from(first), rest),
+        // Lengths of one to four bytes.
+        0x81..=0x84 => {
+            let (bytes, rest) = rest.split_at_checked(usize::from(first & 0x7F))?;
+            (bytes.iter().fold(0, |length, byte| length << 8 | usize::from(*byte)), rest)
+        }
+        _ => return None,
+    };
+    let (content, rest) = rest.split_at_checked(length)?;
+    Some((tag, content, rest))
+}
+
+fn element(der: &[u8], tag: u8) -> Option<(u8, &[u8], &[u8])> {
+    any(der).filter(|(found, _, _)| *found == tag)
+}
+
+#[cfg(test)]
+mod tests {
+    use rustls::pki_types::CertificateDer;
+    use rustls::pki_types::pem::PemObject as _;
+
+    use super::*;
+
+    #[test]
+    fn the_end_of_a_certificate_is_read_and_no_bytes_break_it() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../server/service/tests/data/cert.pem");
+        let der = CertificateDer::from_pem_file(path).expect("a certificate");
+        // `openssl x509 -enddate -noout -in cert.pem`
+        assert_eq!(not_after(&der), Some(4_948_872_643));
+        for length in 0..der.len() {
+            not_after(&der[..length]);
+        }
+        let mut broken = der.to_vec();
+        for at in 0..broken.len().min(300) {
+            for value in [0, 0x7F, 0x80, 0x84, 0xFF] {
+                let kept = std::mem::replace(&mut broken[at], value);
+                not_after(&broken);
+                broken[at] = kept;
+            }
+        }
+    }
+}

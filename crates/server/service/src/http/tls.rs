@@ -1,0 +1,228 @@
+//! TLS by rustls, with files that can be renewed while the service runs: the certificate, its key, and the authorities that
+//! vouch for clients.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicI64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use std::time::Instant;
+
+use rustls::pki_types::pem::PemObject as _;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use rustls::server::WebPkiClientVerifier;
+use rustls::{RootCertStore, ServerConfig};
+use sha2::{Digest as _, Sha256};
+use tokio_rustls::TlsAcceptor;
+
+use crate::http::attempts::Attempts;
+use crate::http::expiry::not_after;
+use crate::http::protocol::Protocol;
+
+/// Certificate chain and private key, PEM; and who vouches for clients.
+#[derive(Debug, Clone)]
+pub struct TlsFiles {
+    /// The server's certificate, then those that vouch for it.
+    pub cert: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
+    /// Certificates of the authorities that vouch for clients. With them a client without a certificate of theirs is
+    /// refused in the handshake.
+    pub client_ca: Option<PathBuf>,
+}
+
+/// A file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{}: {reason}; PEM files with the certificate chain, with its private key, and, if clients need certificates, with \
+     those of their authorities are needed",
+    path.display()
+)]
+pub struct TlsError {
+    /// Which file.
+    pub path: PathBuf,
+    /// What is wrong with it.
+    pub reason: String,
+}
+
+/// The files as they are now.
+pub struct Tls {
+    files: TlsFiles,
+    current: RwLock<Arc<ServerConfig>>,
+    /// When the certificate ends, seconds since 1970.
+    ends: AtomicI64,
+    /// Days left that were told last.
+    told: AtomicI64,
+    /// By the hash of all files, or of why they cannot be read: they are small, and are read to be looked at.
+    attempts: Mutex<Attempts<[u8; 32]>>,
+}
+
+impl Tls {
+    /// Reads the files for the first time.
+    ///
+    /// # Errors
+    /// [`TlsError`]
+    pub fn open(files: TlsFiles) -> Result<Self, TlsError> {
+        let contents = Contents::read(&files)?;
+        let (config, ends) = contents.config(&files)?;
+        let current = RwLock::new(Arc::new(config));
+        let mut attempts = Attempts::default();
+        attempts.took(contents.hash());
+        let (ends, told) = (AtomicI64::new(ends), AtomicI64::new(i64::MAX));
+        Ok(Self { files, current, ends, told, attempts: Mutex::new(attempts) })
+    }
+
+    /// For the next connection.
+    pub fn acceptor(&self) -> TlsAcceptor {
+        self.current.read().unwrap_or_else(PoisonError::into_inner).clone().into()
+    }
+
+    /// When the certificate ends, seconds since 1970.
+    pub fn ends(&self) -> i64 {
+        self.ends.load(Ordering::Relaxed)
+    }
+
+    /// Whole days that are left at `now`, below zero when it has expired; once a day, from two weeks before the end on.
+    pub fn days_to_tell(&self, now: i64) -> Option<i64> {
+        let left = (self.ends() - now).div_euclid(86_400);
+        (left < WARN_DAYS && self.told.swap(left, Ordering::Relaxed) != left).then_some(left)
+    }
+
+    /// Whether the newest state of the files cannot be used.
+    pub fn is_failing(&self) -> bool {
+        self.attempts().is_failing()
+    }
+
+    fn attempts(&self) -> MutexGuard<'_, Attempts<[u8; 32]>> {
+        self.attempts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Reads all files again, and uses them if they are others than before or `all` is wished; when they do not fit
+    /// together, what was there stays, and they are tried again.
+    pub fn reload(&self, all: bool, now: Instant) -> Option<Result<(), TlsError>> {
+        let mut attempts = self.attempts();
+        let contents = Contents::read(&self.files);
+        let state = match &contents {
+            Ok(contents) => contents.hash(),
+            Err(error) => hash(error.to_string().as_bytes()),
+        };
+        if !all && !attempts.is_due(&state, now) {
+            return None;
+        }
+        Some(match contents.and_then(|contents| contents.config(&self.files)) {
+            Ok((config, ends)) => {
+                self.ends.store(ends, Ordering::Relaxed);
+                self.told.store(i64::MAX, Ordering::Relaxed);
+                *self.current.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(config);
+                attempts.took(state);
+                Ok(())
+            }
+            Err(error) => {
+                attempts.failed(state, now);
+                Err(error)
+            }
+        })
+    }
+}
+
+/// The name of HTTP/2 in a handshake.
+const HTTP2: &[u8] = b"h2";
+
+/// What was agreed on in this handshake.
+impl<S> From<&tokio_rustls::server::TlsStream<S>> for Protocol {
+    fn from(stream: &tokio_rustls::server::TlsStream<S>) -> Self {
+        if stream.get_ref().1.alpn_protocol() == Some(HTTP2) { Self::Http2 } else { Self::Http1 }
+    }
+}
+
+fn hash(bytes: &[u8]) -> [u8; 32] {
+    Sha256::digest(bytes).into()
+}
+
+/// So many days before its end a certificate is told of.
+const WARN_DAYS: i64 = 14;
+
+/// What the files hold.
+struct Contents {
+    cert: Vec<u8>,
+    key: Vec<u8>,
+    client_ca: Option<Vec<u8>>,
+}
+
+impl Contents {
+    fn read(files: &TlsFiles) -> Result<Self, TlsError> {
+        let read = |path: &Path| {
+            std::fs::read(path).map_err(|e| TlsError { path: path.to_owned(), reason: e.to_string() })
+        };
+        let client_ca = files.client_ca.as_deref().map(read).transpose()?;
+        Ok(Self { cert: read(&files.cert)?, key: read(&files.key)?, client_ca })
+    }
+
+    fn hash(&self) -> [u8; 32] {
+        hash(
+            &[hash(&self.cert), hash(&self.key), hash(self.client_ca.as_deref().unwrap_or_default())]
+                .concat(),
+        )
+    }
+
+    /// How to speak TLS with them, and when that ends.
+    fn config(&self, files: &TlsFiles) -> Result<(ServerConfig, i64), TlsError> {
+        let wrong = |path: &Path, reason: String| TlsError { path: path.to_owned(), reason };
+        let chain: Vec<CertificateDer<'static>> = CertificateDer::pem_slice_iter(&self.cert)
+            .collect::<Result<_, _>>()
+            .map_err(|e| wrong(&files.cert, e.to_string()))?;
+        let Some(first) = chain.first() else {
+            return Err(wrong(&files.cert, "holds no certificate".to_owned()));
+        };
+        let ends =
+            not_after(first).ok_or_else(|| wrong(&files.cert, "holds no certificate of X.509".to_owned()))?;
+        let key = PrivateKeyDer::from_pem_slice(&self.key).map_err(|e| wrong(&files.key, e.to_string()))?;
+        // Named on purpose: nothing in the process may choose another provider by being linked in.
+        let provider = Arc::new(rustls::crypto::ring::default_provider());
+        let builder = ServerConfig::builder_with_provider(provider.clone())
+            .with_safe_default_protocol_versions()
+            .map_err(|e| wrong(&files.cert, e.to_string()))?;
+        let builder = match (&self.client_ca, &files.client_ca) {
+            (Some(bytes), Some(path)) => {
+                let mut roots = RootCertStore::empty();
+                for authority in CertificateDer::pem_slice_iter(bytes) {
+                    let authority = authority.map_err(|e| wrong(path, e.to_string()))?;
+                    roots.add(authority).map_err(|e| wrong(path, e.to_string()))?;
+                }
+                let verifier = WebPkiClientVerifier::builder_with_provider(roots.into(), provider).build();
+                builder.with_client_cert_verifier(verifier.map_err(|e| wrong(path, e.to_string()))?)
+            }
+            _ => builder.with_no_client_auth(),
+        };
+        let mut config =
+            builder.with_single_cert(chain, key).map_err(|e| wrong(&files.key, e.to_string()))?;
+        config.alpn_protocols = vec![HTTP2.to_vec(), b"http/1.1".to_vec()];
+        Ok((config, ends))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_end_of_a_certificate_is_told_once_a_day() {
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../server/service/tests/data");
+        let tls =
+            Tls::open(TlsFiles { cert: data.join("cert.pem"), key: data.join("key.pem"), client_ca: None })
+                .expect("TLS");
+        let day = |n: i64| tls.ends() + n * 86_400;
+        for (now, told) in [
+            (day(-300), None),
+            (day(-14), None),
+            (day(-13), Some(13)),
+            (day(-13) + 5, Some(12)),
+            (day(-13) + 60, None),
+            (day(0) + 1, Some(-1)),
+            (day(0) + 2, None),
+            (day(1) + 1, Some(-2)),
+        ] {
+            assert_eq!(tls.days_to_tell(now), told, "{}", now - tls.ends());
+        }
+        assert!(tls.reload(true, Instant::now()).is_some_and(|read| read.is_ok()));
+        assert_eq!(tls.days_to_tell(day(1) + 2), Some(-2), "read anew, told anew");
+    }
+}

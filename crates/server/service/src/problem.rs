@@ -1,0 +1,277 @@
+//! Refusals: what is told to the client, as `application/problem+json` (RFC 9457), and to the operator, as a name.
+//!
+//! A refusal names the field that is wrong and what it may be, never what it was: whatever was sent stays where it was
+//! sent from (rule L8), and all refusals have one length (`padding.rs`).
+
+use std::num::{NonZeroU32, NonZeroU64};
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::telemetry::{RequestId, RequestKind};
+use axum::body::Body;
+use axum::http::header::{CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
+use axum::http::{HeaderValue, StatusCode};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use utoipa::ToSchema;
+use veiloc_protocol::QueryError;
+
+use crate::asked::{NoPose, Unanswered};
+use crate::padding::{self, Hidden};
+
+/// Why a request was not answered. The texts are for whoever wrote the client; logs have its name only.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub(crate) enum Problem {
+    #[error("send a token that this service knows, as `Authorization: Bearer TOKEN`")]
+    Unauthenticated,
+    #[error("this token may localize; reading the metrics is for operators")]
+    Forbidden,
+    #[error("this token has used its allowance; send the same bytes again in {retry_after} s")]
+    RateLimited { retry_after: NonZeroU64 },
+    #[error("no such address; see /v1/openapi.json")]
+    NotFound,
+    #[error("another method is needed here; see /v1/openapi.json")]
+    WrongMethod,
+    #[error("no map of this name is served; /v1/maps lists them")]
+    UnknownMap,
+    #[error(
+        "this map cannot be opened at the moment; send the same bytes again later, its operator was told"
+    )]
+    MapUnavailable,
+    #[error(
+        "nobody who holds this part of the map can be reached; send the same bytes again in {retry_after} s"
+    )]
+    Unreached { retry_after: NonZeroU64 },
+    #[error("the service has no valid file of tokens, so nobody may ask; its operator was told")]
+    NoTokens,
+    #[error("send a sealed query as application/x-protobuf or application/octet-stream, not compressed")]
+    MediaType,
+    #[error("nobody told the service where this map is on Earth; accept application/json too")]
+    NotAcceptable,
+    #[error("a sealed query for this map has at most {limit} bytes")]
+    TooLarge { limit: usize },
+    #[error("this token's allowance lets {most} images of a session through at once; send it in parts")]
+    SessionTooLong { most: NonZeroU32 },
+    #[error("the body did not arrive within {seconds} s; send the same bytes again over a better network")]
+    TooSlow { seconds: u64 },
+    #[error("the body broke off before its end; send the same bytes again")]
+    Interrupted,
+    #[error("{0}")]
+    Malformed(String),
+    #[error("{0}")]
+    Version(String),
+    #[error(
+        "the query was sealed for another map or with an old profile; fetch the profile, and seal another frame of the same \
+         session with its orientation, or move on first: several images of one spot without a session tell more than one"
+    )]
+    WrongProfile,
+    #[error("{0}")]
+    BadWish(&'static str),
+    #[error(
+        "no pose is supported by the query{0}; send another frame of the same session with its orientation, or move on by a \
+         step or more first: several images of one spot without a session tell more than one"
+    )]
+    NotLocalized(&'static str),
+    #[error("the map is empty; its operator must add images")]
+    EmptyMap,
+    #[error(
+        "all workers are busy and the queue has no more room for this token; send the same bytes again in {retry_after} s"
+    )]
+    QueueFull { retry_after: NonZeroU64 },
+    #[error("the queue is too long for an answer in time; send the same bytes again in {retry_after} s")]
+    Overdue { retry_after: NonZeroU64 },
+    #[error("the service is stopping; send the same bytes again in {retry_after} s")]
+    Stopping { retry_after: NonZeroU64 },
+    #[error("no pose within {seconds} s; send the same bytes again later")]
+    TimedOut { seconds: u64 },
+    #[error("a bug in veiloc; it was logged")]
+    Broken,
+}
+
+impl Problem {
+    /// What is wrong with a body that is no sealed query: the field, and what it may be.
+    pub(crate) fn of_query(error: &QueryError) -> Self {
+        match error {
+            QueryError::TooLong { limit, .. } => Self::TooLarge { limit: *limit },
+            QueryError::Version { .. } => Self::Version(error.without_values()),
+            QueryError::WrongProfile { .. } => Self::WrongProfile,
+            _ => Self::Malformed(error.without_values()),
+        }
+    }
+
+    pub(crate) fn of_unanswered(why: Unanswered, within: Duration) -> Self {
+        match why {
+            Unanswered::WrongProfile => Self::WrongProfile,
+            Unanswered::EmptyMap => Self::EmptyMap,
+            // Nobody waits for what was stopped; should somebody, it did not get its time.
+            Unanswered::Stopped => Self::Stopping { retry_after: NonZeroU64::MIN },
+            Unanswered::NoPose(NoPose::OneSided) => {
+                Self::NotLocalized(": all lines that match run through one anchor")
+            }
+            Unanswered::NoPose(NoPose::TooFew) => Self::NotLocalized(": too few of its rows match the map"),
+            Unanswered::NoPose(NoPose::Unsupported) => Self::NotLocalized(""),
+            Unanswered::Busy { retry_after } => Self::QueueFull { retry_after },
+            Unanswered::Unreached { retry_after } => Self::Unreached { retry_after },
+            Unanswered::TimedOut => Self::TimedOut { seconds: within.as_secs().max(1) },
+            Unanswered::Broken => Self::Broken,
+        }
+    }
+
+    /// Status, a name for programs, metrics and logs, and a title for people.
+    const fn facts(&self) -> (StatusCode, &'static str, &'static str) {
+        use StatusCode as S;
+        match self {
+            Self::Unauthenticated => (S::UNAUTHORIZED, "unauthenticated", "No valid token"),
+            Self::Forbidden => (S::FORBIDDEN, "forbidden", "Not allowed"),
+            Self::RateLimited { .. } => (S::TOO_MANY_REQUESTS, "rate-limited", "Too many requests"),
+            Self::NotFound => (S::NOT_FOUND, "not-found", "Not found"),
+            Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
+            Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
+            Self::MapUnavailable => (S::SERVICE_UNAVAILABLE, "map-unavailable", "Map unavailable"),
+            Self::Unreached { .. } => (S::SERVICE_UNAVAILABLE, "unreached", "Nobody reached"),
+            Self::NoTokens => (S::SERVICE_UNAVAILABLE, "no-tokens", "Nobody may ask"),
+            Self::MediaType => (S::UNSUPPORTED_MEDIA_TYPE, "media-type", "Unsupported media type"),
+            Self::NotAcceptable => (S::NOT_ACCEPTABLE, "no-geographic-frame", "No geographic frame"),
+            Self::TooLarge { .. } => (S::PAYLOAD_TOO_LARGE, "too-large", "Body too large"),
+            Self::SessionTooLong { .. } => (S::PAYLOAD_TOO_LARGE, "session-too-long", "Session too long"),
+            Self::TooSlow { .. } => (S::REQUEST_TIMEOUT, "too-slow", "Body too slow"),
+            Self::Interrupted => (S::BAD_REQUEST, "interrupted", "Body incomplete"),
+            Self::Malformed(_) => (S::BAD_REQUEST, "malformed-query", "Not a sealed query"),
+            Self::Version(_) => (S::BAD_REQUEST, "unsupported-version", "Unsupported version"),
+            Self::BadWish(_) => (S::BAD_REQUEST, "bad-option", "Not an option"),
+            Self::WrongProfile => (S::CONFLICT, "wrong-profile", "Sealed for another map"),
+            Self::NotLocalized(_) => (S::UNPROCESSABLE_ENTITY, "not-localized", "Not localized"),
+            Self::EmptyMap => (S::CONFLICT, "empty-map", "Empty map"),
+            Self::QueueFull { .. } => (S::SERVICE_UNAVAILABLE, "queue-full", "Busy"),
+            Self::Overdue { .. } => (S::SERVICE_UNAVAILABLE, "overdue", "Busy"),
+            Self::Stopping { .. } => (S::SERVICE_UNAVAILABLE, "stopping", "Stopping"),
+            Self::TimedOut { .. } => (S::GATEWAY_TIMEOUT, "timed-out", "Took too long"),
+            Self::Broken => (S::INTERNAL_SERVER_ERROR, "broken", "Internal error"),
+        }
+    }
+
+    const fn retry_after(&self) -> Option<NonZeroU64> {
+        match self {
+            Self::RateLimited { retry_after }
+            | Self::QueueFull { retry_after }
+            | Self::Overdue { retry_after }
+            | Self::Unreached { retry_after }
+            | Self::Stopping { retry_after } => Some(*retry_after),
+            Self::MapUnavailable | Self::NoTokens => Some(LATER),
+            _ => None,
+        }
+    }
+}
+
+/// Seconds after which something that an operator has to mend may be mended.
+const LATER: NonZeroU64 = NonZeroU64::MIN.saturating_add(29);
+
+/// A refusal (RFC 9457).
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct ProblemDocument {
+    /// `urn:veiloc:problem:` and a name that stays the same.
+    #[serde(rename = "type")]
+    #[schema(example = "urn:veiloc:problem:queue-full")]
+    pub kind: String,
+    /// The name in words.
+    pub title: &'static str,
+    /// The status of the response.
+    pub status: u16,
+    /// What is wrong this time, and what to do.
+    pub detail: String,
+    /// `not-found` when the query was good and no pose was found; beside the states of an answer, the third.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state: Option<&'static str>,
+    /// Seconds after which to send the same bytes again.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub retry_after: Option<u64>,
+    /// `urn:veiloc:request:` and the name of this request, as in the header `veiloc-request-id`: what to tell the operator.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "urn:veiloc:request:4bf92f3577b34da6a3ce929d0e0e4736")]
+    pub instance: Option<String>,
+}
+
+impl ProblemDocument {
+    fn body(&self) -> Vec<u8> {
+        // Strings and numbers always serialize.
+        padding::json(serde_json::to_vec(self).unwrap_or_default())
+    }
+}
+
+/// Writes the name of the request into a refusal; other answers pass.
+pub(crate) fn sign(response: &mut Response, id: RequestId) {
+    let Some(document) = response.extensions_mut().remove::<Arc<ProblemDocument>>() else { return };
+    let mut document = Arc::unwrap_or_clone(document);
+    document.instance = Some(format!("urn:veiloc:request:{id}"));
+    *response.body_mut() = Body::from(document.body());
+}
+
+/// The refusals that a query can get: status and name, as in the table of docs/service.md.
+const OF_QUERIES: [(u16, &str); 24] = [
+    (400, "malformed-query"),
+    (400, "unsupported-version"),
+    (400, "bad-option"),
+    (400, "interrupted"),
+    (401, "unauthenticated"),
+    (404, "unknown-map"),
+    (405, "wrong-method"),
+    (406, "no-geographic-frame"),
+    (408, "too-slow"),
+    (409, "wrong-profile"),
+    (409, "empty-map"),
+    (413, "too-large"),
+    (413, "session-too-long"),
+    (415, "media-type"),
+    (422, "not-localized"),
+    (429, "rate-limited"),
+    (500, "broken"),
+    (503, "map-unavailable"),
+    (503, "unreached"),
+    (503, "no-tokens"),
+    (503, "queue-full"),
+    (503, "overdue"),
+    (503, "stopping"),
+    (504, "timed-out"),
+];
+
+/// All ways in which a query can be answered, of both addresses that take queries.
+pub(crate) fn kinds_of_queries() -> Vec<RequestKind<'static>> {
+    let answers =
+        || std::iter::once((200, None)).chain(OF_QUERIES.map(|(status, problem)| (status, Some(problem))));
+    ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig"]
+        .into_iter()
+        .flat_map(|route| answers().map(move |(status, problem)| RequestKind { route, status, problem }))
+        .collect()
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let (status, kind, title) = self.facts();
+        let document = ProblemDocument {
+            kind: format!("urn:veiloc:problem:{kind}"),
+            title,
+            status: status.as_u16(),
+            detail: self.to_string(),
+            state: matches!(self, Self::NotLocalized(_)).then_some("not-found"),
+            retry_after: self.retry_after().map(NonZeroU64::get),
+            instance: None,
+        };
+        let mut response =
+            (status, [(CONTENT_TYPE, "application/problem+json")], document.body()).into_response();
+        let headers = response.headers_mut();
+        if let Some(seconds) = self.retry_after() {
+            headers.insert(RETRY_AFTER, seconds.get().into());
+        }
+        if self == Self::Unauthenticated {
+            headers.insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
+        response.extensions_mut().insert(ProblemKind(kind));
+        response.extensions_mut().insert(Arc::new(document));
+        response.extensions_mut().insert(Hidden::Body);
+        response
+    }
+}
+
+/// Travels with a response to whoever logs it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ProblemKind(pub(crate) &'static str);

@@ -1,0 +1,52 @@
+//! Several sealed queries in, one pose out.
+
+use std::sync::Arc;
+
+use axum::Extension;
+use axum::body::Body;
+use axum::extract::rejection::PathRejection;
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::response::Response;
+use veiloc_protocol::AnswerDocument;
+
+use super::localize::serve;
+use crate::asked::Kind;
+use crate::geo::GeoPoseDocument;
+use crate::queue::Guest;
+use crate::state::App;
+use crate::telemetry::Trail;
+
+/// Where the device was that took the images of a session.
+///
+/// The body holds up to 32 sealed queries with their relative poses (docs/service.md). The answer is that of a single query
+/// with the rig in the camera's place. After 408, 429, 503 or 504 the same bytes may be sent again.
+#[utoipa::path(post, path = "/v1/maps/{name}/localize-rig", security(("token" = [])),
+    params(
+        ("name" = String, Path, description = "Name of the map"),
+        ("veiloc-trusted-only" = Option<bool>, Header, description = "Withhold a doubtful pose: the answer has its doubts and no pose"),
+        ("veiloc-near" = Option<String>, Header, description = "Where the camera roughly is: X,Y,Z,SD in map units"),
+    ),
+    request_body(content(
+        (Vec<u8> = "application/x-protobuf"),
+        (Vec<u8> = "application/octet-stream"),
+    )),
+    responses(
+        (status = 200, description = "The pose, in the form that `Accept` asks for", content(
+            (AnswerDocument = "application/json"),
+            (GeoPoseDocument = "application/geopose+json"),
+            (Vec<u8> = "application/x-protobuf"),
+            (Vec<u8> = "application/x-protobuf;version=2"),
+            (Vec<u8> = "application/x-protobuf;version=3"),
+        )),
+))]
+pub(super) async fn localize_rig(
+    State(app): State<Arc<App>>,
+    Extension(guest): Extension<Arc<Guest>>,
+    Extension(trail): Extension<Arc<Trail>>,
+    name: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
+    body: Body,
+) -> Response {
+    serve(app, &guest, trail, name, headers, body, Kind::Rig).await
+}

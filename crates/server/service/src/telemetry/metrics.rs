@@ -1,0 +1,480 @@
+//! What the operator may watch, in the text format of Prometheus (OpenMetrics).
+//!
+//! Labels are names the operator chose, routes, status codes and names of problems, so their number is bounded and
+//! none of them holds anything of a query. What an alert may ask for is there from the start, at zero: of a counter that
+//! appears with its first event, Prometheus does not see the first event.
+
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use prometheus_client::encoding::text::encode;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::Histogram;
+use prometheus_client::registry::Registry;
+
+use crate::telemetry::cluster::GatewayCounts;
+use crate::telemetry::log::LogQueue;
+use crate::telemetry::process::Process;
+use crate::telemetry::trail::RequestKind;
+
+type Labels = Vec<(&'static str, Cow<'static, str>)>;
+
+/// From a millisecond to half a minute, about three a decade.
+const SECONDS: [f64; 14] = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0];
+
+/// Names of tokens that are told apart; those that come later are counted together, as [`OTHER`].
+const TOKENS: usize = 256;
+
+/// All tokens beyond the first [`TOKENS`].
+const OTHER: &str = "other";
+
+/// Stages of a request, see [`crate::telemetry::Stage`].
+const STAGES: [&str; 5] = ["read", "queue", "retrieve", "match", "pose"];
+
+/// How a localization ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// A pose that nothing speaks against.
+    Trusted,
+    /// A pose with doubts.
+    Doubtful,
+    /// No pose.
+    NotLocalized,
+}
+
+impl Outcome {
+    const ALL: [Self; 3] = [Self::Trusted, Self::Doubtful, Self::NotLocalized];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Trusted => "trusted",
+            Self::Doubtful => "doubtful",
+            Self::NotLocalized => "not-localized",
+        }
+    }
+}
+
+/// Why a connection ended that did not end well: what no request is counted for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ConnectionFault {
+    /// The handshake of TLS failed, or the client broke it off.
+    TlsHandshake,
+    /// The handshake took too long.
+    TlsTimeout,
+    /// What was sent is no HTTP; answered with 400 where that was possible.
+    NotHttp,
+    /// A head or an address that is too long, answered with 431 or 414.
+    HeadTooLong,
+    /// The head did not end in time.
+    HeadTimeout,
+    /// The client broke off in the middle of a request.
+    Interrupted,
+    /// The client did not take its answer in time.
+    AnswerTimeout,
+    /// The client left before it was answered.
+    Left,
+}
+
+impl ConnectionFault {
+    const ALL: [Self; 8] = [
+        Self::TlsHandshake,
+        Self::TlsTimeout,
+        Self::NotHttp,
+        Self::HeadTooLong,
+        Self::HeadTimeout,
+        Self::Interrupted,
+        Self::AnswerTimeout,
+        Self::Left,
+    ];
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::TlsHandshake => "tls-handshake",
+            Self::TlsTimeout => "tls-timeout",
+            Self::NotHttp => "not-http",
+            Self::HeadTooLong => "head-too-long",
+            Self::HeadTimeout => "head-timeout",
+            Self::Interrupted => "interrupted",
+            Self::AnswerTimeout => "answer-timeout",
+            Self::Left => "left",
+        }
+    }
+}
+
+/// What is known when the service begins.
+#[derive(Debug, Default)]
+pub struct MetricsOptions<'a> {
+    /// Threads that localize.
+    pub workers: usize,
+    /// Queries that may wait.
+    pub queue: usize,
+    /// Connections at a time.
+    pub connections: usize,
+    /// The version of the program.
+    pub version: &'static str,
+    /// The log, if it goes through a queue.
+    pub log: Option<&'a LogQueue>,
+    /// What is asked of a cluster, where one holds the maps.
+    pub gateway: Option<&'a GatewayCounts>,
+    /// Requests that are there from the start, at zero.
+    pub requests: &'a [RequestKind<'a>],
+}
+
+/// What is read at the moment of a scrape.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Now {
+    /// Queries that wait.
+    pub queued: usize,
+    /// Threads that localize at the moment.
+    pub busy: usize,
+    /// Open connections.
+    pub connections: usize,
+    /// Whether queries are taken.
+    pub ready: bool,
+}
+
+/// All counts and times.
+pub struct Metrics {
+    registry: Registry,
+    requests: Family<Labels, Counter>,
+    request_seconds: Family<Labels, Histogram, fn() -> Histogram>,
+    token_requests: Family<Labels, Counter>,
+    tokens: Mutex<BTreeSet<Arc<str>>>,
+    stages: Family<Labels, Histogram, fn() -> Histogram>,
+    localizations: Family<Labels, Counter>,
+    reloads: Family<Labels, Counter>,
+    failing: Family<Labels, Gauge>,
+    queued: Gauge,
+    busy: Gauge,
+    connections: Gauge,
+    ready: Gauge,
+    certificate_ends: Gauge,
+    connections_closed: Family<Labels, Counter>,
+    faults: Family<Labels, Counter>,
+}
+
+impl fmt::Debug for Metrics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Metrics").finish_non_exhaustive()
+    }
+}
+
+impl Metrics {
+    /// Everything that is known from the start, at zero.
+    pub fn new(options: &MetricsOptions<'_>) -> Self {
+        let mut all = Registry::default();
+        all.register_collector(Box::new(Process));
+        let registry = all.sub_registry_with_prefix("veiloc");
+        let counter = |registry: &mut Registry, name: &str, help: &str| {
+            let family: Family<Labels, Counter> = Family::default();
+            registry.register(name, help, family.clone());
+            family
+        };
+        let histogram = |registry: &mut Registry, name: &str, help: &str| {
+            let new = (|| Histogram::new(SECONDS)) as fn() -> Histogram;
+            let family: Family<Labels, Histogram, fn() -> Histogram> = Family::new_with_constructor(new);
+            registry.register(name, help, family.clone());
+            family
+        };
+        let gauge = |registry: &mut Registry, name: &str, help: &str, value: usize| {
+            let gauge: Gauge = Gauge::default();
+            gauge.set(value as i64);
+            registry.register(name, help, gauge.clone());
+            gauge
+        };
+        let build: Family<Labels, Gauge> = Family::default();
+        build.get_or_create(&vec![("version", Cow::Borrowed(options.version))]).set(1);
+        registry.register("build_info", "1; the label is what runs", build);
+        let requests = counter(registry, "requests", "Requests answered, by route, status and problem");
+        let request_seconds =
+            histogram(registry, "request_seconds", "Time from the head of a request to its answer");
+        let token_requests = counter(
+            registry,
+            "token_requests",
+            "Requests that brought a known token, by its name and status; `other` for all but 256 names",
+        );
+        let stages = histogram(registry, "stage_seconds", "Time of each stage of a localization");
+        let localizations = counter(registry, "localizations", "Localizations, by map and outcome");
+        let reloads =
+            counter(registry, "reloads", "Files read again, by what they hold and whether it was taken");
+        let failing: Family<Labels, Gauge> = Family::default();
+        registry.register(
+            "reload_failing",
+            "1 while the newest state of a file cannot be used and an older one, or none, is",
+            failing.clone(),
+        );
+        gauge(registry, "workers", "Threads that localize", options.workers);
+        gauge(registry, "queue_capacity", "Queries that may wait for a worker", options.queue);
+        gauge(registry, "connections_limit", "Connections that may be open", options.connections);
+        let queued = gauge(registry, "queue_length", "Queries waiting for a worker", 0);
+        let busy = gauge(registry, "workers_busy", "Threads localizing at the moment", 0);
+        let connections = gauge(registry, "connections", "Open connections", 0);
+        let ready = gauge(registry, "ready", "1 while queries are taken, as /readyz says", 0);
+        let certificate_ends = gauge(
+            registry,
+            "certificate_expiry_timestamp_seconds",
+            "When the certificate ends, seconds since 1970; 0 without one",
+            0,
+        );
+        let connections_closed = counter(
+            registry,
+            "connections_closed",
+            "Connections closed for others: displaced by a newcomer, or refused because all were busy",
+        );
+        let faults = counter(
+            registry,
+            "connection_faults",
+            "Connections that ended otherwise than well, below the requests, by kind",
+        );
+        if let Some(log) = options.log {
+            registry.register(
+                "log_lines_dropped",
+                "Log lines that could not be written",
+                log.dropped_counter(),
+            );
+        }
+        if let Some(gateway) = options.gateway {
+            gateway.register(registry);
+        }
+        let metrics = Self {
+            registry: all,
+            requests,
+            request_seconds,
+            token_requests,
+            tokens: Mutex::default(),
+            stages,
+            localizations,
+            reloads,
+            failing,
+            queued,
+            busy,
+            connections,
+            ready,
+            certificate_ends,
+            connections_closed,
+            faults,
+        };
+        metrics.begin_at_zero(options.requests);
+        metrics
+    }
+
+    /// What may be asked for before it happened.
+    fn begin_at_zero(&self, requests: &[RequestKind<'_>]) {
+        for kind in requests {
+            drop(self.requests.get_or_create(&labels_of(kind)));
+        }
+        for stage in STAGES {
+            drop(self.stages.get_or_create(&vec![("stage", Cow::Borrowed(stage))]));
+        }
+        for reason in ["displaced", "refused"] {
+            drop(self.connections_closed.get_or_create(&vec![("reason", Cow::Borrowed(reason))]));
+        }
+        for fault in ConnectionFault::ALL {
+            drop(self.faults.get_or_create(&vec![("kind", Cow::Borrowed(fault.name()))]));
+        }
+        for file in ["tokens", "certificate"] {
+            self.file_begins(file, "");
+        }
+    }
+
+    fn file_begins(&self, what: &'static str, name: &str) {
+        for result in ["taken", "refused"] {
+            drop(self.reloads.get_or_create(&reload_labels(what, name, result)));
+        }
+        drop(self.failing.get_or_create(&failing_labels(what, name)));
+    }
+
+    /// Counts spans that could not be sent.
+    #[cfg(feature = "opentelemetry")]
+    pub fn count_spans_of(&mut self, traces: &crate::telemetry::traces::Traces) {
+        let registry = self.registry.sub_registry_with_prefix("veiloc");
+        registry.register(
+            "spans_dropped",
+            "Spans of traces that could not be sent",
+            traces.dropped_counter(),
+        );
+    }
+
+    /// A map that is served, or is meant to be.
+    pub fn map_begins(&self, name: &str) {
+        self.file_begins("map", name);
+        for outcome in Outcome::ALL {
+            drop(self.localizations.get_or_create(&localization_labels(name, outcome)));
+        }
+    }
+
+    /// A request that was answered so long after its head had come. `token`: the name of the one it brought.
+    pub fn request(&self, kind: &RequestKind<'_>, took: Duration, token: Option<&str>) {
+        self.requests.get_or_create(&labels_of(kind)).inc();
+        let status = Cow::<str>::Owned(kind.status.to_string());
+        let labels = vec![("route", Cow::Owned(kind.route.to_owned())), ("status", status.clone())];
+        self.request_seconds.get_or_create(&labels).observe(took.as_secs_f64());
+        if let Some(token) = token {
+            let labels = vec![("token", self.token_label(token)), ("status", status)];
+            self.token_requests.get_or_create(&labels).inc();
+        }
+    }
+
+    /// The name, as long as there are not too many of them.
+    fn token_label(&self, name: &str) -> Cow<'static, str> {
+        let mut known = self.tokens.lock().unwrap_or_else(PoisonError::into_inner);
+        if !known.contains(name) {
+            if known.len() >= TOKENS {
+                return Cow::Borrowed(OTHER);
+            }
+            known.insert(name.into());
+        }
+        Cow::Owned(name.to_owned())
+    }
+
+    /// `why`: `displaced` or `refused`.
+    pub fn connection_closed(&self, why: &'static str) {
+        self.connections_closed.get_or_create(&vec![("reason", Cow::Borrowed(why))]).inc();
+    }
+
+    /// A connection that did not end well.
+    pub fn connection_fault(&self, fault: ConnectionFault) {
+        self.faults.get_or_create(&vec![("kind", Cow::Borrowed(fault.name()))]).inc();
+    }
+
+    /// A stage of a localization, see [`crate::telemetry::Stage`].
+    pub fn stage(&self, stage: &'static str, time: Duration) {
+        self.stages.get_or_create(&vec![("stage", Cow::Borrowed(stage))]).observe(time.as_secs_f64());
+    }
+
+    /// How a localization in a map ended.
+    pub fn localization(&self, map: &str, outcome: Outcome) {
+        self.localizations.get_or_create(&localization_labels(map, outcome)).inc();
+    }
+
+    /// `what`: `map` and its name, `tokens` or `certificate`.
+    pub fn reload(&self, what: &'static str, name: &str, taken: bool) {
+        let result = if taken { "taken" } else { "refused" };
+        self.reloads.get_or_create(&reload_labels(what, name, result)).inc();
+    }
+
+    /// `what` as for [`Self::reload`], or `folder`.
+    pub fn reload_failing(&self, what: &'static str, name: &str, failing: bool) {
+        self.failing.get_or_create(&failing_labels(what, name)).set(failing.into());
+    }
+
+    /// A map that is served no more fails no more.
+    pub fn forget_map(&self, name: &str) {
+        self.failing.remove(&failing_labels("map", name));
+    }
+
+    /// Seconds since 1970.
+    pub fn certificate_ends(&self, seconds: i64) {
+        self.certificate_ends.set(seconds);
+    }
+
+    /// All of it.
+    pub fn text(&self, now: &Now) -> String {
+        self.connections.set(now.connections as i64);
+        self.queued.set(now.queued as i64);
+        self.busy.set(now.busy as i64);
+        self.ready.set(now.ready.into());
+        let mut text = String::new();
+        // Writing into a string cannot fail.
+        let _ = encode(&mut text, &self.registry);
+        text
+    }
+}
+
+fn labels_of(kind: &RequestKind<'_>) -> Labels {
+    vec![
+        ("route", Cow::Owned(kind.route.to_owned())),
+        ("status", Cow::Owned(kind.status.to_string())),
+        ("problem", Cow::Borrowed(kind.problem.unwrap_or(""))),
+    ]
+}
+
+fn localization_labels(map: &str, outcome: Outcome) -> Labels {
+    vec![("map", Cow::Owned(map.to_owned())), ("outcome", Cow::Borrowed(outcome.name()))]
+}
+
+fn failing_labels(what: &'static str, name: &str) -> Labels {
+    vec![("file", Cow::Borrowed(what)), ("map", Cow::Owned(name.to_owned()))]
+}
+
+fn reload_labels(what: &'static str, name: &str, result: &'static str) -> Labels {
+    let mut labels = failing_labels(what, name);
+    labels.push(("result", Cow::Borrowed(result)));
+    labels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn metrics() -> Metrics {
+        let kind = RequestKind { route: "/v1/maps", status: 500, problem: Some("broken") };
+        Metrics::new(&MetricsOptions { version: "7.8.9", requests: &[kind], ..Default::default() })
+    }
+
+    #[test]
+    fn what_may_be_asked_for_is_there_before_it_happened() {
+        let metrics = metrics();
+        metrics.map_begins("lobby");
+        let text = metrics.text(&Now { ready: true, ..Now::default() });
+        for line in [
+            r#"veiloc_requests_total{route="/v1/maps",status="500",problem="broken"} 0"#,
+            r#"veiloc_connection_faults_total{kind="tls-handshake"} 0"#,
+            r#"veiloc_connections_closed_total{reason="refused"} 0"#,
+            r#"veiloc_localizations_total{map="lobby",outcome="trusted"} 0"#,
+            r#"veiloc_reload_failing{file="map",map="lobby"} 0"#,
+            r#"veiloc_stage_seconds_count{stage="pose"} 0"#,
+            r#"veiloc_build_info{version="7.8.9"} 1"#,
+            "veiloc_ready 1",
+        ] {
+            assert!(text.lines().any(|l| l == line), "{line}\n{text}");
+        }
+        metrics.forget_map("lobby");
+        assert!(!metrics.text(&Now::default()).contains("veiloc_reload_failing{file=\"map\""));
+        if cfg!(target_os = "linux") {
+            assert!(
+                text.contains("\nprocess_resident_memory_bytes ")
+                    && text.contains("\nprocess_cpu_seconds_total "),
+                "{text}"
+            );
+        }
+    }
+
+    /// However many names there are, the number of series has a bound, and no request is lost.
+    #[test]
+    fn names_of_tokens_are_told_apart_up_to_a_number() {
+        let metrics = metrics();
+        let kind = RequestKind { route: "/v1/maps", status: 422, problem: Some("not-localized") };
+        for round in 0..2 {
+            for i in 0..TOKENS + 50 {
+                metrics.request(&kind, Duration::from_millis(30), Some(&format!("phone-{i}")));
+            }
+            let text = metrics.text(&Now::default());
+            let lines: Vec<_> =
+                text.lines().filter(|l| l.starts_with("veiloc_token_requests_total{")).collect();
+            assert_eq!(lines.len(), TOKENS + 1);
+            let other =
+                format!(r#"veiloc_token_requests_total{{token="other",status="422"}} {}"#, 50 * (round + 1));
+            assert!(lines.contains(&other.as_str()), "{lines:?}");
+        }
+        let text = metrics.text(&Now::default());
+        let counted =
+            format!(r#"veiloc_request_seconds_count{{route="/v1/maps",status="422"}} {}"#, 2 * (TOKENS + 50));
+        assert!(text.contains(&counted), "{text}");
+        let below = r#"veiloc_request_seconds_bucket{le="0.02",route="/v1/maps",status="422"} 0"#;
+        assert!(text.contains(below), "{text}");
+    }
+
+    #[test]
+    fn faults_have_names_of_their_own() {
+        let names: BTreeSet<_> = ConnectionFault::ALL.iter().map(|fault| fault.name()).collect();
+        assert_eq!(names.len(), ConnectionFault::ALL.len());
+    }
+}

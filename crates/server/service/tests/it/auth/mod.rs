@@ -1,0 +1,3 @@
+//! Tests of `auth`.
+
+mod any_bytes;

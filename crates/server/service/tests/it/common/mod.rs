@@ -1,0 +1,293 @@
+//! A place of random points, and a real server that serves it on a loopback port.
+#![allow(dead_code, unreachable_pub)] // each test program uses its own part
+
+pub mod http;
+pub mod mark;
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::{ChaCha8Rng, ChaCha20Rng};
+use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+use veiloc_features::{Features, Keypoint};
+use veiloc_geometry::frames::World;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
+use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
+use veiloc_obfuscation::{SealOptions, seal};
+use veiloc_protocol::{Profile, SealedQuery};
+use veiloc_service::{Listening, MapSource, Server, ServerHandle, ServerOptions, Stopped};
+
+use http::{Request, Response};
+
+/// A client's token.
+pub const PHONE: &str = "phone-token";
+/// The token that may read metrics.
+pub const OPERATOR: &str = "operator-token";
+
+/// Random points with random descriptors, seen exactly: the whole server side without an image.
+pub struct Place {
+    pub camera: Intrinsics,
+    pub profile: Profile,
+    points: Vec<Point3<World>>,
+    descriptors: Vec<[u8; 128]>,
+}
+
+impl Place {
+    pub fn new(seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut within = |a: f64| rng.random_range(-a..a);
+        let points = (0..900).map(|_| Point3::new(within(3.0), within(2.0), 6.5 + within(2.5))).collect();
+        let descriptors: Vec<[u8; 128]> =
+            (0..900).map(|_| std::array::from_fn(|_| rng.random_range(0..120))).collect();
+        let rows = Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors.concat()).expect("whole rows");
+        let vocabulary = Vocabulary::train(rows.view(), 8, &mut rng).expect("enough samples");
+        let profile = Profile::vlad(vocabulary);
+        let camera = "SIMPLE_RADIAL,640,480,520,322,238,-0.04".parse().expect("a camera");
+        Self { camera, profile, points, descriptors }
+    }
+
+    fn seen(&self, pose: &CameraFromWorld) -> Vec<(usize, Pixel)> {
+        let inside = |p: &Pixel| p.u > 0.0 && p.v > 0.0 && p.u < 640.0 && p.v < 480.0;
+        (0..self.points.len())
+            .filter_map(|i| {
+                let plane = PlanePoint::from_camera_point(&pose.transform(&self.points[i]))?;
+                Some((i, self.camera.project(plane))).filter(|(_, p)| inside(p))
+            })
+            .collect()
+    }
+
+    fn observed(&self, seen: &[(usize, Pixel)], rng: &mut impl Rng) -> Descriptors {
+        let bytes = seen.iter().flat_map(|(p, _)| {
+            let noise: [u8; 128] = std::array::from_fn(|_| rng.random_range(0..12));
+            std::array::from_fn::<u8, 128, _>(|i| self.descriptors[*p][i].saturating_add(noise[i]))
+        });
+        Descriptors::new(DescriptorKind::ROOT_SIFT, bytes.collect()).expect("whole rows")
+    }
+
+    /// A map with this many images, at most ten.
+    pub fn map(&self, images: u32) -> MapModel {
+        let mut rng = ChaCha8Rng::seed_from_u64(99);
+        let mut model = MapModel::empty(self.profile.clone(), BuildSettings::default());
+        model.cameras.push(self.camera);
+        let mut tracks = vec![Vec::new(); self.points.len()];
+        for i in 0..images {
+            let pose = pose(f64::from(i) * 0.1 - 0.3, f64::from(i % 3) * 0.3);
+            let seen = self.seen(&pose);
+            let descriptors = self.observed(&seen, &mut rng);
+            for (keypoint, (point, _)) in seen.iter().enumerate() {
+                tracks[*point].push(Observation { image: i, keypoint: keypoint as u32 });
+            }
+            model.images.push(MapImage {
+                name: format!("{i}.jpg"),
+                camera: 0,
+                cam_from_world: pose,
+                keypoints: seen.iter().map(|(_, p)| [p.u as f32, p.v as f32]).collect(),
+                global: self.profile.global_model().of_rows(descriptors.view()).expect("VLAD"),
+                descriptors,
+                point_of_keypoint: vec![None; seen.len()],
+            });
+        }
+        for (position, track) in self.points.iter().zip(tracks) {
+            if track.len() >= 2 {
+                model.points.push(MapPoint { position: *position, track, error: 0.5 });
+            }
+        }
+        model.link_keypoints();
+        model
+    }
+
+    /// An image from this pose.
+    pub fn features(&self, pose: &CameraFromWorld) -> Features {
+        let seen = self.seen(pose);
+        let keypoint = |(i, (_, pixel)): (usize, &(usize, Pixel))| Keypoint {
+            pixel: *pixel,
+            scale: 2.0,
+            orientation: 0.0,
+            response: 1.0 / (1.0 + i as f32),
+        };
+        Features {
+            keypoints: seen.iter().enumerate().map(keypoint).collect(),
+            descriptors: self.observed(&seen, &mut ChaCha8Rng::seed_from_u64(5)),
+            global: None,
+        }
+    }
+
+    /// The bytes a device sends for it.
+    pub fn sealed(&self, pose: &CameraFromWorld) -> Vec<u8> {
+        let mut rng = ChaCha20Rng::seed_from_u64(3);
+        seal_features(self.features(pose), &self.camera, &self.profile, &mut rng).encode()
+    }
+
+    /// A query for the map whose left half shows this place and whose right half another: lines of one anchor agree, and
+    /// leave one direction free.
+    pub fn sealed_doubtfully(&self) -> Vec<u8> {
+        let own = self.features(&truth());
+        let other = Place::new(77).features(&truth()).descriptors;
+        let middle = f64::from(self.camera.width) / 2.0;
+        let row = |i: usize| {
+            let shown = if own.keypoints[i].pixel.u < middle { &own.descriptors } else { &other };
+            shown.as_bytes()[128 * i..128 * (i + 1)].to_vec()
+        };
+        self.with_descriptors(row, other.len())
+    }
+
+    /// A query for the map all of whose rows look the same: no row matches better than another.
+    pub fn sealed_without_features(&self) -> Vec<u8> {
+        self.with_descriptors(|_| vec![200; 128], usize::MAX)
+    }
+
+    fn with_descriptors(&self, row: impl Fn(usize) -> Vec<u8>, most: usize) -> Vec<u8> {
+        let mut features = self.features(&truth());
+        features.keypoints.truncate(most);
+        let rows = (0..features.keypoints.len()).flat_map(row).collect();
+        features.descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows");
+        seal_features(features, &self.camera, &self.profile, &mut ChaCha20Rng::seed_from_u64(4)).encode()
+    }
+}
+
+/// The one place of these tests that seals.
+pub fn seal_features(
+    features: Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    rng: &mut ChaCha20Rng,
+) -> SealedQuery {
+    seal(features, camera, profile, &SealOptions::default(), rng).expect("sealed")
+}
+
+/// A camera within the mapped part of the place.
+pub fn pose(yaw: f64, shift: f64) -> CameraFromWorld {
+    Rigid3::new(Rotation3::from_scaled_axis(Vector3::new(0.05, yaw, -0.02)), Vector3::new(shift, 0.1, 0.4))
+}
+
+/// A pose that no image of the map has.
+pub fn truth() -> CameraFromWorld {
+    pose(0.13, 0.2)
+}
+
+/// A file of the tests' data.
+pub fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+}
+
+/// A folder with `place.vmap` and `tokens`.
+pub struct Files {
+    pub folder: tempfile::TempDir,
+    pub place: Place,
+}
+
+impl Files {
+    pub fn new() -> Self {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let place = Place::new(1);
+        veiloc_map::write(&place.map(6), &folder.path().join("place.vmap")).expect("written");
+        std::fs::write(folder.path().join("tokens"), tokens_file(&[(PHONE, ""), (OPERATOR, "operator")]))
+            .expect("written");
+        Self { folder, place }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Serves the map as `place`, with tokens, on any free port; files are not watched.
+    pub fn options(&self) -> ServerOptions {
+        let mut options = self.open_options();
+        options.tokens = Some(self.path("tokens"));
+        options
+    }
+
+    /// The same for everybody.
+    pub fn open_options(&self) -> ServerOptions {
+        let source = MapSource { name: "place".to_owned(), path: self.path("place.vmap"), geo: None };
+        let mut options = ServerOptions::new(vec![source]);
+        options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
+        options.rate.per_second = 100_000.try_into().expect("not zero");
+        options.rate.burst = 100_000.try_into().expect("not zero");
+        options.watch = None;
+        options
+    }
+}
+
+/// A file of tokens, hashed here as an operator would with `openssl dgst -sha256`.
+pub fn tokens_file(tokens: &[(&str, &str)]) -> String {
+    use sha2::Digest as _;
+    let line = |(token, role): &(&str, &str)| {
+        let hash = sha2::Sha256::digest(token.as_bytes());
+        let hex = hash.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"));
+        format!("someone {hex} {role}\n")
+    };
+    tokens.iter().map(line).collect()
+}
+
+/// A server in a thread of its own, stopped when dropped.
+pub struct Running {
+    pub address: SocketAddr,
+    pub listening: Listening,
+    pub handle: ServerHandle,
+    thread: Option<JoinHandle<Stopped>>,
+}
+
+impl Running {
+    pub fn start(options: ServerOptions) -> Self {
+        let (sender, receiver) = mpsc::channel();
+        let thread = std::thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_multi_thread()
+                .worker_threads(2)
+                .enable_all()
+                .build()
+                .expect("runtime");
+            runtime.block_on(async {
+                let server = Server::bind(options).await.expect("a server");
+                sender.send((server.listening().clone(), server.handle())).expect("the test waits");
+                server.run().await
+            })
+        });
+        let (listening, handle) = receiver.recv().expect("the server starts");
+        Self {
+            address: listening.address().expect("a TCP listener"),
+            listening,
+            handle,
+            thread: Some(thread),
+        }
+    }
+
+    /// Stops it and waits; how it ended.
+    pub fn stop(mut self) -> Stopped {
+        self.handle.stop();
+        self.thread.take().expect("running").join().expect("the server ends")
+    }
+
+    pub fn get(&self, path: &str, token: &str) -> Response {
+        Request::get(path).token(token).send(self.address)
+    }
+
+    pub fn localize(&self, query: &[u8], token: &str) -> Response {
+        Request::localize(query).token(token).send(self.address)
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.handle.stop();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Waits until something is so; a test that waits in vain fails instead of hanging.
+pub fn eventually(what: &str, mut is_so: impl FnMut() -> bool) {
+    for _ in 0..3000 {
+        if is_so() {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    panic!("{what} never came about");
+}

@@ -1,0 +1,73 @@
+//! Pages in browsers: which may ask, what they are told, and that without the option nothing changes.
+
+use super::common;
+
+use common::http::{Request, Response};
+use common::{Files, PHONE, Running, truth};
+
+const PAGE: &str = "https://app.example";
+
+fn preflight(server: &Running, origin: &str) -> Response {
+    Request::with_method("OPTIONS", "/v1/maps/place/localize")
+        .header("origin", origin)
+        .header("access-control-request-method", "POST")
+        .header("access-control-request-headers", "authorization,content-type")
+        .send(server.address)
+}
+
+#[test]
+fn a_page_of_an_allowed_origin_may_ask_and_no_other() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.cors =
+        vec![PAGE.parse().expect("an origin"), "http://localhost:5173".parse().expect("an origin")];
+    let server = Running::start(options);
+    let allowed = |response: &Response| response.header("access-control-allow-origin").map(str::to_owned);
+
+    let told = preflight(&server, PAGE);
+    assert_eq!((told.status, allowed(&told).as_deref()), (204, Some(PAGE)), "without a token");
+    let header = |name: &str| told.header(name).unwrap_or_default().to_owned();
+    assert_eq!(header("access-control-allow-methods"), "GET, POST");
+    for name in ["authorization", "content-type", "veiloc-near", "veiloc-trusted-only"] {
+        assert!(header("access-control-allow-headers").contains(name), "{name}");
+    }
+    assert_eq!(told.header("access-control-allow-credentials"), None);
+    assert_eq!(header("vary").to_lowercase(), "origin");
+    for other in ["https://evil.example", "https://app.example.evil", "http://app.example", "null"] {
+        let refused = preflight(&server, other);
+        assert_eq!((refused.status, allowed(&refused)), (405, None), "{other}");
+    }
+
+    // Answers and refusals alike may be seen by the page that asked, and by it alone.
+    let query = files.place.sealed(&truth());
+    for (token, status) in [(PHONE, 200), ("guess", 401)] {
+        let ask = |origin: &str| {
+            Request::localize(&query).token(token).header("origin", origin).send(server.address)
+        };
+        let own = ask(PAGE);
+        assert_eq!((own.status, allowed(&own).as_deref()), (status, Some(PAGE)));
+        assert!(
+            own.header("access-control-expose-headers").is_some_and(|shown| shown.contains("retry-after"))
+        );
+        let other = ask("https://evil.example");
+        assert_eq!((other.status, allowed(&other)), (status, None), "who is no browser is not bound by it");
+        assert_eq!(server.localize(&query, token).status, status);
+    }
+}
+
+#[test]
+fn without_the_option_there_is_nothing_of_it() {
+    let files = Files::new();
+    let server = Running::start(files.options());
+    let refused = preflight(&server, PAGE);
+    assert_eq!(refused.status, 405);
+    let list = Request::get("/v1/maps").token(PHONE).header("origin", PAGE).send(server.address);
+    assert_eq!(list.status, 200);
+    for response in [refused, list] {
+        assert!(
+            !response.head.contains("access-control") && !response.head.contains("vary"),
+            "{}",
+            response.head
+        );
+    }
+}

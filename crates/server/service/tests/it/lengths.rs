@@ -1,0 +1,249 @@
+//! L12: what a reply to a query says cannot be told from how long it is, measured on the wire, within TLS and outside.
+
+use super::common;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::num::{NonZeroU32, NonZeroUsize};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use common::http::{Request, connect};
+use common::{Files, PHONE, Place, Running, data, truth};
+use rustls::pki_types::pem::PemObject as _;
+use rustls::pki_types::{CertificateDer, ServerName};
+use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use veiloc_protocol::Answer;
+use veiloc_service::{ServerOptions, TlsFiles};
+
+/// Everything a reply may be asked for in.
+const FORMS: [&str; 5] = [
+    "application/json",
+    "application/geopose+json",
+    "application/x-protobuf;version=3",
+    "application/x-protobuf;version=2",
+    "application/x-protobuf",
+];
+
+/// Requests that get a pose which is trusted, one which is not, and each refusal that a query can get.
+struct Cases {
+    files: Files,
+    requests: Vec<(&'static str, Request)>,
+}
+
+impl Cases {
+    fn new(accept: &str) -> Self {
+        let files = Files::new();
+        let query = files.place.sealed(&truth());
+        let localize = |body: &[u8]| Request::localize(body).token(PHONE).header("accept", accept);
+        let mut version = query.clone();
+        version[1] = 9;
+        let other_type =
+            Request::post("/v1/maps/place/localize", &query).token(PHONE).header("content-type", "a/b");
+        let elsewhere = Request::post("/v1/maps/x/localize", &query).token(PHONE);
+        let requests = vec![
+            ("trusted", localize(&query)),
+            ("withheld", localize(&files.place.sealed_doubtfully()).header("veiloc-trusted-only", "true")),
+            ("doubtful", localize(&files.place.sealed_doubtfully())),
+            ("not-localized", localize(&files.place.sealed_without_features())),
+            ("bad-option", localize(&query).header("veiloc-near", "x")),
+            ("malformed-query", localize(&query[..query.len() / 2])),
+            ("unsupported-version", localize(&version)),
+            ("wrong-profile", localize(&Place::new(2).sealed(&truth()))),
+            ("too-large", localize(&vec![0; 600_000])),
+            ("unauthenticated", Request::localize(&query).header("accept", accept)),
+            ("media-type", other_type),
+            ("unknown-map", elsewhere.header("content-type", "application/x-protobuf")),
+        ];
+        Self { files, requests }
+    }
+
+    fn options(&self) -> ServerOptions {
+        let mut options = self.files.options();
+        options.maps[0].geo = Some("47.5,8.5,400,0.70710678,-0.70710678,0,0".parse().expect("a frame"));
+        options
+    }
+}
+
+/// All bytes of a reply, head and body, on a connection that is closed after it.
+fn bytes_of(address: SocketAddr, request: Request) -> Vec<u8> {
+    let mut stream = connect(address);
+    let _ = stream.write_all(&request.header("connection", "close").bytes());
+    let mut bytes = Vec::new();
+    stream.read_to_end(&mut bytes).expect("a whole reply");
+    bytes
+}
+
+/// What the reply turned out to be.
+fn kind_of(bytes: &[u8]) -> String {
+    let (head, body) = split(bytes);
+    if !head.starts_with("HTTP/1.1 200") {
+        let document: serde_json::Value = serde_json::from_slice(body).expect("a refusal is JSON");
+        return document["type"].as_str().expect("a type").replace("urn:veiloc:problem:", "");
+    }
+    let (trusted, has_pose) = if head.contains("protobuf") {
+        let answer = Answer::decode(body).expect("an answer");
+        (answer.trusted, answer.pose.is_some())
+    } else {
+        let document = serde_json::from_slice::<serde_json::Value>(body).expect("JSON");
+        let pose = ["center", "position"].iter().any(|field| document.get(field).is_some());
+        (document["trusted"] == true, pose)
+    };
+    match (trusted, has_pose) {
+        (true, true) => "trusted",
+        (false, true) => "doubtful",
+        (false, false) => "withheld",
+        (true, false) => panic!("a trusted pose was withheld"),
+    }
+    .to_owned()
+}
+
+fn split(bytes: &[u8]) -> (&str, &[u8]) {
+    let end = bytes.windows(4).position(|w| w == b"\r\n\r\n").expect("a head") + 4;
+    (std::str::from_utf8(&bytes[..end]).expect("ASCII"), &bytes[end..])
+}
+
+#[test]
+fn all_replies_to_queries_have_one_length() {
+    for form in FORMS {
+        let cases = Cases::new(form);
+        let server = Running::start(cases.options());
+        let mut ids = BTreeSet::new();
+        let mut lengths: BTreeMap<(usize, bool), Vec<String>> = BTreeMap::new();
+        for (what, request) in cases.requests {
+            let bytes = bytes_of(server.address, request);
+            assert_eq!(kind_of(&bytes), what, "{form}");
+            let (head, body) = split(&bytes);
+            assert!(head.contains("no-transform"), "{head}");
+            let id = head.split("veiloc-request-id: ").nth(1).and_then(|rest| rest.get(..32)).expect("an id");
+            assert!(ids.insert(id.to_owned()), "{id} comes twice");
+            // Answers of version 1 cannot be as long as refusals: their bodies have no room.
+            let plain = head.contains("content-type: application/x-protobuf\r\n");
+            assert!(plain || body.len() == Answer::PADDED_BYTES, "{form}, {what}: {} bytes", body.len());
+            lengths.entry((bytes.len(), plain)).or_default().push(what.to_owned());
+        }
+        let kinds = if form == FORMS[4] { 2 } else { 1 };
+        assert_eq!(lengths.len(), kinds, "{form}: {lengths:?}");
+    }
+}
+
+/// Refusals that depend on load and time.
+#[test]
+fn refusals_under_load_are_no_shorter_or_longer() {
+    let files = Files::new();
+    let query = files.place.sealed(&truth());
+    let ask = |server: &Running| bytes_of(server.address, Request::localize(&query).token(PHONE));
+    let mut options = files.options();
+    options.rate.per_second = NonZeroU32::MIN;
+    options.rate.burst = NonZeroU32::MIN;
+    let server = Running::start(options);
+    let answered = ask(&server);
+    assert_eq!(kind_of(&answered), "trusted");
+    // One a second: soon after the other, if not at once.
+    let limited = (0..100).map(|_| ask(&server)).find(|reply| kind_of(reply) == "rate-limited");
+    let limited = limited.expect("more than one a second");
+
+    let mut options = files.options();
+    options.timeouts.localize = Duration::from_millis(1);
+    options.localize.pose.fixed_hypotheses = Some(3000);
+    let late = ask(&Running::start(options));
+    assert_eq!(kind_of(&late), "timed-out");
+
+    let mut options = files.options();
+    options.workers = NonZeroUsize::MIN;
+    options.queue = NonZeroUsize::MIN;
+    // One takes longer than all of them take to arrive.
+    options.localize.pose.fixed_hypotheses = Some(60_000);
+    let server = Running::start(options);
+    let replies: Vec<Vec<u8>> = std::thread::scope(|scope| {
+        let all: Vec<_> = (0..12).map(|_| scope.spawn(|| ask(&server))).collect();
+        all.into_iter().map(|one| one.join().expect("a reply")).collect()
+    });
+    assert!(replies.iter().any(|bytes| kind_of(bytes) == "queue-full"));
+    for bytes in replies.iter().chain([&limited, &late]) {
+        assert_eq!(bytes.len(), answered.len(), "{}", kind_of(bytes));
+    }
+}
+
+/// A socket whose arriving bytes are kept: what somebody on the way sees.
+struct Tapped {
+    stream: TcpStream,
+    seen: Arc<Mutex<Vec<u8>>>,
+}
+
+impl Read for Tapped {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.stream.read(buffer)?;
+        self.seen.lock().expect("not poisoned").extend_from_slice(&buffer[..count]);
+        Ok(count)
+    }
+}
+
+impl Write for Tapped {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.stream.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.stream.flush()
+    }
+}
+
+/// Lengths of the TLS records of a reply, after those of the handshake.
+fn records(address: SocketAddr, request: Request) -> (Vec<usize>, String) {
+    let mut roots = RootCertStore::empty();
+    roots.add(CertificateDer::from_pem_file(data("cert.pem")).expect("a certificate")).expect("a root");
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let config = ClientConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .expect("versions")
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    let name = ServerName::try_from("localhost").expect("a name");
+    let connection = ClientConnection::new(Arc::new(config), name).expect("a connection");
+    let seen = Arc::new(Mutex::new(Vec::new()));
+    let mut stream = StreamOwned::new(connection, Tapped { stream: connect(address), seen: seen.clone() });
+    let mut ask = |request: Request| {
+        let _ = stream.write_all(&request.bytes());
+        common::http::Response::read(&mut stream)
+    };
+    // One reply to see the handshake and its tickets through.
+    assert_eq!(ask(Request::get("/healthz")).status, 200);
+    seen.lock().expect("not poisoned").clear();
+    let response = ask(request);
+    let kind = match response.status {
+        200 => response.json()["trusted"].to_string(),
+        _ => response.problem(),
+    };
+    let bytes = seen.lock().expect("not poisoned").clone();
+    let mut lengths = Vec::new();
+    let mut rest = &bytes[..];
+    while let [_, _, _, high, low, ..] = rest {
+        let length = usize::from(u16::from_be_bytes([*high, *low]));
+        lengths.push(length);
+        rest = rest.get(5 + length..).expect("whole records");
+    }
+    (lengths, kind)
+}
+
+#[test]
+fn tls_records_of_all_replies_are_the_same() {
+    let cases = Cases::new("application/json");
+    let mut options = cases.options();
+    options.tls = Some(TlsFiles { cert: data("cert.pem"), key: data("key.pem"), client_ca: None });
+    let server = Running::start(options);
+    let mut first = None;
+    for (what, request) in cases.requests {
+        let (lengths, kind) = records(server.address, request);
+        let expected = match what {
+            "trusted" => "true",
+            "doubtful" | "withheld" => "false",
+            problem => problem,
+        };
+        assert_eq!(kind, expected);
+        assert!(lengths.iter().sum::<usize>() > Answer::PADDED_BYTES, "{lengths:?}");
+        let first = first.get_or_insert_with(|| lengths.clone());
+        assert_eq!(*first, lengths, "{what}");
+    }
+}

@@ -1,0 +1,24 @@
+//! Tests of `veiloc-service` from outside, one executable: linking is what costs.
+
+mod answers;
+mod auth;
+mod common;
+mod cors;
+mod echo;
+mod fairness;
+mod faults;
+mod http2;
+mod lengths;
+mod listeners;
+mod monitoring;
+mod page;
+mod privacy;
+mod refusals;
+mod reload;
+mod rig;
+mod scopes;
+mod shutdown;
+mod tls;
+mod traces;
+mod unknown_clients;
+mod web_page;

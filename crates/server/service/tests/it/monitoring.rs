@@ -1,0 +1,192 @@
+//! What the dashboard and the alerts of `deploy/` ask for is what the service shows, every alert has its test and its section
+//! of the runbook, and there is no section without its alert.
+
+use super::common;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use common::{Files, OPERATOR, PHONE, Running, data, truth};
+use veiloc_service::{LogQueue, TlsFiles};
+
+/// A file of the repository.
+fn repository(path: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../..").join(path);
+    std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+fn alerts() -> Vec<String> {
+    let text = repository("deploy/prometheus/alerts.yml");
+    text.lines().filter_map(|line| line.trim().strip_prefix("- alert: ")).map(str::to_owned).collect()
+}
+
+/// A metric that is asked for, with the labels that its selector names and their values; several where any will do.
+#[derive(Debug)]
+struct Asked {
+    name: String,
+    labels: Vec<(String, Vec<String>)>,
+}
+
+/// All metrics named in a text: words with our prefixes, and the selector behind each.
+fn asked_for(text: &str) -> Vec<Asked> {
+    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let mut all = Vec::new();
+    for (at, _) in text.match_indices("veiloc_").chain(text.match_indices("process_")) {
+        if text[..at].ends_with(is_word) {
+            continue;
+        }
+        let rest = &text[at..];
+        let name = &rest[..rest.find(|c| !is_word(c)).unwrap_or(rest.len())];
+        let mut labels = Vec::new();
+        if let Some(selector) = rest[name.len()..].strip_prefix('{') {
+            let mut selector = selector;
+            while let Some((label, rest)) = selector.split_once('"') {
+                let (value, rest) = rest.split_once('"').expect("a value ends");
+                let equal = label.ends_with('=') || label.ends_with("=~");
+                let label = label.trim_matches(|c: char| !is_word(c)).to_owned();
+                if equal && !value.contains('$') && !value.contains('*') && !value.contains("..") {
+                    labels.push((label, value.split('|').map(str::to_owned).collect()));
+                }
+                if rest.starts_with('}') {
+                    break;
+                }
+                selector = rest;
+            }
+        }
+        all.push(Asked { name: name.to_owned(), labels });
+    }
+    all
+}
+
+/// What the service shows: of each name all labels with all their values.
+fn shown(text: &str) -> BTreeMap<String, BTreeMap<String, BTreeSet<String>>> {
+    let mut all: BTreeMap<String, BTreeMap<String, BTreeSet<String>>> = BTreeMap::new();
+    for line in text.lines().filter(|line| !line.starts_with('#')) {
+        let name = line.split(['{', ' ']).next().unwrap_or_default();
+        let labels = all.entry(name.to_owned()).or_default();
+        let Some((_, series)) = line.split_once('{') else { continue };
+        for (label, rest) in
+            series.split("\",").filter_map(|part| part.trim_start_matches(',').split_once("=\""))
+        {
+            let value = rest.split('"').next().unwrap_or_default();
+            labels.entry(label.to_owned()).or_default().insert(value.to_owned());
+        }
+    }
+    all
+}
+
+#[test]
+fn selectors_and_series_are_understood() {
+    let asked =
+        asked_for(r#"rate(veiloc_a_total{job="$job", kind="x", b=~"y|z"}[5m]) / up{c="d"} > veiloc_b"#);
+    assert_eq!(asked.iter().map(|a| a.name.as_str()).collect::<Vec<_>>(), ["veiloc_a_total", "veiloc_b"]);
+    let label =
+        |name: &str, values: &[&str]| (name.to_owned(), values.iter().map(ToString::to_string).collect());
+    assert_eq!(asked[0].labels, [label("kind", &["x"]), label("b", &["y", "z"])]);
+    let shown = shown("# TYPE x counter\nx_total{a=\"1\",b=\"{n}\"} 3\nx_total{a=\"2\",b=\"\"} 4\ny 1\n");
+    assert_eq!(shown["x_total"]["a"].len(), 2);
+    assert!(shown["x_total"]["b"].contains("{n}") && shown["y"].is_empty());
+}
+
+#[test]
+fn dashboard_and_alerts_ask_for_what_there_is() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
+    options.log = Some(LogQueue::start(std::io::sink()).expect("a thread"));
+    let server = Running::start(options);
+    assert_eq!(server.localize(&files.place.sealed(&truth()), PHONE).status, 200);
+    let shown = shown(&server.get("/metrics", OPERATOR).text());
+    // Labels that Prometheus adds, and statuses and tokens, which are there when they have come.
+    let open = ["job", "instance", "status", "token"];
+    // A dashboard says its queries as JSON strings.
+    let dashboard = repository("deploy/grafana/veiloc.json").replace("\\\"", "\"");
+    for (what, text) in [("dashboard", dashboard), ("alerts", repository("deploy/prometheus/alerts.yml"))] {
+        let asked = asked_for(&text);
+        assert!(asked.len() >= 15, "{what}: {asked:?}");
+        for Asked { name, labels } in asked {
+            let series = shown.get(&name).unwrap_or_else(|| panic!("{what}: nobody shows {name}"));
+            for (label, values) in labels.iter().filter(|(label, _)| !open.contains(&label.as_str())) {
+                let there =
+                    series.get(label).unwrap_or_else(|| panic!("{what}: {name} has no label {label}"));
+                for value in values {
+                    assert!(there.contains(value), "{what}: no {name} has {label}=\"{value}\": {there:?}");
+                }
+            }
+        }
+    }
+}
+
+/// The end of the certificate is told, so that the alerts on it can work.
+#[test]
+fn the_end_of_the_certificate_is_shown() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
+    options.tls = Some(TlsFiles { cert: data("cert.pem"), key: data("key.pem"), client_ca: None });
+    let server = Running::start(options);
+    let admin = server.listening.admin.expect("a listener for the operator");
+    let text = common::http::Request::get("/metrics").send(admin).text();
+    assert!(text.contains("veiloc_certificate_expiry_timestamp_seconds 4948872643\n"), "{text}");
+}
+
+#[test]
+fn every_alert_has_its_section_of_the_runbook_and_its_test() {
+    let alerts = alerts();
+    assert!(alerts.len() >= 10);
+    let runbook = repository("docs/runbook.md");
+    let sections: Vec<&str> = runbook
+        .lines()
+        .filter_map(|line| line.strip_prefix("## "))
+        .filter(|s| s.starts_with("Veiloc"))
+        .collect();
+    assert_eq!(sections, alerts, "a section for each alert, in its order");
+    for section in runbook.split("\n## ").filter(|section| section.starts_with("Veiloc")) {
+        for part in ["\n*", "\n- Look", "Do: ", "- Silence: "] {
+            let part = if part == "Do: " && section.contains("Look and do: ") { "do: " } else { part };
+            assert!(section.contains(part), "{part:?} is missing:\n{section}");
+        }
+    }
+    let rules = repository("deploy/prometheus/alerts.yml");
+    let tests = repository("deploy/prometheus/alerts_test.yml");
+    for alert in &alerts {
+        let link = format!("runbook: docs/runbook.md#{}\n", alert.to_lowercase());
+        assert_eq!(rules.matches(&link).count(), 1, "{alert} names its section");
+        assert!(tests.contains(&link), "{alert} is tested to fire");
+    }
+}
+
+/// The table of refusals in `docs/service.md` is what the service counts from the start.
+#[test]
+fn every_refusal_of_the_document_is_counted_from_the_start() {
+    let files = Files::new();
+    let server = Running::start(files.options());
+    let text = server.get("/metrics", OPERATOR).text();
+    let document = repository("docs/service.md");
+    let (_, table) = document.split_once("### Refusals").expect("the section");
+    let (table, _) = table.split_once("\n###").expect("its end");
+    let mut named = BTreeSet::new();
+    for row in table
+        .lines()
+        .filter_map(|line| line.strip_prefix("| "))
+        .filter(|row| row.as_bytes()[0].is_ascii_digit())
+    {
+        let (status, rest) = row.split_once(" | ").expect("a status");
+        let names = rest.split_once(" | ").expect("names").0;
+        named.extend(names.split('`').skip(1).step_by(2).map(|name| (status.to_owned(), name.to_owned())));
+    }
+    // Of other addresses.
+    for elsewhere in [("403", "forbidden"), ("404", "not-found")] {
+        assert!(named.remove(&(elsewhere.0.to_owned(), elsewhere.1.to_owned())), "{elsewhere:?}");
+    }
+    for route in ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig"] {
+        let start = format!("veiloc_requests_total{{route=\"{route}\",status=\"");
+        let counted: BTreeSet<_> = text
+            .lines()
+            .filter_map(|line| line.strip_prefix(&start)?.strip_suffix("\"} 0")?.split_once("\",problem=\""))
+            .filter(|(_, problem)| !problem.is_empty())
+            .map(|(status, problem)| (status.to_owned(), problem.to_owned()))
+            .collect();
+        assert_eq!(counted, named, "{route}");
+    }
+}

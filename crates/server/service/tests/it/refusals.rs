@@ -1,0 +1,227 @@
+//! Everything a client can do wrong, and what it gets.
+
+use super::common;
+
+use std::io::Write as _;
+use std::num::NonZeroUsize;
+use std::time::Duration;
+
+use common::http::{Request, Response, connect};
+use common::{Files, PHONE, Place, Running, truth};
+
+#[test]
+fn every_wrong_request_is_told_what_is_wrong() {
+    let files = Files::new();
+    let server = Running::start(files.options());
+    let query = files.place.sealed(&truth());
+    let other = Place::new(2).sealed(&truth());
+    let mut next_version = query.clone();
+    next_version[1] = 5;
+    let mut cut = query.clone();
+    cut.truncate(query.len() / 2);
+    let longer = [&query[..], &[0x7D, 1, 2, 3, 4]].concat();
+    let oversized = vec![0; 600_000];
+    let localize = |body: &[u8]| Request::localize(body).token(PHONE);
+    let post = |path: &str| Request::post(path, &query).token(PHONE);
+    let protobuf = |request: Request| request.header("content-type", "application/x-protobuf");
+
+    for (what, request, status, problem) in [
+        ("no bytes", localize(&[]), 400, "malformed-query"),
+        ("random bytes", localize(&[0xA5; 1000]), 400, "malformed-query"),
+        ("cut in half", localize(&cut), 400, "malformed-query"),
+        ("with a field more", localize(&longer), 400, "malformed-query"),
+        ("of the next version", localize(&next_version), 400, "unsupported-version"),
+        ("longer than any query", localize(&oversized), 413, "too-large"),
+        ("sealed for another map", localize(&other), 409, "wrong-profile"),
+        ("no token", Request::localize(&query), 401, "unauthenticated"),
+        ("a wrong token", Request::localize(&query).token("guess"), 401, "unauthenticated"),
+        ("no token, other bytes", Request::localize(&oversized), 401, "unauthenticated"),
+        ("an unknown map", protobuf(post("/v1/maps/nowhere/localize")), 404, "unknown-map"),
+        ("a name that is no text", protobuf(post("/v1/maps/%FF/localize")), 404, "unknown-map"),
+        ("a way out", protobuf(post("/v1/maps/..%2F..%2Fplace/localize")), 404, "unknown-map"),
+        ("an unknown address", post("/v2/anything"), 404, "not-found"),
+        ("no media type", post("/v1/maps/place/localize"), 415, "media-type"),
+        (
+            "JSON",
+            post("/v1/maps/place/localize").header("content-type", "application/json"),
+            415,
+            "media-type",
+        ),
+        ("compressed", localize(&query).header("content-encoding", "gzip"), 415, "media-type"),
+        (
+            "a place on Earth",
+            localize(&query).header("accept", "application/geopose+json"),
+            406,
+            "no-geographic-frame",
+        ),
+        ("the wrong method", Request::get("/v1/maps/place/localize").token(PHONE), 405, "wrong-method"),
+        ("a profile without token", Request::get("/v1/maps/place/profile"), 401, "unauthenticated"),
+        ("an unknown profile", Request::get("/v1/maps/x/profile").token(PHONE), 404, "unknown-map"),
+        ("the list without token", Request::get("/v1/maps"), 401, "unauthenticated"),
+    ] {
+        let response = request.send(server.address);
+        assert_eq!((response.status, response.problem().as_str()), (status, problem), "{what}");
+        if status == 401 {
+            assert_eq!(response.header("www-authenticate"), Some("Bearer"), "{what}");
+        }
+        if status == 405 {
+            assert_eq!(response.header("allow"), Some("POST"), "{what}");
+        }
+    }
+    // After all of that it does its work.
+    assert_eq!(server.localize(&query, PHONE).status, 200);
+}
+
+#[test]
+fn a_image_of_elsewhere_is_not_localized() {
+    let files = Files::new();
+    let server = Running::start(files.open_options());
+    // Same vocabulary, other points.
+    let mut negative = Place::new(2);
+    negative.profile = files.place.profile.clone();
+    let response = server.localize(&negative.sealed(&truth()), "");
+    if response.status == 200 {
+        assert_eq!(response.json()["trusted"], false, "{}", response.text());
+        assert!(!response.json()["doubts"].as_array().expect("a list").is_empty());
+    } else {
+        assert_eq!((response.status, response.problem().as_str()), (422, "not-localized"));
+    }
+}
+
+#[test]
+fn an_empty_map_says_so() {
+    let files = Files::new();
+    veiloc_map::write(&files.place.map(0), &files.path("place.vmap")).expect("written");
+    let server = Running::start(files.open_options());
+    let response = server.localize(&files.place.sealed(&truth()), "");
+    assert_eq!((response.status, response.problem().as_str()), (409, "empty-map"));
+}
+
+/// Heads that are not HTTP, too long, or never end: an error of HTTP or a closed connection, never a hanging one.
+#[test]
+fn bad_heads_are_cut_off() {
+    let files = Files::new();
+    let mut options = files.open_options();
+    options.timeouts.head = Duration::from_millis(500);
+    let server = Running::start(options);
+    let long = format!("GET /healthz HTTP/1.1\r\nx: {}\r\n\r\n", "y".repeat(100_000));
+    for (what, bytes) in [
+        ("rubbish", b"\x16\x03\x01\x02\x00\x01\x00\r\n\r\n".to_vec()),
+        ("a head of 100 kB", long.into_bytes()),
+        ("a head that does not end", b"GET /healthz HTTP/1.1\r\nhost: t".to_vec()),
+        ("nothing at all", Vec::new()),
+    ] {
+        let mut stream = connect(server.address);
+        let _ = stream.write_all(&bytes);
+        if let Some(response) = Response::try_read(&mut stream) {
+            assert!((400..500).contains(&response.status), "{what}: {response:?}");
+        }
+    }
+    assert_eq!(server.get("/healthz", "").status, 200);
+}
+
+/// Head and body one byte at a time, as a client does that wants to keep a server busy with nothing.
+#[test]
+fn slow_clients_are_cut_off() {
+    let files = Files::new();
+    let mut options = files.open_options();
+    options.timeouts.head = Duration::from_secs(3);
+    options.timeouts.body = Duration::from_millis(600);
+    options.connections = NonZeroUsize::new(64).expect("not zero");
+    let server = Running::start(options);
+    let request = Request::localize(&files.place.sealed(&truth())).bytes();
+    let head = request.windows(4).position(|w| w == b"\r\n\r\n").expect("a head") + 4;
+    let trickle = |from: usize| {
+        let mut stream = connect(server.address);
+        stream.write_all(&request[..from]).expect("written");
+        for byte in &request[from..] {
+            std::thread::sleep(Duration::from_millis(100));
+            if stream.write_all(&[*byte]).is_err() {
+                break;
+            }
+            // An answer, or the end, is there before all was written.
+            stream.set_read_timeout(Some(Duration::from_millis(1))).expect("set");
+            if !matches!(stream.peek(&mut [0]), Err(e) if e.kind() == std::io::ErrorKind::WouldBlock) {
+                break;
+            }
+        }
+        stream.set_read_timeout(Some(Duration::from_secs(120))).expect("set");
+        Response::try_read(&mut stream)
+    };
+    std::thread::scope(|scope| {
+        let slow: Vec<_> = (0..16).map(|_| scope.spawn(|| trickle(head))).collect();
+        let slower: Vec<_> = (0..16).map(|_| scope.spawn(|| trickle(10))).collect();
+        for one in slow {
+            let response = one.join().expect("ends").expect("an answer");
+            assert_eq!((response.status, response.problem().as_str()), (408, "too-slow"));
+        }
+        for one in slower {
+            // Closed, with or without a word.
+            assert!(one.join().expect("ends").is_none_or(|response| response.status == 408));
+        }
+    });
+    assert_eq!(server.localize(&files.place.sealed(&truth()), "").status, 200);
+}
+
+#[test]
+fn an_allowance_is_kept_to() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.rate.per_second = 1.try_into().expect("not zero");
+    options.rate.burst = 3.try_into().expect("not zero");
+    let server = Running::start(options);
+    let query = files.place.sealed(&truth());
+    let responses: Vec<Response> = (0..12).map(|_| server.localize(&query, PHONE)).collect();
+    let refused: Vec<&Response> = responses.iter().filter(|r| r.status == 429).collect();
+    assert!(responses[..3].iter().all(|r| r.status == 200), "the first ones are within it");
+    assert!(!refused.is_empty(), "twelve at once are beyond it");
+    assert!(responses.iter().all(|r| matches!(r.status, 200 | 429)));
+    for response in refused {
+        assert_eq!(response.problem(), "rate-limited");
+        assert_eq!(response.header("retry-after"), Some("1"));
+    }
+    // Who has no token uses up nobody's allowance, and another token has its own.
+    assert_eq!(server.localize(&query, "guess").status, 401);
+    assert_eq!(server.get("/v1/maps", common::OPERATOR).status, 200);
+    assert_eq!(server.get("/healthz", "").status, 200);
+}
+
+/// More at once than there is room for: each gets a pose or is told to come back, and nobody is forgotten.
+#[test]
+fn a_full_queue_refuses_and_what_was_accepted_is_answered() {
+    let files = Files::new();
+    let mut options = files.open_options();
+    options.workers = NonZeroUsize::MIN;
+    options.queue = NonZeroUsize::MIN.saturating_add(1);
+    // One takes longer than all of them take to arrive.
+    options.localize.pose.fixed_hypotheses = Some(60_000);
+    let server = Running::start(options);
+    let query = files.place.sealed(&truth());
+    let responses: Vec<Response> = std::thread::scope(|scope| {
+        let all: Vec<_> = (0..24).map(|_| scope.spawn(|| server.localize(&query, ""))).collect();
+        all.into_iter().map(|one| one.join().expect("an answer")).collect()
+    });
+    let answered = responses.iter().filter(|r| r.status == 200).count();
+    let refused: Vec<&Response> = responses.iter().filter(|r| r.status == 503).collect();
+    assert_eq!(answered + refused.len(), 24, "nothing but these two");
+    // One more where the worker has begun before they are all there.
+    assert!(answered >= 2, "as many as may wait, {answered}");
+    assert!(!refused.is_empty(), "24 do not fit where 3 do");
+    for response in refused {
+        assert_eq!(response.problem(), "queue-full");
+        assert!(response.header("retry-after").is_some());
+    }
+    // The same bytes again, now that there is room.
+    assert_eq!(server.localize(&query, "").status, 200);
+}
+
+#[test]
+fn what_takes_too_long_is_told() {
+    let files = Files::new();
+    let mut options = files.open_options();
+    options.timeouts.localize = Duration::from_millis(1);
+    options.localize.pose.fixed_hypotheses = Some(3000);
+    let server = Running::start(options);
+    let response = server.localize(&files.place.sealed(&truth()), "");
+    assert_eq!((response.status, response.problem().as_str()), (504, "timed-out"));
+}

@@ -1,0 +1,299 @@
+//! Exchanging maps, tokens and certificates under a running server.
+
+use super::common;
+
+use std::fs;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Duration;
+
+use common::http::Request;
+use common::{Files, OPERATOR, PHONE, Running, eventually, tokens_file, truth};
+
+fn images(server: &Running) -> u64 {
+    server.get("/v1/maps", OPERATOR).json()["maps"][0]["images"].as_u64().expect("a number")
+}
+
+/// Replaces the map again and again while clients ask all the time: every one of them gets its pose.
+#[test]
+fn a_map_is_exchanged_without_dropping_a_request() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.watch = Some(Duration::from_millis(10));
+    let server = Running::start(options);
+    let query = files.place.sealed(&truth());
+    let (done, answered) = (AtomicBool::new(false), AtomicUsize::new(0));
+    std::thread::scope(|scope| {
+        for _ in 0..3 {
+            scope.spawn(|| {
+                while !done.load(Ordering::Relaxed) {
+                    let response = server.localize(&query, PHONE);
+                    assert_eq!(response.status, 200, "{response:?}");
+                    answered.fetch_add(1, Ordering::Relaxed);
+                }
+            });
+        }
+        for round in 0..8 {
+            let count = 4 + round % 3;
+            veiloc_map::write(&files.place.map(count), &files.path("place.vmap")).expect("written");
+            eventually("the new map", || images(&server) == u64::from(count));
+        }
+        let before = answered.load(Ordering::Relaxed);
+        eventually("answers with the last map", || answered.load(Ordering::Relaxed) > before + 3);
+        done.store(true, Ordering::Relaxed);
+    });
+    let text = server.get("/metrics", OPERATOR).text();
+    assert!(text.contains("veiloc_reloads_total{file=\"map\",map=\"place\",result=\"taken\"}"), "{text}");
+    assert!(
+        text.contains("veiloc_reloads_total{file=\"map\",map=\"place\",result=\"refused\"} 0\n"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_broken_map_is_refused_and_the_old_one_stays() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.watch = Some(Duration::from_millis(10));
+    let server = Running::start(options);
+    let query = files.place.sealed(&truth());
+    let map = fs::read(files.path("place.vmap")).expect("the map");
+    let failing = || {
+        server
+            .get("/metrics", OPERATOR)
+            .text()
+            .contains("veiloc_reload_failing{file=\"map\",map=\"place\"} 1")
+    };
+    let replace = |bytes: &[u8]| {
+        fs::write(files.path("new"), bytes).expect("written");
+        fs::rename(files.path("new"), files.path("place.vmap")).expect("renamed");
+    };
+    let mut flipped = map.clone();
+    flipped[map.len() / 2] ^= 1;
+    for broken in [&map[..map.len() / 2], &flipped, b"", b"no map at all"] {
+        replace(broken);
+        eventually("a refusal", failing);
+        assert_eq!(images(&server), 6, "the old map stays");
+        assert_eq!(server.localize(&query, PHONE).status, 200, "and answers");
+        replace(&map);
+        eventually("the map", || !failing());
+    }
+    // So it does when its file is gone, which is told.
+    fs::remove_file(files.path("place.vmap")).expect("removed");
+    eventually("a refusal", failing);
+    assert_eq!(server.localize(&query, PHONE).status, 200);
+    assert_eq!(server.get("/readyz", "").status, 200);
+    veiloc_map::write(&files.place.map(4), &files.path("place.vmap")).expect("written");
+    eventually("the new map", || images(&server) == 4);
+    assert_eq!(server.localize(&query, PHONE).status, 200);
+}
+
+/// A map with another vocabulary: old queries are told to fetch the profile, new ones get their pose.
+#[test]
+fn another_profile_is_told_to_clients() {
+    let files = Files::new();
+    let server = Running::start(files.open_options());
+    let old = files.place.sealed(&truth());
+    let etag = |server: &Running| server.get("/v1/maps/place/profile", "").header("etag").map(str::to_owned);
+    let before = etag(&server);
+    let other = common::Place::new(2);
+    veiloc_map::write(&other.map(6), &files.path("place.vmap")).expect("written");
+    server.handle.reload();
+    assert_ne!(etag(&server), before);
+    assert_eq!(server.localize(&old, "").problem(), "wrong-profile");
+    assert_eq!(server.localize(&other.sealed(&truth()), "").status, 200);
+}
+
+#[test]
+fn a_token_is_withdrawn_while_the_service_runs() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.watch = Some(Duration::from_millis(10));
+    let server = Running::start(options);
+    assert_eq!(server.get("/v1/maps", PHONE).status, 200);
+    let failing = || {
+        server.get("/metrics", OPERATOR).text().contains("veiloc_reload_failing{file=\"tokens\",map=\"\"} 1")
+    };
+    for broken in ["not a line of tokens", ""] {
+        fs::write(files.path("tokens"), broken).expect("written");
+        eventually("a refusal", failing);
+        assert_eq!(server.get("/v1/maps", PHONE).status, 200, "a broken file withdraws nothing yet");
+        let good = tokens_file(&[(PHONE, ""), (OPERATOR, "operator")]);
+        fs::write(files.path("tokens"), good).expect("written");
+        eventually("the tokens", || !failing());
+    }
+    fs::write(files.path("tokens"), tokens_file(&[(OPERATOR, "operator"), ("new", "")])).expect("written");
+    eventually("the new token", || server.get("/v1/maps", "new").status == 200);
+    assert_eq!(server.get("/v1/maps", PHONE).problem(), "unauthenticated");
+}
+
+/// Beyond their time, the last valid tokens hold no more; a valid file lets people in again.
+#[test]
+fn tokens_without_a_valid_file_hold_for_their_time_only() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.watch = Some(Duration::from_millis(10));
+    options.stale_tokens = Duration::ZERO;
+    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
+    let server = Running::start(options);
+    let admin = server.listening.admin.expect("a listener");
+    assert_eq!(server.get("/v1/maps", PHONE).status, 200);
+    fs::remove_file(files.path("tokens")).expect("removed");
+    eventually("the closed door", || server.get("/v1/maps", PHONE).status == 503);
+    assert_eq!(server.get("/v1/maps", PHONE).problem(), "no-tokens");
+    assert_eq!((server.get("/readyz", "").status, server.get("/healthz", "").status), (503, 200));
+    let text = Request::get("/metrics").send(admin).text();
+    assert!(text.contains("veiloc_reload_failing{file=\"tokens\",map=\"\"} 1"), "{text}");
+    fs::write(files.path("tokens"), tokens_file(&[(PHONE, "")])).expect("written");
+    eventually("the open door", || server.get("/v1/maps", PHONE).status == 200);
+    assert_eq!(server.get("/readyz", "").status, 200);
+}
+
+/// Revocation does not wait for the work: all workers busy, the queue full, the token is refused all the same.
+#[test]
+fn a_token_is_withdrawn_under_any_load() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.watch = Some(Duration::from_millis(10));
+    options.localize.pose.fixed_hypotheses = Some(20_000);
+    options.timeouts.grace = Duration::from_millis(1);
+    let server = Running::start(options);
+    let query = files.place.sealed(&truth());
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..24 {
+            scope.spawn(|| {
+                while !stop.load(Ordering::Relaxed) {
+                    // Refused or given up in the end: that is not what this is about.
+                    let mut stream = common::http::connect(server.address);
+                    let _ = std::io::Write::write_all(
+                        &mut stream,
+                        &Request::localize(&query).token(OPERATOR).bytes(),
+                    );
+                    std::thread::sleep(Duration::from_millis(50));
+                }
+            });
+        }
+        eventually("work", || server.get("/metrics", OPERATOR).text().contains("veiloc_workers_busy "));
+        assert_eq!(server.get("/v1/maps", PHONE).status, 200);
+        fs::write(files.path("tokens"), tokens_file(&[(OPERATOR, "operator")])).expect("written");
+        eventually("the refusal", || server.get("/v1/maps", PHONE).status == 401);
+        stop.store(true, Ordering::Relaxed);
+    });
+}
+
+/// `cp new.vmap live.vmap`, a file cut short, and one written over with as many bytes: answers go on, and what is whole is
+/// taken over.
+#[test]
+fn a_map_written_into_is_no_danger() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.watch = Some(Duration::from_millis(10));
+    let server = Running::start(options);
+    let query = files.place.sealed(&truth());
+    let path = files.path("place.vmap");
+    let live = fs::read(&path).expect("the map");
+    veiloc_map::write(&files.place.map(4), &files.path("new.vmap")).expect("written");
+    let new = fs::read(files.path("new.vmap")).expect("the map");
+    let answers = || {
+        for _ in 0..3 {
+            assert_eq!(server.localize(&query, PHONE).status, 200);
+        }
+    };
+    let in_place = |bytes: &[u8]| {
+        let mut file = fs::File::options().write(true).open(&path).expect("the live file");
+        std::io::Write::write_all(&mut file, bytes).expect("written");
+        file.set_len(bytes.len() as u64).expect("cut");
+    };
+    // As `cp` does it: the same file, cut to nothing and filled again.
+    fs::write(&path, &new).expect("written");
+    eventually("the new map", || images(&server) == 4);
+    answers();
+    in_place(&new[..new.len() / 3]);
+    let failing = || {
+        server
+            .get("/metrics", OPERATOR)
+            .text()
+            .contains("veiloc_reload_failing{file=\"map\",map=\"place\"} 1")
+    };
+    eventually("a refusal", failing);
+    assert_eq!(images(&server), 4);
+    answers();
+    in_place(&live);
+    eventually("the old map", || images(&server) == 6 && !failing());
+    in_place(&vec![0x5A; live.len()]);
+    eventually("a refusal", failing);
+    assert_eq!(images(&server), 6);
+    answers();
+    in_place(&live);
+    eventually("the map", || !failing());
+    answers();
+}
+
+/// One broken map of several: the others are served, and each says how it is.
+#[test]
+fn one_broken_map_does_not_stop_the_others() {
+    let files = Files::new();
+    let mut options = files.open_options();
+    fs::write(files.path("broken.vmap"), "no map").expect("written");
+    options.maps.push(veiloc_service::MapSource {
+        name: "broken".to_owned(),
+        path: files.path("broken.vmap"),
+        geo: None,
+    });
+    options.watch = Some(Duration::from_millis(10));
+    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
+    let server = Running::start(options);
+    let admin = server.listening.admin.expect("a listener");
+    assert_eq!(server.listening.maps, ["place"]);
+    let query = files.place.sealed(&truth());
+    assert_eq!(server.localize(&query, "").status, 200);
+    let broken =
+        Request::post("/v1/maps/broken/localize", &query).header("content-type", "application/x-protobuf");
+    assert_eq!(broken.send(server.address).problem(), "map-unavailable");
+    assert_eq!(server.get("/v1/maps/broken/profile", "").problem(), "map-unavailable");
+    assert_eq!(server.get("/readyz", "").text(), "ready, but not every map\n");
+    assert_eq!(Request::get("/readyz").send(admin).text(), "ready\nnot served: broken\n");
+    let status = |name: &str| Request::get(&format!("/readyz/{name}")).send(admin).status;
+    assert_eq!((status("place"), status("broken"), status("none")), (200, 503, 404));
+    veiloc_map::write(&files.place.map(4), &files.path("broken.vmap")).expect("written");
+    eventually("the second map", || status("broken") == 200);
+    assert_eq!(Request::get("/readyz").send(admin).text(), "ready\n");
+}
+
+/// Files of the folder are served as they come, and no more when they are gone.
+#[test]
+fn maps_come_and_go_with_their_files() {
+    let files = Files::new();
+    let folder = files.path("maps");
+    fs::create_dir(&folder).expect("a folder");
+    let mut options = files.open_options();
+    options.maps.clear();
+    options.maps_folder = Some(folder.clone());
+    options.watch = Some(Duration::from_millis(10));
+    let server = Running::start(options);
+    let names = || -> Vec<String> {
+        let maps = server.get("/v1/maps", "").json()["maps"].as_array().expect("a list").clone();
+        maps.iter().map(|map| map["name"].as_str().expect("a name").to_owned()).collect()
+    };
+    assert_eq!((names().len(), server.get("/readyz", "").text()), (0, "no map\n".to_owned()));
+    for file in ["lobby.vmap", "garage.vmap", "a b.vmap", ".hidden.vmap", "notes.txt"] {
+        fs::copy(files.path("place.vmap"), folder.join(file)).expect("copied");
+    }
+    eventually("both maps", || names().len() == 2);
+    let mut found = names();
+    found.sort();
+    assert_eq!(found, ["garage", "lobby"]);
+    assert_eq!(server.get("/readyz", "").status, 200);
+    let query = files.place.sealed(&truth());
+    let at = |name: &str| {
+        let path = format!("/v1/maps/{name}/localize");
+        Request::post(&path, &query)
+            .header("content-type", "application/x-protobuf")
+            .send(server.address)
+            .status
+    };
+    assert_eq!((at("lobby"), at("garage")), (200, 200));
+    fs::remove_file(folder.join("garage.vmap")).expect("removed");
+    eventually("the end of a map", || names() == ["lobby"]);
+    assert_eq!((at("lobby"), at("garage")), (200, 404));
+}

@@ -1,0 +1,236 @@
+//! Traces: a span for each request and one for each of its stages, under the request's own name and no other, with nothing of
+//! a query in them.
+#![cfg(feature = "opentelemetry")]
+
+use super::common;
+
+use std::collections::BTreeSet;
+use std::io::{Read, Write};
+use std::net::TcpListener;
+use std::sync::{Arc, Mutex};
+
+use common::http::Request;
+use common::mark::{MARK, holds_the_mark, marked};
+use common::{Files, OPERATOR, PHONE, Running, eventually, truth};
+use serde_json::Value;
+
+/// A collector that keeps what it gets: OTLP over HTTP, as far as one client needs.
+struct Collector {
+    address: String,
+    messages: Arc<Mutex<Vec<String>>>,
+}
+
+impl Collector {
+    fn start() -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = format!("http://{}", listener.local_addr().expect("an address"));
+        let messages = Arc::new(Mutex::new(Vec::new()));
+        let kept = messages.clone();
+        std::thread::spawn(move || {
+            for stream in listener.incoming().flatten() {
+                let kept = kept.clone();
+                std::thread::spawn(move || receive(stream, &kept));
+            }
+        });
+        Self { address, messages }
+    }
+
+    fn text(&self) -> String {
+        self.messages.lock().expect("not poisoned").join("\n")
+    }
+
+    /// All spans so far.
+    fn spans(&self) -> Vec<Value> {
+        let messages = self.messages.lock().expect("not poisoned").clone();
+        let bodies = messages.iter().map(|m| m.split_once("\r\n\r\n").expect("a head").1.to_owned());
+        let documents = bodies.map(|body| serde_json::from_str::<Value>(&body).expect("JSON"));
+        documents
+            .flat_map(|document| {
+                assert_eq!(
+                    document["resourceSpans"][0]["resource"]["attributes"][0]["value"]["stringValue"],
+                    "veiloc"
+                );
+                document["resourceSpans"][0]["scopeSpans"][0]["spans"].as_array().expect("spans").clone()
+            })
+            .collect()
+    }
+}
+
+/// Keeps head and body of every request of a connection.
+fn receive(mut stream: std::net::TcpStream, kept: &Mutex<Vec<String>>) {
+    loop {
+        let mut bytes = Vec::new();
+        let mut byte = [0];
+        while !bytes.ends_with(b"\r\n\r\n") {
+            let Ok(1) = stream.read(&mut byte) else { return };
+            bytes.push(byte[0]);
+        }
+        let head = String::from_utf8(bytes).expect("a head");
+        let length =
+            head.lines().find_map(|l| l.to_lowercase().strip_prefix("content-length: ").map(str::to_owned));
+        let mut body = vec![0; length.expect("a length").trim().parse().expect("a number")];
+        stream.read_exact(&mut body).expect("a body");
+        kept.lock().expect("not poisoned").push(head + &String::from_utf8(body).expect("text"));
+        let answer = b"HTTP/1.1 200 OK\r\ncontent-type: application/json\r\ncontent-length: 2\r\n\r\n{}";
+        stream.write_all(answer).expect("answered");
+    }
+}
+
+/// Keys of all objects.
+fn keys(value: &Value, into: &mut BTreeSet<String>) {
+    match value {
+        Value::Object(fields) => {
+            for (key, value) in fields {
+                into.insert(key.clone());
+                keys(value, into);
+            }
+        }
+        Value::Array(values) => {
+            for value in values {
+                keys(value, into);
+            }
+        }
+        _ => {}
+    }
+}
+
+fn attribute<'a>(span: &'a Value, key: &str) -> Option<&'a str> {
+    let attributes = span["attributes"].as_array()?;
+    let value = &attributes.iter().find(|attribute| attribute["key"] == key)?["value"];
+    value["stringValue"].as_str().or(value["intValue"].as_str())
+}
+
+/// A trace id, and the header that asks to go on with it.
+const CLIENTS: &str = "0af7651916cd43dd8448eb211c80319c";
+
+#[test]
+fn spans_arrive_and_none_tells_of_a_query() {
+    let files = Files::new();
+    let collector = Collector::start();
+    let mut options = files.options();
+    options.otlp = Some(collector.address.clone());
+    let server = Running::start(options);
+    let mark = std::str::from_utf8(MARK).expect("ASCII");
+    let parent = format!("00-{CLIENTS}-b7ad6b7169203331-01");
+    let localize = |body: &[u8]| Request::localize(body).token(PHONE).header("traceparent", &parent);
+    let query = marked(&files);
+    let mut ids = Vec::new();
+    for (request, status) in [
+        (localize(&files.place.sealed(&truth())), 200),
+        (localize(&query).header("tracestate", mark).header("x-mark", mark), 422),
+        (localize(&query[..query.len() - 7]), 400),
+        (Request::localize(&query).token(mark), 401),
+        (Request::post(&format!("/v1/maps/{mark}/localize?{mark}"), &query).token(PHONE), 404),
+    ] {
+        let response = request.send(server.address);
+        assert_eq!(response.status, status, "{response:?}");
+        ids.push(response.header("veiloc-request-id").expect("a name").to_owned());
+    }
+    // Nobody wants a trace of each probe.
+    assert_eq!(server.get("/healthz", "").status, 200);
+    server.stop();
+
+    let spans = collector.spans();
+    let of = |id: &str| spans.iter().filter(|span| span["traceId"] == id).collect::<Vec<_>>();
+    for (id, names) in ids.iter().zip([
+        &["POST /v1/maps/{name}/localize", "read", "queue", "localize", "retrieve", "match", "pose"][..],
+        &["POST /v1/maps/{name}/localize", "read", "queue", "localize"],
+        &["POST /v1/maps/{name}/localize", "read"],
+        &["POST /v1/maps/{name}/localize"],
+        &["POST /v1/maps/{name}/localize"],
+    ]) {
+        let spans = of(id);
+        let found: Vec<_> = spans.iter().map(|span| span["name"].as_str().expect("a name")).collect();
+        assert_eq!(found, names);
+        let root = spans[0]["spanId"].as_str().expect("an id");
+        for span in &spans[1..] {
+            let above =
+                spans.iter().find(|other| other["spanId"] == span["parentSpanId"]).expect("within the trace");
+            let within = matches!(span["name"].as_str(), Some("retrieve" | "match" | "pose"));
+            assert_eq!(above["name"] == "localize", within, "{span}");
+            assert_eq!(above["spanId"] == root, !within, "{span}");
+            let time =
+                |span: &Value, at: &str| span[at].as_str().expect("text").parse::<u128>().expect("a number");
+            assert!(time(span, "startTimeUnixNano") >= time(above, "startTimeUnixNano"), "{span} {above}");
+        }
+    }
+    assert_eq!(spans.len(), 7 + 4 + 2 + 1 + 1, "and nothing else");
+    let first = of(&ids[0])[0];
+    assert_eq!(attribute(first, "http.response.status_code"), Some("200"));
+    assert_eq!(attribute(first, "veiloc.token"), Some("someone"));
+    assert_eq!(attribute(first, "veiloc.map"), Some("place"));
+    assert_eq!(attribute(of(&ids[1])[0], "error.type"), Some("not-localized"));
+
+    // Not one word of a client's, and no key that is not one of these.
+    let text = collector.text();
+    assert!(text.starts_with("POST /v1/traces HTTP/1.1\r\n") && text.contains("application/json"), "{text}");
+    assert_eq!(holds_the_mark(&text), None, "{text}");
+    for secret in [CLIENTS, "b7ad6b7169203331", PHONE, OPERATOR] {
+        assert!(!text.contains(secret), "{secret} was told:\n{text}");
+    }
+    let mut found = BTreeSet::new();
+    for span in &spans {
+        keys(span, &mut found);
+    }
+    let allowed = [
+        "attributes",
+        "endTimeUnixNano",
+        "intValue",
+        "key",
+        "kind",
+        "name",
+        "parentSpanId",
+        "spanId",
+        "startTimeUnixNano",
+        "stringValue",
+        "traceId",
+        "value",
+    ];
+    assert_eq!(found, allowed.map(str::to_owned).into());
+    let attributes: BTreeSet<_> = spans
+        .iter()
+        .flat_map(|span| span["attributes"].as_array().cloned().unwrap_or_default())
+        .map(|attribute| attribute["key"].as_str().expect("a key").to_owned())
+        .collect();
+    let allowed = [
+        "error.type",
+        "http.request.method",
+        "http.response.status_code",
+        "http.route",
+        "veiloc.map",
+        "veiloc.token",
+    ];
+    assert_eq!(attributes, allowed.map(str::to_owned).into());
+}
+
+/// A collector that is not there holds up nobody, and what it did not get is counted.
+#[test]
+fn a_collector_that_is_gone_holds_up_nobody() {
+    let files = Files::new();
+    let mut options = files.options();
+    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
+    // Nobody listens on a port that was free a moment ago.
+    let port = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address").port();
+    options.otlp = Some(format!("http://127.0.0.1:{port}"));
+    let server = Running::start(options);
+    let query = files.place.sealed(&truth());
+    for _ in 0..5 {
+        assert_eq!(server.localize(&query, PHONE).status, 200);
+    }
+    let admin = server.listening.admin.expect("a listener for the operator");
+    eventually("all spans given up", || {
+        Request::get("/metrics").send(admin).text().contains("veiloc_spans_dropped_total 35\n")
+    });
+    server.stop();
+}
+
+#[tokio::test]
+async fn an_address_that_is_none_is_refused_at_the_start() {
+    let files = Files::new();
+    for address in ["", "collector:4318", "grpc://collector", "http://"] {
+        let mut options = files.options();
+        options.otlp = Some(address.to_owned());
+        let error = veiloc_service::Server::bind(options).await.err().expect("refused").to_string();
+        assert!(error.contains("http://127.0.0.1:4318"), "{address}: {error}");
+    }
+}

@@ -1,0 +1,51 @@
+//! What is read of a folder, and what is not.
+
+use std::fs;
+
+use veiloc_service::web_page::{Page, PageError};
+
+#[test]
+fn only_plain_files_of_known_forms_are_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str| fs::write(folder.path().join(name), name).expect("written");
+    let missing = |page: Result<Page, PageError>| match page {
+        Err(PageError::Missing { missing, .. }) => missing,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(missing(Page::read(folder.path())), "index.html");
+    write("index.html");
+    assert_eq!(missing(Page::read(folder.path())), "veiloc.wasm");
+    for name in ["veiloc.wasm", "a.js", "secret.pem", ".hidden.js", "b c.js", ".js"] {
+        write(name);
+    }
+    fs::create_dir(folder.path().join("sub.js")).expect("made");
+    let page = Page::read(folder.path()).expect("a page");
+    let known = |name: &str| page.file(name).map(|file| file.content_type);
+    assert_eq!(known("a.js"), Some("text/javascript; charset=utf-8"));
+    for none in ["secret.pem", "b c.js", ".js", "sub.js", "../index.html", "", "."] {
+        assert_eq!(known(none), None, "{none}");
+    }
+    assert!(matches!(Page::read(&folder.path().join("no")), Err(PageError::Io { .. })));
+}
+
+#[test]
+fn a_folder_larger_than_any_page_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = fs::File::create(folder.path().join("index.html")).expect("made");
+    file.set_len(1 << 40).expect("a hole");
+    assert!(matches!(Page::read(folder.path()), Err(PageError::TooLarge { .. })));
+}
+
+#[test]
+fn it_lies_beside_the_program_or_where_packages_put_it() {
+    let root = tempfile::tempdir().expect("a folder");
+    let program = root.path().join("bin/veiloc");
+    let said = Page::folder(&program).expect_err("nowhere").to_string();
+    assert!(said.contains("bin/veiloc-page") && said.contains("--page-folder"), "{said}");
+    for place in ["share/veiloc/veiloc-page", "bin/veiloc-page"] {
+        let place = root.path().join(place);
+        fs::create_dir_all(&place).expect("made");
+        fs::write(place.join("index.html"), "").expect("written");
+        assert_eq!(Page::folder(&program).expect("found"), place);
+    }
+}

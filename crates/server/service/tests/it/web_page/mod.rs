@@ -1,0 +1,3 @@
+//! Tests of `web_page`.
+
+mod folder;
