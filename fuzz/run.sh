@@ -20,7 +20,7 @@ cp ../crates/server/map/tests/data/map-v*.bin "$corpus/map_file/"
 cp ../crates/server/service/tests/data/auth/*.tokens "$corpus/tokens/"
 cp ../crates/server/map/tests/data/regions/manifest/*.json "$corpus/manifest/"
 cp ../crates/server/map/tests/data/regions/index/*.index "$corpus/index/"
-cp ../deploy/*.toml ../crates/arguments/tests/data/*.toml "$corpus/settings/"
+cp ../deploy/*.toml ../crates/tools/cli/tests/data/args/*.toml "$corpus/settings/"
 for kind in txt:T bin:O; do # the last bit of the first byte says which
     for folder in $(find ../crates/server/map/tests/data/colmap -name "cameras.${kind%:*}" -exec dirname {} \;); do
         {

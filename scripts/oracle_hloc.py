@@ -2,13 +2,13 @@
 """hloc's files as h5py writes them, and what we write as h5py reads it.
 
     python -m venv venv && venv/bin/pip install h5py numpy
-    venv/bin/python scripts/oracle_hloc.py fixtures     writes crates/hloc/tests/data
+    venv/bin/python scripts/oracle_hloc.py fixtures     writes crates/tools/mapping/tests/data/importers/hloc
     venv/bin/python scripts/oracle_hloc.py read FILE    reads a file of features or matches, prints what is in it
 
 `fixtures` writes what hloc's extract_features, match_features and global descriptors write: groups nested by the image's name,
 `libver="latest"`, float16 where `as_half` says so, the attribute `uncertainty`, pairs under the new and the old names; and the same in
 other forms that are allowed (float32 and float64, gzip with shuffle in chunks, h5py's older default format). What is in them is a
-formula of the index, which crates/hloc/tests/oracle.rs knows too.
+formula of the index, which crates/tools/mapping/tests/it/importers/hloc/oracle.rs knows too.
 """
 
 import sys
@@ -17,7 +17,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-DATA = Path(__file__).resolve().parent.parent / "crates/hloc/tests/data"
+DATA = Path(__file__).resolve().parent.parent / "crates/tools/mapping/tests/data/importers/hloc"
 IMAGES = ["db/a.jpg", "db/sub/b.jpg", "query.png"]
 
 

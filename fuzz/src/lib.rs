@@ -2,7 +2,7 @@
 //!
 //! The same properties run on a few hundred damaged inputs in every `cargo test`: `crates/core/protocol/tests/it/hostile.rs`,
 //! `crates/core/protocol/tests/it/answer.rs`, `crates/server/map/src/file/tests.rs`, `crates/server/map/tests/it/any_bytes.rs`,
-//! `crates/server/service/tests/it/auth/any_bytes.rs`, `crates/arguments/tests/any_bytes.rs`,
+//! `crates/server/service/tests/it/auth/any_bytes.rs`, `crates/tools/cli/tests/it/args/any_bytes.rs`,
 //! `crates/server/map/tests/it/regions/any_bytes.rs`.
 
 pub mod damage;

@@ -1,7 +1,7 @@
-//! What must hold for any file of settings. Also a part of `crates/arguments/tests/any_bytes.rs`.
+//! What must hold for any file of settings. Also a part of `crates/tools/cli/tests/it/args/any_bytes.rs`.
 
 use clap::{Arg, ArgAction, Command, value_parser};
-use veiloc_arguments::settings::{Settings, layered};
+use veiloc_cli::args::settings::{Settings, layered};
 
 /// A file of settings for a command with every kind of option: what is taken is printed so that it reads the same.
 pub fn settings(bytes: &[u8]) {

@@ -120,7 +120,7 @@ fn tokens() {
 
 #[test]
 fn settings() {
-    let seeds = files("crates/arguments/tests/data", ".toml");
+    let seeds = files("crates/tools/cli/tests/data/args", ".toml");
     run("settings", &seeds, veiloc_fuzz::is_settings, veiloc_fuzz::settings);
 }
 

@@ -8,13 +8,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use veiloc_client::{CameraFromRig, SealedFrame};
 use veiloc_geometry::CameraFromWorld;
-use veiloc_keeping::Keeping;
 use veiloc_localization::{LocalizeOptions, localize, localize_rig};
 use veiloc_map::colmap::read_model;
 use veiloc_map::{MapFile, MapLock, MapModel, PointId, PosedImages, SelfTest};
+use veiloc_mapping::build_cache::Keeping;
+use veiloc_mapping::calibration::{SelfTestOptions, Trial, chosen, is_testable, self_test, test_of, trials};
 use veiloc_mapping::{BuildOptions, Doubt, Input, Words};
 use veiloc_protocol::SealedQuery;
-use veiloc_selftest::{SelfTestOptions, Trial, chosen, is_testable, self_test, test_of, trials};
 
 use crate::answer::Answer;
 use crate::arrays;

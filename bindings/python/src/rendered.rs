@@ -7,7 +7,7 @@ use image::{ImageFormat, RgbImage};
 use pyo3::prelude::*;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_pose::Stop;
-use veiloc_synth::{PathOptions, Place, RenderOptions};
+use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 
 use crate::errors::{Fault, Result};
 use crate::pose::CameraPose;

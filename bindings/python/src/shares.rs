@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use veiloc_keeping::Keeping;
+use veiloc_mapping::build_cache::Keeping;
+use veiloc_mapping::calibration::Trial;
 use veiloc_mapping::{BuildOptions, Input, Share, Stage, prepare as prepare_share};
-use veiloc_selftest::Trial;
 
 use crate::errors::{Fault, Result};
 use crate::posed::{on_bad, posed_of};

@@ -30,10 +30,10 @@ pub enum EvalError {
     Mapping(#[from] veiloc_mapping::MappingError),
     /// What building a map computes could not be kept.
     #[error(transparent)]
-    Keeping(#[from] veiloc_keeping::KeepingError),
+    Keeping(#[from] veiloc_mapping::build_cache::KeepingError),
     /// The map could not test itself.
     #[error(transparent)]
-    SelfTest(#[from] veiloc_selftest::SelfTestError),
+    SelfTest(#[from] veiloc_mapping::calibration::SelfTestError),
     /// A map or model file could not be read or written.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),

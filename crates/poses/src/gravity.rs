@@ -7,7 +7,7 @@ use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
 use veiloc_pose::Gravity;
-use veiloc_synth::problems::normal;
+use veiloc_synthetic::problems::normal;
 
 /// Where the direction of gravity comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-    use veiloc_synth::problems::random_pose;
+    use veiloc_synthetic::problems::random_pose;
 
     #[test]
     fn sources_read_what_they_print() {

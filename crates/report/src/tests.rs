@@ -11,7 +11,7 @@ use veiloc_attacks::{
 };
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pencils, Pixel, PixelLine};
 use veiloc_protocol::{AnchoredLine, Observations};
-use veiloc_synth::{PathOptions, Place, RenderOptions};
+use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 
 use super::*;
 use veiloc_audit::{Attack, AttackSummary};

@@ -64,7 +64,7 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-    use veiloc_synth::problems::normal;
+    use veiloc_synthetic::problems::normal;
 
     /// For an even number of degrees the distribution is a finite sum: `1 − e^{−x/2} Σ_{i<k/2} (x/2)^i / i!`.
     #[test]

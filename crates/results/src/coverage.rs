@@ -93,7 +93,7 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-    use veiloc_synth::problems::{normal, random_pose};
+    use veiloc_synthetic::problems::{normal, random_pose};
 
     #[test]
     fn normalized_errors_agree_with_the_inverse() {

@@ -19,7 +19,7 @@
 //! use veiloc::device::{DeviceLimits, SealOptions, SealedQuery, seal_image};
 //! use veiloc::geometry::{CameraFromWorld, Intrinsics};
 //! use veiloc::server::{BuildOptions, Down, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build, localize, write_map};
-//! # use veiloc_synth::{PathOptions, Place, RenderOptions};
+//! # use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 //!
 //! let folder = tempfile::tempdir()?;
 //! let camera: Intrinsics = "SIMPLE_RADIAL,400,300,330,200,150,-0.02".parse()?;

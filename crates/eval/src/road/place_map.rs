@@ -6,8 +6,8 @@ use std::time::Instant;
 use tempfile::TempDir;
 use veiloc_features::Progress;
 use veiloc_map::{Down, MapFile, MapModel};
+use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test, self_test_compressed};
 use veiloc_mapping::{BuildOptions, CompressOptions, Input, build, compress};
-use veiloc_selftest::{SelfTestOptions, is_testable, self_test, self_test_compressed};
 
 use crate::error::EvalError;
 use veiloc_results::MapSummary;

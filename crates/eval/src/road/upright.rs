@@ -7,7 +7,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_map::{Down, PosedImages};
 use veiloc_protocol::CoarseGravity;
-use veiloc_synth::problems::normal;
+use veiloc_synthetic::problems::normal;
 
 use crate::error::EvalError;
 use veiloc_poses::mean_down;
@@ -68,7 +68,7 @@ impl Upright {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use veiloc_synth::problems::random_pose;
+    use veiloc_synthetic::problems::random_pose;
 
     #[test]
     fn what_is_told_errs_by_what_is_said() {

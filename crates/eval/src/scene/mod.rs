@@ -13,8 +13,8 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use veiloc_features::Progress;
-use veiloc_keeping::Keeping;
 use veiloc_mapping::Input;
+use veiloc_mapping::build_cache::Keeping;
 
 pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
 pub use options::{Negatives, SceneEvaluation};

@@ -3,7 +3,7 @@
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
-use veiloc_synth::problems::normal;
+use veiloc_synthetic::problems::normal;
 
 use veiloc_results::metrics::PoseError;
 
@@ -33,7 +33,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use veiloc_results::chi_squared::cumulative;
     use veiloc_results::metrics::median;
-    use veiloc_synth::problems::random_pose;
+    use veiloc_synthetic::problems::random_pose;
 
     /// Draws cover as often as they should, and the median error of one coordinate is the normal's: 0.6745 σ.
     #[test]

@@ -54,7 +54,7 @@ mod tests {
     use veiloc_geometry::Pixel;
     use veiloc_obfuscation::obfuscate_points;
     use veiloc_protocol::Scheme;
-    use veiloc_synth::problems::PointProblem;
+    use veiloc_synthetic::problems::PointProblem;
 
     /// The formula against what sealing does to 20 000 keypoints: the spread of the distances of the true projections
     /// from what was sent. Coarse angles, so that their rounding weighs.

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use veiloc_geometry::Pinhole;
-use veiloc_synth::problems::PointProblemOptions;
+use veiloc_synthetic::problems::PointProblemOptions;
 
 /// What the camera looks at. Images are 640 × 480; depths are in map units.
 ///

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_pose::{PoseEstimate, PoseProblem, estimate_pose, fisher_information};
 use veiloc_protocol::Scheme;
-use veiloc_synth::problems::PointProblem;
+use veiloc_synthetic::problems::PointProblem;
 
 use super::{Condition, SyntheticEvaluation, bound, noise};
 use crate::evaluate::pose_problem;

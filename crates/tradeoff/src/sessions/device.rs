@@ -9,7 +9,7 @@ use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::{SealTruth, options_for};
 use veiloc_obfuscation::{Orientation, Session, SessionAnchors};
 use veiloc_protocol::Scheme;
-use veiloc_synth::problems::normal;
+use veiloc_synthetic::problems::normal;
 
 use super::SessionsEvaluation;
 use super::frames::Shown;

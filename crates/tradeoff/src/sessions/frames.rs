@@ -12,7 +12,7 @@ use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{ExtractError, extract_loaded};
 use veiloc_protocol::Scheme;
-use veiloc_synth::problems::normal;
+use veiloc_synthetic::problems::normal;
 
 /// A frame as the device has it.
 #[derive(Clone)]

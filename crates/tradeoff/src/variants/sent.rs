@@ -9,7 +9,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::{Pencils, Pixel};
 use veiloc_obfuscation::{audit, obfuscate_points};
 use veiloc_protocol::{Observations, Scheme};
-use veiloc_synth::problems::normal;
+use veiloc_synthetic::problems::normal;
 
 use super::data;
 use super::select::select;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{PosedImage, PosedImages};
-use veiloc_synth::{PathOptions, Place, RenderOptions};
+use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 
 /// A folder of images, and where each was taken.
 pub(crate) struct Rendered {

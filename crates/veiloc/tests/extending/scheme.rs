@@ -13,7 +13,7 @@ use veiloc_attacks::{
 };
 use veiloc_pose::{PoseOptions, estimate_pose};
 use veiloc_poses::pose_problem;
-use veiloc_synth::problems::{PointProblem, PointProblemOptions};
+use veiloc_synthetic::problems::{PointProblem, PointProblemOptions};
 
 /// The scheme: keypoints in, what is told of them out. Nothing of a position along its line is used.
 fn vertical_and_horizontal(keypoints: &[Pixel], width: u32) -> Observations {

@@ -6,7 +6,7 @@ use veiloc::geometry::frames::World;
 use veiloc::geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc::geometry::{CameraFromWorld, PixelLine, PlaneLine, Point3};
 use veiloc_pose::{Correspondences, PoseOptions, PoseProblem, optimize_pose};
-use veiloc_synth::problems::{PointProblem, PointProblemOptions};
+use veiloc_synthetic::problems::{PointProblem, PointProblemOptions};
 
 /// Camera position from three line–point pairs when the orientation is known, of a phone that has a compass.
 ///

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use veiloc_features::{Features, Image, load_gray};
 use veiloc_geometry::CameraFromWorld;
-use veiloc_keeping::Key;
+use veiloc_mapping::build_cache::Key;
 use veiloc_obfuscation::ExtractError;
 
 use super::io;

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use veiloc_keeping::Key;
 use veiloc_map::atomic_file::write_whole;
+use veiloc_mapping::build_cache::Key;
 use veiloc_results::MapSummary;
 
 use super::key::EvaluationKey as _;

@@ -12,9 +12,9 @@ mod queries;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use veiloc_keeping::Keeping;
 use veiloc_map::atomic_file::TargetLock;
 use veiloc_mapping::BuildOptions;
+use veiloc_mapping::build_cache::Keeping;
 
 use crate::error::EvalError;
 

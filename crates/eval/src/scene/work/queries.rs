@@ -8,8 +8,8 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 use veiloc_features::mask_in;
-use veiloc_keeping::Key;
 use veiloc_map::MapFile;
+use veiloc_mapping::build_cache::Key;
 use veiloc_results::QueryResult;
 
 use super::key::EvaluationKey as _;

@@ -6,7 +6,7 @@
 
 use rand::Rng;
 use veiloc_features::GrayImage;
-use veiloc_synth::problems::normal;
+use veiloc_synthetic::problems::normal;
 
 use super::srgb::{light_of, stored_of};
 use super::with_samples;

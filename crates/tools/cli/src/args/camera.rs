@@ -1,0 +1,168 @@
+//! Cameras as people write them: COLMAP's words with commas or spaces between, or a `cameras.txt`.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use veiloc_features::FeatureError;
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::KnownCamera;
+use veiloc_protocol::FocalKnowledge;
+
+use crate::exit::Failure;
+use crate::files;
+use crate::lists::intrinsics;
+
+/// The camera of all images given.
+#[derive(Debug, Clone)]
+pub(crate) enum CameraArg {
+    /// Written out.
+    Written(Intrinsics),
+    /// In a file, or in a folder of a COLMAP model.
+    In(PathBuf),
+    /// Nobody knows it.
+    Unknown,
+}
+
+impl FromStr for CameraArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        if text == "unknown" {
+            return Ok(Self::Unknown);
+        }
+        let path = Path::new(text);
+        let named_as_one = path.extension().is_some_and(|e| e == "txt" || e == "bin");
+        if named_as_one || path.exists() {
+            return Ok(Self::In(path.to_owned()));
+        }
+        intrinsics(text).map(Self::Written).map_err(|e| e.to_string())
+    }
+}
+
+impl CameraArg {
+    /// Where the camera of each image comes from, with its focal length known as said.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or does not hold exactly one camera.
+    pub(crate) fn source(&self, focal: FocalKnowledge) -> Result<CameraSource, Failure> {
+        let intrinsics = match self {
+            Self::Written(camera) => *camera,
+            Self::In(path) if path.is_dir() => only_camera(&path.join("cameras.txt"))?,
+            Self::In(path) => only_camera(path)?,
+            Self::Unknown => return Ok(CameraSource::Guess),
+        };
+        Ok(CameraSource::Given(KnownCamera { intrinsics, focal }))
+    }
+}
+
+/// Where the camera of an image comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum CameraSource {
+    /// It was given.
+    Given(KnownCamera),
+    /// The image's EXIF tells its focal length.
+    Exif,
+    /// Nobody knows it, and it is guessed.
+    Guess,
+}
+
+impl CameraSource {
+    /// The camera of this image.
+    ///
+    /// # Errors
+    /// When EXIF does not tell it, or the file is no image.
+    pub(crate) fn of(self, image: &Path) -> Result<KnownCamera, FeatureError> {
+        match self {
+            Self::Given(camera) => Ok(camera),
+            Self::Exif => KnownCamera::from_exif(image),
+            Self::Guess => KnownCamera::guessed(image),
+        }
+    }
+}
+
+/// The one camera of a COLMAP `cameras.txt`: lines of `CAMERA_ID MODEL W H PARAMS…`.
+fn only_camera(path: &Path) -> Result<Intrinsics, Failure> {
+    let refused =
+        |reason: String, help: &str| Failure::with_help(format!("{}: {reason}", path.display()), help);
+    let text = String::from_utf8(files::read(path)?).map_err(|_| {
+        refused(
+            "is not text".to_owned(),
+            "give a cameras.txt; `colmap model_converter --output_type TXT` makes one of a binary model",
+        )
+    })?;
+    let mut cameras: Vec<Intrinsics> = Vec::new();
+    for (number, line) in (1..).zip(text.lines().map(str::trim)) {
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let camera = match line.split_once(char::is_whitespace) {
+            Some((id, camera)) if id.parse::<u32>().is_ok() => camera,
+            _ => line,
+        };
+        let camera = intrinsics(camera)
+            .map_err(|e| refused(format!("line {number}: {e}"), "give a cameras.txt as COLMAP writes it"))?;
+        if !cameras.contains(&camera) {
+            cameras.push(camera);
+        }
+    }
+    match cameras.as_slice() {
+        [camera] => Ok(*camera),
+        [] => Err(refused("holds no camera".to_owned(), "give a cameras.txt as COLMAP writes it")),
+        several => Err(refused(
+            format!("holds {} cameras, and images of one are wanted", several.len()),
+            "write the camera of each image behind its name into a list (name MODEL W H PARAMS…), and give that \
+             with --list instead of --camera",
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: &str = "SIMPLE_RADIAL,1600,1200,1469.2,800,600,-0.0353019";
+
+    fn camera(text: &str) -> Result<Intrinsics, Failure> {
+        match CameraArg::from_str(text).expect("a camera").source(FocalKnowledge::Exif)? {
+            CameraSource::Given(KnownCamera { intrinsics, focal: FocalKnowledge::Exif }) => Ok(intrinsics),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn in_file(text: &str) -> Result<Intrinsics, Failure> {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        std::fs::write(folder.path().join("cameras.txt"), text).expect("written");
+        let of_folder = camera(&folder.path().to_string_lossy());
+        let of_file = camera(&folder.path().join("cameras.txt").to_string_lossy());
+        assert_eq!(of_folder.ok(), of_file.as_ref().ok().copied());
+        of_file
+    }
+
+    #[test]
+    fn commas_spaces_and_files_say_the_same() {
+        let camera: Intrinsics = CAMERA.parse().expect("a camera");
+        let with_spaces = CAMERA.replace(',', " ");
+        for text in [CAMERA, &with_spaces, &CAMERA.replace(',', ", "), &format!("  {with_spaces}\t")] {
+            assert!(matches!(text.parse(), Ok(CameraArg::Written(c)) if c == camera), "{text}");
+        }
+        let file = format!("# Camera list\n#   CAMERA_ID, MODEL, …\n1 {with_spaces}\n\n7 {with_spaces}\n");
+        assert_eq!(in_file(&file).expect("one camera, twice"), camera);
+        assert_eq!(in_file(&with_spaces).expect("without an id"), camera);
+    }
+
+    #[test]
+    fn what_is_not_one_camera_is_refused_with_a_remedy() {
+        let says = |text: &str, words: &[&str]| {
+            let Err(Failure::Refused { report }) = in_file(text) else { panic!("{text} was taken") };
+            let said = format!("{report:?}");
+            assert!(words.iter().all(|word| said.contains(word)), "{said}");
+        };
+        says("1 PINHOLE 4 3 1 1 2 2\n2 PINHOLE 8 6 1 1 4 3\n", &["cameras.txt", "2 cameras", "--list"]);
+        says("# nothing\n", &["no camera"]);
+        says("1 PINHOLE 4 3 1 1 2\n", &["line 1"]);
+        assert!("nonsense".parse::<CameraArg>().is_err());
+        assert!(matches!(camera("no/such/cameras.txt"), Err(Failure::Refused { .. })));
+        let unknown = "unknown".parse::<CameraArg>().expect("a word").source(FocalKnowledge::Calibrated);
+        assert!(matches!(unknown, Ok(CameraSource::Guess)), "a guess is never calibrated");
+    }
+}

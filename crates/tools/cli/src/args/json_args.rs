@@ -1,0 +1,46 @@
+//! `--json FILE`, for commands that print a table as well.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::exit::Failure;
+use crate::files;
+use crate::ui::Ui;
+
+/// Where the document goes.
+#[derive(clap::Args)]
+pub(crate) struct JsonArgs {
+    /// Write the JSON document to FILE; without FILE, or with `-`, to stdout. Put it last when no FILE follows.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
+    json: Option<PathBuf>,
+}
+
+impl JsonArgs {
+    /// Whether the document goes to stdout, where nothing else may stand then.
+    pub(crate) fn takes_stdout(&self) -> bool {
+        self.json.as_deref().is_some_and(files::is_standard)
+    }
+
+    /// Stdout holds either the document or the table, never both.
+    ///
+    /// # Errors
+    /// Stdout or the file cannot be written.
+    pub(crate) fn print(&self, table: &str, document: &impl Serialize, ui: &Ui) -> Result<(), Failure> {
+        match &self.json {
+            Some(path) if files::is_standard(path) => {
+                ui.say(table.trim_end());
+                ui.json(document)
+            }
+            Some(path) => {
+                files::write(path, (serde_json::to_string_pretty(document)? + "\n").as_bytes())?;
+                ui.print(table);
+                Ok(())
+            }
+            None => {
+                ui.print(table);
+                Ok(())
+            }
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! Arguments that several commands share, each with its meaning and why the default; and settings, which are arguments
+//! from files and environment variables.
+
+pub(crate) mod camera;
+pub(crate) mod extraction_args;
+pub(crate) mod faults;
+pub(crate) mod feature_args;
+pub(crate) mod global_args;
+pub(crate) mod json_args;
+pub(crate) mod localization_args;
+pub(crate) mod progressive_args;
+pub(crate) mod report_args;
+pub mod settings;

@@ -1,0 +1,155 @@
+//! `veiloc audit`: what attackers would get out of one's own images, as a page with a conclusion.
+
+mod inputs;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use veiloc_audit::{Attack, AttackEvaluation, Audit, AuditOptions, attacks_table, run_audit};
+use veiloc_protocol::ExtractionLimits;
+use veiloc_report::audit_page;
+
+use crate::commands::attack::AdversaryArgs;
+use crate::exit::{Exit, Failure, Outcome};
+use crate::feature_args::ImageFeatureArgs;
+use crate::files;
+use crate::json_args::JsonArgs;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+use inputs::Inputs;
+
+/// Attack what would be sent of your images, and write a report on it.
+///
+/// Reads images (their keypoints are extracted here) or files of keypoints, obfuscates the keypoints as a device
+/// would, attacks them by every attack under every scheme, and writes one HTML page: a conclusion in sentences, all
+/// figures, true and recovered keypoints drawn over the images. Nothing is sent anywhere. The page holds the
+/// images and the positions of their keypoints, so it is for whoever owns them.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Images (JPEG or PNG), folders of them, and files of keypoints (.jsonl, .jsonl.gz), which are shown on the
+    /// images of their names, given too or beside the file.
+    /// With `--synthetic N`, and nothing else, the synthetic scene alone is attacked.
+    #[arg(required_unless_present = "synthetic", value_name = "IMAGE|FOLDER|KEYPOINTS")]
+    inputs: Vec<PathBuf>,
+    /// Where the report goes: a file that ends in `.html`, or a folder for `audit.html`.
+    #[arg(short, long, default_value = "audit.html", value_name = "FILE|FOLDER")]
+    out: PathBuf,
+    /// Attack the first N images of each folder or file only.
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..))]
+    images: u32,
+    /// Draw the first N images; all count in the figures.
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=100))]
+    shown: u32,
+    /// Leave the images out of the report. Positions of keypoints are still in it.
+    #[arg(long)]
+    no_images: bool,
+    /// Leave the paper's synthetic scene (Fig. 4) out.
+    #[arg(long)]
+    no_synthetic: bool,
+    /// Keypoints of the synthetic scene.
+    #[arg(long, value_name = "N", default_value_t = 1500, conflicts_with = "no_synthetic",
+          value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    synthetic: u32,
+    /// Attacks, as `veiloc attack` knows them. Default: resting-camera (several seals of one image); with several images
+    /// that have descriptors, transfer, which takes the others for the map of a server; and, told the true neighbours by
+    /// an oracle, closed-form, closed-form-informed and graph.
+    #[arg(long, value_delimiter = ',', value_name = "ATTACK,…")]
+    attacks: Option<Vec<Attack>>,
+    #[command(flatten)]
+    features: ImageFeatureArgs,
+    #[command(flatten)]
+    adversary: AdversaryArgs,
+    /// Keypoints of an image at most, the strongest.
+    #[arg(long, default_value_t = 2048, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
+    max_keypoints: u32,
+    /// Longest side, pixels; larger images are made smaller first.
+    #[arg(long, default_value_t = 1600, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=8192))]
+    max_size: u32,
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// Runs `veiloc audit`.
+///
+/// # Errors
+/// What was given cannot be read, or makes no sense together; results cannot be written.
+pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let started = Instant::now();
+    // A report that cannot be written is refused before the work, not after it.
+    let report = report_path(&args.out)?;
+    let limits = ExtractionLimits { max_keypoints: args.max_keypoints, max_image_side: args.max_size };
+    let bars = Stages::new(ui);
+    let extractor = args.features.extractor()?;
+    let inputs = Inputs::read(&args.inputs, args.images as usize, extractor.as_ref(), limits, &bars, ui)?;
+    let attacks = args.attacks.clone().unwrap_or_else(|| inputs.default_attacks());
+    let options = AuditOptions {
+        evaluation: AttackEvaluation {
+            images: Some(args.images as usize),
+            synthetic: if args.no_synthetic { 0 } else { args.synthetic as usize },
+            ..args.adversary.evaluation(&attacks)?
+        },
+        groups: inputs.groups(),
+        shown: args.shown as usize,
+        command: command_line(),
+    };
+    let file_of = |group, index| (!args.no_images).then(|| inputs.file_of(group, index)).flatten();
+    let audit = run_audit(&options, &file_of, &bars)?;
+    let page = audit_page(&audit, &options);
+    files::write(&report, page.as_bytes())?;
+    tell(args, &audit, ui)?;
+    ui.say(format!(
+        "\nReport: {} ({:.1} MB; open it in a browser). Done in {:.0} s.",
+        report.display(),
+        page.len() as f64 / 1e6,
+        started.elapsed().as_secs_f64()
+    ));
+    Ok(Exit::Success)
+}
+
+/// Conclusion and tables to stdout, or the document with the others on stderr.
+fn tell(args: &Args, audit: &Audit, ui: &Ui) -> Result<(), Failure> {
+    let mut text = String::new();
+    let document = &audit.document;
+    if let Some(part) = document.inputs.as_ref().or(document.synthetic.as_ref()) {
+        text += &attacks_table(&part.attacks);
+        text.push('\n');
+    }
+    for sentence in &document.conclusion {
+        text.push_str(sentence);
+        text.push_str("\n\n");
+    }
+    args.json.print(&text, document, ui)
+}
+
+/// The file of the report; its folder is made.
+fn report_path(out: &Path) -> Result<PathBuf, Failure> {
+    if files::is_standard(out) {
+        return Err(Failure::with_help(
+            "-: the report is a file to be opened in a browser",
+            "name a file or folder with --out",
+        ));
+    }
+    let is_page =
+        out.extension().is_some_and(|e| e.eq_ignore_ascii_case("html") || e.eq_ignore_ascii_case("htm"));
+    let path = if is_page && !out.is_dir() { out.to_owned() } else { out.join("audit.html") };
+    if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+        files::make_folder(folder)?;
+    }
+    Ok(path)
+}
+
+/// What was typed, with quotes where a shell needs them.
+pub(crate) fn command_line() -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./,=:%+@".contains(c);
+    let quoted = |word: String| {
+        if !word.is_empty() && word.chars().all(plain) {
+            word
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    };
+    let words = crate::output::command_line::words().into_iter();
+    let words = words.map(|word| quoted(word.to_string_lossy().into_owned()));
+    std::iter::once("veiloc".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
+}

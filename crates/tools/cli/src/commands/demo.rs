@@ -1,0 +1,92 @@
+//! `veiloc demo`: everything at once, on a place that renders itself.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use crate::commands::page_args::{About, View, page};
+use crate::demo::{DemoOptions, HiddenViews, map_place, run_demo};
+use veiloc_audit::attacks_table;
+use veiloc_results::table;
+use veiloc_service::{ListenAddress, MapSource, ServerOptions, run_until_signal};
+
+use crate::exit::{Exit, Failure, Outcome};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Points of the map that the page shows.
+const SHOWN_POINTS: usize = 20_000;
+
+/// Render a place, map it, localize hidden queries, attack them, write a report.
+///
+/// Needs no data and no network. Everything after the renderer is what real images go through, from pixels on. With --page
+/// the place is mapped and shown on a page of this machine, where hidden views are there to pick.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Folder for the images, the map, the sealed queries and the report.
+    #[arg(long, default_value = "out/demo", value_name = "DIR")]
+    out: PathBuf,
+    /// Seed of the place and of every random choice.
+    #[arg(long, default_value_t = 7, value_name = "N")]
+    seed: u64,
+    /// Print the JSON document of the evaluation and the attacks to stdout.
+    #[arg(long)]
+    json: bool,
+    /// Serve a page with the hidden views instead of a report, until Ctrl-C. Default: a report.
+    #[arg(long, conflicts_with = "json")]
+    page: bool,
+    /// The page's files, as bindings/web/build.sh makes them. Default: the folder veiloc-page beside the program.
+    #[arg(long, requires = "page", value_name = "DIR")]
+    page_folder: Option<PathBuf>,
+    /// Where to serve the page: this machine, and a port (0 for any free one).
+    #[arg(long, requires = "page", default_value = "127.0.0.1:8080", value_name = "ADDR:PORT")]
+    listen: ListenAddress,
+}
+
+pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let started = Instant::now();
+    let options = DemoOptions::new(args.out.clone(), args.seed);
+    if args.page {
+        return serve(args, &options, ui);
+    }
+    let demo = run_demo(&options, &Stages::new(ui))?;
+    if args.json {
+        ui.json(&demo.document)?;
+    } else {
+        ui.print(table(&demo.document.evaluation.schemes));
+        ui.print("\n");
+        ui.print(attacks_table(&demo.document.attacks));
+    }
+    ui.say(format!(
+        "\nReport: {} (open it in a browser). Done in {:.0} s.",
+        demo.report.display(),
+        started.elapsed().as_secs_f64()
+    ));
+    Ok(Exit::Success)
+}
+
+/// The place on a page of this machine.
+fn serve(args: &Args, demo: &DemoOptions, ui: &Ui) -> Outcome {
+    // What is wrong with the page is told before the place is rendered.
+    let mut about = About { points: SHOWN_POINTS, views: Vec::new() };
+    page(args.page_folder.as_ref(), &about)?;
+    let HiddenViews { map, views, camera } = map_place(demo, &Stages::new(ui))?;
+    about.views = (views.iter())
+        .map(|(name, _)| View { name: name.clone(), file: name.clone(), camera: camera.to_string() })
+        .collect();
+    let mut page = page(args.page_folder.as_ref(), &about)?;
+    for (name, path) in &views {
+        let bytes = std::fs::read(path).map_err(|e| Failure::refused(format!("{}: {e}", path.display())))?;
+        page.add(name, bytes)?;
+    }
+    let mut options = ServerOptions::new(vec![MapSource { name: "demo".to_owned(), path: map, geo: None }]);
+    options.listen = vec![args.listen.clone()];
+    options.page = Some(Arc::new(page));
+    options.page_points = SHOWN_POINTS;
+    run_until_signal(options, |listening| {
+        for address in &listening.addresses {
+            ui.say(format!("The place is on http://{address} (open it in a browser; Ctrl-C ends it)"));
+        }
+    })?;
+    Ok(Exit::Success)
+}

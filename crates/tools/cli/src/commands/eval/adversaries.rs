@@ -1,0 +1,120 @@
+//! `veiloc eval adversaries`: what each adversary gets from the queries of every scheme.
+
+use std::path::PathBuf;
+
+use veiloc_map::colmap::read_posed;
+use veiloc_protocol::Scheme;
+use veiloc_tradeoff::adversaries::{
+    AdversariesEvaluation, Adversary, Place, adversaries_table, evaluate_adversaries,
+};
+
+use crate::commands::eval::place::MaybePlaceArgs;
+use crate::exit::{Exit, Outcome};
+use crate::extraction_args::ExtractionArgs;
+use crate::json_args::JsonArgs;
+use crate::lists;
+use crate::localization_args::MatchArgs;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// What each adversary gets from the queries of every scheme, by the best of their attacks.
+///
+/// Adversaries differ in what they know beside a query. Those who know a place are run where one is given (a map is built
+/// from the images of the map list, images of the query list are attacked), outsiders where they have learned from
+/// something (--train). The table shows the best attack of each, in pixels and in bits over the guess from the single line.
+#[derive(clap::Args)]
+#[command(after_long_help = ADVERSARIES)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    place: MaybePlaceArgs,
+    /// Folder of the queries' masks, one for every query: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. What is
+    /// black in them is hidden, as with `seal --masks`.
+    #[arg(long, value_name = "DIR", requires = "posed")]
+    masks: Option<PathBuf>,
+    /// Keypoints of images of which nobody has a map, as `eval keypoints` writes them; may be given beside a place.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    keypoints: Vec<PathBuf>,
+    /// Schemes, in the order of the table. Default: all that hide positions.
+    #[arg(long, value_delimiter = ',', value_name = "SCHEME,…")]
+    schemes: Vec<Scheme>,
+    /// Who attacks, in the order of the table; see below. Default: all who have what it takes.
+    #[arg(long, value_delimiter = ',', value_name = "ADVERSARY,…")]
+    adversaries: Vec<Adversary>,
+    /// Keypoints of elsewhere that outsiders learn from, as `eval keypoints` writes them; attacked images among them are
+    /// left out.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    train: Vec<PathBuf>,
+    /// A network of `train neighbours`, for `outsider-neighbours`; it must have been trained elsewhere.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Networks of `train positions`, one a scheme at most, for `outsider-network`.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    positions: Vec<PathBuf>,
+    /// Attack N images of each place or file only, spread evenly. Default: all.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    attacked: Option<u32>,
+    /// Leave out attacks that take seconds an image: layouts of the neighbour graph.
+    #[arg(long)]
+    quick: bool,
+    /// Neighbours a keypoint.
+    #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    k: u32,
+    /// Seed of every draw.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    #[command(flatten)]
+    extraction: ExtractionArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+const ADVERSARIES: &str = "\
+Adversaries, and what each knows beside the query:
+  outsider-statistic  what a statistic of descriptors learned from the keypoints of --train
+  outsider-neighbours what the network of --model learned elsewhere: who is whose neighbour
+  outsider-network    what the networks of --positions learned elsewhere: from all rows to positions
+  map-server          images of the map, with keypoints
+  pose-server         the map and the pose, found from the query itself; only what the map does not show is counted,
+                      here and in the next two
+  pose-server-images  the same with the keypoints of the map's images
+  several-frames      the poses of two or eight queries of the place
+  several-seals       eight seals of one image
+  true-neighbours     who is whose neighbour, told by an oracle: nobody is told, it is for comparison
+
+Example: veiloc eval keypoints photos -o photos.jsonl.gz
+         veiloc eval adversaries --posed posed --images images --map-list map.txt --query-list query.txt \\
+             --train photos.jsonl.gz";
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let mut evaluation = AdversariesEvaluation::new();
+    if let Some(place) = args.place.given() {
+        evaluation.place = Some(Place {
+            posed: read_posed(&place.posed)?,
+            images: place.images,
+            map_list: lists::read_list(&place.map_list)?,
+            query_list: lists::read_list(&place.query_list)?,
+            build: args.extraction.options()?,
+            localize: args.matching.localize_options(),
+            masks: args.masks.clone(),
+        });
+    }
+    evaluation.files.clone_from(&args.keypoints);
+    if !args.schemes.is_empty() {
+        evaluation.schemes.clone_from(&args.schemes);
+    }
+    if !args.adversaries.is_empty() {
+        evaluation.adversaries.clone_from(&args.adversaries);
+    }
+    evaluation.train.clone_from(&args.train);
+    evaluation.network.clone_from(&args.model);
+    evaluation.positions.clone_from(&args.positions);
+    evaluation.attacked = args.attacked.map(|n| n as usize);
+    evaluation.thorough = !args.quick;
+    evaluation.k = args.k as usize;
+    evaluation.seed = args.seed;
+    let document = evaluate_adversaries(&evaluation, &Stages::new(ui))?;
+    args.json.print(&adversaries_table(&document), &document, ui)?;
+    Ok(Exit::Success)
+}

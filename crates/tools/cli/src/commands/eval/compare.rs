@@ -1,0 +1,99 @@
+//! `veiloc eval compare`: two runs on the same queries, and which of their differences are more than chance.
+
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use veiloc_results::comparison::{Comparison, ComparisonOptions, Run, compare};
+use veiloc_results::metrics::Threshold;
+
+use crate::exit::{Exit, Failure, Outcome};
+use crate::json_args::JsonArgs;
+use crate::ui::Ui;
+
+/// Two runs on the same queries, and which of their differences are more than chance.
+///
+/// Queries are paired by name and seed. Of each figure: both runs, the difference, and the interval that 95 % of the
+/// differences are in when queries are drawn with replacement (a paired bootstrap). A figure is called better only when its
+/// interval leaves zero out. Frames of one walk are alike, which the interval does not know: it is rather too narrow.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// The document of a run, as `eval scene --json` and `eval pose --json` write it.
+    #[arg(value_name = "A.json")]
+    a: PathBuf,
+    /// The document of the other one.
+    #[arg(value_name = "B.json")]
+    b: PathBuf,
+    /// Compare this row or scheme only, as the table calls it. Default: all rows that both have.
+    #[arg(long, value_name = "ROW")]
+    row: Option<String>,
+    /// Compare it with this row or scheme of B, be B the same file. Default: the row of the same name.
+    #[arg(long, value_name = "ROW", requires = "row")]
+    against: Option<String>,
+    /// Thresholds of recall, map units and degrees. Default: those that both documents have.
+    #[arg(long, value_delimiter = ',', value_name = "T/DEG,…")]
+    thresholds: Vec<Threshold>,
+    /// Draws of the bootstrap.
+    #[arg(long, default_value_t = 10_000, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    draws: u32,
+    /// Seed of the draws.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// The document of `veiloc eval compare --json`.
+#[derive(Serialize)]
+struct Document {
+    version: u32,
+    command: &'static str,
+    a: String,
+    b: String,
+    data_a: Vec<String>,
+    data_b: Vec<String>,
+    #[serde(flatten)]
+    comparison: Comparison,
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let (a, b) = (read(&args.a)?, read(&args.b)?);
+    if a.data() != b.data() {
+        ui.complain(format!("A was evaluated on {}, B on {}", a.data().join(", "), b.data().join(", ")));
+    }
+    let options = ComparisonOptions {
+        rows: [args.row.clone(), args.against.clone()],
+        thresholds: args.thresholds.clone(),
+        draws: args.draws as usize,
+        seed: args.seed,
+    };
+    let comparison = compare(&a, &b, &options).map_err(|error| {
+        Failure::with_help(
+            error.to_string(),
+            "give two runs on the same queries; --row and --against name rows that differ",
+        )
+    })?;
+    let text = comparison.table();
+    let document = Document {
+        version: 1,
+        command: "eval compare",
+        a: args.a.display().to_string(),
+        b: args.b.display().to_string(),
+        data_a: a.data().to_vec(),
+        data_b: b.data().to_vec(),
+        comparison,
+    };
+    args.json.print(&text, &document, ui)?;
+    Ok(Exit::Success)
+}
+
+fn read(path: &Path) -> Result<Run, Failure> {
+    let text = std::fs::read_to_string(path).map_err(|e| {
+        Failure::with_help(format!("{}: {e}", path.display()), "give the file that --json wrote")
+    })?;
+    Run::parse(&text).map_err(|error| {
+        Failure::with_help(
+            format!("{}: {error}", path.display()),
+            "give the file that `eval scene --json FILE` wrote",
+        )
+    })
+}

@@ -1,0 +1,96 @@
+//! `veiloc eval crb`: errors on synthetic problems over what the Cramér–Rao bound allows.
+
+use std::path::PathBuf;
+
+use veiloc_poses::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, table};
+use veiloc_protocol::{AngleBits, Scheme};
+use veiloc_report::plots;
+use veiloc_results::Hypotheses;
+
+use crate::exit::{Exit, Outcome};
+use crate::files;
+use crate::json_args::JsonArgs;
+use crate::localization_args::{EngineArgs, positive};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Errors on random synthetic problems over what the Cramér–Rao bound allows.
+///
+/// Every problem has matches all over a 640 × 480 image, some of them wrong, and Gaussian noise on its keypoints. The
+/// bound counts that noise, the dither and the rounding that obfuscation adds, and only the right matches. A second
+/// table says how often the truth lies in the region that the estimated covariance draws around the estimate.
+#[derive(clap::Args)]
+#[command(after_long_help = SCENES)]
+pub(crate) struct Args {
+    /// Scenes: deep, near-planar, narrow.
+    #[arg(long, value_delimiter = ',', default_value = "deep,near-planar,narrow", value_name = "SCENE,…")]
+    scenes: Vec<SyntheticScene>,
+    /// Schemes to compare.
+    #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
+    schemes: Vec<Scheme>,
+    /// Standard deviations of a keypoint along each axis, pixels.
+    #[arg(long, value_delimiter = ',', default_value = "0.5,1,2", value_name = "PX,…", value_parser = positive)]
+    keypoint_noise: Vec<f64>,
+    /// Shares of wrong matches, percent.
+    #[arg(long, value_delimiter = ',', default_value = "30,50,80", value_name = "PERCENT,…", value_parser = percent)]
+    outliers: Vec<f64>,
+    /// Random problems for each row; the median of 500 is good to about 4 %.
+    #[arg(long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    problems: u32,
+    /// Matches of each problem.
+    #[arg(long, default_value_t = 400, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    matches: u32,
+    /// Draw exactly this many hypotheses; `adaptive` stops when a better one is unlikely.
+    #[arg(long, value_name = "N", default_value = "adaptive")]
+    hypotheses: Hypotheses,
+    #[command(flatten)]
+    engine: EngineArgs,
+    /// Bits of a line's angle, as a profile sets them.
+    #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u8).range(6..=16))]
+    angle_bits: u8,
+    /// Seed of every random choice; equal seeds give equal results.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+    /// Draw the translation errors over the bound into FILE, as SVG.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+const SCENES: &str = "\
+Scenes (depths in map units):
+  deep          field of view 63 degrees, depths 2 to 12
+  near-planar   field of view 63 degrees, points within 0.05 of a slanted plane 4 away
+  narrow        field of view 20 degrees, depths 2 to 6";
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let mut evaluation = SyntheticEvaluation::default();
+    evaluation.scenes.clone_from(&args.scenes);
+    evaluation.schemes.clone_from(&args.schemes);
+    evaluation.noises_px.clone_from(&args.keypoint_noise);
+    evaluation.outlier_shares = args.outliers.iter().map(|percent| percent / 100.0).collect();
+    evaluation.problems = args.problems as usize;
+    evaluation.matches = args.matches as usize;
+    evaluation.pose = args.engine.options();
+    evaluation.pose.fixed_hypotheses = args.hypotheses.fixed();
+    evaluation.angle_bits = AngleBits::new(args.angle_bits)?;
+    evaluation.seed = args.seed;
+    let document = evaluate_bound(&evaluation, &Stages::new(ui))?;
+    if let Some(path) = &args.plot {
+        files::write(path, plots::bound(&document)?.as_bytes())?;
+    }
+    args.json.print(&table(&document), &document, ui)?;
+    let localized = document.cells.iter().any(|cell| cell.localized > 0.0);
+    Ok(if localized { Exit::Success } else { Exit::Refused })
+}
+
+/// A share of wrong matches that leaves some right.
+fn percent(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    if (0.0..100.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("a percentage from 0 to below 100 is expected".to_owned())
+    }
+}

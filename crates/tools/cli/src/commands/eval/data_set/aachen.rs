@@ -1,0 +1,53 @@
+//! `veiloc eval aachen`.
+
+use std::path::PathBuf;
+
+use veiloc_places::aachen::{CONDITIONS, Version, read, read_poses};
+
+use super::run::refused;
+use super::submission::write_submissions;
+use super::{DataSet, DataSetArgs, evaluate};
+use crate::exit::Outcome;
+use crate::ui::Ui;
+
+/// Aachen Day-Night: a map of its database images, and its day and night queries.
+///
+/// Poses of the queries are not published: `--submission` writes the files that https://www.visuallocalization.net judges.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    data_set: DataSetArgs,
+    /// Version of the data set, 1 (the paper's) or 1.1. Default: 1.1 when its model is there, else 1.
+    #[arg(long, value_name = "VERSION")]
+    version: Option<Version>,
+    /// Conditions to ask under, as their lists are named.
+    #[arg(long, value_delimiter = ',', default_values_t = CONDITIONS.map(str::to_owned), value_name = "CONDITION,…")]
+    conditions: Vec<String>,
+    /// Poses of the queries, `name qw qx qy qz tx ty tz` a line, world to camera, for copies of the data set whose poses are
+    /// known. Default: nobody is judged.
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Write the poses for visuallocalization.net, `name qw qx qy qz tx ty tz` a line with the names of files alone; with several
+    /// schemes a file each, the scheme behind the name.
+    #[arg(long, value_name = "FILE")]
+    submission: Option<PathBuf>,
+}
+
+const DATA_SET: DataSet = DataSet {
+    command: "eval aachen",
+    thresholds: &[(0.25, 2.0), (0.5, 5.0), (5.0, 10.0)],
+    paper_max_error_px: 8.0,
+};
+
+pub(in crate::commands::eval) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let root = &args.data_set.root;
+    let version = args.version.unwrap_or_else(|| Version::in_folder(root));
+    let truth = args.truth.as_deref().map(read_poses).transpose().map_err(refused)?;
+    let conditions = &args.conditions;
+    let read = |_: &str| read(root, version, conditions, truth.as_ref(), args.data_set.missing());
+    let (document, exit) = evaluate(&DATA_SET, &["aachen".to_owned()], &read, &args.data_set, ui)?;
+    if let Some(path) = &args.submission {
+        write_submissions(path, &document, ui)?;
+    }
+    Ok(exit)
+}

@@ -1,0 +1,92 @@
+//! `--attack N` of the data-set commands: what each adversary gets from the queries of each place.
+
+use std::path::PathBuf;
+
+use veiloc_eval::SceneEvaluation;
+use veiloc_tradeoff::adversaries::{
+    AdversariesDocument, AdversariesEvaluation, Place, adversaries_table, evaluate_adversaries,
+};
+
+use crate::exit::Failure;
+use crate::files;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Attacks on the queries of the places.
+#[derive(clap::Args)]
+pub(in crate::commands::eval) struct AttackArgs {
+    /// Attack N queries of each place too, spread evenly, as `eval adversaries` does with nothing to learn from: a server with
+    /// map images, one that has the pose, several frames, and the oracle. A map is built for it again. Default: none is attacked.
+    #[arg(id = "attack", long = "attack", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    attacked: Option<u32>,
+    /// Neighbours a keypoint in these attacks; the paper has 20 and 100.
+    #[arg(long, value_name = "K", default_value_t = 20, requires = "attack", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    attack_neighbours: u32,
+    /// Write what they came to, as `eval adversaries --json` has it, with the places' names. Default: a table alone.
+    #[arg(long, value_name = "FILE", requires = "attack")]
+    attack_json: Option<PathBuf>,
+}
+
+impl AttackArgs {
+    /// Attacks the queries of a place, if that is asked for, and adds what came of it to the others.
+    pub(super) fn attack(
+        &self,
+        name: &str,
+        scene: &SceneEvaluation,
+        found: &mut Option<AdversariesDocument>,
+        ui: &Ui,
+    ) -> Result<(), Failure> {
+        let Some(attacked) = self.attacked else { return Ok(()) };
+        let mut evaluation = AdversariesEvaluation::new();
+        evaluation.place = Some(Place {
+            posed: scene.posed.clone(),
+            images: scene.images.clone(),
+            map_list: scene.map_list.clone(),
+            query_list: scene.query_list.clone(),
+            build: scene.build.clone(),
+            localize: scene.localize.clone(),
+            masks: None,
+        });
+        // Points hide nothing: there is nothing to attack.
+        let hiding = scene.schemes.iter().filter(|scheme| !matches!(scheme, veiloc_protocol::Scheme::Points));
+        evaluation.schemes = hiding.copied().collect();
+        if evaluation.schemes.is_empty() || scene.query_list.is_empty() {
+            ui.complain(format!(
+                "{name}: nothing to attack: no scheme that hides, or no query whose pose is known"
+            ));
+            return Ok(());
+        }
+        evaluation.attacked = Some(attacked as usize);
+        evaluation.k = self.attack_neighbours as usize;
+        evaluation.seed = scene.seed;
+        let mut of_place = evaluate_adversaries(&evaluation, &Stages::new(ui))?;
+        for row in &mut of_place.rows {
+            name.clone_into(&mut row.data);
+        }
+        match found {
+            Some(all) => all.rows.append(&mut of_place.rows),
+            None => *found = Some(of_place),
+        }
+        Ok(())
+    }
+
+    /// Prints what all came to, and writes it where that is asked for.
+    pub(super) fn finish(
+        &self,
+        found: Option<&AdversariesDocument>,
+        stdout_is_taken: bool,
+        ui: &Ui,
+    ) -> Result<(), Failure> {
+        let Some(document) = found else { return Ok(()) };
+        let table = adversaries_table(document);
+        if stdout_is_taken {
+            ui.say(table.trim_end());
+        } else {
+            ui.print(format!("\n{table}"));
+        }
+        if let Some(path) = &self.attack_json {
+            files::write(path, (serde_json::to_string_pretty(document)? + "\n").as_bytes())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,202 @@
+//! The places of a data set, evaluated one after another, and the document of all of them.
+
+use veiloc_eval::{SceneEvaluation, evaluate_scene};
+use veiloc_map::{PosedImage, PosedImages};
+use veiloc_places::{Place, PlaceError};
+use veiloc_pose::{AnchoredSolver, ScoreKind};
+use veiloc_results::tables::{Format, TableData, TableOptions, tables};
+use veiloc_results::{
+    DataSetEvaluation, Evaluation, PlaceFacts, PlaceQuery, PlaceSummary, QueryResult, RunFacts, summarize,
+    table,
+};
+
+use super::options::{DataSetArgs, cores};
+use crate::commands::eval::html;
+use crate::exit::{Exit, Failure, Outcome};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// A data set, as far as evaluating it goes.
+pub(in crate::commands::eval) struct DataSet {
+    /// The command, as `eval 7scenes`.
+    pub(super) command: &'static str,
+    /// Bounds of recall, map units and degrees.
+    pub(super) thresholds: &'static [(f64, f64)],
+    /// The paper's inlier threshold for points, pixels.
+    pub(super) paper_max_error_px: f64,
+}
+
+/// Evaluates the places, and prints what came of them. Each is read when its turn comes.
+pub(in crate::commands::eval) fn evaluate(
+    data_set: &DataSet,
+    places: &[String],
+    read: &dyn Fn(&str) -> Result<Place, PlaceError>,
+    args: &DataSetArgs,
+    ui: &Ui,
+) -> Result<(DataSetEvaluation, Exit), Failure> {
+    // All are read once before the first is computed: what is missing is told at once.
+    let places: Vec<Place> =
+        places.iter().map(|name| read(name)).collect::<Result<_, _>>().map_err(refused)?;
+    let mut document = DataSetEvaluation {
+        version: 1,
+        command: data_set.command,
+        data: places.iter().map(|place| place.name.clone()).collect(),
+        run: facts(args),
+        seed: args.pose.run.seed,
+        places: Vec::new(),
+        schemes: Vec::new(),
+        queries: Vec::new(),
+    };
+    let mut report = args.html.begin(places.len())?;
+    let mut attacked = None;
+    for place in &places {
+        place.remarks.iter().for_each(|remark| ui.complain(format!("{}: {remark}", place.name)));
+        ui.say(format!(
+            "{}: {} images for the map, {} queries{}",
+            place.name,
+            place.mapped.images().len(),
+            place.queries.len(),
+            if place.is_official { "" } else { " (not the published place)" }
+        ));
+        let mut evaluation = scene_of(place, data_set, args)?;
+        if let Some(report) = &report {
+            report.keep_map(&mut evaluation);
+        }
+        let found = evaluate_scene(&evaluation, &Stages::new(ui))?;
+        args.attack.attack(&place.name, &evaluation, &mut attacked, ui)?;
+        add(&mut document, place, found, &evaluation);
+        if let Some(report) = &mut report {
+            let rows = document.schemes.iter().filter(|row| row.place == place.name);
+            let rows = rows.map(|row| (row.condition.as_deref(), &row.summary));
+            let queries = document.queries.iter().filter(|query| query.place.as_ref() == Some(&place.name));
+            let queries = queries.map(|query| (query.condition.as_deref(), &query.result));
+            report.add(&place.name, &evaluation, rows, queries, ui)?;
+        }
+    }
+    let json = serde_json::to_string(&document)?;
+    if let Some(report) = report {
+        let title = format!("veiloc {}", data_set.command);
+        report.write(&title, &json, html::details(document.seed), ui)?;
+    }
+    let judged = TableData::parse(&json);
+    let text = if let Ok(data) = &judged {
+        let options = TableOptions {
+            format: Format::Markdown,
+            cells: None,
+            thresholds: args.thresholds(data_set.thresholds),
+            published: true,
+            draws: 2000,
+            seed: 0,
+        };
+        tables(data, &options)
+    } else {
+        // Nobody here knows the truth: what became of the queries is all there is to tell.
+        let rows: Vec<_> = document.schemes.iter().map(|row| row.summary.clone()).collect();
+        table(&rows)
+    };
+    args.json.print(&text, &document, ui)?;
+    args.attack.finish(attacked.as_ref(), args.json.takes_stdout(), ui)?;
+    let localized = document.schemes.iter().any(|row| row.summary.localized > 0);
+    Ok((document, if localized { Exit::Success } else { Exit::Refused }))
+}
+
+/// A data set that cannot be read, in words.
+pub(in crate::commands::eval) fn refused(error: PlaceError) -> Failure {
+    Failure::with_help(error.to_string(), "see `docs/data-sets.md` for the layout of each data set")
+}
+
+/// Prints, as the commands end.
+pub(in crate::commands::eval) fn outcome(found: Result<(DataSetEvaluation, Exit), Failure>) -> Outcome {
+    found.map(|(_, exit)| exit)
+}
+
+fn facts(args: &DataSetArgs) -> RunFacts {
+    let words = crate::output::command_line::words().into_iter();
+    RunFacts {
+        veiloc: env!("CARGO_PKG_VERSION").to_owned(),
+        command_line: words.map(|word| word.to_string_lossy().into_owned()).collect(),
+        system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
+        cores: cores(),
+        jobs: args.jobs(),
+    }
+}
+
+fn scene_of(place: &Place, data_set: &DataSet, args: &DataSetArgs) -> Result<SceneEvaluation, Failure> {
+    let known = place.queries.iter().filter_map(|query| {
+        Some(PosedImage {
+            name: query.name.clone(),
+            camera: query.camera,
+            cam_from_world: query.cam_from_world?,
+            seen: Vec::new(),
+        })
+    });
+    let images = place.mapped.images().iter().cloned().chain(known).collect();
+    let posed = PosedImages::new(images, place.mapped.points().to_vec()).map_err(|e| refused(e.into()))?;
+    let (known, unknown): (Vec<_>, Vec<_>) =
+        place.queries.iter().partition(|query| query.cam_from_world.is_some());
+    let mut localize = args.matching.options(&args.pose);
+    if args.paper {
+        localize.pose.score = Some(ScoreKind::Msac);
+        localize.pose.anchored_solver = Some(AnchoredSolver::P6lp);
+        localize.pose.max_error_px = data_set.paper_max_error_px;
+        localize.use_prior = false;
+    }
+    Ok(SceneEvaluation {
+        unposed: unknown.iter().map(|query| (query.name.clone(), query.camera)).collect(),
+        build: args.build()?,
+        schemes: args.schemes.clone(),
+        scores: localize.pose.score.into_iter().collect(),
+        thresholds: args.thresholds(data_set.thresholds),
+        localize,
+        seed: args.pose.run.seed,
+        work: args.work.as_ref().map(|folder| folder.join(&place.name)),
+        jobs: args.jobs(),
+        ..SceneEvaluation::of_place(
+            posed,
+            place.images.clone(),
+            place.mapped.names(),
+            known.iter().map(|query| query.name.clone()).collect(),
+        )
+    })
+}
+
+/// Adds what was found of a place.
+fn add(document: &mut DataSetEvaluation, place: &Place, found: Evaluation, evaluation: &SceneEvaluation) {
+    document.places.push(PlaceFacts {
+        name: place.name.clone(),
+        is_official: place.is_official,
+        queries: place.queries.len(),
+        remarks: place.remarks.clone(),
+        map: found.map,
+    });
+    let condition_of = |name: &str| {
+        let query = place.queries.iter().find(|query| query.name == name);
+        query.and_then(|query| query.condition.clone())
+    };
+    let mut conditions: Vec<Option<String>> = Vec::new();
+    for query in &place.queries {
+        if !conditions.contains(&query.condition) {
+            conditions.push(query.condition.clone());
+        }
+    }
+    // Rows of the table stand one after another, a query each.
+    let rows = found.queries.chunks(place.queries.len().max(1));
+    for (row, summary) in rows.zip(found.schemes) {
+        for condition in &conditions {
+            let own: Vec<&QueryResult> =
+                row.iter().filter(|query| condition_of(&query.name) == *condition).collect();
+            let summary =
+                if conditions.len() == 1 { summary.clone() } else { summarize(&own, &evaluation.thresholds) };
+            document.schemes.push(PlaceSummary {
+                place: place.name.clone(),
+                condition: condition.clone(),
+                summary,
+            });
+        }
+    }
+    document.queries.extend(found.queries.into_iter().map(|result| PlaceQuery {
+        place: Some(place.name.clone()),
+        condition: condition_of(&result.name),
+        result,
+    }));
+}

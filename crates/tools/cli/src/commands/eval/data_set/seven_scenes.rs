@@ -1,0 +1,51 @@
+//! `veiloc eval 7scenes`.
+
+use std::path::PathBuf;
+
+use veiloc_places::seven_scenes::{Truth, read_scene, scenes};
+
+use super::run::{outcome, refused};
+use super::{DataSet, DataSetArgs, evaluate};
+use crate::exit::Outcome;
+use crate::ui::Ui;
+
+/// 7Scenes: a map of each scene's training sequences, and its test sequences as queries.
+///
+/// Reads the folders as they are unpacked: `<scene>/TrainSplit.txt`, `<scene>/seq-01/frame-000000.color.png`. A scene's map is
+/// built from all images of its training sequences; every image of its test sequences is sealed under every scheme and
+/// localized. The paper's figures stand beside ours for scenes that are whole.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    data_set: DataSetArgs,
+    /// Scenes to evaluate. Default: all that are there.
+    #[arg(long, value_delimiter = ',', value_name = "SCENE,…")]
+    scenes: Vec<String>,
+    /// Scenes to leave out. Default: none.
+    #[arg(long, value_delimiter = ',', value_name = "SCENE,…")]
+    exclude: Vec<String>,
+    /// Whose poses are taken for true: `sfm`, the pseudo ground truth of structure from motion, as in the paper; or `depth`, those
+    /// that come with the images, which are of the depth camera.
+    #[arg(long, default_value = "sfm", value_parser = ["sfm", "depth"], value_name = "KIND")]
+    poses: String,
+    /// Folder of the lists of pseudo ground truth, `<scene>_train.txt` and `<scene>_test.txt`. Default: `pgt_sfm` or
+    /// `pgt/sfm/7scenes` in the root.
+    #[arg(long, value_name = "DIR")]
+    pseudo_ground_truth: Option<PathBuf>,
+}
+
+const DATA_SET: DataSet =
+    DataSet { command: "eval 7scenes", thresholds: &[(0.05, 5.0)], paper_max_error_px: 4.0 };
+
+pub(in crate::commands::eval) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let root = &args.data_set.root;
+    let mut names = if args.scenes.is_empty() { scenes(root).map_err(refused)? } else { args.scenes.clone() };
+    names.retain(|name| !args.exclude.contains(name));
+    let truth = match (args.poses.as_str(), &args.pseudo_ground_truth) {
+        ("depth", _) => Truth::Depth,
+        (_, Some(folder)) => Truth::Sfm(folder.clone()),
+        (_, None) => Truth::sfm_beside(root),
+    };
+    let read = |name: &str| read_scene(root, name, &truth, args.data_set.missing());
+    outcome(evaluate(&DATA_SET, &names, &read, &args.data_set, ui))
+}

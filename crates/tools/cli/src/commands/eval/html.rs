@@ -1,0 +1,159 @@
+//! `--report FILE` of evaluations: what is collected while they run, and the page.
+
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+use veiloc_eval::{DrawnQuery, SceneEvaluation, drawn_queries};
+use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
+use veiloc_map::MapFile;
+use veiloc_report::{PlaceView, QueryDrawing, RunReport, run_page, worst_first};
+use veiloc_results::tables::TableData;
+use veiloc_results::{QueryResult, SchemeSummary};
+
+use crate::commands::audit::command_line;
+use crate::exit::Failure;
+use crate::files;
+use crate::report_args::ReportFileArgs;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// The page an evaluation writes.
+#[derive(clap::Args)]
+pub(super) struct HtmlArgs {
+    #[command(flatten)]
+    report: ReportFileArgs,
+    /// Leave the images out of the report. Default: those of the queries it draws are in it, so that who gets the file gets them.
+    #[arg(long, requires = "report_file")]
+    report_without_images: bool,
+}
+
+impl HtmlArgs {
+    /// A report of so many places; none when none is asked for.
+    pub(super) fn begin(&self, places: usize) -> Result<Option<HtmlReport>, Failure> {
+        let Some(path) = self.report.file.clone() else { return Ok(None) };
+        let folder = tempfile::tempdir().map_err(|e| Failure::output(std::env::temp_dir().display(), &e))?;
+        let each = usize::from(self.report.queries).div_ceil(places.max(1));
+        Ok(Some(HtmlReport {
+            path,
+            each,
+            images: !self.report_without_images,
+            folder,
+            run: RunReport::default(),
+        }))
+    }
+}
+
+/// A report that is being filled.
+pub(super) struct HtmlReport {
+    path: PathBuf,
+    /// Queries drawn of a place.
+    each: usize,
+    images: bool,
+    /// Holds maps until they are drawn, where nobody wants to keep them.
+    folder: TempDir,
+    run: RunReport,
+}
+
+impl HtmlReport {
+    /// Sees to it that the map of an evaluation is there when it is over.
+    pub(super) fn keep_map(&self, evaluation: &mut SceneEvaluation) {
+        evaluation.keep_map.get_or_insert_with(|| self.folder.path().join("place.vmap"));
+    }
+
+    /// Adds a place that was evaluated: its part of the document, and drawings of its worst queries.
+    pub(super) fn add<'a>(
+        &mut self,
+        name: &str,
+        evaluation: &SceneEvaluation,
+        rows: impl IntoIterator<Item = (Option<&'a str>, &'a SchemeSummary)>,
+        queries: impl IntoIterator<Item = (Option<&'a str>, &'a QueryResult)>,
+        ui: &Ui,
+    ) -> Result<(), Failure> {
+        let Some(path) = &evaluation.keep_map else { return Ok(()) };
+        let map = MapFile::open(path)?;
+        let place = self.run.places.len();
+        let judged = |query: &str| evaluation.query_list.iter().any(|name| name == query);
+        let truth =
+            |query: &str| evaluation.posed.get(query).filter(|_| judged(query)).map(|i| i.cam_from_world);
+        self.run.add_place(PlaceView::of_map(name, &map), rows, queries, &truth);
+        let worst = worst_first(&self.run.rows, &self.run.outcomes).into_iter();
+        let names: Vec<String> =
+            worst.filter(|(at, _)| *at == place).map(|(_, name)| name).take(self.each).collect();
+        for drawn in drawn_queries(evaluation, &map, &names, &Stages::new(ui))? {
+            self.add_deviations(place, &drawn);
+            self.run.drawings.push(QueryDrawing::of(&drawn, place, &map, self.images));
+        }
+        Ok(())
+    }
+
+    /// What drawing a query told beside the document: the ± of poses that nobody judges, and what speaks against poses.
+    fn add_deviations(&mut self, place: usize, drawn: &DrawnQuery) {
+        let RunReport { rows, outcomes, .. } = &mut self.run;
+        for sent in &drawn.sent {
+            let (scheme, Some(found)) = (sent.scheme.to_string(), &sent.found) else { continue };
+            let first = outcomes.iter_mut().find(|outcome| {
+                let row = &rows[outcome.row];
+                row.place == place && row.scheme == scheme && outcome.name == drawn.name
+            });
+            let Some(outcome) = first.filter(|outcome| outcome.estimate.is_some()) else { continue };
+            outcome.position_sd = outcome.position_sd.or(Some(position_sd(&found.covariance)));
+            outcome.rotation_sd_deg =
+                outcome.rotation_sd_deg.or(Some(rotation_sd_degrees(&found.covariance)));
+            let doubts: Vec<String> = found.confidence.doubts().iter().map(ToString::to_string).collect();
+            if !doubts.is_empty() {
+                outcome.remark.get_or_insert(doubts.join("; "));
+            }
+        }
+    }
+
+    /// Writes the page. `json`: the document, for curves and bars.
+    pub(super) fn write(
+        mut self,
+        title: &str,
+        json: &str,
+        details: Vec<(String, String)>,
+        ui: &Ui,
+    ) -> Result<(), Failure> {
+        let run = &mut self.run;
+        let (queries, places) = (worst_first(&run.rows, &run.outcomes).len(), run.places.len());
+        title.clone_into(&mut run.title);
+        run.lead = format!(
+            "{queries} queries of {} were sealed under every scheme, sent as they would be to a server, and localized in {}. The \
+             server saw lines and descriptors, neither images nor keypoints.",
+            if places > 1 { format!("{places} places") } else { "one place".to_owned() },
+            if places > 1 { "the maps of their places" } else { "its map" },
+        );
+        let images = run.drawings.iter().filter(|drawing| drawing.image.is_some()).count();
+        run.remarks.push(match images {
+            0 => "The images are left out of this file; lines and map points are in it.".to_owned(),
+            n => format!(
+                "This file contains {n} images of queries, whole, also what masks hide. They were put in on this device and sent \
+                 nowhere; who gets the file gets them. --report-without-images leaves them out."
+            ),
+        });
+        if let Ok(data) = TableData::parse(json) {
+            run.add_figures(&data);
+        }
+        run.add_cards();
+        run.details = details;
+        run.details.push(("Lengths".to_owned(), "map units, written as metres".to_owned()));
+        write_page(&self.path, &run_page(run), ui)
+    }
+}
+
+/// Writes a page and says where.
+pub(super) fn write_page(path: &Path, page: &str, ui: &Ui) -> Result<(), Failure> {
+    files::write(path, page.as_bytes())?;
+    let megabytes = page.len() as f64 / 1e6;
+    ui.say(format!("report: {} ({megabytes:.1} MB; open it in a browser)", path.display()));
+    Ok(())
+}
+
+/// Facts for whoever repeats a run.
+pub(super) fn details(seed: u64) -> Vec<(String, String)> {
+    vec![
+        ("Command".to_owned(), command_line()),
+        ("Version".to_owned(), format!("veiloc {}", env!("CARGO_PKG_VERSION"))),
+        ("Seed".to_owned(), seed.to_string()),
+    ]
+}

@@ -1,0 +1,179 @@
+//! `veiloc eval inversion`: the paper's Table 1: images made of what attacks recover, and how alike they are.
+
+use std::path::{Path, PathBuf};
+
+use veiloc_datasets::keypoints_of_images;
+use veiloc_inversion::Inverter;
+use veiloc_inversion::evaluation::{
+    InversionEvaluation, Judges, Realistic, evaluate_inversion, evaluation_table,
+};
+use veiloc_inversion::judges::{Detector, FeatureDistance, Lpips, LpipsNetwork};
+use veiloc_protocol::{ExtractionLimits, Scheme};
+use veiloc_report::inversion_page;
+
+use crate::exit::{Exit, Failure, Outcome};
+use crate::feature_args::ImageFeatureArgs;
+use crate::files;
+use crate::items::{self, IMAGES};
+use crate::json_args::JsonArgs;
+use crate::lists;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+use super::{html, inversion_report};
+
+/// Images made of what attacks recover from queries of every scheme, and how alike they are to those they were made of.
+///
+/// The paper's Table 1 and more. Each image's keypoints are sent under each scheme, attacked, put through a network of `train
+/// inversion`, and the result is judged beside the original on the network's grid: PSNR, SSIM, LPIPS and a distance of features
+/// where their weights are given, and objects that a detector still finds. Give images that no network learned from.
+#[derive(clap::Args)]
+#[command(after_long_help = ATTACKS)]
+pub(crate) struct Args {
+    /// Images, JPEG or PNG, and folders: of a folder all images in it and in its sub-folders.
+    #[arg(required = true, value_name = "IMAGE|FOLDER")]
+    images: Vec<PathBuf>,
+    /// Names of the images to use, one a line, relative to the one folder given.
+    #[arg(long, value_name = "FILE")]
+    list: Option<PathBuf>,
+    /// Use N of the images only, spread evenly. Default: all.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    most: Option<u32>,
+    /// Networks of `train inversion`: one that takes places, and any of lines or of a bag.
+    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
+    network: Vec<PathBuf>,
+    /// Schemes, in the order of the table. Default: all.
+    #[arg(long, value_delimiter = ',', value_name = "SCHEME,…")]
+    schemes: Vec<Scheme>,
+    /// Keypoints of elsewhere, as `eval keypoints` writes them: an attacker learns from them which descriptors are neighbours.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    elsewhere: Vec<PathBuf>,
+    /// Networks of `train positions`, one a scheme at most.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    positions: Vec<PathBuf>,
+    /// Images of the map of the place, relative to the one folder given, one a line: what a server can compare with.
+    #[arg(long, value_name = "FILE")]
+    map_list: Option<PathBuf>,
+    /// Neighbours a keypoint.
+    #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    k: u32,
+    /// Seed of every draw.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Keypoints of an image at most, the strongest.
+    #[arg(long, default_value_t = 1024, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
+    max_keypoints: u32,
+    #[command(flatten)]
+    features: ImageFeatureArgs,
+    /// Weights for the distance of features: `superpoint_v1.pth`, or its encoder as `.npz`.
+    #[arg(long, value_name = "FILE")]
+    feature_distance: Option<PathBuf>,
+    /// LPIPS's own weights: `alex.pth` or `vgg.pth` of its version 0.1, or the same as `.npz`.
+    #[arg(long, value_name = "FILE", requires = "lpips_backbone")]
+    lpips: Option<PathBuf>,
+    /// torchvision's file of the network that LPIPS looks through: AlexNet or VGG16.
+    #[arg(long, value_name = "FILE", requires = "lpips")]
+    lpips_backbone: Option<PathBuf>,
+    /// Which of them: alex or vgg.
+    #[arg(long, default_value = "alex", value_name = "NAME")]
+    lpips_network: LpipsNetwork,
+    /// A detector, as `seal --hide` takes one; objects are counted.
+    #[arg(long, value_name = "FILE")]
+    detector: Option<PathBuf>,
+    /// Least score of an object.
+    #[arg(long, default_value_t = 0.25, value_name = "SCORE")]
+    least_score: f32,
+    /// Write a contact sheet as PNG: the original, then a column for each row of the table, boxes around objects.
+    #[arg(long, value_name = "FILE")]
+    sheet: Option<PathBuf>,
+    /// The same of a view twice as wide and high, where places are given to the network.
+    #[arg(long, value_name = "FILE")]
+    wide_sheet: Option<PathBuf>,
+    /// Images on the contact sheets, and in the report.
+    #[arg(long, default_value_t = 6, value_name = "N")]
+    shown: u32,
+    /// Write a report into FILE: one HTML file that needs no network, with the table and the images of the contact sheets; who
+    /// gets the file gets these images. Default: none is written.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+const ATTACKS: &str = "\
+Rows of the table:
+  points, none          keypoints as they are: what the network can do
+  guess                 the expected place on the single line
+  closed-form, graph    attacks that are told the true neighbours, which nobody is: the paper's, and a stronger one
+  realistic             the best of the attacks that --elsewhere, --positions and --map-list allow
+  lines                 no attack: a network that was trained on what is sent
+  bag, none             descriptors without any place
+  nothing, none         no descriptor at all: what a network answers that was told nothing
+
+Example: veiloc train inversion --train photos --validate others -o places.net
+         veiloc eval inversion images --list query.txt --map-list map.txt --network places.net --sheet sheet.png";
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let extractor = args.features.extractor()?;
+    let read = |path: &PathBuf| -> Result<Inverter, Failure> {
+        Inverter::decode(&files::read(path)?)
+            .map_err(|e| Failure::refused(format!("{}: {e}", path.display())))
+    };
+    let networks = args.network.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let limits = ExtractionLimits { max_keypoints: args.max_keypoints, ..ExtractionLimits::default() };
+    let judges = judges(args)?;
+    let mut realistic =
+        Realistic { elsewhere: args.elsewhere.clone(), positions: args.positions.clone(), map: Vec::new() };
+    let stages = Stages::new(ui);
+    if let Some(list) = &args.map_list {
+        let paths = listed(&args.images, list)?;
+        realistic.map = keypoints_of_images(&paths, extractor.as_ref(), limits, &stages)?;
+    }
+    let all = match &args.list {
+        Some(list) => listed(&args.images, list)?,
+        None => items::gather_all(&args.images, &IMAGES)?.into_iter().map(|item| item.path).collect(),
+    };
+    let most = args.most.map_or(all.len(), |most| (most as usize).min(all.len()));
+    let evaluation = InversionEvaluation {
+        images: (0..most).map(|i| all[i * all.len() / most].clone()).collect(),
+        schemes: if args.schemes.is_empty() { Scheme::ALL.to_vec() } else { args.schemes.clone() },
+        networks: &networks,
+        extractor: extractor.as_ref(),
+        limits,
+        realistic,
+        k: args.k as usize,
+        seed: args.seed,
+        shown: args.shown as usize,
+    };
+    let (document, sheets) = evaluate_inversion(&evaluation, &judges, &stages)?;
+    for (path, sheet) in [&args.sheet, &args.wide_sheet].into_iter().zip(&sheets) {
+        if let (Some(path), Some(png)) = (path, sheet.png()?) {
+            files::write(path, &png)?;
+            ui.say(format!("{}: {}", path.display(), sheet.columns.join(" | ")));
+        }
+    }
+    if let Some(path) = &args.report {
+        let page = inversion_page(&inversion_report::report(&document, &sheets, html::details(args.seed)));
+        html::write_page(path, &page, ui)?;
+    }
+    args.json.print(&evaluation_table(&document), &document, ui)?;
+    Ok(Exit::Success)
+}
+
+fn listed(folders: &[PathBuf], list: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let folder = lists::one_folder(folders)?;
+    let listed = lists::read_with_cameras(list)?;
+    let items = items::listed(folder, listed.iter().map(|l| l.name.as_str()));
+    items::refuse_bad(&items)?;
+    Ok(items.into_iter().map(|item| item.path).collect())
+}
+
+fn judges(args: &Args) -> Result<Judges, Failure> {
+    let lpips = match (&args.lpips, &args.lpips_backbone) {
+        (Some(own), Some(backbone)) => Some(Lpips::open(args.lpips_network, backbone, own)?),
+        _ => None,
+    };
+    let feature_distance = args.feature_distance.as_deref().map(FeatureDistance::open).transpose()?;
+    let detector = args.detector.as_deref().map(Detector::open).transpose()?;
+    Ok(Judges { lpips, feature_distance, detector: detector.map(|detector| (detector, args.least_score)) })
+}

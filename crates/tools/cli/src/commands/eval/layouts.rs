@@ -1,0 +1,124 @@
+//! `veiloc eval layouts`: layouts of dcl between exactness and privacy.
+
+use std::path::PathBuf;
+
+use veiloc_eval::stress::Stress;
+use veiloc_map::colmap::read_posed;
+use veiloc_protocol::{DclLayout, Scheme};
+use veiloc_report::plots;
+use veiloc_tradeoff::layouts::{LayoutsEvaluation, evaluate_layouts, layouts_table};
+
+use crate::commands::eval::place::PlaceArgs;
+use crate::exit::{Exit, Outcome};
+use crate::extraction_args::ExtractionArgs;
+use crate::files;
+use crate::json_args::JsonArgs;
+use crate::lists;
+use crate::localization_args::{MatchArgs, PoseArgs};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Layouts of dcl: how exact poses are beside those of points, and what attackers get out of each.
+///
+/// Builds a map from the images of the map list, localizes every image of the query list as points and under every layout,
+/// and attacks some of the same queries. Adversaries count by what they gain over the guess, bits a keypoint.
+#[derive(clap::Args)]
+#[command(after_long_help = ADVERSARIES)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    place: PlaceArgs,
+    /// Layouts, as schemes of dcl, in the order of the table. Layouts are held against `dcl:paper` where that is among them.
+    /// Default: the paper's, a diagonal with two corners, stripes, and those that were found by search.
+    #[arg(long, value_delimiter = ',', value_parser = layout, value_name = "LAYOUT,…")]
+    layouts: Vec<DclLayout>,
+    /// What the queries are put under for their poses, beside the images as they are; see `eval stress`.
+    #[arg(long, value_delimiter = ',', default_value = "half-hidden,sparse-map", value_name = "STRESS,…")]
+    stress: Vec<Stress>,
+    /// Keypoints that teach the predictor of neighbours, as `eval keypoints` writes them; attacked images among them are
+    /// left out. Default: the images of the map.
+    #[arg(long, value_name = "FILE")]
+    train: Vec<PathBuf>,
+    /// A network of `train neighbours` that predicts neighbours as well.
+    #[arg(long, value_name = "FILE")]
+    network: Option<PathBuf>,
+    /// Networks of `train positions`, one a layout at most, for `outsider-network`.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    positions: Vec<PathBuf>,
+    /// Attack N queries only, spread evenly; poses and the guess are of all.
+    #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    attacked: u32,
+    /// Neighbours a keypoint.
+    #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    k: u32,
+    /// Seeds that poses are estimated with, from `--seed` upwards; the maps of each are built anew.
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: u64,
+    /// Draw what adversaries gain over the error of poses into FILE, as SVG.
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+    #[command(flatten)]
+    extraction: ExtractionArgs,
+    #[command(flatten)]
+    json: JsonArgs,
+    #[command(flatten)]
+    pose: PoseArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+}
+
+const ADVERSARIES: &str = "\
+A layout is written dcl:axis=DEG:sectors=N[:shift=S][:across=DEG/N/S]:anchors=X/Y+X/Y…, anchors in image heights right
+and down of the image's centre, or @DEG infinitely far in that direction; two to four of them.
+
+Adversaries; each counts by the best of their attacks (see `attack`):
+  outsider-statistic  has the query, and neighbours predicted from descriptors by what was learned elsewhere
+  outsider-neighbours the same with the network of --network
+  outsider-network    has the query, and the network of --positions
+  map-server          has the images of the map
+  pose-server         a server that has found the pose; what counts is what its map does not show
+  pose-server-images  the same with the keypoints of all map images
+  several-frames      a server that has found the poses of two or eight queries
+  several-seals       has eight seals of one image
+  true-neighbours     is told the true neighbours, which nobody is; for comparison";
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let queries = lists::read_with_cameras(&args.place.query_list)?;
+    let mut evaluation = LayoutsEvaluation::new(
+        read_posed(&args.place.posed)?,
+        args.place.images.clone(),
+        lists::read_list(&args.place.map_list)?,
+        queries.iter().map(|q| q.name.clone()).collect(),
+    );
+    let stress = &mut evaluation.stress;
+    stress.query_cameras = queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect();
+    stress.build = args.extraction.options()?;
+    stress.stresses.clone_from(&args.stress);
+    stress.localize = args.matching.options(&args.pose);
+    stress.seed = args.pose.run.seed;
+    if !args.layouts.is_empty() {
+        evaluation.layouts.clone_from(&args.layouts);
+    }
+    evaluation.train.clone_from(&args.train);
+    evaluation.network.clone_from(&args.network);
+    evaluation.positions.clone_from(&args.positions);
+    evaluation.attacked = Some(args.attacked as usize);
+    evaluation.k = args.k as usize;
+    evaluation.seeds = args.seeds;
+    let document = evaluate_layouts(&evaluation, &Stages::new(ui))?;
+    if let Some(path) = &args.plot {
+        files::write(path, plots::layouts(&document)?.as_bytes())?;
+    }
+    args.json.print(&layouts_table(&document), &document, ui)?;
+    let localized =
+        document.rows.iter().any(|row| row.conditions.iter().any(|c| c.median_translation.is_some()));
+    Ok(if localized { Exit::Success } else { Exit::Refused })
+}
+
+/// A layout of dcl from the text of its scheme.
+fn layout(text: &str) -> Result<DclLayout, String> {
+    match text.parse() {
+        Ok(Scheme::Dcl(layout)) => Ok(layout),
+        Ok(other) => Err(format!("{other} has no layout: give schemes of dcl")),
+        Err(error) => Err(error.to_string()),
+    }
+}

@@ -1,0 +1,180 @@
+//! `veiloc eval negatives`: images of elsewhere, which a map must not find.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use veiloc_eval::negatives::{NegativeImage, Negatives, NegativesEvaluation, evaluate_negatives, table};
+use veiloc_geometry::Intrinsics;
+use veiloc_map::MapFile;
+use veiloc_protocol::{FocalKnowledge, Scheme};
+
+use crate::camera::{CameraArg, CameraSource};
+use crate::commands::eval::half::Half;
+use crate::exit::{Failure, Outcome};
+use crate::faults::fault_of;
+use crate::feature_args::MapFeatureArgs;
+use crate::global_args::MapGlobalArgs;
+use crate::items::{self, Fault, IMAGES, Item, SkipArgs, Tally};
+use crate::json_args::JsonArgs;
+use crate::lists;
+use crate::localization_args::{MatchArgs, PoseArgs};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Images of elsewhere, asked for their place in a map: how many get a pose that is trusted.
+///
+/// Every image is extracted once, sealed under every scheme and localized. All poses are wrong; a trusted one is a
+/// false positive. An image with too few keypoints to be sealed is a query that finds nothing, and is counted apart
+/// as unusable.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// The map that is asked.
+    #[arg(long, value_name = "FILE")]
+    map: PathBuf,
+    /// Folder of images of elsewhere, JPEG or PNG: all in it and in its sub-folders.
+    #[arg(long, value_name = "DIR")]
+    images: PathBuf,
+    /// Names of the images to use, one a line, relative to the folder; behind each name its camera (MODEL W H PARAMS…, as
+    /// in hloc's query lists) or nothing.
+    #[arg(long, value_name = "FILE")]
+    list: Option<PathBuf>,
+    /// Use one half of the images, told by the name of the file alone: `design` to choose thresholds with, `final` for
+    /// figures that nothing was chosen with. Bit 32 of the 64-bit FNV-1a hash of the name, folders left out, is 0 in
+    /// `design` and 1 in `final`.
+    #[arg(long, value_enum, default_value_t = Half::All)]
+    half: Half,
+    /// The camera of all images, as `veiloc seal` takes it. Default: what the list says, then what EXIF says, and for the
+    /// others a guess that the query calls one: no distortion, a focal length of 1.2 times the longer side.
+    #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE")]
+    camera: Option<CameraArg>,
+    /// Schemes to compare.
+    #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
+    schemes: Vec<Scheme>,
+    #[command(flatten)]
+    features: MapFeatureArgs,
+    #[command(flatten)]
+    global: MapGlobalArgs,
+    #[command(flatten)]
+    skip: SkipArgs,
+    #[command(flatten)]
+    json: JsonArgs,
+    #[command(flatten)]
+    pose: PoseArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+}
+
+/// The document of `veiloc eval negatives --json`.
+#[derive(Serialize)]
+struct Document {
+    version: u32,
+    command: &'static str,
+    map: String,
+    half: Half,
+    seed: u64,
+    images: usize,
+    failed: usize,
+    #[serde(flatten)]
+    result: Negatives,
+    faults: Vec<FaultDocument>,
+}
+
+#[derive(Serialize)]
+struct FaultDocument {
+    file: String,
+    #[serde(flatten)]
+    fault: Fault,
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let map = MapFile::open(&args.map)?;
+    let given = images(args)?;
+    let items: Vec<Item> = given.iter().map(|(item, _)| item.clone()).collect();
+    let names = items::names(&items);
+    let mut tally = Tally::begin("asked for their place", &items, ui);
+    let mut faults = Vec::new();
+    let mut usable = Vec::new();
+    for ((item, camera), name) in given.into_iter().zip(names) {
+        match item.fault {
+            Some(fault) => faults.push((name, fault)),
+            None => usable.push(NegativeImage { name, path: item.path, camera }),
+        }
+    }
+    let evaluation = NegativesEvaluation {
+        images: usable,
+        schemes: args.schemes.clone(),
+        localize: args.matching.options(&args.pose),
+        seed: args.pose.run.seed,
+        extractors: args.features.extractors(map.profile())?.sealing(),
+        global: args.global.extractor(&args.features.models(), map.profile())?,
+    };
+    let result = if evaluation.images.is_empty() {
+        Negatives::default()
+    } else {
+        evaluate_negatives(&map, &evaluation, &Stages::new(ui))?
+    };
+    faults.extend(result.unread.iter().map(|(name, error)| (name.clone(), fault_of(error))));
+    for (name, fault) in &faults {
+        tally.failed(name, fault);
+    }
+    let text = table(&result);
+    let document = Document {
+        version: 1,
+        command: "eval negatives",
+        map: args.map.display().to_string(),
+        half: args.half,
+        seed: args.pose.run.seed,
+        images: items.len(),
+        failed: faults.len(),
+        result,
+        faults: faults.into_iter().map(|(file, fault)| FaultDocument { file, fault }).collect(),
+    };
+    args.json.print(&text, &document, ui)?;
+    tally.end(items.len() - document.failed, "", args.skip, ui)
+}
+
+/// The images, each with its camera where one is given.
+fn images(args: &Args) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
+    if !args.images.is_dir() {
+        return Err(Failure::with_help(
+            format!("{} is no folder", args.images.display()),
+            "give the folder of the images of elsewhere",
+        ));
+    }
+    let common = match args.camera.as_ref().map(|c| c.source(FocalKnowledge::Calibrated)).transpose()? {
+        Some(CameraSource::Given(known)) => Some(known.intrinsics),
+        Some(CameraSource::Exif | CameraSource::Guess) | None => None,
+    };
+    let given: Vec<(Item, Option<Intrinsics>)> = match &args.list {
+        None => items::gather(std::slice::from_ref(&args.images), &IMAGES)
+            .into_iter()
+            .map(|item| (item, common))
+            .collect(),
+        Some(list) => {
+            let listed = lists::read_with_cameras(list)?;
+            if let Some(own) = listed.iter().find(|l| common.is_some() && l.camera.is_some()) {
+                return Err(Failure::with_help(
+                    format!(
+                        "{}: line {}: {} has a camera of its own, and --camera is given too",
+                        list.display(),
+                        own.line,
+                        own.name
+                    ),
+                    "leave out --camera, or give a list of names only",
+                ));
+            }
+            let items = items::listed(&args.images, listed.iter().map(|l| l.name.as_str()));
+            items.into_iter().zip(listed).map(|(item, l)| (item, l.camera.or(common))).collect()
+        }
+    };
+    let all = given.len();
+    let kept: Vec<_> =
+        given.into_iter().filter(|(item, _)| item.path.is_dir() || args.half.holds(&item.path)).collect();
+    if kept.is_empty() {
+        return Err(Failure::with_help(
+            format!("none of the {all} images belongs to this half"),
+            "take more images, or leave out --half",
+        ));
+    }
+    Ok(kept)
+}

@@ -1,0 +1,68 @@
+//! `veiloc eval problems`: correspondence sets from a place with known poses, for `eval pose` and for fitting.
+
+use std::path::{Path, PathBuf};
+
+use veiloc_datasets::json_lines;
+use veiloc_datasets::{KeypointImage, encode_keypoints};
+use veiloc_eval::{ProblemSource, make_problems, masks_of};
+use veiloc_map::colmap::read_posed;
+
+use crate::commands::eval::place::PlaceArgs;
+use crate::exit::{Exit, Outcome};
+use crate::extraction_args::ExtractionArgs;
+use crate::files;
+use crate::lists;
+use crate::localization_args::MatchArgs;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Correspondence sets from a place with known poses, as `eval pose` reads them.
+///
+/// Builds a map from the images of the map list, matches every image of the query list with it, and writes the matches
+/// with the true poses: one JSON object a line, gzipped when the name ends in `.gz`.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    place: PlaceArgs,
+    /// Where the problems go; `-` for stdout.
+    #[arg(short, long, value_name = "FILE")]
+    out: PathBuf,
+    /// Where all keypoints of the queries go, with descriptors, strongest first, as `attack` and `eval tradeoff` read
+    /// them: the very positions of the problems. They are in the clear, for tests of one's own images.
+    #[arg(long, value_name = "FILE")]
+    keypoints: Option<PathBuf>,
+    /// Folder of the queries' masks, one for every query: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. What is
+    /// black in them is hidden, as with `seal --masks`.
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
+    /// Seed of the keypoints' dither.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+    #[command(flatten)]
+    extraction: ExtractionArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let query_list = lists::read_list(&args.place.query_list)?;
+    let source = ProblemSource {
+        posed: &read_posed(&args.place.posed)?,
+        images: &args.place.images,
+        map_list: &lists::read_list(&args.place.map_list)?,
+        query_list: &query_list,
+        build: &args.extraction.options()?,
+        localize: &args.matching.localize_options(),
+        masks: &masks_of(&query_list, args.masks.as_deref()),
+        seed: args.seed,
+    };
+    let (lines, images): (Vec<String>, Vec<KeypointImage>) =
+        make_problems(&source, &Stages::new(ui))?.into_iter().map(|made| (made.line, made.keypoints)).unzip();
+    let gzip = |path: &Path| path.extension().is_some_and(|e| e == "gz");
+    files::write_or_print(&args.out, &json_lines::encode(&lines, gzip(&args.out))?, ui)?;
+    if let Some(path) = &args.keypoints {
+        files::write(path, &encode_keypoints(&images, gzip(path))?)?;
+    }
+    ui.say(format!("{}: {} problems", args.out.display(), lines.len()));
+    Ok(Exit::Success)
+}

@@ -1,0 +1,197 @@
+//! `veiloc eval scene`: the whole road on a place with known poses.
+
+use std::path::PathBuf;
+
+use veiloc_eval::road::Sending;
+use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
+use veiloc_map::colmap::read_posed;
+use veiloc_map::regions::SplitOptions;
+
+use crate::commands::eval::html::{self, HtmlArgs};
+use crate::commands::eval::place::{GravityArgs, PlaceArgs};
+use crate::commands::eval::report::ReportArgs;
+use crate::exit::{Failure, Outcome};
+use crate::extraction_args::ExtractionArgs;
+use crate::lists;
+use crate::localization_args::{MatchArgs, PoseArgs};
+use crate::progressive_args::ProgressiveArgs;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// The whole road on a place with known poses.
+///
+/// Builds a map from the images of the map list, seals every image of the query list under every scheme, localizes
+/// it, and compares with its known pose. A query without a pose counts as infinitely wrong.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
+    gravity: GravityArgs,
+    #[command(flatten)]
+    negatives: NegativeArgs,
+    #[command(flatten)]
+    progressive: ProgressiveArgs,
+    /// Folder of the queries' masks, one for every query: of `door/3.jpg` in `door/3.jpg.png`, as COLMAP has them. What is black in
+    /// them is hidden, as with `seal --masks`.
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
+    /// Folder for what is computed: features and matches of map images, the map, and the results of each query as soon as it is finished. A run that was interrupted
+    /// goes on from there, and what the same images and options gave before is not computed again. Default: nothing is kept.
+    #[arg(long, value_name = "DIR")]
+    work: Option<PathBuf>,
+    /// Queries that are localized at the same time; with more than one, times are those of a busy machine.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
+    jobs: u16,
+    /// Localize in a map so many times smaller, as `veiloc map compress --ratio` makes it. Default: in the map as it is built.
+    #[arg(long, value_name = "TIMES", value_parser = above_one)]
+    compress: Option<f64>,
+    /// Cut the map into regions of at most so many images, as `veiloc map split --images` does, and ask each query in up to
+    /// three that hold what the whole map would retrieve, as `veiloc serve --cluster` does. Default: the map stays whole.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    regions: Option<u32>,
+    /// Share of a region's images that is kept free for images of other regions, as of `veiloc map split`. Default: 0.3.
+    #[arg(long, value_name = "SHARE", requires = "regions")]
+    overlap: Option<f64>,
+    #[command(flatten)]
+    html: HtmlArgs,
+}
+
+/// A place, how its map is built, and how queries are localized in it: what `eval scene` and `eval rig` start from.
+#[derive(clap::Args)]
+pub(super) struct SceneArgs {
+    #[command(flatten)]
+    place: PlaceArgs,
+    /// Keep the map that was built.
+    #[arg(long, value_name = "FILE")]
+    keep_map: Option<PathBuf>,
+    #[command(flatten)]
+    extraction: ExtractionArgs,
+    #[command(flatten)]
+    pub(super) report: ReportArgs,
+    #[command(flatten)]
+    pub(super) pose: PoseArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+}
+
+impl SceneArgs {
+    /// What they ask for, without gravity and negatives.
+    pub(super) fn evaluation(&self) -> Result<SceneEvaluation, Failure> {
+        // What a device knows of its lens may be better than the model, so the list's cameras are used where there are any.
+        let queries = lists::read_with_cameras(&self.place.query_list)?;
+        let names = queries.iter().map(|query| query.name.clone()).collect();
+        Ok(SceneEvaluation {
+            query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
+            keep_map: self.keep_map.clone(),
+            build: self.extraction.options()?,
+            schemes: self.report.schemes.clone(),
+            scores: self.report.scores(&self.pose.engine),
+            thresholds: self.report.thresholds.clone(),
+            localize: self.matching.options(&self.pose),
+            seed: self.pose.run.seed,
+            ..SceneEvaluation::of_place(
+                read_posed(&self.place.posed)?,
+                self.place.images.clone(),
+                lists::read_list(&self.place.map_list)?,
+                names,
+            )
+        })
+    }
+}
+
+impl Args {
+    fn regions(&self) -> Option<SplitOptions> {
+        let options = SplitOptions::default().with_images(self.regions? as usize);
+        Some(self.overlap.map_or(options, |overlap| options.with_overlap(overlap)))
+    }
+}
+
+/// Queries that must not be localized.
+#[derive(clap::Args)]
+struct NegativeArgs {
+    /// Folder of a COLMAP model of another place, for the cameras of the negatives: queries of that place, whose poses
+    /// in this map would all be wrong. Those that get a pose, and a trusted pose, are counted.
+    #[arg(id = "negatives_posed", long = "negatives-posed", value_name = "DIR", requires_all = ["negatives_images", "negatives_list"])]
+    posed: Option<PathBuf>,
+    /// Folder of the other place's images.
+    #[arg(
+        id = "negatives_images",
+        long = "negatives-images",
+        value_name = "DIR",
+        requires = "negatives_posed"
+    )]
+    images: Option<PathBuf>,
+    /// Names of the negatives, one a line.
+    #[arg(id = "negatives_list", long = "negatives-list", value_name = "FILE", requires = "negatives_posed")]
+    list: Option<PathBuf>,
+}
+
+impl NegativeArgs {
+    fn negatives(&self) -> Result<Option<Negatives>, Failure> {
+        match (&self.posed, &self.images, &self.list) {
+            (Some(posed), Some(images), Some(list)) => Ok(Some(Negatives {
+                posed: read_posed(posed)?,
+                images: images.clone(),
+                list: lists::read_list(list)?,
+            })),
+            _ => Ok(None),
+        }
+    }
+}
+
+/// A number above 1.
+fn above_one(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(times) if times > 1.0 && times.is_finite() => Ok(times),
+        _ => Err("not a finite number above 1".to_owned()),
+    }
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let mut evaluation = SceneEvaluation {
+        gravity_sd_deg: args.gravity.sd_deg,
+        negatives: args.negatives.negatives()?,
+        masks: args.masks.clone(),
+        work: args.work.clone(),
+        jobs: args.jobs.into(),
+        compress: args.compress,
+        regions: args.regions(),
+        sending: args.progressive.enough().map_or(Sending::Whole, Sending::Progressive),
+        ..args.scene.evaluation()?
+    };
+    let report = args.html.begin(1)?;
+    if let Some(report) = &report {
+        report.keep_map(&mut evaluation);
+    }
+    let result = evaluate_scene(&evaluation, &Stages::new(ui))?;
+    if let Some(map) = &result.map {
+        ui.say(format!(
+            "map: {} images, {} points, {:.1} MB ({:.0} bytes a point), built in {:.1} s ({:.2} s an image)",
+            map.images,
+            map.points,
+            map.bytes as f64 / 1e6,
+            map.bytes as f64 / map.points.max(1) as f64,
+            map.build_seconds,
+            map.build_seconds / map.images.max(1) as f64,
+        ));
+        if let Some(regions) = &map.regions {
+            ui.say(format!(
+                "regions: {}, each image in {:.2} of them, {:.1} MB (the largest {:.1} MB), and an index of {:.2} MB",
+                regions.count,
+                regions.images_held as f64 / map.images.max(1) as f64,
+                regions.bytes as f64 / 1e6,
+                regions.largest_bytes as f64 / 1e6,
+                regions.index_bytes as f64 / 1e6,
+            ));
+        }
+    }
+    if let Some(mut report) = report {
+        let rows = result.schemes.iter().map(|row| (None, row));
+        let queries = result.queries.iter().map(|query| (None, query));
+        report.add("", &evaluation, rows, queries, ui)?;
+        let title = format!("Localization in {}", result.data.join(", "));
+        report.write(&title, &serde_json::to_string(&result)?, html::details(evaluation.seed), ui)?;
+    }
+    args.scene.report.finish(&result, ui)
+}

@@ -1,0 +1,112 @@
+//! `veiloc eval search`: retrieval as maps grow.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use veiloc_map::MapFile;
+use veiloc_retrieval::{SearchEvaluation, SearchRow, Sought, evaluate_search, table};
+
+use crate::exit::{Exit, Outcome};
+use crate::feature_args::MapFeatureArgs;
+use crate::items::{self, IMAGES, Item};
+use crate::json_args::JsonArgs;
+use crate::lists;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// What finding the images of a map that look like a query costs, and what it misses, as maps grow.
+///
+/// The images of the map are put among images of elsewhere and as many more, drawn from the global descriptors of all of
+/// them, as each size asks for. Every query is sought twice: by comparing its global descriptor with every other, and
+/// through the index that large maps are searched with.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// The map that is searched.
+    #[arg(long, value_name = "FILE")]
+    map: PathBuf,
+    /// Folder of the queries, JPEG or PNG.
+    #[arg(long, value_name = "DIR", required_unless_present = "held_out")]
+    images: Option<PathBuf>,
+    /// In their place: images of the map, the last four of every sixteen, taken out of what is searched. For choosing how to
+    /// search without looking at queries.
+    #[arg(long, conflicts_with_all = ["images", "query_list"])]
+    held_out: bool,
+    /// Names of the queries, one a line, relative to the folder; cameras behind them are not read. Default: all images in it
+    /// and in its sub-folders.
+    #[arg(long, value_name = "FILE", requires = "images")]
+    query_list: Option<PathBuf>,
+    /// Folder of images of elsewhere, put among those of the map. Default: none.
+    #[arg(long, value_name = "DIR")]
+    others: Option<PathBuf>,
+    /// Numbers of images to search; global descriptors take some 4 kB each.
+    #[arg(long, value_delimiter = ',', default_value = "10000,100000,1000000", value_name = "N,…")]
+    sizes: Vec<usize>,
+    /// Images that are asked for.
+    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    retrieve: u32,
+    /// Seed of the global descriptors that are drawn.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+    #[command(flatten)]
+    features: MapFeatureArgs,
+    #[command(flatten)]
+    json: JsonArgs,
+}
+
+/// The document of `veiloc eval search --json`.
+#[derive(Serialize)]
+struct Document {
+    version: u32,
+    command: &'static str,
+    map: String,
+    seed: u64,
+    queries: usize,
+    held_out: bool,
+    others: usize,
+    rows: Vec<SearchRow>,
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let map = MapFile::open(&args.map)?;
+    let gathered = |items: Vec<Item>| -> Result<Vec<PathBuf>, crate::exit::Failure> {
+        items::refuse_bad(&items)?;
+        Ok(items.into_iter().map(|item| item.path).collect())
+    };
+    let queries = match (&args.images, &args.query_list) {
+        (None, _) => Sought::HeldOut,
+        (Some(folder), None) => {
+            Sought::Images(gathered(items::gather(std::slice::from_ref(folder), &IMAGES))?)
+        }
+        (Some(folder), Some(list)) => {
+            let listed = lists::read_with_cameras(list)?;
+            Sought::Images(gathered(items::listed(folder, listed.iter().map(|l| l.name.as_str())))?)
+        }
+    };
+    let others = match &args.others {
+        None => Vec::new(),
+        Some(folder) => gathered(items::gather(std::slice::from_ref(folder), &IMAGES))?,
+    };
+    let extractors = args.features.extractors(map.profile())?;
+    let extractor = extractors.of_kind(map.profile().descriptor_kind())?;
+    let evaluation = SearchEvaluation {
+        queries,
+        others,
+        sizes: args.sizes.clone(),
+        retrieve: args.retrieve as usize,
+        seed: args.seed,
+    };
+    let rows = evaluate_search(&map, extractor, &evaluation, &Stages::new(ui))?;
+    let text = table(&rows);
+    let document = Document {
+        version: 1,
+        command: "eval search",
+        map: args.map.display().to_string(),
+        seed: args.seed,
+        queries: evaluation.queries.count(map.image_count()),
+        held_out: args.held_out,
+        others: evaluation.others.len(),
+        rows,
+    };
+    args.json.print(&text, &document, ui)?;
+    Ok(Exit::Success)
+}

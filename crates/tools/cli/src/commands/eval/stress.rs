@@ -1,0 +1,106 @@
+//! `veiloc eval stress`: one place, and queries of it under hard conditions.
+
+use veiloc_eval::stress::{Stress, StressEvaluation, evaluate_stress, table};
+use veiloc_map::colmap::read_posed;
+use veiloc_protocol::Scheme;
+use veiloc_results::metrics::Threshold;
+
+use crate::commands::eval::place::{GravityArgs, PlaceArgs};
+use crate::exit::{Exit, Outcome};
+use crate::extraction_args::ExtractionArgs;
+use crate::json_args::JsonArgs;
+use crate::lists;
+use crate::localization_args::{MatchArgs, PoseArgs, positive};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// One place, and queries of it under hard conditions: recall, and what is trusted.
+///
+/// Builds a map from the images of the map list, seals every image of the query list under every stress and scheme,
+/// localizes it, and compares with its known pose. A query without a pose counts as infinitely wrong.
+#[derive(clap::Args)]
+#[command(after_long_help = STRESSES)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    place: PlaceArgs,
+    #[command(flatten)]
+    gravity: GravityArgs,
+    /// What the queries are put under, see below; `none`, the images as they are, is always the first row.
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "dark,motion,half-hidden,side-hidden,low-resolution,sparse-map,few-keypoints",
+        value_name = "STRESS,…"
+    )]
+    stress: Vec<Stress>,
+    /// Schemes to compare.
+    #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
+    schemes: Vec<Scheme>,
+    /// Bounds of the recall columns, `translation/degrees` with the translation in map units.
+    #[arg(long, value_delimiter = ',', default_value = "0.05/5,0.25/2", value_name = "T/DEG,…")]
+    thresholds: Vec<Threshold>,
+    /// A pose beyond either bound, `translation/degrees`, is wrong, and must not be trusted.
+    #[arg(long, default_value = "0.25/2", value_name = "T/DEG")]
+    wrong_beyond: Threshold,
+    /// Look from the true pose as well: the engine's own optimum, which a search that misses nothing finds, and the
+    /// floor, least squares on the truly right matches.
+    #[arg(long)]
+    optimum: bool,
+    /// For --optimum: a match is truly right when its map point projects this near to the keypoint under the true pose,
+    /// pixels.
+    #[arg(long, default_value_t = 4.0, value_name = "PX", value_parser = positive)]
+    oracle_radius: f64,
+    #[command(flatten)]
+    extraction: ExtractionArgs,
+    #[command(flatten)]
+    json: JsonArgs,
+    #[command(flatten)]
+    pose: PoseArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+}
+
+const STRESSES: &str = "\
+Stresses (to the gray image that features are extracted from, rounded to 8 bits again; what is random is drawn from
+--seed, the name of the image and that of the stress):
+  dark            an eighth of the light: 500 electrons a white pixel instead of 4000, shot noise, 3 electrons of readout
+  motion          moved by 13/640 of the longer side during the exposure, in a random direction; light is averaged
+  half-hidden     flat gray over one half, cut through the middle in a random direction
+  side-hidden     flat gray over exactly the left or the right half, which may leave dcl one of its two anchors
+  low-resolution  shrunk to 160 pixels along the longer side, enlarged to the old size
+  sparse-map      a map of every tenth image of the map list, or closer where fewer than four would stay
+  few-keypoints   the device sends 256 rows, the smallest size class
+  focal-N         the device takes its focal length to be N percent too long or too short, and says it is calibrated
+                  (N from 1 to 50; only when asked for)";
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let queries = lists::read_with_cameras(&args.place.query_list)?;
+    let mut evaluation = StressEvaluation::new(
+        read_posed(&args.place.posed)?,
+        args.place.images.clone(),
+        lists::read_list(&args.place.map_list)?,
+        queries.iter().map(|q| q.name.clone()).collect(),
+    );
+    evaluation.query_cameras = queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect();
+    evaluation.build = args.extraction.options()?;
+    evaluation.schemes.clone_from(&args.schemes);
+    evaluation.stresses.clone_from(&args.stress);
+    evaluation.thresholds.clone_from(&args.thresholds);
+    evaluation.wrong_beyond = args.wrong_beyond;
+    evaluation.localize = args.matching.options(&args.pose);
+    evaluation.gravity_sd_deg = args.gravity.sd_deg;
+    evaluation.from_truth = args.optimum;
+    evaluation.oracle_radius_px = args.oracle_radius;
+    evaluation.seed = args.pose.run.seed;
+    let result = evaluate_stress(&evaluation, &Stages::new(ui))?;
+    ui.say(format!("map: {} images, {} points", result.map.images, result.map.points));
+    if let Some(sparse) = &result.sparse_map {
+        ui.say(format!(
+            "sparse map: one in {} of them, {} images, {} points",
+            sparse.every, sparse.map.images, sparse.map.points
+        ));
+    }
+    args.json.print(&table(&result), &result, ui)?;
+    let localized = result.rows.iter().any(|row| row.trusted + row.doubtful > 0);
+    Ok(if localized { Exit::Success } else { Exit::Refused })
+}

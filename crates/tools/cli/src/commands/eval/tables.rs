@@ -1,0 +1,86 @@
+//! `veiloc eval tables`: tables as papers print them, made of documents.
+
+use std::path::PathBuf;
+
+use veiloc_report::plots::{self, ErrorAxis};
+use veiloc_results::metrics::Threshold;
+use veiloc_results::tables::{Cells, Format, TableData, TableOptions, tables};
+
+use crate::exit::{Exit, Failure, Outcome};
+use crate::files;
+use crate::ui::Ui;
+
+/// Tables as papers print them, of what an evaluation found.
+///
+/// Errors of every scheme on every place, with the figures of others where the data is the very same; 95 % intervals; the
+/// ablation of the anchors where its schemes were run; times. Nothing is computed but the tables.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// The document, as `eval 7scenes|cambridge|aachen|scene --json FILE` wrote it.
+    #[arg(value_name = "RESULTS.json")]
+    results: PathBuf,
+    /// Write Markdown, which is the default.
+    #[arg(long, group = "format")]
+    markdown: bool,
+    /// Write LaTeX: `tabular` with the rules of `booktabs`.
+    #[arg(long, group = "format")]
+    latex: bool,
+    /// Write CSV, one table after another.
+    #[arg(long, group = "format")]
+    csv: bool,
+    /// What cells say: medians-recall, medians or recalls. Default: as the paper has it for the data set.
+    #[arg(long, value_name = "CELLS")]
+    cells: Option<Cells>,
+    /// Bounds of recall, map units and degrees. Default: those that the paper has for the data set.
+    #[arg(long, value_delimiter = ',', value_name = "T/DEG,…")]
+    thresholds: Vec<Threshold>,
+    /// Leave the figures of others out.
+    #[arg(long)]
+    ours_only: bool,
+    /// Draw position.svg, orientation.svg (the share of queries within a bound) and times.svg into this folder.
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+    /// Draws of the bootstrap behind the intervals.
+    #[arg(long, default_value_t = 2000, value_name = "N", value_parser = clap::value_parser!(u32).range(100..=1_000_000))]
+    draws: u32,
+    /// Seed of the draws.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let refused = |what: &dyn std::fmt::Display| {
+        Failure::with_help(
+            format!("{}: {what}", args.results.display()),
+            "give the file that `eval 7scenes --json FILE` or another data set's command wrote",
+        )
+    };
+    let text = std::fs::read_to_string(&args.results).map_err(|e| refused(&e))?;
+    let data = TableData::parse(&text).map_err(|e| refused(&e))?;
+    let options = TableOptions {
+        format: match (args.latex, args.csv) {
+            (true, _) => Format::Latex,
+            (_, true) => Format::Csv,
+            _ => Format::Markdown,
+        },
+        cells: args.cells,
+        thresholds: args.thresholds.clone(),
+        published: !args.ours_only,
+        draws: args.draws as usize,
+        seed: args.seed,
+    };
+    ui.print(tables(&data, &options));
+    if let Some(folder) = &args.plot {
+        files::make_folder(folder)?;
+        let drawn = [
+            ("position.svg", plots::errors(&data, ErrorAxis::Position)?),
+            ("orientation.svg", plots::errors(&data, ErrorAxis::Orientation)?),
+            ("times.svg", plots::times(&data)?),
+        ];
+        for (name, svg) in drawn {
+            files::write(&folder.join(name), svg.as_bytes())?;
+        }
+        ui.say(format!("{}: position.svg, orientation.svg, times.svg", folder.display()));
+    }
+    Ok(Exit::Success)
+}

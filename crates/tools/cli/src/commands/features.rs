@@ -1,0 +1,74 @@
+//! `veiloc features`: features of images, for other programs.
+
+use std::path::{Path, PathBuf};
+
+use crate::args::feature_args::ImageFeatureArgs;
+use rayon::prelude::*;
+use veiloc_features::{Extractor, FeatureError, Limits, extract_image};
+use veiloc_mapping::importers::hloc::{ImageFeatures, write_features};
+
+use crate::exit::{Exit, Outcome};
+use crate::items::{self, IMAGES};
+use crate::lists;
+use crate::ui::Ui;
+
+/// Extract features of images for other programs, as hloc's `extract_features` writes them.
+///
+/// The file holds the position of every keypoint and is enough to reconstruct the images: it is for whoever may see these.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Images, JPEG or PNG, and folders: of a folder all images in it and in its sub-folders.
+    #[arg(required = true, value_name = "IMAGE|FOLDER")]
+    images: Vec<PathBuf>,
+    /// Names of the images, one a line, relative to the one folder given; cameras behind them are not read. Default: all.
+    #[arg(long, value_name = "FILE")]
+    list: Option<PathBuf>,
+    #[command(flatten)]
+    features: ImageFeatureArgs,
+    /// Keypoints of an image at most, the strongest.
+    #[arg(long, default_value_t = 4096, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    max_keypoints: u32,
+    /// Images with a longer side are made smaller first, pixels; keypoints are in pixels of the file all the same.
+    #[arg(long, default_value_t = 2048, value_name = "PX", value_parser = clap::value_parser!(u32).range(64..=16384))]
+    max_size: u32,
+    /// The file to write: HDF5 with keypoints, scores, descriptors (float16, unit vectors) and image_size by the name of the image.
+    #[arg(long, value_name = "FILE.h5")]
+    out_hloc: PathBuf,
+}
+
+pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let extractor = args.features.extractor()?;
+    let items = match &args.list {
+        None => items::gather_all(&args.images, &IMAGES)?,
+        Some(list) => {
+            let listed = lists::read_with_cameras(list)?;
+            let folder = lists::one_folder(&args.images)?;
+            let items = items::listed(folder, listed.iter().map(|l| l.name.as_str()));
+            items::refuse_bad(&items)?;
+            items
+        }
+    };
+    let limits = Limits { max_keypoints: args.max_keypoints as usize, max_side: args.max_size };
+    let stage = ui.stage("Extracting features", items.len() as u64);
+    let all: Result<Vec<ImageFeatures>, FeatureError> = items
+        .par_iter()
+        .map(|item| {
+            let features = extract(&item.path, extractor.as_ref(), limits);
+            stage.advance(1);
+            features
+        })
+        .collect();
+    stage.finish();
+    let all = all?;
+    let keypoints: usize = all.iter().map(|features| features.keypoints.len()).sum();
+    let images = all.len();
+    write_features(&args.out_hloc, items::names(&items).into_iter().zip(all))?;
+    ui.say(format!("{}: {images} images, {keypoints} keypoints", args.out_hloc.display()));
+    Ok(Exit::Success)
+}
+
+fn extract(path: &Path, extractor: &dyn Extractor, limits: Limits) -> Result<ImageFeatures, FeatureError> {
+    let image = extract_image(path, None, extractor, limits)?;
+    let size = image.size_in_file;
+    Ok(ImageFeatures::of(&image.features_in_file(), size))
+}

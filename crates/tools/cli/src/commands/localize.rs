@@ -1,0 +1,208 @@
+//! `veiloc localize`: sealed queries to poses, each trusted, doubtful or not found.
+
+mod document;
+mod from_images;
+mod report;
+mod rig;
+mod written;
+
+use std::path::{Path, PathBuf};
+
+use veiloc_geometry::Point3;
+use veiloc_localization::{LocalizeError, LocalizeOptions, localize};
+use veiloc_map::MapFile;
+use veiloc_pose::{PositionPrior, State};
+use veiloc_protocol::{PositionHint, SealedQuery};
+
+use self::document::{
+    Document, ErrorDocument, NoPoseKind, Query, Status, UNUSED_GRAVITY, found_query, lost_query,
+    not_localized, table, withheld,
+};
+use self::from_images::ImageArgs;
+use self::written::{Answered, WrittenArgs};
+use crate::args::localization_args::{MatchArgs, PoseArgs};
+use crate::exit::{Exit, Failure, Outcome};
+use crate::files;
+use crate::items::{self, Fault, FaultKind, Item, SEALED, SkipArgs, Tally};
+use crate::ui::Ui;
+
+/// Find where sealed queries were taken.
+///
+/// Prints a line a query: `trusted`, `doubtful` or `not-found`, position of the camera in the map and its standard
+/// deviation, how many matches agree, and what speaks against a doubtful pose. With `--json` one document with every pose
+/// as quaternion and translation (world to camera), covariance and times.
+///
+/// Every query is answered for itself: a file that is no sealed query does not stop the others. Ends with
+/// 1 when there was such a file or a query for another map, or when no query was localized; else with 4 when a pose is
+/// doubtful, else with 0.
+///
+/// With `--rig` the queries of a session give one pose of the device that took them.
+///
+/// With `--queries LIST --images DIR` both sides run here: each image of the list is sealed as a device does it, and what it would
+/// send is localized. Poses go to files of other programs with `--out-hloc`, `--out-submission`, `--out-colmap` and `--out-tum`:
+/// doubtful ones too, unless `--trusted-only` is given.
+#[derive(clap::Args)]
+#[command(mut_args(from_images::tie_to_list))]
+pub(crate) struct Args {
+    /// The map.
+    #[arg(long, value_name = "FILE")]
+    map: PathBuf,
+    /// Sealed queries, as `veiloc seal` writes them; folders, of which all `.vquery` files in them and in their
+    /// sub-folders are taken; `-` for one from stdin.
+    #[arg(required_unless_present_any = ["rig", "list"], value_name = "SEALED|FOLDER")]
+    queries: Vec<PathBuf>,
+    /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
+    /// with the deviations of that (docs/json.md). One pose of the device for all.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["queries", "skip_bad", "report_file"])]
+    rig: Option<PathBuf>,
+    #[command(flatten)]
+    images: ImageArgs,
+    #[command(flatten)]
+    pose: PoseArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+    /// Where the cameras roughly are, in map units, for example from GPS: a middle and a standard deviation along each
+    /// axis. Default: nothing is known.
+    #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
+    near: Option<PositionHint>,
+    /// Tell trusted poses only: a doubtful one is withheld, though not what speaks against it, and counts as none.
+    #[arg(long)]
+    trusted_only: bool,
+    #[command(flatten)]
+    written: WrittenArgs,
+    #[command(flatten)]
+    report: report::ReportArgs,
+    #[command(flatten)]
+    skip: SkipArgs,
+    /// Print one JSON document to stdout, with what became of every query.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+    if args.queries.iter().filter(|path| files::is_standard(path)).count() > 1 {
+        return Err(Failure::with_help("-: stdin is given twice", "it holds one sealed query; give it once"));
+    }
+    let mut options = args.matching.options(&args.pose);
+    options.position = args.near.map(|near| {
+        let [x, y, z] = near.center();
+        PositionPrior { center: Point3::new(x, y, z), sd: near.sd() }
+    });
+    if let Some(rig) = &args.rig {
+        return rig::run(&args.map, rig, &options, args.trusted_only, args.json, ui);
+    }
+    let map = MapFile::open(&args.map)?;
+    let sealing = args.images.read(&map, ui)?;
+    let items = match &sealing {
+        Some(sealing) => sealing.items(),
+        None => items::gather(&args.queries, &SEALED),
+    };
+    args.written.check(&items, sealing.is_some())?;
+    let mut tally = Tally::begin("localized", &items, ui);
+    let stage = (items.len() > 1).then(|| ui.stage("Localizing", items.len() as u64));
+    let (mut queries, mut cameras, mut drawable) = (Vec::new(), Vec::new(), Vec::new());
+    for (index, item) in items.iter().enumerate() {
+        let (file, sealed, camera) = match &sealing {
+            Some(sealing) => {
+                let sealed = sealing.seal(index)?;
+                let camera = sealed.as_ref().ok().map(|(_, camera)| *camera);
+                (item.name().to_owned(), sealed.map(|(query, _)| query), camera)
+            }
+            None => (item.path.display().to_string(), read_sealed(item), None),
+        };
+        drawable.push(sealed.as_ref().ok().filter(|_| args.report.is_asked()).cloned());
+        let query = answer(file, sealed, &map, &options, args.trusted_only);
+        if let Some(ErrorDocument::Failed(fault)) = &query.error {
+            tally.failed(&query.file, fault);
+        }
+        queries.push(query);
+        cameras.push(camera);
+        if let Some(stage) = &stage {
+            stage.advance(1);
+        }
+    }
+    if let Some(stage) = &stage {
+        stage.finish();
+    }
+    let poses = items.iter().zip(&queries).zip(&cameras).map(|((item, query), camera)| Answered {
+        name: written::name_of(item, sealing.is_some()),
+        pose: query.cam_from_world,
+        camera: *camera,
+    });
+    args.written.write(&poses.collect::<Vec<_>>(), ui)?;
+    let count = |status| queries.iter().filter(|q| q.status == status).count();
+    let document = Document {
+        version: 2,
+        map: args.map.display().to_string(),
+        localized: count(Status::Localized),
+        not_localized: count(Status::NotLocalized),
+        failed: count(Status::Failed),
+        queries,
+    };
+    args.report.write(&document, &drawable, &map, &options, ui)?;
+    if args.json {
+        ui.json(&document)?;
+    } else {
+        ui.print(table(&document));
+    }
+    let unused = document.queries.iter().filter(|q| q.gravity == Some(UNUSED_GRAVITY)).count();
+    if unused > 0 {
+        ui.say(format!(
+            "{unused} of {} tell which way is down, and the map does not know it: gravity was not used; build the map with \
+             --down",
+            document.queries.len()
+        ));
+    }
+    let with = |test: fn(&Query) -> bool| document.queries.iter().filter(|q| test(q)).count();
+    let doubtful = with(Query::is_doubtful);
+    let remark = |n: usize, what: &str| if n == 0 { String::new() } else { format!(", {n} {what}") };
+    let remark = remark(doubtful, "doubtful") + &remark(document.not_localized, "not localized");
+    let ended = tally.end(document.localized, &remark, args.skip, ui)?;
+    Ok(match ended {
+        Exit::Success if with(Query::is_refused) > 0 && !args.skip.counts_none() => Exit::Refused,
+        Exit::Success if doubtful > 0 => Exit::Doubtful,
+        other => other,
+    })
+}
+
+/// What there is to say of one query: what is called `file`, and the sealed query or why there is none.
+fn answer(
+    file: String,
+    sealed: Result<SealedQuery, Fault>,
+    map: &MapFile,
+    options: &LocalizeOptions,
+    trusted_only: bool,
+) -> Query {
+    let found = sealed.map_err(ErrorDocument::Failed).and_then(|query| {
+        localize(&query, map, options).map_err(|error| match error {
+            LocalizeError::WrongProfile { .. } | LocalizeError::Frame { .. } => {
+                not_localized(NoPoseKind::WrongProfile, &error)
+            }
+            LocalizeError::EmptyMap => not_localized(NoPoseKind::EmptyMap, &error),
+            LocalizeError::NoPose { .. } | LocalizeError::Stopped => {
+                not_localized(NoPoseKind::NoPose, &error)
+            }
+        })
+    });
+    match found {
+        Ok(found) if trusted_only && found.state != State::Trusted => withheld(found_query(file, &found)),
+        Ok(found) => found_query(file, &found),
+        Err(error) => lost_query(file, error),
+    }
+}
+
+/// The sealed query of a file.
+fn read_sealed(item: &Item) -> Result<SealedQuery, Fault> {
+    match &item.fault {
+        Some(fault) => Err(fault.clone()),
+        None => decode(&item.path),
+    }
+}
+
+fn decode(path: &Path) -> Result<SealedQuery, Fault> {
+    let bytes = if files::is_standard(path) { files::stdin() } else { std::fs::read(path) };
+    SealedQuery::decode(&bytes.map_err(|e| Fault::of_io(&e))?).map_err(|e| {
+        let remedy = "seal the image again with `veiloc seal`, and send the file unchanged";
+        Fault::new(FaultKind::Damaged, format_args!("{e}; {remedy}"))
+    })
+}

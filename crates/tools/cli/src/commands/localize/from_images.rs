@@ -1,0 +1,117 @@
+//! `veiloc localize --queries LIST --images DIR`: images are sealed here, as a device does it, before they are localized.
+
+use std::path::PathBuf;
+
+use crate::args::camera::{CameraArg, CameraSource};
+use clap::Arg;
+use veiloc_geometry::Intrinsics;
+use veiloc_map::MapFile;
+use veiloc_obfuscation::SealOptions;
+use veiloc_protocol::{Profile, SealedQuery};
+
+use crate::commands::device_args::DeviceArgs;
+use crate::commands::listed::images_of_list;
+use crate::commands::seal::seal_one;
+use crate::exit::Failure;
+use crate::items::{Fault, FaultKind, Item};
+use crate::ui::Ui;
+
+/// Images in the place of sealed queries.
+#[derive(clap::Args)]
+pub(super) struct ImageArgs {
+    /// Images instead of sealed queries: their names, one a line, relative to --images; behind each name its camera (MODEL W H
+    /// PARAMS…, as in hloc's query lists), or nothing where --camera or its EXIF says it. Each is sealed as `veiloc seal` does
+    /// it, by the options below, and localized from what would be sent. Default: queries that were sealed elsewhere.
+    #[arg(
+        long = "queries",
+        value_name = "LIST",
+        conflicts_with_all = ["queries", "rig"],
+        requires = "folder"
+    )]
+    list: Option<PathBuf>,
+    /// Folder of the images that --queries names.
+    #[arg(long = "images", value_name = "DIR", requires = "list")]
+    folder: Option<PathBuf>,
+    /// The camera of all images of the list, as of `veiloc seal`. Default: what the list says, else the focal length that each
+    /// image's EXIF tells.
+    #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE|unknown", requires = "list")]
+    camera: Option<CameraArg>,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// What says how images are sealed means nothing of sealed queries.
+pub(super) fn tie_to_list(arg: Arg) -> Arg {
+    const OF_SEALING: [&str; 9] = [
+        "scheme",
+        "max_keypoints",
+        "focal_known",
+        "gravity",
+        "features",
+        "model_file",
+        "features_file",
+        "engine",
+        "image_global",
+    ];
+    if OF_SEALING.contains(&arg.get_id().as_str()) {
+        arg.requires("list").help_heading("Options of --queries")
+    } else {
+        arg
+    }
+}
+
+/// The images of a list, and all that sealing them takes.
+pub(super) struct Sealing {
+    images: Vec<(Item, CameraSource)>,
+    profile: Profile,
+    options: SealOptions,
+}
+
+impl ImageArgs {
+    /// The images of the list, if one is given.
+    ///
+    /// # Errors
+    /// As of `veiloc seal --list`.
+    pub(super) fn read(&self, map: &MapFile, ui: &Ui) -> Result<Option<Sealing>, Failure> {
+        let (Some(list), Some(folder)) = (&self.list, &self.folder) else { return Ok(None) };
+        if !folder.is_dir() {
+            return Err(Failure::with_help(
+                format!("--images {} is no folder", folder.display()),
+                "give the folder that the names of the list are relative to",
+            ));
+        }
+        let images = images_of_list(list, folder, &self.device, self.camera.as_ref())?;
+        if images.len() > 1 && self.device.tells_gravity() {
+            return Err(Failure::with_help(
+                "--gravity is of one image, and the list names several",
+                "seal each image with `veiloc seal`, with the direction felt when it was taken",
+            ));
+        }
+        let profile = map.profile().clone();
+        let options = self.device.options(&profile, ui)?;
+        Ok(Some(Sealing { images, profile, options }))
+    }
+}
+
+impl Sealing {
+    /// The images, in the list's order.
+    pub(super) fn items(&self) -> Vec<Item> {
+        self.images.iter().map(|(item, _)| item.clone()).collect()
+    }
+
+    /// The query that a device would send of an image, through its bytes, and the image's camera; or what is wrong with the image.
+    ///
+    /// # Errors
+    /// None that is about one image.
+    pub(super) fn seal(&self, index: usize) -> Result<Result<(SealedQuery, Intrinsics), Fault>, Failure> {
+        let (item, camera) = &self.images[index];
+        if let Some(fault) = &item.fault {
+            return Ok(Err(fault.clone()));
+        }
+        let sealed = seal_one(&item.path, *camera, &self.profile, &self.options, None, None)?;
+        Ok(sealed.and_then(|sealed| {
+            let query = SealedQuery::decode(&sealed.bytes).map_err(|e| Fault::new(FaultKind::Damaged, e))?;
+            Ok((query, sealed.camera))
+        }))
+    }
+}

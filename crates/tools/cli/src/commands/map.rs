@@ -1,0 +1,414 @@
+//! `veiloc map`: build, import, inspect, change, compress, split, publish and export maps.
+
+mod compress;
+mod export;
+mod info;
+mod publish;
+mod self_test;
+mod split;
+
+use std::path::{Path, PathBuf};
+
+use crate::args::extraction_args::ExtractionArgs;
+use crate::args::feature_args::MapFeatureArgs;
+use crate::args::global_args::MapGlobalArgs;
+use veiloc_map::colmap::{read_model, read_posed};
+use veiloc_map::{Down, MapFile, MapLock, MapModel, PosedImages};
+use veiloc_mapping::build_cache::Keeping;
+use veiloc_mapping::importers::hloc::{read_pairs, write_pairs};
+use veiloc_mapping::{Input, MappingError, OnBadImage, Words};
+
+use self::info::Told;
+use self::self_test::{KeepArgs, SelfTestArgs};
+use crate::exit::{Exit, Failure, Outcome};
+use crate::files;
+use crate::lists;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// What to do with a map.
+#[derive(clap::Subcommand)]
+pub(crate) enum Command {
+    /// Build a map from images whose poses are known.
+    Build(BuildArgs),
+    /// Make a map of a complete COLMAP model: its points and observations are kept.
+    Import(ImportArgs),
+    /// Say what is in a map.
+    Info(InfoArgs),
+    /// Add images with known poses to a map, without building it again.
+    Add(AddArgs),
+    /// Take images out of a map, with their keypoints and the points that only they saw.
+    Remove(RemoveArgs),
+    /// Write what a device needs to seal queries for a map; it holds no map data.
+    Profile(ProfileArgs),
+    /// Make a map small: a tenth of the bytes, at hardly any loss.
+    Compress(compress::CompressArgs),
+    /// Cut a map into regions, so that it may be larger than a machine.
+    Split(split::SplitArgs),
+    /// Publish the regions of a map, so that services take them.
+    Publish(publish::PublishArgs),
+    /// Fetch the regions of a map that was published into a folder, verified.
+    Fetch(publish::FetchArgs),
+    /// Write a map for other programs: as a COLMAP model, its points as a PLY file, or both.
+    Export(export::ExportArgs),
+}
+
+/// What a new map knows, where it goes, and how it is told.
+#[derive(clap::Args)]
+struct WrittenArgs {
+    /// Which way is down in the axes of the map: a vector of any length, or an axis (x, -x, y, -y, z, -z). Queries that tell
+    /// which way is down in the camera (`seal --gravity`) are then held upright. Default: not known, and such queries are
+    /// localized without.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    down: Option<Down>,
+    /// The map file to write.
+    #[arg(long, short, value_name = "FILE")]
+    out: PathBuf,
+    /// Print facts about the map as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Images with poses.
+#[derive(clap::Args)]
+struct PosedArgs {
+    /// Folder of a COLMAP model with cameras and poses, text or binary. Points are not needed; where there are some,
+    /// they help to find images that show the same.
+    #[arg(long, value_name = "DIR")]
+    posed: PathBuf,
+    /// Folder of the images.
+    #[arg(long, value_name = "DIR")]
+    images: PathBuf,
+    /// Names of the images to use, one a line. Default: every image of the model.
+    #[arg(long, value_name = "FILE")]
+    list: Option<PathBuf>,
+    #[command(flatten)]
+    bad: BadArgs,
+}
+
+/// What to do about images that cannot be used.
+#[derive(clap::Args)]
+struct BadArgs {
+    /// Leave out images that are missing, unreadable or not of their camera's size, and say which. Default: refuse.
+    #[arg(long)]
+    skip_bad: bool,
+}
+
+impl BadArgs {
+    const fn on_bad_image(&self) -> OnBadImage {
+        if self.skip_bad { OnBadImage::Skip } else { OnBadImage::Refuse }
+    }
+}
+
+/// Build a map from images whose poses are known.
+///
+/// Extracts features, matches images that see the same things, checks the matches against the known poses,
+/// triangulates map points, lets the map localize some of its own images, and writes one file. An interrupted build
+/// leaves an older map as it was, and so does a map that is good for nothing.
+#[derive(clap::Args)]
+pub(crate) struct BuildArgs {
+    #[command(flatten)]
+    posed: PosedArgs,
+    #[command(flatten)]
+    extraction: ExtractionArgs,
+    #[command(flatten)]
+    self_test: SelfTestArgs,
+    #[command(flatten)]
+    keep: KeepArgs,
+    #[command(flatten)]
+    pairs: PairArgs,
+    /// Folder for features and matches. A build that was interrupted, or is done again with more images, computes only what is not
+    /// there. It holds what the map holds of its images, and is to be kept from others like it. Default: nothing is kept.
+    #[arg(long, value_name = "DIR")]
+    work: Option<PathBuf>,
+    #[command(flatten)]
+    written: WrittenArgs,
+}
+
+/// Which images are matched with which.
+#[derive(clap::Args)]
+struct PairArgs {
+    /// Match these pairs of images and no others: two names a line, as hloc's lists have them. Default: those that seem to show the
+    /// same, by poses and points.
+    #[arg(long, value_name = "FILE")]
+    pairs: Option<PathBuf>,
+    /// Write the pairs that were matched as such a list. Default: not written.
+    #[arg(long, value_name = "FILE")]
+    out_pairs: Option<PathBuf>,
+}
+
+/// Make a map of a complete COLMAP model: its points and observations are kept.
+///
+/// Descriptors are extracted from the images and joined to the model's points by position.
+#[derive(clap::Args)]
+pub(crate) struct ImportArgs {
+    /// Folder of the COLMAP model, text or binary.
+    #[arg(long, value_name = "DIR")]
+    model: PathBuf,
+    /// Folder of the images.
+    #[arg(long, value_name = "DIR")]
+    images: PathBuf,
+    #[command(flatten)]
+    bad: BadArgs,
+    #[command(flatten)]
+    extraction: ExtractionArgs,
+    #[command(flatten)]
+    self_test: SelfTestArgs,
+    #[command(flatten)]
+    keep: KeepArgs,
+    #[command(flatten)]
+    written: WrittenArgs,
+}
+
+/// Say what is in a map.
+#[derive(clap::Args)]
+pub(crate) struct InfoArgs {
+    /// The map.
+    map: PathBuf,
+    /// List the images too: name, keypoints, how many of them see a point, camera.
+    #[arg(long)]
+    images: bool,
+    /// Print one JSON document to stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Add images with known poses to a map, without building it again.
+#[derive(clap::Args)]
+pub(crate) struct AddArgs {
+    /// The map.
+    map: PathBuf,
+    #[command(flatten)]
+    posed: PosedArgs,
+    #[command(flatten)]
+    features: MapFeatureArgs,
+    #[command(flatten)]
+    global: MapGlobalArgs,
+    #[command(flatten)]
+    self_test: SelfTestArgs,
+    /// The map file to write. Default: the map itself.
+    #[arg(long, short, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print facts about the map as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Take images out of a map, with their keypoints and the points that only they saw.
+///
+/// The vocabulary stays, so that queries sealed for the map still fit. Its words are averages of descriptors of many
+/// images, also of those that leave. With --retrain it is learned again from the images that stay: then no descriptor of
+/// the others has a share in it, but the profile is another one, and devices must fetch it again.
+#[derive(clap::Args)]
+pub(crate) struct RemoveArgs {
+    /// The map.
+    map: PathBuf,
+    /// Names of the images.
+    #[arg(required = true, value_name = "NAME")]
+    names: Vec<String>,
+    /// Learn the vocabulary again from the images that stay; devices must then fetch the profile again.
+    #[arg(long)]
+    retrain: bool,
+    #[command(flatten)]
+    self_test: SelfTestArgs,
+    /// The map file to write. Default: the map itself.
+    #[arg(long, short, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print facts about the map as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Write what a device needs to seal queries for a map; it holds no map data.
+#[derive(clap::Args)]
+pub(crate) struct ProfileArgs {
+    /// The map.
+    map: PathBuf,
+    /// The profile file to write.
+    #[arg(long, short, value_name = "FILE")]
+    out: PathBuf,
+}
+
+pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
+    match command {
+        Command::Build(args) => build(args, ui),
+        Command::Import(args) => import(args, ui),
+        Command::Info(args) => {
+            Told { list: args.images, json: args.json, ..Told::default() }.info(&args.map, ui)
+        }
+        Command::Add(args) => add(args, ui),
+        Command::Remove(args) => remove(args, ui),
+        Command::Profile(args) => profile(args, ui),
+        Command::Compress(args) => compress::run(args, ui),
+        Command::Split(args) => split::run(args, ui),
+        Command::Publish(args) => publish::publish(args, ui),
+        Command::Fetch(args) => publish::fetch(args, ui),
+        Command::Export(args) => export::run(args, ui),
+    }
+}
+
+fn build(args: &BuildArgs, ui: &Ui) -> Outcome {
+    let given = args.posed.read()?;
+    let options = args.extraction.options()?;
+    let pairs = args.pairs.pairs.as_deref().map(read_pairs).transpose()?;
+    let input = match &pairs {
+        Some(pairs) => given.input().with_pairs(pairs),
+        None => given.input(),
+    };
+    let keeping = args.work.as_deref().map(|folder| Keeping::in_folder(folder, &options)).transpose()?;
+    let input = match &keeping {
+        Some(keeping) => input.with_kept(keeping),
+        None => input,
+    };
+    let (mut model, mut report) =
+        veiloc_mapping::build(&input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+    if let Some(fault) = keeping.and_then(|keeping| keeping.finish().err()) {
+        ui.complain(format!("not all could be kept, and will be computed again: {fault}"));
+    }
+    if let Some(path) = &args.pairs.out_pairs {
+        write_pairs(path, report.pairs.iter().map(|(a, b)| (a.as_str(), b.as_str())))?;
+        ui.say(format!("{}: {} pairs", path.display(), report.pairs.len()));
+    }
+    model.down = args.written.down;
+    args.self_test.test(&mut model, &mut report.doubts, ui)?;
+    args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
+    veiloc_map::write(&model, &args.written.out)?;
+    let told =
+        Told { json: args.written.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
+    told.info(&args.written.out, ui)
+}
+
+fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
+    let colmap = read_model(&args.model)?;
+    let options = args.extraction.options()?;
+    let posed = PosedImages::from(&colmap);
+    let input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
+    let (mut model, mut report) =
+        veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui)).map_err(with_skip_bad)?;
+    model.down = args.written.down;
+    ui.say(&report);
+    args.self_test.test(&mut model, &mut report.doubts, ui)?;
+    args.keep.allow(&model, &report.doubts, &args.written.out, ui)?;
+    veiloc_map::write(&model, &args.written.out)?;
+    let told =
+        Told { json: args.written.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
+    told.info(&args.written.out, ui)
+}
+
+fn add(args: &AddArgs, ui: &Ui) -> Outcome {
+    let given = args.posed.read()?;
+    let change = Change::begin(&args.map, args.out.as_deref(), ui)?;
+    let mut model = change.read()?;
+    let extractors = args.features.extractors(&model.profile)?;
+    let global = args.global.extractor(&args.features.models(), &model.profile)?;
+    let mut input = given.input().with_extractors(&extractors);
+    if let Some(global) = &global {
+        input = input.with_global(global);
+    }
+    let mut report = veiloc_mapping::add(&mut model, &input, &Stages::new(ui)).map_err(with_skip_bad)?;
+    args.self_test.test(&mut model, &mut report.doubts, ui)?;
+    change.write(&model)?;
+    let told = Told { json: args.json, skipped: report.skipped, doubts: report.doubts, ..Told::default() };
+    told.info(change.out, ui)
+}
+
+fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
+    let change = Change::begin(&args.map, args.out.as_deref(), ui)?;
+    let mut model = change.read()?;
+    let words = if args.retrain { Words::Retrain } else { Words::Keep };
+    let profile = model.profile.id();
+    veiloc_mapping::remove(&mut model, &args.names, words, &Stages::new(ui))?;
+    let mut doubts = Vec::new();
+    args.self_test.test(&mut model, &mut doubts, ui)?;
+    change.write(&model)?;
+    ui.say(match words {
+        Words::Keep => {
+            "What is left of the images: their share in the words of the vocabulary, which are averages of descriptors \
+             of many images and are published in the profile. --retrain learns them again without these images. Copies \
+             and backups of the old map hold the images' keypoints still."
+        }
+        Words::Retrain if model.profile.id() == profile => {
+            "The profile is as it was: nothing in it was learned from the images. Copies and backups of the old map hold \
+             the images' keypoints still."
+        }
+        Words::Retrain => {
+            "The vocabulary was learned again without the images, so the map has a new profile: publish it, and have \
+             devices fetch it; queries sealed with the old one are refused. Copies and backups of the old map hold the \
+             images' keypoints still."
+        }
+    });
+    Told { json: args.json, doubts, ..Told::default() }.info(change.out, ui)
+}
+
+/// A map that is being changed: nobody else changes it from the moment it is read until it is written.
+struct Change<'a> {
+    map: &'a Path,
+    out: &'a Path,
+    lock: MapLock,
+}
+
+impl<'a> Change<'a> {
+    /// Waits for whoever changes the map, and says so.
+    fn begin(map: &'a Path, out: Option<&'a Path>, ui: &Ui) -> Result<Self, Failure> {
+        let out = out.unwrap_or(map);
+        let lock = if let Some(lock) = MapLock::try_acquire(out)? {
+            lock
+        } else {
+            ui.say(format!("{}: waiting for another program that changes it", out.display()));
+            MapLock::acquire(out)?
+        };
+        Ok(Self { map, out, lock })
+    }
+
+    fn read(&self) -> Result<MapModel, Failure> {
+        Ok(MapFile::open(self.map)?.to_model())
+    }
+
+    fn write(&self, model: &MapModel) -> Result<(), Failure> {
+        Ok(self.lock.write(model)?)
+    }
+}
+
+/// The library names what is bad; how to leave it out, the program says.
+fn with_skip_bad(error: MappingError) -> Failure {
+    match error {
+        MappingError::BadImages(_) => Failure::with_help(
+            error,
+            "mend these, take them from the list, or leave them out with --skip-bad",
+        ),
+        error => error.into(),
+    }
+}
+
+fn profile(args: &ProfileArgs, ui: &Ui) -> Outcome {
+    let map = MapFile::open(&args.map)?;
+    let bytes = map.profile().encode();
+    files::write(&args.out, &bytes)?;
+    ui.say(format!("{}: profile {}, {} bytes", args.out.display(), map.profile().id(), bytes.len()));
+    Ok(Exit::Success)
+}
+
+/// What [`PosedArgs`] name, read.
+struct Posed<'a> {
+    images: PosedImages,
+    names: Option<Vec<String>>,
+    args: &'a PosedArgs,
+}
+
+impl PosedArgs {
+    fn read(&self) -> Result<Posed<'_>, Failure> {
+        let images = read_posed(&self.posed)?;
+        let names = self.list.as_deref().map(lists::read_list).transpose()?;
+        Ok(Posed { images, names, args: self })
+    }
+}
+
+impl Posed<'_> {
+    fn input(&self) -> Input<'_> {
+        let input = Input::new(&self.images, &self.args.images).on_bad_image(self.args.bad.on_bad_image());
+        match &self.names {
+            Some(names) => input.with_names(names),
+            None => input,
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! The self-test at the end of a build or a change, and how it is told.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Serialize;
+use veiloc_map::{ABSOLUTE, Coverage, LEVELS, MapModel, RELATIVE, SchemeTest, SelfTest};
+use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test};
+use veiloc_mapping::{Doubt, diagnose};
+
+use crate::exit::Failure;
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Whether the map tests itself.
+#[derive(clap::Args)]
+pub(super) struct SelfTestArgs {
+    /// Do not let the map localize its own images at the end: no recall, and covariances calibrated by those of other
+    /// maps.
+    #[arg(long)]
+    no_self_test: bool,
+}
+
+impl SelfTestArgs {
+    /// Tests the map, keeps the result in it, and adds what is to be doubted about it.
+    pub(super) fn test(&self, model: &mut MapModel, doubts: &mut Vec<Doubt>, ui: &Ui) -> Result<(), Failure> {
+        model.self_test = None;
+        if self.no_self_test || !is_testable(model) {
+            return Ok(());
+        }
+        let test = self_test(model, &SelfTestOptions::default(), &Stages::new(ui))?;
+        if let Some(doubt) = Doubt::of_self_test(&test) {
+            doubts.push(doubt);
+            if !doubts.iter().any(|d| matches!(d, Doubt::LikelyCause { .. })) {
+                doubts.extend(diagnose(model));
+            }
+        }
+        model.self_test = Some(test);
+        Ok(())
+    }
+}
+
+/// Whether a map that is good for nothing is written.
+#[derive(clap::Args)]
+pub(super) struct KeepArgs {
+    /// Write the map even when nothing can be localized in it.
+    #[arg(long)]
+    keep_broken: bool,
+}
+
+impl KeepArgs {
+    /// Refuses a map in which nothing can be localized, so that it does not take the place of a good one.
+    pub(super) fn allow(
+        &self,
+        model: &MapModel,
+        doubts: &[Doubt],
+        out: &Path,
+        ui: &Ui,
+    ) -> Result<(), Failure> {
+        if self.keep_broken || !is_broken(model, doubts) {
+            return Ok(());
+        }
+        for doubt in doubts {
+            ui.say(format!("warning: {doubt}"));
+        }
+        Err(Failure::with_help(
+            format!(
+                "{}: not written: nothing can be localized in this map of {} points",
+                out.display(),
+                model.points.len()
+            ),
+            "mend what the warnings name, or write the map all the same with --keep-broken",
+        ))
+    }
+}
+
+/// A map of hardly any points, or one that localizes few of its own images and of which it is known why. That it localizes
+/// few is no proof alone: where images are few and far between, each one that is left out may take all points with it.
+fn is_broken(model: &MapModel, doubts: &[Doubt]) -> bool {
+    let doubted = |which: fn(&Doubt) -> bool| doubts.iter().any(which);
+    let explained = doubted(|d| matches!(d, Doubt::LikelyCause { .. }));
+    let empty = doubted(|d| matches!(d, Doubt::FewPoints { .. }));
+    let failed = model.self_test.as_ref().is_some_and(SelfTest::failed);
+    model.points.len() < FEWEST_POINTS
+        || (explained && doubted(|d| matches!(d, Doubt::SelfTest { .. })))
+        || (empty && failed)
+}
+
+/// Points below which no query can be localized: a pose takes ten keypoints that agree.
+const FEWEST_POINTS: usize = 10;
+
+/// A self-test as JSON.
+#[derive(Serialize)]
+pub(super) struct SelfTestInfo {
+    images: u32,
+    scale: f64,
+    assumed_noise_px: f64,
+    schemes: Vec<SchemeInfo>,
+}
+
+#[derive(Serialize)]
+struct SchemeInfo {
+    scheme: &'static str,
+    localized: u32,
+    trusted: u32,
+    recall: BTreeMap<String, f64>,
+    recall_of_scale: BTreeMap<String, f64>,
+    median_rotation_deg: Option<f64>,
+    median_translation: Option<f64>,
+    noise_px: f64,
+    coverage: BeforeAfter,
+    calibration: CalibrationInfo,
+}
+
+#[derive(Serialize)]
+struct BeforeAfter {
+    before: CoverageInfo,
+    after: CoverageInfo,
+}
+
+#[derive(Serialize)]
+struct CoverageInfo {
+    center: BTreeMap<String, f64>,
+    pose: BTreeMap<String, f64>,
+}
+
+#[derive(Serialize)]
+struct CalibrationInfo {
+    factor: f64,
+    rotation_floor_deg: f64,
+    translation_floor: f64,
+}
+
+impl SelfTestInfo {
+    pub(super) fn of(test: &SelfTest) -> Self {
+        Self {
+            images: test.images,
+            scale: test.scale,
+            assumed_noise_px: test.assumed_noise_px,
+            schemes: test.schemes.iter().map(|s| SchemeInfo::of(s, test.images)).collect(),
+        }
+    }
+
+    /// For people: a line a scheme.
+    pub(super) fn describe(&self) -> String {
+        let head = format!(
+            "  self-test   {} images, each left out of the map; what they see is {:.3} map units away\n    {:<24}{:>9}{:>9}\
+             {:>9}{:>20}{:>9}{:>12}{:>15}\n",
+            self.images,
+            self.scale,
+            "",
+            "localized",
+            "trusted",
+            "within 1 %",
+            "median error",
+            "noise",
+            "in 90 %",
+            "± times, floor",
+        );
+        std::iter::once(head).chain(self.schemes.iter().map(SchemeInfo::describe)).collect()
+    }
+}
+
+impl SchemeInfo {
+    fn of(test: &SchemeTest, images: u32) -> Self {
+        let share = |count: &u32| f64::from(*count) / f64::from(images.max(1));
+        Self {
+            scheme: test.scheme.name(),
+            localized: test.localized,
+            trusted: test.trusted,
+            recall: ABSOLUTE.map(key).into_iter().zip(test.within.iter().map(share)).collect(),
+            recall_of_scale: RELATIVE
+                .map(key)
+                .into_iter()
+                .zip(test.within_of_scale.iter().map(share))
+                .collect(),
+            median_rotation_deg: finite(test.median_rotation_deg),
+            median_translation: finite(test.median_translation),
+            noise_px: test.median_noise_px,
+            coverage: BeforeAfter { before: coverage(&test.before), after: coverage(&test.after) },
+            calibration: CalibrationInfo {
+                factor: test.calibration.factor,
+                rotation_floor_deg: test.calibration.rotation_floor.to_degrees(),
+                translation_floor: test.calibration.translation_floor,
+            },
+        }
+    }
+}
+
+impl SchemeInfo {
+    /// A line for people. Shares of true poses in the region of 90 %: by the estimator's covariances, then calibrated.
+    fn describe(&self) -> String {
+        let error = match (self.median_translation, self.median_rotation_deg) {
+            (Some(t), Some(r)) => format!("{t:.4}, {r:.3}°"),
+            _ => "infinite".to_owned(),
+        };
+        let percent_of =
+            |shares: &BTreeMap<String, f64>, key: String| 100.0 * shares.get(&key).copied().unwrap_or(0.0);
+        let level = || percent(LEVELS[1]);
+        let covered = format!(
+            "{:.0} -> {:.0}",
+            percent_of(&self.coverage.before.pose, level()),
+            percent_of(&self.coverage.after.pose, level())
+        );
+        format!(
+            "    {:<24}{:>9}{:>9}{:>8.0} %{error:>20}{:>6.1} px{covered:>12}{:>7.1}, {:.4}\n",
+            self.scheme,
+            self.localized,
+            self.trusted,
+            percent_of(&self.recall_of_scale, key(RELATIVE[1])),
+            self.noise_px,
+            self.calibration.factor.sqrt(),
+            self.calibration.translation_floor,
+        )
+    }
+}
+
+fn coverage(coverage: &Coverage) -> CoverageInfo {
+    let levels = |shares: [f64; LEVELS.len()]| LEVELS.map(percent).into_iter().zip(shares).collect();
+    CoverageInfo { center: levels(coverage.center), pose: levels(coverage.pose) }
+}
+
+/// `translation/degrees`, as everywhere.
+fn key((translation, degrees): (f64, f64)) -> String {
+    format!("{translation}/{degrees}")
+}
+
+fn percent(level: f64) -> String {
+    format!("{}", (100.0 * level).round())
+}
+
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}

@@ -1,0 +1,39 @@
+//! One file a command: its arguments, and the few lines that hand them to the libraries.
+
+pub(crate) mod attack;
+pub(crate) mod audit;
+#[cfg(feature = "cluster")]
+mod cluster_args;
+pub(crate) mod demo;
+mod device_args;
+pub(crate) mod eval;
+pub(crate) mod features;
+pub(crate) mod listed;
+pub(crate) mod localize;
+pub(crate) mod map;
+mod map_memory;
+mod mask_args;
+pub(crate) mod models;
+mod page_args;
+pub(crate) mod query;
+mod rig_file;
+pub(crate) mod seal;
+pub(crate) mod serve;
+mod session_args;
+mod settled;
+pub(crate) mod synth;
+pub(crate) mod token;
+pub(crate) mod train;
+mod voice;
+#[cfg(feature = "cluster")]
+pub(crate) mod worker;
+
+use crate::args::settings::layered;
+
+/// The command that reads the command line of `serve` and `worker`, before files and variables are looked at.
+pub(crate) fn first_look(command: clap::Command) -> clap::Command {
+    let command = command.mut_subcommand("serve", layered);
+    #[cfg(feature = "cluster")]
+    let command = command.mut_subcommand("worker", layered);
+    command
+}

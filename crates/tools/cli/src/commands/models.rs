@@ -1,0 +1,137 @@
+//! `veiloc models`: the learned features and global descriptors that are known by name, and whether their files are there.
+
+use std::fmt::Write as _;
+
+use crate::args::feature_args::models;
+use serde::Serialize;
+use veiloc_features::learned::{Found, FoundGlobal};
+
+use crate::exit::{Exit, Outcome};
+use crate::ui::Ui;
+
+/// Say which learned features and global descriptors are known, where their network files are got and on what terms, and whether they are there.
+///
+/// Files are looked for in the folders of the environment variable VEILOC_MODELS, and in each in the sub-folder of the model's name.
+/// Nothing is downloaded. Any ONNX network of the same form can be used with a .toml file that describes it (docs/features.md).
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Print one JSON document to stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The document of `veiloc models --json`.
+#[derive(Serialize)]
+struct Document {
+    version: u32,
+    /// Where files were looked for.
+    folders: Vec<String>,
+    models: Vec<ModelDocument>,
+    globals: Vec<GlobalDocument>,
+}
+
+/// A model of global descriptors, which are made of whole images.
+#[derive(Serialize)]
+struct GlobalDocument {
+    name: String,
+    about: String,
+    source: String,
+    licence: String,
+    /// For each of its networks, names of files that would do, the best first.
+    files: Vec<Vec<String>>,
+    /// The files that were found.
+    found: Vec<Option<String>>,
+    /// Numbers of a vector, which are its bytes.
+    numbers: usize,
+}
+
+impl GlobalDocument {
+    fn of(found: &FoundGlobal<'_>) -> Self {
+        let FoundGlobal { description, files } = found;
+        Self {
+            name: description.name().to_owned(),
+            about: description.about().to_owned(),
+            source: description.source().to_owned(),
+            licence: description.licence().to_owned(),
+            files: description.files().map(<[String]>::to_vec).collect(),
+            found: files.iter().map(|f| f.as_ref().map(|path| path.display().to_string())).collect(),
+            numbers: description.model().dim(),
+        }
+    }
+
+    fn line(&self) -> String {
+        let mut text = format!("{}: {}; {} numbers; {}\n", self.name, self.about, self.numbers, self.licence);
+        for (names, found) in self.files.iter().zip(&self.found) {
+            let _ = match found {
+                Some(file) => writeln!(text, "  there: {file}"),
+                None => writeln!(text, "  not there: {}, from {}", names.join(" or "), self.source),
+            };
+        }
+        text
+    }
+}
+
+/// One model.
+#[derive(Serialize)]
+struct ModelDocument {
+    name: String,
+    about: String,
+    source: String,
+    licence: String,
+    /// Names of files that would do, the best first.
+    files: Vec<String>,
+    /// The file that was found.
+    file: Option<String>,
+    /// Numbers of a descriptor, which are its bytes.
+    numbers: usize,
+}
+
+impl ModelDocument {
+    fn of(found: &Found<'_>) -> Self {
+        let Found { description, file } = found;
+        Self {
+            name: description.name().to_owned(),
+            about: description.about().to_owned(),
+            source: description.source().to_owned(),
+            licence: description.licence().to_owned(),
+            files: description.files().to_vec(),
+            file: file.as_ref().map(|path| path.display().to_string()),
+            numbers: description.kind().dim(),
+        }
+    }
+
+    fn line(&self) -> String {
+        let file = match &self.file {
+            Some(file) => format!("there: {file}"),
+            None => format!("not there: {}, from {}", self.files.join(" or "), self.source),
+        };
+        format!("{}: {}; {} numbers; {}\n  {file}\n", self.name, self.about, self.numbers, self.licence)
+    }
+}
+
+pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let models = models();
+    let folders: Vec<String> = models.folders().iter().map(|folder| folder.display().to_string()).collect();
+    let all: Vec<ModelDocument> = models.all().map(|found| ModelDocument::of(&found)).collect();
+    let globals: Vec<GlobalDocument> = models.globals().map(|found| GlobalDocument::of(&found)).collect();
+    if args.json {
+        ui.json(&Document { version: 1, folders, models: all, globals })?;
+        return Ok(Exit::Success);
+    }
+    let mut text = "sift: built in; 128 numbers\n".to_owned();
+    for model in &all {
+        text += &model.line();
+    }
+    text += "global descriptors of whole images, beside vlad, which is made of the rows that are sent:\n";
+    for model in &globals {
+        text += &model.line();
+    }
+    let looked = if folders.is_empty() {
+        "no folder; VEILOC_MODELS is not set".to_owned()
+    } else {
+        folders.join(", ")
+    };
+    let _ = writeln!(text, "looked for in: {looked}");
+    ui.print(text);
+    Ok(Exit::Success)
+}

@@ -1,0 +1,204 @@
+//! `veiloc query send`: image or session in, pose out, and only sealed bytes on the way.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::Serialize;
+use veiloc_client::{
+    Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, SealImageError, Step,
+    seal_image, seal_masked,
+};
+use veiloc_features::FeatureError;
+
+use super::connection::{Connection, failure};
+use super::session;
+use crate::args::camera::CameraArg;
+use crate::args::progressive_args::ProgressiveArgs;
+use crate::commands::device_args::DeviceArgs;
+use crate::commands::mask_args::MaskArgs;
+use crate::commands::session_args::{self, SessionArgs};
+use crate::exit::{Exit, Failure, Outcome};
+use crate::ui::Ui;
+
+/// Seal one image, send it, print the pose.
+///
+/// What is sent holds descriptors and lines, never pixels or keypoints. The image is sealed once; when the service
+/// is busy or the network fails, the very same bytes are sent again. Send an image once, and do not seal it in
+/// another way afterwards (see docs/privacy.md, rule L7).
+///
+/// With `--progressive` no more rows leave than a trusted pose takes.
+///
+/// With `--rig` the queries of a session, sealed before, are sent as they are, and the pose is that of the device.
+///
+/// Ends with 0 for a trusted pose, with 4 for a doubtful one, with 1 for none.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// An image, JPEG or PNG.
+    #[arg(required_unless_present = "rig")]
+    image: Option<PathBuf>,
+    /// A session instead: a JSON file that names up to 32 sealed queries and where on the device each image was taken,
+    /// with the deviations of that (docs/json.md). One pose of the device for all.
+    #[arg(long, value_name = "FILE",
+        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "focal_known", "gravity", "image_global", "session", "progressive", "mask", "hide"])]
+    rig: Option<PathBuf>,
+    /// Its camera: COLMAP's model name, width, height and parameters, for example
+    /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; or `unknown`, which guesses the
+    /// focal length and says so. Default: the focal length that the image's EXIF tells.
+    #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE|unknown")]
+    camera: Option<CameraArg>,
+    /// Which of the service's maps to ask.
+    #[arg(long, value_name = "NAME")]
+    map: String,
+    #[command(flatten)]
+    connection: Connection,
+    #[command(flatten)]
+    device: DeviceArgs,
+    #[command(flatten)]
+    session: SessionArgs,
+    #[command(flatten)]
+    mask: MaskArgs,
+    #[command(flatten)]
+    progressive: ProgressiveArgs,
+    /// Tell the service where the camera roughly is, in map units, for example from GPS: a middle and a standard deviation
+    /// along each axis. Default: it is not told.
+    #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
+    near: Option<PositionHint>,
+    /// Ask for a trusted pose only: a doubtful one is withheld by the service, though not what speaks against it.
+    #[arg(long)]
+    trusted_only: bool,
+    /// Print the answer as one JSON document to stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
+    let mut request = LocalizeRequest::default();
+    request.trusted_only = args.trusted_only;
+    request.near = args.near;
+    let Answered { answer, steps } = match (&args.rig, &args.image) {
+        (Some(rig), _) => {
+            let answer = session::send(rig, &args.map, || args.connection.client(ui), &request, ui)?;
+            Answered { answer, steps: None }
+        }
+        (None, Some(image)) => send(image, args, &request, ui)?,
+        (None, None) => return Err(Failure::refused("neither an image nor a session is given")),
+    };
+    if args.json {
+        ui.json(&Document { answer: AnswerDocument::new(&args.map, &answer), steps })?;
+    } else {
+        ui.print(line(&answer));
+    }
+    Ok(match (answer.state(), &answer.pose) {
+        (AnswerState::Trusted, _) => Exit::Success,
+        (AnswerState::Doubtful, Some(_)) => Exit::Doubtful,
+        (AnswerState::Doubtful, None) => Exit::Refused,
+    })
+}
+
+/// An answer, and for a progressive query what it took.
+struct Answered {
+    answer: Answer,
+    steps: Option<Vec<StepDocument>>,
+}
+
+/// The document of `veiloc query send --json`.
+#[derive(Serialize)]
+struct Document {
+    #[serde(flatten)]
+    answer: AnswerDocument,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    steps: Option<Vec<StepDocument>>,
+}
+
+/// A step of a progressive query.
+#[derive(Serialize)]
+struct StepDocument {
+    /// Rows sent, those of the steps before included.
+    rows: usize,
+    /// Bytes of the message.
+    bytes: usize,
+    /// What became of it.
+    state: &'static str,
+}
+
+/// Seals an image and asks where it was taken.
+fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> Result<Answered, Failure> {
+    let camera = args.device.camera(args.camera.as_ref())?;
+    let camera = camera.of(image).map_err(|error| match error {
+        FeatureError::NoFocal { .. } => Failure::with_help(error, "give --camera, or --camera unknown"),
+        error => error.into(),
+    })?;
+    // A mask or a detector that cannot be used ends the command before anybody is asked for anything.
+    let hidden = args.mask.open()?.of(image, args.mask.file());
+    let hidden = hidden.map_err(|fault| Failure::refused(fault.of(&image.display().to_string())))?;
+    let client = args.connection.client(ui)?;
+    let profile = client.profile(&args.map).map_err(failure)?;
+    let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
+    let (intrinsics, held) = (&camera.intrinsics, args.session.held(args.device.gravity()));
+    let sealed = match (args.session.open()?, &hidden.mask) {
+        (Some(mut file), Some(mask)) => file.seal_masked(image, mask, intrinsics, &profile, &options, &held),
+        (Some(mut file), None) => file.seal_image(image, intrinsics, &profile, &options, &held),
+        (None, Some(mask)) => seal_masked(image, mask, intrinsics, &profile, &options),
+        (None, None) => seal_image(image, intrinsics, &profile, &options),
+    };
+    let sealed = sealed.map_err(|error| match error {
+        SealImageError::Session(error) => session_args::failure(&error),
+        error => error.into(),
+    })?;
+    let of_image = options.image_global(&profile)?;
+    let beside =
+        of_image.map_or_else(String::new, |own| format!(" with {} of the image", own.model().name()));
+    ui.say(format!(
+        "{}: {}{} keypoints, {} {} as {}{}, {} bytes",
+        image.display(),
+        hidden.said(),
+        sealed.keypoints,
+        sealed.query.len(),
+        if args.progressive.enough().is_some() { "sealed" } else { "sent" },
+        args.device.scheme(),
+        beside,
+        sealed.query.encode().len()
+    ));
+    let refused = |error| match error {
+        // Not sent: which image it is matters more than which service.
+        ClientError::Lopsided(lopsided) => Failure::refused(format!("{}: {lopsided}", image.display())),
+        error => failure(error),
+    };
+    let Some(enough) = args.progressive.enough() else {
+        let answer = client.localize_with(&args.map, &sealed.query, request).map_err(refused)?;
+        return Ok(Answered { answer, steps: None });
+    };
+    let found = client.localize_progressive(&args.map, &sealed.query, &profile, enough, request);
+    let found = found.map_err(refused)?;
+    ui.say(format!(
+        "{} of {} rows in {} step{}, {} bytes",
+        found.rows(),
+        sealed.query.len(),
+        found.steps.len(),
+        if found.steps.len() == 1 { "" } else { "s" },
+        found.bytes()
+    ));
+    let document =
+        |step: &Step| StepDocument { rows: step.rows, bytes: step.bytes, state: step.outcome.name() };
+    Ok(Answered { answer: found.answer, steps: Some(found.steps.iter().map(document).collect()) })
+}
+
+fn line(answer: &Answer) -> String {
+    let times = &answer.times;
+    let total = times.queue_ms + times.retrieve_ms + times.match_ms + times.pose_ms;
+    let place = answer.pose.as_ref().map_or_else(
+        || "its pose is withheld".to_owned(),
+        |pose| {
+            let [x, y, z] = pose.center;
+            format!("at ({x:.3}, {y:.3}, {z:.3}) ± {:.4}", pose.position_sd())
+        },
+    );
+    let doubts: Vec<&str> = answer.doubts.iter().map(|doubt| doubt.text.as_str()).collect();
+    let doubts = if answer.trusted { String::new() } else { format!("  {}", doubts.join("; ")) };
+    format!(
+        "{}  {place}  {} of {} matches agree  {total:.0} ms{doubts}\n",
+        answer.state(),
+        answer.inliers,
+        answer.matches
+    )
+}

@@ -1,0 +1,293 @@
+//! Many images to seal: which, where each query goes, and what became of all.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use veiloc_client::SessionFile;
+use veiloc_features::mask_in;
+use veiloc_obfuscation::SealOptions;
+use veiloc_protocol::Profile;
+
+use super::{Args, InSession, Sealed, seal_one};
+use crate::args::camera::CameraSource;
+use crate::commands::listed::images_of_list;
+use crate::commands::mask_args::{HiddenPart, Hiding};
+use crate::exit::{Failure, Outcome};
+use crate::files;
+use crate::items::{self, Fault, IMAGES, Item, Tally};
+use crate::lists;
+use crate::ui::Ui;
+
+/// The document of `veiloc seal --json`.
+#[derive(Serialize)]
+struct Document {
+    version: u32,
+    /// Scheme that hides the keypoints.
+    scheme: String,
+    sealed: usize,
+    failed: usize,
+    images: Vec<ImageDocument>,
+}
+
+#[derive(Serialize)]
+struct ImageDocument {
+    file: String,
+    status: Status,
+    /// The sealed query's file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    out: Option<String>,
+    /// Keypoints found in the image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    found: Option<usize>,
+    /// Rows sent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sent: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes: Option<usize>,
+    /// Share of the image that is hidden.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hidden: Option<f64>,
+    /// Class to how many of it were found to hide.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    found_to_hide: Option<BTreeMap<String, usize>>,
+    /// Model of the global descriptor that was made of the image and is sent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    image_global: Option<String>,
+    /// How well the focal length is known, as the query says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    focal_known: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<Fault>,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Status {
+    Sealed,
+    Failed,
+}
+
+/// An image to seal.
+struct Job {
+    item: Item,
+    camera: CameraSource,
+    out: PathBuf,
+    /// The mask's file.
+    mask: Option<PathBuf>,
+}
+
+pub(super) fn run(
+    args: &Args,
+    profile: &Profile,
+    options: &SealOptions,
+    hiding: &Hiding,
+    mut session: Option<&mut SessionFile>,
+    ui: &Ui,
+) -> Outcome {
+    let jobs = jobs(args)?;
+    let scheme = options.scheme().to_string();
+    let of_image = options.image_global(profile)?.map(|own| own.model().name().to_owned());
+    let beside = of_image.as_ref().map_or_else(String::new, |name| format!(" with {name} of the image"));
+    let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
+    let mut tally = Tally::begin("sealed", &items, ui);
+    let stage = (jobs.len() > 1).then(|| ui.stage("Sealing", jobs.len() as u64));
+    let mut images = Vec::new();
+    for job in &jobs {
+        let name = job.item.path.display().to_string();
+        let sealed = if let Some(fault) = &job.item.fault {
+            Err(fault.clone())
+        } else {
+            let held = args.session.held(args.device.gravity());
+            let session = session.as_deref_mut().map(|file| InSession { file, held });
+            match hiding.of(&job.item.path, job.mask.as_deref()) {
+                Ok(hidden) => {
+                    let mask = hidden.mask.as_ref();
+                    let sealed = seal_one(&job.item.path, job.camera, profile, options, mask, session)?;
+                    sealed.map(|sealed| (sealed, hidden))
+                }
+                Err(fault) => Err(fault),
+            }
+        };
+        match &sealed {
+            Ok((sealed, hidden)) => {
+                keep(&job.out, sealed, ui)?;
+                let said = format!(
+                    "{name}: {}{} keypoints, {} sent as {scheme}{beside}, {} bytes → {}",
+                    hidden.said(),
+                    sealed.found,
+                    sealed.sent,
+                    sealed.bytes.len(),
+                    if files::is_standard(&job.out) {
+                        "stdout".into()
+                    } else {
+                        job.out.display().to_string()
+                    }
+                );
+                match &stage {
+                    Some(stage) => stage.suspend(|| ui.say(said)),
+                    None => ui.say(said),
+                }
+            }
+            Err(fault) => tally.failed(&name, fault),
+        }
+        images.push(document_of(name, &job.out, sealed, of_image.as_ref()));
+        if let Some(stage) = &stage {
+            stage.advance(1);
+        }
+    }
+    if let Some(stage) = &stage {
+        stage.finish();
+    }
+    let failed = tally.failures();
+    let sealed = jobs.len() - failed;
+    if args.json {
+        ui.json(&Document { version: 1, scheme, sealed, failed, images })?;
+    }
+    tally.end(sealed, "", args.skip, ui)
+}
+
+/// Writes a sealed query; a failure ends the command, as the others could not be written either.
+fn keep(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
+    if let Some(folder) = out.parent().filter(|p| !p.as_os_str().is_empty() && !p.exists()) {
+        files::make_folder(folder)?;
+    }
+    files::write_or_print(out, &sealed.bytes, ui)
+}
+
+fn document_of(
+    file: String,
+    out: &Path,
+    sealed: Result<(Sealed, HiddenPart), Fault>,
+    of_image: Option<&String>,
+) -> ImageDocument {
+    let (status, sealed, hidden, error) = match sealed {
+        Ok((sealed, hidden)) => (Status::Sealed, Some(sealed), hidden, None),
+        Err(fault) => (Status::Failed, None, HiddenPart::default(), Some(fault)),
+    };
+    ImageDocument {
+        file,
+        status,
+        out: sealed.as_ref().map(|_| out.display().to_string()),
+        found: sealed.as_ref().map(|s| s.found),
+        sent: sealed.as_ref().map(|s| s.sent),
+        bytes: sealed.as_ref().map(|s| s.bytes.len()),
+        hidden: hidden.share(),
+        found_to_hide: hidden.found.map(|found| found.into_iter().collect()),
+        image_global: sealed.as_ref().and(of_image).cloned(),
+        focal_known: sealed.as_ref().map(|s| s.focal.name()),
+        error,
+    }
+}
+
+/// Which images, with which cameras, to which files.
+fn jobs(args: &Args) -> Result<Vec<Job>, Failure> {
+    let with_cameras = images(args)?;
+    let several =
+        with_cameras.len() > 1 || args.list.is_some() || args.images.iter().any(|path| path.is_dir());
+    let ends_in_slash = args.out.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
+    let into_folder = several || ends_in_slash || args.out.is_dir();
+    let standard = files::is_standard(&args.out);
+    if several && args.device.tells_gravity() {
+        return Err(Failure::with_help(
+            "--gravity is of one image, and several are given",
+            "seal each image in a call of its own, with the direction felt when it was taken",
+        ));
+    }
+    if several && args.mask.is_of_one_image() {
+        return Err(Failure::with_help(
+            "--mask is of one image, and several are given",
+            "give the folder of their masks with --masks, or seal each image in a call of its own",
+        ));
+    }
+    if several && args.session.tells_orientation() {
+        return Err(Failure::with_help(
+            "--orientation is of one image, and several are given",
+            "seal each image in a call of its own, with --session and the orientation it was taken with",
+        ));
+    }
+    if standard && (several || args.json) {
+        return Err(Failure::with_help(
+            "--out -: stdout takes one sealed query, and nothing beside it",
+            "name a folder with --out",
+        ));
+    }
+    let jobs: Vec<Job> = with_cameras
+        .into_iter()
+        .map(|(item, camera)| {
+            let into_folder = into_folder && !standard;
+            let out = if into_folder {
+                args.out.join(item.below.with_extension("vquery"))
+            } else {
+                args.out.clone()
+            };
+            let mask = match &args.masks {
+                Some(folder) => Some(mask_in(folder, Path::new(item.name()))),
+                None => args.mask.file().map(Path::to_owned),
+            };
+            Job { item, camera, out, mask }
+        })
+        .collect();
+    refuse_collisions(&jobs)?;
+    refuse_overwriting_input(args, &jobs)?;
+    if into_folder && !standard {
+        if jobs.iter().any(|job| job.item.fault.is_none()) {
+            files::make_folder(&args.out)?;
+        }
+    } else if let Some(missing) = args.out.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
+        // A single file's folder is not made: a slip of the pen would leave a query where nobody looks.
+        return Err(Failure::with_help(
+            format!("{}: there is no folder {}", args.out.display(), missing.display()),
+            "make the folder, or choose another --out",
+        ));
+    }
+    Ok(jobs)
+}
+
+/// The images, each with its camera.
+fn images(args: &Args) -> Result<Vec<(Item, CameraSource)>, Failure> {
+    if args.images.iter().any(|path| files::is_standard(path)) {
+        return Err(Failure::with_help("-: images are not read from stdin", "give a file or a folder"));
+    }
+    let Some(list) = &args.list else {
+        let camera = args.device.camera(args.camera.as_ref())?;
+        return Ok(items::gather(&args.images, &IMAGES).into_iter().map(|item| (item, camera)).collect());
+    };
+    images_of_list(list, lists::one_folder(&args.images)?, &args.device, args.camera.as_ref())
+}
+
+/// Two images of one name would overwrite each other's query.
+fn refuse_collisions(jobs: &[Job]) -> Result<(), Failure> {
+    for (i, a) in jobs.iter().enumerate() {
+        if let Some(b) = jobs[..i].iter().find(|b| a.out == b.out) {
+            return Err(Failure::with_help(
+                format!(
+                    "{} and {} would both be written to {}",
+                    b.item.path.display(),
+                    a.item.path.display(),
+                    a.out.display()
+                ),
+                "give the folder above them, whose sub-folders are kept, or seal them in two calls with different --out \
+                 folders",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Nobody means to lose an image, the profile or a list.
+fn refuse_overwriting_input(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
+    let masks = jobs.iter().filter_map(|job| job.mask.as_ref());
+    let images = jobs.iter().map(|job| &job.item.path);
+    let given = images.chain(masks).chain([&args.profile]).chain(&args.list).chain(args.mask.detector());
+    let inputs: Vec<PathBuf> = given.filter_map(|path| path.canonicalize().ok()).collect();
+    for job in jobs {
+        if job.out.canonicalize().is_ok_and(|out| inputs.contains(&out)) {
+            return Err(Failure::with_help(
+                format!("{} is an input, and would be overwritten by the sealed query", job.out.display()),
+                "choose another --out",
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,388 @@
+//! `veiloc serve`: maps as a service.
+
+use std::net::SocketAddr;
+use std::num::{NonZeroU32, NonZeroUsize};
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::Arc;
+use std::time::Duration;
+
+#[cfg(feature = "cluster")]
+use veiloc_cluster::{Gateway, GatewayOptions};
+#[cfg(feature = "cluster")]
+use veiloc_service::MapElsewhere;
+#[cfg(feature = "cluster")]
+use veiloc_service::telemetry::GatewayCounts;
+use veiloc_service::{
+    BadGeoFrame, GeoFrame, ListenAddress, MapSource, Origin, RateLimit, ServerOptions, Stopped, TlsFiles,
+    run_prepared,
+};
+
+use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
+#[cfg(feature = "cluster")]
+use crate::commands::cluster_args::ClusterArgs;
+use crate::commands::map_memory::Memory;
+use crate::commands::page_args::{About, page};
+use crate::commands::settled::settled;
+use crate::commands::voice::{LogArgs, Voice};
+use crate::exit::{Exit, Failure, Outcome};
+use crate::ui::Ui;
+
+/// Serve maps: sealed queries in over HTTP, poses out.
+///
+/// Stops on SIGINT or SIGTERM, after answering what it accepted; a second signal ends it at once. Map, token and certificate files may be replaced (by
+/// renaming others over them) while it runs; SIGHUP makes it read them at once. The log goes to stderr and never holds
+/// anything of a query. Addresses, answers and the file of tokens are described in docs/service.md.
+///
+/// Every option may also stand in a file (--config), where `drain-delay = 5` is `--drain-delay 5`, or in the environment,
+/// where it is VEILOC_DRAIN_DELAY. The environment wins over the file, the command line over both. An option that may be
+/// given several times takes a list in the file, and values with `;` between them in the environment.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// A file of settings (TOML) whose keys are these options; relative paths in it are relative to its folder.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Print what holds, and where each value comes from, as such a file; serve nothing.
+    #[arg(long)]
+    print_config: bool,
+    /// A map and the name it is served under; several may be given.
+    #[cfg_attr(
+        feature = "cluster",
+        arg(long = "map", required_unless_present_any = ["folder", "cluster"], value_name = "NAME=FILE")
+    )]
+    #[cfg_attr(
+        not(feature = "cluster"),
+        arg(long = "map", required_unless_present = "folder", value_name = "NAME=FILE")
+    )]
+    maps: Vec<NamedMap>,
+    /// A folder whose files NAME.vmap are served as NAME, as they come and go.
+    #[arg(long = "maps", value_name = "DIR")]
+    folder: Option<PathBuf>,
+    /// Where the bytes of maps are: copied into memory, where nothing that happens to a file can touch them, or mapped, by
+    /// which you promise that nobody writes into a map's file or shortens it while it is served.
+    #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
+    map_memory: Memory,
+    /// The NATS servers that lead to workers, with commas between them: maps of --cluster-map are asked of them, and
+    /// --workers are queries under way at a time. Default: no cluster.
+    #[cfg(feature = "cluster")]
+    #[arg(long, requires = "cluster_maps", value_name = "URL[,URL]")]
+    cluster: Option<String>,
+    /// A published map that workers hold, served under its name; several may be given. Default: none.
+    #[cfg(feature = "cluster")]
+    #[arg(long = "cluster-map", requires = "cluster", value_parser = crate::commands::cluster_args::map_name, value_name = "NAME")]
+    cluster_maps: Vec<String>,
+    /// Regions that a query is asked in at most, with --cluster.
+    #[cfg(feature = "cluster")]
+    #[arg(long, default_value = "3", value_name = "N")]
+    cluster_regions: NonZeroUsize,
+    #[cfg(feature = "cluster")]
+    #[command(flatten)]
+    machines: ClusterArgs,
+    /// Where a map lies on Earth, so that poses can be told as OGC GeoPose: degrees, metres above the WGS 84 ellipsoid,
+    /// the quaternion that turns map axes into east, north, up there, and metres a map unit (1).
+    #[arg(long = "geo", value_name = "NAME=LAT,LON,HEIGHT,QW,QX,QY,QZ[,METRES]", allow_hyphen_values = true)]
+    geo: Vec<NamedFrame>,
+    /// Where to listen, an address with a port (0 for any free one) or a Unix socket; several may be given.
+    #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDR:PORT|unix:PATH")]
+    listen: Vec<ListenAddress>,
+    /// Who may connect to Unix sockets: the mode of their files.
+    #[arg(long, default_value = "660", value_parser = mode, value_name = "OCTAL")]
+    socket_mode: Mode,
+    /// Where to answer probes and metrics, without token and in plain HTTP: an address that only you reach. Default: the
+    /// next port on loopback.
+    #[arg(long, value_name = "ADDR:PORT")]
+    admin_listen: Option<SocketAddr>,
+    /// Certificate chain, PEM. Without it plain HTTP is spoken, on loopback only.
+    #[arg(long, requires = "key", value_name = "FILE")]
+    cert: Option<PathBuf>,
+    /// Private key of the certificate, PEM.
+    #[arg(long, requires = "cert", value_name = "FILE")]
+    key: Option<PathBuf>,
+    /// Certificates of the authorities that vouch for clients, PEM. With it a client without a certificate of theirs does
+    /// not get through the TLS handshake; who gets through still needs a token.
+    #[arg(long, requires = "cert", value_name = "FILE")]
+    client_ca: Option<PathBuf>,
+    /// Speak plain HTTP beyond loopback: for a proxy in front that does TLS.
+    #[arg(long)]
+    insecure_http: bool,
+    /// Pages of this origin may ask from within a browser (CORS); several may be given. Default: none.
+    #[arg(long, value_name = "https://HOST")]
+    cors_origin: Vec<Origin>,
+    /// Who may ask: a file that `veiloc token` writes.
+    #[arg(long, value_name = "FILE")]
+    tokens: Option<PathBuf>,
+    /// Seconds that the last valid tokens hold when their file is gone, empty or wrong; then nobody may ask.
+    #[arg(long, default_value_t = 300.0, value_parser = not_negative, value_name = "SECONDS")]
+    stale_tokens: f64,
+    /// Let everybody ask, beyond loopback too.
+    #[arg(long, conflicts_with = "tokens")]
+    allow_anonymous: bool,
+    /// Requests per second for each token; without tokens, for all together.
+    #[arg(long, default_value = "20", value_name = "N")]
+    rate: NonZeroU32,
+    /// Requests at once after a pause. Default: as many as in a second.
+    #[arg(long, value_name = "N")]
+    burst: Option<NonZeroU32>,
+    /// Threads that localize. Default: one a core; with --cluster 64, each for a query under way.
+    #[arg(long, value_name = "N")]
+    workers: Option<NonZeroUsize>,
+    /// Queries that may wait for a worker; one more is refused with 503.
+    #[arg(long, default_value = "32", value_name = "N")]
+    queue: NonZeroUsize,
+    /// Connections at a time. One more takes the place of an idle one, first of those that brought no known token.
+    #[arg(long, default_value = "1024", value_name = "N")]
+    connections: NonZeroUsize,
+    /// Connections of one address (of IPv6, one /64), those that brought a known token not counted.
+    #[arg(long, default_value = "128", value_name = "N")]
+    connections_per_address: NonZeroUsize,
+    /// Of the connections, how many only known tokens get. Default: half with --tokens, else none.
+    #[arg(long, value_name = "N")]
+    reserved_connections: Option<usize>,
+    /// Seconds after which a connection that brought no known token is closed.
+    #[arg(long, default_value_t = 60.0, value_parser = positive, value_name = "SECONDS")]
+    unknown_life: f64,
+    /// Seconds after which any connection is closed; what is being answered is finished.
+    #[arg(long, default_value_t = 600.0, value_parser = positive, value_name = "SECONDS")]
+    connection_life: f64,
+    /// Seconds a query may take from its last byte to its pose, waiting included.
+    #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
+    request_timeout: f64,
+    /// Seconds a query's body may take to arrive.
+    #[arg(long, default_value_t = 15.0, value_parser = positive, value_name = "SECONDS")]
+    body_timeout: f64,
+    /// Seconds between the signal to stop and the end of taking connections: `/readyz` is 503, so that balancers look
+    /// elsewhere.
+    #[arg(long, default_value_t = 2.0, value_parser = not_negative, value_name = "SECONDS")]
+    drain_delay: f64,
+    /// Seconds that what was accepted may still take when the service is stopped.
+    #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
+    grace: f64,
+    /// Seconds between two looks whether files were replaced.
+    #[arg(long, default_value_t = 2.0, value_parser = positive, value_name = "SECONDS")]
+    watch: f64,
+    /// Serve a page at `/` that shows what leaves a device and where it is. Default: no page.
+    #[arg(long)]
+    page: bool,
+    /// The page's files, as bindings/web/build.sh makes them. Default: the folder veiloc-page beside the program.
+    #[arg(long, requires = "page", value_name = "DIR")]
+    page_folder: Option<PathBuf>,
+    /// Most points of a map that the page shows to whoever may ask for the map: they tell what the place looks like.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    page_points: usize,
+    #[command(flatten)]
+    log: LogArgs,
+    /// Send traces to the collector at this address, as OTLP over HTTP (`/v1/traces` is added): for example
+    /// http://127.0.0.1:4318.
+    #[cfg(feature = "opentelemetry")]
+    #[arg(long, value_name = "URL")]
+    otlp: Option<String>,
+    #[command(flatten)]
+    pose: PoseArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+}
+
+/// The mode of a file, in octal digits.
+#[derive(Debug, Clone, Copy)]
+struct Mode(u32);
+
+fn mode(text: &str) -> Result<Mode, String> {
+    match u32::from_str_radix(text, 8) {
+        Ok(mode) if mode <= 0o777 && text.bytes().all(|digit| digit.is_ascii_digit()) => Ok(Mode(mode)),
+        _ => Err("three octal digits are expected, such as 660".to_owned()),
+    }
+}
+
+/// `NAME=FILE`.
+#[derive(Clone)]
+struct NamedMap {
+    name: String,
+    path: PathBuf,
+}
+
+impl FromStr for NamedMap {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text.split_once('=') {
+            Some((name, path)) if !name.is_empty() && !path.is_empty() => {
+                Ok(Self { name: name.to_owned(), path: path.into() })
+            }
+            _ => Err("NAME=FILE is expected, for example lobby=lobby.vmap".to_owned()),
+        }
+    }
+}
+
+/// `NAME=LAT,…`.
+#[derive(Clone)]
+struct NamedFrame {
+    name: String,
+    frame: GeoFrame,
+}
+
+impl FromStr for NamedFrame {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let (name, frame) = text.split_once('=').ok_or("NAME=LAT,LON,… is expected")?;
+        let frame = frame.parse().map_err(|e: BadGeoFrame| e.to_string())?;
+        Ok(Self { name: name.to_owned(), frame })
+    }
+}
+
+/// Serves what command line, environment and file say together.
+///
+/// # Errors
+/// [`Failure`], for the caller to tell.
+pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
+    settled("serve", first, ui, serve)
+}
+
+fn serve(args: &Args, ui: &Ui) -> Outcome {
+    let mut options = options(args)?;
+    let voice = Voice::start(&args.log, ui.is_quiet())?;
+    options.log = Some(voice.log.clone());
+    let scheme = if options.tls.is_some() { "https" } else { "http" };
+    let ended = run_prepared(with_cluster(args, options), |listening| {
+        if let Some(admin) = listening.admin {
+            voice.say(format!("probes and metrics on http://{admin}"));
+        }
+        let names =
+            if listening.maps.is_empty() { "no map yet".to_owned() } else { listening.maps.join(", ") };
+        for address in &listening.addresses {
+            match address {
+                ListenAddress::Tcp(address) => voice.say(format!("serving {names} on {scheme}://{address}")),
+                // What is behind a proxy of this machine is the proxy's.
+                ListenAddress::Unix(_) => voice.say(format!("serving {names} on {address}")),
+            }
+        }
+    });
+    let exit = match ended {
+        Ok(Stopped { answered, given_up: 0, .. }) => {
+            voice.say(format!(
+                "stopped; all that was accepted was answered, {answered} requests since it was told to"
+            ));
+            Exit::Success
+        }
+        Ok(Stopped { answered, given_up, forced: true }) => {
+            voice.complain(format!(
+                "stopped at once, as told: {given_up} connections were given up; {answered} requests were answered since the \
+                 first signal"
+            ));
+            Exit::Refused
+        }
+        Ok(Stopped { answered, given_up, forced: false }) => {
+            voice.complain(format!(
+                "{given_up} connections did not end within {} s and were given up; {answered} requests were answered \
+                 meanwhile; give more time with --grace, if these were requests that mattered",
+                args.grace
+            ));
+            Exit::Refused
+        }
+        Err(Failure::Refused { report } | Failure::Output { report }) if voice.is_json() => {
+            voice.complain(report);
+            Exit::Refused
+        }
+        // Nobody is held up by a line before the first request.
+        Err(failure) => return Err(failure),
+    };
+    voice.end();
+    Ok(exit)
+}
+
+/// The maps that the command line names.
+fn named(args: &Args) -> Vec<&str> {
+    let names = args.maps.iter().map(|map| map.name.as_str());
+    #[cfg(feature = "cluster")]
+    let names = names.chain(args.cluster_maps.iter().map(String::as_str));
+    names.collect()
+}
+
+/// Adds the maps that others hold; connects to them first.
+#[cfg(feature = "cluster")]
+async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerOptions, Failure> {
+    let Some(servers) = &args.cluster else { return Ok(options) };
+    let shelf = args.machines.shelf()?;
+    let bus = args.machines.bus(servers, "veiloc gateway").await?;
+    let counts = GatewayCounts::default();
+    for name in &args.cluster_maps {
+        let mut gateway = GatewayOptions::new(name);
+        gateway.regions = args.cluster_regions.get();
+        gateway.watch = Duration::from_secs_f64(args.watch.min(86_400.0));
+        let gateway = Gateway::start(bus.clone(), shelf.clone(), gateway, counts.clone()).await?;
+        let geo = args.geo.iter().find(|g| g.name == *name).map(|g| g.frame.clone());
+        options.elsewhere.push(MapElsewhere { name: name.clone(), held_by: Arc::new(gateway), geo });
+    }
+    options.gateway = Some(counts);
+    if args.workers.is_none() {
+        options.workers = UNDER_WAY;
+    }
+    Ok(options)
+}
+
+/// Queries that a gateway has under way unless somebody says otherwise: each costs a thread that sleeps.
+#[cfg(feature = "cluster")]
+const UNDER_WAY: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
+
+/// There is no cluster.
+#[cfg(not(feature = "cluster"))]
+#[expect(clippy::unused_async, reason = "as with one")]
+async fn with_cluster(_: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {
+    Ok(options)
+}
+
+fn options(args: &Args) -> Result<ServerOptions, Failure> {
+    let geo = |name: &str| args.geo.iter().find(|g| g.name == name).map(|g| g.frame.clone());
+    let named = named(args);
+    if let Some(stray) = args.geo.iter().find(|g| !named.contains(&g.name.as_str())) {
+        return Err(Failure::with_help(
+            format!("--geo {}: no map has this name", stray.name),
+            "use the name given with --map",
+        ));
+    }
+    let source =
+        |map: &NamedMap| MapSource { name: map.name.clone(), path: map.path.clone(), geo: geo(&map.name) };
+    let mut options = ServerOptions::new(args.maps.iter().map(source).collect());
+    options.listen.clone_from(&args.listen);
+    options.socket_mode = args.socket_mode.0;
+    options.cors.clone_from(&args.cors_origin);
+    options.maps_folder.clone_from(&args.folder);
+    options.map_memory = args.map_memory.into();
+    if let (Some(cert), Some(key)) = (&args.cert, &args.key) {
+        options.tls =
+            Some(TlsFiles { cert: cert.clone(), key: key.clone(), client_ca: args.client_ca.clone() });
+    }
+    options.insecure_http = args.insecure_http;
+    options.tokens.clone_from(&args.tokens);
+    options.stale_tokens = Duration::from_secs_f64(args.stale_tokens.min(86_400.0 * 365.0));
+    options.allow_anonymous = args.allow_anonymous;
+    options.rate = RateLimit { per_second: args.rate, burst: args.burst.unwrap_or(args.rate) };
+    if let Some(workers) = args.workers {
+        options.workers = workers;
+    }
+    options.queue = args.queue;
+    options.connections = args.connections;
+    options.connections_per_address = args.connections_per_address;
+    options.reserved_connections = args.reserved_connections;
+    options.admin = Some(args.admin_listen.unwrap_or_else(|| ServerOptions::default_admin(&args.listen)));
+    let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
+    options.timeouts.localize = seconds(args.request_timeout);
+    options.timeouts.body = seconds(args.body_timeout);
+    options.timeouts.drain = seconds(args.drain_delay);
+    options.timeouts.grace = seconds(args.grace);
+    options.timeouts.unknown_life = seconds(args.unknown_life);
+    options.timeouts.life = seconds(args.connection_life);
+    options.watch = Some(seconds(args.watch));
+    #[cfg(feature = "opentelemetry")]
+    options.otlp.clone_from(&args.otlp);
+    options.localize = args.matching.options(&args.pose);
+    if args.page {
+        let about = About { points: args.page_points, views: Vec::new() };
+        options.page = Some(Arc::new(page(args.page_folder.as_ref(), &about)?));
+        options.page_points = args.page_points;
+    }
+    Ok(options)
+}
+
+#[cfg(test)]
+mod settings_tests;

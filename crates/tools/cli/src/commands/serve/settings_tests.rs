@@ -1,0 +1,141 @@
+//! Every option of `serve` in a file and in the environment.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+
+use crate::args::settings::{Origin, Settings, is_setting, layered, variable};
+use clap::FromArgMatches as _;
+
+use super::*;
+use crate::commands::settled;
+
+fn complete() -> clap::Command {
+    settled::complete::<Args>("serve")
+}
+
+/// A value for each option, other than its default, in TOML and in the environment.
+const VALUES: &[(&str, &str, &str)] = &[
+    ("map", "[\"a=/a.vmap\", \"b=/b.vmap\"]", "a=/a.vmap;b=/b.vmap"),
+    ("maps", "\"/maps\"", "/maps"),
+    ("map-memory", "\"mapped\"", "mapped"),
+    #[cfg(feature = "cluster")]
+    ("cluster", "\"nats://a:4222,nats://b:4222\"", "nats://a:4222,nats://b:4222"),
+    #[cfg(feature = "cluster")]
+    ("cluster-map", "[\"town\"]", "town"),
+    #[cfg(feature = "cluster")]
+    ("cluster-regions", "2", "2"),
+    #[cfg(feature = "cluster")]
+    ("store", "\"s3://bucket/maps\"", "s3://bucket/maps"),
+    #[cfg(feature = "cluster")]
+    ("cache", "\"/cache\"", "/cache"),
+    #[cfg(feature = "cluster")]
+    ("cache-gb", "7.5", "7.5"),
+    #[cfg(feature = "cluster")]
+    ("nats-ca", "\"/nats.pem\"", "/nats.pem"),
+    #[cfg(feature = "cluster")]
+    ("nats-credentials", "\"/nats.creds\"", "/nats.creds"),
+    ("geo", "[\"a=47.5,8.5,400,1,0,0,0\"]", "a=47.5,8.5,400,1,0,0,0"),
+    ("listen", "[\"127.0.0.1:9000\", \"unix:/v.sock\"]", "127.0.0.1:9000;unix:/v.sock"),
+    ("socket-mode", "\"600\"", "600"),
+    ("admin-listen", "\"127.0.0.1:9001\"", "127.0.0.1:9001"),
+    ("cert", "\"/c.pem\"", "/c.pem"),
+    ("key", "\"/k.pem\"", "/k.pem"),
+    ("client-ca", "\"/ca.pem\"", "/ca.pem"),
+    ("insecure-http", "true", "true"),
+    ("cors-origin", "[\"https://app.example\"]", "https://app.example"),
+    ("tokens", "\"/tokens\"", "/tokens"),
+    ("stale-tokens", "7", "7"),
+    ("allow-anonymous", "true", "true"),
+    ("rate", "7", "7"),
+    ("burst", "8", "8"),
+    ("workers", "3", "3"),
+    ("queue", "9", "9"),
+    ("connections", "10", "10"),
+    ("connections-per-address", "11", "11"),
+    ("reserved-connections", "4", "4"),
+    ("unknown-life", "12.5", "12.5"),
+    ("connection-life", "13", "13"),
+    ("request-timeout", "14", "14"),
+    ("body-timeout", "16", "16"),
+    ("drain-delay", "0", "0"),
+    ("grace", "17", "17"),
+    ("watch", "18", "18"),
+    ("page", "true", "true"),
+    ("page-folder", "\"/page\"", "/page"),
+    ("page-points", "21", "21"),
+    ("log", "\"debug\"", "debug"),
+    ("log-json", "true", "1"),
+    ("score", "\"msac\"", "msac"),
+    ("solver", "\"p6lp\"", "p6lp"),
+    ("max-error", "5.5", "5.5"),
+    ("noise", "2.5", "2.5"),
+    ("fixed-noise", "true", "1"),
+    ("hypotheses", "\"500\"", "500"),
+    ("no-prior", "true", "1"),
+    ("seed", "19", "19"),
+    ("retrieve", "20", "20"),
+    ("ratio", "0.75", "0.75"),
+];
+
+fn settle(line: &[OsString], variables: &BTreeMap<String, String>) -> Settings {
+    let first = layered(complete()).try_get_matches_from(line).expect("flags");
+    Settings::of(&complete(), &first, &|name| variables.get(name).map(OsString::from)).expect("settings")
+}
+
+/// What is printed without where it comes from.
+fn values(settings: &Settings) -> Vec<String> {
+    let printed = settings.to_toml().expect("text");
+    printed.lines().map(|line| line.split(" # ").next().expect("a part").to_owned()).collect()
+}
+
+#[test]
+fn every_option_has_a_key_and_a_variable_and_is_printed_so_that_it_reads_the_same() {
+    let options: Vec<String> = complete()
+        .get_arguments()
+        .filter(|argument| is_setting(argument))
+        .map(|argument| argument.get_long().expect("a flag").to_owned())
+        .collect();
+    let known: Vec<&str> = VALUES.iter().map(|(key, _, _)| *key).collect();
+    assert_eq!(options, known, "an option without a value to try, or the other way round");
+
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("veiloc.toml");
+    let line = ["serve".into(), format!("--config={}", path.display()).into()];
+    let lines: Vec<String> = VALUES.iter().map(|(key, value, _)| format!("{key} = {value}")).collect();
+    std::fs::write(&path, lines.join("\n")).expect("written");
+    let by_file = settle(&line, &BTreeMap::new());
+    for (i, (key, origin)) in by_file.origins().enumerate() {
+        assert_eq!(*origin, Origin::File { path: path.clone(), line: i + 1 }, "{key}");
+    }
+
+    let variables: BTreeMap<String, String> =
+        VALUES.iter().map(|(key, _, value)| (variable(key), (*value).to_owned())).collect();
+    let by_variables = settle(&line[..1], &variables);
+    for (key, origin) in by_variables.origins() {
+        assert_eq!(*origin, Origin::Variable(variable(key)), "{key}");
+    }
+    assert_eq!(values(&by_file), values(&by_variables));
+    let by_default = settle(&line[..1], &BTreeMap::new());
+    for ((theirs, ours), (key, _, _)) in values(&by_default).iter().zip(values(&by_file)).zip(VALUES) {
+        assert_ne!(*theirs, ours, "{key}: the value to try is the default");
+    }
+
+    // What is printed can be given back, of all options and of none.
+    for settings in [&by_file, &by_default] {
+        std::fs::write(&path, settings.to_toml().expect("text")).expect("written");
+        assert_eq!(values(&settle(&line, &BTreeMap::new())), values(settings));
+    }
+}
+
+#[test]
+fn what_the_environment_says_is_what_is_served() {
+    let variables = [("VEILOC_MAP", "a=/a.vmap"), ("VEILOC_QUEUE", "9"), ("VEILOC_LOG_JSON", "true")];
+    let variables = variables.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
+    let settings = settle(&["serve".into(), "--log-json=false".into(), "--grace=3".into()], &variables);
+    let line = std::iter::once("serve".into()).chain(settings.arguments());
+    let matches = complete().try_get_matches_from(line).expect("complete");
+    let args = Args::from_arg_matches(&matches).expect("complete");
+    assert_eq!((args.queue.get(), args.log.log_json, args.grace), (9, false, 3.0));
+    let Ok(options) = options(&args) else { panic!("no options") };
+    assert_eq!(options.maps[0].name, "a");
+}

@@ -1,0 +1,157 @@
+//! `veiloc synth city`: hundreds of rooms in one world.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use veiloc_features::Progress as _;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
+use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+
+use crate::exit::{Exit, Failure, Outcome};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Many rendered rooms in one world, some of which look alike: to see how maps, search and trust hold as they grow.
+///
+/// Writes `images/`, their true poses as a COLMAP text model in `posed/`, and `map.txt` and `query.txt`, in which the
+/// images of one room follow those of the one before: the first lines are a smaller city. Of five rooms the last has the
+/// furniture and the prints of the one before it, and of its other surfaces only a part is its own.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Folder to write into; it must be new or empty.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Rooms.
+    #[arg(long, default_value_t = 250, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    rooms: u32,
+    /// Views for the map, of each room.
+    #[arg(long, default_value_t = 40, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    map_views: u32,
+    /// Views that are queries, of each room.
+    #[arg(long, default_value_t = 4, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10_000))]
+    query_views: u32,
+    /// Surfaces of a room that looks like another which are its own, a share of those that are not printed.
+    #[arg(long, default_value_t = 0.5, value_name = "SHARE")]
+    differing: f64,
+    /// Width of an image in pixels; its height is three quarters of it.
+    #[arg(long, default_value_t = 320, value_name = "PX", value_parser = clap::value_parser!(u32).range(160..=4096))]
+    width: u32,
+    /// Seed of the city; equal seeds give equal cities.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+}
+
+/// Metres from room to room: nothing of one reaches into the next.
+const PITCH: f64 = 12.0;
+/// Rooms in a row.
+const ROW: u64 = 20;
+/// One room in so many looks like the one before it.
+const ALIKE_EVERY: u64 = 5;
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    super::check_empty(&args.out)?;
+    if !(0.0..=1.0).contains(&args.differing) {
+        let wrong = format!("--differing is {}", args.differing);
+        return Err(Failure::with_help(wrong, "give a share from 0 to 1"));
+    }
+    let (width, height) = (args.width, args.width * 3 / 4);
+    let focal = f64::from(width) * 0.82;
+    let camera = format!(
+        "PINHOLE,{width},{height},{focal},{focal},{},{}",
+        f64::from(width) / 2.0,
+        f64::from(height) / 2.0
+    );
+    let camera: Intrinsics = camera.parse().map_err(super::refused)?;
+    let rooms = u64::from(args.rooms);
+    let views = (args.map_views + args.query_views) as usize;
+    let progress = Stages::new(ui);
+    progress.start("Rendering rooms", rooms as usize * views);
+    let (mut posed, mut lists) = (Vec::new(), [String::new(), String::new()]);
+    for room in 0..rooms {
+        let place = place_of(args, room);
+        let path =
+            place.camera_path(&PathOptions::with_counts(args.map_views as usize, args.query_views as usize));
+        let folder = format!("room{room:04}");
+        make(&args.out.join("images").join(&folder))?;
+        let of_map = path.mapping.iter().enumerate().map(|(k, pose)| (0, format!("m{k:03}"), pose));
+        let asking = path.queries.iter().enumerate().map(|(k, pose)| (1, format!("q{k:03}"), pose));
+        for (index, (list, view, pose)) in of_map.chain(asking).enumerate() {
+            let name = format!("{folder}/{view}.png");
+            let file = args.out.join("images").join(&name);
+            let seed = args.seed.wrapping_add(room * views as u64 + index as u64);
+            let rendered = place.render(pose, &camera, &RenderOptions::with_seed(seed));
+            rendered.rgb().save(&file).map_err(|e| super::refused(format!("{}: {e}", file.display())))?;
+            lists[list].push_str(&name);
+            lists[list].push('\n');
+            posed.push((name, in_city(pose, room)));
+            progress.advance(1);
+        }
+    }
+    progress.finish();
+    let images = (1..).zip(posed).map(|(id, (name, cam_from_world))| ColmapImage {
+        id,
+        name,
+        camera_id: 1,
+        cam_from_world,
+        points2d: Vec::new(),
+    });
+    let model = ColmapModel::new(vec![(1, camera)], images.collect(), Vec::new())?;
+    let folder = args.out.join("posed");
+    make(&folder)?;
+    write_text(&model, &folder)?;
+    for (name, list) in ["map.txt", "query.txt"].iter().zip(&lists) {
+        let file = args.out.join(name);
+        fs::write(&file, list).map_err(|e| super::refused(format!("{}: {e}", file.display())))?;
+    }
+    ui.say(format!("{}: {rooms} rooms, {} views", args.out.display(), rooms as usize * views));
+    Ok(Exit::Success)
+}
+
+/// A room of its own, or one that looks like the one before it.
+fn place_of(args: &Args, room: u64) -> Place {
+    let seed = |room: u64| args.seed.wrapping_mul(1_000_003).wrapping_add(room);
+    if room % ALIKE_EVERY == ALIKE_EVERY - 1 {
+        Place::look_alike(seed(room - 1), seed(room), args.differing)
+    } else {
+        Place::generate(seed(room))
+    }
+}
+
+/// A pose in a room as a pose in the city: rooms stand in rows, each turned by an angle of its own.
+fn in_city(cam_from_room: &CameraFromWorld, room: u64) -> CameraFromWorld {
+    // Any angles do that do not repeat: steps of the golden angle.
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), room as f64 * 2.399_963_229_728_653);
+    let corner = Vector3::new((room % ROW) as f64 * PITCH, (room / ROW) as f64 * PITCH, 0.0);
+    let rotation = *cam_from_room.rotation() * turn.inverse();
+    CameraFromWorld::new(rotation, cam_from_room.translation() - rotation * corner)
+}
+
+fn make(folder: &Path) -> Result<(), Failure> {
+    fs::create_dir_all(folder).map_err(|e| super::refused(format!("{}: {e}", folder.display())))
+}
+
+#[cfg(test)]
+mod tests {
+    use veiloc_geometry::Point3;
+    use veiloc_geometry::frames::World;
+
+    use super::*;
+
+    #[test]
+    fn a_camera_sees_in_the_city_what_it_saw_in_its_room() {
+        let place = Place::generate(3);
+        let pose = place.camera_path(&PathOptions::with_counts(2, 1)).queries[0];
+        for room in [0, 1, 27] {
+            let moved = in_city(&pose, room);
+            let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), room as f64 * 2.399_963_229_728_653);
+            let corner = Vector3::new((room % ROW) as f64 * PITCH, (room / ROW) as f64 * PITCH, 0.0);
+            let here = Vector3::new(0.5, -1.0, 2.0);
+            let there = turn * here + corner;
+            let a = pose.transform(&Point3::<World>::new(here.x, here.y, here.z)).coords;
+            let b = moved.transform(&Point3::<World>::new(there.x, there.y, there.z)).coords;
+            assert!((a - b).norm() < 1e-9, "{a} {b}");
+        }
+    }
+}

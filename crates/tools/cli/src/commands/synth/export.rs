@@ -1,0 +1,82 @@
+//! `veiloc synth export`: a rendered place, in the layout of a published data set.
+
+use std::path::PathBuf;
+
+use veiloc_features::Progress as _;
+use veiloc_places::PlaceError;
+use veiloc_places::write::{Layout, Lens, Role, View, write};
+use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+
+use crate::exit::{Exit, Outcome};
+use crate::stages::Stages;
+use crate::ui::Ui;
+
+/// Light of a query by night, a share of the day's.
+const NIGHT: f32 = 0.25;
+
+/// A rendered place with its true poses, in the folders and lists of a published data set.
+///
+/// Programs that read the data set read it: to try them, and to see that what they print is right. Of Aachen, whose poses of
+/// queries are not published, `queries/poses.txt` holds them (`veiloc eval aachen --truth`).
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// The layout: 7scenes, cambridge, aachen or aachen-v1.1.
+    #[arg(long, value_name = "LAYOUT")]
+    layout: Layout,
+    /// Folder to write into; it must be new or empty.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Name of the scene, for layouts that have several.
+    #[arg(long, default_value = "room", value_name = "NAME")]
+    scene: String,
+    /// Views for the map.
+    #[arg(long, default_value_t = 40, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    map_views: u32,
+    /// Views that are queries; every third of them by night, where the layout knows night.
+    #[arg(long, default_value_t = 12, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    query_views: u32,
+    /// Width of an image in pixels; its height is three quarters of it.
+    #[arg(long, default_value_t = 640, value_name = "PX", value_parser = clap::value_parser!(u32).range(160..=4096))]
+    width: u32,
+    /// Seed of the place; equal seeds give equal places.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+}
+
+pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    super::check_empty(&args.out)?;
+    let lens = Lens::of(args.layout, (args.width, args.width * 3 / 4));
+    let camera = lens.camera().map_err(super::refused)?;
+    let progress = Stages::new(ui);
+    progress.start("Painting the place", 1);
+    let place = Place::generate(args.seed);
+    progress.advance(1);
+    let path =
+        place.camera_path(&PathOptions::with_counts(args.map_views as usize, args.query_views as usize));
+    let map = path.mapping.iter().map(|pose| View { cam_from_world: *pose, role: Role::Map });
+    let queries = path.queries.iter().enumerate().map(|(k, pose)| View {
+        cam_from_world: *pose,
+        role: if k % 3 == 2 { Role::NightQuery } else { Role::Query },
+    });
+    let views: Vec<View> = map.chain(queries).collect();
+    let knows_night = matches!(args.layout, Layout::Aachen | Layout::AachenV1_1);
+    progress.start("Rendering views", views.len());
+    write(args.layout, &args.out, &args.scene, &lens, &views, &mut |index, file| {
+        let view = &views[index];
+        let mut options = RenderOptions::with_seed(args.seed.wrapping_add(index as u64));
+        if knows_night && view.role == Role::NightQuery {
+            options.exposure = NIGHT;
+        }
+        let rendered = place.render(&view.cam_from_world, &camera, &options);
+        rendered
+            .rgb()
+            .save(file)
+            .map_err(|e| PlaceError::Io { path: file.to_owned(), source: std::io::Error::other(e) })?;
+        progress.advance(1);
+        Ok(())
+    })
+    .map_err(super::refused)?;
+    progress.finish();
+    ui.say(format!("{}: {} views in the layout of {}", args.out.display(), views.len(), args.layout.name()));
+    Ok(Exit::Success)
+}

@@ -1,0 +1,169 @@
+//! `veiloc worker`: regions of a map, for a gateway to ask.
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use veiloc_cluster::{ClusterError, Share, Worker, WorkerOptions};
+use veiloc_map::MapMemory;
+use veiloc_service::labour::{Signals, own_process, probes};
+use veiloc_service::telemetry::WorkerCounts;
+
+use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
+use crate::commands::cluster_args::{ClusterArgs, map_name};
+use crate::commands::map_memory::Memory;
+use crate::commands::settled::settled;
+use crate::commands::voice::{LogArgs, Voice};
+use crate::exit::{Exit, Failure, Outcome};
+use crate::ui::Ui;
+
+/// Hold regions of a published map and localize in them for `veiloc serve --cluster`.
+///
+/// Fetches its regions, verifies and opens them, and joins the group of each on the bus; follows what is published from then
+/// on. Stops on SIGINT or SIGTERM: leaves its groups and finishes what it was asked; a second signal ends it at once. The log
+/// goes to stderr and never holds anything of a query. docs/cluster.md describes a cluster.
+///
+/// Every option may also stand in a file (--config) or in the environment, as for `veiloc serve`.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// A file of settings (TOML) whose keys are these options; relative paths in it are relative to its folder.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Print what holds, and where each value comes from, as such a file; do nothing else.
+    #[arg(long)]
+    print_config: bool,
+    /// The NATS servers that lead to the gateways, with commas between them; a user and a password may stand before an `@`.
+    #[arg(long, required = true, value_name = "URL[,URL]")]
+    // Always there, and no `String` all the same: a file may give it, and the command line alone is looked at first.
+    nats: Option<String>,
+    /// The published map whose regions it takes.
+    #[arg(long, required = true, value_parser = map_name, value_name = "NAME")]
+    map: Option<String>,
+    #[command(flatten)]
+    cluster: ClusterArgs,
+    /// Which regions: all, 1/3 for the first of three shares, or numbers with commas between. Every region needs a worker;
+    /// several workers may take the same.
+    #[arg(long, default_value = "all", value_name = "SHARE")]
+    regions: Share,
+    /// Do not take the index, by which regions are chosen; one worker at least must.
+    #[arg(long)]
+    no_index: bool,
+    /// Where the bytes of regions are: copied into memory, or mapped, by which you promise that nobody but this program
+    /// writes into the cache.
+    #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
+    map_memory: Memory,
+    /// Threads that localize. Default: one a core.
+    #[arg(long, value_name = "N")]
+    workers: Option<NonZeroUsize>,
+    /// Queries that may wait for a thread; one more is told to go elsewhere.
+    #[arg(long, default_value = "32", value_name = "N")]
+    queue: NonZeroUsize,
+    /// Where to answer probes and metrics, in plain HTTP: an address that only you reach.
+    #[arg(long, default_value_t = SocketAddr::new(Ipv4Addr::LOCALHOST.into(), 8082), value_name = "ADDR:PORT")]
+    admin_listen: SocketAddr,
+    /// Seconds between two looks what is published.
+    #[arg(long, default_value_t = 2.0, value_parser = positive, value_name = "SECONDS")]
+    watch: f64,
+    /// Seconds that regions of an older manifest are held once all of the new one can be reached.
+    #[arg(long, default_value_t = 10.0, value_parser = not_negative, value_name = "SECONDS")]
+    old_life: f64,
+    /// Seconds that what was accepted may still take when the worker is stopped.
+    #[arg(long, default_value_t = 30.0, value_parser = positive, value_name = "SECONDS")]
+    grace: f64,
+    #[command(flatten)]
+    log: LogArgs,
+    #[command(flatten)]
+    pose: PoseArgs,
+    #[command(flatten)]
+    matching: MatchArgs,
+}
+
+/// Works as command line, environment and file say together.
+///
+/// # Errors
+/// [`Failure`], for the caller to tell.
+pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
+    settled("worker", first, ui, |args: &Args, ui| {
+        let voice = Voice::start(&args.log, ui.is_quiet())?;
+        let outcome = work(args, &voice);
+        voice.end();
+        match outcome {
+            Err(failure) if voice.is_json() => {
+                let (Failure::Refused { report } | Failure::Output { report }) = &failure else {
+                    return Err(failure);
+                };
+                voice.complain(report);
+                voice.end();
+                Ok(failure.exit())
+            }
+            outcome => outcome,
+        }
+    })
+}
+
+fn work(args: &Args, voice: &Voice) -> Outcome {
+    let shelf = args.cluster.shelf()?;
+    let options = options(args);
+    let counts = WorkerCounts::new(env!("CARGO_PKG_VERSION"), options.threads.get(), options.queue.get());
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    own_process();
+    let finished = runtime.block_on(async {
+        let bus = args.cluster.bus(given(args.nats.as_ref()), "veiloc worker").await?;
+        let worker = Worker::start(bus, shelf, options, counts).await?;
+        let handle = worker.handle();
+        let end = watch::Sender::new(false);
+        let (admin, answering) = probes(Arc::new(handle.clone()), args.admin_listen, end.subscribe()).await?;
+        let answering = tokio::spawn(answering);
+        let signals =
+            Signals::new().map_err(|source| ClusterError::System { what: "signal handlers", source })?;
+        voice.say(format_args!("probes and metrics on http://{admin}"));
+        voice.say(format_args!(
+            "holds {} regions and indexes of {}",
+            worker.held(),
+            given(args.map.as_ref())
+        ));
+        let listening = tokio::spawn(signals.obey(handle));
+        let finished = worker.run().await;
+        listening.abort();
+        end.send_replace(true);
+        // It listens to nothing but the word just sent.
+        let _ = answering.await;
+        Ok::<bool, ClusterError>(finished)
+    })?;
+    // A job that does not end is not waited for.
+    runtime.shutdown_background();
+    if finished {
+        voice.say("stopped; all that was accepted was answered");
+        return Ok(Exit::Success);
+    }
+    voice.complain(format_args!(
+        "stopped before all that was accepted was answered; give more time with --grace (it was {} s)",
+        args.grace
+    ));
+    Ok(Exit::Refused)
+}
+
+/// What is required somewhere: settings without it were refused.
+fn given(required: Option<&String>) -> &str {
+    required.map(String::as_str).unwrap_or_default()
+}
+
+fn options(args: &Args) -> WorkerOptions {
+    let seconds = |s: f64| Duration::from_secs_f64(s.min(86_400.0));
+    let mut options = WorkerOptions::new(given(args.map.as_ref()));
+    options.share = args.regions.clone();
+    options.index = !args.no_index;
+    if let Some(workers) = args.workers {
+        options.threads = workers;
+    }
+    options.queue = args.queue;
+    options.localize = args.matching.options(&args.pose);
+    options.memory = MapMemory::from(args.map_memory);
+    options.watch = seconds(args.watch);
+    options.grace = seconds(args.old_life);
+    options.finish = seconds(args.grace);
+    options
+}

@@ -1,0 +1,42 @@
+//! Why the demo could not run.
+
+use std::path::PathBuf;
+
+/// Why the demo could not run.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum DemoError {
+    /// A file could not be written or read.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The place could not be rendered or written.
+    #[error("{0}")]
+    Place(String),
+    /// Features of a view could not be extracted.
+    #[error(transparent)]
+    Extract(#[from] veiloc_obfuscation::ExtractError),
+    /// A view could not be sealed.
+    #[error("{name}: {source}")]
+    Seal {
+        /// The view.
+        name: String,
+        /// Why.
+        source: veiloc_obfuscation::SealError,
+    },
+    /// The hidden views could not be localized.
+    #[error(transparent)]
+    Eval(#[from] veiloc_eval::EvalError),
+    /// The attacks could not run.
+    #[error(transparent)]
+    Audit(#[from] veiloc_audit::AuditError),
+    /// The place could not be mapped.
+    #[error(transparent)]
+    Mapping(#[from] veiloc_mapping::MappingError),
+    /// The map could not be opened.
+    #[error(transparent)]
+    Map(#[from] veiloc_map::MapError),
+}

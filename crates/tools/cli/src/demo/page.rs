@@ -1,0 +1,133 @@
+//! Fills the demo's report with what was measured.
+
+use veiloc_eval::{DrawnQuery, SceneEvaluation, drawn_queries};
+use veiloc_features::Progress;
+use veiloc_map::MapFile;
+
+use veiloc_audit::Attack;
+use veiloc_report::{Card, PlaceView, QueryDrawing, Report, RunReport, SeenQuery, worst_first};
+use veiloc_results::tables::TableData;
+use veiloc_results::{Evaluation, SchemeSummary};
+
+use crate::demo::attack::Attacked;
+use crate::demo::error::DemoError;
+use crate::demo::options::DemoOptions;
+use crate::demo::place::{RenderedPlace, image};
+
+/// Queries drawn, worst first, beside the one that stages show.
+const DRAWN: usize = 5;
+
+/// What the page is about.
+pub(crate) struct Found<'a> {
+    pub(crate) place: &'a RenderedPlace,
+    pub(crate) map: &'a MapFile,
+    pub(crate) asked: &'a SceneEvaluation,
+    pub(crate) evaluation: &'a Evaluation,
+    pub(crate) attacked: &'a Attacked,
+}
+
+pub(crate) fn page(
+    found: &Found<'_>,
+    options: &DemoOptions,
+    progress: &dyn Progress,
+) -> Result<Report, DemoError> {
+    let Found { place, map, asked, evaluation, attacked } = found;
+    let mut run = RunReport {
+        title: "veiloc demo".to_owned(),
+        lead: format!(
+            "A room that nobody has photographed was rendered from {} places and turned into a map. Then {} hidden views \
+             asked where they were taken, without sending their image or where their keypoints are.",
+            place.map_list.len(),
+            place.query_list.len()
+        ),
+        cards: cards(evaluation, attacked),
+        details: details(evaluation, options),
+        ..RunReport::default()
+    };
+    let rows = evaluation.schemes.iter().map(|row| (None, row));
+    let queries = evaluation.queries.iter().map(|query| (None, query));
+    let view = PlaceView { up: Some([0.0, 0.0, 1.0]), ..PlaceView::of_map("", map) };
+    run.add_place(view, rows, queries, &|name| place.pose_of(name));
+    let json = serde_json::to_string(evaluation).unwrap_or_default();
+    if let Ok(data) = TableData::parse(&json) {
+        run.add_figures(&data);
+    }
+    let shown = place.query_list.first().cloned();
+    let mut names: Vec<String> = shown.into_iter().collect();
+    for (_, name) in worst_first(&run.rows, &run.outcomes).into_iter().take(DRAWN) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let drawn = drawn_queries(asked, map, &names, progress)?;
+    run.drawings = drawn.iter().map(|query| QueryDrawing::of(query, 0, map, true)).collect();
+    Ok(Report {
+        run,
+        seen: drawn.first().map(seen).transpose()?,
+        attacked: attacked.drawn.clone(),
+        attacks: attacked.document.attacks.clone(),
+    })
+}
+
+fn seen(query: &DrawnQuery) -> Result<SeenQuery, DemoError> {
+    let image = image(&query.path)?;
+    Ok(SeenQuery { name: query.name.clone(), image, keypoints: query.keypoints.clone() })
+}
+
+fn find<'a>(evaluation: &'a Evaluation, scheme: &str) -> Option<&'a SchemeSummary> {
+    evaluation.schemes.iter().find(|s| s.scheme == scheme)
+}
+
+fn cards(evaluation: &Evaluation, attacked: &Attacked) -> Vec<Card> {
+    let mut cards = Vec::new();
+    if let Some(dcl) = find(evaluation, "dcl") {
+        cards.push(Card {
+            value: format!("{} of {}", dcl.localized, dcl.queries),
+            label: "hidden views found with dcl".to_owned(),
+            note: "The server saw lines, never keypoints.".to_owned(),
+        });
+        cards.push(Card {
+            value: dcl.median_translation.map_or("—".to_owned(), |t| format!("{:.1} cm", 100.0 * t)),
+            label: "median error of the position".to_owned(),
+            note: "Half of the views were placed better than this, in a room of several metres.".to_owned(),
+        });
+    }
+    let attack_on = |scheme: &str, attack: Attack| {
+        attacked.document.attacks.iter().find(|r| r.scheme == scheme && r.attack == attack)
+    };
+    for (scheme, attack, label) in [
+        ("random-lines", Attack::CLOSED_FORM, "the paper's attack on random lines"),
+        ("dcl", Attack::CLOSED_FORM, "the paper's attack on dcl"),
+        ("dcl", Attack::GRAPH, "our attack on dcl, told all neighbours"),
+    ] {
+        if let (Some(row), Some(guess)) = (attack_on(scheme, attack), attack_on(scheme, Attack::PRIOR)) {
+            cards.push(Card {
+                value: format!("{:.0} px", row.median_px),
+                label: format!("median error, {label}"),
+                note: format!(
+                    "Guessing without any attack gives {:.0} px; an attack counts by what it gains over that.",
+                    guess.median_px
+                ),
+            });
+        }
+    }
+    cards
+}
+
+fn details(evaluation: &Evaluation, options: &DemoOptions) -> Vec<(String, String)> {
+    let mut details = vec![
+        ("Command".to_owned(), format!("veiloc demo --seed {}", options.seed)),
+        ("Version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+    ];
+    if let Some(map) = &evaluation.map {
+        details.push((
+            "Map".to_owned(),
+            format!("{} images, {} points, {:.1} MB", map.images, map.points, map.bytes as f64 / 1e6),
+        ));
+        details.push((
+            "Map build".to_owned(),
+            format!("{:.2} s an image", map.build_seconds / map.images.max(1) as f64),
+        ));
+    }
+    details
+}

@@ -1,0 +1,38 @@
+//! The place mapped and no more: for whoever localizes its hidden views in a way of their own.
+
+use std::path::PathBuf;
+
+use veiloc_features::Progress;
+use veiloc_geometry::Intrinsics;
+use veiloc_map::colmap::read_posed;
+use veiloc_mapping::{BuildOptions, Input, build};
+
+use crate::demo::error::DemoError;
+use crate::demo::options::DemoOptions;
+use crate::demo::place;
+
+/// A rendered place with its map, and views that the map has not seen.
+#[derive(Debug)]
+pub(crate) struct HiddenViews {
+    /// The map.
+    pub map: PathBuf,
+    /// The hidden views: name and file, PNG.
+    pub views: Vec<(String, PathBuf)>,
+    /// The camera of all of them.
+    pub camera: Intrinsics,
+}
+
+/// Renders the place and maps it, as [`crate::demo::run_demo`] does; localizes and attacks nothing.
+///
+/// # Errors
+/// [`DemoError`] when a file cannot be written, or the place could not be mapped.
+pub(crate) fn map_place(options: &DemoOptions, progress: &dyn Progress) -> Result<HiddenViews, DemoError> {
+    let place = place::render(options, progress)?;
+    let posed = read_posed(&place.posed)?;
+    let input = Input::new(&posed, &place.images).with_names(&place.map_list);
+    let (model, _) = build(&input, &BuildOptions::default(), progress)?;
+    let map = options.out.join("place.vmap");
+    veiloc_map::write(&model, &map)?;
+    let views = place.query_list.iter().map(|name| (name.clone(), place.images.join(name))).collect();
+    Ok(HiddenViews { map, views, camera: place.camera })
+}

@@ -1,0 +1,230 @@
+//! Exit codes, and whose fault a failure is.
+
+use std::io::ErrorKind;
+use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, ThreadId};
+
+/// How the program ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Exit {
+    /// All went well.
+    Success,
+    /// The input was refused, or nothing was localized.
+    Refused,
+    /// The command line, or what stands for it, was used wrongly.
+    Usage,
+    /// There is a pose, and something speaks against it.
+    Doubtful,
+    /// Results could not be written.
+    Unwritten,
+    /// Our own error.
+    Bug,
+}
+
+/// For `veiloc --help`.
+pub(crate) const EXIT_CODES: &str = "\
+Exit codes:
+  0  done
+  1  input was refused (of several files: at least one, see --skip-bad), or nothing was localized
+  2  wrong usage of the command line
+  3  results could not be written (disk full, device gone), or there is a bug in veiloc
+  4  localized, but something speaks against a pose (of several queries: against at least one)
+
+A reader that closes the pipe (`veiloc … | head`) has read enough: that is no error.";
+
+impl Exit {
+    /// The number that the process ends with.
+    pub(crate) const fn code(self) -> u8 {
+        match self {
+            Self::Success => 0,
+            Self::Refused => 1,
+            // As clap's own.
+            Self::Usage => 2,
+            Self::Unwritten | Self::Bug => 3,
+            Self::Doubtful => 4,
+        }
+    }
+}
+
+/// Why a command could not do its work.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// Something that was given cannot be used; the message names it, the help says what to do.
+    Refused {
+        /// What is wrong, with the causes below it.
+        report: miette::Report,
+    },
+    /// Results could not be written, though nothing was wrong with what was asked.
+    Output {
+        /// Where they should have gone, and what the system said.
+        report: miette::Report,
+    },
+    /// Our own error.
+    Bug {
+        /// Where the program broke: file and line. What it said as it broke may hold something of an image or a query.
+        place: String,
+    },
+}
+
+impl Failure {
+    /// A refusal whose message tells the remedy itself.
+    pub(crate) fn refused(message: impl std::fmt::Display) -> Self {
+        Self::Refused { report: miette::miette!("{message}") }
+    }
+
+    /// A refusal with a remedy.
+    pub(crate) fn with_help(message: impl std::fmt::Display, help: impl std::fmt::Display) -> Self {
+        let report = miette::miette!(help = help.to_string(), "{message}");
+        Self::Refused { report }
+    }
+
+    /// Results for `target` that could not be written.
+    ///
+    /// A path that cannot be a file of ours is refused, as other input is; a disk or device that fails is not the
+    /// caller's fault.
+    pub(crate) fn output(target: impl std::fmt::Display, error: &std::io::Error) -> Self {
+        if is_about_the_path(error.kind()) {
+            let help = "check that the folder exists, may be written, and has room";
+            return Self::with_help(format!("{target}: {error}"), help);
+        }
+        let help = "results are lost: make room, or write them elsewhere, and run the command again";
+        Self::Output { report: miette::miette!(help = help, "{target}: cannot be written: {error}") }
+    }
+
+    /// The exit code it ends with.
+    pub(crate) const fn exit(&self) -> Exit {
+        match self {
+            Self::Refused { .. } => Exit::Refused,
+            Self::Output { .. } => Exit::Unwritten,
+            Self::Bug { .. } => Exit::Bug,
+        }
+    }
+}
+
+/// Whether what the system said is about the path that was given, not about the disk behind it.
+const fn is_about_the_path(kind: ErrorKind) -> bool {
+    matches!(
+        kind,
+        ErrorKind::NotFound
+            | ErrorKind::NotADirectory
+            | ErrorKind::IsADirectory
+            | ErrorKind::PermissionDenied
+            | ErrorKind::ReadOnlyFilesystem
+            | ErrorKind::InvalidInput
+            | ErrorKind::InvalidFilename
+            | ErrorKind::AlreadyExists
+    )
+}
+
+/// Every error of the libraries is about what was given to them, hence a refusal, but for a disk that is full.
+impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
+    fn from(error: E) -> Self {
+        let Some(kind) = io_kind(&error) else {
+            return Self::Refused { report: miette::Report::from_err(error) };
+        };
+        let help = remedy_of_io(kind);
+        if matches!(kind, ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge) {
+            return Self::Output { report: miette::miette!(help = help, "{error}") };
+        }
+        Self::with_help(error, help)
+    }
+}
+
+/// What the system said, where an error comes from it.
+fn io_kind(error: &(dyn std::error::Error + 'static)) -> Option<ErrorKind> {
+    let mut causes = std::iter::successors(Some(error), |e| e.source());
+    causes.find_map(|e| e.downcast_ref::<std::io::Error>()).map(std::io::Error::kind)
+}
+
+/// What to do when the system refused a file: libraries say which file and what it said, but that is no remedy yet.
+pub(crate) const fn remedy_of_io(kind: ErrorKind) -> &'static str {
+    match kind {
+        ErrorKind::NotFound | ErrorKind::NotADirectory => "check the path, and that its folder exists",
+        ErrorKind::IsADirectory => "check the path: it leads to a folder, and a file is wanted",
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+            "check the permissions of the file and of its folder, or choose another place"
+        }
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
+            "make room on the disk, or choose another place"
+        }
+        ErrorKind::UnexpectedEof | ErrorKind::InvalidData | ErrorKind::InvalidInput => {
+            "the file is cut short or damaged; copy it again or make it anew"
+        }
+        _ => "check the path, and that the file and its folder may be read and written",
+    }
+}
+
+/// What a command returns.
+pub(crate) type Outcome = Result<Exit, Failure>;
+
+/// Runs a command; a panic, which is a bug of ours, becomes a failure that tells where it happened, never what it said.
+///
+/// # Errors
+/// Those of the command, and [`Failure::Bug`] for a panic.
+pub(crate) fn catching_panics(command: impl FnOnce() -> Outcome) -> Outcome {
+    let previous = std::panic::take_hook();
+    let places = Arc::new(Places::default());
+    let kept = places.clone();
+    std::panic::set_hook(Box::new(move |info| kept.keep(info)));
+    let result = catch_unwind(AssertUnwindSafe(command));
+    std::panic::set_hook(previous);
+    result.unwrap_or_else(|_| Err(Failure::Bug { place: places.last() }))
+}
+
+/// Where threads panicked, in order.
+#[derive(Default)]
+struct Places(Mutex<Vec<(ThreadId, String)>>);
+
+impl Places {
+    fn keep(&self, info: &PanicHookInfo<'_>) {
+        let place = info.location().map_or_else(|| "an unknown place".to_owned(), ToString::to_string);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push((thread::current().id(), place));
+    }
+
+    /// The last place of this thread. A panic of a thread that worked for this one is handed on without passing the
+    /// hook again: then the last place of any.
+    fn last(&self) -> String {
+        let places = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let own = places.iter().rev().find(|(id, _)| *id == thread::current().id());
+        own.or(places.last()).map_or_else(|| "an unknown place".to_owned(), |(_, place)| place.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_not_the_callers_fault_and_a_wrong_path_is() {
+        for (kind, exit) in [
+            (ErrorKind::StorageFull, Exit::Unwritten),
+            (ErrorKind::Other, Exit::Unwritten),
+            (ErrorKind::NotFound, Exit::Refused),
+            (ErrorKind::PermissionDenied, Exit::Refused),
+        ] {
+            assert_eq!(Failure::output("a", &kind.into()).exit(), exit, "{kind}");
+        }
+        let of_a_library = |kind: ErrorKind| Failure::from(std::io::Error::from(kind)).exit();
+        assert_eq!(of_a_library(ErrorKind::StorageFull), Exit::Unwritten);
+        assert_eq!(of_a_library(ErrorKind::NotFound), Exit::Refused);
+    }
+
+    #[test]
+    fn a_panic_is_our_own_error_and_tells_where_not_what() {
+        for in_another_thread in [false, true] {
+            let (line, breaks) = (line!(), || -> Outcome { std::panic::panic_any("secret".to_owned()) });
+            let outcome = catching_panics(|| {
+                if in_another_thread {
+                    // As thread pools do.
+                    return thread::spawn(breaks).join().unwrap_or_else(|p| std::panic::resume_unwind(p));
+                }
+                breaks()
+            });
+            let failure = outcome.expect_err("it panicked");
+            assert_eq!(failure.exit(), Exit::Bug);
+            let Failure::Bug { place } = failure else { panic!("another failure") };
+            assert!(place.contains(&format!("exit.rs:{line}:")), "{place}");
+        }
+    }
+}

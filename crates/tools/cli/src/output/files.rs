@@ -1,0 +1,126 @@
+//! Reads and writes whole files, with errors that name the file and the remedy; nothing is ever half-written.
+
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use crate::output::exit::Failure;
+use crate::output::ui::Ui;
+
+/// What stands for stdin and stdout where a file is expected.
+const STANDARD: &str = "-";
+
+/// Whether a path stands for stdin or stdout.
+pub(crate) fn is_standard(path: &Path) -> bool {
+    path.as_os_str() == STANDARD
+}
+
+/// Reads a whole file.
+///
+/// # Errors
+/// When it cannot be read; names it.
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    fs::read(path).map_err(|e| {
+        Failure::with_help(
+            format!("{}: {e}", path.display()),
+            "check the path, and that the file may be read",
+        )
+    })
+}
+
+/// All of stdin.
+///
+/// # Errors
+/// What the system says.
+pub(crate) fn stdin() -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    std::io::Read::read_to_end(&mut std::io::stdin().lock(), &mut bytes)?;
+    Ok(bytes)
+}
+
+/// [`write()`], or stdout when the path is `-`.
+///
+/// # Errors
+/// As [`write()`].
+pub(crate) fn write_or_print(path: &Path, bytes: &[u8], ui: &Ui) -> Result<(), Failure> {
+    if is_standard(path) {
+        ui.print_bytes(bytes);
+        return Ok(());
+    }
+    write(path, bytes)
+}
+
+/// Writes a file beside the old one, then takes its place; an interruption leaves the old one as it was.
+///
+/// What exists and is no file of its own (a device, a pipe) is written to as it is.
+///
+/// # Errors
+/// When it cannot be written; names it.
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let fault = |e: std::io::Error| Failure::output(path.display(), &e);
+    if is_standard(path) {
+        return Err(Failure::with_help(
+            "-: stdout is for other results of this command",
+            "name a file; ./- is one of this name",
+        ));
+    }
+    if fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) {
+        return match fs::OpenOptions::new().write(true).open(path).and_then(|mut f| f.write_all(bytes)) {
+            // A reader that closed the pipe has read enough.
+            Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(fault(e)),
+            _ => Ok(()),
+        };
+    }
+    let folder = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
+        _ => PathBuf::from("."),
+    };
+    let mut file = as_others_read(&mut tempfile::Builder::new()).tempfile_in(&folder).map_err(fault)?;
+    file.write_all(bytes).map_err(fault)?;
+    file.as_file().sync_all().map_err(fault)?;
+    file.persist(path).map_err(|e| fault(e.error))?;
+    Ok(())
+}
+
+/// A profile or report is for others too: the usual permissions, less the umask, instead of a temporary file's.
+#[cfg(unix)]
+fn as_others_read<'a, 'b, 'c>(
+    builder: &'a mut tempfile::Builder<'b, 'c>,
+) -> &'a mut tempfile::Builder<'b, 'c> {
+    use std::os::unix::fs::PermissionsExt as _;
+    builder.permissions(fs::Permissions::from_mode(0o666))
+}
+
+#[cfg(not(unix))]
+fn as_others_read<'a, 'b, 'c>(
+    builder: &'a mut tempfile::Builder<'b, 'c>,
+) -> &'a mut tempfile::Builder<'b, 'c> {
+    builder
+}
+
+/// Makes a folder with all above it.
+///
+/// # Errors
+/// When it cannot be made; names it.
+pub(crate) fn make_folder(path: &Path) -> Result<(), Failure> {
+    fs::create_dir_all(path).map_err(|e| {
+        Failure::with_help(format!("{}: {e}", path.display()), "choose a folder that may be written")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_write_that_fails_leaves_the_old_file() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("a");
+        write(&path, b"old").expect("written");
+        assert!(write(&folder.path().join("no/such/folder/a"), b"new").is_err());
+        assert_eq!(fs::read(&path).expect("there"), b"old");
+        write(&path, b"new").expect("written");
+        assert_eq!(fs::read(&path).expect("there"), b"new");
+        assert_eq!(fs::read_dir(folder.path()).expect("there").count(), 1, "nothing is left lying about");
+    }
+}

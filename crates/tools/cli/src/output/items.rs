@@ -1,0 +1,402 @@
+//! Files and folders given on the command line: what is in them, what is wrong with single ones, and how it ends.
+//!
+//! Commands that take several files answer each for itself: what is missing by name is told before work begins, a bad
+//! file does not stop the others, and one summary at the end says what became of all.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::output::exit::{Exit, Failure, Outcome, remedy_of_io};
+use crate::output::files;
+use crate::output::ui::Ui;
+
+/// What a command looks for in a folder.
+pub(crate) struct Wanted {
+    /// What it is called, for one.
+    pub what: &'static str,
+    /// Endings of its files, lower case.
+    pub endings: &'static [&'static str],
+}
+
+/// Images of the formats that are read.
+pub(crate) const IMAGES: Wanted = Wanted { what: "JPEG or PNG file", endings: &["jpg", "jpeg", "png"] };
+/// What `veiloc seal` writes.
+pub(crate) const SEALED: Wanted = Wanted { what: "sealed query (.vquery)", endings: &["vquery"] };
+
+/// A file to work on.
+#[derive(Debug, Clone)]
+pub(crate) struct Item {
+    /// Where it is; `-` for stdin.
+    pub path: PathBuf,
+    /// Its path below the folder that was given, or its file name when it was given itself. Where several things are
+    /// given, the folder's own name comes first, so that files of two folders do not clash.
+    pub below: PathBuf,
+    /// The same without the folder's own name: what data sets call it.
+    name: String,
+    /// What is wrong with it, as far as can be told without reading it.
+    pub fault: Option<Fault>,
+}
+
+impl Item {
+    /// Its path below the folder it was found in, without the folder's own name: what data sets and masks go by.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+/// Why an item has no result.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Fault {
+    /// What kind of fault.
+    pub kind: FaultKind,
+    /// What is wrong, and the remedy.
+    pub message: String,
+}
+
+/// Kinds of fault, for programs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum FaultKind {
+    /// There is no file of this name.
+    Missing,
+    /// The system refuses to read it, or a folder holds nothing of use.
+    Unreadable,
+    /// It is not what it should be: another format, cut short.
+    Damaged,
+    /// It is whole, but cannot be used here.
+    Unfit,
+}
+
+impl Fault {
+    /// A fault of this kind, with a message that says what is wrong and the remedy.
+    pub(crate) fn new(kind: FaultKind, message: impl std::fmt::Display) -> Self {
+        Self { kind, message: message.to_string() }
+    }
+
+    /// What the system said of a file.
+    pub(crate) fn of_io(error: &io::Error) -> Self {
+        let kind = match error.kind() {
+            io::ErrorKind::NotFound => FaultKind::Missing,
+            _ => FaultKind::Unreadable,
+        };
+        Self::new(kind, format_args!("{error}; {}", remedy_of_io(error.kind())))
+    }
+
+    /// The message, with the name of the file in it once.
+    pub(crate) fn of(&self, name: &str) -> String {
+        if names_file(&self.message, name) {
+            self.message.clone()
+        } else {
+            format!("{name}: {}", self.message)
+        }
+    }
+}
+
+/// Whether a message names a file: the name stands in it by itself or as the end of a path, not within another name.
+fn names_file(message: &str, name: &str) -> bool {
+    let goes_on = |c: char| c.is_alphanumeric() || "-_".contains(c);
+    !name.is_empty()
+        && message.match_indices(name).any(|(at, _)| {
+            let before = message[..at].chars().next_back();
+            let mut behind = message[at + name.len()..].chars();
+            let ends = match behind.next() {
+                // The end of a sentence, or of another ending of the name.
+                Some('.') => !behind.next().is_some_and(goes_on),
+                Some(next) => !goes_on(next) && next != '/',
+                None => true,
+            };
+            ends && !before.is_some_and(|c| goes_on(c) || c == '.')
+        })
+}
+
+/// The files that are given, in their order: a file as it is, a folder as what is wanted in it and in its sub-folders,
+/// sorted by path. Hidden files and folders inside are left out.
+pub(crate) fn gather(given: &[PathBuf], wanted: &Wanted) -> Vec<Item> {
+    let mut items = Vec::new();
+    for path in given {
+        if !path.is_dir() {
+            let below = path.file_name().map_or_else(|| path.clone(), PathBuf::from);
+            items.push(checked(path.clone(), &below, Path::new("")));
+            continue;
+        }
+        let mut inside = Vec::new();
+        let walked = walk(path, wanted, &mut BTreeSet::new(), &mut inside);
+        let fault = match walked {
+            Err((at, error)) => {
+                let Fault { kind, message } = Fault::of_io(&error);
+                Some(Fault::new(kind, format_args!("{}: {message}", at.display())))
+            }
+            Ok(()) if inside.is_empty() => Some(Fault::new(
+                FaultKind::Unreadable,
+                format_args!("holds no {}; give a folder that has some in it, or the files", wanted.what),
+            )),
+            Ok(()) => None,
+        };
+        inside.sort();
+        let above = match path.file_name() {
+            Some(name) if given.len() > 1 => PathBuf::from(name),
+            _ => PathBuf::new(),
+        };
+        if let Some(fault) = fault {
+            let name = path.display().to_string();
+            items.push(Item { path: path.clone(), below: above.clone(), name, fault: Some(fault) });
+        }
+        for file in inside {
+            let below = file.strip_prefix(path).unwrap_or(&file).to_owned();
+            items.push(checked(file, &below, &above));
+        }
+    }
+    items
+}
+
+/// The files of a list: its names in a folder.
+pub(crate) fn listed<'a>(folder: &Path, names: impl IntoIterator<Item = &'a str>) -> Vec<Item> {
+    names.into_iter().map(|name| checked(folder.join(name), Path::new(name), Path::new(""))).collect()
+}
+
+/// A file, and whether it can be opened.
+fn checked(path: PathBuf, below: &Path, above: &Path) -> Item {
+    let fault = if files::is_standard(&path) { None } else { fault_by_name(&path) };
+    Item { path, below: above.join(below), name: below.display().to_string(), fault }
+}
+
+/// What to call each item: its name in its folder, or its path where two folders have files of one name.
+pub(crate) fn names(items: &[Item]) -> Vec<String> {
+    let mut seen = BTreeSet::new();
+    if items.iter().all(|item| seen.insert(item.name.as_str())) {
+        return items.iter().map(|item| item.name.clone()).collect();
+    }
+    items.iter().map(|item| item.path.display().to_string()).collect()
+}
+
+fn fault_by_name(path: &Path) -> Option<Fault> {
+    match fs::metadata(path) {
+        Ok(m) if m.is_dir() => Some(Fault::of_io(&io::ErrorKind::IsADirectory.into())),
+        // A pipe is opened once, by whoever reads it.
+        Ok(m) if m.is_file() => File::open(path).err().map(|e| Fault::of_io(&e)),
+        Ok(_) => None,
+        Err(error) => Some(Fault::of_io(&error)),
+    }
+}
+
+/// Collects the wanted files in a folder and below; folders that link back to one above are walked once.
+fn walk(
+    folder: &Path,
+    wanted: &Wanted,
+    seen: &mut BTreeSet<PathBuf>,
+    found: &mut Vec<PathBuf>,
+) -> Result<(), (PathBuf, io::Error)> {
+    let here = |e| (folder.to_owned(), e);
+    if !seen.insert(folder.canonicalize().map_err(here)?) {
+        return Ok(());
+    }
+    for entry in fs::read_dir(folder).map_err(here)? {
+        let entry = entry.map_err(here)?;
+        if entry.file_name().to_string_lossy().starts_with('.') {
+            continue;
+        }
+        let path = entry.path();
+        if path.is_dir() {
+            walk(&path, wanted, seen, found)?;
+        } else if has_ending(&path, wanted.endings) {
+            found.push(path);
+        }
+    }
+    Ok(())
+}
+
+fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension().is_some_and(|e| {
+        e.to_str().is_some_and(|e| endings.iter().any(|known| e.eq_ignore_ascii_case(known)))
+    })
+}
+
+/// The files of [`gather`], where one that cannot be read ends the command.
+///
+/// # Errors
+/// Names everything that cannot be read.
+pub(crate) fn gather_all(given: &[PathBuf], wanted: &Wanted) -> Result<Vec<Item>, Failure> {
+    let items = gather(given, wanted);
+    refuse_bad(&items)?;
+    Ok(items)
+}
+
+/// Ends a command that cannot do without any of its files.
+///
+/// # Errors
+/// Names everything that cannot be read.
+pub(crate) fn refuse_bad(items: &[Item]) -> Result<(), Failure> {
+    let bad: Vec<String> = known_faults(items).collect();
+    match bad.as_slice() {
+        [] => Ok(()),
+        [one] => Err(Failure::refused(one)),
+        several => Err(Failure::refused(format_args!(
+            "{} of {} files cannot be read:\n{}",
+            several.len(),
+            items.len(),
+            several.join("\n")
+        ))),
+    }
+}
+
+fn known_faults(items: &[Item]) -> impl Iterator<Item = String> {
+    items
+        .iter()
+        .filter_map(|item| item.fault.as_ref().map(|fault| fault.of(&item.path.display().to_string())))
+}
+
+/// How bad files count.
+#[derive(clap::Args, Debug, Clone, Copy)]
+pub(crate) struct SkipArgs {
+    /// Do not count files that cannot be used in the exit code, as long as one can. They are named all the same.
+    #[arg(long)]
+    skip_bad: bool,
+}
+
+impl SkipArgs {
+    /// Whether bad files are not counted.
+    pub(crate) const fn counts_none(self) -> bool {
+        self.skip_bad
+    }
+}
+
+/// What became of the items of a command.
+pub(crate) struct Tally {
+    /// What is done to an item, as in `8 of 10 sealed`.
+    done_to: &'static str,
+    total: usize,
+    faults: Vec<String>,
+}
+
+impl Tally {
+    /// Tells, before work begins, what can be told to be missing or unreadable.
+    pub(crate) fn begin(done_to: &'static str, items: &[Item], ui: &Ui) -> Self {
+        let known: Vec<String> = known_faults(items).collect();
+        if items.len() > 1 && !known.is_empty() {
+            ui.say(format_args!("{} of {} cannot be read:{}", known.len(), items.len(), indented(&known)));
+        }
+        Self { done_to, total: items.len(), faults: Vec::new() }
+    }
+
+    /// An item has no result.
+    pub(crate) fn failed(&mut self, name: &str, fault: &Fault) {
+        self.faults.push(fault.of(name));
+    }
+
+    /// How many items have no result for a fault of theirs.
+    pub(crate) fn failures(&self) -> usize {
+        self.faults.len()
+    }
+
+    /// Says what became of all, and how the command ends: with `done` of the items as they should be, and `remark` on
+    /// others that were answered too.
+    ///
+    /// # Errors
+    /// When the only item had a fault: that fault.
+    pub(crate) fn end(&self, done: usize, remark: &str, skip: SkipArgs, ui: &Ui) -> Outcome {
+        if let ([only], 1) = (self.faults.as_slice(), self.total) {
+            return Err(Failure::refused(only));
+        }
+        let summary = format!("{done} of {} {}{remark}", self.total, self.done_to);
+        if !self.faults.is_empty() {
+            ui.complain(format_args!(
+                "{summary}; {} could not be used:{}",
+                self.faults.len(),
+                indented(&self.faults)
+            ));
+        } else if self.total > 1 {
+            ui.say(summary);
+        }
+        let all_well = self.faults.is_empty() || skip.skip_bad;
+        Ok(if done > 0 && all_well { Exit::Success } else { Exit::Refused })
+    }
+}
+
+fn indented(lines: &[String]) -> String {
+    lines.iter().flat_map(|line| ["\n  ", line.as_str()]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tree(files: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        for file in files {
+            let path = folder.path().join(file);
+            fs::create_dir_all(path.parent().expect("a parent")).expect("folder");
+            fs::write(path, "x").expect("written");
+        }
+        folder
+    }
+
+    fn below(items: &[Item]) -> Vec<String> {
+        items.iter().map(|i| i.below.to_string_lossy().replace('\\', "/")).collect()
+    }
+
+    #[test]
+    fn a_folder_is_what_is_wanted_below_it() {
+        let folder =
+            tree(&["camB/1.PNG", "camA/2.jpg", "camA/1.jpeg", "notes.txt", ".thumbs/1.jpg", "0.png"]);
+        let items = gather(&[folder.path().to_owned()], &IMAGES);
+        assert_eq!(below(&items), ["0.png", "camA/1.jpeg", "camA/2.jpg", "camB/1.PNG"]);
+        assert!(items.iter().all(|i| i.fault.is_none() && i.path.is_file()));
+        assert_eq!(names(&items), below(&items));
+    }
+
+    #[test]
+    fn files_of_two_folders_do_not_clash() {
+        let folder = tree(&["camA/1.jpg", "camB/1.jpg", "2.jpg"]);
+        let given = ["camA", "camB", "2.jpg"].map(|name| folder.path().join(name));
+        let items = gather(&given, &IMAGES);
+        assert_eq!(below(&items), ["camA/1.jpg", "camB/1.jpg", "2.jpg"]);
+        assert_eq!(names(&items)[1], given[1].join("1.jpg").display().to_string());
+        assert_eq!(names(&items[1..]), ["1.jpg", "2.jpg"]);
+    }
+
+    #[test]
+    fn what_is_missing_is_known_before_work() {
+        let folder = tree(&["a.jpg", "empty/notes.txt"]);
+        let given = ["a.jpg", "b.jpg", "empty"].map(|name| folder.path().join(name));
+        let items = gather(&given, &IMAGES);
+        let kinds: Vec<_> = items.iter().map(|i| i.fault.as_ref().map(|f| f.kind)).collect();
+        assert_eq!(kinds, [None, Some(FaultKind::Missing), Some(FaultKind::Unreadable)]);
+        let Err(Failure::Refused { report }) = refuse_bad(&items) else { panic!("two are bad") };
+        let said = format!("{report:?}");
+        assert!(
+            said.contains("2 of 3") && said.contains("b.jpg") && said.contains("no JPEG or PNG"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn a_fault_always_names_its_file_and_once() {
+        for (name, message, named) in [
+            ("1.jpg", "21.jpg: is no image", false),
+            ("1.jpg", "1.jpg.txt: is no image", false),
+            ("1.jpg", "the image is 1.jpg.", true),
+            ("1.jpg", "photos/1.jpg: is no image", true),
+            ("a", "a file that cannot be read", true),
+            ("a", "no such file", false),
+            ("photos", "photos/1.jpg: is no image", false),
+            ("b/c d.jpg", "\"b/c d.jpg\" is no image", true),
+            ("", "is no image", false),
+        ] {
+            let said = Fault::new(FaultKind::Damaged, message).of(name);
+            let expected = if named { message.to_owned() } else { format!("{name}: {message}") };
+            assert_eq!(said, expected);
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_to_a_folder_above_is_walked_once() {
+        let folder = tree(&["a/1.jpg"]);
+        std::os::unix::fs::symlink(folder.path(), folder.path().join("a/up")).expect("a link");
+        assert_eq!(below(&gather(&[folder.path().to_owned()], &IMAGES)), ["a/1.jpg"]);
+    }
+}

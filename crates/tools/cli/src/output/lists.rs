@@ -1,0 +1,190 @@
+//! Lists of images: a name a line, with or without the camera behind it as hloc writes it.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use veiloc_geometry::{Intrinsics, IntrinsicsError};
+
+use crate::output::exit::Failure;
+use crate::output::files;
+
+/// A line of a list.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Listed {
+    /// Name of the image, relative to the folder of the images; it may hold spaces, as COLMAP's may.
+    pub name: String,
+    /// Its camera, where the list says it.
+    pub camera: Option<Intrinsics>,
+    /// Line number, from 1.
+    pub line: usize,
+}
+
+/// A list of names with or without cameras; empty lines and lines that begin with `#` do not count.
+///
+/// # Errors
+/// When the file cannot be read, is not text, names nothing or one image twice, or holds a camera that is none.
+pub(crate) fn read_with_cameras(path: &Path) -> Result<Vec<Listed>, Failure> {
+    let refused = |what: String, help: &str| Failure::with_help(format!("{}: {what}", path.display()), help);
+    let text = String::from_utf8(files::read(path)?)
+        .map_err(|_| refused("is not text".to_owned(), "give a text file with one image name a line"))?;
+    let mut listed = Vec::new();
+    let mut seen = BTreeSet::new();
+    for (line, words) in (1..).zip(text.lines().map(str::trim)) {
+        if words.is_empty() || words.starts_with('#') {
+            continue;
+        }
+        let (name, camera) = name_and_camera(words);
+        let camera = camera.map(intrinsics).transpose().map_err(|e| {
+            refused(
+                format!("line {line}: {e}"),
+                "behind a name stands nothing, or MODEL W H PARAMS… of its camera",
+            )
+        })?;
+        if !seen.insert(name) {
+            return Err(refused(format!("{name} is there twice"), "name every image once"));
+        }
+        listed.push(Listed { name: name.to_owned(), camera, line });
+    }
+    if listed.is_empty() {
+        return Err(refused(
+            "names no image".to_owned(),
+            "write one image name a line, relative to the folder of the images",
+        ));
+    }
+    Ok(listed)
+}
+
+/// A list of names, where cameras come from elsewhere: one that a list says beside them would be dropped, and is
+/// refused.
+///
+/// # Errors
+/// As [`read_with_cameras`], and when a line holds a camera.
+pub(crate) fn read_list(path: &Path) -> Result<Vec<String>, Failure> {
+    let listed = read_with_cameras(path)?;
+    if let Some(with) = listed.iter().find(|l| l.camera.is_some()) {
+        return Err(Failure::with_help(
+            format!(
+                "{}: line {}: a camera stands behind the name, and it would not be used: cameras are those of the \
+                 COLMAP model",
+                path.display(),
+                with.line
+            ),
+            "give a list of names only, after a look whether the model's cameras are the right ones",
+        ));
+    }
+    Ok(listed.into_iter().map(|l| l.name).collect())
+}
+
+/// The folder that the names of a list are relative to.
+///
+/// # Errors
+/// When not one folder is given.
+pub(crate) fn one_folder(given: &[PathBuf]) -> Result<&Path, Failure> {
+    match given {
+        [folder] if folder.is_dir() => Ok(folder),
+        [file] => Err(Failure::with_help(
+            format!("--list goes with a folder, and {} is none", file.display()),
+            "give the folder that the names of the list are relative to",
+        )),
+        _ => Err(Failure::with_help(
+            "--list goes with one folder, and several places are given",
+            "give the folder that the names of the list are relative to, and no more",
+        )),
+    }
+}
+
+/// A camera as people write it: `MODEL,W,H,PARAMS…` or, as hloc has it, `MODEL W H PARAMS…`.
+///
+/// # Errors
+/// When it is no camera.
+pub(crate) fn intrinsics(text: &str) -> Result<Intrinsics, IntrinsicsError> {
+    if text.contains(',') {
+        return text.parse();
+    }
+    text.split_whitespace().collect::<Vec<_>>().join(",").parse()
+}
+
+/// `name MODEL W H PARAMS…`, parted; a model is told by its spelling, so that an unknown one is not taken for a name.
+fn name_and_camera(line: &str) -> (&str, Option<&str>) {
+    line.match_indices(char::is_whitespace)
+        .map(|(at, _)| (line[..at].trim_end(), line[at..].trim_start()))
+        .find(|(_, rest)| is_camera(rest))
+        .map_or((line, None), |(name, rest)| (name, Some(rest)))
+}
+
+fn is_camera(text: &str) -> bool {
+    let mut words = text.split_whitespace();
+    let is_model = |word: &str| {
+        word.starts_with(|c: char| c.is_ascii_uppercase())
+            && word.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_')
+    };
+    let size = |word: Option<&str>| word.is_some_and(|w| w.parse::<u32>().is_ok());
+    words.next().is_some_and(is_model) && size(words.next()) && size(words.next())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(text: impl AsRef<[u8]>) -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("list");
+        files::write(&path, text.as_ref()).expect("written");
+        (folder, path)
+    }
+
+    /// Lines of Aachen's `day_time_queries_with_intrinsics.txt`, as hloc reads it, and a name with a space.
+    const HLOC: &str = "\
+# queries
+query/day/nexus4/IMG_20140520_182846.jpg SIMPLE_RADIAL 1600 1200 1469.2 800 600 -0.0353019
+query/day/milestone/2011-12-17_14-28-15_257.jpg SIMPLE_RADIAL 1024 768 977.494 512 384 0.0476376
+
+  b/c d.jpg PINHOLE 640 480 500 500 320 240\r
+a GIRL 3 of 4.jpg
+";
+
+    #[test]
+    fn cameras_behind_names_are_read() {
+        let (_folder, path) = written(HLOC);
+        let listed = read_with_cameras(&path).expect("a list");
+        let names: Vec<&str> = listed.iter().map(|l| l.name.as_str()).collect();
+        assert_eq!(
+            names,
+            [
+                "query/day/nexus4/IMG_20140520_182846.jpg",
+                "query/day/milestone/2011-12-17_14-28-15_257.jpg",
+                "b/c d.jpg",
+                "a GIRL 3 of 4.jpg"
+            ]
+        );
+        let camera = |text: &str| Some(text.parse::<Intrinsics>().expect("a camera"));
+        assert_eq!(listed[0].camera, camera("SIMPLE_RADIAL,1600,1200,1469.2,800,600,-0.0353019"));
+        assert_eq!(listed[2].camera, camera("PINHOLE,640,480,500,500,320,240"));
+        assert_eq!((listed[3].camera, listed[3].line), (None, 6));
+    }
+
+    #[test]
+    fn a_camera_that_would_be_dropped_is_refused() {
+        let (_folder, path) = written(HLOC);
+        let Err(Failure::Refused { report }) = read_list(&path) else { panic!("dropped") };
+        let said = format!("{report:?}");
+        assert!(said.contains("line 2") && said.contains("names only"), "{said}");
+        let (_folder, path) = written("a.jpg\nb c.jpg\r\n");
+        assert_eq!(read_list(&path).expect("names"), ["a.jpg", "b c.jpg"]);
+    }
+
+    #[test]
+    fn what_is_no_list_is_refused() {
+        for text in [
+            "\n# nothing\n".as_bytes(),
+            b"a.jpg\nb.jpg\na.jpg\n",
+            b"a.jpg PINHOLE 640 480 1 1 1 1\na.jpg PINHOLE 640 480 2 2 1 1\n",
+            b"a.jpg DIVISION 640 480 1 1 1 1 0\n",
+            b"a.jpg PINHOLE 640 480 1 1 1\n",
+            &[0xff, 0xfe],
+        ] {
+            let (_folder, path) = written(text);
+            assert!(read_with_cameras(&path).is_err(), "{}", String::from_utf8_lossy(text));
+        }
+    }
+}

@@ -1,0 +1,170 @@
+//! How far long work has come: a bar where a person watches, a line now and then where nobody does.
+
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// A line for each tenth of a stage, but none sooner than this after the one before.
+const SOONEST: Duration = Duration::from_secs(1);
+/// A line this long after the one before, however little was done.
+const LATEST: Duration = Duration::from_secs(10);
+
+/// One stage of work, of a known number of steps.
+pub(crate) struct Stage(Shown);
+
+/// How a stage is shown.
+enum Shown {
+    /// Nobody wants to know.
+    Silent,
+    /// A bar on a terminal.
+    Bar(ProgressBar),
+    /// Lines in a log.
+    Lines(Mutex<Lines>),
+}
+
+impl Stage {
+    /// Nothing is shown.
+    pub(crate) const fn silent() -> Self {
+        Self(Shown::Silent)
+    }
+
+    /// A bar of `total` steps.
+    pub(crate) fn bar(name: &str, total: u64) -> Self {
+        let style = ProgressStyle::with_template("{msg:28} {wide_bar:.cyan/dim} {pos}/{len} {eta:>4}")
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = ProgressBar::new(total).with_style(style).with_message(name.to_owned());
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Self(Shown::Bar(bar))
+    }
+
+    /// Lines on stderr, the first at once.
+    pub(crate) fn lines(name: &str, total: u64) -> Self {
+        let lines = Lines { name: name.to_owned(), total, done: 0, tenth: 0, last: Instant::now() };
+        tell(&lines.text());
+        Self(Shown::Lines(Mutex::new(lines)))
+    }
+
+    /// So many steps more are done.
+    pub(crate) fn advance(&self, steps: u64) {
+        self.update(|bar| bar.inc(steps), |lines| lines.done += steps);
+    }
+
+    /// So many steps are done in all, of so many.
+    pub(crate) fn reach(&self, done: u64, total: u64) {
+        self.update(
+            |bar| {
+                bar.set_length(total);
+                bar.set_position(done);
+            },
+            |lines| (lines.done, lines.total) = (done, total),
+        );
+    }
+
+    fn update(&self, of_bar: impl FnOnce(&ProgressBar), of_lines: impl FnOnce(&mut Lines)) {
+        match &self.0 {
+            Shown::Silent => {}
+            Shown::Bar(bar) => of_bar(bar),
+            Shown::Lines(lines) => {
+                let mut lines = lines.lock().unwrap_or_else(PoisonError::into_inner);
+                of_lines(&mut lines);
+                if let Some(text) = lines.due(Instant::now()) {
+                    tell(&text);
+                }
+            }
+        }
+    }
+
+    /// Lets something be printed that a bar would draw over.
+    pub(crate) fn suspend<T>(&self, act: impl FnOnce() -> T) -> T {
+        match &self.0 {
+            Shown::Bar(bar) => bar.suspend(act),
+            Shown::Silent | Shown::Lines(_) => act(),
+        }
+    }
+
+    /// The stage is over, and a bar goes.
+    pub(crate) fn finish(&self) {
+        if let Shown::Bar(bar) = &self.0 {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Where a stage stands that is told in lines.
+struct Lines {
+    name: String,
+    total: u64,
+    done: u64,
+    /// Tenths of the stage that were told.
+    tenth: u64,
+    last: Instant,
+}
+
+impl Lines {
+    /// The line that is due, if one is.
+    fn due(&mut self, now: Instant) -> Option<String> {
+        let tenth = (10 * self.done).checked_div(self.total).unwrap_or(0);
+        let since = now.saturating_duration_since(self.last);
+        if since < SOONEST || (tenth <= self.tenth && since < LATEST) {
+            return None;
+        }
+        (self.tenth, self.last) = (tenth, now);
+        Some(self.text())
+    }
+
+    fn text(&self) -> String {
+        match self.total {
+            0 => self.name.clone(),
+            total => format!("{} {}/{total}", self.name, self.done),
+        }
+    }
+}
+
+/// A line on stderr; one that cannot be written is no loss.
+fn tell(text: &str) {
+    use std::io::Write as _;
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines(total: u64) -> (Lines, Instant) {
+        let start = Instant::now();
+        (Lines { name: "Extracting features".to_owned(), total, done: 0, tenth: 0, last: start }, start)
+    }
+
+    /// A stage of 900 steps at `ms` milliseconds each: what is told, and after how many steps.
+    fn told(ms: u64) -> Vec<String> {
+        let (mut lines, start) = lines(900);
+        let step = |i: u64| (i, start + Duration::from_millis(i * ms));
+        (1..=900)
+            .map(step)
+            .filter_map(|(done, now)| {
+                lines.done = done;
+                lines.due(now)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn fast_work_tells_tenths_and_slow_work_every_ten_seconds() {
+        assert!(told(1).is_empty(), "all in 0.9 s: the first line is enough");
+        let tenths = told(20);
+        assert_eq!(tenths.len(), 10);
+        assert_eq!(tenths[0], "Extracting features 90/900");
+        let slow = told(1000);
+        assert_eq!(slow.len(), 90, "tenths fall on the tens of seconds here");
+        assert_eq!(slow[0], "Extracting features 10/900");
+    }
+
+    #[test]
+    fn without_a_total_only_time_counts() {
+        let (mut lines, start) = lines(0);
+        lines.done = 5;
+        assert_eq!(lines.due(start + Duration::from_secs(9)), None);
+        assert_eq!(lines.due(start + Duration::from_secs(10)).as_deref(), Some("Extracting features"));
+    }
+}

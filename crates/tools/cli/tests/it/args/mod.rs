@@ -1,0 +1,3 @@
+//! Tests of `args`.
+
+mod any_bytes;

@@ -1,0 +1,212 @@
+//! `veiloc attack`: table, document, and what is refused.
+
+use super::common;
+
+use common::{folder, keys};
+
+const SMALL: &str = "attack --synthetic 500 --schemes random-lines,dcl:s=2 --attacks closed-form,graph";
+
+#[test]
+fn table_and_document() {
+    let place = folder();
+    let run = place.run(&format!("{SMALL} --corrupt 0,20 --json attack.json")).succeeded();
+    for word in ["random-lines", "dcl", "prior", "closed-form", "graph", "20 %", "< 30 px"] {
+        assert!(run.stdout.contains(word), "{word}: {run}");
+    }
+    assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");
+    let document: serde_json::Value = serde_json::from_slice(&place.read("attack.json")).expect("a document");
+    assert_eq!(keys(&document), ["attacks", "command", "data", "k", "neighbours", "seed", "version"]);
+    let attacks = document["attacks"].as_array().expect("rows");
+    // A scheme: the guess once, each attack with neighbours once a share.
+    assert_eq!(attacks.len(), 2 * (1 + 2 * 2));
+    assert_eq!(
+        keys(&attacks[0]),
+        [
+            "attack",
+            "bits_over_prior",
+            "corrupt",
+            "images",
+            "mean_px",
+            "median_px",
+            "ms",
+            "scheme",
+            "under_10px",
+            "under_30px",
+            "under_5px"
+        ]
+    );
+    let mean = |scheme: usize, row: usize| attacks[5 * scheme + row]["mean_px"].as_f64().expect("a number");
+    assert_eq!((&attacks[5]["attack"], &attacks[5]["bits_over_prior"]), (&"prior".into(), &0.0.into()));
+    // The paper's attack fails on dcl, as the paper says; the graph attack does not.
+    assert!(mean(1, 1) > 2.0 * mean(1, 0), "{run}");
+    assert!(mean(1, 3) < 0.2 * mean(1, 0), "{run}");
+    assert!(mean(0, 1) < 0.2 * mean(0, 0), "{run}");
+}
+
+#[test]
+fn equal_seeds_give_equal_results() {
+    let place = folder();
+    let errors = |seed: u32| {
+        let document = place.run(&format!("{SMALL} --seed {seed} --json")).succeeded().json();
+        let rows = document["attacks"].as_array().expect("rows").clone();
+        rows.iter().map(|row| row["mean_px"].as_f64().expect("a number")).collect::<Vec<_>>()
+    };
+    assert_eq!(errors(3), errors(3));
+    assert_ne!(errors(3), errors(4));
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let place = folder();
+    place.write("bad.jsonl", "{\"name\":\"a\",\"width\":640,\"height\":480,\"keypoints\":[[1,2],[3]]}\n");
+    place.write("empty.jsonl", "\n");
+    for (arguments, code, says) in [
+        ("attack", 2, "KEYPOINTS"),
+        ("attack --synthetic 0", 2, "--synthetic"),
+        ("attack --synthetic 9 --attacks guess", 2, "closed-form-informed"),
+        ("attack --synthetic 9 --corrupt 101", 2, "from 0 to 100"),
+        ("attack --synthetic 9 -k 0", 2, "-k"),
+        ("attack --synthetic 9 --attacks graph-near-angles", 1, "predicted from descriptors"),
+        ("attack --synthetic 9 --schemes points", 1, "hides nothing"),
+        ("attack bad.jsonl", 1, "bad.jsonl:1"),
+        ("attack empty.jsonl", 1, "empty.jsonl"),
+        ("attack missing.jsonl", 1, "missing.jsonl"),
+        ("attack --synthetic 9 --neighbours predicted", 2, "--train"),
+        ("attack --synthetic 9 --attacks iterative", 1, "needs its matches"),
+        ("attack --synthetic 9 --private 10", 2, "--known"),
+        ("attack --synthetic 9 --known missing.jsonl --private 101", 2, "from 0 to 100"),
+        ("attack --synthetic 9 --known missing.jsonl --private 10 --measure all", 2, "--measure"),
+        ("attack --synthetic 9 --known missing.jsonl", 1, "missing.jsonl"),
+        ("attack --synthetic 9 --neighbours transferred", 1, "without descriptors"),
+        ("attack --synthetic 9 --attacks transfer", 1, "without descriptors"),
+        ("attack --synthetic 9 --neighbours predicted --train empty.jsonl", 1, "empty.jsonl"),
+    ] {
+        let run = place.run(arguments);
+        assert_eq!(run.code, Some(code), "{run}");
+        assert!(run.stderr.contains(says) && run.stdout.is_empty(), "{says}: {run}");
+    }
+}
+
+/// Two images of one place whose descriptors tell the place: the second is the first, moved by 8 pixels.
+fn told_by_descriptors(place: &common::Place) {
+    let lines: Vec<String> = ["a", "b"]
+        .iter()
+        .zip([0, 8])
+        .map(|(name, moved)| {
+            let grid = (0..400_i32).map(|i| (17 + i % 20 * 30 + i * 7 % 11, 13 + i / 20 * 23 + i * 5 % 7));
+            let keypoints: Vec<[i32; 2]> = grid.clone().map(|(u, v)| [u + moved, v]).collect();
+            let bytes: Vec<u8> = grid
+                .flat_map(|(u, v)| {
+                    [u, v].into_iter().flat_map(|x| {
+                        [40.0, 97.0].into_iter().flat_map(move |w: f64| {
+                            let phase = f64::from(x) / w;
+                            [128.0 + 100.0 * phase.sin(), 128.0 + 100.0 * phase.cos()]
+                        })
+                    })
+                })
+                .map(|value| value as u8)
+                .collect();
+            serde_json::json!({
+                "name": name, "width": 640, "height": 480, "keypoints": keypoints,
+                "descriptors": base64(&bytes), "descriptor_dim": 8,
+            })
+            .to_string()
+        })
+        .collect();
+    place.write("place.jsonl", &(lines.join("\n") + "\n"));
+}
+
+/// RFC 4648, for 3200 bytes: two are left over and one sign pads.
+fn base64(bytes: &[u8]) -> String {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    assert_eq!(bytes.len() % 3, 2);
+    let mut text = String::new();
+    for three in bytes.chunks(3) {
+        let word = three.iter().fold(0_u32, |w, b| w << 8 | u32::from(*b)) << (8 * (3 - three.len()));
+        let letters = [18, 12, 6, 0].map(|shift| char::from(LETTERS[(word >> shift & 63) as usize]));
+        text.extend(&letters[..=three.len()]);
+    }
+    text + "="
+}
+
+#[test]
+fn descriptors_tell_neighbours_and_positions() {
+    let place = folder();
+    told_by_descriptors(&place);
+    for source in ["predicted --train place.jsonl", "transferred"] {
+        let run = place.run(&format!(
+            "attack place.jsonl --images 1 --schemes dcl --attacks transfer,transfer-graph --neighbours {source} --json"
+        ));
+        let document = run.succeeded().json();
+        let share = |key: &str| document[key].as_f64().expect("a number");
+        assert!(share("precision") > 10.0 * share("chance"), "{document}");
+        let rows = document["attacks"].as_array().expect("rows");
+        let median = |row: usize| rows[row]["median_px"].as_f64().expect("a number");
+        assert_eq!(rows[1]["attack"], "transfer");
+        assert!(median(1) < 9.0 && median(0) > 40.0, "{document}");
+        assert_eq!(rows[2]["attack"], "transfer-graph");
+        assert!(median(2) < 0.6 * median(0), "{document}");
+    }
+}
+
+#[test]
+fn keypoints_of_images_are_what_attack_reads() {
+    let place = common::place();
+    let keypoints = "eval keypoints images --max-keypoints 200 --max-size 300 -o";
+    place.run(&format!("{keypoints} all.jsonl.gz")).succeeded();
+    place.run(&format!("{keypoints} map.jsonl --list map.txt")).succeeded();
+    let lines = |name: &str| String::from_utf8(place.read(name)).expect("text").lines().count();
+    assert_eq!(lines("map.jsonl"), common::MAP_VIEWS);
+    let run = place
+        .run("attack map.jsonl --images 1 --schemes dcl --attacks closed-form --neighbours predicted --train all.jsonl.gz")
+        .succeeded();
+    assert!(run.stdout.contains("of the neighbours are true"), "{run}");
+    for (arguments, says) in [
+        ("images posed --list map.txt", "one folder"),
+        ("posed", "no JPEG or PNG"),
+        ("map.txt", "map.txt"),
+        ("images/none.png", "none.png"),
+    ] {
+        let run = place.run(&format!("eval keypoints {arguments} -o refused.jsonl"));
+        assert_eq!(run.code, Some(1), "{run}");
+        assert!(run.stderr.contains(says), "{says}: {run}");
+        assert!(!place.folder.join("refused.jsonl").exists(), "{arguments}");
+    }
+}
+
+/// A build without the network says how to get one; a build with it trains one, and attacks with it.
+#[test]
+fn a_network_is_trained_and_used_or_the_remedy_is_named() {
+    let place = common::place();
+    place.run("eval keypoints images --max-keypoints 150 --max-size 300 -o network-all.jsonl").succeeded();
+    let all = String::from_utf8(place.read("network-all.jsonl")).expect("text");
+    for (at, line) in all.lines().take(3).enumerate() {
+        place.write(&format!("network-{at}.jsonl"), line);
+    }
+    let train = "train neighbours --train network-0.jsonl --validate network-1.jsonl --test network-2.jsonl -o n.net \
+                 --steps 4 --every 2 --keypoints 64 --width 16 --heads 2 --layers 1";
+    let attack =
+        "attack network-2.jsonl --schemes dcl --attacks closed-form --neighbours network --model n.net";
+    assert_eq!(place.run(&attack.replace("--model n.net", "")).code, Some(2), "a model must be named");
+    let run = place.run(&format!("{train} --plot n.svg --json n.json")).succeeded();
+    assert!(run.stdout.contains("network") && run.stdout.contains("statistic"), "{run}");
+    assert!(run.stderr.contains("step 4"), "{run}");
+    let document: serde_json::Value = serde_json::from_slice(&place.read("n.json")).expect("a document");
+    assert_eq!(document["curve"].as_array().map(Vec::len), Some(2));
+    let precision = document["precision"].as_array().expect("a list");
+    let of = |predictor: &str| precision.iter().filter(|row| row["predictor"] == predictor).count();
+    assert_eq!((of("network"), of("statistic"), of("angles")), (2, 2, 2), "two places: {document}");
+    assert_eq!(precision.len(), 10, "network and statistic once more with angles: {document}");
+    assert!(place.read("n.svg").starts_with(b"<svg"));
+    let run = place.run(attack).succeeded();
+    assert!(run.stdout.contains("of the neighbours are true"), "{run}");
+    for (arguments, says) in [
+        (train.replace("--test network-2", "--test network-0"), "different places"),
+        (train.replace("--heads 2", "--heads 3"), "divisor"),
+        (attack.replace("n.net", "network-0.jsonl"), "no network"),
+        (attack.replace("n.net", "none.net"), "none.net"),
+    ] {
+        let run = place.run(&arguments);
+        assert!(run.code == Some(1) && run.stderr.contains(says), "{says}: {run}");
+    }
+}

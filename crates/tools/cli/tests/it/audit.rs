@@ -1,0 +1,153 @@
+//! `veiloc audit`: photographs and keypoints in, a page out, and what is refused.
+
+use super::common;
+
+use common::{Place, folder, keys};
+use image::{Rgb, RgbImage};
+
+/// Discs of many sizes on a slope: plenty of keypoints.
+fn photograph(place: &Place, name: &str, shift: u32) {
+    std::fs::create_dir_all(place.path(name).parent().expect("a parent")).expect("folder");
+    RgbImage::from_fn(240, 180, |x, y| {
+        let (u, v) = (f64::from(x + shift), f64::from(y));
+        let wave = (u * (0.2 + u / 3000.0)).sin() * (v * 0.27).cos() + (u * 0.61 + v * 0.47).sin() * 0.4;
+        Rgb([(128.0 + 80.0 * wave) as u8, (100.0 + 0.3 * v) as u8, (120.0 - 40.0 * wave) as u8])
+    })
+    .save(place.path(name))
+    .expect("written");
+}
+
+/// Evenly spread keypoints of a file.
+fn keypoints(n: u32) -> String {
+    let spread = |i: u32| [f64::from(i * 7919 % 6400) / 10.0, f64::from(i * 104_729 % 4800) / 10.0];
+    let points: Vec<[f64; 2]> = (1..=n).map(spread).collect();
+    serde_json::json!({"name": "k<1>", "width": 640, "height": 480, "keypoints": points}).to_string() + "\n"
+}
+
+const FAST: &str = "--attacks closed-form --synthetic 100 --schemes random-lines,dcl";
+
+#[test]
+fn photographs_make_a_page_that_shows_them() {
+    let place = folder();
+    photograph(&place, "a.png", 0);
+    photograph(&place, "place/b.png", 5);
+    let run = place.run(&format!("audit a.png place {FAST} --out out/deep --json audit.json")).succeeded();
+    let page = String::from_utf8(place.read("out/deep/audit.html")).expect("text");
+    assert!(run.stderr.contains("out/deep/audit.html"), "{run}");
+    assert!(run.stdout.contains("In short:"), "{run}");
+    assert!(page.contains("data:image/jpeg") && page.contains("in place of the paper's Fig. 6"));
+    assert!(page.contains("audit a.png place --attacks closed-form"), "the command");
+    let document: serde_json::Value = serde_json::from_slice(&place.read("audit.json")).expect("a document");
+    assert_eq!(keys(&document), ["command", "conclusion", "inputs", "synthetic", "version"]);
+    assert_eq!(document["inputs"]["data"], serde_json::json!(["place", "a.png"]));
+    assert_eq!(document["inputs"]["attacks"].as_array().map(Vec::len), Some(4));
+    assert!(document["inputs"]["keypoints"].as_u64().expect("a number") > 50, "{document}");
+
+    place
+        .run(
+            &format!("audit a.png {FAST} --no-images --no-synthetic --out bare.html")
+                .replace(" --synthetic 100", ""),
+        )
+        .succeeded();
+    let bare = String::from_utf8(place.read("bare.html")).expect("text");
+    assert!(!bare.contains("data:image") && !bare.contains("The paper's synthetic scene"));
+}
+
+#[test]
+fn keypoints_make_a_page() {
+    let place = folder();
+    place.write("k.jsonl", keypoints(150));
+    let run = place.run(&format!("audit k.jsonl {FAST} --out page.html --json")).succeeded();
+    let document = run.json();
+    assert_eq!((&document["command"], &document["inputs"]["data"][0]), (&"audit".into(), &"k.jsonl".into()));
+    let page = String::from_utf8(place.read("page.html")).expect("text");
+    assert!(page.contains("k&lt;1&gt;") && !page.contains("k<1>"));
+    // Equal seeds, equal figures: but for the times.
+    let again = place.run(&format!("audit k.jsonl {FAST} --out page.html --json")).succeeded().json();
+    let mean = |d: &serde_json::Value| d["inputs"]["attacks"][3]["mean_px"].as_f64().expect("a number");
+    assert_eq!(mean(&document), mean(&again));
+}
+
+#[test]
+fn keypoints_are_shown_on_the_images_of_their_names() {
+    let place = folder();
+    photograph(&place, "images/a.png", 0);
+    photograph(&place, "images/b.png", 5);
+    place.run("eval keypoints images -o k.jsonl").succeeded();
+    let fast = FAST.replace("--synthetic 100", "--no-synthetic");
+    // Given beside them: the images are not attacked a second time.
+    let run =
+        place.run(&format!("audit k.jsonl images {fast} --out given.html --json given.json")).succeeded();
+    let document: serde_json::Value = serde_json::from_slice(&place.read("given.json")).expect("a document");
+    assert_eq!(document["inputs"]["data"], serde_json::json!(["k.jsonl"]), "{run}");
+    assert!(String::from_utf8_lossy(&place.read("given.html")).contains("data:image/jpeg"));
+    // Found beside the file.
+    std::fs::copy(place.path("k.jsonl"), place.path("images/k.jsonl")).expect("copied");
+    place.run(&format!("audit images/k.jsonl {fast} --out beside.html")).succeeded();
+    assert!(String::from_utf8_lossy(&place.read("beside.html")).contains("data:image/jpeg"));
+    // Nowhere: figures without images.
+    place.run(&format!("audit k.jsonl {fast} --out none.html")).succeeded();
+    assert!(!String::from_utf8_lossy(&place.read("none.html")).contains("data:image/jpeg"));
+    // An image of that name and of another shape is another image.
+    RgbImage::from_pixel(90, 200, Rgb([9, 9, 9])).save(place.path("images/a.png")).expect("written");
+    let run = place.run(&format!("audit k.jsonl images {fast} --out other.html"));
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(run.stderr.contains("90 x 200") && run.stderr.contains("240 x 180"), "{run}");
+}
+
+#[test]
+fn the_default_runs_attackers_who_exist_before_the_oracle() {
+    let place = folder();
+    photograph(&place, "a.png", 0);
+    photograph(&place, "b.png", 5);
+    let run = place
+        .run("audit a.png b.png --no-synthetic --schemes dcl --max-keypoints 150 --out page.html")
+        .succeeded();
+    let at = |text: &str| run.stdout.find(text).unwrap_or_else(|| panic!("{text}: {run}"));
+    let oracle = at("Told the true neighbours by an oracle, which nobody is");
+    for attack in ["resting-camera", "transfer"] {
+        assert!(at(attack) < oracle, "{run}");
+    }
+    assert!(at("closed-form") > oracle && at("graph") > oracle, "{run}");
+    assert!(run.stdout.contains("that needs no oracle"), "{run}");
+}
+
+#[test]
+fn the_synthetic_scene_needs_no_input() {
+    let place = folder();
+    let run = place.run(&format!("audit {FAST} -o page.html")).succeeded();
+    assert!(run.stdout.contains("1 image with 100 keypoints"), "{run}");
+    let page = String::from_utf8(place.read("page.html")).expect("text");
+    assert!(page.contains("Fig. 4: dcl under the paper's attack") && page.contains("Fig. 5"));
+}
+
+#[test]
+fn what_cannot_be_audited_is_refused() {
+    let place = folder();
+    place.write("empty.jsonl", "\n");
+    place.write("none.jsonl", "{\"name\":\"n\",\"width\":64,\"height\":48,\"keypoints\":[]}\n");
+    place.write("empty.png", "");
+    place.write("text.jpg", "no image");
+    RgbImage::from_pixel(120, 90, Rgb([90, 90, 90])).save(place.path("flat.png")).expect("written");
+    std::fs::create_dir_all(place.path("nothing")).expect("folder");
+    for (arguments, code, says) in [
+        ("audit", 2, "IMAGE"),
+        ("audit gone.jpg", 1, "gone.jpg"),
+        ("audit gone.jsonl", 1, "gone.jsonl"),
+        ("audit empty.jsonl", 1, "empty.jsonl"),
+        ("audit none.jsonl", 1, "no keypoint"),
+        ("audit empty.png", 1, "empty.png"),
+        ("audit text.jpg", 1, "text.jpg"),
+        ("audit flat.png", 1, "no keypoint"),
+        ("audit nothing", 1, "nothing"),
+        ("audit flat.png --schemes points", 1, "no keypoint"),
+        ("audit flat.png flat.png --images 1", 1, "--images 2"),
+        ("audit flat.png --no-synthetic --synthetic 9", 2, "--no-synthetic"),
+        ("audit flat.png --attacks guess", 2, "closed-form-informed"),
+    ] {
+        let run = place.run(&format!("{arguments} -o page.html"));
+        assert_eq!(run.code, Some(code), "{run}");
+        assert!(run.stderr.contains(says) && run.stdout.is_empty(), "{says}: {run}");
+        assert!(!place.path("page.html").exists(), "{arguments}");
+    }
+}

@@ -1,0 +1,234 @@
+//! A small place, rendered once a test program, and the `veiloc` binary to be run on it.
+#![allow(dead_code, reason = "each test program uses a part")]
+#![expect(unreachable_pub, reason = "a module of each test program, not of the crate")]
+
+pub mod documented;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::OnceLock;
+use std::time::{Duration, SystemTime};
+
+use serde_json::Value;
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
+use veiloc_synthetic::{PathOptions, RenderOptions};
+
+/// A lens with some distortion, so that undistortion is part of the road.
+pub const CAMERA: &str = "SIMPLE_RADIAL,400,300,330,201,149,-0.04";
+/// Views of the map: a third of the walk around the room, so that neighbours overlap.
+pub const MAP_VIEWS: usize = 10;
+/// Views to be localized, within the same third.
+pub const QUERIES: usize = 3;
+/// Few keypoints, for the sake of time.
+pub const EXTRACTION: [&str; 4] = ["--max-keypoints", "1024", "--query-keypoints", "1024"];
+
+/// A folder with what an operator has, and the map made of it by the binary:
+///
+/// ```text
+/// images/          map-00.png …, query-0.png …
+/// posed/           COLMAP text model with the poses of all
+/// map.txt          list of the map's images
+/// queries.txt      list of the others
+/// place.vmap       the map
+/// place.vprofile   its profile
+/// ```
+pub struct Place {
+    pub folder: PathBuf,
+    /// True poses of all images.
+    pub poses: Vec<(String, CameraFromWorld)>,
+}
+
+/// The place of this test program; rendered and mapped on the first call.
+pub fn place() -> &'static Place {
+    static PLACE: OnceLock<Place> = OnceLock::new();
+    PLACE.get_or_init(|| {
+        let place = Place::render(fresh_folder());
+        let mut build = "map build --posed posed --images images --list map.txt -o place.vmap".to_owned();
+        build.extend(EXTRACTION.map(|word| format!(" {word}")));
+        place.run(&build).succeeded();
+        place.run("map profile place.vmap -o place.vprofile").succeeded();
+        place
+    })
+}
+
+/// Views of another room, beside the place of the tests: `other/images`, `other/posed`, `other/list.txt`.
+pub fn render_elsewhere(count: usize) {
+    let folder = &place().folder;
+    let camera: Intrinsics = CAMERA.parse().expect("a camera");
+    let other = veiloc_synthetic::Place::generate(12);
+    let path = other.camera_path(&PathOptions::with_counts(4, count));
+    fs::create_dir_all(folder.join("other/images")).expect("folder");
+    let mut images = Vec::new();
+    for (id, pose) in (1_u32..).zip(&path.queries) {
+        let name = format!("negative-{id}.png");
+        let view = other.render(pose, &camera, &RenderOptions::with_seed(u64::from(id)));
+        view.rgb().save(folder.join("other/images").join(&name)).expect("written");
+        images.push(ColmapImage { id, name, camera_id: 1, cam_from_world: *pose, points2d: Vec::new() });
+    }
+    let names: Vec<String> = images.iter().map(|image| image.name.clone()).collect();
+    place().write("other/list.txt", names.join("\n"));
+    let model = ColmapModel::new(vec![(1, camera)], images, Vec::new()).expect("a model");
+    write_text(&model, &folder.join("other/posed")).expect("written");
+}
+
+/// A folder with nothing in it, for commands that need no place.
+pub fn folder() -> Place {
+    Place { folder: fresh_folder(), poses: Vec::new() }
+}
+
+/// A static is never dropped, so the folder stays until a later run of the tests finds it old.
+fn fresh_folder() -> PathBuf {
+    let parent = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    for entry in fs::read_dir(parent).into_iter().flatten().flatten() {
+        let ours = entry.file_name().to_string_lossy().starts_with("veiloc-place-");
+        let written = entry.metadata().and_then(|m| m.modified()).unwrap_or_else(|_| SystemTime::now());
+        if ours && written.elapsed().is_ok_and(|age| age > Duration::from_secs(3600)) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+    tempfile::Builder::new().prefix("veiloc-place-").tempdir_in(parent).expect("temporary folder").keep()
+}
+
+impl Place {
+    fn render(folder: PathBuf) -> Self {
+        let camera: Intrinsics = CAMERA.parse().expect("a camera");
+        fs::create_dir_all(folder.join("images")).expect("folder");
+        let place = veiloc_synthetic::Place::generate(11);
+        let path = place.camera_path(&PathOptions::with_counts(3 * MAP_VIEWS, 3 * QUERIES));
+        let mapping = path.mapping[..MAP_VIEWS].iter().enumerate();
+        let queries = path.queries[..QUERIES].iter().enumerate();
+        let map_poses: Vec<_> = mapping.map(|(i, p)| (format!("map-{i:02}.png"), *p)).collect();
+        let query_poses: Vec<_> = queries.map(|(i, p)| (format!("query-{i}.png"), *p)).collect();
+        write_list(&folder.join("map.txt"), &map_poses);
+        write_list(&folder.join("queries.txt"), &query_poses);
+        let poses: Vec<(String, CameraFromWorld)> = map_poses.into_iter().chain(query_poses).collect();
+        for (seed, (name, pose)) in (1..).zip(&poses) {
+            let view = place.render(pose, &camera, &RenderOptions::with_seed(seed));
+            view.rgb().save(folder.join("images").join(name)).expect("written");
+        }
+        let images = poses.iter().zip(1..).map(|((name, pose), id)| ColmapImage {
+            id,
+            name: name.clone(),
+            camera_id: 1,
+            cam_from_world: *pose,
+            points2d: Vec::new(),
+        });
+        let model = ColmapModel::new(vec![(1, camera)], images.collect(), Vec::new()).expect("a model");
+        write_text(&model, &folder.join("posed")).expect("written");
+        Self { folder, poses }
+    }
+
+    /// The true pose of an image.
+    pub fn pose_of(&self, name: &str) -> CameraFromWorld {
+        self.poses.iter().find(|(n, _)| n == name).expect("an image of the place").1
+    }
+
+    /// A path in the place's folder.
+    pub fn path(&self, relative: impl AsRef<Path>) -> PathBuf {
+        self.folder.join(relative)
+    }
+
+    /// Bytes of a file of the place.
+    pub fn read(&self, relative: &str) -> Vec<u8> {
+        fs::read(self.path(relative)).unwrap_or_else(|e| panic!("{relative}: {e}"))
+    }
+
+    /// Writes a file into the place's folder; folders above are made.
+    pub fn write(&self, relative: &str, bytes: impl AsRef<[u8]>) {
+        let path = self.path(relative);
+        fs::create_dir_all(path.parent().expect("a parent")).expect("folder");
+        fs::write(path, bytes).expect("written");
+    }
+
+    /// `veiloc` with these arguments, words parted by spaces, run in the place's folder.
+    pub fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_veiloc"));
+        command.args(arguments.split_whitespace()).current_dir(&self.folder);
+        command.env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").env_remove("FORCE_COLOR");
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    /// Runs [`Self::command`] to its end.
+    pub fn run(&self, arguments: &str) -> Run {
+        let output = self.command(arguments).output().expect("the binary runs");
+        Run::of(arguments, &output)
+    }
+
+    /// Seals an image of the place with its profile; `scheme` empty for the default.
+    pub fn seal(&self, image: &str, scheme: &str, out: &str) -> Run {
+        let scheme = if scheme.is_empty() { String::new() } else { format!("--scheme {scheme}") };
+        self.run(&format!("seal images/{image} --camera {CAMERA} --profile place.vprofile {scheme} -o {out}"))
+            .succeeded()
+    }
+}
+
+fn write_list(path: &Path, poses: &[(String, CameraFromWorld)]) {
+    let names: Vec<&str> = poses.iter().map(|(name, _)| name.as_str()).collect();
+    fs::write(path, names.join("\n")).expect("written");
+}
+
+/// How a run of the binary ended.
+pub struct Run {
+    /// What was run.
+    pub command: String,
+    /// `None` when a signal ended it.
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Run {
+    fn of(arguments: &str, output: &Output) -> Self {
+        let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).expect("the binary writes UTF-8");
+        let run = Self {
+            command: format!("veiloc {arguments}"),
+            code: output.status.code(),
+            stdout: text(&output.stdout),
+            stderr: text(&output.stderr),
+        };
+        run.is_sound();
+        run
+    }
+
+    /// Whatever was asked: no panic, no signal, no exit code but the four for people, no colour into a pipe.
+    fn is_sound(&self) {
+        assert!(matches!(self.code, Some(0..=2 | 4)), "{self}");
+        for text in [&self.stdout, &self.stderr] {
+            assert!(!text.contains("panicked") && !text.contains("veiloc broke"), "{self}");
+            assert!(!text.contains('\u{1b}'), "terminal codes in a pipe: {self}");
+        }
+    }
+
+    /// Exit code 0.
+    pub fn succeeded(self) -> Self {
+        assert_eq!(self.code, Some(0), "{self}");
+        self
+    }
+
+    /// Stdout as exactly one JSON document, with nothing of the kind on stderr.
+    pub fn json(&self) -> Value {
+        let document = serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}\n{self}"));
+        assert!(!self.stderr.contains('{'), "data on stderr: {self}");
+        document
+    }
+}
+
+impl std::fmt::Display for Run {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "`{}` ended with {:?}\n--- stdout\n{}\n--- stderr\n{}",
+            self.command, self.code, self.stdout, self.stderr
+        )
+    }
+}
+
+/// The names of a JSON object's fields, sorted.
+pub fn keys(object: &Value) -> Vec<&str> {
+    let mut keys: Vec<&str> = object.as_object().expect("an object").keys().map(String::as_str).collect();
+    keys.sort_unstable();
+    keys
+}

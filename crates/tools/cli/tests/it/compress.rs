@@ -1,0 +1,46 @@
+//! `veiloc map compress`: a small map answers as the whole one does, and changes no more.
+
+use super::common;
+
+use common::place;
+
+#[test]
+fn a_small_map_answers_and_says_what_it_was_made_of() {
+    let place = place();
+    let whole = place.run("map info place.vmap --json").succeeded().json();
+    let small = place.run("map compress place.vmap --ratio 4 -o small.vmap --json").succeeded().json();
+    let (before, now) = (whole["bytes"].as_u64().expect("bytes"), small["bytes"].as_u64().expect("bytes"));
+    assert!(4 * now <= before && 5 * now > before, "{now} of {before}");
+    assert_eq!(small["compressed"]["bytes"], whole["bytes"]);
+    assert_eq!(small["compressed"]["points"], whole["points"]);
+    assert_eq!(small["compressed"]["keypoints"], whole["keypoints"]);
+    assert_eq!((&small["profile"], &small["images"]), (&whole["profile"], &whole["images"]));
+    assert!(whole["compressed"].is_null() && small["self_test"].is_object());
+    let told = place.run("map info small.vmap").succeeded();
+    assert!(told.stdout.contains("images neither join nor leave it"), "{told}");
+    // A query that was sealed for the whole map fits, and is trusted.
+    for scheme in ["points", "dcl"] {
+        let sealed = format!("small-{scheme}.vquery");
+        place.seal("query-0.png", scheme, &sealed);
+        let answer = place.run(&format!("localize --map small.vmap --json {sealed}")).succeeded().json();
+        assert_eq!(answer["queries"][0]["state"], "trusted", "{answer}");
+        let center: Vec<f64> =
+            serde_json::from_value(answer["queries"][0]["center"].clone()).expect("numbers");
+        let truth = place.pose_of("query-0.png").center();
+        let off = (0..3).map(|i| (center[i] - truth.coords[i]).powi(2)).sum::<f64>().sqrt();
+        assert!(off < 0.02, "{scheme}: {off}");
+    }
+    for (command, expected) in [
+        ("map compress small.vmap -o again.vmap", "compressed one"),
+        ("map compress place.vmap --ratio 1e9 -o tiny.vmap", "too few"),
+        ("map remove small.vmap map-02.png -o again.vmap", "compressed one"),
+    ] {
+        let refused = place.run(command);
+        assert!(refused.code == Some(1) && refused.stderr.contains(expected), "{refused}");
+    }
+    for command in ["--ratio 0", "--ratio NaN", "--size 0", "--recall-loss 101"] {
+        let refused = place.run(&format!("map compress place.vmap {command} -o tiny.vmap"));
+        assert!(refused.code == Some(1) && refused.stderr.contains("give"), "{refused}");
+    }
+    assert!(!place.path("again.vmap").exists() && !place.path("tiny.vmap").exists());
+}

@@ -1,0 +1,258 @@
+//! What every command prints: the fields of its document are those of `docs/json.md`, and results that cannot be written
+//! are never a success.
+
+use super::common;
+
+use std::fs::{self, File};
+use std::process::Stdio;
+
+use common::documented::{Fields, mistakes, tables};
+use common::{CAMERA, EXTRACTION, Place, place};
+use serde_json::{Value, json};
+
+/// Every command that prints a document, in the section of `docs/json.md` that it belongs to. Several that together show
+/// all a document can hold. `{seal}` stands for the words of a sealed image.
+const COMMANDS: &[(&str, &str)] = &[
+    ("seal", "seal images/query-0.png no-such.png {seal} -o documents/ --json"),
+    ("localize", "localize --map place.vmap good.vquery no-such.vquery five.vquery --json"),
+    ("localize --rig", "localize --map place.vmap --rig rig.json --json"),
+    ("localize --rig", "localize --map place.vmap --rig lost.json --json"),
+    ("map info", "map info place.vmap --json"),
+    ("map info", "map remove place.vmap map-00.png -o less.vmap --json"),
+    ("map split", "map split place.vmap --images 6 --out documents-regions --json"),
+    ("map publish", "map publish published-regions storage --json"),
+    ("map fetch", "map fetch storage place --out fetched-regions --json"),
+    (
+        "eval scene",
+        "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt {few} --regions 6 --json",
+    ),
+    (
+        "eval scene",
+        "eval rig --posed posed --images images --map-list map.txt --query-list queries.txt {few} --reach 9 \
+         --frames 1,2 --schemes dcl --json",
+    ),
+    ("eval scene", "eval pose p.jsonl --schemes points,dcl --recipes default,floor --seeds 2 --json"),
+    (
+        "eval stress",
+        "eval stress --posed posed --images images --map-list map.txt --query-list queries.txt {few} --optimum \
+         --schemes dcl --stress half-hidden,sparse-map --json",
+    ),
+    ("eval 7scenes", "eval 7scenes --root 7scenes --poses depth --schemes points,dcl --jobs 1 {few} --json"),
+    ("eval 7scenes", "eval aachen --root aachen --schemes dcl {few} --json"),
+    (
+        "eval negatives",
+        "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",
+    ),
+    (
+        "eval search",
+        "eval search --map place.vmap --images images --query-list queries.txt --sizes 8,300 --json",
+    ),
+    (
+        "eval crb",
+        "eval crb --scenes narrow --schemes dcl --keypoint-noise 1 --outliers 25 --problems 4 --matches 100 --json",
+    ),
+    (
+        "eval tradeoff",
+        "eval tradeoff k.jsonl p.jsonl --variants dcl,first=256 --attacked 1 --corrupt 0 --thresholds 0.1/2 --json",
+    ),
+    (
+        "eval layouts",
+        "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
+         --layouts dcl:horizontal --stress none --attacked 1 --json",
+    ),
+    (
+        "eval adversaries",
+        "eval adversaries --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
+         --train k.jsonl --schemes dcl --attacked 1 --quick --json",
+    ),
+    ("token list", "token list --tokens tokens --json"),
+    (
+        "train inversion",
+        "train inversion --train images/map-00.png --validate images/query-0.png --steps 2 --every 1 --images 1 --width 2 \
+         --depth 2 --side 16 -o documents.net --json",
+    ),
+    (
+        "eval inversion",
+        "eval inversion images/query-1.png --network documents.net --max-keypoints 64 -k 5 --schemes dcl --json",
+    ),
+    ("eval compare", "eval compare compared.json compared.json --json"),
+    ("attack", "attack --synthetic 60 --schemes dcl --attacks closed-form --json"),
+    ("attack", "attack k.jsonl --known p.jsonl --images 1 --schemes dcl --attacks server-side --json"),
+    (
+        "audit",
+        "audit k.jsonl --images 1 --attacks closed-form --synthetic 60 --schemes dcl --out documents.html --json",
+    ),
+];
+
+/// The place, with all that the commands need.
+fn ready() -> &'static Place {
+    static READY: std::sync::Once = std::sync::Once::new();
+    let place = place();
+    READY.call_once(|| {
+        place.seal("query-0.png", "dcl", "good.vquery");
+        place.write("five.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\nmap-04.png\n");
+        place.write(
+            "foreign.txt",
+            format!("query-0.png {}\nmap-00.png\nno-such.png\n", CAMERA.replace(',', " ")),
+        );
+        place.run("map split place.vmap --images 6 --out published-regions").succeeded();
+        place.run("map publish published-regions storage").succeeded();
+        for layout in ["7scenes", "aachen"] {
+            let small = "--map-views 12 --query-views 3 --width 320";
+            place.run(&format!("synth export --layout {layout} --out {layout} {small}")).succeeded();
+        }
+        place.run("token new phone --tokens tokens --maps lobby --days 1").succeeded();
+        let few = "--max-keypoints 512 --query-keypoints 512";
+        place
+            .run(&format!("map build --posed posed --images images --list five.txt {few} -o five.vmap"))
+            .succeeded();
+        place.run("map profile five.vmap -o five.vprofile").succeeded();
+        let seal =
+            format!("seal images/query-0.png --camera {CAMERA} --profile five.vprofile -o five.vquery");
+        place.run(&seal).succeeded();
+        let rig = |query: &str| {
+            let frame = json!({
+                "query": query, "cam_from_rig": {"q": [1, 0, 0, 0], "t": [0, 0, 0]},
+                "rotation_sd_deg": 0, "translation_sd": 0
+            });
+            json!({"frames": [frame]}).to_string()
+        };
+        place.write("rig.json", rig("good.vquery"));
+        let noise = image::RgbImage::from_fn(400, 300, |x, y| {
+            let hash = (x / 3).wrapping_mul(0x9E37_79B1) ^ (y / 3).wrapping_mul(0x85EB_CA77);
+            image::Rgb([(hash.wrapping_mul(0xC2B2_AE3D) >> 24) as u8; 3])
+        });
+        noise.save(place.path("images/noise.png")).expect("written");
+        place.seal("noise.png", "dcl", "noise.vquery");
+        place.write("lost.json", rig("noise.vquery"));
+        let problems =
+            "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt";
+        let few = EXTRACTION.join(" ");
+        place.run(&format!("{problems} {few} -o p.jsonl --keypoints k.jsonl")).succeeded();
+        place.run("eval pose p.jsonl --schemes points --json compared.json").succeeded();
+    });
+    place
+}
+
+fn words(command: &str) -> String {
+    let seal = format!("--camera {CAMERA} --profile place.vprofile");
+    command.replace("{seal}", &seal).replace("{few}", &EXTRACTION.join(" "))
+}
+
+#[test]
+fn every_field_is_documented() {
+    let place = ready();
+    let tables = tables();
+    let of =
+        |section: &str| -> &Fields { tables.get(section).unwrap_or_else(|| panic!("no section {section}")) };
+    let mut wrong = Vec::new();
+    let mut sections: Vec<&str> = COMMANDS.iter().map(|(section, _)| *section).collect();
+    sections.dedup();
+    for section in sections {
+        let commands = COMMANDS.iter().filter(|(of, _)| *of == section);
+        let documents: Vec<Value> = commands.map(|(_, command)| place.run(&words(command)).json()).collect();
+        wrong.extend(mistakes(of(section), &documents).into_iter().map(|m| format!("{section}: {m}")));
+    }
+    // The demo takes a minute. Its document is made of two of those above.
+    assert!(
+        of("demo").contains_key("evaluation.queries[].name")
+            && of("demo").contains_key("attacks.attacks[].mean_px")
+    );
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The check above finds what it is for.
+#[test]
+fn a_field_too_many_or_too_few_is_found() {
+    let attack = &tables()["attack"];
+    let row = json!({
+        "scheme": "dcl", "attack": "graph", "corrupt": 0, "images": 1, "mean_px": 1, "median_px": 1, "under_5px": 1,
+        "under_10px": 1, "under_30px": 1, "bits_over_prior": 1, "ms": 1
+    });
+    let document = json!({
+        "version": 1, "command": "attack", "data": ["a"], "neighbours": "oracle", "k": 20, "seed": 0, "attacks": [row]
+    });
+    assert_eq!(mistakes(attack, std::slice::from_ref(&document)), [""; 0]);
+    let with = |change: &dyn Fn(&mut Value)| {
+        let mut document = document.clone();
+        change(&mut document);
+        mistakes(attack, &[document])
+    };
+    assert_eq!(with(&|d| d["attacks"][0]["secret"] = json!(1)), ["attacks[].secret is not in docs/json.md"]);
+    assert_eq!(with(&|d| d["k"] = json!(null)), ["k is null, and docs/json.md does not say when"]);
+    let gone = |d: &mut Value| _ = d.as_object_mut().expect("an object").remove("seed");
+    assert_eq!(with(&gone), ["seed never came"]);
+}
+
+/// Runs a command with stdout to a device that is always full.
+#[cfg(target_os = "linux")]
+fn into_a_full_device(place: &Place, command: &str) -> (Option<i32>, String) {
+    let full = File::options().write(true).open("/dev/full").expect("a device");
+    let output = place.command(command).stdout(full).output().expect("runs");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn results_that_cannot_be_written_end_with_3() {
+    let place = ready();
+    let with_and_without = COMMANDS.iter().flat_map(|(_, command)| {
+        let json = words(command);
+        [json.replace(" --json", ""), json]
+    });
+    let more = [
+        "--help".to_owned(),
+        "--version".to_owned(),
+        "map info --help".to_owned(),
+        words("seal images/query-0.png {seal} -o -"),
+        "eval keypoints images/query-0.png --max-keypoints 64 -o -".to_owned(),
+    ];
+    // Without --json, what `seal` prints is for people, and goes to stderr.
+    let prints = |command: &String| {
+        !command.starts_with("seal") || !command.contains("documents/") || command.contains("--json")
+    };
+    for command in with_and_without.chain(more).filter(prints) {
+        let (code, stderr) = into_a_full_device(place, &command);
+        assert_eq!(code, Some(3), "{command}: {stderr}");
+        assert!(stderr.contains("stdout") && stderr.contains("cannot be written"), "{command}: {stderr}");
+        assert!(!stderr.contains("veiloc broke"), "{command}: {stderr}");
+    }
+    // The same of a file on a device or disk that is full.
+    for command in [
+        "attack --synthetic 60 --schemes dcl --attacks closed-form --json /dev/full".to_owned(),
+        words("seal images/query-0.png {seal} -o /dev/full"),
+    ] {
+        let run = place.command(&command).output().expect("runs");
+        let stderr = String::from_utf8_lossy(&run.stderr);
+        assert!(run.status.code() == Some(3) && stderr.contains("/dev/full"), "{command}: {stderr}");
+    }
+    let still = fs::metadata("/dev/full").expect("there");
+    assert!(!still.is_file(), "the device was replaced by a file");
+}
+
+/// A reader that has read enough, as `head` does: no message, and the exit code of the work.
+#[cfg(unix)]
+#[test]
+fn a_closed_pipe_is_no_error() {
+    let place = ready();
+    for command in ["map info place.vmap --json", "localize --map place.vmap good.vquery", "--help"] {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let output = place.command(command).stdout(Stdio::from(writer)).output().expect("runs");
+        assert_eq!(output.status.code(), Some(0), "{command}");
+        assert_eq!(String::from_utf8_lossy(&output.stderr), "", "{command}");
+    }
+}
+
+/// Without a terminal long work tells its stages in plain lines, and is silent when asked to be.
+#[test]
+fn stages_are_told_without_a_terminal() {
+    let place = ready();
+    let build = format!(
+        "map build --posed posed --images images --list map.txt {} -o told.vmap",
+        EXTRACTION.join(" ")
+    );
+    let told = place.run(&build).succeeded().stderr;
+    assert!(told.lines().any(|line| line.ends_with("0/10")), "{told}");
+    assert_eq!(place.run(&format!("{build} --quiet")).succeeded().stderr, "");
+}

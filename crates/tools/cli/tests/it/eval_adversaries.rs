@@ -1,0 +1,71 @@
+//! `veiloc eval adversaries`: who gets how much, who is left out, and what is refused.
+
+use super::common;
+
+use common::{EXTRACTION, folder, keys, place};
+
+#[test]
+fn adversaries_of_a_rendered_place_and_of_files() {
+    let place = place();
+    let few = EXTRACTION.join(" ");
+    place.run("eval keypoints images --list map.txt --max-keypoints 512 -o elsewhere.jsonl").succeeded();
+    let run = place
+        .run(&format!(
+            "eval adversaries --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
+             --keypoints elsewhere.jsonl --train elsewhere.jsonl --attacked 1 --quick --json a.json"
+        ))
+        .succeeded();
+    for word in ["outsider-statistic", "pose-server-images", "several-seals", "for want of what they know"] {
+        assert!(run.stdout.contains(word), "{word}: {run}");
+    }
+    assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");
+    let document: serde_json::Value = serde_json::from_slice(&place.read("a.json")).expect("a document");
+    let rows = document["rows"].as_array().expect("a list");
+    for row in rows {
+        for key in ["adversary", "scheme", "attack", "images", "median_px", "under_10px", "under_30px"] {
+            assert!(keys(row).contains(&key), "{key}: {row}");
+        }
+        let best = row["bits_over_prior"].as_f64().expect("a number");
+        let tried = row["tried"].as_array().expect("a list").iter();
+        let most = tried.filter_map(|t| t["bits_over_prior"].as_f64()).fold(f64::NEG_INFINITY, f64::max);
+        assert!((best - most).abs() < 1e-12, "the best of those that were tried: {row}");
+    }
+    let of = |data: &str, adversary: &str, scheme: &str| {
+        rows.iter().find(|r| r["data"] == data && r["adversary"] == adversary && r["scheme"] == scheme)
+    };
+    let data = |row: &serde_json::Value| row["data"].as_str().expect("text").to_owned();
+    let name = data(rows.first().expect("rows"));
+    let bits = |adversary: &str, scheme: &str| {
+        let row = of(&name, adversary, scheme).unwrap_or_else(|| panic!("{adversary} {scheme}: {document}"));
+        row["bits_over_prior"].as_f64().expect("a number")
+    };
+    // Who is told the truth gets more than who guesses it, and whoever has the map's images more than who has seals.
+    for scheme in ["random-lines", "coordinate-permutation", "dcl"] {
+        assert!(bits("true-neighbours", scheme) > bits("outsider-statistic", scheme) + 0.5, "{scheme}");
+    }
+    assert!(bits("several-seals", "dcl") > 0.1, "{document}");
+    // Nobody has a map of what a file holds.
+    assert!(of("elsewhere.jsonl", "true-neighbours", "dcl").is_some());
+    assert!(of("elsewhere.jsonl", "map-server", "dcl").is_none());
+    assert!(of("elsewhere.jsonl", "pose-server", "dcl").is_none());
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let place = folder();
+    place.write("k.jsonl", "{}\n");
+    for (arguments, code, says) in [
+        ("", 1, "nothing to attack"),
+        ("--keypoints k.jsonl --schemes points", 1, "points are sent as they are"),
+        ("--keypoints no-such.jsonl", 1, "no-such.jsonl"),
+        ("--keypoints k.jsonl", 1, "k.jsonl"),
+        ("--posed p", 2, "--images"),
+        ("--keypoints k.jsonl --masks m", 2, "--posed"),
+        ("--keypoints k.jsonl --adversaries nobody", 2, "outsider-statistic"),
+        ("--keypoints k.jsonl --attacked 0", 2, "--attacked"),
+    ] {
+        let run = place.run(&format!("eval adversaries {arguments}"));
+        assert_eq!(run.code, Some(code), "{run}");
+        assert!(run.stderr.contains(says), "{says}: {run}");
+    }
+}

@@ -1,0 +1,157 @@
+//! `veiloc eval negatives`: images of elsewhere, which the map must not find.
+
+use super::common;
+
+use std::collections::BTreeSet;
+
+use common::{CAMERA, Place, place, render_elsewhere};
+use serde_json::Value;
+
+const ELSEWHERE: usize = 6;
+
+const ASK: &str = "eval negatives --map place.vmap --schemes points,dcl";
+
+/// The place, with images of another room in `other/images`, and with `mixed`: a flat image and a file that is none.
+fn ready() -> &'static Place {
+    static READY: std::sync::Once = std::sync::Once::new();
+    let place = place();
+    READY.call_once(|| {
+        render_elsewhere(ELSEWHERE);
+        std::fs::create_dir_all(place.path("mixed")).expect("folder");
+        image::GrayImage::from_pixel(400, 300, image::Luma([90]))
+            .save(place.path("mixed/flat.png"))
+            .expect("written");
+        place.write("mixed/notes.jpg", "no image");
+        std::fs::copy(place.path("other/images/negative-1.png"), place.path("mixed/negative-1.png"))
+            .expect("copied");
+    });
+    place
+}
+
+fn document(bytes: &[u8]) -> Value {
+    serde_json::from_slice(bytes).expect("a document")
+}
+
+fn rows(document: &Value) -> &Vec<Value> {
+    document["rows"].as_array().expect("rows")
+}
+
+fn names(document: &Value) -> BTreeSet<&str> {
+    document["queries"].as_array().expect("queries").iter().filter_map(|q| q["name"].as_str()).collect()
+}
+
+/// How few are trusted is for the tests of the engine; here rendered rooms of one maker are told apart from lines, and
+/// everything is counted.
+#[test]
+fn images_of_elsewhere_are_counted() {
+    let place = ready();
+    let run = place.run(&format!("{ASK} --images other/images --json negatives.json")).succeeded();
+    let found = document(&place.read("negatives.json"));
+    assert_eq!((&found["images"], &found["failed"]), (&ELSEWHERE.into(), &0.into()));
+    let queries = found["queries"].as_array().expect("queries");
+    assert_eq!((rows(&found).len(), queries.len()), (2, 2 * ELSEWHERE));
+    for row in rows(&found) {
+        let count = |of: &str| row[of].as_u64().expect("a count");
+        let of_state = |state: &str| {
+            queries.iter().filter(|q| q["scheme"] == row["scheme"] && q["state"] == state).count() as u64
+        };
+        let counts = [count("trusted"), count("doubtful"), count("not_found")];
+        assert_eq!(counts, ["trusted", "doubtful", "not-found"].map(of_state), "{row}");
+        assert_eq!((count("negatives"), counts.iter().sum(), count("unusable")), (6, 6, 0), "{row}");
+        assert!(row["scheme"] == "points" || count("trusted") == 0, "{run}");
+        assert_eq!((&row["cameras"]["given"], &row["cameras"]["guess"]), (&0.into(), &ELSEWHERE.into()));
+    }
+    let given =
+        place.run(&format!("{ASK} --images other/images --camera {CAMERA} --json -")).succeeded().json();
+    assert!(rows(&given).iter().all(|r| r["cameras"]["given"] == ELSEWHERE && r["cameras"]["guess"] == 0));
+}
+
+/// Who gives images of the place itself is shown what a false positive would look like.
+#[test]
+fn images_of_the_place_itself_are_trusted_and_named() {
+    let place = ready();
+    let run = place.run(&format!("{ASK} --images images --camera {CAMERA} --json own.json")).succeeded();
+    assert!(run.stdout.contains("Trusted, each of them wrong:\n  "), "{run}");
+    let own = document(&place.read("own.json"));
+    for row in rows(&own) {
+        assert!(row["trusted"].as_u64() >= Some(12), "{row}");
+        assert!(row["log_evidence"]["50"].as_f64() > Some(100.0), "{row}");
+    }
+    let query = &own["queries"][0];
+    let center =
+        query["center"].as_array().expect("a centre").iter().filter_map(Value::as_f64).collect::<Vec<_>>();
+    let truth = place.pose_of(query["name"].as_str().expect("a name")).center();
+    assert!((0..3).all(|k| (center[k] - truth.coords[k]).abs() < 0.1), "{query}");
+}
+
+#[test]
+fn halves_part_the_images_by_their_names() {
+    let place = ready();
+    let of = |half: &str| {
+        place.run(&format!("{ASK} --images other/images --half {half} --json -")).succeeded().json()
+    };
+    let (design, last, all) = (of("design"), of("final"), of("all"));
+    // By the hash of the names alone.
+    let expected: BTreeSet<&str> = DESIGN.into();
+    assert_eq!(names(&design), expected);
+    assert!(names(&design).is_disjoint(&names(&last)));
+    assert_eq!(&names(&design) | &names(&last), names(&all));
+    // What is asked of an image does not depend on the others.
+    let of_all = |name: &Value| {
+        let queries = all["queries"].as_array().expect("queries");
+        queries.iter().filter(|q| q["name"] == *name).collect::<Vec<_>>()
+    };
+    for query in design["queries"].as_array().expect("queries") {
+        assert!(of_all(&query["name"]).contains(&query), "{query}");
+    }
+    place.write("one.txt", "negative-1.png\n");
+    let empty = if expected.contains("negative-1.png") { "final" } else { "design" };
+    let run = place.run(&format!("{ASK} --images other/images --list one.txt --half {empty}"));
+    assert!(run.code == Some(1) && run.stderr.contains("half"), "{run}");
+}
+
+#[test]
+fn bad_images_are_named_and_do_not_stop_the_others() {
+    let place = ready();
+    let run = place.run(&format!("{ASK} --images mixed --json mixed.json"));
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(run.stderr.contains("2 of 3 asked for their place") && run.stderr.contains("notes.jpg"), "{run}");
+    let mixed = document(&place.read("mixed.json"));
+    assert_eq!((&mixed["images"], &mixed["failed"]), (&3.into(), &1.into()));
+    assert_eq!(
+        (&mixed["faults"][0]["file"], &mixed["faults"][0]["kind"]),
+        (&"notes.jpg".into(), &"damaged".into())
+    );
+    for row in rows(&mixed) {
+        assert_eq!((&row["negatives"], &row["unusable"]), (&2.into(), &1.into()), "{row}");
+    }
+    place.run(&format!("{ASK} --images mixed --skip-bad")).succeeded();
+
+    let small = CAMERA.replace("400,300", "300,400");
+    let cases: &[(&str, i32, &[&str])] = &[
+        (&format!("--images other/images --camera {small}"), 1, &["400x300", "300x400"]),
+        ("--images no/such/folder", 1, &["no/such/folder"]),
+        ("--images other/images --list no-such.txt", 1, &["no-such.txt"]),
+        ("--images other/images --half last", 2, &["design", "final"]),
+        ("", 2, &["--images"]),
+    ];
+    for (arguments, code, says) in cases {
+        let run = place.run(&format!("{ASK} {arguments}"));
+        assert_eq!(run.code, Some(*code), "{run}");
+        assert!(says.iter().all(|word| run.stderr.contains(word)), "{run}");
+    }
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let place = ready();
+    let with = |threads: &str| {
+        let mut command = place.command(&format!("{ASK} --images other/images --json -"));
+        command.env("RAYON_NUM_THREADS", threads).output().expect("runs").stdout
+    };
+    let one = with("1");
+    assert!(!one.is_empty() && one == with("3"));
+}
+
+/// The half for design among the rendered images of elsewhere.
+const DESIGN: [&str; 4] = ["negative-1.png", "negative-3.png", "negative-4.png", "negative-6.png"];

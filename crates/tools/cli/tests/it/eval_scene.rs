@@ -1,0 +1,143 @@
+//! `veiloc eval scene` with queries of another place, which must not be localized.
+
+use super::common;
+
+use common::{place, render_elsewhere};
+
+const NEGATIVES: usize = 2;
+
+const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
+                     --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl";
+
+#[test]
+fn negatives_are_counted_and_not_trusted() {
+    let place = place();
+    render_elsewhere(NEGATIVES);
+    let negatives =
+        "--negatives-posed other/posed --negatives-images other/images --negatives-list other/list.txt";
+    let run = place.run(&format!("{SCENE} {negatives} --json scene.json")).succeeded();
+    assert!(run.stdout.contains("negatives localized") && run.stdout.contains("negatives trusted"), "{run}");
+    let document: serde_json::Value = serde_json::from_slice(&place.read("scene.json")).expect("a document");
+    for row in document["schemes"].as_array().expect("an array") {
+        assert_eq!(row["negatives"]["queries"], NEGATIVES, "{row}");
+        assert_eq!(row["negatives"]["trusted"], 0, "{row}");
+        assert!(row["trusted"].as_u64().is_some_and(|n| n >= 2), "own queries are trusted: {row}");
+        assert_eq!(row["prior"], true, "{row}");
+    }
+    let each = document["negatives"].as_array().expect("an array");
+    assert_eq!(each.len(), 2 * NEGATIVES);
+    assert!(each.iter().all(|s| s["localized"].is_boolean() && s["trusted"] == false), "{each:?}");
+
+    let cases: &[(&str, i32, &[&str])] = &[
+        ("--negatives-posed other/posed", 2, &["--negatives-images", "--negatives-list"]),
+        ("--negatives-list other/list.txt", 2, &["--negatives-posed"]),
+        (
+            "--negatives-posed posed --negatives-images images --negatives-list queries.txt",
+            1,
+            &["negatives", "another place"],
+        ),
+        (
+            "--negatives-posed other/posed --negatives-images other/images --negatives-list map.txt",
+            1,
+            &["map-00.png", "no pose"],
+        ),
+    ];
+    for (arguments, code, says) in cases {
+        let run = place.run(&format!("{SCENE} {arguments}"));
+        assert_eq!(run.code, Some(*code), "{run}");
+        assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
+    }
+}
+
+#[test]
+fn progressive_queries_send_fewer_rows_and_find_the_same_place() {
+    let place = place();
+    render_elsewhere(NEGATIVES);
+    let negatives =
+        "--negatives-posed other/posed --negatives-images other/images --negatives-list other/list.txt";
+    let rows = |more: &str| {
+        let run = place.run(&format!("{SCENE} {more} --json steps.json")).succeeded();
+        assert!(run.stdout.contains("mean rows") && run.stdout.contains("mean exposed"), "{run}");
+        let document: serde_json::Value =
+            serde_json::from_slice(&place.read("steps.json")).expect("a document");
+        for query in document["queries"].as_array().expect("an array") {
+            assert_eq!(query["ms"]["steps"].is_number(), more.contains("--progressive"), "{query}");
+        }
+        document["schemes"].as_array().expect("an array").clone()
+    };
+    let whole = rows("");
+    let steps = rows(&format!("--progressive {negatives}"));
+    let exact = rows("--progressive --accuracy 1e-9");
+    for ((whole, steps), exact) in whole.iter().zip(&steps).zip(&exact) {
+        let of = |row: &serde_json::Value, name: &str| row[name].as_f64().expect("a number");
+        assert_eq!(of(whole, "mean_rows"), 1024.0);
+        assert_eq!(of(whole, "mean_bytes"), of(whole, "sealed_bytes"));
+        assert!(
+            of(steps, "mean_rows") < 600.0 && of(steps, "mean_bytes") < of(whole, "mean_bytes"),
+            "{steps}"
+        );
+        assert!(of(steps, "mean_exposed") < of(whole, "mean_exposed"), "{steps}");
+        assert_eq!(steps["localized"], whole["localized"]);
+        assert_eq!(steps["negatives"]["trusted"], 0, "{steps}");
+        // Nothing is as exact as that: every byte of every step counts, and the pose is that of all rows.
+        assert_eq!(of(exact, "mean_rows"), 1024.0);
+        assert!(of(exact, "mean_bytes") > 1.5 * of(whole, "mean_bytes"), "{exact}");
+        assert_eq!(exact["median_translation"], whole["median_translation"]);
+    }
+}
+
+/// Rendered poses are exact, so that covariances can be held against them.
+#[test]
+fn covariances_are_held_against_the_truth() {
+    let place = place();
+    let run = place.run(&format!("{SCENE} --json covered.json")).succeeded();
+    assert!(run.stdout.contains("centre 90 %") && run.stdout.contains("error / ±"), "{run}");
+    let document: serde_json::Value =
+        serde_json::from_slice(&place.read("covered.json")).expect("a document");
+    for row in document["schemes"].as_array().expect("an array") {
+        let count = |state: &str| row[state].as_u64().expect("a count");
+        assert_eq!(count("trusted") + count("doubtful") + count("not_found"), count("queries"), "{row}");
+        for regions in [&row["coverage"], &row["coverage_pose"]] {
+            let share = |percent: &str| regions[percent].as_f64().expect("a share");
+            assert!(share("50") <= share("90") && share("90") <= share("99") && share("99") <= 1.0, "{row}");
+        }
+        // Three queries, so no more than that the errors and what is said of them are of one size.
+        let ratio = row["center_error_over_sd"].as_f64().expect("a ratio");
+        assert!((0.05..10.0).contains(&ratio), "{row}");
+    }
+    for query in document["queries"].as_array().expect("an array") {
+        let (state, trusted) = (query["state"].as_str().expect("a state"), query["trusted"].as_bool());
+        assert_eq!(state == "trusted", trusted == Some(true), "{query}");
+        let sd = query["position_sd"].as_f64().expect("a deviation");
+        let ratio = query["center_error_over_sd"].as_f64().expect("a ratio");
+        let error = query["translation_error"].as_f64().expect("an error");
+        assert!(sd > 0.0 && (ratio * sd - error).abs() < 1e-9 * (1.0 + error), "{query}");
+    }
+}
+
+#[test]
+fn problems_of_a_place_are_what_eval_pose_reads() {
+    let place = place();
+    let make = "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt \
+                --max-keypoints 1024";
+    for file in ["made.jsonl", "made.jsonl.gz"] {
+        place.run(&format!("{make} -o {file}")).succeeded();
+        let run = place.run(&format!("eval pose {file} --schemes points,dcl --json made.json")).succeeded();
+        let document: serde_json::Value =
+            serde_json::from_slice(&place.read("made.json")).expect("a document");
+        for row in document["schemes"].as_array().expect("an array") {
+            assert_eq!(row["localized"], row["queries"], "{run}");
+            assert_eq!(row["prior"], true, "ratio, votes and track length are there: {run}");
+        }
+        let of = |options: &str| {
+            place.run(&format!("eval pose {file} --schemes dcl --json fixed.json {options}")).succeeded();
+            let document: serde_json::Value =
+                serde_json::from_slice(&place.read("fixed.json")).expect("a document");
+            document["queries"][0]["translation_error"].as_f64().expect("a number")
+        };
+        assert_ne!(of("--noise 3 --fixed-noise"), of("--noise 3"));
+    }
+    assert_eq!(place.read("made.jsonl.gz")[..2], [0x1f, 0x8b]);
+    let refused = place.run(&format!("{make} -o no/such/folder/made.jsonl"));
+    assert_eq!(refused.code, Some(1), "{refused}");
+}

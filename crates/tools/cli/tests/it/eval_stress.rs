@@ -1,0 +1,148 @@
+//! `veiloc eval stress`: one place under hard conditions.
+
+use super::common;
+
+use common::{QUERIES, place};
+use serde_json::Value;
+
+const PLACE: &str = "--posed posed --images images --map-list map.txt --query-list queries.txt \
+                     --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl";
+
+fn document(bytes: &[u8]) -> Value {
+    serde_json::from_slice(bytes).expect("a document")
+}
+
+fn list<'a>(document: &'a Value, of: &str) -> &'a Vec<Value> {
+    document[of].as_array().unwrap_or_else(|| panic!("no {of}"))
+}
+
+#[test]
+fn every_stress_has_its_rows_and_none_comes_first() {
+    let place = place();
+    let run = place.run(&format!("eval stress {PLACE} --optimum --json stress.json")).succeeded();
+    assert!(
+        run.stdout.contains("optimum ≤0.05/5 %") && run.stderr.contains("one in 3 of them, 4 images"),
+        "{run}"
+    );
+    let result = document(&place.read("stress.json"));
+    let rows = list(&result, "rows");
+    let order: Vec<&str> = rows.iter().filter_map(|r| r["stress"].as_str()).step_by(2).collect();
+    let expected = [
+        "none",
+        "dark",
+        "motion",
+        "half-hidden",
+        "side-hidden",
+        "low-resolution",
+        "sparse-map",
+        "few-keypoints",
+    ];
+    assert_eq!(order, expected);
+    assert_eq!((&result["sparse_map"]["every"], &result["sparse_map"]["images"]), (&3.into(), &4.into()));
+    let row = |stress: &str, scheme: &str| {
+        let found = rows.iter().find(|r| r["stress"] == stress && r["scheme"] == scheme);
+        found.unwrap_or_else(|| panic!("no row of {stress}, {scheme}"))
+    };
+    for row in rows {
+        let count = |of: &str| row[of].as_u64().unwrap_or_else(|| panic!("no {of}: {row}"));
+        assert_eq!(count("queries"), QUERIES as u64);
+        assert_eq!(count("trusted") + count("doubtful") + count("not_found"), count("queries"), "{row}");
+        assert!(count("lost") <= count("queries") - count("right"), "{row}");
+    }
+    for scheme in ["points", "dcl"] {
+        let none = row("none", scheme);
+        assert_eq!((&none["recall"]["0.25/2"], &none["trusted_wrong"]), (&1.0.into(), &0.into()), "{none}");
+        assert_eq!(none["floor"]["recall"]["0.25/2"], 1.0, "{none}");
+    }
+    // Each stress takes matches away.
+    let matches = |stress: &str| -> u64 {
+        let own =
+            list(&result, "queries").iter().filter(|q| q["stress"] == stress && q["scheme"] == "points");
+        own.filter_map(|q| q["matches"].as_u64()).sum()
+    };
+    for stress in &expected[1..] {
+        assert!(matches(stress) < matches("none"), "{stress}: {} of {}", matches(stress), matches("none"));
+    }
+    assert!(matches("few-keypoints") <= 256 * QUERIES as u64);
+}
+
+/// Without stress it is `eval scene`: the very same poses.
+#[test]
+fn none_is_the_place_as_eval_scene_sees_it() {
+    let place = place();
+    let none = place.run(&format!("eval stress {PLACE} --stress none --seed 3 --json -")).succeeded().json();
+    assert_eq!(list(&none, "rows").len(), 2);
+    assert!(none.get("sparse_map").is_none() && none["rows"][0].get("optimum").is_none());
+    let scene = place.run(&format!("eval scene {PLACE} --seed 3 --json -")).succeeded().json();
+    let errors = |document: &Value| -> Vec<(Value, Value, Value)> {
+        let of = |q: &Value| (q["name"].clone(), q["translation_error"].clone(), q["state"].clone());
+        list(document, "queries").iter().map(of).collect()
+    };
+    assert_eq!(errors(&none), errors(&scene));
+}
+
+/// The rows without gravity are those of a place that nothing is told of, and each has one with gravity behind it.
+#[test]
+fn gravity_adds_a_row_to_each() {
+    let place = place();
+    let run = |more: &str| {
+        let stress = format!("eval stress {PLACE} --stress sparse-map --seed 3 {more} --json -");
+        place.run(&stress).succeeded().json()
+    };
+    let (plain, told) = (run(""), run("--gravity 0.5"));
+    let with = |document: &Value, of: &str, is_told: bool| -> Vec<Value> {
+        let rows = list(document, of).iter().filter(|row| row.get("gravity_sd_deg").is_some() == is_told);
+        rows.cloned().collect()
+    };
+    for of in ["rows", "queries"] {
+        assert_eq!(with(&told, of, false), *list(&plain, of), "{of}");
+        assert_eq!(with(&told, of, true).len(), list(&plain, of).len(), "{of}");
+    }
+    let rows = list(&told, "rows");
+    for pair in rows.chunks(2) {
+        assert_eq!((&pair[0]["scheme"], &pair[0]["stress"]), (&pair[1]["scheme"], &pair[1]["stress"]));
+        assert_eq!((pair[0].get("gravity_sd_deg"), &pair[1]["gravity_sd_deg"]), (None, &0.5.into()));
+    }
+    assert_ne!(with(&told, "rows", true)[0]["median_rotation_deg"], plain["rows"][0]["median_rotation_deg"]);
+
+    let scene = place.run(&format!("eval scene {PLACE} --seed 3 --gravity 0.5 --json -")).succeeded();
+    let gravity: Vec<Value> = list(&scene.json(), "schemes").iter().map(|s| s["gravity"].clone()).collect();
+    assert_eq!(gravity, ["none", "0.5", "none", "0.5"]);
+}
+
+#[test]
+fn equal_seeds_give_equal_tables_whatever_the_number_of_threads() {
+    let place = place();
+    let with = |threads: &str, seed: u32| {
+        let arguments =
+            format!("eval stress {PLACE} --stress dark,motion,half-hidden --seed {seed} --json -");
+        let output = place.command(&arguments).env("RAYON_NUM_THREADS", threads).output().expect("runs");
+        let mut result = document(&output.stdout);
+        result["map"]["build_seconds"] = Value::Null;
+        result
+    };
+    let one = with("1", 5);
+    assert_eq!(one, with("3", 5));
+    assert_ne!(one["queries"], with("3", 6)["queries"]);
+}
+
+#[test]
+fn what_cannot_be_evaluated_is_refused() {
+    let place = place();
+    place.write("both.txt", "query-0.png\nmap-00.png\n");
+    let given = "--posed posed --images images --map-list map.txt";
+    let cases: &[(&str, i32, &[&str])] = &[
+        (&format!("{given} --query-list queries.txt --stress light"), 2, &["light", "half-hidden"]),
+        (&format!("{given} --query-list queries.txt --wrong-beyond 0.25"), 2, &["TRANSLATION/DEGREES"]),
+        (&format!("{given} --query-list queries.txt --oracle-radius 0"), 2, &["above 0"]),
+        (&format!("{given} --query-list both.txt --max-keypoints 256"), 1, &["map-00.png", "proves nothing"]),
+        (&format!("{given} --query-list queries.txt --gravity 17"), 1, &["gravity", "16"]),
+        (&format!("{given} --query-list queries.txt --gravity=-1"), 2, &["above 0"]),
+        (&format!("{given} --query-list no-such.txt"), 1, &["no-such.txt"]),
+    ];
+    for (arguments, code, says) in cases {
+        let run = place.run(&format!("eval stress {arguments}"));
+        assert_eq!(run.code, Some(*code), "{run}");
+        assert!(run.stdout.is_empty() && says.iter().all(|word| run.stderr.contains(word)), "{run}");
+    }
+}

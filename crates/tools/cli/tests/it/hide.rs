@@ -1,0 +1,86 @@
+//! `--hide`: what a detector finds is not sent, and a detector that cannot be used sends nothing.
+
+use super::common;
+
+use common::{CAMERA, Place, place};
+
+/// Finds a person in the left half of any image (`scripts/oracle_detector.py`).
+fn detector(name: &str) -> String {
+    format!("{}/../../device/features/tests/data/detector/{name}.onnx", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn seal(more: &str) -> String {
+    format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o hidden.vquery {more}")
+}
+
+/// Ends with 1, says all of this, and writes no query.
+fn refused(place: &Place, command: &str, says: &[&str]) {
+    let run = place.run(&command.replace("hidden.vquery", "none.vquery"));
+    let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
+    let text = words.join(" ");
+    assert!(run.code == Some(1) && says.iter().all(|word| text.contains(word)), "{says:?}: {run}");
+    assert!(!place.path("none.vquery").exists(), "{run}");
+}
+
+#[test]
+fn what_is_found_is_hidden_and_told() {
+    let place = place();
+    let hidden = |more: &str| {
+        let run = place.run(&format!("{} --json", seal(more))).succeeded();
+        let fields = &common::documented::tables()["seal"];
+        assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
+        (run.json()["images"][0].clone(), run)
+    };
+    let (all, _) = hidden("");
+    assert!(all["hidden"].is_null() && all["found_to_hide"].is_null());
+    let (person, run) = hidden(&format!("--hide person --detector {}", detector("two-boxes")));
+    assert_eq!(person["found_to_hide"], serde_json::json!({"person": 1}), "the car is not asked for");
+    // Columns 62.5 to 137.5 and rows 25 to 275 of 400 x 300, with 0.15 of each to both sides.
+    assert_eq!(person["hidden"], 98.0 / 400.0, "{run}");
+    assert!(run.stderr.contains("found 1 × person, 24.5 % of the image hidden"), "{run}");
+    assert!(person["found"].as_u64() < all["found"].as_u64());
+    let (wide, _) = hidden(&format!("--hide person --detector {} --hide-margin 0.5", detector("two-boxes")));
+    assert_eq!(wide["hidden"], 150.0 / 400.0);
+    let (both, run) = hidden(&format!("--hide person,car --detector {}", detector("two-boxes")));
+    assert_eq!(both["found_to_hide"], serde_json::json!({"car": 1, "person": 1}), "{run}");
+    assert!(both["hidden"].as_f64() > person["hidden"].as_f64());
+}
+
+#[test]
+fn a_detector_that_cannot_be_used_sends_nothing() {
+    let place = place();
+    let whole = std::fs::read(detector("two-boxes")).expect("a detector");
+    place.write("cut.onnx", &whole[..whole.len() / 2]);
+    let with = |classes: &str, file: &str| seal(&format!("--hide {classes} --detector {file}"));
+    let good = detector("two-boxes");
+    for (command, says) in [
+        (with("dog", &good), &["no class dog", "it knows: person, car"][..]),
+        (with("Person", &good), &["no class Person", "person, car"]),
+        (with("person", "gone.onnx"), &["gone.onnx", "cannot read the detector"]),
+        (with("person", "cut.onnx"), &["cut.onnx", "no detector that can be used"]),
+        (with("person", "place.vprofile"), &["place.vprofile", "no detector that can be used"]),
+        (with("person", &detector("no-names")), &["names of its classes"]),
+        (with("person", &detector("not-a-number")), &["query-0.png", "could not run"]),
+        (with("person", &good).replace("-o hidden.vquery", &format!("-o {good}")), &["is an input"]),
+    ] {
+        refused(place, &command, says);
+    }
+    // Before anybody is asked for anything: there is no service at this address.
+    let send =
+        format!("query send images/query-0.png --camera {CAMERA} --map place --server http://127.0.0.1:9");
+    refused(place, &format!("{send} --hide dog --detector {good}"), &["no class dog"]);
+    refused(
+        place,
+        &format!("{send} --hide person --detector {}", detector("not-a-number")),
+        &["could not run"],
+    );
+    for (more, part) in [
+        ("--hide person".to_owned(), "--detector"),
+        (format!("--detector {good}"), "--hide"),
+        (format!("--hide person --detector {good} --hide-margin=-1"), "0 to 1"),
+        (format!("--hide person --detector {good} --hide-margin nan"), "0 to 1"),
+    ] {
+        let run = place.run(&seal(&more));
+        assert!(run.code == Some(2) && run.stderr.contains(part), "{part}: {run}");
+    }
+}

@@ -1,0 +1,123 @@
+//! A map build that is killed leaves the old map as it was, and nothing that disturbs the next build.
+
+use super::common;
+
+use std::fs;
+use std::process::Child;
+use std::time::{Duration, Instant};
+
+use common::{MAP_VIEWS, Place, place};
+
+const BUILD: &str = "map build --posed posed --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024 \
+                     -o live/place.vmap";
+
+/// Names in the folder of the map, sorted.
+fn names(place: &Place) -> Vec<String> {
+    let entries = fs::read_dir(place.path("live")).expect("the folder of the map");
+    let mut names: Vec<String> =
+        entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// What must hold at any time: the old map is there, whole, and nothing else looks like a map.
+fn old_map_is_untouched(place: &Place, old: &[u8], when: &str) {
+    assert!(place.read("live/place.vmap") == old, "{when}: the old map changed");
+    let info = place.run("map info live/place.vmap --json").succeeded().json();
+    assert_eq!(info["images"], 3, "{when}");
+    for name in names(place) {
+        let is_map = name == "place.vmap";
+        let is_rest = [".partial", ".lock"].iter().any(|end| name.starts_with('.') && name.ends_with(end));
+        assert!(is_map || is_rest, "{when}: {name} would be taken for a map");
+    }
+}
+
+/// Starts the build, kills it when `when` says so, and tells whether it was still running.
+fn killed(place: &Place, when: impl Fn(&mut Child) -> bool) -> bool {
+    let mut child = place.command(BUILD).spawn().expect("the binary runs");
+    while !when(&mut child) {
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    let running = child.try_wait().expect("a child").is_none();
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    running
+}
+
+#[test]
+fn a_killed_build_leaves_the_old_map() {
+    let place = place();
+    // The old map is another than the one being built.
+    fs::create_dir_all(place.path("live")).expect("folder");
+    place.write("three.txt", "map-00.png\nmap-01.png\nmap-02.png\n");
+    let small = BUILD.replace("map.txt", "three.txt");
+    place.run(&small).succeeded();
+    let old = place.read("live/place.vmap");
+    let started = Instant::now();
+    place.run(&BUILD.replace("live/", "")).succeeded();
+    let whole = started.elapsed();
+
+    // At times spread over the build.
+    let mut kills = 0;
+    for share in [0.02, 0.3, 0.6, 0.8] {
+        let delay = whole.mul_f64(share);
+        let start = Instant::now();
+        if killed(place, |_| start.elapsed() >= delay) {
+            kills += 1;
+            old_map_is_untouched(place, &old, &format!("killed after {delay:?} of {whole:?}"));
+        } else {
+            // A machine that became faster meanwhile finished: put the old map back.
+            place.write("live/place.vmap", &old);
+        }
+    }
+    assert!(kills >= 2, "only {kills} builds were still running when they were to be killed");
+
+    // In the very moment of writing: as soon as another file shows up beside the map.
+    let mut caught = 0;
+    for _ in 0..3 {
+        killed(place, |child| names(place).len() > 1 || child.try_wait().is_ok_and(|s| s.is_some()));
+        if place.read("live/place.vmap") == old {
+            caught += 1;
+            old_map_is_untouched(place, &old, "killed while writing");
+        } else {
+            // The kill came after the rename: then the new map is there, whole.
+            place.run("map info live/place.vmap").succeeded();
+            place.write("live/place.vmap", &old);
+        }
+    }
+    eprintln!("{caught} of 3 kills came between the first byte and the rename");
+
+    // Rubbish, also of other writers, does not disturb the next build, which clears it away.
+    place.write("live/.place.vmap.4194304999-0.partial", &old[..old.len() / 2]);
+    let run = place.run(&format!("{BUILD} --json")).succeeded();
+    assert_eq!(run.json()["images"], MAP_VIEWS);
+    assert_eq!(names(place), ["place.vmap"], "what killed builds left is cleared away");
+    assert!(
+        place.read("live/place.vmap") == place.read("place.vmap"),
+        "the build is not what it would have been"
+    );
+}
+
+/// The same for a build that fails by itself.
+#[test]
+fn a_refused_build_leaves_the_old_map() {
+    let place = place();
+    fs::create_dir_all(place.path("own")).expect("folder");
+    place.write("own/place.vmap", place.read("place.vmap"));
+    place.write("own/list.txt", "map-00.png\nmap-01.png\nmissing.png\n");
+    let run = place.run("map build --posed posed --images images --list own/list.txt -o own/place.vmap");
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(place.read("own/place.vmap") == place.read("place.vmap"));
+    // An image that is there when the build starts, and turns out to be damaged in the middle of it.
+    let posed = String::from_utf8(place.read("posed/images.txt")).expect("text");
+    for file in ["cameras.txt", "points3D.txt"] {
+        place.write(&format!("own/posed/{file}"), place.read(&format!("posed/{file}")));
+    }
+    place.write("own/posed/images.txt", posed.replace("map-05.png", "cut.png"));
+    let png = place.read("images/map-05.png");
+    place.write("images/cut.png", &png[..png.len() / 2]);
+    place.write("own/cut.txt", "map-00.png\nmap-01.png\ncut.png\n");
+    let run = place.run("map build --posed own/posed --images images --list own/cut.txt -o own/place.vmap");
+    assert!(run.code == Some(1) && run.stderr.contains("cut.png"), "{run}");
+    assert!(place.read("own/place.vmap") == place.read("place.vmap"));
+}

@@ -1,0 +1,215 @@
+//! Maps that are made of what is usable, changed by several programs at once, and forget what they are told to.
+
+use super::common;
+
+use std::fs;
+
+use common::{MAP_VIEWS, Place, keys, place};
+use serde_json::Value;
+
+/// The map in a folder of its own, to be changed.
+fn copy(place: &Place, folder: &str) -> String {
+    let path = format!("{folder}/place.vmap");
+    place.write(&path, place.read("place.vmap"));
+    path
+}
+
+fn info(place: &Place, map: &str) -> Value {
+    place.run(&format!("map info {map} --images --json")).succeeded().json()
+}
+
+fn names(info: &Value) -> Vec<&str> {
+    info["image_list"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .map(|i| i["name"].as_str().expect("a name"))
+        .collect()
+}
+
+#[test]
+fn of_changes_at_once_none_is_lost() {
+    let place = place();
+    let map = copy(place, "at-once");
+    let leaving = ["map-01.png", "map-03.png", "map-05.png", "map-07.png"];
+    let children: Vec<_> = leaving
+        .iter()
+        .map(|name| place.command(&format!("map remove {map} {name}")).spawn().expect("the binary runs"))
+        .collect();
+    for child in children {
+        let output = child.wait_with_output().expect("it ends");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    let info = info(place, &map);
+    let left = names(&info);
+    assert_eq!(left.len(), MAP_VIEWS - leaving.len());
+    assert!(leaving.iter().all(|name| !left.contains(name)), "{left:?}");
+    let files: Vec<_> = fs::read_dir(place.path("at-once")).expect("folder").collect();
+    assert_eq!(files.len(), 1, "nothing is left lying about: {files:?}");
+}
+
+#[test]
+fn who_leaves_a_map_is_told_what_stays_and_can_have_it_forgotten() {
+    let place = place();
+    let before = info(place, "place.vmap");
+    let kept = copy(place, "kept");
+    let run = place.run(&format!("map remove {kept} map-02.png")).succeeded();
+    assert!(run.stderr.contains("words of the vocabulary") && run.stderr.contains("--retrain"), "{run}");
+    assert_eq!(info(place, &kept)["profile"], before["profile"], "queries sealed for the map still fit");
+
+    let forgot = copy(place, "forgot");
+    let run = place.run(&format!("map remove {forgot} map-02.png --retrain")).succeeded();
+    assert!(run.stderr.contains("new profile") && run.stderr.contains("fetch"), "{run}");
+    let after = info(place, &forgot);
+    assert_ne!(after["profile"], before["profile"]);
+    assert_eq!(after["images"], MAP_VIEWS - 1);
+    assert_eq!(after["points"], info(place, &kept)["points"]);
+
+    let run = place.run(&format!("map remove {kept} map-98.png map-99.png"));
+    assert!(run.code == Some(1) && run.stderr.contains("map-98.png, map-99.png are not in the map"), "{run}");
+}
+
+#[test]
+fn images_are_listed() {
+    let place = place();
+    let document = info(place, "place.vmap");
+    assert_eq!(names(&document).len(), MAP_VIEWS);
+    let image = &document["image_list"][0];
+    assert_eq!(keys(image), ["camera", "keypoints", "name", "points_seen"]);
+    assert!(image["points_seen"].as_u64() > Some(10), "{image}");
+    assert_eq!(document["warnings"].as_array().map(Vec::len), Some(0));
+    let run = place.run("map info place.vmap --images").succeeded();
+    assert!(names(&document).iter().all(|name| run.stdout.contains(name)), "{run}");
+    let run = place.run("map info place.vmap").succeeded();
+    assert!(!run.stdout.contains("map-00.png"), "{run}");
+}
+
+#[test]
+fn bad_images_are_all_named_or_left_out() {
+    let place = place();
+    let png = place.read("images/map-05.png");
+    for name in ["map-00.png", "map-01.png", "map-02.png", "map-03.png"] {
+        place.write(&format!("some/{name}"), place.read(&format!("images/{name}")));
+    }
+    place.write("some/map-05.png", &png[..png.len() / 2]);
+    let build =
+        "map build --posed posed --images some --list map.txt --max-keypoints 1024 -o some.vmap --json";
+    let run = place.run(build);
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(run.stderr.contains("5 of 10 images cannot be used"), "{run}");
+    for missing in ["map-04.png", "map-06.png", "map-07.png", "map-08.png", "map-09.png", "--skip-bad"] {
+        assert!(run.stderr.contains(missing), "{missing}: {run}");
+    }
+    assert!(!place.path("some.vmap").exists());
+
+    let run = place.run(&format!("{build} --skip-bad")).succeeded();
+    let document = run.json();
+    assert_eq!(document["images"], 4);
+    let skipped = document["skipped"].as_array().expect("a list");
+    assert_eq!(skipped.len(), 6);
+    assert!(skipped.iter().any(|s| s["name"] == "map-05.png"), "found as it was read: {run}");
+    assert!(run.stderr.contains("6 images were left out") && run.stderr.contains("map-05.png"), "{run}");
+}
+
+/// Cameras and poses are enough; a focal length twice the right one is not passed over in silence.
+#[test]
+fn poses_need_no_points_and_wrong_ones_are_doubted() {
+    let place = place();
+    let cameras = String::from_utf8(place.read("posed/cameras.txt")).expect("text");
+    place.write("bare/cameras.txt", &cameras);
+    place.write("bare/images.txt", place.read("posed/images.txt"));
+    let build = |posed: &str| {
+        format!(
+            "map build --posed {posed} --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024 \
+             -o {posed}.vmap --json"
+        )
+    };
+    place.run(&build("bare")).succeeded();
+    assert!(place.read("bare.vmap") == place.read("place.vmap"), "without points the map is another one");
+
+    let first = cameras.lines().find(|l| !l.starts_with('#')).expect("a camera");
+    let mut fields: Vec<&str> = first.split(' ').collect();
+    fields[4] = "660";
+    place.write("long/cameras.txt", fields.join(" "));
+    place.write("long/images.txt", place.read("posed/images.txt"));
+    is_refused(place, &build("long"), "long", "about 2.00 times the right one", "focal-length");
+}
+
+/// Camera-to-world poses: the map that was there stays, and the cause is named.
+#[test]
+fn inverted_poses_are_called_so_and_a_good_map_stays() {
+    let place = place();
+    let inverted = (1..).zip(&place.poses).map(|(id, (name, pose))| {
+        let pose = pose.inverse();
+        let ([w, x, y, z], t) = (pose.quaternion(), pose.translation());
+        format!("{id} {w} {x} {y} {z} {} {} {} 1 {name}\n\n", t.x, t.y, t.z)
+    });
+    let numbered = inverted.collect::<Vec<_>>().concat();
+    place.write("turned/cameras.txt", place.read("posed/cameras.txt"));
+    place.write("turned/images.txt", numbered);
+    place.write("turned.vmap", b"a good map");
+    let build =
+        "map build --posed turned --images images --list map.txt --max-keypoints 1024 -o turned.vmap --json";
+    let run = place.run(build);
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(run.stderr.contains("poses look camera-to-world"), "{run}");
+    assert_eq!(place.read("turned.vmap"), b"a good map");
+}
+
+/// A map that is good for nothing is refused by name of the fault, and written when that is wanted.
+fn is_refused(place: &Place, build: &str, map: &str, told: &str, name: &str) {
+    let run = place.run(build);
+    assert_eq!(run.code, Some(1), "{run}");
+    assert!(run.stderr.contains(told), "{told}: {run}");
+    assert!(!place.path(format!("{map}.vmap")).exists());
+    let run = place.run(&format!("{build} --keep-broken"));
+    if run.code == Some(0) {
+        let document = run.json();
+        let warnings = document["warnings"].as_array().expect("a list");
+        assert!(warnings.iter().any(|w| w["name"] == name), "{name}: {run}");
+    } else {
+        assert!(run.stderr.contains("no point could be triangulated"), "{run}");
+    }
+}
+
+/// Two images cannot test each other: that is told, and no reason to refuse the map.
+#[test]
+fn a_map_that_cannot_test_itself_says_so() {
+    let place = place();
+    place.write("two.txt", "map-00.png\nmap-01.png\n");
+    let build =
+        "map build --posed posed --images images --list two.txt --max-keypoints 1024 -o two.vmap --json";
+    let document = place.run(build).succeeded().json();
+    assert_eq!(document["self_test"]["images"], 2);
+    let names: Vec<&str> =
+        document["warnings"].as_array().expect("a list").iter().filter_map(|w| w["name"].as_str()).collect();
+    assert!(names.contains(&"self-test"), "{names:?}");
+
+    let run = place.run(&format!("{build} --no-self-test")).succeeded();
+    assert!(run.json()["self_test"].is_null(), "{run}");
+    let text = place.run("map info two.vmap").succeeded().stdout;
+    assert!(text.contains("self-test   none"), "{text}");
+}
+
+/// The place of the tests is sound, and its map knows that; a change is tested anew.
+#[test]
+fn a_sound_map_localizes_its_own_images() {
+    let place = place();
+    let document = info(place, "place.vmap");
+    let test = &document["self_test"];
+    assert_eq!(test["images"], MAP_VIEWS);
+    let schemes = test["schemes"].as_array().expect("a list");
+    assert_eq!(schemes.len(), 4);
+    for scheme in schemes {
+        assert!(scheme["recall_of_scale"]["0.05/5"].as_f64() > Some(0.6), "{scheme}");
+        assert!(scheme["calibration"]["factor"].as_f64() > Some(0.0), "{scheme}");
+    }
+    let text = place.run("map info place.vmap").succeeded().stdout;
+    assert!(text.contains("self-test   10 images") && text.contains("dcl"), "{text}");
+
+    let less = copy(place, "less");
+    place.run(&format!("map remove {less} map-04.png")).succeeded();
+    assert_eq!(info(place, &less)["self_test"]["images"], MAP_VIEWS - 1);
+    place.run(&format!("map remove {less} map-05.png --no-self-test")).succeeded();
+    assert!(info(place, &less)["self_test"].is_null(), "an old test is not true of a changed map");
+}

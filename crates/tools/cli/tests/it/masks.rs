@@ -1,0 +1,215 @@
+//! `--mask` and `--masks`: nothing under a mask is sent, and a mask that nobody can mean sends nothing.
+
+use super::common;
+
+use common::{CAMERA, Place, place};
+use image::{DynamicImage, GrayImage, ImageBuffer, Luma, LumaA, RgbImage};
+use veiloc_protocol::SealedQuery;
+
+/// Black where a person could stand.
+fn person(x: u32, y: u32) -> bool {
+    ((f64::from(x) - 130.0) / 40.0).hypot((f64::from(y) - 170.0) / 100.0) < 1.0
+}
+
+fn white_but_for(hides: fn(u32, u32) -> bool) -> GrayImage {
+    GrayImage::from_fn(400, 300, |x, y| Luma([if hides(x, y) { 0 } else { 255 }]))
+}
+
+fn save(place: &Place, name: &str, image: impl Into<DynamicImage>) {
+    place.write(name, "");
+    image.into().save(place.path(name)).expect("written");
+}
+
+fn seal(more: &str) -> String {
+    format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o masked.vquery {more}")
+}
+
+/// Ends with 1, and says all of this.
+fn refused(place: &Place, command: &str, says: &[&str]) {
+    let run = place.run(command);
+    let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
+    let text = words.join(" ");
+    assert!(run.code == Some(1) && says.iter().all(|word| text.contains(word)), "{says:?}: {run}");
+}
+
+#[test]
+fn a_masked_image_is_sealed_and_localized() {
+    let place = place();
+    save(place, "masks/query-0.png.png", white_but_for(person));
+    let sent = |more: &str| {
+        let run = place.run(&format!("{} --json", seal(more))).succeeded();
+        let image = run.json()["images"][0].clone();
+        let fields = &common::documented::tables()["seal"];
+        assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
+        (image["found"].as_u64().expect("a count"), image["hidden"].as_f64(), run)
+    };
+    let (all, none, _) = sent("");
+    let (rest, hidden, run) = sent("--mask masks/query-0.png.png");
+    assert_eq!(none, None);
+    assert!(hidden.is_some_and(|share| (0.1..0.11).contains(&share)), "{hidden:?}");
+    assert!(run.stderr.contains("10.4 % of the image hidden"), "{run}");
+    assert!(rest < all, "{rest} of {all}");
+    place.run("localize --map place.vmap masked.vquery").succeeded();
+    // A folder of masks, by COLMAP's rule; and in a session.
+    let two = format!(
+        "seal images/query-0.png images/query-1.png --camera {CAMERA} --profile place.vprofile -o some/"
+    );
+    refused(place, &format!("{two} --masks masks"), &["query-1.png.png"]);
+    SealedQuery::decode(&place.read("some/query-0.vquery")).expect("the one that has a mask");
+    assert!(!place.path("some/query-1.vquery").exists(), "an image without a mask is not sealed");
+    place.run(&seal("--masks masks --session masked.session")).succeeded();
+}
+
+/// L13, through the whole program: two folders of images that differ under the mask only are evaluated alike.
+#[test]
+fn l13_what_is_hidden_changes_no_result() {
+    let place = place();
+    for k in 0..common::QUERIES {
+        save(place, &format!("masks-of-all/query-{k}.png.png"), white_but_for(person));
+    }
+    let evaluated = |images: &str, more: &str| {
+        let run = place.run(&format!(
+            "eval scene --posed posed --images {images} --map-list map.txt --query-list queries.txt --max-keypoints 1024 \
+             --query-keypoints 1024 --schemes dcl --json {images}.json {more}"
+        ));
+        let document: serde_json::Value =
+            serde_json::from_slice(&place.read(&format!("{images}.json"))).expect("a document");
+        let queries = document["queries"].as_array().expect("an array").clone();
+        let told = |query: &serde_json::Value| {
+            let mut query = query.clone();
+            query["ms"] = serde_json::Value::Null;
+            query
+        };
+        (queries.iter().map(told).collect::<Vec<_>>(), run.succeeded())
+    };
+    for entry in std::fs::read_dir(place.path("images")).expect("a folder").flatten() {
+        let mut image = image::open(entry.path()).expect("an image").to_rgb8();
+        let name = entry.file_name().into_string().expect("text");
+        if name.starts_with("query-") {
+            for (x, y, pixel) in image.enumerate_pixels_mut().filter(|(x, y, _)| person(*x, *y)) {
+                *pixel = image::Rgb([(x * 37) as u8, (y * 91) as u8, (x * y) as u8]);
+            }
+        }
+        save(place, &format!("changed/{name}"), image);
+    }
+    let masks = "--masks masks-of-all";
+    let masked = evaluated("images", masks).0;
+    assert_eq!(masked, evaluated("changed", masks).0);
+    assert!(masked.iter().all(|query| query["state"] == "trusted"), "{masked:?}");
+    assert_ne!(evaluated("images", "").0, evaluated("changed", "").0, "the measure does not see the leak");
+}
+
+/// What is attacked of a masked query is what a device sends of it.
+#[test]
+fn attacks_see_nothing_of_what_is_hidden() {
+    let place = place();
+    for k in 0..common::QUERIES {
+        save(place, &format!("masks-of-all/query-{k}.png.png"), white_but_for(person));
+    }
+    let hidden = |more: &str| {
+        place
+            .run(&format!(
+                "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt \
+                 --max-keypoints 1024 --query-keypoints 512 -o p.jsonl --keypoints masked.jsonl {more}"
+            ))
+            .succeeded();
+        let read = |name: &str| {
+            let text = String::from_utf8(place.read(name)).expect("text");
+            let line = |l: &str| serde_json::from_str::<serde_json::Value>(l).expect("JSON");
+            text.lines().map(line).collect::<Vec<_>>()
+        };
+        let number = |value: &serde_json::Value| value.as_f64().expect("a number");
+        let mut count = 0;
+        for (problem, image) in read("p.jsonl").iter().zip(read("masked.jsonl")) {
+            // Back from the canonical camera to the image's own, but for its distortion: a pixel at most.
+            let canonical = &problem["camera"]["params"];
+            let own = |p: &serde_json::Value, i: usize| {
+                let ahead = (number(&p[i]) - number(&canonical[2 + i])) / number(&canonical[i]);
+                (330.0 * ahead + [201.0, 149.0][i]) as u32
+            };
+            count += image["keypoints"]
+                .as_array()
+                .expect("a list")
+                .iter()
+                .filter(|p| person(own(p, 0), own(p, 1)))
+                .count();
+        }
+        count
+    };
+    assert!(hidden("") > 20);
+    assert_eq!(hidden("--masks masks-of-all"), 0);
+    refused(
+        place,
+        "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt -o p.jsonl --masks nowhere",
+        &["nowhere", "query-0.png.png"],
+    );
+}
+
+#[test]
+fn masks_that_nobody_means_are_refused_and_nothing_is_written() {
+    let place = place();
+    let good = white_but_for(person);
+    save(place, "bad/nothing.png", white_but_for(|_, _| false));
+    save(place, "bad/all.png", white_but_for(|_, _| true));
+    save(place, "bad/turned.png", image::imageops::rotate90(&good));
+    save(place, "bad/small.png", GrayImage::from_fn(200, 150, |x, _| Luma([(x > 9) as u8 * 255])));
+    let clear = ImageBuffer::from_fn(400, 300, |x, y| LumaA([255_u8, if person(x, y) { 0 } else { 255 }]));
+    save(place, "bad/alpha.png", clear);
+    let whole = std::fs::read(place.path("bad/turned.png")).expect("written");
+    place.write("bad/cut.png", &whole[..whole.len() / 2]);
+    place.write("bad/text.png", "no image");
+    for (more, says) in [
+        ("--mask bad/nothing.png", &["bad/nothing.png", "hides nothing", "black hides"][..]),
+        ("--mask bad/all.png", &["bad/all.png", "hides the whole image"]),
+        ("--mask bad/turned.png", &["bad/turned.png", "300x400", "400x300", "query-0.png"]),
+        ("--mask bad/small.png", &["200x150", "400x300"]),
+        ("--mask bad/alpha.png", &["bad/alpha.png", "transparent"]),
+        ("--mask bad/cut.png", &["bad/cut.png", "cannot decode"]),
+        ("--mask bad/text.png", &["bad/text.png", "cannot decode"]),
+        ("--mask bad/gone.png", &["bad/gone.png", "cannot read"]),
+        ("--masks bad", &["query-0.png.png", "cannot read"]),
+        ("--mask bad/nothing.png images/query-1.png", &["--mask is of one image"]),
+    ] {
+        refused(place, &seal(more).replace("masked.vquery", "none.vquery"), says);
+        assert!(!place.path("none.vquery").exists(), "{more}");
+    }
+    // Before anybody is asked for anything: there is no service at this address.
+    let send =
+        format!("query send images/query-0.png --camera {CAMERA} --map place --server http://127.0.0.1:9");
+    refused(place, &format!("{send} --mask bad/nothing.png"), &["hides nothing"]);
+    let run = place.run(&seal("--mask a.png --masks b"));
+    assert!(run.code == Some(2) && run.stderr.contains("--masks"), "{run}");
+    // A mask is an input, and no place to write to.
+    refused(
+        place,
+        &seal("--mask bad/turned.png").replace("masked.vquery", "bad/turned.png"),
+        &["is an input"],
+    );
+}
+
+/// Masks as tools write them: in 16 bits, in colour, with an alpha channel that hides nothing, with soft edges.
+#[test]
+fn one_mask_in_many_forms_hides_the_same() {
+    let place = place();
+    let gray = |x, y| if person(x, y) { 0_u8 } else { 255 };
+    save(place, "forms/plain.png", white_but_for(person));
+    save(
+        place,
+        "forms/deep.png",
+        ImageBuffer::from_fn(400, 300, |x, y| Luma([if person(x, y) { 0x7fff_u16 } else { 0x8000 }])),
+    );
+    save(place, "forms/colour.png", RgbImage::from_fn(400, 300, |x, y| image::Rgb([gray(x, y); 3])));
+    save(place, "forms/opaque.png", ImageBuffer::from_fn(400, 300, |x, y| LumaA([gray(x, y), 255])));
+    save(
+        place,
+        "forms/soft.png",
+        GrayImage::from_fn(400, 300, |x, y| Luma([if person(x, y) { 127 } else { 128 }])),
+    );
+    for form in ["plain", "deep", "colour", "opaque", "soft"] {
+        let run = place.run(&seal(&format!("--mask forms/{form}.png --json"))).succeeded();
+        let share = run.json()["images"][0]["hidden"].as_f64().expect("a share");
+        let expected =
+            (0..300).flat_map(|y| (0..400).map(move |x| (x, y))).filter(|(x, y)| person(*x, *y)).count();
+        assert!((share - expected as f64 / 120_000.0).abs() < 1e-12, "{form}: {share}");
+    }
+}

@@ -1,0 +1,110 @@
+//! `--report` at `eval scene`, the data sets' commands and `localize`: one file, whole, and nothing more in the documents.
+
+use super::common;
+
+use common::{Place, place};
+use serde_json::Value;
+
+const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
+                     --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl --keep-map report.vmap";
+
+/// A report, and what every one of them holds.
+fn page(place: &Place, name: &str) -> String {
+    let page = String::from_utf8(place.read(name)).expect("UTF-8");
+    assert!(page.starts_with("<!doctype html>") && page.ends_with("</html>\n"), "{name}");
+    assert!(
+        page.contains("Content-Security-Policy\" content=\"default-src 'none'; img-src data:;"),
+        "{name}"
+    );
+    for mark in ["http:", "https:", "src=", " style="] {
+        let body = page.split("<body>").nth(1).expect("a body");
+        assert!(!body.contains(mark), "{name}: {mark}");
+    }
+    assert!(
+        page.contains("data-part=\"canvas\"") && page.contains("\"points\":\""),
+        "{name}: no place in 3D"
+    );
+    page
+}
+
+/// A document without what differs from run to run.
+fn document(place: &Place, name: &str) -> Value {
+    fn timeless(value: &mut Value) {
+        match value {
+            Value::Object(fields) => {
+                fields.retain(|name, _| !matches!(name.as_str(), "ms" | "median_ms" | "build_seconds"));
+                fields.values_mut().for_each(timeless);
+            }
+            Value::Array(items) => items.iter_mut().for_each(timeless),
+            _ => {}
+        }
+    }
+    let mut document = serde_json::from_slice(&place.read(name)).expect("a document");
+    timeless(&mut document);
+    document
+}
+
+#[test]
+fn a_scene_is_reported_and_its_document_stays_as_it_is() {
+    let place = place();
+    place.run(&format!("{SCENE} --json without.json")).succeeded();
+    let run = place.run(&format!("{SCENE} --json with.json --report scene.html")).succeeded();
+    assert!(run.stderr.contains("report: scene.html"), "{run}");
+    assert_eq!(document(place, "without.json"), document(place, "with.json"));
+    let text = page(place, "scene.html");
+    assert_eq!(text.matches("<details class=\"query\" id=\"query-").count(), 3);
+    assert_eq!(text.matches("data:image/jpeg").count(), 3);
+    assert!(text.contains("contains 3 images of queries"));
+    // Rows of points and of half-lines, some of which agree; one line is the legend's.
+    assert_eq!(text.matches("class=\"line agrees\" d=\"M").count(), 3 + 1);
+    assert_eq!(text.matches("class=\"dot agrees\" d=\"M").count(), 3);
+
+    let few = "--report few.html --report-queries 1 --report-without-images";
+    place.run(&format!("{SCENE} {few}")).succeeded();
+    let text = page(place, "few.html");
+    assert_eq!(text.matches("<details class=\"query\" id=\"query-").count(), 1);
+    assert!(!text.contains("data:image") && text.contains("The images are left out of this file"));
+    assert!(text.contains("Queries that are not drawn"));
+
+    let run = place.run(&format!("{SCENE} --report-without-images"));
+    assert_eq!(run.code, Some(2), "{run}");
+    let run = place.run(&format!("{SCENE} --report no/such/folder.html"));
+    assert!(run.code != Some(0) && run.stderr.contains("no/such/folder.html"), "{run}");
+}
+
+#[test]
+fn a_data_set_is_reported_place_by_place() {
+    let place = place();
+    place
+        .run("synth export --layout 7scenes --out 7s --map-views 12 --query-views 3 --width 320")
+        .succeeded();
+    let few = "--max-keypoints 512 --query-keypoints 512 --schemes dcl --jobs 1";
+    place
+        .run(&format!("eval 7scenes --root 7s --poses depth {few} --report 7s.html --report-queries 2"))
+        .succeeded();
+    let text = page(place, "7s.html");
+    assert_eq!(text.matches("<details class=\"query\" id=\"query-").count(), 2);
+    assert!(text.contains("frame-0000"));
+}
+
+#[test]
+fn localized_queries_are_reported_with_their_images_where_those_are_named() {
+    let place = place();
+    for query in 0..3 {
+        place.seal(&format!("query-{query}.png"), "dcl", &format!("query-{query}.vquery"));
+    }
+    let queries = "localize --map place.vmap query-0.vquery query-1.vquery query-2.vquery";
+    place.run(&format!("{queries} --report plain.html")).succeeded();
+    let text = page(place, "plain.html");
+    assert!(text.contains("contains no images") && !text.contains("data:image"));
+    assert_eq!(text.matches("class=\"line agrees\" d=\"M").count(), 3 + 1);
+    assert!(text.contains("3 sealed queries localized") && text.contains("± "));
+    place
+        .run(&format!("{queries} --report images.html --report-images images --report-queries 2"))
+        .succeeded();
+    assert_eq!(page(place, "images.html").matches("data:image/jpeg").count(), 2);
+
+    // A session has one pose and no report.
+    let run = place.run("localize --map place.vmap --rig rig.json --report rig.html");
+    assert_eq!(run.code, Some(2), "{run}");
+}

@@ -1,0 +1,121 @@
+//! `veiloc localize --rig`: a session of sealed queries gives one pose, and what is no rig file is told.
+
+use super::common;
+
+use std::sync::Once;
+
+use common::{Place, QUERIES, place};
+use serde_json::{Value, json};
+use veiloc_geometry::CameraFromWorld;
+
+/// All queries of the place sealed under dcl, and a rig of them: the first is the rig.
+fn ready() -> &'static Place {
+    static READY: Once = Once::new();
+    let place = place();
+    READY.call_once(|| {
+        // Makes the folder as well.
+        place.write("session/rig.json", rig(place).to_string());
+        for k in 0..QUERIES {
+            place.seal(&format!("query-{k}.png"), "dcl", &format!("session/{k}.vquery"));
+        }
+    });
+    place
+}
+
+/// The true relative poses.
+fn rig(place: &Place) -> Value {
+    let first = place.pose_of("query-0.png");
+    let frame = |k: usize| {
+        let relative = place.pose_of(&format!("query-{k}.png")).compose(&first.inverse());
+        let relative = CameraFromWorld::new(*relative.rotation(), *relative.translation());
+        let t = relative.translation();
+        json!({
+            "query": format!("{k}.vquery"),
+            "cam_from_rig": {"q": relative.quaternion(), "t": [t.x, t.y, t.z]},
+            "rotation_sd_deg": if k == 0 { 0.0 } else { 0.05 },
+            "translation_sd": if k == 0 { 0.0 } else { 0.005 },
+        })
+    };
+    json!({"frames": (0..QUERIES).map(frame).collect::<Vec<_>>()})
+}
+
+#[test]
+fn a_session_gives_one_pose() {
+    let place = ready();
+    let run = place.run("localize --map place.vmap --rig session/rig.json --json");
+    assert_eq!(run.code, Some(0), "{run}");
+    let document = run.json();
+    assert_eq!(document["state"], "trusted", "{run}");
+    let numbers = |v: &Value| -> Vec<f64> {
+        v.as_array().map(|a| a.iter().filter_map(Value::as_f64).collect()).unwrap_or_default()
+    };
+    let pose = |v: &Value| {
+        let (q, t) = (numbers(&v["q"]), numbers(&v["t"]));
+        CameraFromWorld::from_quaternion(q.try_into().expect("four"), t.try_into().expect("three"))
+            .expect("a pose")
+    };
+    let found = pose(&document["rig_from_world"]);
+    assert!(found.translation_error(&place.pose_of("query-0.png")) < 0.05, "{run}");
+    let frames = document["frames"].as_array().expect("frames");
+    assert_eq!(frames.len(), QUERIES);
+    for (k, frame) in frames.iter().enumerate() {
+        let truth = place.pose_of(&format!("query-{k}.png"));
+        assert!(pose(&frame["cam_from_world"]).translation_error(&truth) < 0.05, "{k}: {run}");
+        assert_eq!(frame["query"], format!("{k}.vquery"));
+    }
+    let text = place.run("localize --map place.vmap --rig session/rig.json");
+    assert!(text.stdout.contains("session/rig.json  trusted  at ("), "{text}");
+    assert_eq!(text.stdout.lines().count(), 1 + QUERIES, "{text}");
+    // Equal input, equal output, but for the time it took.
+    let again = place.run("localize --map place.vmap --rig session/rig.json --json").json();
+    assert_eq!(again["covariance"], document["covariance"]);
+}
+
+#[test]
+fn what_is_no_rig_is_told() {
+    let place = ready();
+    let with = |change: &dyn Fn(&mut Value)| {
+        let mut document = rig(place);
+        change(&mut document);
+        document.to_string()
+    };
+    let many = |document: &mut Value| document["frames"] = vec![document["frames"][0].clone(); 33].into();
+    let cases: [(String, &[&str]); 12] = [
+        (String::new(), &["no rig file", "frames"]),
+        ("{".to_owned(), &["no rig file"]),
+        ("[]".to_owned(), &["no rig file"]),
+        (json!({"frames": []}).to_string(), &["0 frames", "1 to 32"]),
+        (with(&many), &["33 frames", "1 to 32"]),
+        (with(&|d| d["more"] = 1.into()), &["unknown field", "more"]),
+        (with(&|d| d["frames"][1]["pose"] = 1.into()), &["unknown field", "pose"]),
+        (
+            with(&|d| d["frames"][1]["cam_from_rig"]["q"] = json!([0, 0, 0, 0])),
+            &["frame 1 (1.vquery)", "pose"],
+        ),
+        (
+            with(&|d| d["frames"][1]["translation_sd"] = json!(-1)),
+            &["frame 1 (1.vquery)", "translation_sd is -1"],
+        ),
+        (
+            with(&|d| d["frames"][2]["query"] = "gone.vquery".into()),
+            &["frame 2 (gone.vquery)", "relative to"],
+        ),
+        (
+            with(&|d| d["frames"][2]["query"] = "rig-bad.json".into()),
+            &["frame 2 (rig-bad.json)", "veiloc seal"],
+        ),
+        (with(&|d| d["frames"][1]["cam_from_rig"]["t"] = json!([0, 0])), &["no rig file", "length"]),
+    ];
+    for (text, says) in cases {
+        place.write("session/rig-bad.json", &text);
+        let run = place.run("localize --map place.vmap --rig session/rig-bad.json");
+        assert_eq!(run.code, Some(1), "{text}: {run}");
+        for word in ["rig-bad.json"].iter().chain(says) {
+            assert!(run.stderr.contains(word), "{word:?} of {text}: {run}");
+        }
+    }
+    let missing = place.run("localize --map place.vmap --rig session/none.json");
+    assert!(missing.code == Some(1) && missing.stderr.contains("none.json"), "{missing}");
+    let both = place.run("localize --map place.vmap --rig session/rig.json session/0.vquery");
+    assert_eq!(both.code, Some(2), "{both}");
+}

@@ -1,0 +1,517 @@
+//! `veiloc serve` and `veiloc query send`, as two processes, with what can go wrong between them.
+#![cfg(unix)]
+
+use super::common;
+#[path = "../../../../server/service/tests/it/common/http.rs"]
+mod http;
+
+use std::fs;
+use std::io::{BufRead as _, BufReader, Lines, Write as _};
+use std::net::{SocketAddr, TcpListener};
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+use common::{CAMERA, Place, place};
+use veiloc_geometry::CameraFromWorld;
+
+/// `veiloc serve` on a free port, killed when dropped.
+struct Service {
+    child: Child,
+    url: String,
+    address: SocketAddr,
+    log: Arc<Mutex<String>>,
+    reader: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Service {
+    fn start(place: &Place, arguments: &str) -> Self {
+        let (mut service, lines) = Self::start_unread(place, arguments);
+        let kept = service.log.clone();
+        service.reader = Some(std::thread::spawn(move || {
+            for line in lines.map_while(Result::ok) {
+                let mut log = kept.lock().expect("not poisoned");
+                *log = format!("{log}{line}\n");
+            }
+        }));
+        service
+    }
+
+    /// With a log that is read as far as the line that tells where it listens, and no further.
+    fn start_unread(place: &Place, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
+        let mut child = place
+            .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 {arguments}"))
+            .spawn()
+            .expect("the binary runs");
+        let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+        let mut said = String::new();
+        let url = loop {
+            let Some(Ok(line)) = lines.next() else { panic!("the service did not start: {said}") };
+            if let Some((_, url)) = line.split_once(" on http").filter(|_| line.starts_with("serving ")) {
+                break format!("http{url}");
+            }
+            said = said + &line + "\n";
+        };
+        let address = url.split("//").nth(1).and_then(|a| a.parse().ok()).expect("an address");
+        (Self { child, url, address, log: Arc::default(), reader: None }, lines)
+    }
+
+    fn log(&self) -> String {
+        self.log.lock().expect("not poisoned").clone()
+    }
+
+    fn signal(&self, name: &str) {
+        let status =
+            Command::new("kill").args([name, &self.child.id().to_string()]).status().expect("kill runs");
+        assert!(status.success(), "{name}");
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn send(image: &str, url: &str) -> String {
+    send_keeping(image, url, "cache")
+}
+
+/// The same, with profiles kept in this folder.
+fn send_keeping(image: &str, url: &str, cache: &str) -> String {
+    format!("query send images/{image} --camera {CAMERA} --map place --cache {cache} --server {url}")
+}
+
+fn pose_of(document: &serde_json::Value) -> CameraFromWorld {
+    let numbers = |value: &serde_json::Value| -> Vec<f64> {
+        value.as_array().expect("a list").iter().map(|n| n.as_f64().expect("a number")).collect()
+    };
+    let q = numbers(&document["cam_from_world"]["q"]).try_into().expect("four numbers");
+    let t = numbers(&document["cam_from_world"]["t"]).try_into().expect("three numbers");
+    CameraFromWorld::from_quaternion(q, t).expect("a pose")
+}
+
+#[test]
+fn a_image_gets_its_pose() {
+    let place = place();
+    let service = Service::start(place, "--map place=place.vmap");
+    for i in 0..common::QUERIES {
+        let image = format!("query-{i}.png");
+        let run = place.run(&format!("{} --json", send_keeping(&image, &service.url, "own"))).succeeded();
+        let truth = place.pose_of(&image);
+        let pose = pose_of(&run.json());
+        assert!(pose.translation_error(&truth) < 0.05, "{image}: {}", pose.translation_error(&truth));
+        assert!(pose.rotation_error_degrees(&truth) < 1.0, "{image}");
+        assert_eq!(run.json()["trusted"], true);
+        let fields = &common::documented::tables()["query send"];
+        assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
+        assert!(run.stderr.contains("sent as dcl"), "{run}");
+    }
+    let text = place.run(&send_keeping("query-0.png", &service.url, "own")).succeeded();
+    assert!(text.stdout.starts_with("trusted  at (") && text.stdout.contains("matches agree"), "{text}");
+    // The profile was sent once, and then confirmed.
+    let log = service.log();
+    let fetched = |status: &str| {
+        log.lines().filter(|l| l.contains("/profile") && l.contains(&format!("status={status}"))).count()
+    };
+    assert_eq!((fetched("200"), fetched("304")), (1, common::QUERIES), "{log}");
+    // A kept profile that was damaged is fetched again.
+    let kept = fs::read_dir(place.path("own/profiles")).expect("the cache").next().expect("a profile");
+    let kept = kept.expect("an entry").path();
+    fs::write(&kept, b"damaged").expect("written");
+    place.run(&send_keeping("query-0.png", &service.url, "own")).succeeded();
+    assert!(fs::read(&kept).expect("kept") == place.read("place.vprofile"), "whole again");
+}
+
+/// A rendered room is recognized by few rows; an accuracy that nothing reaches takes all.
+#[test]
+fn a_progressive_query_sends_no_more_than_it_takes() {
+    let place = place();
+    let service = Service::start(place, "--map place=place.vmap");
+    let truth = place.pose_of("query-0.png");
+    let sent = |more: &str| {
+        let run = place
+            .run(&format!(
+                "{} --progressive {more} --json",
+                send_keeping("query-0.png", &service.url, "steps")
+            ))
+            .succeeded();
+        assert!(pose_of(&run.json()).translation_error(&truth) < 0.1, "{run}");
+        let fields = &common::documented::tables()["query send"];
+        assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
+        assert!(run.stderr.contains("sealed as dcl") && run.stderr.contains(" rows in "), "{run}");
+        let steps = run.json()["steps"].as_array().expect("steps").clone();
+        steps.iter().map(|step| step["rows"].as_u64().expect("a count")).collect::<Vec<_>>()
+    };
+    let first = sent("");
+    assert!([256, 512, 1024].starts_with(&first) && first.len() < 3, "a trusted pose ends it: {first:?}");
+    assert_eq!(sent("--accuracy 1e-9"), [256, 512, 1024]);
+    // As many requests as steps.
+    let asked = service.log().lines().filter(|line| line.contains("/localize")).count();
+    assert_eq!(asked, first.len() + 3, "{}", service.log());
+    for (more, part) in [
+        ("--progressive --accuracy 0", "above 0"),
+        ("--progressive --accuracy nan", "above 0"),
+        ("--accuracy 0.1", "--progressive"),
+    ] {
+        let run = place.run(&format!("{} {more}", send("query-0.png", &service.url)));
+        assert!(run.code == Some(2) && run.stderr.contains(part), "{run}");
+    }
+}
+
+/// Sealed queries of a session, sent as they are.
+#[test]
+fn a_session_gets_one_pose() {
+    let place = place();
+    place.write("session/none", "");
+    let first = place.pose_of("query-0.png");
+    let frame = |k: usize| {
+        let image = format!("query-{k}.png");
+        place.seal(&image, "dcl", &format!("session/{k}.vquery"));
+        let relative = place.pose_of(&image).compose(&first.inverse());
+        let t = relative.translation();
+        let q = CameraFromWorld::new(*relative.rotation(), *t).quaternion();
+        let sd = if k == 0 { 0.0 } else { 0.01 };
+        serde_json::json!({
+            "query": format!("{k}.vquery"), "cam_from_rig": {"q": q, "t": [t.x, t.y, t.z]},
+            "rotation_sd_deg": 10.0 * sd, "translation_sd": sd,
+        })
+    };
+    let frames: Vec<_> = (0..common::QUERIES).map(frame).collect();
+    place.write("session/sent.json", serde_json::json!({"frames": frames}).to_string());
+    let service = Service::start(place, "--map place=place.vmap");
+    let command = format!("query send --rig session/sent.json --map place --server {}", service.url);
+    let run = place.run(&format!("{command} --json")).succeeded();
+    assert!(pose_of(&run.json()).translation_error(&first) < 0.05, "{run}");
+    assert_eq!(run.json()["trusted"], true);
+    let fields = &common::documented::tables()["query send"];
+    assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
+    let text = place.run(&command).succeeded();
+    assert!(text.stdout.starts_with("trusted  at (") && text.stderr.contains("sealed queries"), "{text}");
+    assert!(!service.log().contains("/profile"), "nothing was sealed: {}", service.log());
+    // What says how to seal an image has no say.
+    for (more, word) in
+        [("--scheme points", "--scheme"), ("images/query-0.png", "IMAGE"), ("--progressive", "--progressive")]
+    {
+        let run = place.run(&format!("{command} {more}"));
+        assert!(run.code == Some(2) && run.stderr.contains(word), "{run}");
+    }
+    let run = place.run(&format!("query send --rig session/gone.json --map place --server {}", service.url));
+    assert!(run.code == Some(1) && run.stderr.contains("gone.json"), "{run}");
+}
+
+#[test]
+fn tls_and_tokens() {
+    let place = place();
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../../server/service/tests/data");
+    // SHA-256 of `phone-token`, by openssl.
+    let hash = Command::new("sh").args(["-c", "printf %s phone-token | sha256sum | cut -d' ' -f1"]).output();
+    place.write(
+        "tokens",
+        format!("phone {}", String::from_utf8(hash.expect("sh runs").stdout).expect("text")),
+    );
+    place.write("token", "phone-token\n");
+    let service = Service::start(
+        place,
+        &format!("--map place=place.vmap --tokens tokens --cert {data}/cert.pem --key {data}/key.pem"),
+    );
+    assert!(service.url.starts_with("https://"), "{}", service.url);
+    let url = format!("https://localhost:{}", service.address.port());
+    let with = |more: &str| place.run(&format!("{} --retries 0 {more}", send("query-0.png", &url)));
+    with(&format!("--ca {data}/cert.pem --token-file token")).succeeded();
+    for (more, part) in [
+        (format!("--ca {data}/cert.pem"), "--token-file"),
+        (format!("--ca {data}/cert.pem --token wrong"), "No valid token"),
+        ("--token-file token".to_owned(), "--ca"),
+        (format!("--ca {data}/key.pem --token-file token"), "holds no certificate"),
+        (format!("--ca {data}/cert.pem --token-file none"), "none"),
+    ] {
+        let run = with(&more);
+        assert!(run.code == Some(1) && run.stderr.contains(part), "{part}: {run}");
+        assert!(!run.stderr.contains("phone-token"), "{run}");
+    }
+    assert!(!service.log().contains("phone-token"));
+}
+
+#[test]
+fn what_would_be_a_mistake_is_refused() {
+    let place = place();
+    place.write("broken.vmap", &place.read("place.vmap")[..5000]);
+    for (arguments, code, part) in [
+        ("serve --map place=none.vmap", 1, "none.vmap"),
+        ("serve --map place=broken.vmap", 1, "broken.vmap"),
+        ("serve --map place.vmap", 2, "NAME=FILE"),
+        ("serve --map a/b=place.vmap", 1, "cannot name a map"),
+        ("serve --map a=place.vmap --map a=place.vmap", 1, "two maps"),
+        ("serve --map a=place.vmap --listen 0.0.0.0:0", 1, "plain HTTP"),
+        ("serve --map a=place.vmap --listen 0.0.0.0:0 --insecure-http", 1, "--allow-anonymous"),
+        ("serve --map a=place.vmap --cert a.pem", 2, "--key"),
+        ("serve --map a=place.vmap --cert place.txt --key place.txt", 1, "place.txt"),
+        ("serve --map a=place.vmap --tokens map.txt", 1, "line 1"),
+        ("serve --map a=place.vmap --geo b=47,8,0,1,0,0,0", 1, "no map has this name"),
+        ("serve --map a=place.vmap --geo a=147,8,0,1,0,0,0", 2, "latitude"),
+        ("serve --map a=place.vmap --queue 0", 2, "--queue"),
+        ("query send images/query-0.png --camera PINHOLE,1,1,1,1,1,1 --map a --server place", 1, "https://"),
+        (
+            "query send images/query-0.png --camera PINHOLE,1,1,1,1,1,1 --map a --server http://example.org",
+            1,
+            "plain HTTP",
+        ),
+        (
+            "query send images/query-0.png --camera PINHOLE,1,1,1,1,1,1 --map a/b --server http://localhost",
+            1,
+            "names no map",
+        ),
+    ] {
+        let run = place.run(arguments);
+        assert!(run.code == Some(code) && run.stderr.contains(part), "{part}: {run}");
+    }
+    // Nobody there.
+    let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
+    let run = place.run(&format!("{} --retries 1", send("query-0.png", &format!("http://{free}"))));
+    assert!(run.code == Some(1) && run.stderr.contains("sending the same bytes again"), "{run}");
+    assert!(run.stderr.contains("that the service runs"), "{run}");
+}
+
+/// The paper's degenerate case is found on the device, and nothing is sent.
+#[test]
+fn a_image_with_one_blank_side_is_not_sent() {
+    let place = place();
+    let service = Service::start(place, "--map place=place.vmap");
+    let mut image = image::open(place.path("images/query-0.png")).expect("an image").to_rgb8();
+    for (x, _, pixel) in image.enumerate_pixels_mut() {
+        if x > 190 {
+            *pixel = image::Rgb([127; 3]);
+        }
+    }
+    image.save(place.path("images/half.png")).expect("written");
+    let run = place.run(&send("half.png", &service.url));
+    assert!(run.code == Some(1) && run.stderr.contains("side of the dividing line"), "{run}");
+    assert!(run.stderr.contains("turn"), "it says what to do: {run}");
+    assert!(!service.log().contains("/localize"), "nothing was sent: {}", service.log());
+}
+
+/// L7: a service that is busy gets the very same bytes again.
+#[test]
+fn a_retry_sends_the_same_bytes() {
+    let place = place();
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let url = format!("http://{}", listener.local_addr().expect("an address"));
+    let profile = place.read("place.vprofile");
+    let server = std::thread::spawn(move || {
+        let mut bodies: Vec<Vec<u8>> = Vec::new();
+        let answers = ["503 Busy", "429 Slow down", "504 Late", "", "422 Not localized"];
+        while bodies.len() < answers.len() {
+            let (mut stream, _) = listener.accept().expect("a client");
+            let mut reader = BufReader::new(stream.try_clone().expect("a clone"));
+            let (mut length, mut line, mut posted) = (0, String::new(), false);
+            while reader.read_line(&mut line).expect("a line") > 2 {
+                let lower = line.to_ascii_lowercase();
+                posted |= lower.starts_with("post ");
+                if let Some(n) = lower.strip_prefix("content-length:") {
+                    length = n.trim().parse().expect("a number");
+                }
+                line.clear();
+            }
+            let mut body = vec![0; length];
+            std::io::Read::read_exact(&mut reader, &mut body).expect("a body");
+            let (status, answer): (&str, &[u8]) = if posted {
+                bodies.push(body);
+                (answers[bodies.len() - 1], b"")
+            } else {
+                ("200 OK", &profile)
+            };
+            // One of them breaks off without an answer.
+            if !status.is_empty() {
+                let head = format!(
+                    "HTTP/1.1 {status}\r\ncontent-type: application/x-protobuf\r\nretry-after: 0\r\nconnection: close\r\n\
+                     content-length: {}\r\n\r\n",
+                    answer.len()
+                );
+                stream.write_all(&[head.as_bytes(), answer].concat()).expect("written");
+            }
+        }
+        bodies
+    });
+    let run = place.run(&send("query-0.png", &url));
+    let bodies = server.join().expect("five requests");
+    assert!(run.code == Some(1) && run.stderr.contains("422"), "{run}");
+    assert!(bodies[0].len() > 30_000, "a sealed query");
+    assert!(bodies.iter().all(|body| *body == bodies[0]), "sealed once, sent five times");
+}
+
+#[test]
+fn signals_stop_and_reload() {
+    let place = place();
+    fs::create_dir_all(place.path("signals")).expect("folder");
+    fs::copy(place.path("place.vmap"), place.path("signals/place.vmap")).expect("copied");
+    let mut service = Service::start(place, "--map place=signals/place.vmap --watch 1000");
+    assert_eq!(http::Request::get("/readyz").send(service.address).status, 200);
+    let images = |service: &Service| {
+        http::Request::get("/v1/maps").send(service.address).json()["maps"][0]["images"].clone()
+    };
+    let before = images(&service);
+    place.run("map remove signals/place.vmap map-00.png").succeeded();
+    assert_eq!(images(&service), before, "not looked at yet");
+    service.signal("-HUP");
+    while images(&service) == before {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    service.signal("-TERM");
+    let status = service.child.wait().expect("ended");
+    assert_eq!(status.code(), Some(0), "{}", service.log());
+}
+
+/// A pipe that nobody reads, a reader that has gone, a disk that is full: requests are answered, and SIGTERM ends it.
+#[test]
+fn a_log_that_cannot_be_written_stops_nothing() {
+    let place = place();
+    let answered = |address: SocketAddr| {
+        let mut stream = http::connect(address);
+        let request = http::Request::get("/v1/maps").bytes();
+        // Some ten times what a pipe holds.
+        for _ in 0..6000 {
+            stream.write_all(&request).expect("written");
+            assert_eq!(http::Response::read(&mut stream).status, 200);
+        }
+    };
+    let end = |mut service: Service| {
+        service.signal("-TERM");
+        assert_eq!(service.child.wait().expect("ended").code(), Some(0));
+    };
+    let (service, unread) = Service::start_unread(place, "--map place=place.vmap --rate 1000000");
+    answered(service.address);
+    end(service);
+    drop(unread);
+    let (service, gone) = Service::start_unread(place, "--map place=place.vmap --rate 1000000");
+    drop(gone);
+    answered(service.address);
+    end(service);
+    if let Ok(full) = fs::File::options().write(true).open("/dev/full") {
+        let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
+        let command =
+            format!("serve --map place=place.vmap --listen {free} --admin-listen 127.0.0.1:0 --rate 1000000");
+        let child = place.command(&command).stderr(Stdio::from(full)).spawn().expect("the binary runs");
+        let service = Service {
+            child,
+            url: format!("http://{free}"),
+            address: free,
+            log: Arc::default(),
+            reader: None,
+        };
+        while std::net::TcpStream::connect(free).is_err() {
+            std::thread::sleep(std::time::Duration::from_millis(10));
+        }
+        answered(free);
+        end(service);
+    }
+}
+
+/// With `--log-json` every line is JSON, those for people too.
+#[test]
+fn a_log_of_json_holds_nothing_else() {
+    let place = place();
+    let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
+    for (arguments, code) in [("", 0), (" --map place=none.vmap", 1)] {
+        let maps = if arguments.is_empty() { " --map place=place.vmap" } else { arguments };
+        let command =
+            format!("serve --listen {free} --admin-listen 127.0.0.1:0 --drain-delay 0 --log-json{maps}");
+        let mut child = place.command(&command).spawn().expect("the binary runs");
+        if code == 0 {
+            while std::net::TcpStream::connect(free).is_err() {
+                std::thread::sleep(std::time::Duration::from_millis(10));
+            }
+            assert_eq!(http::Request::get("/v1/maps").send(free).status, 200);
+            let status = Command::new("kill").args(["-TERM", &child.id().to_string()]).status();
+            assert!(status.expect("kill runs").success());
+        }
+        let lines = BufReader::new(child.stderr.take().expect("piped")).lines();
+        let lines: Vec<String> = lines.map_while(Result::ok).collect();
+        assert_eq!(child.wait().expect("ended").code(), Some(code), "{lines:?}");
+        assert!(!lines.is_empty());
+        for line in &lines {
+            let value: serde_json::Value =
+                serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"));
+            assert!(value["fields"]["message"].is_string(), "{line}");
+        }
+        let served = lines.iter().filter(|line| line.contains("serving place on http")).count();
+        assert_eq!(served, usize::from(code == 0), "{lines:?}");
+    }
+}
+
+/// Connections that cannot all be open are an error at the start, not a service that stops to accept.
+#[test]
+fn connections_that_cannot_fit_are_refused_at_the_start() {
+    let place = place();
+    let limited = |connections: &str| {
+        let serve =
+            format!("{} serve --map place=place.vmap --listen 127.0.0.1:0", env!("CARGO_BIN_EXE_veiloc"));
+        let mut command = Command::new("sh");
+        command.args(["-c", &format!("ulimit -n 300; exec {serve} --connections {connections}")]);
+        command.current_dir(&place.folder).stderr(Stdio::piped()).spawn().expect("sh runs")
+    };
+    let output = limited("1024").wait_with_output().expect("ended");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("open files") && said.contains("ulimit -n 1216") && said.contains("300"), "{said}");
+    let mut child = limited("100");
+    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.starts_with("serving ")), "100 fit");
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+}
+
+/// `kill -9` while requests are answered and the map is being exchanged: the map is whole, a new service answers.
+#[test]
+fn killed_services_leave_nothing_half_done() {
+    let place = place();
+    fs::create_dir_all(place.path("kill")).expect("folder");
+    let large = place.read("place.vmap");
+    place.write("kill/place.vmap", &large);
+    place.run("map remove kill/place.vmap map-00.png").succeeded();
+    let small = place.read("kill/place.vmap");
+    place.seal("query-0.png", "", "kill.vquery");
+    let query = place.read("kill.vquery");
+    for after in [1, 20, 60] {
+        let mut service = Service::start(place, "--map place=kill/place.vmap --watch 0.005 --rate 100000");
+        let address = service.address;
+        let (stop, answered) = (AtomicBool::new(false), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                for bytes in [&small, &large].into_iter().cycle() {
+                    if stop.load(Ordering::Relaxed) {
+                        break;
+                    }
+                    place.write("kill/new", bytes);
+                    fs::rename(place.path("kill/new"), place.path("kill/place.vmap")).expect("renamed");
+                    std::thread::sleep(std::time::Duration::from_millis(3));
+                }
+            });
+            for _ in 0..3 {
+                scope.spawn(|| {
+                    let bytes = http::Request::localize(&query).header("connection", "close").bytes();
+                    // Until the service is gone: then connecting fails, or no answer comes.
+                    while let Ok(mut stream) = std::net::TcpStream::connect(address) {
+                        if stream.write_all(&bytes).is_err() {
+                            break;
+                        }
+                        let Some(response) = http::Response::try_read(&mut stream) else { break };
+                        assert!(matches!(response.status, 200 | 503), "{response:?}");
+                        answered.fetch_add(1, Ordering::Relaxed);
+                    }
+                });
+            }
+            while answered.load(Ordering::Relaxed) < after {
+                std::thread::yield_now();
+            }
+            service.child.kill().expect("killed");
+            service.child.wait().expect("ended");
+            stop.store(true, Ordering::Relaxed);
+        });
+        assert!(!service.log().contains("refused"), "{}", service.log());
+        place.run("map info kill/place.vmap").succeeded();
+        let again = Service::start(place, "--map place=kill/place.vmap");
+        assert_eq!(http::Request::localize(&query).send(again.address).status, 200);
+    }
+}

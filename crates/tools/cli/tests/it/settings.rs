@@ -1,0 +1,147 @@
+//! `veiloc serve` with a file of settings and variables, as an operator starts it.
+
+use super::common;
+
+use std::path::Path;
+
+use common::folder;
+
+/// Keys and values of what is printed, without where they come from.
+fn values(printed: &str) -> Vec<&str> {
+    printed.lines().map(|line| line.split(" # ").next().unwrap_or_default()).collect()
+}
+
+/// The example that operators begin with says what it seems to say, and what is printed of it can be given back.
+#[test]
+fn the_example_is_taken_and_printed_so_that_it_reads_the_same() {
+    let folder = folder();
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../deploy/veiloc.example.toml");
+    folder.write("veiloc.toml", std::fs::read(example).expect("the example"));
+    let printed = folder.run("serve --config veiloc.toml --print-config").succeeded();
+    for line in [
+        "maps = \"/var/lib/veiloc/maps\" # veiloc.toml, line 6\n",
+        "listen = [\"0.0.0.0:8443\"] # veiloc.toml, line ",
+        "admin-listen = \"127.0.0.1:9100\" # ",
+        "drain-delay = 5.0 # ",
+        "queue = 32 # default\n",
+        "# workers is not given: one a core; with --cluster 64, each for a query under way\n",
+    ] {
+        assert!(printed.stdout.contains(line), "{line}\n{printed}");
+    }
+    folder.write("again.toml", &printed.stdout);
+    let again = folder.run("serve --config again.toml --print-config").succeeded();
+    assert_eq!(values(&again.stdout), values(&printed.stdout));
+
+    let mut command = folder.command("serve --queue 9 --print-config");
+    command.envs([("VEILOC_CONFIG", "veiloc.toml"), ("VEILOC_QUEUE", "8"), ("VEILOC_GRACE", "7")]);
+    let output = command.output().expect("the binary runs");
+    let text = String::from_utf8(output.stdout).expect("text");
+    assert!(
+        text.contains("queue = 9 # --queue\n") && text.contains("grace = 7.0 # VEILOC_GRACE\n"),
+        "{text}"
+    );
+}
+
+#[test]
+fn what_is_wrong_is_told_with_its_line_before_anything_is_opened() {
+    let folder = folder();
+    for (text, flags, code, parts) in [
+        ("maps = \".\"\nquue = 3", "", 1, &["veiloc.toml, line 2", "\"quue\"", "serve --help"][..]),
+        ("queue = \"3\"", "--maps .", 1, &["veiloc.toml, line 1", "a whole number"]),
+        ("geo = [\"a=147,8,0,1,0,0,0\"]", "--maps .", 1, &["veiloc.toml, line 1", "latitude"]),
+        ("listen = [\"localhost\"]", "--maps .", 1, &["veiloc.toml, line 1", "unix:PATH"]),
+        ("cors-origin = [\"*\"]", "--maps .", 1, &["veiloc.toml, line 1", "every page"]),
+        ("socket-mode = \"999\"", "--maps .", 1, &["veiloc.toml, line 1", "octal"]),
+        ("queue = 3", "", 2, &["--map"]),
+        ("maps = \".\"\ncert = \"c.pem\"", "", 2, &["--key"]),
+        ("maps = \".\"\ntokens = \"t\"", "--allow-anonymous", 2, &["cannot be used with"]),
+        ("maps = \".\"", "--client-ca ca.pem", 2, &["--cert"]),
+        ("maps = \".\"\ntokens = \"none\"", "", 1, &["none"]),
+        ("maps = \".\"\npage-folder = \"p\"", "", 2, &["--page"]),
+        ("maps = \".\"\npage-folder = \"no-page\"", "--page", 1, &["no-page"]),
+    ] {
+        folder.write("veiloc.toml", text);
+        let run = folder.run(&format!("serve --listen 127.0.0.1:0 --config veiloc.toml {flags}"));
+        assert_eq!(run.code, Some(code), "{text}: {run}");
+        for part in parts {
+            assert!(run.stderr.contains(part), "{part}: {run}");
+        }
+    }
+    let run = folder.run("serve --config none.toml");
+    assert!(run.code == Some(1) && run.stderr.contains("none.toml"), "{run}");
+}
+
+/// A password of the bus, or a key in the address of a store, is in nothing that is printed or logged.
+#[test]
+fn no_secret_of_an_address_is_repeated() {
+    let folder = folder();
+    std::fs::create_dir(folder.path("objects")).expect("a folder");
+    let nats = "tls://worker-town:sEcReT@127.0.0.1:1,nats://worker-town:sEcReT@127.0.0.1:2";
+    let file = |more: &str| format!("nats = \"{nats}\"\nmap = \"town\"\ncache = \"cache\"\n{more}");
+    folder.write("worker.toml", file("store = \"objects\"\n"));
+    let printed = folder.run("worker --config worker.toml --print-config").succeeded();
+    let masked = "nats = \"tls://worker-town:***@127.0.0.1:1,nats://worker-town:***@127.0.0.1:2\" # worker.toml, line 1; \
+                  write the secret in place of ***\n";
+    assert!(printed.stdout.contains(masked), "{printed}");
+    // It can be given back, and whoever does not fill it in is told.
+    folder.write("again.toml", &printed.stdout);
+    let again = folder.run("worker --config again.toml --print-config").succeeded();
+    assert_eq!(values(&again.stdout), values(&printed.stdout));
+    let unfilled = folder.run("worker --config again.toml");
+    assert!(unfilled.code == Some(1) && unfilled.stderr.contains("--print-config"), "{unfilled}");
+
+    folder.write("key.toml", file("store = \"s3://key:sEcReT@bucket/maps\"\n"));
+    folder.write("wrong.toml", file("store = \"objects\"\nqueue = \"many\"\n"));
+    folder.write("torn.toml", format!("nats = \"{nats}\n"));
+    let mut of_variables = folder.command("worker --print-config --store objects --map town");
+    let mut help = folder.command("worker --help");
+    for command in [&mut of_variables, &mut help] {
+        command.env("VEILOC_NATS", nats);
+    }
+    let mut said =
+        vec![of_variables.output().expect("the binary runs"), help.output().expect("the binary runs")];
+    for line in [
+        "worker --config worker.toml --log trace",
+        "worker --config worker.toml --log trace --log-json",
+        "worker --config key.toml",
+        "worker --config key.toml --print-config",
+        "worker --config wrong.toml",
+        "worker --config torn.toml",
+        &format!(
+            "serve --cluster {nats} --cluster-map town --store objects --cache cache --listen 127.0.0.1:0 --log trace"
+        ),
+        &format!("serve --cluster {nats} --cluster-map town --print-config"),
+        &format!("worker --nats={nats} --map a/b --store objects"),
+        "map fetch s3://key:sEcReT@bucket/maps town --out out",
+        "map fetch s3://key:sEcReT@bu^cket:x/maps town --out out",
+    ] {
+        said.push(folder.command(line).output().expect("the binary runs"));
+    }
+    for output in said {
+        let text =
+            [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
+        assert!(!text.is_empty() && !text.contains("sEcReT"), "{text}");
+    }
+}
+
+/// A worker needs no command line: what is required may stand in a file, or in variables.
+#[test]
+fn a_worker_starts_from_a_file_or_from_variables_alone() {
+    let folder = folder();
+    folder.write(
+        "worker.toml",
+        "nats = \"nats://127.0.0.1:1\"\nmap = \"town\"\nstore = \"objects\"\ncache = \"cache\"\n",
+    );
+    std::fs::create_dir(folder.path("objects")).expect("a folder");
+    let started = folder.run("worker --config worker.toml");
+    assert!(started.stderr.contains("no NATS server at nats://127.0.0.1:1"), "{started}");
+
+    let mut command = folder.command("worker --store objects --cache cache");
+    command.envs([("VEILOC_NATS", "nats://127.0.0.1:1"), ("VEILOC_MAP", "town")]);
+    let output = command.output().expect("the binary runs");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(told.contains("no NATS server at nats://127.0.0.1:1"), "{told}");
+
+    let missing = folder.run("worker --store objects --cache cache --map town");
+    assert!(missing.stderr.contains("--nats"), "{missing}");
+}

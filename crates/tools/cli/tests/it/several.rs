@@ -1,0 +1,230 @@
+//! Several files at once: each is answered for itself, and folders, lists and `-` are taken where files are.
+
+use super::common;
+
+use std::fs;
+use std::io::Write as _;
+use std::process::Stdio;
+
+use common::{CAMERA, Place, QUERIES, Run, keys, place};
+use serde_json::Value;
+
+/// The words with which an image of the place is sealed.
+fn seal(what: &str, out: &str) -> String {
+    format!("seal {what} --camera {CAMERA} --profile place.vprofile -o {out}")
+}
+
+/// Ten images in a folder, two of them broken.
+fn ten(place: &Place, folder: &str) {
+    for i in 0..10 {
+        place.write(&format!("{folder}/{i}.png"), place.read(&format!("images/query-{}.png", i % QUERIES)));
+    }
+    place.write(&format!("{folder}/3.png"), "no image");
+    let png = place.read("images/query-0.png");
+    place.write(&format!("{folder}/7.png"), &png[..png.len() / 2]);
+}
+
+/// Files of a folder, sorted.
+fn names(place: &Place, folder: &str) -> Vec<String> {
+    let entries = fs::read_dir(place.path(folder)).expect("a folder");
+    let mut names: Vec<String> =
+        entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// Items of a document that ended with a status.
+fn with_status<'a>(items: &'a Value, status: &str) -> Vec<&'a Value> {
+    items.as_array().expect("an array").iter().filter(|item| item["status"] == status).collect()
+}
+
+#[test]
+fn ten_images_with_two_broken_ones_give_eight_queries_and_two_reasons() {
+    let place = place();
+    ten(place, "ten");
+    let run = place.run(&seal("ten", "ten-sealed"));
+    assert_eq!(run.code, Some(1), "{run}");
+    assert_eq!(names(place, "ten-sealed").len(), 8, "{run}");
+    for word in
+        ["8 of 10 sealed; 2 could not be used", "ten/3.png", "JPEG or PNG", "ten/7.png", "copy it again"]
+    {
+        assert!(run.stderr.contains(word), "{word}: {run}");
+    }
+
+    let run = place.run(&(seal("ten", "ten-again") + " --skip-bad --json")).succeeded();
+    let document = run.json();
+    assert_eq!(keys(&document), ["failed", "images", "scheme", "sealed", "version"]);
+    assert_eq!((&document["sealed"], &document["failed"]), (&8.into(), &2.into()));
+    let failed = with_status(&document["images"], "failed");
+    assert_eq!(
+        failed.iter().map(|f| f["file"].as_str()).collect::<Vec<_>>(),
+        [Some("ten/3.png"), Some("ten/7.png")]
+    );
+    assert!(failed.iter().all(|f| f["error"]["kind"] == "damaged" && f.get("out").is_none()), "{run}");
+    for sealed in with_status(&document["images"], "sealed") {
+        let out = sealed["out"].as_str().expect("a file");
+        assert_eq!(sealed["bytes"], place.read(out).len(), "{run}");
+    }
+}
+
+#[test]
+fn ten_queries_with_two_broken_ones_give_eight_poses_and_two_reasons() {
+    let place = place();
+    let images: Vec<String> = (0..QUERIES).map(|i| format!("images/query-{i}.png")).collect();
+    place.run(&seal(&images.join(" "), "sound")).succeeded();
+    for i in 0..10 {
+        place.write(
+            &format!("queries/{i}.vquery"),
+            place.read(&format!("sound/query-{}.vquery", i % QUERIES)),
+        );
+    }
+    place.write("queries/3.vquery", "no query");
+    fs::remove_file(place.path("queries/7.vquery")).expect("removed");
+    let files: Vec<String> = (0..10).map(|i| format!("queries/{i}.vquery")).collect();
+
+    let run = place.run(&format!("localize --map place.vmap {}", files.join(" ")));
+    assert_eq!(run.code, Some(1), "{run}");
+    assert_eq!(run.stdout.lines().count(), 8, "{run}");
+    let told = run.stderr.find("1 of 10 cannot be read").expect("what is missing is named");
+    let ended = run.stderr.find("8 of 10 localized; 2 could not be used").expect("a summary");
+    assert!(told < ended && run.stderr[told..ended].contains("queries/7.vquery"), "{run}");
+    assert!(
+        run.stderr[ended..].contains("queries/3.vquery") && run.stderr[ended..].contains("veiloc seal"),
+        "{run}"
+    );
+
+    let run =
+        place.run(&format!("localize --map place.vmap --skip-bad --json {}", files.join(" "))).succeeded();
+    let document = run.json();
+    assert_eq!((&document["localized"], &document["failed"]), (&8.into(), &2.into()));
+    let queries = &document["queries"];
+    assert_eq!(queries.as_array().map(Vec::len), Some(10), "all in the order given");
+    assert!(with_status(queries, "localized").iter().all(|q| q["cam_from_world"].is_object()), "{run}");
+    assert_eq!(
+        (&queries[3]["error"]["kind"], &queries[7]["error"]["kind"]),
+        (&"damaged".into(), &"missing".into())
+    );
+
+    // A folder is what is in it, sorted; nothing usable at all is no success, whatever is skipped.
+    let run = place.run("localize --map place.vmap queries --skip-bad --quiet").succeeded();
+    let first: Vec<&str> = run.stdout.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    let sound = [0, 1, 2, 4, 5, 6, 8, 9].map(|i| format!("queries/{i}.vquery"));
+    assert_eq!(first, sound, "{run}");
+    let run = place.run("localize --map place.vmap queries/3.vquery queries/7.vquery --skip-bad");
+    assert_eq!((run.code, run.stdout.as_str()), (Some(1), ""), "{run}");
+}
+
+#[test]
+fn folders_keep_their_shape_and_names_do_not_clash() {
+    let place = place();
+    let png = place.read("images/query-0.png");
+    for camera in ["camA", "camB"] {
+        place.write(&format!("rig/{camera}/0001.png"), &png);
+    }
+    place.run(&seal("rig", "rig-sealed")).succeeded();
+    place.run(&seal("rig/camA rig/camB", "cameras-sealed")).succeeded();
+    for folder in ["rig-sealed", "cameras-sealed"] {
+        assert_eq!(names(place, folder), ["camA", "camB"]);
+        assert_eq!(names(place, &format!("{folder}/camB")), ["0001.vquery"]);
+    }
+    let run = place.run(&seal("rig/camA/0001.png rig/camB/0001.png", "loose"));
+    assert!(run.code == Some(1) && run.stderr.contains("folder above them"), "{run}");
+    assert!(!place.path("loose").exists(), "refused before the work");
+
+    // One image goes into a folder that is there, or that is named as one.
+    place.run(&seal("images/query-0.png", "cameras-sealed")).succeeded();
+    assert!(place.path("cameras-sealed/query-0.vquery").is_file());
+    place.run(&seal("images/query-0.png", "new/folder/")).succeeded();
+    assert!(place.path("new/folder/query-0.vquery").is_file());
+}
+
+#[test]
+fn stdin_and_stdout_stand_for_files() {
+    let place = place();
+    let out = place.command(&seal("images/query-0.png", "-")).output().expect("runs");
+    assert!(out.status.success());
+    place.write("from-stdout.vquery", &out.stdout);
+    let by_file = place.run("localize --map place.vmap --json from-stdout.vquery").succeeded().json();
+    let mut child =
+        place.command("localize --map place.vmap --json -").stdin(Stdio::piped()).spawn().expect("runs");
+    child.stdin.take().expect("a pipe").write_all(&out.stdout).expect("written");
+    let answer = child.wait_with_output().expect("ended");
+    let by_pipe: Value = serde_json::from_slice(&answer.stdout).expect("a document");
+    assert_eq!(by_pipe["queries"][0]["file"], "-");
+    assert_eq!(by_pipe["queries"][0]["cam_from_world"], by_file["queries"][0]["cam_from_world"]);
+    assert!(by_pipe["queries"][0]["cam_from_world"].is_object());
+    assert!(!place.path("-").exists());
+
+    let refused = |arguments: &str, word: &str| {
+        let run = place.run(arguments);
+        assert!(run.code == Some(1) && run.stdout.is_empty() && run.stderr.contains(word), "{run}");
+    };
+    refused(&seal("images/query-0.png images/query-1.png", "-"), "one sealed query");
+    refused(&(seal("images/query-0.png", "-") + " --json"), "one sealed query");
+    refused("localize --map place.vmap - -", "given twice");
+    refused("map profile place.vmap -o -", "./-");
+}
+
+#[test]
+fn lists_bring_their_cameras() {
+    let place = place();
+    let with_spaces = CAMERA.replace(',', " ");
+    let list = |lines: &[String]| place.write("seal.txt", lines.join("\n"));
+    let seal = |more: &str, out: &str| {
+        place.run(&format!("seal images --list seal.txt --profile place.vprofile -o {out} {more}"))
+    };
+    let refused = |run: Run, words: &[&str]| {
+        assert!(
+            run.code == Some(1) && words.iter().all(|word| run.stderr.contains(word)),
+            "{words:?}: {run}"
+        );
+    };
+    list(&[format!("query-0.png {with_spaces}"), format!("query-1.png {with_spaces}")]);
+    seal("", "listed").succeeded();
+    assert_eq!(names(place, "listed"), ["query-0.vquery", "query-1.vquery"]);
+    let document = place.run("localize --map place.vmap listed --json").succeeded().json();
+    assert_eq!(document["localized"], 2);
+    refused(seal(&format!("--camera {CAMERA}"), "listed"), &["seal.txt: line 1", "leave out --camera"]);
+
+    list(&["query-0.png".to_owned(), "no-such.png".to_owned()]);
+    refused(seal("", "named"), &["query-0.png", "has no EXIF", "--camera unknown"]);
+    let run = seal(&format!("--camera {CAMERA} --skip-bad"), "named").succeeded();
+    assert!(run.stderr.contains("images/no-such.png") && run.stderr.contains("1 of 2 sealed"), "{run}");
+    // The camera as hloc writes it, or as COLMAP does.
+    for camera in ["posed/cameras.txt", "posed"] {
+        seal(&format!("--camera {camera} --skip-bad"), "named").succeeded();
+    }
+    let one =
+        ["seal", "images/query-0.png", "--profile", "place.vprofile", "-o", "spaces.vquery", "--camera"];
+    let out = place.command("").args(one).arg(&with_spaces).output().expect("runs");
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+
+    // A wrong camera is the list's, not an average of all.
+    list(&["query-0.png PINHOLE 640 480 500 500 320 240".to_owned()]);
+    refused(seal("", "wrong"), &["query-0.png", "400x300", "640x480"]);
+    list(&["../images/query-0.png PINHOLE 640 480 500 500 320 240".to_owned()]);
+    refused(seal("", "wrong"), &["leads out of images"]);
+    list(&[format!("query-0.png {}", with_spaces.replace("SIMPLE_RADIAL", "FISHEYE"))]);
+    refused(seal("", "wrong"), &["seal.txt: line 1", "FISHEYE"]);
+}
+
+#[test]
+fn keypoints_of_folders_have_names_of_their_own() {
+    let place = place();
+    let png = place.read("images/query-0.png");
+    for camera in ["camA", "camB"] {
+        place.write(&format!("rig-2/{camera}/0001.png"), &png);
+    }
+    let run = place.run("eval keypoints rig-2 --max-keypoints 64 -o - --quiet").succeeded();
+    let names: Vec<Value> = run
+        .stdout
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).expect("an object")["name"].clone())
+        .collect();
+    assert_eq!(names, ["camA/0001.png", "camB/0001.png"]);
+    let run = place.run("eval keypoints rig-2 no-1.png no-2.png -o no.jsonl");
+    assert!(
+        run.code == Some(1) && run.stderr.contains("no-1.png") && run.stderr.contains("no-2.png"),
+        "{run}"
+    );
+}

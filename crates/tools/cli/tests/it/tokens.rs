@@ -1,0 +1,80 @@
+//! `veiloc token`: what operators do with the file of tokens, and what of it is ever shown.
+
+use super::common;
+
+use common::folder;
+use serde_json::Value;
+use veiloc_service::auth::{TokenKey, TokenList};
+
+fn list(folder: &common::Place) -> TokenList {
+    TokenList::parse(&folder.read("tokens")).expect("a file of tokens")
+}
+
+#[test]
+fn a_token_is_shown_once_and_known_by_its_hash() {
+    let folder = folder();
+    let text = |folder: &common::Place| String::from_utf8(folder.read("tokens")).expect("text");
+    let made =
+        folder.run("token new phone --tokens tokens --maps lobby,garage --expires 2199-01-31").succeeded();
+    let token = made.stdout.trim_end();
+    assert_eq!(token.len(), 64);
+    assert!(made.stderr.contains("Authorization: Bearer") && !made.stderr.contains(token));
+    assert!(!text(&folder).contains(token), "the file keeps the hash alone");
+    let file = list(&folder);
+    let entry = file.find(&TokenKey::of_token(token.as_bytes())).expect("its line");
+    assert!(entry.may_ask_for("garage") && !entry.may_ask_for("attic") && !entry.operator);
+    folder.run("token new ops --operator --days 30 --tokens tokens").succeeded();
+
+    let shown = folder.run("token list --tokens tokens").succeeded();
+    let listed = folder.run("token list --tokens tokens --json").succeeded();
+    let hash = text(&folder).split_whitespace().nth(1).expect("a hash").to_owned();
+    for text in [&shown.stdout, &listed.stdout] {
+        assert!(text.contains("phone") && text.contains("garage") && text.contains("2199-01-31"), "{text}");
+        assert!(text.contains(&hash[..8]) && !text.contains(&hash[..9]), "never the whole hash: {text}");
+    }
+    let document = listed.json();
+    assert_eq!(document["tokens"][1]["operator"], true);
+    assert_eq!(document["tokens"][1]["expired"], false);
+    assert_eq!(document["tokens"][1]["maps"], Value::Null);
+
+    folder.run("token revoke phone --tokens tokens").succeeded();
+    assert_eq!(list(&folder).entries().len(), 1);
+    let last = folder.run("token revoke ops --tokens tokens").succeeded();
+    assert!(last.stderr.contains("nobody may ask"));
+    assert!(list(&folder).entries().is_empty(), "and not a file that counts as an unfinished one");
+    folder.run("token new again --tokens tokens").succeeded();
+    assert_eq!(list(&folder).entries().len(), 1);
+}
+
+#[test]
+fn what_is_wrong_is_refused_and_the_file_stays() {
+    let folder = folder();
+    folder.run("token new phone --tokens tokens").succeeded();
+    folder.write("broken", "phone hunter2\n");
+    let before = folder.read("tokens");
+    for (command, code, part) in [
+        ("token new phone --tokens tokens", 1, "revoke it first"),
+        ("token new nobody --tokens tokens", 1, "not `nobody`"),
+        ("token new a/b --tokens tokens", 1, "letters, digits"),
+        ("token new b --tokens tokens --expires 2020-01-01", 1, "that is over"),
+        ("token new b --tokens tokens --expires tomorrow", 2, "2027-01-31"),
+        ("token new b --tokens tokens --days 0", 2, "--days"),
+        ("token new b --tokens tokens --days 4000000000", 1, "9999"),
+        ("token new b --tokens tokens --days 3 --expires 2199-01-01", 2, "cannot be used with"),
+        ("token new b --tokens tokens --operator --maps a", 2, "cannot be used with"),
+        ("token new b --tokens tokens --maps a/b", 2, "names of maps"),
+        ("token new b --tokens none/tokens", 1, "none/tokens"),
+        ("token new b --tokens broken", 1, "line 1"),
+        ("token list --tokens broken", 1, "64 hexadecimal digits"),
+        ("token list --tokens none", 1, "none"),
+        ("token revoke other --tokens tokens", 1, "no token of this name"),
+        ("token revoke other --tokens none", 1, "none"),
+    ] {
+        let run = folder.run(command);
+        assert_eq!(run.code, Some(code), "{run}");
+        assert!(run.stderr.contains(part), "{run}");
+        assert!(!run.stderr.contains("hunter2") && run.stdout.is_empty(), "{run}");
+    }
+    assert_eq!(folder.read("tokens"), before);
+    assert!(!folder.folder.join("none").exists());
+}

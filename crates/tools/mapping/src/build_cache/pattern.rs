@@ -1,0 +1,68 @@
+//! What an extractor makes of an image that is always the same: it tells two networks of one name apart.
+
+use crate::BuildOptions;
+use veiloc_features::{FeatureError, GrayImage, Image};
+
+use crate::build_cache::key::Key;
+
+/// Width and height of the pattern, pixels.
+const SIZE: (u32, u32) = (160, 120);
+/// Features of it that count.
+const MOST: usize = 64;
+
+/// Adds what the extractor of the options, and what describes whole images, make of the pattern.
+pub(crate) fn behaviour(key: &mut Key, options: &BuildOptions) -> Result<(), FeatureError> {
+    let extractor = options.extractors.named(&options.features)?;
+    let image = Image::from(pattern()?);
+    key.text(&options.features);
+    if extractor.stored().is_none() {
+        let features = extractor.extract(&image, MOST)?;
+        key.numbers(features.keypoints.iter().flat_map(|k| [k.pixel.u, k.pixel.v]));
+        key.bytes(features.descriptors.as_bytes());
+    }
+    if let Some(global) = &options.global {
+        key.debug(&global.describe(&image)?.as_codes());
+    }
+    Ok(())
+}
+
+/// Blobs of several sizes and a few edges: every detector finds something.
+fn pattern() -> Result<GrayImage, FeatureError> {
+    let (width, height) = SIZE;
+    let at = |x: f32, y: f32| {
+        let waves =
+            (0.11 * x).sin() * (0.13 * y).cos() + 0.5 * (0.37 * x + 0.21 * y).sin() * (0.29 * y).sin();
+        let blocks = if (x / 23.0).floor() as i32 % 2 == (y / 17.0).floor() as i32 % 2 { 0.2 } else { -0.2 };
+        0.5 + 0.2 * waves + blocks
+    };
+    let samples = (0..height).flat_map(|y| (0..width).map(move |x| at(x as f32, y as f32)));
+    // In steps of a byte's, so that the last bit of a sine does not matter.
+    GrayImage::from_luma8(width, height, &samples.map(|v| (255.0 * v).round() as u8).collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_pattern_has_something_to_find() {
+        let options = BuildOptions::default();
+        let extractor = options.extractors.named(&options.features).expect("built in");
+        let features =
+            extractor.extract(&Image::from(pattern().expect("an image")), MOST).expect("extracted");
+        assert!(features.keypoints.len() > 10, "{}", features.keypoints.len());
+    }
+
+    #[test]
+    fn other_features_behave_otherwise() {
+        let of = |name: &str| {
+            let mut key = Key::new("");
+            let mut options = BuildOptions::default();
+            name.clone_into(&mut options.features);
+            behaviour(&mut key, &options).expect("built in");
+            key.digest()
+        };
+        assert_eq!(of("sift"), of("sift"));
+        assert_ne!(of("sift"), of("compact"));
+    }
+}

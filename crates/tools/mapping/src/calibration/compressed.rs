@@ -1,0 +1,102 @@
+//! A small map tested with the images of the whole one, and the smallest that loses no more than it may.
+
+use std::collections::BTreeMap;
+
+use crate::{CompressOptions, Compression, LeaveOut, Progress, compress};
+use veiloc_map::{
+    Evidence, MapFile, MapModel, MapView, PointId, PointWithout, Remembered, SelfTest, Without,
+};
+
+use crate::calibration::run::{SelfTestError, SelfTestOptions, self_test, test_in};
+
+/// Localizes images of a map in the small one that was made of it, each left out of both: queries are what the whole map
+/// keeps of an image, and points are as they would be in the whole map without it.
+///
+/// The result belongs into the small map's `self_test`. Which points were kept is not chosen again without the image.
+///
+/// # Errors
+/// As for [`self_test`].
+pub fn self_test_compressed(
+    whole: &MapModel,
+    small: &Compression,
+    options: &SelfTestOptions,
+    progress: &dyn Progress,
+) -> Result<SelfTest, SelfTestError> {
+    let (file, whole_file) = (MapFile::of_model(&small.model)?, MapFile::of_model(whole)?);
+    let leave_out = LeaveOut::of(whole);
+    let id_of: BTreeMap<PointId, PointId> = small.kept.iter().copied().zip((0..).map(PointId)).collect();
+    let without = |image: usize| {
+        let in_whole = leave_out.without(image);
+        let view = MapView::without(&whole_file, &in_whole);
+        let moved = |(id, point): (&PointId, &Option<PointWithout>)| {
+            let remembered = || Remembered::new(view.seen_by(*id) as u32, &view.point_covariance(*id));
+            let point = point.as_ref().map(|point| PointWithout {
+                position: point.position,
+                evidence: Evidence::Remembered(remembered()),
+            });
+            Some((*id_of.get(id)?, point))
+        };
+        Without { image, points: in_whole.points.iter().filter_map(moved).collect() }
+    };
+    test_in(whole, &file, &without, options, progress)
+}
+
+/// The smallest map whose self-test falls at most `points` percentage points short of the whole map's, in trusted images
+/// and in images within a hundredth of the scale and 1°, on average over the schemes; with its self-test in it.
+///
+/// Searched by halving, to a tenth of the size. `None` when no small map is as good.
+///
+/// # Errors
+/// As for [`self_test`] and [`compress`].
+pub fn smallest_within(
+    whole: &MapModel,
+    points: f64,
+    compress_options: &CompressOptions,
+    options: &SelfTestOptions,
+    progress: &dyn Progress,
+) -> Result<Option<Compression>, SelfTestError> {
+    let of_whole = match &whole.self_test {
+        Some(test) => test.clone(),
+        None => self_test(whole, options, progress)?,
+    };
+    let least = recall(&of_whole) - points / 100.0;
+    let bytes = veiloc_map::byte_count(whole);
+    let (mut found, mut low, mut high) = (None, 0.0, bytes as f64);
+    while high - low > SEARCHED_TO * high {
+        let size = if low > 0.0 { f64::midpoint(low, high) } else { high / FIRST_STEP };
+        let asked =
+            CompressOptions::new(size as u64).with_descriptors(compress_options.descriptors_per_point);
+        let mut small = match compress(whole, &asked, progress) {
+            Ok(small) => small,
+            // No map can be smaller.
+            Err(crate::MappingError::TooSmall { least, .. }) => {
+                low = least as f64;
+                continue;
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let test = self_test_compressed(whole, &small, options, progress)?;
+        // Written so that NaN is not good enough.
+        if recall(&test) >= least {
+            small.model.self_test = Some(test);
+            high = size;
+            found = Some(small);
+        } else {
+            low = size;
+        }
+    }
+    Ok(found)
+}
+
+/// Share of the images that are trusted, and share that are within a hundredth of the scale: the mean of both, over all
+/// schemes.
+fn recall(test: &SelfTest) -> f64 {
+    let of = |count: u32| f64::from(count) / f64::from(test.images.max(1));
+    let sum: f64 = test.schemes.iter().map(|s| f64::midpoint(of(s.trusted), of(s.within_of_scale[1]))).sum();
+    sum / test.schemes.len().max(1) as f64
+}
+
+/// The search ends when it knows the size so well.
+const SEARCHED_TO: f64 = 0.1;
+/// By so much each step is smaller until one is too small.
+const FIRST_STEP: f64 = 3.0;

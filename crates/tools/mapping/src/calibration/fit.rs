@@ -1,0 +1,84 @@
+//! The calibration that makes the covariances of a map's poses fit the errors that they have.
+//!
+//! With the step `e` from each trusted pose to the true one and the estimator's covariance `C` of it, `a`, `s_r` and `s_t`
+//! of [`Calibration`] are those of the greatest posterior probability: `e` is normal with covariance
+//! `a C + diag(s_r² I, s_t² I)`, and the three are log-normal about [`Calibration::unmeasured`]. The latter counts like an
+//! image or two, so that a handful of images cannot say anything they like.
+//!
+//! # Outliers
+//! A trusted pose may be wrong. A first fit under a heavy-tailed distribution (Student's of [`FREEDOM`] degrees of freedom)
+//! finds those that no calibration of the rest explains, [`FARTHEST`] or more; they are left out of the second fit, but
+//! never more than a tenth: what is frequent is no outlier, and covariances have to cover it.
+
+use veiloc_map::Calibration;
+
+use crate::calibration::minimum::minimum;
+use crate::calibration::trial::Trial;
+
+/// Fits the calibration of a scheme; `scale` is the distance of what images of the map see, map units.
+///
+/// Trials that are not trusted, or have a direction left free, say nothing. Without any, it is
+/// [`Calibration::unmeasured`].
+pub fn fit(trials: &[Trial], scale: f64) -> Calibration {
+    let prior = Calibration::unmeasured(scale);
+    let usable: Vec<&Trial> = trials.iter().filter(|t| t.is_usable()).collect();
+    if usable.is_empty() || !(prior.translation_floor > 0.0) {
+        return prior;
+    }
+    let heavy = most_probable(&usable, &prior, Tail::Heavy);
+    let kept = without_outliers(&usable, &heavy);
+    most_probable(&kept, &prior, Tail::Normal)
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Tail {
+    Normal,
+    Heavy,
+}
+
+fn most_probable(trials: &[&Trial], prior: &Calibration, tail: Tail) -> Calibration {
+    let at = |log: &[f64; 3]| Calibration {
+        factor: prior.factor * log[0].exp(),
+        rotation_floor: prior.rotation_floor * log[1].exp(),
+        translation_floor: prior.translation_floor * log[2].exp(),
+    };
+    let loss = |log: &[f64; 3]| {
+        let calibration = at(log);
+        let of_prior: f64 = log.iter().zip(PRIOR_SD).map(|(l, sd)| 0.5 * (l / sd).powi(2)).sum();
+        let of_trials = trials.iter().map(|t| {
+            t.squared_distances(&calibration).map_or(f64::INFINITY, |d| {
+                d.half_log_det
+                    + match tail {
+                        Tail::Normal => 0.5 * d.pose,
+                        Tail::Heavy => 0.5 * (FREEDOM + 6.0) * (d.pose / FREEDOM).ln_1p(),
+                    }
+            })
+        });
+        of_prior + of_trials.sum::<f64>()
+    };
+    at(&minimum(loss, [0.0; 3], 0.7))
+}
+
+/// All but those that are too far away under a first calibration, of which there are a tenth at most.
+fn without_outliers<'a>(trials: &[&'a Trial], calibration: &Calibration) -> Vec<&'a Trial> {
+    let mut ranked: Vec<(f64, &'a Trial)> = trials
+        .iter()
+        .map(|t| (t.squared_distances(calibration).map_or(f64::INFINITY, |d| d.pose), *t))
+        .collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let least = ranked.len() - ranked.len() / 10;
+    ranked
+        .into_iter()
+        .enumerate()
+        .filter(|(i, (d, _))| *i < least || *d < FARTHEST)
+        .map(|(_, (_, t))| t)
+        .collect()
+}
+
+/// Degrees of freedom of the heavy-tailed distribution of the first fit.
+const FREEDOM: f64 = 5.0;
+/// Squared distance under the first fit from which a pose is an outlier. Of normal errors that fit estimates the
+/// covariance at about 0.8, so this is the region of 99.99 %.
+const FARTHEST: f64 = 35.0;
+/// Standard deviations of the logarithms of `a`, `s_r` and `s_t` about their defaults.
+const PRIOR_SD: [f64; 3] = [0.5, 1.0, 1.0];

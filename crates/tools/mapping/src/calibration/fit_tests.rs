@@ -1,0 +1,109 @@
+//! The fit on errors that were drawn from known covariances.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use veiloc_geometry::nalgebra::{Matrix6, Vector6};
+use veiloc_map::Calibration;
+
+use crate::calibration::fit::fit;
+use crate::calibration::trial::Trial;
+
+fn normal(rng: &mut impl Rng) -> f64 {
+    let (u, v): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
+    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}
+
+/// Poses known to a thousandth of a radian and a hundredth of a unit, more or less and correlated, with errors drawn from
+/// the calibrated covariance.
+fn trials(count: usize, truth: &Calibration, seed: u64) -> Vec<Trial> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    (0..count)
+        .map(|_| {
+            let size = (0.7 * normal(&mut rng)).exp();
+            let a = Matrix6::from_fn(|i, _| size * if i < 3 { 5e-4 } else { 5e-3 } * normal(&mut rng));
+            let c = a * a.transpose();
+            let covariance = std::array::from_fn(|i| std::array::from_fn(|j| c[(i, j)]));
+            let errs = truth.apply(&covariance);
+            let root = Matrix6::from_fn(|i, j| errs[i][j]).cholesky().expect("a covariance").l();
+            let step = root * Vector6::from_fn(|_, _| normal(&mut rng));
+            Trial { step: step.into(), covariance, trusted: true, noise_px: 1.0 }
+        })
+        .collect()
+}
+
+const TRUTH: Calibration = Calibration { factor: 4.0, rotation_floor: 2e-3, translation_floor: 0.01 };
+
+#[test]
+fn the_fit_finds_what_errors_were_drawn_from() {
+    for seed in 0..5 {
+        let found = fit(&trials(400, &TRUTH, seed), 10.0);
+        for (found, truth) in [
+            (found.factor, TRUTH.factor),
+            (found.rotation_floor, TRUTH.rotation_floor),
+            (found.translation_floor, TRUTH.translation_floor),
+        ] {
+            assert!((found / truth).ln().abs() < 0.25, "{found} {truth}");
+        }
+    }
+}
+
+#[test]
+fn outliers_do_not_widen_what_the_rest_says() {
+    for seed in 0..5 {
+        let mut all = trials(50, &TRUTH, seed);
+        let before = fit(&all, 10.0);
+        for trial in &mut all[..4] {
+            trial.step = [0.5, -0.3, 0.2, 4.0, 1.0, -7.0];
+        }
+        let after = fit(&all, 10.0);
+        assert!((after.factor / before.factor).ln().abs() < 0.5, "{before:?} {after:?}");
+        assert!(
+            (after.translation_floor / before.translation_floor).ln().abs() < 0.7,
+            "{before:?} {after:?}"
+        );
+    }
+}
+
+#[test]
+fn what_is_frequent_is_no_outlier() {
+    let mut all = trials(40, &TRUTH, 1);
+    for trial in all.iter_mut().step_by(3) {
+        trial.step = trial.step.map(|x| 10.0 * x);
+    }
+    let found = fit(&all, 10.0);
+    let covered = all.iter().filter(|t| t.squared_distances(&found).is_some_and(|d| d.pose < 16.8)).count();
+    assert!(covered >= 28, "{covered} of 40 within 99 %");
+}
+
+#[test]
+fn few_images_stay_near_the_default_and_none_are_the_default() {
+    let default = Calibration::unmeasured(10.0);
+    assert_eq!(fit(&[], 10.0), default);
+    let mut doubted = trials(5, &TRUTH, 2);
+    for t in &mut doubted {
+        t.trusted = false;
+    }
+    assert_eq!(fit(&doubted, 10.0), default);
+    let mut free = trials(3, &TRUTH, 2);
+    for t in &mut free {
+        t.covariance[4][4] = f64::INFINITY;
+    }
+    assert_eq!(fit(&free, 10.0), default);
+    // Three images that err by nothing at all: covariances shrink, but not to nothing.
+    let mut lucky = trials(3, &TRUTH, 3);
+    for t in &mut lucky {
+        t.step = [0.0; 6];
+    }
+    let found = fit(&lucky, 10.0);
+    assert!(found.factor > 0.1 * default.factor && found.factor < default.factor, "{found:?}");
+    // And three that err wildly do not grow beyond all bounds.
+    let mut wild = trials(3, &TRUTH, 4);
+    for t in &mut wild {
+        t.step = t.step.map(|x| 30.0 * x);
+    }
+    let found = fit(&wild, 10.0);
+    assert!(found.factor > default.factor && found.factor.is_finite(), "{found:?}");
+    for scale in [0.0, f64::NAN] {
+        assert!(fit(&trials(9, &TRUTH, 5), scale).factor.is_finite());
+    }
+}

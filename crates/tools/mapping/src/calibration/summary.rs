@@ -1,0 +1,76 @@
+//! From the trials of a scheme to what is said of it.
+
+use veiloc_map::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest};
+use veiloc_protocol::Scheme;
+
+use crate::calibration::fit::fit;
+use crate::calibration::trial::{Distances, Trial};
+
+/// Of all images that were tried; `None` where there was no pose.
+pub(crate) fn summarize(scheme: Scheme, trials: &[Option<Trial>], scale: f64) -> SchemeTest {
+    let found: Vec<Trial> = trials.iter().flatten().cloned().collect();
+    let trusted: Vec<Trial> = found.iter().filter(|t| t.is_usable()).cloned().collect();
+    let within = |translation: f64, degrees: f64| {
+        found.iter().filter(|t| t.translation() <= translation && t.rotation_deg() <= degrees).count() as u32
+    };
+    let of_all =
+        |of: fn(&Trial) -> f64| median(trials.iter().map(|t| t.as_ref().map_or(f64::INFINITY, of)).collect());
+    let noise = median(trusted.iter().map(|t| t.noise_px).collect());
+    SchemeTest {
+        scheme,
+        localized: found.len() as u32,
+        trusted: found.iter().filter(|t| t.trusted).count() as u32,
+        within_of_scale: RELATIVE.map(|(share, degrees)| within(share * scale, degrees)),
+        within: ABSOLUTE.map(|(units, degrees)| within(units, degrees)),
+        median_rotation_deg: of_all(Trial::rotation_deg),
+        median_translation: of_all(Trial::translation),
+        median_noise_px: if noise.is_finite() { noise } else { 0.0 },
+        before: coverage(trusted.iter().map(|t| t.squared_distances(&AS_ESTIMATED))),
+        after: coverage(crossed(&trusted, scale).into_iter()),
+        calibration: fit(&trusted, scale),
+    }
+}
+
+/// The estimator's own covariances.
+const AS_ESTIMATED: Calibration = Calibration { factor: 1.0, rotation_floor: 0.0, translation_floor: 0.0 };
+
+/// Each trial under a calibration fitted to trials of other images: of five parts, each by the other four.
+fn crossed(trials: &[Trial], scale: f64) -> Vec<Option<Distances>> {
+    let mut distances = vec![None; trials.len()];
+    for part in 0..PARTS {
+        let others: Vec<Trial> =
+            trials.iter().enumerate().filter(|(i, _)| i % PARTS != part).map(|(_, t)| t.clone()).collect();
+        let calibration = fit(&others, scale);
+        for i in (part..trials.len()).step_by(PARTS) {
+            distances[i] = trials[i].squared_distances(&calibration);
+        }
+    }
+    distances
+}
+
+fn coverage(distances: impl Iterator<Item = Option<Distances>>) -> Coverage {
+    let distances: Vec<Distances> = distances.flatten().collect();
+    let share = |of: fn(&Distances) -> f64, radius: f64| {
+        distances.iter().filter(|d| of(d) <= radius).count() as f64 / distances.len().max(1) as f64
+    };
+    Coverage {
+        center: SQUARED_RADII_3.map(|radius| share(|d| d.center, radius)),
+        pose: SQUARED_RADII_6.map(|radius| share(|d| d.pose, radius)),
+    }
+}
+
+/// Upper median; infinite of nothing.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::INFINITY)
+}
+
+/// Parts of the trials in cross-validation.
+const PARTS: usize = 5;
+
+/// Squared radii of the regions of [`LEVELS`] of a normal distribution in three dimensions (quantiles of chi-squared).
+const SQUARED_RADII_3: [f64; LEVELS.len()] =
+    [2.365_973_884_375_338, 6.251_388_631_170_325, 11.344_866_730_144_373];
+/// The same in six.
+const SQUARED_RADII_6: [f64; LEVELS.len()] =
+    [5.348_120_627_447_122, 10.644_640_675_668_42, 16.811_893_829_770_927];

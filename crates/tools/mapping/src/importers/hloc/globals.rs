@@ -1,0 +1,75 @@
+//! Files of global descriptors: for each image one vector.
+
+use std::path::Path;
+
+use crate::importers::hloc::archive::Archive;
+use crate::importers::hloc::error::HlocError;
+use crate::importers::hloc::write::{Tree, Values, Written};
+
+const GLOBAL: &str = "global_descriptor";
+/// Most numbers of a vector.
+const MOST_NUMBERS: usize = 1 << 16;
+
+/// A file of global descriptors.
+#[derive(Debug)]
+pub struct GlobalsFile(Archive);
+
+impl GlobalsFile {
+    /// Opens a file; vectors are read image by image.
+    ///
+    /// # Errors
+    /// [`HlocError::Io`], [`HlocError::NotHdf5`].
+    pub fn open(path: &Path) -> Result<Self, HlocError> {
+        Archive::open(path).map(Self)
+    }
+
+    /// Names of all images in it.
+    ///
+    /// # Errors
+    /// [`HlocError::Bad`] for groups that cannot be read, or lie in each other without end.
+    pub fn names(&self) -> Result<Vec<String>, HlocError> {
+        self.0.names(GLOBAL)
+    }
+
+    /// The vector of an image, `[numbers]`.
+    ///
+    /// # Errors
+    /// [`HlocError::Missing`]; [`HlocError::Bad`] for numbers that cannot be read, are not finite, or no vector.
+    pub fn read(&self, name: &str) -> Result<Vec<f32>, HlocError> {
+        let missing = || HlocError::Missing {
+            path: self.0.path().to_owned(),
+            what: "global descriptor",
+            name: name.to_owned(),
+        };
+        let group = self.0.group(name).ok_or_else(missing)?;
+        let numbers = self.0.numbers(name, &group, GLOBAL)?.ok_or_else(missing)?;
+        let bad = |reason: &str| Err(self.0.bad(&format!("{name}/{GLOBAL}"), reason));
+        if numbers.shape.iter().filter(|side| **side != 1).count() > 1 || numbers.values.len() > MOST_NUMBERS
+        {
+            return bad("is no single vector; write the file again");
+        }
+        if numbers.values.iter().any(|value| !value.is_finite()) {
+            return bad("has numbers that are not finite; extract the image again");
+        }
+        Ok(numbers.values)
+    }
+}
+
+/// Writes vectors of images by their names, as float32.
+///
+/// # Errors
+/// [`HlocError::Unwritable`] for a name that is there twice; [`HlocError::Io`].
+pub fn write_globals(
+    path: &Path,
+    images: impl IntoIterator<Item = (String, Vec<f32>)>,
+) -> Result<(), HlocError> {
+    let mut tree = Tree::default();
+    for (name, vector) in images {
+        let shape = vec![vector.len()];
+        tree.put(
+            &name,
+            vec![Written { name: GLOBAL, shape, values: Values::Single(vector), attribute: None }],
+        )?;
+    }
+    tree.save(path)
+}

@@ -1,0 +1,130 @@
+//! Files of matches: for each pair of images the partner of every keypoint of the first.
+
+use std::path::Path;
+
+use hdf5_pure::Group;
+
+use crate::importers::hloc::archive::Archive;
+use crate::importers::hloc::error::HlocError;
+use crate::importers::hloc::write::{Tree, Values, Written};
+
+const MATCHES: &str = "matches0";
+const SCORES: &str = "matching_scores0";
+/// Most keypoints of an image.
+const MOST_KEYPOINTS: usize = 1 << 17;
+
+/// Two keypoints that are taken for one point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Match {
+    /// Index of the keypoint in the first image.
+    pub first: u32,
+    /// Index of the keypoint in the second image.
+    pub second: u32,
+    /// How sure the matcher is, 0 to 1; 1 where it does not say.
+    pub score: f32,
+}
+
+/// A file of matches.
+#[derive(Debug)]
+pub struct MatchesFile(Archive);
+
+impl MatchesFile {
+    /// Opens a file; matches are read pair by pair.
+    ///
+    /// # Errors
+    /// [`HlocError::Io`], [`HlocError::NotHdf5`].
+    pub fn open(path: &Path) -> Result<Self, HlocError> {
+        Archive::open(path).map(Self)
+    }
+
+    /// The matches of two images, whichever of them the file names first, under hloc's names of pairs (`a/b`) or its older ones
+    /// (`a_b`), where folders of names are parted by `-`; `None` where the pair is not there.
+    ///
+    /// # Errors
+    /// [`HlocError::Bad`] for numbers that cannot be read, or are no indices.
+    pub fn read(&self, first: &str, second: &str) -> Result<Option<Vec<Match>>, HlocError> {
+        for separator in ['/', '_'] {
+            for (a, b, turned) in [(first, second, false), (second, first, true)] {
+                let name = name_of_pair(a, b, separator);
+                if let Some(group) = self.0.group(&name) {
+                    return self.read_group(&name, &group, turned);
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    fn read_group(&self, name: &str, group: &Group, turned: bool) -> Result<Option<Vec<Match>>, HlocError> {
+        let bad = |what: &str, reason: String| Err(self.0.bad(&format!("{name}/{what}"), reason));
+        let Some(partners) = self.0.numbers(name, group, MATCHES)? else { return Ok(None) };
+        let scores = self.0.numbers(name, group, SCORES)?;
+        let partners = &partners.values;
+        if partners.len() > MOST_KEYPOINTS {
+            return bad(MATCHES, format!("is of {} keypoints, more than {MOST_KEYPOINTS}", partners.len()));
+        }
+        if let Some(scores) = scores.as_ref().filter(|scores| scores.values.len() != partners.len()) {
+            return bad(SCORES, format!("has {} numbers and not {}", scores.values.len(), partners.len()));
+        }
+        let mut matches = Vec::new();
+        for (index, partner) in partners.iter().enumerate().filter(|(_, partner)| **partner != -1.0) {
+            let known = (0.0..MOST_KEYPOINTS as f32).contains(partner) && partner.fract() == 0.0;
+            let score = scores.as_ref().map_or(1.0, |scores| scores.values[index]);
+            if !known || !score.is_finite() {
+                return bad(
+                    MATCHES,
+                    format!("keypoint {index} has no index of a keypoint; match the pair again"),
+                );
+            }
+            let (own, other) = (index as u32, *partner as u32);
+            let (first, second) = if turned { (other, own) } else { (own, other) };
+            matches.push(Match { first, second, score });
+        }
+        Ok(Some(matches))
+    }
+}
+
+/// hloc's name of a pair.
+fn name_of_pair(first: &str, second: &str, separator: char) -> String {
+    format!("{}{separator}{}", first.replace('/', "-"), second.replace('/', "-"))
+}
+
+/// Writes matches of pairs by the names of their images; each with how many keypoints the first image has. A keypoint of the first
+/// image has one partner: of several the last is kept.
+///
+/// # Errors
+/// [`HlocError::Unwritable`] for a pair that is there twice, or a keypoint that the first image does not have; [`HlocError::Io`].
+pub fn write_matches<'a>(
+    path: &Path,
+    pairs: impl IntoIterator<Item = (&'a str, &'a str, usize, Vec<Match>)>,
+) -> Result<(), HlocError> {
+    let mut tree = Tree::default();
+    for (first, second, keypoints, matches) in pairs {
+        let name = name_of_pair(first, second, '/');
+        let mut partners = vec![-1_i32; keypoints];
+        let mut scores = vec![0.0_f32; keypoints];
+        for found in matches {
+            let index = found.first as usize;
+            if index >= keypoints || found.second > i32::MAX as u32 {
+                let reason = format!("keypoint {index} is beyond the {keypoints} of the first image");
+                return Err(HlocError::Unwritable { name, reason });
+            }
+            partners[index] = found.second as i32;
+            scores[index] = found.score;
+        }
+        let dataset = |name, values| Written { name, shape: vec![keypoints], values, attribute: None };
+        let datasets = vec![dataset(MATCHES, Values::Small(partners)), dataset(SCORES, Values::Half(scores))];
+        tree.put(&name, datasets)?;
+    }
+    tree.save(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pair_is_named_as_hloc_names_it() {
+        assert_eq!(name_of_pair("db/a.jpg", "query/day/b.jpg", '/'), "db-a.jpg/query-day-b.jpg");
+        assert_eq!(name_of_pair("db/a.jpg", "query/day/b.jpg", '_'), "db-a.jpg_query-day-b.jpg");
+    }
+}

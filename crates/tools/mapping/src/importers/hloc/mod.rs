@@ -1,0 +1,52 @@
+//! hloc's files, read and written: what others extracted is localized here, and what is extracted here is theirs to use.
+//!
+//! - [`FeaturesFile`]: `feats-….h5`, keypoints and descriptors by the name of the image; [`write_features`].
+//! - [`StoredFeatures`]: such a file in the place of an extractor ([`veiloc_features::Stored`]).
+//! - [`MatchesFile`]: `matches-….h5`; [`write_matches`]. [`GlobalsFile`]: `global-feats-….h5`; [`write_globals`].
+//! - [`read_pairs`], [`write_pairs`]: lists of pairs.
+//!
+//! hloc counts pixels from the centre of the first; here they are COLMAP's as everywhere, half a pixel more
+//! ([`veiloc_geometry::Pixel::from_center_at_zero`]). Numbers may be float16, float32 or float64, as hloc's `as_half` has it, stored in
+//! one piece or in chunks, compressed with gzip or not.
+//!
+//! A file may come from anybody: shapes, chunks and lengths are bounded before anything is read, groups that hold themselves end
+//! at a depth, and what does not fit is an error that names the file, the image and the remedy (`tests/hostile.rs`).
+//!
+//! ```
+//! use veiloc_geometry::Pixel;
+//! use veiloc_mapping::importers::hloc::{FeaturesFile, ImageFeatures, Vectors, write_features};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("feats.h5");
+//! let features = ImageFeatures {
+//!     keypoints: vec![Pixel::new(0.5, 0.5), Pixel::new(20.5, 11.25)],
+//!     scores: Some(vec![0.5, 0.25]),
+//!     descriptors: Vectors { dim: 3, values: vec![1.0, 0.0, 0.0, 0.0, 0.0, 1.0] },
+//!     image_size: Some((640, 480)),
+//!     uncertainty: None,
+//! };
+//! write_features(&path, [("db/a.jpg".to_owned(), features.clone())])?;
+//! let file = FeaturesFile::open(&path)?;
+//! assert_eq!(file.names()?, ["db/a.jpg"]);
+//! assert_eq!(file.read("db/a.jpg")?, features);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod archive;
+mod binary16;
+mod error;
+mod features;
+mod globals;
+mod matches;
+mod numbers;
+mod pairs;
+mod stored;
+mod write;
+
+pub use error::HlocError;
+pub use features::{FeaturesFile, ImageFeatures, Vectors, write_features};
+pub use globals::{GlobalsFile, write_globals};
+pub use matches::{Match, MatchesFile, write_matches};
+pub use pairs::{read_pairs, write_pairs};
+pub use stored::StoredFeatures;

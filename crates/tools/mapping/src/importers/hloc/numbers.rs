@@ -1,0 +1,153 @@
+//! The numbers of a dataset, bounded before they are read.
+
+use hdf5_pure::{Dataset, Datatype, DatatypeByteOrder};
+
+use crate::importers::hloc::binary16;
+
+/// Most numbers of a dataset: 64 million, a quarter of a gigabyte. hloc's largest descriptors are a tenth of it.
+const MOST: u64 = 1 << 26;
+/// Most bytes of a chunk before it is compressed.
+const MOST_OF_CHUNK: u64 = 1 << 28;
+/// How many times as long deflate's data can become, and room for small files whose numbers are not stored at all.
+const LONGEST: u64 = 1040;
+
+/// Numbers and how they lie: rows one after another.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Numbers {
+    pub(crate) shape: Vec<usize>,
+    pub(crate) values: Vec<f32>,
+}
+
+/// What numbers a dataset is stored as.
+#[derive(Clone, Copy)]
+enum Stored {
+    Half,
+    Single,
+    Double,
+    Signed(usize),
+    Unsigned(usize),
+}
+
+impl Stored {
+    const fn bytes(self) -> usize {
+        match self {
+            Self::Half => 2,
+            Self::Single => 4,
+            Self::Double => 8,
+            Self::Signed(bytes) | Self::Unsigned(bytes) => bytes,
+        }
+    }
+
+    /// Little endian, `bytes()` of them.
+    fn value(self, bytes: &[u8]) -> f32 {
+        let mut eight = [0; 8];
+        eight[..bytes.len()].copy_from_slice(bytes);
+        let word = u64::from_le_bytes(eight);
+        match self {
+            Self::Half => binary16::from_bits(word as u16),
+            Self::Single => f32::from_bits(word as u32),
+            Self::Double => f64::from_bits(word) as f32,
+            Self::Unsigned(_) => word as f32,
+            Self::Signed(bytes) => {
+                let unused = 64 - 8 * bytes as u32;
+                ((word << unused) as i64 >> unused) as f32
+            }
+        }
+    }
+}
+
+/// Reads the numbers of a dataset in a file of so many bytes.
+///
+/// The error says what is wrong with them and the remedy.
+pub(crate) fn read(dataset: &Dataset, file_bytes: u64) -> Result<Numbers, String> {
+    let shape = dataset.shape().map_err(|e| damaged(&e))?;
+    let stored = stored(&dataset.datatype().map_err(|e| damaged(&e))?)?;
+    let count = product(&shape).filter(|count| *count <= MOST).ok_or_else(|| {
+        format!("claims a shape of {shape:?}, more than {MOST} numbers; the file is damaged, or not hloc's")
+    })?;
+    let bytes = count * stored.bytes() as u64;
+    if bytes > file_bytes.saturating_mul(LONGEST) {
+        return Err(format!(
+            "claims a shape of {shape:?}, more than a file of {file_bytes} bytes can hold; write it again"
+        ));
+    }
+    check_chunks(dataset, stored, file_bytes)?;
+    let raw = dataset.read_raw().map_err(|e| damaged(&e))?;
+    if raw.len() as u64 != bytes {
+        return Err(format!(
+            "holds {} bytes and not {bytes}; the file is damaged, write it again",
+            raw.len()
+        ));
+    }
+    let values = raw.chunks_exact(stored.bytes()).map(|bytes| stored.value(bytes)).collect();
+    Ok(Numbers { shape: shape.into_iter().map(|side| side as usize).collect(), values })
+}
+
+/// The library takes the lengths of chunks from the file, and allocates them before it reads.
+fn check_chunks(dataset: &Dataset, stored: Stored, file_bytes: u64) -> Result<(), String> {
+    let Some(chunk) = dataset.chunk_shape().map_err(|e| damaged(&e))? else { return Ok(()) };
+    let whole = product(&chunk).and_then(|count| count.checked_mul(stored.bytes() as u64));
+    if whole.is_none_or(|bytes| bytes > MOST_OF_CHUNK.min(file_bytes.saturating_mul(LONGEST))) {
+        return Err(format!("claims chunks of {chunk:?}; the file is damaged, or not hloc's"));
+    }
+    let inside =
+        |(address, length): (u64, u64)| address.checked_add(length).is_some_and(|end| end <= file_bytes);
+    let chunks = dataset.chunks().map_err(|e| damaged(&e))?;
+    if chunks.iter().all(|c| inside((c.address, c.storage_size))) {
+        Ok(())
+    } else {
+        Err("has chunks beyond the end of the file; it is cut short, copy it again".to_owned())
+    }
+}
+
+fn product(sides: &[u64]) -> Option<u64> {
+    sides.iter().try_fold(1_u64, |all, side| all.checked_mul(*side))
+}
+
+fn damaged(error: &hdf5_pure::Error) -> String {
+    format!("cannot be read: {error}; write the file again, without `libver=\"latest\"` if it is compressed")
+}
+
+fn stored(datatype: &Datatype) -> Result<Stored, String> {
+    let refused = || {
+        Err("holds no numbers that are read here: float16, float32, float64 or whole numbers, little \
+                          endian, are; write it as hloc does"
+            .to_owned())
+    };
+    match datatype {
+        Datatype::FloatingPoint { size, byte_order: DatatypeByteOrder::LittleEndian, layout } => {
+            match (size, layout.exponent_size, layout.mantissa_size) {
+                (2, 5, 10) => Ok(Stored::Half),
+                (4, 8, 23) => Ok(Stored::Single),
+                (8, 11, 52) => Ok(Stored::Double),
+                _ => refused(),
+            }
+        }
+        Datatype::FixedPoint { size, byte_order: DatatypeByteOrder::LittleEndian, layout }
+            if matches!(size, 1 | 2 | 4 | 8)
+                && layout.bit_offset == 0
+                && u32::from(layout.bit_precision) == 8 * size =>
+        {
+            let bytes = *size as usize;
+            Ok(if layout.signed { Stored::Signed(bytes) } else { Stored::Unsigned(bytes) })
+        }
+        _ => refused(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_are_the_numbers_they_stand_for() {
+        assert_eq!(Stored::Half.value(&[0x00, 0xc0]), -2.0);
+        assert_eq!(Stored::Single.value(&1.25_f32.to_le_bytes()), 1.25);
+        assert_eq!(Stored::Double.value(&(-0.5_f64).to_le_bytes()), -0.5);
+        assert_eq!(Stored::Signed(2).value(&(-1_i16).to_le_bytes()), -1.0);
+        assert_eq!(Stored::Signed(8).value(&640_i64.to_le_bytes()), 640.0);
+        assert_eq!(Stored::Unsigned(2).value(&[0xff, 0xff]), 65535.0);
+        assert_eq!(Stored::Unsigned(1).value(&[200]), 200.0);
+        assert_eq!(Stored::Signed(1).value(&[200]), -56.0);
+    }
+}

@@ -1,0 +1,77 @@
+//! Lists of pairs: two names a line.
+
+use std::path::Path;
+
+use veiloc_map::atomic_file::write_whole;
+
+use crate::importers::hloc::error::HlocError;
+
+/// Reads a list of pairs; empty lines do not count.
+///
+/// # Errors
+/// [`HlocError::Io`]; [`HlocError::Pairs`] for a line that is not two different names, or a file that is no text or names no pair.
+pub fn read_pairs(path: &Path) -> Result<Vec<(String, String)>, HlocError> {
+    let bytes = std::fs::read(path).map_err(|source| HlocError::Io { path: path.to_owned(), source })?;
+    let refused =
+        |line, reason: &str| HlocError::Pairs { path: path.to_owned(), line, reason: reason.to_owned() };
+    let text = std::str::from_utf8(&bytes)
+        .map_err(|_| refused(1, "is not text; give a list with two names of images a line"))?;
+    let mut pairs = Vec::new();
+    for (number, line) in (1..).zip(text.lines()) {
+        match line.split_whitespace().collect::<Vec<_>>()[..] {
+            [] => {}
+            [first, second] if first != second => pairs.push((first.to_owned(), second.to_owned())),
+            _ => return Err(refused(number, "is not two different names with a space between")),
+        }
+    }
+    if pairs.is_empty() {
+        return Err(refused(1, "names no pair; write two names of images a line"));
+    }
+    Ok(pairs)
+}
+
+/// Writes a list of pairs.
+///
+/// # Errors
+/// [`HlocError::Unwritable`] for a name with white space, which ends a name in such a list; [`HlocError::Io`].
+pub fn write_pairs<'a>(
+    path: &Path,
+    pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
+) -> Result<(), HlocError> {
+    let mut text = String::new();
+    for (first, second) in pairs {
+        for name in [first, second] {
+            if name.is_empty() || name.contains(char::is_whitespace) {
+                let reason = "white space ends a name in a list of pairs".to_owned();
+                return Err(HlocError::Unwritable { name: name.to_owned(), reason });
+            }
+        }
+        text.extend([first, " ", second, "\n"]);
+    }
+    write_whole(path, text.as_bytes()).map_err(|source| HlocError::Io { path: path.to_owned(), source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_and_what_is_no_pair_is_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("pairs.txt");
+        write_pairs(&path, [("db/a.jpg", "db/b.jpg"), ("db/a.jpg", "c.png")]).expect("written");
+        assert_eq!(std::fs::read_to_string(&path).expect("text"), "db/a.jpg db/b.jpg\ndb/a.jpg c.png\n");
+        let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
+        assert_eq!(
+            read_pairs(&path).expect("pairs"),
+            [pair("db/a.jpg", "db/b.jpg"), pair("db/a.jpg", "c.png")]
+        );
+        assert!(write_pairs(&path, [("a b.jpg", "c.jpg")]).is_err());
+        for text in ["", "\n", "a.jpg\n", "a b c\n", "a a\n"] {
+            std::fs::write(&path, text).expect("written");
+            assert!(matches!(read_pairs(&path), Err(HlocError::Pairs { line: 1, .. })), "{text:?}");
+        }
+        std::fs::write(&path, [0xff, 0xfe]).expect("written");
+        assert!(read_pairs(&path).is_err());
+    }
+}

@@ -1,0 +1,125 @@
+//! A file of features in the place of an extractor.
+
+use std::path::{Component, Path};
+
+use veiloc_descriptor::{DescriptorKind, Encoding};
+use veiloc_features::{Extractor, FeatureError, Features, Image, Stored};
+
+use crate::importers::hloc::{FeaturesFile, HlocError};
+
+/// Features of a file by the name of the image: nothing is extracted.
+///
+/// An image goes by the end of its path: of `images/db/a.jpg` the file may say `db/a.jpg` or `a.jpg`, and where it says both, nobody
+/// knows which is meant, and the image is refused.
+#[derive(Debug)]
+pub struct StoredFeatures {
+    file: FeaturesFile,
+    kind: DescriptorKind,
+}
+
+impl StoredFeatures {
+    /// Opens a file whose descriptors are of a kind that is known, or of a new one of this name: signed bytes, as descriptors of
+    /// networks have them.
+    ///
+    /// # Errors
+    /// What [`FeaturesFile::open`] says; [`HlocError::Bad`] where no image has keypoints, descriptors have another number of numbers
+    /// than the kind, or the name is none.
+    pub fn open(path: &Path, name: &str, known: Option<DescriptorKind>) -> Result<Self, HlocError> {
+        let file = FeaturesFile::open(path)?;
+        let bad = |reason: String| HlocError::Bad { path: path.to_owned(), name: name.to_owned(), reason };
+        let dim = file
+            .dim()?
+            .ok_or_else(|| bad("no image in the file has descriptors; extract some first".to_owned()))?;
+        let kind = match known {
+            Some(kind) if kind.dim() == dim => kind,
+            Some(kind) => {
+                return Err(bad(format!(
+                    "its descriptors have {} numbers, and those in the file {dim}: they are others; give them their own \
+                     name with --features",
+                    kind.dim()
+                )));
+            }
+            None => {
+                let length = (LENGTH * (dim as f64).sqrt()).round() as u32;
+                DescriptorKind::new(name, dim, Encoding::Signed, length).map_err(|e| bad(e.to_string()))?
+            }
+        };
+        Ok(Self { file, kind })
+    }
+
+    /// The name under which the file holds the image at this path.
+    fn name_of(&self, path: &Path) -> Result<String, String> {
+        let parts: Vec<&str> = path
+            .components()
+            .filter_map(|part| match part {
+                Component::Normal(part) => part.to_str(),
+                _ => None,
+            })
+            .collect();
+        let ends = (0..parts.len()).map(|from| parts[from..].join("/"));
+        let held: Vec<String> = ends.filter(|name| self.file.holds(name)).collect();
+        let file = self.file.path().display();
+        match held.as_slice() {
+            [name] => Ok(name.clone()),
+            [] => Err(format!(
+                "{file} holds nothing of {}; extract it too, or take it from the list",
+                path.display()
+            )),
+            [one, other, ..] => Err(format!(
+                "{file} holds both {one} and {other}, and {} may be either; give files of features their images' whole names",
+                path.display()
+            )),
+        }
+    }
+}
+
+impl Extractor for StoredFeatures {
+    fn kind(&self) -> DescriptorKind {
+        self.kind
+    }
+
+    fn extract(&self, _: &Image, _: usize) -> Result<Features, FeatureError> {
+        let reason =
+            format!("{} knows images by their names, and this one has none", self.file.path().display());
+        Err(FeatureError::Extractor { name: self.kind.name().to_owned(), reason })
+    }
+
+    /// As far as networks look ([`Stored`] says the scale): nobody continued the image by its mirror image.
+    fn reach(&self) -> f64 {
+        SIGHT
+    }
+
+    fn stored(&self) -> Option<&dyn Stored> {
+        Some(self)
+    }
+}
+
+impl Stored for StoredFeatures {
+    fn features(&self, path: &Path, size: (u32, u32)) -> Result<Features, FeatureError> {
+        let refused = |reason: String| FeatureError::Extractor { name: self.kind.name().to_owned(), reason };
+        let name = self.name_of(path).map_err(refused)?;
+        let stored = self.file.read(&name).map_err(|e| refused(e.to_string()))?;
+        if let Some(of) = stored.image_size.filter(|of| *of != size) {
+            return Err(refused(format!(
+                "{}: {name} was extracted from an image of {}x{} pixels, and {} has {}x{}; give the image it is of",
+                self.file.path().display(),
+                of.0,
+                of.1,
+                path.display(),
+                size.0,
+                size.1
+            )));
+        }
+        // hloc makes images smaller first, to this side by default; what a pixel was then, is wider now.
+        let scale = (f64::from(size.0.max(size.1)) / SIDE).max(1.0) as f32;
+        let bad = |reason| refused(format!("{}: {name}: {reason}", self.file.path().display()));
+        stored.features(self.kind, scale).map_err(bad)
+    }
+}
+
+/// A unit vector times 32 roots of its numbers: as kinds of networks are (decision 0022).
+const LENGTH: f64 = 32.0;
+/// Pixels around a keypoint that a descriptor of SuperPoint shows (docs/privacy.md, rule L11).
+const SIGHT: f64 = 32.0;
+/// hloc's `resize_max` of most of its settings.
+const SIDE: f64 = 1024.0;

@@ -1,0 +1,3 @@
+//! Readers and writers of other tools' files.
+
+pub mod hloc;

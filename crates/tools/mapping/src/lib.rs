@@ -1,0 +1,93 @@
+//! Posed images to map: pairs, matching, tracks, triangulation.
+//!
+//! ```text
+//! images ── features ── pairs ── matches ── epipolar check ── tracks ── triangulation ── completion ── map
+//!                            from the poses      with the poses
+//! ```
+//! For an operator's tools, and for whoever evaluates on data with known poses.
+//!
+//! - [`Input`]: which posed images, where their files are, and what to do about those that cannot be used.
+//! - [`build`]: a map of images whose poses are known.
+//! - [`prepare`]: a share of a build's work, for many hands.
+//! - [`add`], [`remove`]: images join and leave; what they do not touch stays as it is, bit for bit.
+//! - [`import`]: a complete COLMAP model, whose points and observations are kept.
+//! - [`compress`]: a map made small: the points that help most, each with a few of its descriptors.
+//! - [`LeaveOut`]: the map as it would be without one of its images.
+//! - [`diagnose`]: the likely reason why images do not fit together.
+//! - [`BuildReport`]: what it came to, and every [`Doubt`] about the map.
+//!
+//! Poses are taken for true: only points move. Results depend neither on the number of threads nor on time.
+//!
+//! ```no_run
+//! use std::path::Path;
+//! use veiloc_map::colmap::read_posed;
+//! use veiloc_mapping::{BuildOptions, Input, OnBadImage, build};
+//!
+//! let posed = read_posed(Path::new("hall/sparse"))?;
+//! let input = Input::new(&posed, Path::new("hall/images")).on_bad_image(OnBadImage::Skip);
+//! let (map, report) = build(&input, &BuildOptions::default(), &())?;
+//! for doubt in &report.doubts {
+//!     println!("warning: {doubt}");
+//! }
+//! veiloc_map::write(&map, Path::new("hall.vmap"))?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! What cannot be used is named, all of it, before any work begins:
+//! ```
+//! use veiloc_map::PosedImages;
+//! use veiloc_mapping::{BuildOptions, Input, MappingError, build};
+//!
+//! let posed = PosedImages::default();
+//! let names = ["hall/1.jpg".to_owned(), "hall/2.jpg".to_owned()];
+//! let input = Input::new(&posed, "photos".as_ref()).with_names(&names);
+//! let Err(MappingError::BadImages(bad)) = build(&input, &BuildOptions::default(), &()) else { panic!() };
+//! assert_eq!(bad.images.len(), 2);
+//! assert!(bad.to_string().starts_with("2 of 2 images cannot be used\n  hall/1.jpg: there is no pose for it"));
+//! ```
+#![forbid(unsafe_code)]
+
+mod bad_image;
+mod build;
+pub mod build_cache;
+pub mod calibration;
+mod change;
+mod complete;
+mod compress;
+mod diagnose;
+mod error;
+mod extract;
+mod import;
+pub mod importers;
+mod input;
+mod kept;
+mod leave_out;
+mod matching;
+mod options;
+mod pairs;
+mod prepare;
+mod progress;
+mod report;
+mod scene;
+mod tracks;
+mod triangulation;
+mod view;
+mod vocabulary;
+
+pub use bad_image::{BadImage, BadImages, BadReason, SkippedImages};
+pub use build::build;
+pub use change::{Words, add, remove};
+pub use compress::{CompressOptions, Compression, compress};
+pub use diagnose::diagnose;
+pub use error::MappingError;
+pub use import::{ImportReport, import};
+pub use input::{Input, OnBadImage};
+pub use kept::{Extracted, Kept, Wanted};
+pub use leave_out::LeaveOut;
+pub use options::BuildOptions;
+pub use prepare::{Prepared, Share, Stage, prepare};
+pub use progress::Progress;
+pub use report::{BuildReport, Doubt, Fault};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,115 @@
+//! Many hands build the map that one pair of hands builds, whatever was done already, twice, or not at all.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use veiloc_descriptor::DescriptorKind;
+use veiloc_features::{Compact, Extractor, Extractors, FeatureError, Features, Image};
+use veiloc_map::{MapModel, PosedImage, PosedImages};
+use veiloc_mapping::build_cache::Keeping;
+use veiloc_mapping::{BuildOptions, Input, Share, Stage, build, prepare};
+use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+
+/// A rendered place of so many views, in `folder`.
+fn rendered(folder: &Path, views: usize) -> PosedImages {
+    let place = Place::generate(11);
+    let camera = "PINHOLE,320,240,262.4,262.4,160,120".parse().expect("a camera");
+    let path = place.camera_path(&PathOptions::with_counts(views, 0));
+    let images = path.mapping.iter().enumerate().map(|(k, pose)| {
+        let name = format!("{k:03}.png");
+        let view = place.render(pose, &camera, &RenderOptions::with_seed(k as u64));
+        view.rgb().save(folder.join(&name)).expect("written");
+        PosedImage { name, camera, cam_from_world: *pose, seen: Vec::new() }
+    });
+    PosedImages::new(images.collect(), Vec::new()).expect("posed")
+}
+
+/// Counts the images it is asked for, but for the pattern that a folder asks it of.
+struct Counting {
+    inner: Compact,
+    images: Arc<AtomicUsize>,
+}
+
+impl Extractor for Counting {
+    fn kind(&self) -> DescriptorKind {
+        self.inner.kind()
+    }
+
+    fn extract(&self, image: &Image, max_keypoints: usize) -> Result<Features, FeatureError> {
+        if (image.width(), image.height()) == (320, 240) {
+            self.images.fetch_add(1, Ordering::Relaxed);
+        }
+        self.inner.extract(image, max_keypoints)
+    }
+
+    fn reach(&self) -> f64 {
+        self.inner.reach()
+    }
+}
+
+fn counting() -> (BuildOptions, Arc<AtomicUsize>) {
+    let images = Arc::new(AtomicUsize::new(0));
+    let mut options = BuildOptions::default();
+    options.extractors =
+        Extractors::default().with(Counting { inner: Compact::default(), images: Arc::clone(&images) });
+    (options, images)
+}
+
+#[test]
+fn many_hands_build_the_map_that_one_builds() {
+    let images = tempfile::tempdir().expect("a folder");
+    let posed = rendered(images.path(), 14);
+    let input = Input::new(&posed, images.path());
+    let (options, extracted) = counting();
+    let (alone, _) = build(&input, &options, &()).expect("built");
+    assert_eq!(extracted.swap(0, Ordering::Relaxed), 14);
+
+    let work = tempfile::tempdir().expect("a folder");
+    let share = |stage, part, of| {
+        let keeping = Keeping::in_folder(work.path(), &options).expect("a folder");
+        let share = Share::new(part, of).expect("a share");
+        let done = prepare(&input, &keeping, &options, stage, share, &()).expect("prepared");
+        keeping.finish().expect("kept");
+        done
+    };
+    let built = || -> MapModel {
+        let keeping = Keeping::in_folder(work.path(), &options).expect("a folder");
+        let (map, _) = build(&input.with_kept(&keeping), &options, &()).expect("built");
+        keeping.finish().expect("kept");
+        map
+    };
+
+    // Three hands, of which two do the same and one does nothing at all.
+    let done: Vec<_> = [0, 1, 1].map(|part| share(Stage::Features, part, 3)).to_vec();
+    assert_eq!(done.iter().map(|d| (d.done, d.of_all)).collect::<Vec<_>>(), [(5, 14), (5, 14), (5, 14)]);
+    assert_eq!(extracted.load(Ordering::Relaxed), 10);
+    for stage in [Stage::FirstPairs, Stage::Pairs] {
+        let done: Vec<_> = (0..2).map(|part| share(stage, part, 2)).collect();
+        assert!(done[0].of_all > 10 && done[0].done + done[1].done == done[0].of_all, "{done:?}");
+    }
+    assert_eq!(built(), alone);
+    assert_eq!(extracted.load(Ordering::Relaxed), 14, "what was missing was made once");
+
+    // Damage costs time and nothing else.
+    let features = std::fs::read_dir(work.path().join("features")).expect("a folder").next().expect("a file");
+    std::fs::write(features.expect("a file").path(), b"not features").expect("written");
+    std::fs::write(work.path().join("matches-0.bin"), [7; 1000]).expect("written");
+    assert_eq!(built(), alone);
+    assert_eq!(extracted.load(Ordering::Relaxed), 15);
+}
+
+#[test]
+fn a_map_with_one_more_image_takes_the_others_features_from_the_folder() {
+    let images = tempfile::tempdir().expect("a folder");
+    let posed = rendered(images.path(), 8);
+    let names: Vec<String> = posed.images().iter().map(|image| image.name.clone()).collect();
+    let work = tempfile::tempdir().expect("a folder");
+    let (options, extracted) = counting();
+    for (count, fresh) in [(7, 7), (8, 1), (8, 0)] {
+        let keeping = Keeping::in_folder(work.path(), &options).expect("a folder");
+        let input = Input::new(&posed, images.path()).with_names(&names[..count]);
+        let (map, _) = build(&input.with_kept(&keeping), &options, &()).expect("built");
+        assert_eq!((map.images.len(), extracted.swap(0, Ordering::Relaxed)), (count, fresh));
+    }
+}

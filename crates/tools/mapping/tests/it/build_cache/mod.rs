@@ -1,0 +1,3 @@
+//! Tests of `build_cache`.
+
+mod hands;

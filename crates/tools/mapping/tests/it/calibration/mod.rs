@@ -1,0 +1,3 @@
+//! Tests of `calibration`.
+
+mod synthetic;

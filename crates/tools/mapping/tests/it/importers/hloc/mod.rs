@@ -1,0 +1,4 @@
+//! Tests of `hloc`.
+
+mod hostile;
+mod oracle;

@@ -1,0 +1,187 @@
+//! Files as h5py writes them for hloc (`scripts/oracle_hloc.py`), and what is written here, read again.
+
+use std::path::{Path, PathBuf};
+
+use veiloc_descriptor::{DescriptorKind, Encoding};
+use veiloc_features::{Extractor, FeatureError};
+use veiloc_geometry::Pixel;
+use veiloc_mapping::importers::hloc::{
+    FeaturesFile, GlobalsFile, HlocError, ImageFeatures, Match, MatchesFile, StoredFeatures, Vectors,
+    write_features, write_globals, write_matches,
+};
+
+const IMAGES: [&str; 3] = ["db/a.jpg", "db/sub/b.jpg", "query.png"];
+const COUNT: usize = 5;
+const DIM: usize = 8;
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/importers/hloc").join(name)
+}
+
+/// The script's formula.
+fn number(index: usize, factor: usize, modulus: usize) -> f32 {
+    (index * factor % modulus) as f32 / 64.0
+}
+
+fn expected(image: &str) -> ImageFeatures {
+    let shift = 3 * IMAGES.iter().position(|name| *name == image).expect("one of them");
+    let at = |i: usize| f64::from(number(i, 37, 1024)) + shift as f64;
+    let value = |row: usize, column: usize| number(column * COUNT + row, 29, 128) - 1.0;
+    let rows = (0..COUNT).flat_map(|row| (0..DIM).map(move |column| value(row, column)));
+    ImageFeatures {
+        // Half a pixel more than the file says.
+        keypoints: (0..COUNT).map(|i| Pixel::new(at(2 * i) + 0.5, at(2 * i + 1) + 0.5)).collect(),
+        scores: Some((0..COUNT).map(|i| number(i, 11, 64)).collect()),
+        descriptors: Vectors { dim: DIM, values: rows.collect() },
+        image_size: Some((640, 480 + shift as u32)),
+        uncertainty: Some(1.5),
+    }
+}
+
+#[test]
+fn features_are_what_h5py_wrote_in_every_form() {
+    for name in ["feats-half.h5", "feats-single-packed.h5", "feats-double-v114.h5"] {
+        let file = FeaturesFile::open(&data(name)).expect("a file");
+        assert_eq!(file.names().expect("names"), IMAGES, "{name}");
+        assert_eq!(file.dim().expect("descriptors"), Some(DIM));
+        for image in IMAGES {
+            let (read, expected) = (file.read(image).expect("features"), expected(image));
+            assert_eq!(read.keypoints, expected.keypoints, "{name} {image}");
+            assert_eq!(read.descriptors.values, expected.descriptors.values, "{name} {image}");
+            assert!(read == expected, "{name} {image}");
+        }
+        assert!(matches!(file.read("db/c.jpg"), Err(HlocError::Missing { .. })));
+        assert!(matches!(file.read("db"), Err(HlocError::Missing { .. })));
+        assert!(!file.holds("../query.png") && !file.holds("/query.png") && !file.holds(""));
+    }
+}
+
+/// HDF5 2.0 packs chunks in a form of its own when it is asked for its latest; hloc does not pack.
+#[test]
+fn a_form_that_is_not_read_is_told() {
+    let file = FeaturesFile::open(&data("feats-packed-latest.h5")).expect("a file");
+    match file.read(IMAGES[0]) {
+        Ok(read) => assert!(read == expected(IMAGES[0])),
+        Err(error) => assert!(error.to_string().contains("libver"), "{error}"),
+    }
+}
+
+#[test]
+fn what_is_written_is_read_again() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("feats.h5");
+    write_features(&path, IMAGES.map(|image| (image.to_owned(), expected(image)))).expect("written");
+    let file = FeaturesFile::open(&path).expect("a file");
+    assert_eq!(file.names().expect("names"), IMAGES);
+    for image in IMAGES {
+        assert!(file.read(image).expect("features") == expected(image), "{image}");
+    }
+    let twice = [("a.jpg".to_owned(), expected(IMAGES[0])), ("a.jpg".to_owned(), expected(IMAGES[1]))];
+    assert!(matches!(write_features(&path, twice), Err(HlocError::Unwritable { .. })));
+    let within = [("a".to_owned(), expected(IMAGES[0])), ("a/b".to_owned(), expected(IMAGES[1]))];
+    assert!(matches!(write_features(&path, within), Err(HlocError::Unwritable { .. })));
+    let empty = ImageFeatures {
+        keypoints: Vec::new(),
+        scores: Some(Vec::new()),
+        descriptors: Vectors { dim: DIM, values: Vec::new() },
+        image_size: Some((640, 480)),
+        uncertainty: None,
+    };
+    write_features(&path, [("empty.jpg".to_owned(), empty.clone())]).expect("written");
+    assert!(FeaturesFile::open(&path).expect("a file").read("empty.jpg").expect("features") == empty);
+}
+
+#[test]
+fn matches_go_by_either_name_and_either_order() {
+    let file = MatchesFile::open(&data("matches.h5")).expect("a file");
+    let found = |first, second, score| Match { first, second, score };
+    let matches = file.read("query.png", "db/a.jpg").expect("readable");
+    assert_eq!(matches.expect("a pair"), [found(0, 3, 0.5), found(2, 0, 0.25), found(4, 4, 1.0)]);
+    let turned = file.read("db/a.jpg", "query.png").expect("readable");
+    assert_eq!(turned.expect("a pair"), [found(3, 0, 0.5), found(0, 2, 0.25), found(4, 4, 1.0)]);
+    let old = file.read("db/sub/b.jpg", "query.png").expect("readable");
+    assert_eq!(old.expect("a pair"), [found(2, 1, 1.0)]);
+    assert_eq!(file.read("query.png", "db/c.jpg").expect("readable"), None);
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("matches.h5");
+    let written = vec![found(1, 70_000, 0.5), found(3, 0, 1.0)];
+    write_matches(&path, [("db/a.jpg", "db/b.jpg", 4, written.clone())]).expect("written");
+    let again = MatchesFile::open(&path).expect("a file").read("db/a.jpg", "db/b.jpg").expect("readable");
+    assert_eq!(again.expect("a pair"), written);
+    assert!(write_matches(&path, [("a", "b", 1, written)]).is_err());
+}
+
+#[test]
+fn global_descriptors_are_vectors() {
+    let file = GlobalsFile::open(&data("globals.h5")).expect("a file");
+    assert_eq!(file.names().expect("names"), IMAGES);
+    for (i, image) in IMAGES.iter().enumerate() {
+        let expected: Vec<f32> = (0..16).map(|k| number(k, 13, 64) + i as f32).collect();
+        assert_eq!(file.read(image).expect("a vector"), expected);
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("globals.h5");
+    write_globals(&path, [("db/a.jpg".to_owned(), vec![0.5, -0.25])]).expect("written");
+    assert_eq!(GlobalsFile::open(&path).expect("a file").read("db/a.jpg").expect("a vector"), [0.5, -0.25]);
+}
+
+#[test]
+fn stored_features_go_by_the_end_of_the_path() {
+    let stored = StoredFeatures::open(&data("feats-half.h5"), "mine", None).expect("a file");
+    let kind = DescriptorKind::new("mine", DIM, Encoding::Signed, 91).expect("a kind");
+    assert_eq!(stored.kind(), kind);
+    let lookup = stored.stored().expect("it looks features up");
+    let features = lookup.features(Path::new("/data/images/db/a.jpg"), (640, 480)).expect("features");
+    assert_eq!(features.keypoints.len(), COUNT);
+    assert!(features.keypoints.windows(2).all(|pair| pair[0].response >= pair[1].response));
+    // The strongest is the one of the largest score.
+    let expected = expected("db/a.jpg");
+    let scores = expected.scores.expect("scores");
+    let best = (0..COUNT).max_by(|a, b| scores[*a].total_cmp(&scores[*b])).expect("some");
+    assert_eq!(features.keypoints[0].pixel, expected.keypoints[best]);
+
+    for (path, size, told) in [
+        ("/data/images/db/c.jpg", (640, 480), "holds nothing of"),
+        ("/data/images/db/a.jpg", (320, 240), "640x480"),
+    ] {
+        let Err(FeatureError::Extractor { reason, .. }) = lookup.features(Path::new(path), size) else {
+            panic!("{path} was taken");
+        };
+        assert!(reason.contains(told), "{reason}");
+    }
+    let compact = StoredFeatures::open(&data("feats-half.h5"), "compact", Some(DescriptorKind::COMPACT));
+    assert!(compact.is_err_and(|e| e.to_string().contains("--features")));
+    assert!(StoredFeatures::open(&data("feats-half.h5"), "No Name", None).is_err());
+    assert!(StoredFeatures::open(&data("globals.h5"), "mine", None).is_err());
+}
+
+/// A file written here and brought back gives the very bytes.
+#[test]
+fn bytes_of_a_kind_come_back() {
+    let kind = DescriptorKind::XFEAT;
+    let bytes: Vec<u8> = (0..4 * 64_u32).map(|i| (128 + (i * 97 % 61)) as u8 - 30).collect();
+    let descriptors = veiloc_descriptor::Descriptors::new(kind, bytes).expect("rows");
+    let keypoint = |i: u8| veiloc_features::Keypoint {
+        pixel: Pixel::new(f64::from(i) * 3.25 + 0.5, 7.5),
+        scale: 1.0,
+        orientation: 0.0,
+        response: 1.0 - f32::from(i) / 8.0,
+    };
+    let features =
+        veiloc_features::Features { keypoints: (0..4).map(keypoint).collect(), descriptors, global: None };
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("feats.h5");
+    let lengths: Vec<f64> = (0..4)
+        .map(|i| {
+            features.descriptors.view().values(i).map(|v| f64::from(v).powi(2)).sum::<f64>().sqrt() / 256.0
+        })
+        .collect();
+    assert!(lengths.iter().all(|length| (0.5..1.1).contains(length)), "{lengths:?}");
+    write_features(&path, [("a.png".to_owned(), ImageFeatures::of(&features, (64, 48)))]).expect("written");
+    let back = FeaturesFile::open(&path).expect("a file").read("a.png").expect("features");
+    let back = back.features(kind, 1.0).expect("of the kind");
+    assert_eq!(back.keypoints, features.keypoints);
+    let whole = lengths.iter().all(|length| (0.9..1.1).contains(length));
+    assert!(!whole || back.descriptors.as_bytes() == features.descriptors.as_bytes());
+}

@@ -1,0 +1,3 @@
+//! Tests of `importers`.
+
+mod hloc;

@@ -1,0 +1,40 @@
+//! Rendered places and geometric problems with ground truth.
+//!
+//! [`Place`] is a furnished room that paints and renders itself: given a seed, a camera pose and intrinsics it
+//! answers an image with the true depth of every pixel. Nothing is read from disk, nothing repeats from surface to
+//! surface, and equal seeds give equal bytes for any number of threads.
+//!
+//! [`problems`] makes sets of 2D–3D matches without images, for tests and benches of solvers.
+//!
+//! ```
+//! use veiloc_geometry::Intrinsics;
+//! use veiloc_synthetic::{PathOptions, Place, RenderOptions};
+//!
+//! let place = Place::generate(7);
+//! let path = place.camera_path(&PathOptions::default());
+//! let camera: Intrinsics = "PINHOLE,160,120,131,131,80,60".parse()?;
+//! let view = place.render(&path.queries[0], &camera, &RenderOptions::default());
+//! assert_eq!(view.rgb().dimensions(), (160, 120));
+//! assert!(view.depth(80, 60).is_some_and(|z| z > 0.1));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod builder;
+mod bvh;
+mod colour;
+mod furniture;
+mod light;
+mod material;
+mod noise;
+mod painter;
+mod path;
+mod place;
+mod print;
+pub mod problems;
+mod render;
+mod room;
+
+pub use path::{CameraPath, PathOptions};
+pub use place::Place;
+pub use render::{RenderOptions, Rendering};
