@@ -5,7 +5,7 @@ No pose is searched for. How exact a layout is comes from the Cramer-Rao bound a
 camera's centre from the matches that are right (within 4 px of their projection), each one equation across its line, over
 that of the same matches as points. A set of problems gives the median and the 90 % quantile of the bound's deviation, over
 those of points; sets are joined by the geometric mean, and each is judged a second time with one half of every image hidden.
-The guess is the expected position on the line (crates/attacks/src/prior.rs), in pixels of an image 640 wide.
+The guess is the expected position on the line (crates/research/attacks/src/prior.rs), in pixels of an image 640 wide.
 Give images that no final figure is of. What is found is then judged by `veiloc eval layouts`.
 
     python3 -m venv .venv && .venv/bin/pip install numpy

@@ -4,7 +4,7 @@
     .venv/bin/pip install numpy scikit-image
     .venv/bin/python scripts/oracle_judge.py
 
-Writes crates/judge/tests/data/oracle.json: what the measures say of drawn images, a few for each size. Images and the weights of
+Writes crates/research/attacks/tests/data/image_metrics/oracle.json: what the measures say of drawn images, a few for each size. Images and the weights of
 the networks are made by formulas in whole numbers, so that both sides have the very same and no file need be passed on. LPIPS is
 written here from its authors' program (`lpips/lpips.py`, `pretrained_networks.py`), layer by layer, in double precision.
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-OUT = Path(__file__).parent.parent / "crates/judge/tests/data/oracle.json"
+OUT = Path(__file__).parent.parent / "crates/research/attacks/tests/data/image_metrics/oracle.json"
 SIZES = [(96, 80), (131, 67)]
 SHIFT = np.array([-0.030, -0.088, -0.188])
 SCALE = np.array([0.458, 0.448, 0.450])

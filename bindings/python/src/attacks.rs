@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use veiloc_audit::{
+use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images};
+use veiloc_evaluation::audit::{
     ATTACKS, Attack, AttackEvaluation, AttackObserver, AuditOptions, ImageGroup, Stage, attack_groups,
     run_audit,
 };
-use veiloc_datasets::{KeypointImage, keypoints_of_images};
 use veiloc_features::{Extractors, Progress};
 use veiloc_protocol::{ExtractionLimits, Scheme};
 

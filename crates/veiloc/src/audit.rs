@@ -3,8 +3,8 @@
 //! [`keypoints_of_image`] extracts what would be sent, [`evaluate_attacks`] runs [`ATTACKS`] (and attacks of one's own, which
 //! are values of [`Attack`]) on every scheme, each beside the guess, and [`attacks_table`] prints them.
 
-pub use veiloc_audit::{
+pub use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_image, keypoints_of_images};
+pub use veiloc_evaluation::audit::{
     ATTACKS, Answers, Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackSummary, Attempt,
     AuditError, ImageGroup, Needs, NeighbourSource, attack_groups, attacks_table, evaluate_attacks,
 };
-pub use veiloc_datasets::{KeypointImage, keypoints_of_image, keypoints_of_images};

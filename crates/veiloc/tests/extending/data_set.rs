@@ -6,7 +6,7 @@ use std::path::Path;
 
 use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{PosedImage, PosedImages};
-use veiloc_eval::{SceneEvaluation, evaluate_scene};
+use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 
 use crate::rendered;
 

@@ -11,8 +11,8 @@ use veiloc::query::Observations;
 use veiloc_attacks::{
     ClosedFormOptions, ErrorSummary, NeighbourLists, Observation, closed_form, errors_px, prior_only,
 };
+use veiloc_evaluation::pose::pose_problem;
 use veiloc_pose::{PoseOptions, estimate_pose};
-use veiloc_poses::pose_problem;
 use veiloc_synthetic::problems::{PointProblem, PointProblemOptions};
 
 /// The scheme: keypoints in, what is told of them out. Nothing of a position along its line is used.
@@ -30,7 +30,7 @@ fn a_scheme_of_ones_own_is_judged_by_poses_and_by_attacks() {
     let observations = vertical_and_horizontal(&made.pixels, width);
 
     // How well it locates.
-    let problem = veiloc_datasets::Problem {
+    let problem = veiloc_datasets::problem_files::Problem {
         name: "made".to_owned(),
         camera: made.camera,
         keypoints: made.pixels.clone(),

@@ -1,8 +1,8 @@
 //! Options of localization that `localize` and `eval` share, each with its meaning and why the default.
 
+use veiloc_evaluation::results::Hypotheses;
 use veiloc_localization::LocalizeOptions;
 use veiloc_pose::{AnchoredSolver, PoseOptions, ScoreKind};
-use veiloc_results::Hypotheses;
 
 /// How one pose is estimated.
 #[derive(clap::Args, Debug)]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_audit::{
+use veiloc_evaluation::audit::{
     Attack, AttackEvaluation, FrameChoice, Measured, NeighbourSource, ServerKnowledge, attacks_table,
     evaluate_attacks,
 };

@@ -5,7 +5,7 @@ mod inputs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use veiloc_audit::{Attack, AttackEvaluation, Audit, AuditOptions, attacks_table, run_audit};
+use veiloc_evaluation::audit::{Attack, AttackEvaluation, Audit, AuditOptions, attacks_table, run_audit};
 use veiloc_protocol::ExtractionLimits;
 use veiloc_report::audit_page;
 

@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use crate::commands::page_args::{About, View, page};
 use crate::demo::{DemoOptions, HiddenViews, map_place, run_demo};
-use veiloc_audit::attacks_table;
-use veiloc_results::table;
+use veiloc_evaluation::audit::attacks_table;
+use veiloc_evaluation::results::table;
 use veiloc_service::{ListenAddress, MapSource, ServerOptions, run_until_signal};
 
 use crate::exit::{Exit, Failure, Outcome};

@@ -3,10 +3,10 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
-use veiloc_audit::{
+use veiloc_datasets::problem_files::{KeypointImage, seed_for};
+use veiloc_evaluation::audit::{
     Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, ImageGroup, Stage, attack_groups,
 };
-use veiloc_datasets::{KeypointImage, seed_for};
 use veiloc_features::Progress;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn every_attack_is_drawn_beside_the_guess() {
-        let image = veiloc_datasets::synthetic_image(300, 3);
+        let image = veiloc_datasets::problem_files::synthetic_image(300, 3);
         let mut drawn = Vec::new();
         let evaluation = AttackEvaluation {
             schemes: vec![Scheme::default()],

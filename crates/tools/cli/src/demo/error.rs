@@ -29,10 +29,10 @@ pub(crate) enum DemoError {
     },
     /// The hidden views could not be localized.
     #[error(transparent)]
-    Eval(#[from] veiloc_eval::EvalError),
+    Eval(#[from] veiloc_evaluation::EvalError),
     /// The attacks could not run.
     #[error(transparent)]
-    Audit(#[from] veiloc_audit::AuditError),
+    Audit(#[from] veiloc_evaluation::audit::AuditError),
     /// The place could not be mapped.
     #[error(transparent)]
     Mapping(#[from] veiloc_mapping::MappingError),

@@ -17,11 +17,11 @@ use serde::Serialize;
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_posed;
 
-use veiloc_audit::AttackDocument;
-use veiloc_eval::{SceneEvaluation, evaluate_scene};
+use veiloc_evaluation::audit::AttackDocument;
+use veiloc_evaluation::results::Evaluation;
+use veiloc_evaluation::results::metrics::Threshold;
+use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 use veiloc_features::Progress;
-use veiloc_results::Evaluation;
-use veiloc_results::metrics::Threshold;
 
 pub(crate) use error::DemoError;
 pub(crate) use options::DemoOptions;

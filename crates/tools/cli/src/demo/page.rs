@@ -1,13 +1,13 @@
 //! Fills the demo's report with what was measured.
 
-use veiloc_eval::{DrawnQuery, SceneEvaluation, drawn_queries};
+use veiloc_evaluation::{DrawnQuery, SceneEvaluation, drawn_queries};
 use veiloc_features::Progress;
 use veiloc_map::MapFile;
 
-use veiloc_audit::Attack;
+use veiloc_evaluation::audit::Attack;
+use veiloc_evaluation::results::tables::TableData;
+use veiloc_evaluation::results::{Evaluation, SchemeSummary};
 use veiloc_report::{Card, PlaceView, QueryDrawing, Report, RunReport, SeenQuery, worst_first};
-use veiloc_results::tables::TableData;
-use veiloc_results::{Evaluation, SchemeSummary};
 
 use crate::demo::attack::Attacked;
 use crate::demo::error::DemoError;

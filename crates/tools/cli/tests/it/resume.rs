@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use veiloc_datasets::{KeypointImage, encode_keypoints};
+use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
 use veiloc_geometry::Pixel;
 
 /// Runs a command in words; paths stand in the folder.

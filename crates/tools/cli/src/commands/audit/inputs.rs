@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_audit::{Attack, ImageGroup};
-use veiloc_datasets::{KeypointImage, keypoints_of_images, read_keypoints};
+use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images, read_keypoints};
+use veiloc_evaluation::audit::{Attack, ImageGroup};
 use veiloc_features::{Extractor, Progress};
 use veiloc_protocol::ExtractionLimits;
 

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use veiloc_map::colmap::read_posed;
-use veiloc_protocol::Scheme;
-use veiloc_tradeoff::adversaries::{
+use veiloc_evaluation::privacy::adversaries::{
     AdversariesEvaluation, Adversary, Place, adversaries_table, evaluate_adversaries,
 };
+use veiloc_map::colmap::read_posed;
+use veiloc_protocol::Scheme;
 
 use crate::commands::eval::place::MaybePlaceArgs;
 use crate::exit::{Exit, Outcome};

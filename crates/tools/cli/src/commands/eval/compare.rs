@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use veiloc_results::comparison::{Comparison, ComparisonOptions, Run, compare};
-use veiloc_results::metrics::Threshold;
+use veiloc_evaluation::results::comparison::{Comparison, ComparisonOptions, Run, compare};
+use veiloc_evaluation::results::metrics::Threshold;
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::json_args::JsonArgs;

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use veiloc_poses::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, table};
+use veiloc_evaluation::pose::crb::{SyntheticEvaluation, SyntheticScene, evaluate_bound, table};
+use veiloc_evaluation::results::Hypotheses;
 use veiloc_protocol::{AngleBits, Scheme};
 use veiloc_report::plots;
-use veiloc_results::Hypotheses;
 
 use crate::exit::{Exit, Outcome};
 use crate::files;

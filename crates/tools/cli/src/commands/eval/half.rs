@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::Serialize;
-use veiloc_datasets::is_for_design;
+use veiloc_datasets::problem_files::is_for_design;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
-use veiloc_eval::{DrawnQuery, SceneEvaluation, drawn_queries};
+use veiloc_evaluation::results::tables::TableData;
+use veiloc_evaluation::results::{QueryResult, SchemeSummary};
+use veiloc_evaluation::{DrawnQuery, SceneEvaluation, drawn_queries};
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use veiloc_map::MapFile;
 use veiloc_report::{PlaceView, QueryDrawing, RunReport, run_page, worst_first};
-use veiloc_results::tables::TableData;
-use veiloc_results::{QueryResult, SchemeSummary};
 
 use crate::commands::audit::command_line;
 use crate::exit::Failure;

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_datasets::keypoints_of_images;
-use veiloc_inversion::Inverter;
-use veiloc_inversion::evaluation::{
+use veiloc_datasets::problem_files::keypoints_of_images;
+use veiloc_evaluation::inversion::Inverter;
+use veiloc_evaluation::inversion::evaluation::{
     InversionEvaluation, Judges, Realistic, evaluate_inversion, evaluation_table,
 };
-use veiloc_inversion::judges::{Detector, FeatureDistance, Lpips, LpipsNetwork};
+use veiloc_evaluation::inversion::judges::{Detector, FeatureDistance, Lpips, LpipsNetwork};
 use veiloc_protocol::{ExtractionLimits, Scheme};
 use veiloc_report::inversion_page;
 

@@ -1,6 +1,8 @@
 //! `--report FILE` of `eval inversion`: what was found, and the contact sheets, to the page.
 
-use veiloc_inversion::evaluation::{EvaluationDocument, NetworkRow, RebuiltRow, Sheet, SummaryRow, Tile};
+use veiloc_evaluation::inversion::evaluation::{
+    EvaluationDocument, NetworkRow, RebuiltRow, Sheet, SummaryRow, Tile,
+};
 use veiloc_report::{InversionReport, InversionRow, InversionSheet, SheetImage, SheetTile};
 
 /// The page's data; `seed` and command stand in its details.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_datasets::{encode_keypoints, keypoints_of_images};
+use veiloc_datasets::problem_files::{encode_keypoints, keypoints_of_images};
 use veiloc_protocol::ExtractionLimits;
 
 use crate::exit::{Exit, Outcome};

@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::stress::Stress;
+use veiloc_evaluation::privacy::layouts::{LayoutsEvaluation, evaluate_layouts, layouts_table};
+use veiloc_evaluation::stress::Stress;
 use veiloc_map::colmap::read_posed;
 use veiloc_protocol::{DclLayout, Scheme};
 use veiloc_report::plots;
-use veiloc_tradeoff::layouts::{LayoutsEvaluation, evaluate_layouts, layouts_table};
 
 use crate::commands::eval::place::PlaceArgs;
 use crate::exit::{Exit, Outcome};

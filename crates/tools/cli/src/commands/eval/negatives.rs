@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use veiloc_eval::negatives::{NegativeImage, Negatives, NegativesEvaluation, evaluate_negatives, table};
+use veiloc_evaluation::negatives::{
+    NegativeImage, Negatives, NegativesEvaluation, evaluate_negatives, table,
+};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
 use veiloc_protocol::{FocalKnowledge, Scheme};

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use veiloc_poses::{GravitySource, PoseEvaluation, Recipe, evaluate_poses};
+use veiloc_evaluation::pose::{GravitySource, PoseEvaluation, Recipe, evaluate_poses};
+use veiloc_evaluation::results::Hypotheses;
 use veiloc_protocol::AngleBits;
-use veiloc_results::Hypotheses;
 
 use crate::commands::eval::report::ReportArgs;
 use crate::exit::Outcome;

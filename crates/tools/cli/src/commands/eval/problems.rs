@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_datasets::json_lines;
-use veiloc_datasets::{KeypointImage, encode_keypoints};
-use veiloc_eval::{ProblemSource, make_problems, masks_of};
+use veiloc_datasets::problem_files::json_lines;
+use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
+use veiloc_evaluation::{ProblemSource, make_problems, masks_of};
 use veiloc_map::colmap::read_posed;
 
 use crate::commands::eval::place::PlaceArgs;

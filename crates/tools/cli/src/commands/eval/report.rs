@@ -1,10 +1,10 @@
 //! What the evaluations of `veiloc eval` compare, and how they tell the result.
 
 use serde::Serialize;
+use veiloc_evaluation::results::metrics::Threshold;
+use veiloc_evaluation::results::{Evaluation, table};
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
-use veiloc_results::metrics::Threshold;
-use veiloc_results::{Evaluation, table};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::json_args::JsonArgs;

@@ -2,8 +2,8 @@
 
 use std::num::NonZeroUsize;
 
-use veiloc_eval::stress::Stress;
-use veiloc_eval::{RigEvaluation, evaluate_rig};
+use veiloc_evaluation::stress::Stress;
+use veiloc_evaluation::{RigEvaluation, evaluate_rig};
 
 use crate::commands::eval::scene::SceneArgs;
 use crate::exit::{Failure, Outcome};

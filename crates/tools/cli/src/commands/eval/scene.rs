@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::road::Sending;
-use veiloc_eval::{Negatives, SceneEvaluation, evaluate_scene};
+use veiloc_evaluation::road::Sending;
+use veiloc_evaluation::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 use veiloc_map::regions::SplitOptions;
 

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
+use veiloc_evaluation::retrieval::{SearchEvaluation, SearchRow, Sought, evaluate_search, table};
 use veiloc_map::MapFile;
-use veiloc_retrieval::{SearchEvaluation, SearchRow, Sought, evaluate_search, table};
 
 use crate::exit::{Exit, Outcome};
 use crate::feature_args::MapFeatureArgs;

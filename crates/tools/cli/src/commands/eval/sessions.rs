@@ -2,8 +2,8 @@
 
 use std::num::NonZeroUsize;
 
+use veiloc_evaluation::privacy::sessions::{Motion, SessionsEvaluation, evaluate_sessions, table};
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
-use veiloc_tradeoff::sessions::{Motion, SessionsEvaluation, evaluate_sessions, table};
 
 use crate::commands::eval::scene::SceneArgs;
 use crate::exit::{Exit, Outcome};

@@ -1,9 +1,9 @@
 //! `veiloc eval stress`: one place, and queries of it under hard conditions.
 
-use veiloc_eval::stress::{Stress, StressEvaluation, evaluate_stress, table};
+use veiloc_evaluation::results::metrics::Threshold;
+use veiloc_evaluation::stress::{Stress, StressEvaluation, evaluate_stress, table};
 use veiloc_map::colmap::read_posed;
 use veiloc_protocol::Scheme;
-use veiloc_results::metrics::Threshold;
 
 use crate::commands::eval::place::{GravityArgs, PlaceArgs};
 use crate::exit::{Exit, Outcome};

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use veiloc_evaluation::results::metrics::Threshold;
+use veiloc_evaluation::results::tables::{Cells, Format, TableData, TableOptions, tables};
 use veiloc_report::plots::{self, ErrorAxis};
-use veiloc_results::metrics::Threshold;
-use veiloc_results::tables::{Cells, Format, TableData, TableOptions, tables};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use veiloc_evaluation::privacy::variants::{TradeoffEvaluation, Variant, evaluate_tradeoff, tradeoff_table};
+use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_report::plots;
-use veiloc_results::metrics::Threshold;
-use veiloc_tradeoff::variants::{TradeoffEvaluation, Variant, evaluate_tradeoff, tradeoff_table};
 
 use crate::exit::{Exit, Outcome};
 use crate::files;

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use veiloc_evaluation::results::PoseDocument;
 use veiloc_localization::{GravityUse, Localization, LocalizeError};
 use veiloc_pose::{Confidence, State};
-use veiloc_results::PoseDocument;
 
 use crate::items::Fault;
 

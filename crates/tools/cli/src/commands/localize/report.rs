@@ -125,7 +125,7 @@ fn outcome(query: &Query, sealed: Option<&SealedQuery>, row: usize) -> QueryOutc
     QueryOutcome {
         row,
         name: query.file.clone(),
-        estimate: query.cam_from_world.as_ref().and_then(veiloc_results::PoseDocument::pose),
+        estimate: query.cam_from_world.as_ref().and_then(veiloc_evaluation::results::PoseDocument::pose),
         state: State::ALL.into_iter().find(|state| name_of(*state) == query.state),
         position_sd: query.position_sd,
         rotation_sd_deg: query.covariance.as_ref().map(rotation_sd_degrees),

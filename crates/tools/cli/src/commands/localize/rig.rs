@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::Serialize;
+use veiloc_evaluation::results::PoseDocument;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localization::{LocalizeError, LocalizeOptions, RigLocalization, localize_rig};
 use veiloc_map::MapFile;
 use veiloc_pose::State;
 use veiloc_protocol::SealedFrame;
-use veiloc_results::PoseDocument;
 
 use super::document::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
 use crate::commands::rig_file;

@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use veiloc_evaluation::results::PoseDocument;
+use veiloc_evaluation::results::pose_lines::{base_name, hloc_line, tum_line, tum_stamps};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::colmap::{ColmapImage, ColmapModel, write_binary, write_text};
-use veiloc_results::PoseDocument;
-use veiloc_results::pose_lines::{base_name, hloc_line, tum_line, tum_stamps};
 
 use crate::exit::Failure;
 use crate::files;

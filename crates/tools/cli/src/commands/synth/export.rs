@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use veiloc_datasets::PlaceError;
+use veiloc_datasets::write::{Layout, Lens, Role, View, write};
 use veiloc_features::Progress as _;
-use veiloc_places::PlaceError;
-use veiloc_places::write::{Layout, Lens, Role, View, write};
 use veiloc_synthetic::{PathOptions, Place, RenderOptions};
 
 use crate::exit::{Exit, Outcome};

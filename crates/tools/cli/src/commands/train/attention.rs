@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_audit::training::{ImageSets, TrainingOptions};
+use veiloc_evaluation::audit::training::{ImageSets, TrainingOptions};
 
 use super::course::CourseArgs;
 

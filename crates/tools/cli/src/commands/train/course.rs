@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use veiloc_inversion::{Course, Progress, TrainingState};
+use veiloc_evaluation::inversion::{Course, Progress, TrainingState};
 
 use crate::exit::Failure;
 use crate::files;

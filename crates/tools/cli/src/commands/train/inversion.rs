@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use veiloc_inversion::{
+use veiloc_evaluation::inversion::{
     Form, InversionDocument, InversionError, InversionTask, Sees, Shape, inversion_table, read_examples,
     refuse_shared, train,
 };

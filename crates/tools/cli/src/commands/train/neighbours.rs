@@ -1,6 +1,6 @@
 //! `veiloc train neighbours`: the attention network that tells neighbours from descriptors alone.
 
-use veiloc_audit::training::{NeighbourRun, train_neighbours, training_table};
+use veiloc_evaluation::audit::training::{NeighbourRun, train_neighbours, training_table};
 use veiloc_report::plots;
 
 use super::attention::AttentionArgs;

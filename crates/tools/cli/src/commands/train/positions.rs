@@ -1,7 +1,7 @@
 //! `veiloc train positions`: the attention network that tells positions from all rows of a query.
 
-use veiloc_audit::AuditError;
-use veiloc_audit::training::{PositionRun, PositionTask, Sees, position_table, train_positions};
+use veiloc_evaluation::audit::AuditError;
+use veiloc_evaluation::audit::training::{PositionRun, PositionTask, Sees, position_table, train_positions};
 use veiloc_protocol::{AngleBits, Scheme};
 use veiloc_report::plots;
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_places::aachen::{CONDITIONS, Version, read, read_poses};
+use veiloc_datasets::aachen::{CONDITIONS, Version, read, read_poses};
 
 use super::run::refused;
 use super::submission::write_submissions;

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use veiloc_eval::SceneEvaluation;
-use veiloc_tradeoff::adversaries::{
+use veiloc_evaluation::SceneEvaluation;
+use veiloc_evaluation::privacy::adversaries::{
     AdversariesDocument, AdversariesEvaluation, Place, adversaries_table, evaluate_adversaries,
 };
 

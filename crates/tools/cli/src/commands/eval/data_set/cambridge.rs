@@ -1,7 +1,7 @@
 //! `veiloc eval cambridge`.
 
+use veiloc_datasets::cambridge::{LEFT_OUT, read_scene, scenes};
 use veiloc_geometry::Intrinsics;
-use veiloc_places::cambridge::{LEFT_OUT, read_scene, scenes};
 
 use super::run::{outcome, refused};
 use super::{DataSet, DataSetArgs, evaluate};

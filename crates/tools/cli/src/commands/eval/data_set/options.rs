@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use veiloc_places::MissingImages;
+use veiloc_datasets::MissingImages;
+use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_protocol::Scheme;
-use veiloc_results::metrics::Threshold;
 
 use super::adversaries::AttackArgs;
 use crate::commands::eval::html::HtmlArgs;

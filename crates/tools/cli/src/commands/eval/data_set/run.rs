@@ -1,14 +1,14 @@
 //! The places of a data set, evaluated one after another, and the document of all of them.
 
-use veiloc_eval::{SceneEvaluation, evaluate_scene};
-use veiloc_map::{PosedImage, PosedImages};
-use veiloc_places::{Place, PlaceError};
-use veiloc_pose::{AnchoredSolver, ScoreKind};
-use veiloc_results::tables::{Format, TableData, TableOptions, tables};
-use veiloc_results::{
+use veiloc_datasets::{Place, PlaceError};
+use veiloc_evaluation::results::tables::{Format, TableData, TableOptions, tables};
+use veiloc_evaluation::results::{
     DataSetEvaluation, Evaluation, PlaceFacts, PlaceQuery, PlaceSummary, QueryResult, RunFacts, summarize,
     table,
 };
+use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
+use veiloc_map::{PosedImage, PosedImages};
+use veiloc_pose::{AnchoredSolver, ScoreKind};
 
 use super::options::{DataSetArgs, cores};
 use crate::commands::eval::html;

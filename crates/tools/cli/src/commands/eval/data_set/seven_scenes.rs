@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_places::seven_scenes::{Truth, read_scene, scenes};
+use veiloc_datasets::seven_scenes::{Truth, read_scene, scenes};
 
 use super::run::{outcome, refused};
 use super::{DataSet, DataSetArgs, evaluate};

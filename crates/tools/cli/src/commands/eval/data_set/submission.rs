@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use veiloc_results::DataSetEvaluation;
-use veiloc_results::pose_lines::{base_name, hloc_line};
+use veiloc_evaluation::results::DataSetEvaluation;
+use veiloc_evaluation::results::pose_lines::{base_name, hloc_line};
 
 use crate::exit::Failure;
 use crate::files;

@@ -1,0 +1,196 @@
+//! Where a keypoint may be, cut into bins: the exact guess of `crate::prior_only`, piece by piece.
+//!
+//! Each candidate of an observation (a stretch of a line of a pencil, one of two lines) is cut into bins in which the
+//! guess finds the keypoint equally likely; candidates have bins in proportion to their share, one at least. A bin
+//! stands for its expected place, so that the mean over all bins is the guess to the last bit.
+
+use crate::{KnownSegment, Observation};
+use veiloc_geometry::Pixel;
+
+/// The bins of all rows of an image.
+#[derive(Debug, Clone)]
+pub(super) struct Bins {
+    /// `[N + 1]`: row `i` has the bins `offsets[i]..offsets[i + 1]`, one at least.
+    offsets: Vec<usize>,
+    /// Where each bin is on average, pixels.
+    pub(super) places: Vec<Pixel>,
+    /// Logarithm of how likely the guess finds each among those of its row.
+    pub(super) guess: Vec<f32>,
+    /// `[N]`: pixels in which the keypoint may be, all candidates together.
+    pub(super) lengths: Vec<f64>,
+    pieces: Vec<Vec<Piece>>,
+}
+
+/// A candidate and its bins.
+#[derive(Debug, Clone)]
+struct Piece {
+    segment: KnownSegment,
+    first: usize,
+    count: usize,
+}
+
+impl Bins {
+    /// About `count` bins a row; one alone where the line misses the image or the position is known.
+    pub(super) fn of(observations: &[Observation], [width, height]: [u32; 2], count: usize) -> Self {
+        let mut bins = Self {
+            offsets: vec![0],
+            places: Vec::new(),
+            guess: Vec::new(),
+            lengths: Vec::new(),
+            pieces: Vec::new(),
+        };
+        for observation in observations {
+            let candidates = KnownSegment::of(observation, width, height);
+            let extent = |s: &KnownSegment| if s.is_empty() { 0.0 } else { s.far - s.near };
+            bins.lengths.push(candidates.iter().map(extent).sum());
+            let whole: f64 = candidates.iter().map(|s| s.share).sum();
+            let pieces = candidates.into_iter().map(|segment| bins.cut(segment, whole, count)).collect();
+            bins.pieces.push(pieces);
+            bins.offsets.push(bins.places.len());
+        }
+        bins
+    }
+
+    fn cut(&mut self, segment: KnownSegment, whole: f64, count: usize) -> Piece {
+        let first = self.places.len();
+        let share = segment.share / whole;
+        let extended = !segment.is_empty() && segment.far > segment.near;
+        let count = if extended { ((share * count as f64).round() as usize).max(1) } else { 1 };
+        let mut near = segment.near;
+        for k in 0..count {
+            let far =
+                if k + 1 == count { segment.far } else { quantile(&segment, (k + 1) as f64 / count as f64) };
+            let part = KnownSegment { near, far, ..segment };
+            self.places.push(segment.at(if extended { part.expected() } else { segment.expected() }));
+            self.guess.push((share / count as f64).max(f64::MIN_POSITIVE).ln() as f32);
+            near = far;
+        }
+        Piece { segment, first, count }
+    }
+
+    /// How many rows there are.
+    pub(super) fn rows(&self) -> usize {
+        self.offsets.len() - 1
+    }
+
+    /// The bins of a row.
+    pub(super) fn of_row(&self, row: usize) -> std::ops::Range<usize> {
+        self.offsets[row]..self.offsets[row + 1]
+    }
+
+    /// The bin of a row in which, or nearest to which, this place is; `None` where the row has one alone.
+    pub(super) fn holding(&self, row: usize, place: Pixel) -> Option<usize> {
+        if self.of_row(row).len() < 2 {
+            return None;
+        }
+        let along = |piece: &Piece| {
+            let s = &piece.segment;
+            s.direction.dot(&(place.vector() - s.origin.vector())).clamp(s.near, s.far)
+        };
+        let open = self.pieces[row].iter().filter(|p| !p.segment.is_empty());
+        let distance = |p: &Piece| p.segment.at(along(p)).distance(&place);
+        let piece = open.min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+        let s = &piece.segment;
+        let share = mass(s, along(piece)) / mass(s, s.far);
+        // Written so that NaN, of a candidate without extent, is its first bin.
+        let bin = if share > 0.0 { (share * piece.count as f64) as usize } else { 0 };
+        Some(piece.first + bin.min(piece.count - 1))
+    }
+}
+
+/// How much of a segment lies before `t`, up to one factor.
+fn mass(segment: &KnownSegment, t: f64) -> f64 {
+    (t - segment.near) * segment.likelihood(f64::midpoint(segment.near, t))
+}
+
+/// Before which this share of a segment lies: the likelihood is linear, its integral a square.
+fn quantile(segment: &KnownSegment, share: f64) -> f64 {
+    let (first, growth) = (segment.likelihood(segment.near), segment.growth[1]);
+    let wanted = share * mass(segment, segment.far);
+    let root = (first * first + 2.0 * growth * wanted).max(0.0).sqrt();
+    let t = segment.near + 2.0 * wanted / (first + root);
+    // Of a likelihood that is nothing everywhere: evenly.
+    let even = segment.near + share * (segment.far - segment.near);
+    if t.is_finite() { t.clamp(segment.near, segment.far) } else { even }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{lift, prior_only};
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use veiloc_geometry::Pencils;
+    use veiloc_protocol::{AngleBits, Scheme};
+
+    use super::*;
+
+    fn schemes() -> [Scheme; 4] {
+        let stripes = "dcl:axis=138:sectors=24:anchors=-0.62/-0.61+0.92/-1.16";
+        ["random-lines", "coordinate-permutation", "dcl:paper", stripes].map(|s| s.parse().expect("a scheme"))
+    }
+
+    #[test]
+    fn their_mean_is_the_guess_and_the_keypoint_is_in_its_bin() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let keypoints: Vec<Pixel> = (0..400)
+            .map(|_| Pixel::new(rng.random_range(1.0..639.0), rng.random_range(1.0..479.0)))
+            .collect();
+        for scheme in schemes() {
+            let sent = veiloc_obfuscation::audit::obfuscate_points(
+                &keypoints,
+                640,
+                480,
+                &scheme,
+                AngleBits::default(),
+                &mut rng,
+            );
+            let sent = Observation::of_sent(&sent.expect("inside"));
+            let bins = Bins::of(&sent, [640, 480], 64);
+            let guess = prior_only(&sent, 640, 480);
+            let mut far = 0;
+            for (i, keypoint) in keypoints.iter().enumerate() {
+                let all = bins.of_row(i);
+                let (mut whole, mut mean) = (0.0, [0.0, 0.0]);
+                for b in all.clone() {
+                    let share = f64::from(bins.guess[b]).exp();
+                    whole += share;
+                    mean[0] += share * bins.places[b].u;
+                    mean[1] += share * bins.places[b].v;
+                }
+                assert!((whole - 1.0).abs() < 1e-5, "{scheme}: {whole}");
+                let mean = Pixel::new(mean[0] / whole, mean[1] / whole);
+                assert!(mean.distance(&guess[i]) < 1e-3, "{scheme}: {mean:?} {:?}", guess[i]);
+                let bin = bins.holding(i, *keypoint).expect("a line");
+                let nearest = |b: usize| bins.places[b].distance(keypoint);
+                let best = all.map(nearest).fold(f64::MAX, f64::min);
+                far += usize::from(nearest(bin) > best + 12.0);
+            }
+            // Between two bins of unequal length the nearer middle may be the other's.
+            assert!(far < 20, "{scheme}: {far}");
+        }
+    }
+
+    #[test]
+    fn bins_of_a_wedge_are_equally_full() {
+        let pencils = Pencils::paper(640, 480);
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        // All on nearly one line, spread evenly over its wedge: the distance is the root of an even number.
+        let anchor = pencils.anchor_of(Pixel::new(100.0, 400.0));
+        let row = Observation::anchored(&pencils, anchor, pencils.angle_of(anchor, Pixel::new(100.0, 400.0)));
+        let bins = Bins::of(&[row], [640, 480], 10);
+        let segment = KnownSegment::of(&row, 640, 480)[0];
+        let mut full = [0; 10];
+        for _ in 0..20_000 {
+            let (a, b) = (segment.near.powi(2), segment.far.powi(2));
+            let t = (a + (b - a) * rng.random::<f64>()).sqrt();
+            full[bins.holding(0, segment.at(t)).expect("a line")] += 1;
+        }
+        assert!(full.iter().all(|n| (1800..2200).contains(n)), "{full:?}");
+        // A known position has one bin and nothing to learn.
+        let known = lift::dual_convergent(&[], &pencils);
+        assert_eq!(Bins::of(&known, [640, 480], 64).rows(), 0);
+        let bins = Bins::of(&[Observation::Known(Pixel::new(3.0, 4.0))], [640, 480], 64);
+        assert_eq!((bins.places.len(), bins.holding(0, Pixel::new(3.0, 4.0))), (1, None));
+        assert_eq!(bins.places[0], Pixel::new(3.0, 4.0));
+    }
+}

@@ -1,0 +1,101 @@
+//! The attack: where the network puts each keypoint of an obfuscated image.
+
+use crate::{AttackError, Descriptors, Observation};
+use rayon::prelude::*;
+use veiloc_geometry::Pixel;
+
+use super::bins::Bins;
+use super::{PositionNetwork, fits};
+use crate::learned::engine::Matrix;
+use crate::learned::error::NetworkError;
+use crate::learned::neighbours::input;
+
+/// Bins of a row: finer than in training, so that places between them are told apart.
+const BINS: usize = 160;
+
+/// Where a keypoint is said to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// The place along the candidates from which the keypoint is expected to be least far: of one line, the median.
+    pub pixel: Pixel,
+    /// How far it is expected to be from there, pixels.
+    pub expected_error: f64,
+    /// The expected place; of a network that has learned nothing, the guess.
+    pub mean: Pixel,
+}
+
+/// Where the network puts each keypoint, `[N]`, from all that was sent of an image of `width` by `height` pixels.
+///
+/// # Errors
+/// [`NetworkError::Attack`] when there is not one descriptor for each observation, or they are of another dimension than
+/// those learned from, [`NetworkError::Scheme`] when a row was not sent under the network's scheme.
+pub fn recover(
+    network: &PositionNetwork,
+    observations: &[Observation],
+    descriptors: &Descriptors,
+    width: u32,
+    height: u32,
+) -> Result<Vec<Estimate>, NetworkError> {
+    if descriptors.len() != observations.len() {
+        let (keypoints, descriptors) = (observations.len(), descriptors.len());
+        return Err(AttackError::DescriptorCount { keypoints, descriptors }.into());
+    }
+    if observations.is_empty() {
+        return Ok(Vec::new());
+    }
+    let (expected, found) = (network.dimension(), descriptors.dimension());
+    if found != expected {
+        return Err(AttackError::Dimensions { expected, found }.into());
+    }
+    if let Some(row) = observations.iter().position(|o| !fits(network.scheme, o)) {
+        return Err(NetworkError::Scheme {
+            found: format!("row {row} was not sent under {}", network.scheme),
+            expected: "the network learned nothing else".to_owned(),
+        });
+    }
+    Ok(of_columns(network, observations, &input(descriptors), [width, height]))
+}
+
+/// The same from descriptors as the network sees them, `[dimension, N]`, of rows that fit.
+pub(super) fn of_columns(
+    network: &PositionNetwork,
+    observations: &[Observation],
+    descriptors: &Matrix,
+    size: [u32; 2],
+) -> Vec<Estimate> {
+    let bins = Bins::of(observations, size, BINS);
+    let shares = network.layers.shares(&network.numbers, descriptors, &bins, size);
+    estimates(&bins, &shares)
+}
+
+/// What a network that has learned nothing would say.
+pub(super) fn of_guess(observations: &[Observation], size: [u32; 2]) -> Vec<Estimate> {
+    let bins = Bins::of(observations, size, BINS);
+    let shares: Vec<f32> = bins.guess.iter().map(|g| g.exp()).collect();
+    estimates(&bins, &shares)
+}
+
+fn estimates(bins: &Bins, shares: &[f32]) -> Vec<Estimate> {
+    let estimate = |row: usize| {
+        let own = bins.of_row(row);
+        best(&bins.places[own.clone()], &shares[own])
+    };
+    (0..bins.rows()).into_par_iter().map(estimate).collect()
+}
+
+/// Of places that are as likely as their shares say.
+fn best(places: &[Pixel], shares: &[f32]) -> Estimate {
+    let (mut u, mut v, mut whole) = (0.0, 0.0, 0.0);
+    for (place, share) in places.iter().zip(shares) {
+        let share = f64::from(*share);
+        (u, v, whole) = (u + share * place.u, v + share * place.v, whole + share);
+    }
+    let error = |from: &Pixel| {
+        let far = places.iter().zip(shares).map(|(p, share)| f64::from(*share) * p.distance(from));
+        far.sum::<f64>() / whole
+    };
+    let errors = places.iter().map(|p| (error(p), *p));
+    let (expected_error, pixel) =
+        errors.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, Pixel::new(f64::NAN, f64::NAN)));
+    Estimate { pixel, expected_error, mean: Pixel::new(u / whole, v / whole) }
+}

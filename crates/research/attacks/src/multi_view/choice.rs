@@ -1,0 +1,191 @@
+//! Which of many frames of a place tell most about one of them: turn against motion.
+//!
+//! A frame that turned and hardly moved moves a projection across its line when the keypoint moves along its own, and not
+//! when its depth changes; one that moved and did not turn mixes the two. What a set of frames tells about a keypoint's
+//! position `t`, with its depth open, is the Schur complement of the Fisher information of `(t, ln depth)`:
+//!
+//! ```text
+//! I = Σ_f J_f J_fᵀ / σ² + diag(0, 1 / var(ln depth)),    J_f = ∂(distance from the line of f) / ∂(t, ln depth)
+//! bits = ½ log₂(1 + var(t) · (I_tt − I_tz² / I_zz))
+//! ```
+//!
+//! summed over the attacked frame's keypoints at the guess and what is known of depth there, and times the share of
+//! right matches: a frame that turned far has more wrong ones. Keypoints that the map knows tell that share, since the server
+//! sees whether the lines they are matched with run through their map points. Frames are taken one after another, each
+//! the one that adds most bits to those before it.
+
+use crate::{AttackError, KnownSegment, Observation, mutual_matches};
+use rayon::prelude::*;
+use veiloc_geometry::nalgebra::{Matrix2, Vector2, Vector3};
+
+use crate::multi_view::depth::DepthPrior;
+use crate::multi_view::frame::{Frame, FramesOptions};
+use crate::multi_view::sight::{Plane, Sight};
+
+/// One keypoint of the attacked frame: its position's variance by the guess, and the information so far.
+struct Held {
+    variance: f64,
+    information: Matrix2<f64>,
+}
+
+impl Held {
+    fn bits(&self, added: &Matrix2<f64>) -> f64 {
+        let i = self.information + added;
+        let about_t = i[(0, 0)] - i[(0, 1)] * i[(0, 1)] / i[(1, 1)];
+        0.5 * (1.0 + self.variance * about_t.max(0.0)).log2()
+    }
+}
+
+/// Which `count` of the other frames to attack the first with, the most telling first (module docs): indices into
+/// `others`, fewer where there are fewer. Of equals the first.
+///
+/// # Errors
+/// [`AttackError::Dimensions`] when descriptors do not fit, [`AttackError::Depths`] when the depths are none.
+pub fn most_telling(
+    first: &Frame<'_>,
+    others: &[Frame<'_>],
+    count: usize,
+    options: &FramesOptions,
+) -> Result<Vec<usize>, AttackError> {
+    let matches: Vec<Vec<Option<usize>>> = others
+        .par_iter()
+        .map(|o| mutual_matches(first.descriptors, o.descriptors, options.ratio))
+        .collect::<Result<_, _>>()?;
+    most_telling_matched(
+        first,
+        others,
+        &matches.iter().map(Vec::as_slice).collect::<Vec<_>>(),
+        count,
+        options,
+    )
+}
+
+/// The same with matches that are already there, as for [`crate::multi_view::several_matched_frames`]: `[others, N]`.
+///
+/// # Errors
+/// [`AttackError::Depths`] when the depths are none, [`AttackError::Rows`] when the matches do not fit.
+pub fn most_telling_matched(
+    first: &Frame<'_>,
+    others: &[Frame<'_>],
+    matches: &[&[Option<usize>]],
+    count: usize,
+    options: &FramesOptions,
+) -> Result<Vec<usize>, AttackError> {
+    options.check()?;
+    let expected = first.observations.len();
+    if let Some(wrong) = matches.iter().find(|m| m.len() != expected) {
+        return Err(AttackError::Rows { rows: wrong.len(), expected });
+    }
+    let depths = DepthPrior::new(options.depths, &options.known, first.camera.width, first.camera.height);
+    let segments: Vec<Option<KnownSegment>> =
+        first.observations.iter().map(|o| segment(o, first.camera.width, first.camera.height)).collect();
+    // [N]: logarithm and variance of depth at the guess.
+    let worth: Vec<[f64; 2]> =
+        segments.iter().map(|s| s.map_or([0.0, 1.0], |s| depths.worth(s.at(s.expected())))).collect();
+    let mut held: Vec<Held> = segments
+        .iter()
+        .zip(&worth)
+        .map(|(s, [_, variance])| Held {
+            variance: s.map_or(0.0, |s| (s.far - s.near).powi(2) / 12.0),
+            information: Matrix2::new(0.0, 0.0, 0.0, 1.0 / variance.max(1e-12)),
+        })
+        .collect();
+    // [others][N], zero where it tells nothing.
+    let told: Vec<(f64, Vec<Matrix2<f64>>)> = others
+        .par_iter()
+        .zip(matches)
+        .map(|(other, matches)| {
+            let sight = Sight::new(first, other);
+            let right = share_of_right(first, other, &sight, matches, options);
+            let one = |((segment, j), [depth, _]): ((&Option<KnownSegment>, &Option<usize>), &[f64; 2])| {
+                let seen = segment.zip(*j).map(|(s, j)| {
+                    information(first, &s, &sight, &other.observations[j], (-depth).exp())
+                        / options.noise_px.powi(2)
+                });
+                seen.unwrap_or_else(Matrix2::zeros)
+            };
+            (right, segments.iter().zip(*matches).zip(&worth).map(one).collect())
+        })
+        .collect();
+    let mut left: Vec<usize> = (0..others.len()).collect();
+    let mut chosen = Vec::new();
+    while chosen.len() < count && !left.is_empty() {
+        let nothing = Matrix2::zeros();
+        let gain = |f: usize| {
+            let (right, information) = &told[f];
+            let more = held.iter().zip(information).map(|(h, i)| h.bits(i) - h.bits(&nothing));
+            right * more.sum::<f64>()
+        };
+        let gains: Vec<f64> = left.par_iter().map(|f| gain(*f)).collect();
+        let best = (0..left.len()).fold(0, |best, k| if gains[k] > gains[best] { k } else { best });
+        let f = left.remove(best);
+        let (right, information) = &told[f];
+        held.iter_mut().zip(information).for_each(|(h, i)| h.information += i * *right);
+        chosen.push(f);
+    }
+    Ok(chosen)
+}
+
+/// The segment of a keypoint that is to be found; the longer of two.
+fn segment(observation: &Observation, width: u32, height: u32) -> Option<KnownSegment> {
+    if let Observation::Known(_) = observation {
+        return None;
+    }
+    let all = KnownSegment::of(observation, width, height).into_iter().filter(|s| !s.is_empty());
+    all.max_by(|a, b| (a.far - a.near).total_cmp(&(b.far - b.near)))
+}
+
+/// Matches of known keypoints that are thought of before the first is seen: as many as this, right as the options say.
+const SUPPOSED: f64 = 10.0;
+/// Standard deviations within which a line runs through a map point.
+const THROUGH: f64 = 3.0;
+
+/// Share of the matches that are right, by those of keypoints whose map points the server sees.
+fn share_of_right(
+    first: &Frame<'_>,
+    other: &Frame<'_>,
+    sight: &Sight,
+    matches: &[Option<usize>],
+    options: &FramesOptions,
+) -> f64 {
+    let (mut right, mut all) = (SUPPOSED * (1.0 - options.wrong), SUPPOSED);
+    for (own, j) in first.observations.iter().zip(matches) {
+        let (Observation::Known(pixel), Some(j)) = (own, j) else { continue };
+        let same = options.known.iter().find(|k| k.0.distance(pixel) < 1e-9);
+        let Some((_, depth)) = same else { continue };
+        let p = first.camera.unproject(*pixel);
+        let through = |plane: &Plane<'_>| {
+            let said = plane.along(Vector3::new(p.x, p.y, 1.0)).at(depth.recip());
+            said.spread > 0.0 && said.distance.abs() <= THROUGH * options.noise_px
+        };
+        all += 1.0;
+        right += f64::from(u8::from(sight.planes(&other.observations[*j]).iter().any(through)));
+    }
+    right / all
+}
+
+/// What another frame's line tells at the guess, were it right: pixels and noise of one.
+fn information(
+    first: &Frame<'_>,
+    segment: &KnownSegment,
+    sight: &Sight,
+    observation: &Observation,
+    reciprocal: f64,
+) -> Matrix2<f64> {
+    let ray = |t: f64| {
+        let p = first.camera.unproject(segment.at(t));
+        Vector3::new(p.x, p.y, 1.0)
+    };
+    let t = segment.expected();
+    let mut sum = Matrix2::zeros();
+    let planes = sight.planes(observation);
+    for plane in &planes {
+        let at = |t: f64| plane.along(ray(t)).at(reciprocal);
+        let slope = (at(t + 0.5).distance - at(t - 0.5).distance) / 1.0;
+        let j = Vector2::new(slope, at(t).speed);
+        if j.iter().all(|x| x.is_finite()) {
+            sum += j * j.transpose() / planes.len() as f64;
+        }
+    }
+    sum
+}

@@ -1,0 +1,126 @@
+//! Another frame's line of a keypoint, as the attacked frame sees it: a plane that the viewing ray meets, or holds.
+
+use crate::{Observation, PencilRow};
+use veiloc_geometry::nalgebra::{Matrix3, Vector3};
+use veiloc_geometry::{Pinhole, Pixel};
+
+use crate::multi_view::frame::Frame;
+
+/// Another frame as the attacked one sees it: `x_other = rotation · x + translation` from camera to camera.
+pub(crate) struct Sight {
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+    camera: Pinhole,
+}
+
+impl Sight {
+    pub(crate) fn new(first: &Frame<'_>, other: &Frame<'_>) -> Self {
+        let relative = other.cam_from_world.compose(&first.cam_from_world.inverse());
+        Self {
+            rotation: *relative.rotation().matrix(),
+            translation: *relative.translation(),
+            camera: other.camera,
+        }
+    }
+
+    /// The line or lines of one keypoint of that frame.
+    pub(crate) fn planes(&self, observation: &Observation) -> Vec<Plane<'_>> {
+        let row = match *observation {
+            Observation::Pencil(row) => Some(row),
+            _ => None,
+        };
+        let lines: Vec<_> = observation.lines().into_iter().flatten().collect();
+        let share = 1.0 / lines.len().max(1) as f64;
+        let plane = |line: &Vector3<f64>| {
+            let c = &self.camera;
+            let normal = Vector3::new(
+                c.focal[0] * line.x,
+                c.focal[1] * line.y,
+                c.principal[0] * line.x + c.principal[1] * line.y + line.z,
+            );
+            let across = line.x.abs() * f64::from(c.width) + line.y.abs() * f64::from(c.height);
+            Plane { sight: self, normal, by_depth: normal.dot(&self.translation), row, share, across }
+        };
+        lines.iter().map(|line| plane(line.coefficients())).collect()
+    }
+}
+
+/// One candidate line of the keypoint in another frame.
+pub(crate) struct Plane<'a> {
+    sight: &'a Sight,
+    /// `Kᵀ l` of the line of unit normal: the plane in that frame, pixels.
+    normal: Vector3<f64>,
+    /// `normal · translation`.
+    by_depth: f64,
+    /// Of a pencil: where it begins, and where on it the keypoint may be.
+    row: Option<PencilRow>,
+    /// Probability that it is this line: one over their number.
+    share: f64,
+    /// The image's extent across the line, pixels.
+    across: f64,
+}
+
+/// Pixels that a projection may lie outside the image.
+const MARGIN: f64 = 3.0;
+
+/// A plane and a viewing ray of the attacked frame: all that does not depend on depth.
+pub(crate) struct Crossing<'a, 'b> {
+    plane: &'a Plane<'b>,
+    /// `rotation · ray`.
+    seen: Vector3<f64>,
+    /// `normal · seen`.
+    off: f64,
+}
+
+/// What a plane says of one depth along a ray.
+pub(crate) struct Said {
+    /// Signed distance of the projection from the line, pixels; not finite behind the camera.
+    pub(crate) distance: f64,
+    /// How it changes with the logarithm of depth, pixels.
+    pub(crate) speed: f64,
+    /// Density of the sent line where the projection is right, over its density where the match is wrong, times
+    /// the noise and `√2π`, at distance zero: pixels. Zero where the frame could not have sent this line: behind
+    /// the camera, outside the image, behind the anchor, in another anchor's sectors.
+    pub(crate) spread: f64,
+}
+
+impl<'b> Plane<'b> {
+    /// With the ray `(x, y, 1)` of the attacked camera.
+    pub(crate) fn along(&self, ray: Vector3<f64>) -> Crossing<'_, 'b> {
+        let seen = self.sight.rotation * ray;
+        Crossing { plane: self, seen, off: self.normal.dot(&seen) }
+    }
+}
+
+impl Crossing<'_, '_> {
+    /// At a depth in the attacked frame, given by its reciprocal; 0 is infinitely far.
+    ///
+    /// A line's density is taken over what is sent of it. Of a half-line that is an angle: noise of `σ` pixels at
+    /// distance `r` from the anchor spreads over `σ/r` radians, wrong matches over the half circle, so `spread` is
+    /// `π r`. Of other lines it is an offset, and wrong matches spread over the image.
+    pub(crate) fn at(&self, reciprocal: f64) -> Said {
+        let (plane, sight) = (self.plane, self.plane.sight);
+        let seen = self.seen + sight.translation * reciprocal;
+        if seen.z <= 1e-9 {
+            return Said { distance: f64::INFINITY, speed: 0.0, spread: 0.0 };
+        }
+        let distance = (self.off + reciprocal * plane.by_depth) / seen.z;
+        let slope = plane.by_depth * self.seen.z - self.off * sight.translation.z;
+        let speed = -reciprocal * slope / (seen.z * seen.z);
+        let c = &sight.camera;
+        let at = Pixel::new(
+            c.focal[0] * seen.x / seen.z + c.principal[0],
+            c.focal[1] * seen.y / seen.z + c.principal[1],
+        );
+        let spread = match &plane.row {
+            _ if !c.contains(at, MARGIN) => 0.0,
+            Some(row) if !row.holds(at, MARGIN) => 0.0,
+            Some(row) => match row.begins() {
+                Some(anchor) => std::f64::consts::PI * at.distance(&anchor),
+                None => plane.across,
+            },
+            None => plane.share * plane.across,
+        };
+        Said { distance, speed, spread }
+    }
+}

@@ -1,0 +1,3 @@
+//! Tests of `image_metrics`.
+
+mod oracle;

@@ -1,0 +1,4 @@
+//! Tests of `learned`.
+
+mod neighbours;
+mod positions;

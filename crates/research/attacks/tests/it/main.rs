@@ -1,0 +1,9 @@
+//! Tests of `veiloc-attacks` from outside, one executable: linking is what costs.
+
+mod closed_form;
+mod graph;
+mod image_metrics;
+mod learned;
+mod multi_view;
+mod predicted;
+mod server_side;

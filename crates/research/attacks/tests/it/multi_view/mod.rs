@@ -1,0 +1,4 @@
+//! Tests of `multi_view`.
+
+mod frames;
+mod sessions;

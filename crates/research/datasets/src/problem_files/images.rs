@@ -1,0 +1,115 @@
+//! Keypoints of images, as `veiloc attack` and the training of predictors read them.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use veiloc_features::{Extractor, Limits, Progress, extract_image};
+use veiloc_geometry::Pixel;
+use veiloc_protocol::ExtractionLimits;
+
+use crate::problem_files::KeypointImage;
+use crate::problem_files::error::DatasetError;
+
+/// Keypoints and descriptors of one image, strongest keypoint first, named after the file.
+///
+/// An image larger than the limit is made smaller first, as a device does it, and positions and size are those of
+/// the smaller one, to a thousandth of a pixel, so that they are read back as they were written. No lens is undistorted.
+///
+/// # Errors
+/// [`DatasetError::Image`] when the file is no image.
+pub fn keypoints_of_image(
+    path: &Path,
+    extractor: &dyn Extractor,
+    limits: ExtractionLimits,
+) -> Result<KeypointImage, DatasetError> {
+    let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
+    let image = extract_image(path, None, extractor, limits)?;
+    let (features, (width, height)) = (image.features, image.size);
+    Ok(KeypointImage {
+        name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
+        width,
+        height,
+        keypoints: features.keypoints.iter().map(|k| rounded(k.pixel)).collect(),
+        descriptors: Some((features.descriptors.as_bytes().to_vec(), features.descriptors.kind().dim())),
+    })
+}
+
+fn rounded(p: Pixel) -> Pixel {
+    let round = |x: f64| (x * 1e3).round() / 1e3;
+    Pixel::new(round(p.u), round(p.v))
+}
+
+/// [`keypoints_of_image`] of many, in their order.
+///
+/// # Errors
+/// The first in that order, if there is one.
+pub fn keypoints_of_images(
+    paths: &[PathBuf],
+    extractor: &dyn Extractor,
+    limits: ExtractionLimits,
+    progress: &dyn Progress,
+) -> Result<Vec<KeypointImage>, DatasetError> {
+    progress.start("Extracting keypoints", paths.len());
+    let extracted: Vec<Result<KeypointImage, DatasetError>> = paths
+        .par_iter()
+        .map(|path| {
+            let image = keypoints_of_image(path, extractor, limits);
+            progress.advance(1);
+            image
+        })
+        .collect();
+    progress.finish();
+    extracted.into_iter().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use image::GrayImage;
+    use veiloc_features::Sift;
+
+    use super::*;
+    use crate::problem_files::{encode_keypoints, read_keypoints};
+
+    /// Blobs of several sizes on a slope: something to find at several scales.
+    fn image(path: &Path) {
+        GrayImage::from_fn(160, 120, |x, y| {
+            let (x, y) = (f64::from(x), f64::from(y));
+            let wave = (x * (0.15 + x / 2000.0)).sin() * (y * 0.21).cos();
+            image::Luma([(120.0 + 80.0 * wave + 0.2 * x) as u8])
+        })
+        .save(path)
+        .expect("written");
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        for name in ["b.png", "a.PNG"] {
+            image(&folder.path().join(name));
+        }
+        let paths = ["a.PNG", "b.png"].map(|name| folder.path().join(name));
+        let mut limits = ExtractionLimits::default();
+        (limits.max_keypoints, limits.max_image_side) = (40, 80);
+        let images = keypoints_of_images(&paths, &Sift::default(), limits, &()).expect("images");
+        assert_eq!(images.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a.PNG", "b.png"]);
+        let image = &images[0];
+        assert_eq!((image.width, image.height), (80, 60), "made smaller");
+        assert_eq!(image.keypoints.len(), 40, "the strongest only");
+        assert!(image.keypoints.iter().all(|p| (0.0..80.0).contains(&p.u) && (0.0..60.0).contains(&p.v)));
+        for gzip in [false, true] {
+            let file = folder.path().join("keypoints");
+            std::fs::write(&file, encode_keypoints(&images, gzip).expect("encoded")).expect("written");
+            assert_eq!(read_keypoints(&file).expect("read"), images, "gzip {gzip}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_image_is_named() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let says = |error: DatasetError, what: &str| assert!(error.to_string().contains(what), "{error}");
+        let file = folder.path().join("a.png");
+        std::fs::write(&file, "no image").expect("written");
+        let limits = ExtractionLimits::default();
+        says(keypoints_of_image(&file, &Sift::default(), limits).expect_err("no image"), "a.png");
+    }
+}

@@ -1,0 +1,4 @@
+//! Tests of `veiloc-datasets` from outside, one executable: linking is what costs.
+
+mod formats;
+mod problem_files;

@@ -1,0 +1,3 @@
+//! Tests of `problem_files`.
+
+mod keypoints;

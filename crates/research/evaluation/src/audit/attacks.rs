@@ -1,0 +1,330 @@
+//! The table of attacks: name, words, what each needs, and how it runs. One row an attack.
+
+use std::fmt;
+use std::str::FromStr;
+
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+use veiloc_attacks::{
+    ClosedFormOptions, GraphOptions, Guided, GuidedOptions, KnownImage, LineNeighbours, closed_form, graph,
+    guided_transfer, iterative, server_side,
+};
+
+use crate::audit::attempt::{Answers, Attempt};
+use crate::audit::error::AuditError;
+
+/// An attack that recovers positions of keypoints. Those of this crate are in [`ATTACKS`]; another is a value of this type
+/// that a caller puts beside them in [`crate::audit::AttackEvaluation::attacks`].
+#[derive(Clone, Copy)]
+pub struct Attack {
+    /// Name in tables, documents and on the command line; attacks of one name are one attack.
+    pub name: &'static str,
+    /// What it is called in sentences.
+    pub words: &'static str,
+    /// What the attacker must hold beside the sealed query, in words; empty for nothing. Neighbours are told apart by
+    /// [`Needs::neighbours`].
+    pub holds: &'static str,
+    /// The same for the program.
+    pub needs: Needs,
+    /// Runs it. The generator is seeded by image and scheme.
+    pub run: fn(&Attempt<'_>, &mut ChaCha8Rng) -> Result<Answers, AuditError>,
+}
+
+/// What an attack needs beside what was sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Needs {
+    /// Who is a neighbour of whom.
+    pub neighbours: bool,
+    /// Neighbours that a predictor names, those of the own anchor from among rows of near angles only; nothing to run on
+    /// a scheme without anchors.
+    pub near_angles: bool,
+    /// Keypoints of other images of the place.
+    pub other_images: bool,
+    /// Map images with descriptors, whose positions are taken over.
+    pub map_images: bool,
+    /// A server that has localized the query.
+    pub pose: bool,
+    /// A network of positions that was trained on other images.
+    pub trained: bool,
+    /// Several frames of one place.
+    pub frames: bool,
+    /// Several seals of one image, or frames of a camera at rest.
+    pub seals: bool,
+}
+
+impl Needs {
+    /// Nothing: the sealed query alone.
+    pub const NOTHING: Self = Self {
+        neighbours: false,
+        near_angles: false,
+        other_images: false,
+        map_images: false,
+        pose: false,
+        trained: false,
+        frames: false,
+        seals: false,
+    };
+    /// Neighbours and nothing else.
+    pub const NEIGHBOURS: Self = Self { neighbours: true, ..Self::NOTHING };
+
+    /// Whether keypoints of one image will do, without descriptors, other images or a server.
+    pub const fn one_image(self) -> bool {
+        !(self.other_images || self.map_images || self.pose || self.trained || self.frames || self.seals)
+    }
+}
+
+const OF_SERVER: Needs = Needs { pose: true, ..Needs::NEIGHBOURS };
+const SERVER: &str = "a server that has found the pose";
+
+/// All attacks, weakest first.
+pub const ATTACKS: [Attack; 17] = [
+    Attack::PRIOR,
+    Attack {
+        name: "learned-prior",
+        words: "guess with a learned density",
+        holds: "keypoints of other images",
+        needs: Needs { other_images: true, ..Needs::NOTHING },
+        run: |a, _| Ok(a.density.guess(a.observations, a.size.0, a.size.1).into()),
+    },
+    Attack::CLOSED_FORM,
+    Attack {
+        name: "closed-form-in-image",
+        words: "closed form held in the image",
+        holds: "",
+        needs: Needs::NEIGHBOURS,
+        run: |a, _| closed(a, &ClosedFormOptions::in_image()),
+    },
+    Attack::CLOSED_FORM_INFORMED,
+    Attack {
+        name: "closed-form-consensus",
+        words: "closed form with consensus",
+        holds: "",
+        needs: Needs::NEIGHBOURS,
+        run: |a, _| closed(a, &ClosedFormOptions::informed().with_consensus(CONSENSUS * f64::from(a.size.0))),
+    },
+    Attack {
+        name: "trained-positions",
+        words: "network from all rows to positions",
+        holds: "other people's images to train on",
+        needs: Needs { trained: true, ..Needs::NOTHING },
+        run: |a, _| a.by_training(),
+    },
+    Attack::TRANSFER,
+    Attack::GRAPH,
+    Attack {
+        name: "graph-near-angles",
+        words: "layout of the graph of neighbours of near angles",
+        holds: "",
+        needs: Needs { near_angles: true, ..Needs::NEIGHBOURS },
+        run: |a, rng| laid_out(a, &GraphOptions::default(), rng),
+    },
+    Attack {
+        name: "transfer-graph",
+        words: "layout begun at positions of a map",
+        holds: "other images of the place",
+        needs: Needs { map_images: true, ..Needs::NEIGHBOURS },
+        run: |a, rng| laid_out(a, &GraphOptions::default().beginning_at(a.transferred()), rng),
+    },
+    Attack {
+        name: "server-side",
+        words: "the paper's server-side attack",
+        holds: SERVER,
+        needs: OF_SERVER,
+        run: |a, _| served(a, LineNeighbours::Count),
+    },
+    Attack {
+        name: "server-side-points",
+        words: "server-side attack by points alone",
+        holds: SERVER,
+        needs: OF_SERVER,
+        run: |a, _| served(a, LineNeighbours::LeftOut),
+    },
+    Attack {
+        name: "iterative",
+        words: "the paper's iterative server-side attack",
+        holds: SERVER,
+        needs: OF_SERVER,
+        run: |a, _| Ok(iterative(a.observations, a.neighbours, a.size.0, a.size.1)?.into()),
+    },
+    Attack {
+        name: "guided-transfer",
+        words: "positions taken over along the flow of inliers",
+        holds: "a server that has found the pose, with the keypoints of its map images",
+        needs: Needs { map_images: true, pose: true, ..Needs::NOTHING },
+        run: |a, _| guided(a),
+    },
+    Attack {
+        name: "several-frames",
+        words: "triangulation of several frames",
+        holds: "several queries of one place whose poses a server has found",
+        needs: Needs { pose: true, frames: true, ..Needs::NOTHING },
+        run: |a, _| a.by_frames(),
+    },
+    Attack::RESTING_CAMERA,
+];
+
+/// Pixels within which neighbours agree, in shares of the image's width: 20 px of 640.
+const CONSENSUS: f64 = 20.0 / 640.0;
+
+impl Attack {
+    /// The guess that uses no neighbours, keypoints taken to be spread evenly: the zero line of every table.
+    pub const PRIOR: Self = Self {
+        name: "prior",
+        words: "guess from the single line",
+        holds: "",
+        needs: Needs::NOTHING,
+        run: |a, _| Ok(a.guess().into()),
+    };
+
+    /// The paper's attack (Eq. 3): infinite lines, answers anywhere.
+    pub const CLOSED_FORM: Self = Self {
+        name: "closed-form",
+        words: "the paper's attack (closed form)",
+        holds: "",
+        needs: Needs::NEIGHBOURS,
+        run: |a, _| closed(a, &ClosedFormOptions::default()),
+    };
+
+    /// Parts of lines in the image, neighbours of the other anchor only, answers in the image.
+    pub const CLOSED_FORM_INFORMED: Self = Self {
+        name: "closed-form-informed",
+        words: "closed form that knows the scheme",
+        holds: "",
+        needs: Needs::NEIGHBOURS,
+        run: |a, _| closed(a, &ClosedFormOptions::informed()),
+    };
+
+    /// Positions taken over from the map images that match best, projected on the lines.
+    pub const TRANSFER: Self = Self {
+        name: "transfer",
+        words: "positions taken over from a map",
+        holds: "other images of the place, with keypoints and descriptors",
+        needs: Needs { map_images: true, ..Needs::NOTHING },
+        run: |a, _| Ok(a.transferred().into()),
+    };
+
+    /// The scatter of the angles of several seals.
+    pub const RESTING_CAMERA: Self = Self {
+        name: "resting-camera",
+        words: "scatter of angles from a camera at rest",
+        holds: "several queries of a camera at rest, or of one image",
+        needs: Needs { seals: true, ..Needs::NOTHING },
+        run: |a, _| a.by_scatter(),
+    };
+
+    /// The layout of the whole graph of neighbours.
+    pub const GRAPH: Self = Self {
+        name: "graph",
+        words: "layout of the neighbour graph",
+        holds: "",
+        needs: Needs::NEIGHBOURS,
+        run: |a, rng| laid_out(a, &GraphOptions::default(), rng),
+    };
+}
+
+fn closed(a: &Attempt<'_>, options: &ClosedFormOptions) -> Result<Answers, AuditError> {
+    let answers = closed_form(a.observations, a.neighbours, a.size.0, a.size.1, options)?;
+    Ok(answers.iter().map(|a| a.pixel).collect::<Vec<_>>().into())
+}
+
+fn served(a: &Attempt<'_>, lines: LineNeighbours) -> Result<Answers, AuditError> {
+    let answers = server_side(a.observations, a.neighbours, a.size.0, a.size.1, lines)?;
+    Ok(answers.iter().map(|a| a.pixel).collect::<Vec<_>>().into())
+}
+
+fn laid_out(a: &Attempt<'_>, options: &GraphOptions, rng: &mut ChaCha8Rng) -> Result<Answers, AuditError> {
+    Ok(graph(a.observations, a.neighbours, a.size.0, a.size.1, options, rng)?.pixels.into())
+}
+
+/// Positions from warped map images where the server believes them, and of the plain transfer elsewhere.
+fn guided(a: &Attempt<'_>) -> Result<Answers, AuditError> {
+    let own = a.images[a.own].descriptors();
+    let others = a.images.iter().enumerate().filter(|(i, _)| *i != a.own);
+    let map: Vec<KnownImage> = others.map(|(_, p)| p.clone()).collect();
+    let found = guided_transfer(own, a.observations, &map, a.size, &GuidedOptions::default())?;
+    let plain = a.transferred();
+    Ok(Answers {
+        believed: Some(found.iter().map(Guided::is_believed).collect()),
+        pixels: found
+            .iter()
+            .zip(plain)
+            .map(|(g, plain)| g.pixel.filter(|_| g.is_believed()).unwrap_or(plain))
+            .collect(),
+    })
+}
+
+/// By name.
+impl PartialEq for Attack {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl Eq for Attack {}
+
+/// The guess.
+impl Default for Attack {
+    fn default() -> Self {
+        Self::PRIOR
+    }
+}
+
+impl fmt::Debug for Attack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Attack({})", self.name)
+    }
+}
+
+impl fmt::Display for Attack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+impl Serialize for Attack {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name)
+    }
+}
+
+/// No attack has this name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no attack is called {name:?}; there are {}", ATTACKS.map(|a| a.name).join(", "))]
+pub struct UnknownAttack {
+    name: String,
+}
+
+/// One of [`ATTACKS`].
+impl FromStr for Attack {
+    type Err = UnknownAttack;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = ATTACKS.into_iter().find(|attack| attack.name == text);
+        found.ok_or_else(|| UnknownAttack { name: text.to_owned() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique_and_read_back() {
+        for (i, attack) in ATTACKS.iter().enumerate() {
+            assert_eq!(attack.name.parse(), Ok(*attack));
+            assert!(
+                ATTACKS[..i].iter().all(|other| other.name != attack.name && other.words != attack.words)
+            );
+            // Words and flags say the same.
+            let needs = attack.needs;
+            let holds = needs.other_images
+                || needs.map_images
+                || needs.pose
+                || needs.trained
+                || needs.frames
+                || needs.seals;
+            assert_eq!(holds, !attack.holds.is_empty(), "{attack}");
+        }
+        assert!("Graph".parse::<Attack>().is_err_and(|e| e.to_string().contains("several-frames")));
+    }
+}

@@ -1,0 +1,191 @@
+//! What the attacks found: the stable JSON document, and the table for people.
+
+use serde::Serialize;
+
+use super::attacks::Attack;
+use super::neighbours::Neighbours;
+use super::sightings::FrameChoice;
+use crate::results::text_table::{TextTable, percent};
+
+/// The document that `veiloc attack --json` prints.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct AttackDocument {
+    /// Version of this document; a field is never removed or given another meaning under the same number.
+    pub version: u32,
+    /// `attack`.
+    pub command: &'static str,
+    /// What was attacked.
+    pub data: Vec<String>,
+    /// Who told the neighbours: `oracle`, `predicted`, `network` or `transferred`.
+    pub neighbours: Neighbours,
+    /// Neighbours a keypoint.
+    pub k: usize,
+    /// Share of predicted neighbours that are among the true `k` nearest; absent for an oracle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub precision: Option<f64>,
+    /// What the same share is when neighbours are drawn at random.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chance: Option<f64>,
+    /// What the server knew that attacked, one entry per scheme; absent when no server did.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub server: Vec<ServerSummary>,
+    /// Which frames attacks of several put together: `turn`, those that tell most, or `nearest`; absent when none did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub choice: Option<FrameChoice>,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// One entry per scheme, attack and share of replaced neighbours.
+    pub attacks: Vec<AttackSummary>,
+}
+
+/// What a server knew that has localized the queries of one scheme.
+#[derive(Debug, Clone, Serialize)]
+pub struct ServerSummary {
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// Images.
+    pub images: usize,
+    /// Images for which a pose was found that the server trusts; for the others it knows nothing.
+    pub posed: usize,
+    /// Share of all keypoints whose position the server has from its map, 0 to 1.
+    pub known: f64,
+    /// Median error of these positions, pixels.
+    pub known_median_px: f64,
+    /// Share of these positions with an error under 10 px, 0 to 1; the others are mostly false inliers.
+    pub known_under_10px: f64,
+    /// The same under 30 px.
+    pub known_under_30px: f64,
+    /// Share of all keypoints on which the errors of attacks are measured, 0 to 1.
+    pub measured: f64,
+}
+
+/// One attack on one scheme.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct AttackSummary {
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// Attack.
+    pub attack: Attack,
+    /// Percent of the neighbours that were replaced by keypoints drawn at random.
+    pub corrupt: f64,
+    /// Frames of one place, or seals of one image, that the attack had, the attacked one included; absent for attacks on one image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<usize>,
+    /// Images.
+    pub images: usize,
+    /// Mean error of a keypoint, pixels.
+    pub mean_px: f64,
+    /// Median error, pixels.
+    pub median_px: f64,
+    /// Share of keypoints with an error under 5 px, 0 to 1.
+    pub under_5px: f64,
+    /// The same under 10 px.
+    pub under_10px: f64,
+    /// The same under 30 px.
+    pub under_30px: f64,
+    /// What the attack tells beyond the guess, bits a keypoint.
+    pub bits_over_prior: f64,
+    /// Where the attack says which of its answers it believes: the share of those, 0 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub believed: Option<f64>,
+    /// Median error of believed answers, pixels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub believed_median_px: Option<f64>,
+    /// Share of believed answers with an error under 10 px, 0 to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub believed_under_10px: Option<f64>,
+    /// Milliseconds an image, median, without the search for neighbours.
+    pub ms: f64,
+}
+
+impl AttackDocument {
+    /// Whether an attack was told the true neighbours by an oracle: what nobody gets who exists.
+    pub fn is_told(&self, attack: Attack) -> bool {
+        self.neighbours == Neighbours::Oracle && attack.needs.neighbours
+    }
+
+    /// Whether there are attacks of both kinds, told and not, beside the guess.
+    pub(crate) fn has_both(&self) -> bool {
+        let any =
+            |told| self.attacks.iter().any(|a| a.attack != Attack::PRIOR && self.is_told(a.attack) == told);
+        any(true) && any(false)
+    }
+}
+
+/// The attacks as a table for people: those that need no oracle first, the others below with the guess once more.
+pub fn attacks_table(document: &AttackDocument) -> String {
+    let tables = if document.has_both() {
+        let told = |a: &AttackSummary| document.is_told(a.attack);
+        format!(
+            "{}\nTold the true neighbours by an oracle, which nobody is\n{}",
+            rows(document.attacks.iter().filter(|a| !told(a))),
+            rows(document.attacks.iter().filter(|a| told(a) || a.attack == Attack::PRIOR))
+        )
+    } else {
+        rows(document.attacks.iter())
+    };
+    let told = document.precision.zip(document.chance).map(|(precision, chance)| {
+        format!("\n{} of the neighbours are true, at random {}\n", percent(precision), percent(chance))
+    });
+    tables + &told.unwrap_or_default() + &of_server(document) + &believed(document)
+}
+
+fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {
+    let head =
+        ["scheme", "attack", "corrupt", "mean px", "median", "< 5 px", "< 10 px", "< 30 px", "bits", "ms"];
+    let mut table = TextTable::new(head, 2);
+    for a in attacks {
+        let corrupt = if a.corrupt > 0.0 { format!("{:.0} %", a.corrupt) } else { String::new() };
+        let guess = a.attack == Attack::PRIOR;
+        let several = if a.attack.needs.seals { "seals" } else { "frames" };
+        let frames = a.frames.map_or_else(String::new, |n| format!(", {n} {several}"));
+        table.push(vec![
+            a.scheme.clone(),
+            format!("{}{frames}", a.attack),
+            corrupt,
+            format!("{:.1}", a.mean_px),
+            format!("{:.1}", a.median_px),
+            percent(a.under_5px),
+            percent(a.under_10px),
+            percent(a.under_30px),
+            if guess { "0".to_owned() } else { format!("{:+.2}", a.bits_over_prior) },
+            format!("{:.1}", a.ms),
+        ]);
+    }
+    table.render()
+}
+
+/// What the server knew, in sentences.
+fn of_server(document: &AttackDocument) -> String {
+    let one = |s: &ServerSummary| {
+        format!(
+            "\n{}: a pose for {} of {} images; the server knows {} of the keypoints (median error {:.1} px, {} under \
+             10 px); errors are of {} of the keypoints\n",
+            s.scheme,
+            s.posed,
+            s.images,
+            percent(s.known),
+            s.known_median_px,
+            percent(s.known_under_10px),
+            percent(s.measured)
+        )
+    };
+    document.server.iter().map(one).collect()
+}
+
+/// What the attacks believe that say so.
+fn believed(document: &AttackDocument) -> String {
+    let one = |a: &AttackSummary| {
+        let (share, median, under) = (a.believed?, a.believed_median_px?, a.believed_under_10px?);
+        let frames = a.frames.map_or_else(String::new, |n| format!(", {n} frames"));
+        Some(format!(
+            "\n{} on {}{frames}: believes {:.1} % of its answers; of these the median error is {median:.1} px, and \
+             {:.1} % are under 10 px\n",
+            a.attack,
+            a.scheme,
+            100.0 * share,
+            100.0 * under
+        ))
+    };
+    document.attacks.iter().filter_map(one).collect()
+}

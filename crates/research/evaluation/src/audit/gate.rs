@@ -1,0 +1,130 @@
+//! Who may be near whom, by the angles that rows tell.
+//!
+//! A row of Dual Convergent Lines tells the angle of its line, and near keypoints of one anchor have near angles. An
+//! outsider who predicts neighbours takes those of the own anchor from among these (the **gate**) only.
+
+use veiloc_attacks::{AttackError, NeighbourLists, Observation};
+use veiloc_geometry::Anchor;
+
+/// Share of an image's rows that pass the gate: those of the own anchor whose angles are nearest. On RedKitchen half of the
+/// true neighbours of that anchor pass.
+const GATE: f64 = 0.05;
+
+/// For each row, `[N]`, the rows that pass its gate, in no order; nothing for a row without an anchor.
+pub(crate) fn gate(rows: &[Observation]) -> Result<NeighbourLists, AttackError> {
+    let angles = angles(rows);
+    let pass = (GATE * angles.len() as f64).ceil() as usize;
+    let lists: Vec<Vec<u32>> = angles
+        .iter()
+        .enumerate()
+        .map(|(i, own)| {
+            let Some((anchor, angle)) = own else { return Vec::new() };
+            let mut others: Vec<(f64, u32)> = angles
+                .iter()
+                .enumerate()
+                .filter(|(j, _)| *j != i)
+                .filter_map(|(j, row)| row.filter(|r| r.0 == *anchor).map(|r| (turn(r.1, *angle), j as u32)))
+                .collect();
+            others.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            others.into_iter().take(pass).map(|o| o.1).collect()
+        })
+        .collect();
+    NeighbourLists::from_lists(&lists)
+}
+
+/// The `k` likeliest of each list, `[N]`, likeliest first, half of them from among the rows that pass the gate and half of
+/// another anchor, about whose distance angles say nothing. A row without an anchor keeps its likeliest.
+pub(crate) fn narrowed(
+    ranked: &NeighbourLists,
+    rows: &[Observation],
+    k: usize,
+) -> Result<NeighbourLists, AttackError> {
+    let gate = gate(rows)?;
+    let angles = angles(rows);
+    let anchor = |i: usize| angles[i].map(|a| a.0);
+    let lists: Vec<Vec<u32>> = (0..ranked.len())
+        .map(|i| {
+            let Some(own) = anchor(i) else { return ranked.of(i).iter().copied().take(k).collect() };
+            let (mut near, mut far) = (k.div_ceil(2), k / 2);
+            let mut taken = |j: u32| {
+                let left = if anchor(j as usize) == Some(own) {
+                    if !gate.of(i).contains(&j) {
+                        return false;
+                    }
+                    &mut near
+                } else {
+                    &mut far
+                };
+                let take = *left > 0;
+                *left -= usize::from(take);
+                take
+            };
+            ranked.of(i).iter().copied().filter(|j| taken(*j)).collect()
+        })
+        .collect();
+    NeighbourLists::from_lists(&lists)
+}
+
+/// Anchor and direction of each row, radians.
+fn angles(rows: &[Observation]) -> Vec<Option<(Anchor, f64)>> {
+    rows.iter()
+        .map(|row| match row {
+            Observation::Pencil(row) => Some((row.anchor, row.line.direction.y.atan2(row.line.direction.x))),
+            _ => None,
+        })
+        .collect()
+}
+
+/// The angle between two directions.
+fn turn(a: f64, b: f64) -> f64 {
+    let d = (a - b).abs();
+    d.min(std::f64::consts::TAU - d)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use veiloc_datasets::problem_files::synthetic_image;
+    use veiloc_obfuscation::audit::obfuscate_points;
+    use veiloc_protocol::{AngleBits, DclLayout, Scheme};
+
+    use super::*;
+
+    #[test]
+    fn half_of_the_named_are_of_near_angles_and_half_of_the_other_anchor() {
+        let image = synthetic_image(400, 3);
+        let sent = |scheme: Scheme| {
+            let mut rng = ChaCha8Rng::seed_from_u64(5);
+            let sent = obfuscate_points(
+                &image.keypoints,
+                image.width,
+                image.height,
+                &scheme,
+                AngleBits::default(),
+                &mut rng,
+            );
+            Observation::of_sent(&sent.expect("keypoints in the image"))
+        };
+        let ranked = NeighbourLists::nearest(&image.keypoints, 399);
+        let rows = sent(Scheme::Dcl(DclLayout::VERTICAL));
+        let found = narrowed(&ranked, &rows, 10).expect("lists of these rows");
+        let angles = angles(&rows);
+        for i in 0..400 {
+            let (anchor, angle) = angles[i].expect("an anchor");
+            let of = |j: u32| angles[j as usize].expect("an anchor");
+            let (own, other): (Vec<u32>, Vec<u32>) = found.of(i).iter().partition(|j| of(**j).0 == anchor);
+            assert_eq!((own.len(), other.len()), (5, 5), "row {i}");
+            // 5 % of 400 rows pass: none that is named has an angle beyond the twentieth.
+            let mut turns: Vec<f64> = (0..400)
+                .filter(|j| *j != i && of(*j as u32).0 == anchor)
+                .map(|j| turn(of(j as u32).1, angle))
+                .collect();
+            turns.sort_by(f64::total_cmp);
+            assert!(own.iter().all(|j| turn(of(*j).1, angle) <= turns[19]));
+        }
+        // A random line has no anchor: its likeliest stay.
+        let plain = narrowed(&ranked, &sent(Scheme::RandomLines), 10).expect("lists of these rows");
+        assert_eq!(plain.of(7), &ranked.of(7)[..10]);
+    }
+}

@@ -1,0 +1,127 @@
+//! The rows of the table: what is run, and what is kept of it.
+
+use veiloc_attacks::ErrorSummary;
+use veiloc_protocol::Scheme;
+
+use super::attacks::Attack;
+use super::document::AttackSummary;
+use super::neighbours::NeighbourSource;
+use super::options::AttackEvaluation;
+use crate::audit::error::AuditError;
+use crate::audit::outsider::TrainedPositions;
+use crate::results::metrics::median;
+
+/// One row being filled.
+pub(super) struct Row {
+    pub(super) scheme: Scheme,
+    pub(super) attack: Attack,
+    pub(super) corrupt: f64,
+    pub(super) frames: Option<usize>,
+    pub(super) errors: Vec<f64>,
+    /// Errors of the answers that the attack believes, where it says so.
+    pub(super) believed: Option<Vec<f64>>,
+    /// Bits times keypoints, summed over images.
+    pub(super) bits: f64,
+    pub(super) ms: Vec<f64>,
+}
+
+/// Refuses what makes no sense together.
+pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), AuditError> {
+    let refuse = |why: String| Err(AuditError::Options(why));
+    if evaluation.k == 0 && evaluation.attacks.iter().any(|a| a.needs.neighbours) {
+        return refuse("attacks by neighbours need one neighbour a keypoint at least".to_owned());
+    }
+    let several = evaluation.attacks.iter().any(|a| a.needs.frames || a.needs.seals);
+    if let Some(n) = evaluation.frames.iter().find(|n| several && **n < 2) {
+        return refuse(format!("several frames are two at least, not {n}"));
+    }
+    if evaluation.positions.is_empty()
+        && let Some(attack) = evaluation.attacks.iter().find(|a| a.needs.trained)
+    {
+        return refuse(format!("{attack} needs a network that `veiloc train positions` wrote"));
+    }
+    if matches!(evaluation.neighbours, NeighbourSource::Oracle | NeighbourSource::Transferred)
+        && let Some(attack) = evaluation.attacks.iter().find(|a| a.needs.near_angles)
+    {
+        return refuse(format!(
+            "{attack} narrows neighbours that are predicted from descriptors: say by what"
+        ));
+    }
+    let needs = evaluation.attacks.iter().find(|a| a.needs.pose);
+    let Some(server) = &evaluation.server else {
+        return needs.map_or(Ok(()), |attack| {
+            refuse(format!(
+                "{attack} is an attack of a server that has localized the query, and needs its matches"
+            ))
+        });
+    };
+    if let Some(share) = server.private {
+        if !(share > 0.0 && share < 1.0) {
+            return refuse(format!("a private region cannot hold {share} of the keypoints"));
+        }
+        let by_map = evaluation.attacks.iter().any(|a| a.needs.map_images);
+        if by_map || evaluation.neighbours == NeighbourSource::Transferred {
+            // The region is of the place itself, and the other images show it: no person would be there.
+            return refuse(
+                "what is private is in no map image, so nothing can be transferred to it".to_owned(),
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Rows of the table, scheme by scheme, the guess first.
+pub(super) fn rows(evaluation: &AttackEvaluation, trained: &TrainedPositions) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for &scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
+        let known = |attack: &&Attack| {
+            let anchored = matches!(scheme, Scheme::Dcl(_));
+            (!attack.needs.trained || trained.knows(scheme)) && (!attack.needs.near_angles || anchored)
+        };
+        let mut push = |attack, corrupt, frames| {
+            rows.push(Row {
+                scheme,
+                attack,
+                corrupt,
+                frames,
+                errors: Vec::new(),
+                believed: None,
+                bits: 0.0,
+                ms: Vec::new(),
+            });
+        };
+        push(Attack::PRIOR, 0.0, None);
+        for &attack in evaluation.attacks.iter().filter(|a| **a != Attack::PRIOR).filter(known) {
+            if attack.needs.frames || attack.needs.seals {
+                evaluation.frames.iter().for_each(|frames| push(attack, 0.0, Some(*frames)));
+            } else if attack.needs.neighbours {
+                evaluation.corrupt.iter().for_each(|corrupt| push(attack, *corrupt, None));
+            } else {
+                push(attack, 0.0, None);
+            }
+        }
+    }
+    rows
+}
+
+pub(super) fn summary(row: &Row, images: usize) -> AttackSummary {
+    let errors = ErrorSummary::of(&row.errors);
+    let believed = row.believed.as_ref().map(|b| ErrorSummary::of(b));
+    AttackSummary {
+        scheme: row.scheme.to_string(),
+        attack: row.attack,
+        corrupt: row.corrupt,
+        frames: row.frames,
+        images,
+        mean_px: errors.mean_px,
+        median_px: errors.median_px,
+        under_5px: errors.under_5px,
+        under_10px: errors.under_10px,
+        under_30px: errors.under_30px,
+        bits_over_prior: row.bits / row.errors.len().max(1) as f64,
+        believed: believed.map(|b| b.count as f64 / errors.count.max(1) as f64),
+        believed_median_px: believed.filter(|b| b.count > 0).map(|b| b.median_px),
+        believed_under_10px: believed.filter(|b| b.count > 0).map(|b| b.under_10px),
+        ms: median(&row.ms),
+    }
+}

@@ -1,0 +1,274 @@
+//! What a server knows that has localized the query: its pose, and the keypoints that matched the map.
+//!
+//! The pose is what the server itself finds from the very lines that are attacked, not the true one; the matches are
+//! those of `problems.jsonl`, for the same images. Inliers of a pose that the server trusts become known
+//! positions: the projections of their map points under it, wrong ones included.
+
+use std::collections::BTreeMap;
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use veiloc_attacks::{ErrorSummary, Observation};
+use veiloc_geometry::{Pixel, PlanePoint};
+use veiloc_obfuscation::obfuscate_points;
+use veiloc_pose::{PoseOptions, estimate_pose};
+use veiloc_protocol::{Observations, Scheme};
+
+use super::document::ServerSummary;
+use super::options::{AttackEvaluation, Measured, ServerKnowledge};
+use super::private::person;
+use super::view::{Posed, View};
+use crate::audit::error::AuditError;
+use crate::pose::pose_problem;
+use veiloc_datasets::problem_files::KeypointImage;
+use veiloc_datasets::problem_files::seed_for;
+use veiloc_datasets::problem_files::{Problem, read_problems};
+
+/// The problems by the names of their images.
+pub(super) struct Server<'a> {
+    knowledge: &'a ServerKnowledge,
+    problems: BTreeMap<String, Problem>,
+}
+
+/// Shares by which nearer and farther depths than those of the inliers are allowed.
+const NEARER: f64 = 0.5;
+const FARTHER: f64 = 2.0;
+
+impl<'a> Server<'a> {
+    /// Reads the matches.
+    pub(super) fn new(knowledge: &'a ServerKnowledge) -> Result<Self, AuditError> {
+        let mut problems = BTreeMap::new();
+        for file in &knowledge.problems {
+            problems.extend(read_problems(file)?.into_iter().map(|p| (p.name.clone(), p)));
+        }
+        Ok(Self { knowledge, problems })
+    }
+
+    /// What the server makes of one image. That no pose is found is a result, not an error.
+    pub(super) fn view(
+        &self,
+        evaluation: &AttackEvaluation,
+        image: &KeypointImage,
+        scheme: Scheme,
+    ) -> Result<View, AuditError> {
+        let name = &image.name;
+        let problem = self.problems.get(name).ok_or_else(|| AuditError::NoMatches { image: name.clone() })?;
+        let (size, expected) = ([problem.camera.width, problem.camera.height], [image.width, image.height]);
+        if size != expected {
+            return Err(AuditError::OtherSize { image: name.clone(), size, expected });
+        }
+        let rows = rows_of(problem, image)?;
+        let private = self.knowledge.private.map(|share| {
+            let seed = seed_for(evaluation.seed, &[name, "private region"]);
+            person(&image.keypoints, share, &mut ChaCha8Rng::seed_from_u64(seed))
+        });
+        let in_map = |m: usize| private.as_ref().is_none_or(|inside| !inside[rows[m][0]]);
+        let kept: Vec<usize> = (0..rows.len()).filter(|m| in_map(*m)).collect();
+        let matched = only(problem, &kept, &rows);
+
+        let text = scheme.to_string();
+        let rng = |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[name, &text, what]));
+        let observed = send(evaluation, image, scheme)?;
+        let (input, match_of) = pose_problem(&matched, &observed, true);
+        let lines = Observation::of_sent(&observed);
+        let mut observations = lines.clone();
+        let mut pose = None;
+        // A pose that the server itself does not trust tells it nothing.
+        let found = estimate_pose(&input, &PoseOptions::default(), &mut rng("pose")).ok();
+        if let Some(found) = found.filter(|f| f.confidence.is_trusted()) {
+            let prior = matched.prior();
+            let mut best: BTreeMap<usize, (f64, Pixel)> = BTreeMap::new();
+            let mut depths = Vec::new();
+            let mut seen_points = Vec::new();
+            for (i, m) in match_of.iter().enumerate().filter(|(i, _)| found.inliers[*i]) {
+                let seen = found.cam_from_world.transform(&input.points[i]);
+                let Some(plane) = PlanePoint::from_camera_point(&seen) else { continue };
+                depths.push(seen.depth());
+                let (weight, at) = (prior.as_ref().map_or(0.0, |p| p[*m]), input.camera.project(plane));
+                seen_points.push((at, seen.depth()));
+                let row = matched.keypoint_of_match[*m];
+                let entry = best.entry(row).or_insert((weight, at));
+                if weight > entry.0 {
+                    *entry = (weight, at);
+                }
+            }
+            // Rows that share a place share a line, and the server sees that they do.
+            for rows in &rows {
+                if let Some((_, at)) = best.get(&rows[0]) {
+                    for &row in rows {
+                        observations[row] = Observation::Known(*at);
+                    }
+                }
+            }
+            depths.sort_unstable_by(f64::total_cmp);
+            if let (Some(least), Some(most)) = (depths.first(), depths.last()) {
+                pose = Some(Posed {
+                    camera: input.camera,
+                    cam_from_world: found.cam_from_world,
+                    depths: [NEARER * least, FARTHER * most],
+                    known: seen_points,
+                });
+            }
+        }
+        let position = |o: &Observation| match o {
+            Observation::Known(p) => Some(*p),
+            _ => None,
+        };
+        let known: Vec<Option<Pixel>> = observations.iter().map(position).collect();
+        let measured = match (private, self.knowledge.measured) {
+            (Some(inside), _) => inside,
+            (None, Measured::Hidden) => known.iter().map(Option::is_none).collect(),
+            (None, Measured::All) => vec![true; observations.len()],
+            (None, Measured::Matched) => {
+                observations.clone_from(&lines);
+                // A known point would tell of its own keypoint.
+                if let Some(pose) = &mut pose {
+                    pose.known.clear();
+                }
+                known.iter().map(Option::is_some).collect()
+            }
+        };
+        Ok(View { observed, sent: lines, observations, known, measured, pose })
+    }
+}
+
+/// What is sent of an image: the seed names image and scheme, so that no choice of other schemes or attacks changes
+/// it.
+pub(super) fn send(
+    evaluation: &AttackEvaluation,
+    image: &KeypointImage,
+    scheme: Scheme,
+) -> Result<Observations, AuditError> {
+    let seed = seed_for(evaluation.seed, &[&image.name, &scheme.to_string(), "sent"]);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let (width, height) = (image.width, image.height);
+    obfuscate_points(&image.keypoints, width, height, &scheme, evaluation.angle_bits, &mut rng)
+        .map_err(|source| AuditError::Seal { name: image.name.clone(), source })
+}
+
+/// What another seal of the image tells, or a frame of the same camera at rest: as many rows, in the same order.
+pub(super) fn send_again(
+    evaluation: &AttackEvaluation,
+    image: &KeypointImage,
+    scheme: Scheme,
+    number: usize,
+) -> Result<Vec<Observation>, AuditError> {
+    let again = format!("sent again {number}");
+    let seed = seed_for(evaluation.seed, &[&image.name, &scheme.to_string(), &again]);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let (width, height) = (image.width, image.height);
+    // A keypoint that the noise would carry out of the image stays in it.
+    let inside = |x: f64, side: u32| x.clamp(1e-3, f64::from(side) - 1e-3);
+    let seen: Vec<Pixel> = image
+        .keypoints
+        .iter()
+        .map(|p| {
+            let [du, dv] = gaussian_pair(&mut rng).map(|z| z * evaluation.resting_noise_px);
+            Pixel::new(inside(p.u + du, width), inside(p.v + dv, height))
+        })
+        .collect();
+    let sent = obfuscate_points(&seen, width, height, &scheme, evaluation.angle_bits, &mut rng)
+        .map_err(|source| AuditError::Seal { name: image.name.clone(), source })?;
+    Ok(Observation::of_sent(&sent))
+}
+
+/// Two independent numbers of the standard normal distribution.
+fn gaussian_pair(rng: &mut ChaCha8Rng) -> [f64; 2] {
+    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
+    let (sin, cos) = (std::f64::consts::TAU * rng.random::<f64>()).sin_cos();
+    [radius * cos, radius * sin]
+}
+
+/// Keypoints of the two files that are nearer than this in both coordinates are one, pixels.
+const SAME_PX: f64 = 0.005;
+
+/// For each match the image's keypoints at its place (SIFT finds several orientations at one), one at least.
+fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, AuditError> {
+    // Cells twice as wide as the tolerance: a keypoint and its like lie in the same or in adjacent cells.
+    let cell = |p: &Pixel| [p.u, p.v].map(|x| (x / (2.0 * SAME_PX)).floor() as i64);
+    let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
+    for (i, p) in image.keypoints.iter().enumerate() {
+        cells.entry(cell(p)).or_default().push(i);
+    }
+    let at = |p: &Pixel| -> Vec<usize> {
+        let [x, y] = cell(p);
+        let around = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| [x + dx, y + dy]));
+        let near = around.filter_map(|c| cells.get(&c)).flatten().copied();
+        let same = |i: &usize| {
+            let q = image.keypoints[*i];
+            (q.u - p.u).abs() < SAME_PX && (q.v - p.v).abs() < SAME_PX
+        };
+        let mut rows: Vec<usize> = near.filter(same).collect();
+        rows.sort_unstable();
+        rows
+    };
+    let of_keypoint: Vec<Vec<usize>> = problem.keypoints.iter().map(at).collect();
+    if let Some(missing) = of_keypoint.iter().position(Vec::is_empty) {
+        let [u, v] = [problem.keypoints[missing].u, problem.keypoints[missing].v];
+        return Err(AuditError::NoSuchKeypoint { image: image.name.clone(), u, v });
+    }
+    Ok(problem.keypoint_of_match.iter().map(|k| of_keypoint[*k].clone()).collect())
+}
+
+/// The problem with these matches alone, their keypoints being rows of the image.
+fn only(problem: &Problem, kept: &[usize], rows: &[Vec<usize>]) -> Problem {
+    fn pick<T: Copy>(all: &[T], kept: &[usize]) -> Vec<T> {
+        kept.iter().map(|m| all[*m]).collect()
+    }
+    Problem {
+        name: problem.name.clone(),
+        camera: problem.camera,
+        keypoints: problem.keypoints.clone(),
+        keypoint_of_match: kept.iter().map(|m| rows[*m][0]).collect(),
+        points: pick(&problem.points, kept),
+        cam_from_world: problem.cam_from_world,
+        features: problem.features.clone(),
+        ratio: problem.ratio.as_ref().map(|r| pick(r, kept)),
+        votes: problem.votes.as_ref().map(|v| pick(v, kept)),
+        track_length: problem.track_length.as_ref().map(|t| pick(t, kept)),
+        seen_from: problem.seen_from.as_ref().map(|s| pick(s, kept)),
+        gravity: problem.gravity,
+    }
+}
+
+/// What the server knew under one scheme, summed over images.
+#[derive(Default)]
+pub(super) struct Tally {
+    images: usize,
+    posed: usize,
+    keypoints: usize,
+    measured: usize,
+    /// Errors of known positions, pixels.
+    errors: Vec<f64>,
+}
+
+impl Tally {
+    pub(super) fn add(&mut self, view: &View, truth: &[Pixel]) {
+        self.images += 1;
+        self.posed += usize::from(view.pose.is_some());
+        self.keypoints += truth.len();
+        self.measured += view.measured.iter().filter(|m| **m).count();
+        let errors = view.known.iter().zip(truth).filter_map(|(k, t)| k.map(|p| p.distance(t)));
+        self.errors.extend(errors);
+    }
+
+    /// # Errors
+    /// [`AuditError::NoPose`] when no pose was found for any image: the server knows nothing then.
+    pub(super) fn summary(&self, scheme: Scheme) -> Result<ServerSummary, AuditError> {
+        if self.posed == 0 {
+            return Err(AuditError::NoPose { scheme: scheme.to_string(), images: self.images });
+        }
+        let errors = ErrorSummary::of(&self.errors);
+        let share = |count: usize| count as f64 / self.keypoints.max(1) as f64;
+        Ok(ServerSummary {
+            scheme: scheme.to_string(),
+            images: self.images,
+            posed: self.posed,
+            known: share(self.errors.len()),
+            known_median_px: errors.median_px,
+            known_under_10px: errors.under_10px,
+            known_under_30px: errors.under_30px,
+            measured: share(self.measured),
+        })
+    }
+}

@@ -1,0 +1,172 @@
+//! `problems.jsonl` from a place with known poses: the matches that localization would see, with the truth beside them.
+//!
+//! What the pose stage is compared and fitted on. The map is built and opened as a server would, keypoints travel as
+//! the scheme `points` sends them, matching is that of localization.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
+use veiloc_datasets::problem_files::problems::{CameraLine, PoseLine, ProblemLine};
+use veiloc_datasets::problem_files::{KeypointImage, seed_for};
+use veiloc_features::{Progress, mask_in};
+use veiloc_localization::matching::match_points;
+use veiloc_localization::retrieval::retrieve;
+use veiloc_localization::{LocalizeOptions, observe_matches};
+use veiloc_map::{MapFile, PosedImages};
+use veiloc_mapping::{BuildOptions, Input};
+use veiloc_obfuscation::audit::options_for;
+use veiloc_obfuscation::{SealTruth, seal_with_truth};
+use veiloc_pose::Correspondences;
+use veiloc_protocol::{Observations, Scheme, SealedQuery};
+
+use crate::error::EvalError;
+use crate::road::{PlaceMap, PosedQuery, equipped, extracted, posed_queries};
+
+/// Where the problems come from.
+#[derive(Debug, Clone)]
+pub struct ProblemSource<'a> {
+    /// Cameras and poses of the place's images.
+    pub posed: &'a PosedImages,
+    /// Folder of the images.
+    pub images: &'a Path,
+    /// Names of the images the map is built from.
+    pub map_list: &'a [String],
+    /// Names of the images that become problems.
+    pub query_list: &'a [String],
+    /// How the map is built.
+    pub build: &'a BuildOptions,
+    /// Retrieval and matching.
+    pub localize: &'a LocalizeOptions,
+    /// Masks by the names of images: what they hide is not sent. An image without one is whole.
+    pub masks: &'a BTreeMap<String, PathBuf>,
+    /// Seed of the keypoints' dither.
+    pub seed: u64,
+}
+
+/// One query as a problem, and everything it sent.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MadeProblem {
+    /// Its line of `problems.jsonl`.
+    pub line: String,
+    /// All its keypoints with descriptors, strongest first, matched or not, at the very positions of the problem. Decoys,
+    /// which only a query below the smallest size class has, come last.
+    pub keypoints: KeypointImage,
+}
+
+/// Where the mask of each image is expected to be: in a folder, by the image's name; none without a folder.
+pub fn masks_of(names: &[String], folder: Option<&Path>) -> BTreeMap<String, PathBuf> {
+    let of = |folder: &Path| names.iter().map(|n| (n.clone(), mask_in(folder, Path::new(n)))).collect();
+    folder.map(of).unwrap_or_default()
+}
+
+/// One problem a query, in the order of the list.
+///
+/// Pixels are those of the query's canonical camera, to 1/65536 of the image as the scheme `points` sends them.
+///
+/// # Errors
+/// [`EvalError`] when data is missing, the map cannot be built, or a query has too few keypoints to be sealed.
+pub fn make_problems(
+    source: &ProblemSource<'_>,
+    progress: &dyn Progress,
+) -> Result<Vec<MadeProblem>, EvalError> {
+    let queries = posed_queries(source.posed, source.images, source.query_list)?;
+    let input = Input::new(source.posed, source.images).with_names(source.map_list);
+    let map = PlaceMap::build(&input, source.build, false, None, None, progress)?;
+    progress.start("Matching queries", queries.len());
+    let lines = queries
+        .iter()
+        .map(|query| {
+            let made = made(&map.file, query, source)?;
+            progress.advance(1);
+            Ok(made)
+        })
+        .collect();
+    progress.finish();
+    lines
+}
+
+fn made(map: &MapFile, query: &PosedQuery, source: &ProblemSource<'_>) -> Result<MadeProblem, EvalError> {
+    let profile = map.profile();
+    let options =
+        equipped(options_for(Scheme::Points), &source.build.extractors, source.build.global.as_ref());
+    let mask = source.masks.get(&query.name).map(PathBuf::as_path);
+    let (features, camera) = extracted(&query.path, mask, &query.camera, profile, &options)?;
+    let strengths: Vec<f32> = features.keypoints.iter().map(|k| k.response).collect();
+    let mut rng = ChaCha20Rng::seed_from_u64(seed_for(source.seed, &[&query.name]));
+    let (sealed, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
+        .map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?;
+    let line = line(map, query, source, &sealed)?;
+    Ok(MadeProblem {
+        line: serde_json::to_string(&line).map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?,
+        keypoints: keypoints(&query.name, &sealed, &truth, &strengths),
+    })
+}
+
+/// What was sent, strongest first.
+fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f32]) -> KeypointImage {
+    let strength = |row: &usize| truth.source[*row].map_or(f32::NEG_INFINITY, |feature| strengths[feature]);
+    let mut order: Vec<usize> = (0..truth.source.len()).collect();
+    order.sort_by(|a, b| strength(b).total_cmp(&strength(a)).then(truth.source[*a].cmp(&truth.source[*b])));
+    let pixels = match sealed.observations() {
+        Observations::Points(pixels) => pixels,
+        // Not what `made` seals: there would be no positions to tell.
+        Observations::Lines(_) | Observations::EitherLine(_) | Observations::Anchored { .. } => Vec::new(),
+    };
+    let descriptors = sealed.descriptors().to_owned().select(order.iter().copied());
+    let camera = sealed.camera();
+    KeypointImage {
+        name: name.to_owned(),
+        width: camera.width,
+        height: camera.height,
+        keypoints: order.iter().filter_map(|row| pixels.get(*row).copied()).collect(),
+        descriptors: Some((descriptors.as_bytes().to_vec(), descriptors.kind().dim())),
+    }
+}
+
+fn line(
+    map: &MapFile,
+    query: &PosedQuery,
+    source: &ProblemSource<'_>,
+    sealed: &SealedQuery,
+) -> Result<ProblemLine, EvalError> {
+    let retrieved = retrieve(sealed.global(), map.into(), source.localize.retrieve);
+    let matches = match_points(sealed.descriptors(), map.into(), &retrieved, &source.localize.matching);
+    let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
+    let Correspondences::Points { pixels } = observe_matches(&sealed.observations(), &rows).correspondences
+    else {
+        return Err(EvalError::DataSet(format!("{}: the scheme points sent no points", query.name)));
+    };
+    let camera = sealed.camera();
+    Ok(ProblemLine {
+        name: query.name.clone(),
+        camera: CameraLine {
+            model: "PINHOLE".to_owned(),
+            width: camera.width,
+            height: camera.height,
+            params: vec![camera.focal[0], camera.focal[1], camera.principal[0], camera.principal[1]],
+        },
+        points2d: pixels.iter().map(|p| [p.u, p.v]).collect(),
+        points3d: matches.iter().map(|m| map.point(m.point).coords.into()).collect(),
+        cam_from_world: PoseLine {
+            q: query.cam_from_world.quaternion(),
+            t: (*query.cam_from_world.translation()).into(),
+        },
+        features: Some(map.profile().descriptor_kind().name().to_owned()),
+        ratio: Some(matches.iter().map(|m| f64::from(m.ratio)).collect()),
+        votes: Some(matches.iter().map(|m| m.votes).collect()),
+        track_length: Some(matches.iter().map(|m| map.seen_by(m.point) as u32).collect()),
+        seen_from: Some(
+            matches
+                .iter()
+                .map(|m| {
+                    let seen = m.seen_from(map);
+                    [seen.center.coords.x, seen.center.coords.y, seen.center.coords.z, seen.focal_px]
+                })
+                .collect(),
+        ),
+        gravity_in_camera: None,
+        gravity_in_world: None,
+    })
+}

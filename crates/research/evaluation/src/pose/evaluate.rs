@@ -1,0 +1,299 @@
+//! `veiloc eval pose`: the pose stage alone, on matches that are already there.
+//!
+//! Each query's keypoints are obfuscated on reading, each keypoint once however many matches it has, so that all
+//! schemes see the very same matches and only what the server is told about positions differs. Under one seed, every
+//! way of estimating sees the very same lines.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use veiloc_features::Progress;
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_localization::{MatchedObservations, observe_matches};
+use veiloc_obfuscation::obfuscate_points;
+use veiloc_pose::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
+use veiloc_protocol::{AngleBits, Observations, Scheme};
+
+use crate::pose::error::PosesError;
+use crate::pose::floor::{ORACLE_RADIUS_PX, truly_right};
+use crate::pose::gravity::{GravitySource, felt, mean_down};
+use crate::pose::recipe::{FromTruth, Recipe};
+use crate::pose::scores::{DEFAULT_SCORE, scores_or_default};
+use crate::results::Hypotheses;
+use crate::results::metrics::Threshold;
+use crate::results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
+use veiloc_datasets::problem_files::json_lines;
+use veiloc_datasets::problem_files::problems::{Problem, read_problems};
+use veiloc_datasets::problem_files::seed_for;
+
+/// What to evaluate.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct PoseEvaluation {
+    /// Files of problems.
+    pub files: Vec<PathBuf>,
+    /// Schemes, in the order of the table.
+    pub schemes: Vec<Scheme>,
+    /// Named ways of estimating, in the order of the table; empty to take [`Self::scores`], [`Self::use_prior`] and the
+    /// solver of [`Self::pose`].
+    pub recipes: Vec<Recipe>,
+    /// Scores, in the order of the table; empty for the default.
+    pub scores: Vec<ScoreKind>,
+    /// How many hypotheses, in the order of the table; not empty.
+    pub hypotheses: Vec<Hypotheses>,
+    /// What the estimator is told about gravity, in the order of the table; not empty.
+    pub gravity: Vec<GravitySource>,
+    /// A match is truly right, for [`Recipe::Floor`], when its map point projects this near to the keypoint under the
+    /// true pose, pixels. 4, the paper's inlier threshold for images of this size, by default.
+    pub oracle_radius_px: f64,
+    /// Thresholds of the recall columns.
+    pub thresholds: Vec<Threshold>,
+    /// Robust estimation; what the lists above name is replaced by each of them.
+    pub pose: PoseOptions,
+    /// Bits of a line's angle.
+    pub angle_bits: AngleBits,
+    /// Whether matches are weighted by what their ratio, votes and track length say.
+    pub use_prior: bool,
+    /// First seed of obfuscation and sampling.
+    pub seed: u64,
+    /// How many seeds, each one more than the one before; at least one.
+    pub seeds: u64,
+    /// Queries estimated at the same time. More than one makes the times of a query longer, not shorter.
+    pub threads: usize,
+}
+
+impl PoseEvaluation {
+    /// The default engine on these files under these schemes, once.
+    pub fn new(files: Vec<PathBuf>, schemes: Vec<Scheme>) -> Self {
+        Self {
+            files,
+            schemes,
+            recipes: Vec::new(),
+            scores: Vec::new(),
+            hypotheses: vec![Hypotheses::Adaptive],
+            gravity: vec![GravitySource::File],
+            oracle_radius_px: ORACLE_RADIUS_PX,
+            thresholds: Vec::new(),
+            pose: PoseOptions::default(),
+            angle_bits: AngleBits::default(),
+            use_prior: true,
+            seed: 0,
+            seeds: 1,
+            threads: 1,
+        }
+    }
+}
+
+/// A problem with what is known only of its whole file.
+struct Query {
+    problem: Problem,
+    /// Down in the file's world, see [`gravity::mean_down`].
+    down: Vector3<f64>,
+}
+
+/// One row of the table.
+struct Row {
+    scheme: Scheme,
+    score: ScoreKind,
+    options: PoseOptions,
+    gravity: GravitySource,
+    /// What is started from the truth instead of searched for.
+    from_truth: Option<FromTruth>,
+    variant: Variant,
+}
+
+/// Runs every row on every problem under every seed.
+///
+/// # Errors
+/// [`PosesError`] when a file cannot be read or nothing was asked for. A problem that cannot be solved is a result, not
+/// an error.
+pub fn evaluate_poses(
+    evaluation: &PoseEvaluation,
+    progress: &dyn Progress,
+) -> Result<Evaluation, PosesError> {
+    let mut queries = Vec::new();
+    for file in &evaluation.files {
+        let problems = read_problems(file)?;
+        let down = mean_down(problems.iter().map(|p| &p.cam_from_world));
+        queries.extend(problems.into_iter().map(|problem| Query { problem, down }));
+    }
+    let rows = rows(evaluation, queries.iter().any(|q| q.problem.gravity.is_some()));
+    if rows.is_empty() || evaluation.seeds == 0 {
+        return Err(PosesError::Options("no scheme, hypotheses, gravity or seed to evaluate".to_owned()));
+    }
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(evaluation.threads.max(1))
+        .build()
+        .map_err(|e| PosesError::Options(format!("{} threads: {e}", evaluation.threads)))?;
+
+    let total = rows.len() * queries.len() * usize::try_from(evaluation.seeds).unwrap_or(usize::MAX);
+    progress.start("Estimating poses", total);
+    let mut results: Vec<QueryResult> = Vec::with_capacity(total);
+    let mut schemes = Vec::new();
+    for row in &rows {
+        let first = results.len();
+        for seed in evaluation.seed..evaluation.seed.saturating_add(evaluation.seeds) {
+            let one = |query: &Query| {
+                let result = solve(query, row, seed, evaluation);
+                progress.advance(1);
+                result
+            };
+            if evaluation.threads > 1 {
+                results.extend(pool.install(|| queries.par_iter().map(one).collect::<Vec<_>>()));
+            } else {
+                results.extend(queries.iter().map(one));
+            }
+        }
+        let of_row: Vec<&QueryResult> = results[first..].iter().collect();
+        schemes.push(summarize(&of_row, &evaluation.thresholds));
+    }
+    progress.finish();
+    let only = match evaluation.hypotheses[..] {
+        [only] => only.fixed(),
+        _ => None,
+    };
+    Ok(Evaluation {
+        version: 1,
+        command: "eval pose",
+        data: evaluation.files.iter().map(|f| json_lines::display_name(f)).collect(),
+        seed: evaluation.seed,
+        prior: evaluation.use_prior,
+        fixed_hypotheses: only,
+        schemes,
+        queries: results,
+        negatives: Vec::new(),
+        map: None,
+    })
+}
+
+/// All rows: schemes, each with all ways of estimating, each with all hypotheses, each with all of gravity.
+fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for &scheme in &evaluation.schemes {
+        let mut ways: Vec<(Option<Recipe>, PoseOptions, bool)> = Vec::new();
+        for &recipe in &evaluation.recipes {
+            ways.push((Some(recipe), recipe.apply(&evaluation.pose), recipe.uses_prior()));
+        }
+        // The floor alone is an addition to whatever the single options say.
+        if evaluation.recipes.iter().all(|r| *r == Recipe::Floor) {
+            let scores = scores_or_default(&evaluation.scores).into_iter();
+            let plain = scores.map(|score| {
+                let mut options = evaluation.pose.clone();
+                options.score = Some(score);
+                (None, options, evaluation.use_prior)
+            });
+            ways.splice(0..0, plain);
+        }
+        for (recipe, options, prior) in ways {
+            let from_truth = recipe.and_then(Recipe::start_at_truth);
+            let searches = from_truth.is_none();
+            let score = options.score.unwrap_or(DEFAULT_SCORE);
+            for &hypotheses in &evaluation.hypotheses {
+                for &gravity in &evaluation.gravity {
+                    let mut options = options.clone();
+                    options.fixed_hypotheses = hypotheses.fixed();
+                    let told = gravity != GravitySource::File || file_has_gravity;
+                    let variant = Variant {
+                        recipe: recipe.map(|r| r.to_string()),
+                        prior,
+                        fixed_hypotheses: hypotheses.fixed().filter(|_| searches),
+                        gravity: (told && searches).then(|| gravity.to_string()),
+                    };
+                    rows.push(Row { scheme, score, options, gravity, from_truth, variant });
+                    // Where nothing is searched for one row says it all.
+                    if !searches {
+                        break;
+                    }
+                }
+                if !searches {
+                    break;
+                }
+            }
+        }
+    }
+    rows
+}
+
+fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> QueryResult {
+    let Query { problem, down } = query;
+    let blank = || {
+        let mut result = QueryResult::unsolved(&problem.name, row.scheme, row.score);
+        result.variant = row.variant.clone();
+        result.seed = seed;
+        if row.from_truth == Some(FromTruth::Floor) {
+            "least-squares".clone_into(&mut result.score);
+        }
+        result
+    };
+    // The same lines for all rows of a scheme, in any order: the seed names query and scheme, not the position.
+    let names = [problem.name.as_str(), &row.scheme.to_string()];
+    let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &names));
+    let (width, height) = (problem.camera.width, problem.camera.height);
+    let obfuscated =
+        obfuscate_points(&problem.keypoints, width, height, &row.scheme, evaluation.angle_bits, &mut rng);
+    let observations = match obfuscated {
+        Ok(observations) => observations,
+        // A keypoint so far outside the image that no line code reaches it: the query cannot be sent.
+        Err(error) => return blank().because(&error),
+    };
+    let (mut pose_problem, _) = pose_problem(problem, &observations, row.variant.prior);
+    pose_problem.gravity = match row.gravity {
+        GravitySource::File => problem.gravity,
+        GravitySource::Ignored => None,
+        GravitySource::TrueTurned(degrees) => {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[&problem.name, "gravity"]));
+            Some(felt(&problem.cam_from_world, *down, degrees, &mut rng))
+        }
+    };
+    let truth = &problem.cam_from_world;
+    let right = (row.from_truth == Some(FromTruth::Floor))
+        .then(|| truly_right(&pose_problem, truth, &problem.keypoints, evaluation.oracle_radius_px));
+
+    let started = Instant::now();
+    let estimate = match (row.from_truth, &right) {
+        (_, Some(right)) => refine_pose(&pose_problem, truth, right, &row.options),
+        (Some(FromTruth::Optimum), _) => optimize_pose(&pose_problem, truth, &row.options),
+        _ => estimate_pose(&pose_problem, &row.options, &mut rng),
+    };
+    let pose_ms = started.elapsed().as_secs_f64() * 1e3;
+
+    let mut result = blank();
+    result.correspondences = pose_problem.points.len();
+    result.ms.insert("pose".to_owned(), pose_ms);
+    match estimate {
+        Ok(estimate) => {
+            result = result.found(&estimate.cam_from_world, truth);
+            result.inliers = estimate.inlier_count;
+            result.hypotheses = estimate.hypotheses;
+            // Who knows the truth need not be asked for trust.
+            result.trusted = row.from_truth.is_none().then(|| estimate.confidence.is_trusted());
+            result.state = row.from_truth.is_none().then(|| estimate.confidence.state());
+            let covariance = &estimate.covariance;
+            result.uncertainty = Some(QueryUncertainty::of(&estimate.cam_from_world, covariance, truth));
+        }
+        Err(error) => {
+            result = result.because(&error);
+            result.state = row.from_truth.is_none().then_some(State::NotFound);
+        }
+    }
+    result
+}
+
+/// The estimator's input, and the match each of its correspondences was made of.
+pub fn pose_problem(
+    problem: &Problem,
+    observations: &Observations,
+    use_prior: bool,
+) -> (PoseProblem, Vec<usize>) {
+    let MatchedObservations { correspondences, keypoints, match_of } =
+        observe_matches(observations, &problem.keypoint_of_match);
+    let prior = use_prior.then(|| problem.prior()).flatten();
+    let points = match_of.iter().map(|&m| problem.points[m]).collect();
+    let mut pose_problem = PoseProblem::new(problem.camera, correspondences, keypoints, points);
+    pose_problem.seen_from = problem.seen_from.as_ref().map(|s| match_of.iter().map(|&m| s[m]).collect());
+    pose_problem.prior = prior.map(|p| match_of.iter().map(|&m| p[m]).collect());
+    (pose_problem, match_of)
+}

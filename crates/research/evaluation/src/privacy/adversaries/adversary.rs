@@ -1,0 +1,159 @@
+//! Who attacks, and with what.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::Serialize;
+
+/// Somebody who reads queries. What they gain is that of the best of their attacks, by [`Adversary::attacks`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Adversary {
+    /// Has the query alone, and neighbours predicted by a statistic of descriptors that was learned elsewhere.
+    OutsiderStatistic,
+    /// The same with a trained network in place of the statistic.
+    OutsiderNeighbours,
+    /// Has the query alone, and a network trained elsewhere that goes from all its rows to positions.
+    OutsiderNetwork,
+    /// Has images of the place, with keypoints.
+    MapServer,
+    /// A server that has found the pose and predicts neighbours; what counts is what its map does not show.
+    PoseServer,
+    /// The same with the keypoints of all map images.
+    PoseServerImages,
+    /// A server that has found the poses of several queries of the place, anchors held in each image; counts as the one before.
+    SeveralFrames,
+    /// Has several seals of one image.
+    SeveralSeals,
+    /// Is told the true neighbours, which nobody is: nothing protects against it, and it is shown for comparison.
+    TrueNeighbours,
+}
+
+impl Adversary {
+    /// All of them, as tables show them.
+    pub const ALL: [Self; 9] = [
+        Self::OutsiderStatistic,
+        Self::OutsiderNeighbours,
+        Self::OutsiderNetwork,
+        Self::MapServer,
+        Self::PoseServer,
+        Self::PoseServerImages,
+        Self::SeveralFrames,
+        Self::SeveralSeals,
+        Self::TrueNeighbours,
+    ];
+
+    /// Whether there is such a one.
+    pub const fn is_realistic(self) -> bool {
+        !matches!(self, Self::TrueNeighbours)
+    }
+
+    /// What documents call it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::OutsiderStatistic => "outsider-statistic",
+            Self::OutsiderNeighbours => "outsider-neighbours",
+            Self::OutsiderNetwork => "outsider-network",
+            Self::MapServer => "map-server",
+            Self::PoseServer => "pose-server",
+            Self::PoseServerImages => "pose-server-images",
+            Self::SeveralFrames => "several-frames",
+            Self::SeveralSeals => "several-seals",
+            Self::TrueNeighbours => "true-neighbours",
+        }
+    }
+
+    /// What it knows beside the query, in words.
+    pub const fn knows(self) -> &'static str {
+        match self {
+            Self::OutsiderStatistic => "what a statistic of descriptors learned elsewhere",
+            Self::OutsiderNeighbours => "what a network that predicts neighbours learned elsewhere",
+            Self::OutsiderNetwork => "what a network from all rows to positions learned elsewhere",
+            Self::MapServer => "images of the map, with keypoints",
+            Self::PoseServer => "the map and the query's pose",
+            Self::PoseServerImages => "the query's pose and the map's images",
+            Self::SeveralFrames => "poses of two or eight queries of the place",
+            Self::SeveralSeals => "eight seals of one image",
+            Self::TrueNeighbours => "true neighbours, told by an oracle",
+        }
+    }
+
+    /// Whether it needs more of a place than the queries themselves: a map of it.
+    pub const fn needs_place(self) -> bool {
+        matches!(self, Self::MapServer | Self::PoseServer | Self::PoseServerImages | Self::SeveralFrames)
+    }
+
+    /// Attacks it tries, by their names in [`crate::audit::ATTACKS`].
+    pub const fn attacks(self) -> &'static [&'static str] {
+        match self {
+            // The layout of the graph needs 60 % true neighbours, where descriptors give 5 to 11 (`docs/audit.md`): it is
+            // never the best, and takes longest; see `thorough`.
+            Self::OutsiderStatistic | Self::OutsiderNeighbours => &["learned-prior", "closed-form-consensus"],
+            Self::OutsiderNetwork => &["trained-positions"],
+            Self::MapServer => &["transfer"],
+            Self::PoseServer => &["server-side-points", "iterative"],
+            Self::PoseServerImages => &["guided-transfer"],
+            Self::SeveralFrames => &["several-frames"],
+            Self::SeveralSeals => &["resting-camera"],
+            Self::TrueNeighbours => &["closed-form-consensus", "graph"],
+        }
+    }
+
+    /// Attacks it tries beside [`Self::attacks`] where time does not matter, seconds an image each.
+    pub const fn thorough(self) -> &'static [&'static str] {
+        match self {
+            Self::OutsiderStatistic | Self::OutsiderNeighbours => {
+                &["closed-form", "graph", "graph-near-angles"]
+            }
+            Self::MapServer => &["transfer-graph"],
+            _ => &[],
+        }
+    }
+}
+
+impl Serialize for Adversary {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+impl fmt::Display for Adversary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// No adversary has this name.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("no adversary is called {name:?}; there are {}", Adversary::ALL.map(Adversary::name).join(", "))]
+pub struct UnknownAdversary {
+    name: String,
+}
+
+/// One of [`Adversary::ALL`].
+impl FromStr for Adversary {
+    type Err = UnknownAdversary;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let found = Self::ALL.into_iter().find(|adversary| adversary.name() == text);
+        found.ok_or_else(|| UnknownAdversary { name: text.to_owned() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::audit::Attack;
+
+    #[test]
+    fn every_attack_of_an_adversary_is_there() {
+        for adversary in Adversary::ALL {
+            assert_eq!(adversary.name().parse(), Ok(adversary));
+            for attack in adversary.attacks().iter().chain(adversary.thorough()) {
+                let needs = attack.parse::<Attack>().expect(attack).needs;
+                let knows_pose = adversary >= Adversary::PoseServer && adversary <= Adversary::SeveralFrames;
+                assert_eq!(needs.pose, knows_pose, "{adversary} {attack}");
+                assert_eq!(needs.pose || needs.map_images, adversary.needs_place(), "{adversary} {attack}");
+            }
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! Keypoints that are attacked, and what adversaries hold beside them, as attacks read them.
+
+use std::path::{Path, PathBuf};
+
+use crate::{MadeProblem, ProblemSource, folder_name, make_problems};
+use tempfile::TempDir;
+use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints, json_lines, read_keypoints};
+use veiloc_features::Progress;
+
+use crate::privacy::error::TradeoffError;
+use crate::privacy::spread::spread;
+
+/// All keypoints of a place or a file, and the files that attacks read.
+pub(crate) struct Keypoints {
+    /// What they are of.
+    pub(crate) data: String,
+    /// Images that are attacked, spread evenly over all.
+    pub(crate) attacked: Vec<KeypointImage>,
+    /// The other queries.
+    pub(crate) others: Vec<KeypointImage>,
+    /// What a map of the place adds; `None` for images of which there is none.
+    pub(crate) place: Option<PlaceKnowledge>,
+}
+
+/// What the operator of a map holds.
+pub(crate) struct PlaceKnowledge {
+    /// Images of the map, in the frames of their canonical cameras as queries are.
+    pub(crate) map: Vec<KeypointImage>,
+    /// Matches of all queries with the map, `problems.jsonl`.
+    pub(crate) problems: PathBuf,
+    /// Keypoints of [`Self::map`] as a file.
+    pub(crate) map_file: PathBuf,
+    _folder: TempDir,
+}
+
+impl Keypoints {
+    /// Those of a place: of its queries, of which so many are `attacked` (`None` for all), and of its map's images.
+    pub(crate) fn of_place(
+        source: &ProblemSource<'_>,
+        attacked: Option<usize>,
+        progress: &dyn Progress,
+    ) -> Result<Self, TradeoffError> {
+        let queries = source.query_list;
+        let listed = [queries, source.map_list].concat();
+        let data = folder_name(source.images);
+        let source = ProblemSource { query_list: &listed, ..*source };
+        let mut made: Vec<MadeProblem> = make_problems(&source, progress)?;
+        let map: Vec<KeypointImage> =
+            made.split_off(queries.len()).into_iter().map(|m| m.keypoints).collect();
+        let temporary = |source| TradeoffError::Io { path: std::env::temp_dir(), source };
+        let folder = tempfile::tempdir().map_err(temporary)?;
+        let write = |name: &str, bytes: std::io::Result<Vec<u8>>| {
+            let path = folder.path().join(name);
+            bytes
+                .and_then(|bytes| std::fs::write(&path, bytes))
+                .map_err(|source| TradeoffError::Io { path: path.clone(), source })?;
+            Ok::<PathBuf, TradeoffError>(path)
+        };
+        let lines: Vec<String> = made.iter().map(|m| m.line.clone()).collect();
+        let place = PlaceKnowledge {
+            problems: write("problems.jsonl", json_lines::encode(&lines, false))?,
+            map_file: write("map.jsonl", encode_keypoints(&map, false))?,
+            map,
+            _folder: folder,
+        };
+        let queries = made.into_iter().map(|m| m.keypoints).collect();
+        let (attacked, others) = split(queries, attacked);
+        Ok(Self { data, attacked, others, place: Some(place) })
+    }
+
+    /// Those of a file of keypoints, of which nobody has a map.
+    pub(crate) fn of_file(path: &Path, attacked: Option<usize>) -> Result<Self, TradeoffError> {
+        let images = read_keypoints(path).map_err(crate::audit::AuditError::from)?;
+        let (attacked, others) = split(images, attacked);
+        Ok(Self { data: json_lines::display_name(path), attacked, others, place: None })
+    }
+
+    /// All images, the attacked first.
+    pub(crate) fn all(&self) -> impl Iterator<Item = &KeypointImage> {
+        self.attacked.iter().chain(&self.others)
+    }
+}
+
+/// Attacked images, spread evenly, and the others.
+fn split(images: Vec<KeypointImage>, attacked: Option<usize>) -> (Vec<KeypointImage>, Vec<KeypointImage>) {
+    let chosen = spread(images.len(), attacked);
+    let (mut own, mut others) = (Vec::new(), Vec::new());
+    for (i, image) in images.into_iter().enumerate() {
+        if chosen.contains(&i) { &mut own } else { &mut others }.push(image);
+    }
+    (own, others)
+}

@@ -1,0 +1,71 @@
+//! `veiloc eval adversaries`: what each adversary gets from the queries of every scheme, by the best of their attacks.
+//!
+//! Adversaries are told apart by what they know beside a query ([`Adversary`]), not by how they compute: each tries the
+//! attacks of `veiloc attack` that this knowledge allows.
+
+mod adversary;
+mod attackers;
+mod document;
+mod keypoints;
+mod options;
+mod table;
+
+use crate::{ProblemSource, masks_of};
+use veiloc_features::Progress;
+
+use crate::privacy::error::TradeoffError;
+pub(crate) use attackers::{Attackers, Gain};
+pub(crate) use keypoints::Keypoints;
+
+pub use adversary::{Adversary, UnknownAdversary};
+pub use attackers::Tried;
+pub use document::{AdversariesDocument, AdversaryRow};
+pub use options::{AdversariesEvaluation, Place};
+pub use table::adversaries_table;
+
+/// Attacks queries of a place, or images of files of which nobody has a map, as every adversary that has what it takes.
+///
+/// # Errors
+/// [`TradeoffError`] when data is missing, a map cannot be built, or nothing was asked for.
+pub fn evaluate_adversaries(
+    evaluation: &AdversariesEvaluation,
+    progress: &dyn Progress,
+) -> Result<AdversariesDocument, TradeoffError> {
+    evaluation.check()?;
+    let mut sets = Vec::new();
+    if let Some(place) = &evaluation.place {
+        let source = ProblemSource {
+            posed: &place.posed,
+            images: &place.images,
+            map_list: &place.map_list,
+            query_list: &place.query_list,
+            build: &place.build,
+            localize: &place.localize,
+            masks: &masks_of(&place.query_list, place.masks.as_deref()),
+            seed: evaluation.seed,
+        };
+        sets.push(Keypoints::of_place(&source, evaluation.attacked, progress)?);
+    }
+    for file in &evaluation.files {
+        sets.push(Keypoints::of_file(file, evaluation.attacked)?);
+    }
+    let mut document = AdversariesDocument::new(evaluation);
+    for keypoints in &sets {
+        let attackers = Attackers {
+            keypoints,
+            schemes: &evaluation.schemes,
+            train: &evaluation.train,
+            network: evaluation.network.as_deref(),
+            positions: &evaluation.positions,
+            thorough: evaluation.thorough,
+            k: evaluation.k,
+            seed: evaluation.seed,
+        };
+        for &adversary in &evaluation.adversaries {
+            document.add(&keypoints.data, adversary, attackers.gains(adversary, progress)?, evaluation);
+        }
+    }
+    progress.finish();
+    document.finish(evaluation);
+    Ok(document)
+}

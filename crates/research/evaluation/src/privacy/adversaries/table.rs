@@ -1,0 +1,107 @@
+//! What adversaries got, as a table for people: those that exist first, an oracle last.
+
+use crate::results::text_table::{TextTable, percent};
+
+use super::adversary::Adversary;
+use super::document::{AdversariesDocument, AdversaryRow};
+
+/// A table a place or file, and below them who knew what.
+pub fn adversaries_table(document: &AdversariesDocument) -> String {
+    let mut data: Vec<&str> = Vec::new();
+    for row in &document.rows {
+        if !data.contains(&row.data.as_str()) {
+            data.push(&row.data);
+        }
+    }
+    let tables: Vec<String> = data.iter().map(|data| of_data(document, data)).collect();
+    let there = |a: &Adversary| document.rows.iter().any(|row| row.adversary == a.name());
+    let missing: Vec<&str> = document.missing.iter().map(|a| a.name()).collect();
+    let knows: Vec<String> = (Adversary::ALL.iter().filter(|a| there(a)))
+        .map(|a| format!("{:<20} {}\n", a.name(), a.knows()))
+        .collect();
+    let knows = knows.concat();
+    let missing = if missing.is_empty() {
+        String::new()
+    } else {
+        format!("Not among them, for want of what they know: {}.\n", missing.join(", "))
+    };
+    format!(
+        "{}\nEach adversary by the best of their attacks; the guess is the best answer from the single line. Of servers\n\
+         that have found the pose only what their map does not show is counted.\n\n{knows}{missing}",
+        tables.join("\n")
+    )
+}
+
+fn of_data(document: &AdversariesDocument, data: &str) -> String {
+    let head =
+        ["adversary", "scheme", "attack", "true", "guess px", "median px", "< 10 px", "< 30 px", "bits"];
+    let mut table = TextTable::new(head, 3);
+    let rows = || document.rows.iter().filter(|row| row.data == data);
+    let mut last = "";
+    for row in rows() {
+        table.push(cells(row, row.adversary == last));
+        last = row.adversary;
+    }
+    let images = rows().map(|row| row.images).max().unwrap_or(0);
+    format!("{data}, {images} images attacked\n{}", table.render())
+}
+
+fn cells(row: &AdversaryRow, again: bool) -> Vec<String> {
+    let frames = row.frames.map_or_else(String::new, |n| format!(", {n}"));
+    vec![
+        if again { String::new() } else { row.adversary.to_owned() },
+        row.scheme.clone(),
+        format!("{}{frames}", row.attack),
+        row.precision.map_or_else(String::new, percent),
+        format!("{:.1}", row.guess_median_px),
+        format!("{:.1}", row.median_px),
+        percent(row.under_10px),
+        percent(row.under_30px),
+        format!("{:+.2}", row.bits_over_prior),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(data: &str, adversary: Adversary, scheme: &str, frames: Option<usize>) -> AdversaryRow {
+        AdversaryRow {
+            data: data.to_owned(),
+            adversary: adversary.name(),
+            realistic: adversary.is_realistic(),
+            scheme: scheme.to_owned(),
+            attack: if frames.is_some() { "several-frames" } else { "closed-form-consensus" }.to_owned(),
+            frames,
+            images: 3,
+            measured: 1.0,
+            precision: frames.is_none().then_some(0.045),
+            guess_median_px: 101.5,
+            median_px: 148.25,
+            under_10px: 0.03,
+            under_30px: 0.102,
+            bits_over_prior: -0.61,
+            tried: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn every_row_is_there_and_who_is_missing_is_said() {
+        let rows = vec![
+            row("kitchen", Adversary::OutsiderStatistic, "coordinate-permutation", None),
+            row("kitchen", Adversary::OutsiderStatistic, "dcl", None),
+            row("kitchen", Adversary::SeveralFrames, "dcl", Some(8)),
+            row("photos", Adversary::OutsiderStatistic, "dcl", None),
+        ];
+        let missing = vec![Adversary::OutsiderNeighbours, Adversary::MapServer];
+        let document =
+            AdversariesDocument { version: 1, command: "eval adversaries", k: 20, seed: 0, missing, rows };
+        let text = adversaries_table(&document);
+        assert!(text.contains("kitchen, 3 images attacked\n") && text.contains("photos, 3 images"), "{text}");
+        assert_eq!(text.matches("-0.61").count(), 4, "{text}");
+        assert_eq!(text.matches("outsider-statistic").count(), 3, "once a table, once below: {text}");
+        assert!(text.contains("several-frames, 8") && text.contains("4.5 %"), "{text}");
+        assert!(text.contains("for want of what they know: outsider-neighbours, map-server"), "{text}");
+        assert!(text.lines().all(|line| line.chars().count() <= 120), "{text}");
+    }
+}

@@ -1,0 +1,178 @@
+//! What was found, as the stable JSON document.
+
+use std::collections::BTreeMap;
+
+use crate::results::metrics::finite;
+use serde::Serialize;
+use veiloc_protocol::{DclLayout, Scheme};
+
+use super::accuracy::{Accuracy, ConditionFigures};
+use super::privacy::{AdversaryFigures, Privacy};
+
+/// The document that `veiloc eval layouts --json` prints.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LayoutsDocument {
+    /// Version of this document; a field is never removed or given another meaning under the same number.
+    pub version: u32,
+    /// `eval layouts`.
+    pub command: &'static str,
+    /// The place.
+    pub data: String,
+    /// Queries that poses were estimated for.
+    pub queries: usize,
+    /// How many of them were attacked.
+    pub attacked: usize,
+    /// Images of the map.
+    pub map_images: usize,
+    /// Neighbours a keypoint.
+    pub k: usize,
+    /// First seed.
+    pub seed: u64,
+    /// Seeds that poses were estimated with.
+    pub seeds: u64,
+    /// One entry a layout.
+    pub rows: Vec<LayoutRow>,
+}
+
+/// One layout.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LayoutRow {
+    /// The scheme that asks for it; the paper's is `dcl:paper`.
+    pub layout: String,
+    /// Median error of the position over that of points, geometric mean over [`Self::conditions`]; null when one has none.
+    pub error_over_points: Option<f64>,
+    /// The same of the 90 % quantile.
+    pub tail_over_points: Option<f64>,
+    /// As the first, of the orientation.
+    pub rotation_over_points: Option<f64>,
+    /// Mean error of the guess from the single line on all queries, pixels.
+    pub prior_mean_px: Option<f64>,
+    /// Share of the true nearest neighbours that are in another pencil, 0 to 1.
+    pub other_pencil_neighbours: Option<f64>,
+    /// Adversary to what the best of their attacks gains over the guess, bits a keypoint.
+    pub bits: BTreeMap<&'static str, f64>,
+    /// Whether the guess errs no less than under the paper's layout, and no realistic adversary gains more than
+    /// [`LEEWAY_BITS`] above what they gain there, a loss counting as no gain; null when the paper's layout was not judged.
+    pub protects_as_paper: Option<bool>,
+    /// The same adversaries in full.
+    pub adversaries: Vec<AdversaryFigures>,
+    /// Poses under each condition.
+    pub conditions: Vec<ConditionFigures>,
+}
+
+/// What an adversary may gain above the paper's layout, bits.
+pub const LEEWAY_BITS: f64 = 0.05;
+
+impl LayoutRow {
+    pub(super) fn of(layout: DclLayout, accuracy: Accuracy, privacy: &Privacy) -> Self {
+        let scheme = Scheme::Dcl(layout).to_string();
+        let adversaries = privacy.adversaries(&scheme).to_vec();
+        Self {
+            layout: super::name(layout),
+            error_over_points: accuracy.mean(|c| c.error_over_points),
+            tail_over_points: accuracy.mean(|c| c.tail_over_points),
+            rotation_over_points: accuracy.mean(|c| c.rotation_over_points),
+            prior_mean_px: finite(privacy.guess(&scheme)),
+            other_pencil_neighbours: finite(privacy.other_pencil(&scheme)),
+            bits: adversaries.iter().map(|a| (a.adversary, a.bits)).collect(),
+            protects_as_paper: None,
+            adversaries,
+            conditions: accuracy.conditions,
+        }
+    }
+
+    /// What the strongest realistic adversary gains, bits; `None` without one.
+    pub fn worst_realistic(&self) -> Option<f64> {
+        self.adversaries.iter().filter(|a| a.realistic).map(|a| a.bits).max_by(f64::total_cmp)
+    }
+
+    /// Whether it protects as well as another row does.
+    fn protects_as(&self, other: &Self) -> bool {
+        let guess = self.prior_mean_px.zip(other.prior_mean_px).is_some_and(|(own, least)| own >= least);
+        // One who does worse than the guess takes the guess.
+        let gain = |bits: f64| bits.max(0.0);
+        let holds = |a: &AdversaryFigures| {
+            other.bits.get(a.adversary).is_some_and(|b| gain(a.bits) <= gain(*b) + LEEWAY_BITS)
+        };
+        guess && self.adversaries.iter().filter(|a| a.realistic).all(holds)
+    }
+}
+
+impl LayoutsDocument {
+    /// Holds every row against the paper's.
+    pub(super) fn compare(&mut self) {
+        let Some(paper) = self.rows.iter().find(|row| row.layout == super::PAPER).cloned() else { return };
+        for row in &mut self.rows {
+            row.protects_as_paper = Some(row.protects_as(&paper));
+        }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub(in crate::privacy::layouts) fn row(
+        layout: &str,
+        error: f64,
+        guess: f64,
+        bits: [f64; 2],
+    ) -> LayoutRow {
+        let figures = |adversary, realistic, bits| AdversaryFigures {
+            adversary,
+            realistic,
+            attack: "graph".to_owned(),
+            frames: None,
+            bits,
+            mean_px: 50.0,
+            median_px: 40.0,
+        };
+        let adversaries =
+            vec![figures("outsider-statistic", true, bits[0]), figures("true-neighbours", false, bits[1])];
+        LayoutRow {
+            layout: layout.to_owned(),
+            error_over_points: Some(error),
+            tail_over_points: None,
+            rotation_over_points: Some(error),
+            prior_mean_px: Some(guess),
+            other_pencil_neighbours: Some(0.02),
+            bits: adversaries.iter().map(|a| (a.adversary, a.bits)).collect(),
+            protects_as_paper: None,
+            adversaries,
+            conditions: Vec::new(),
+        }
+    }
+
+    pub(in crate::privacy::layouts) fn document(rows: Vec<LayoutRow>) -> LayoutsDocument {
+        LayoutsDocument {
+            version: 1,
+            command: "eval layouts",
+            data: "a".to_owned(),
+            queries: 3,
+            attacked: 1,
+            map_images: 5,
+            k: 20,
+            seed: 0,
+            seeds: 1,
+            rows,
+        }
+    }
+
+    #[test]
+    fn a_layout_protects_as_the_papers_when_guess_and_realistic_adversaries_say_so() {
+        let paper = || row(super::super::PAPER, 2.8, 80.0, [-0.1, 4.0]);
+        let mut all = document(vec![
+            paper(),
+            row("a", 1.4, 80.0, [0.04, 6.0]),
+            row("b", 1.4, 79.9, [-0.1, 4.0]),
+            row("c", 1.4, 90.0, [0.06, 4.0]),
+        ]);
+        all.compare();
+        let says: Vec<_> = all.rows.iter().map(|r| r.protects_as_paper).collect();
+        assert_eq!(says, [Some(true), Some(true), Some(false), Some(false)]);
+        assert_eq!(all.rows[1].worst_realistic(), Some(0.04));
+        let mut alone = document(vec![row("a", 1.4, 80.0, [0.0, 6.0])]);
+        alone.compare();
+        assert_eq!(alone.rows[0].protects_as_paper, None);
+    }
+}

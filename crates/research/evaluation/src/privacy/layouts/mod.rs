@@ -1,0 +1,94 @@
+//! `veiloc eval layouts`: layouts of dcl, each judged by its poses beside those of points and by what attackers gain.
+//!
+//! A layout ([`DclLayout`]) says where the anchors are and which of them a keypoint is joined to. Poses come from the whole
+//! road, under hard conditions too; attacks are those of the audit, on the same queries ([`Adversary`](crate::privacy::adversaries::Adversary)).
+
+mod accuracy;
+mod document;
+mod options;
+mod privacy;
+mod table;
+
+use std::collections::BTreeMap;
+
+use crate::ProblemSource;
+use crate::stress::{StressQuery, evaluate_stress};
+use veiloc_features::Progress;
+use veiloc_protocol::{DclLayout, Scheme};
+
+use crate::privacy::adversaries::Keypoints;
+use crate::privacy::error::TradeoffError;
+use accuracy::Accuracy;
+use privacy::Privacy;
+
+pub use accuracy::ConditionFigures;
+pub use document::{LEEWAY_BITS, LayoutRow, LayoutsDocument};
+pub use options::LayoutsEvaluation;
+pub use privacy::AdversaryFigures;
+pub use table::layouts_table;
+
+/// Judges every layout.
+///
+/// # Errors
+/// [`TradeoffError`] when data is missing, a map cannot be built, or nothing was asked for. A query that is not localized
+/// is a result, not an error.
+pub fn evaluate_layouts(
+    evaluation: &LayoutsEvaluation,
+    progress: &dyn Progress,
+) -> Result<LayoutsDocument, TradeoffError> {
+    evaluation.check()?;
+    let stress = &evaluation.stress;
+    let source = ProblemSource {
+        posed: &stress.posed,
+        images: &stress.images,
+        map_list: &stress.map_list,
+        query_list: &stress.query_list,
+        build: &stress.build,
+        localize: &stress.localize,
+        masks: &BTreeMap::new(),
+        seed: stress.seed,
+    };
+    let keypoints = Keypoints::of_place(&source, evaluation.attacked, progress)?;
+    let mut stressed = Stressed { place: String::new(), queries: Vec::new() };
+    for seed in evaluation.seeds() {
+        let mut stress = evaluation.stress.clone();
+        stress.schemes = std::iter::once(Scheme::Points)
+            .chain(evaluation.layouts.iter().copied().map(Scheme::Dcl))
+            .collect();
+        stress.seed = seed;
+        let found = evaluate_stress(&stress, progress)?;
+        stressed.place = found.data;
+        stressed.queries.extend(found.queries);
+    }
+    let accuracy = |layout: &DclLayout| Accuracy::of(&stressed.queries, Scheme::Dcl(*layout));
+    let privacy = Privacy::of(evaluation, &keypoints, progress)?;
+    let rows = evaluation.layouts.iter().map(|layout| LayoutRow::of(*layout, accuracy(layout), &privacy));
+    let mut document = LayoutsDocument {
+        version: 1,
+        command: "eval layouts",
+        data: stressed.place,
+        queries: evaluation.stress.query_list.len(),
+        attacked: keypoints.attacked.len(),
+        map_images: keypoints.place.as_ref().map_or(0, |place| place.map.len()),
+        k: evaluation.k,
+        seed: evaluation.stress.seed,
+        seeds: evaluation.seeds,
+        rows: rows.collect(),
+    };
+    document.compare();
+    Ok(document)
+}
+
+/// All queries under all conditions, layouts and seeds.
+struct Stressed {
+    place: String,
+    queries: Vec<StressQuery>,
+}
+
+/// A layout as scripts read it: the paper's is called so, also while it is the default.
+fn name(layout: DclLayout) -> String {
+    if layout == DclLayout::VERTICAL { PAPER.to_owned() } else { Scheme::Dcl(layout).to_string() }
+}
+
+/// The paper's layout.
+const PAPER: &str = "dcl:paper";

@@ -1,0 +1,232 @@
+//! The attack on one image of a session: with how many frames, on which of its keypoints.
+
+use crate::EvalError;
+use rayon::prelude::*;
+use veiloc_attacks::multi_view::{
+    Frame, FramesOptions, RestingOptions, Sighted, most_telling_matched, resting_camera,
+    several_matched_frames,
+};
+use veiloc_attacks::{AttackError, Observation, errors_px, prior_only};
+use veiloc_descriptor::{MatchOptions, match_descriptors};
+use veiloc_geometry::Pixel;
+use veiloc_obfuscation::SessionAnchors;
+use veiloc_protocol::AngleBits;
+
+use super::SessionsEvaluation;
+use super::motion::Motion;
+use super::seen::{Posed, Seen};
+
+/// Whose positions are asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Measured {
+    /// Those of a region like a person, of which the map knows nothing; the server knows the others that it matched.
+    Private,
+    /// Those that the map knows, as if it did not.
+    Matched,
+}
+
+impl Measured {
+    pub(super) const ALL: [Self; 2] = [Self::Private, Self::Matched];
+}
+
+/// What the server tries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Method {
+    /// Lines of several poses, integrated over depth.
+    SeveralFrames,
+    /// The scatter of the angles of one pose.
+    RestingCamera,
+}
+
+impl Method {
+    /// Those that make sense of frames of this motion.
+    pub(super) const fn of(motion: Motion) -> &'static [Self] {
+        match motion {
+            Motion::Turning | Motion::Walking | Motion::Visiting => &[Self::SeveralFrames],
+            Motion::Resting => &[Self::SeveralFrames, Self::RestingCamera],
+        }
+    }
+}
+
+/// One attack over: errors of the keypoints asked for and of the guess, pixels.
+#[derive(Default)]
+pub(super) struct Attacked {
+    pub(super) errors: Vec<f64>,
+    pub(super) guess: Vec<f64>,
+    pub(super) size: (u32, u32),
+}
+
+/// Shares by which nearer and farther depths than those of the matched points are allowed.
+const NEARER: f64 = 0.5;
+const FARTHER: f64 = 2.0;
+/// Ratio of descriptor distances up to which a match of two frames counts.
+const RATIO: f32 = 0.9;
+
+/// Attacks frame `own` with frames of `others`, in the order of [`super::SessionRow::of`]: by measure, method and number
+/// of frames. Empty where the server does not trust its pose.
+pub(super) fn attack(
+    evaluation: &SessionsEvaluation,
+    (anchors, motion): (SessionAnchors, Motion),
+    seen: &[Seen],
+    own: usize,
+    others: &[usize],
+) -> Result<Vec<Attacked>, EvalError> {
+    let methods =
+        || Measured::ALL.into_iter().flat_map(|m| Method::of(motion).iter().map(move |by| (m, *by)));
+    let Some(posed) = &seen[own].posed else {
+        return Ok(methods().flat_map(|_| evaluation.frames.iter().map(|_| Attacked::default())).collect());
+    };
+    let others: Vec<Other<'_>> = others
+        .par_iter()
+        .filter_map(|i| seen[*i].posed.as_ref())
+        .map(|other| Other { posed: other, matches: matches(posed, other) })
+        .collect();
+    let name = &seen[own].result.name;
+    let codes = codes(anchors, evaluation);
+    let mut all = Vec::new();
+    for (measured, method) in methods() {
+        let target = Target::new(posed, measured);
+        let of_each = target.attacked(&others, motion, method, &codes, &evaluation.frames);
+        all.extend(of_each.map_err(|e| EvalError::DataSet(format!("{name}: {e}")))?);
+    }
+    Ok(all)
+}
+
+/// Another frame, and which of its rows shows the keypoint of a row of the attacked one: `[N]`.
+struct Other<'a> {
+    posed: &'a Posed,
+    matches: Vec<Option<usize>>,
+}
+
+/// By descriptors alone: mutual, and by ratio.
+fn matches(from: &Posed, to: &Posed) -> Vec<Option<usize>> {
+    let options = MatchOptions::default().with_max_ratio(Some(RATIO));
+    let mut matches = vec![None; from.lines.len()];
+    for m in match_descriptors(from.query.descriptors(), to.query.descriptors(), &options) {
+        matches[m.query as usize] = Some(m.database as usize);
+    }
+    matches
+}
+
+/// The attacked frame.
+struct Target<'a> {
+    posed: &'a Posed,
+    observations: Vec<Observation>,
+    asked: Vec<bool>,
+    options: FramesOptions,
+}
+
+impl<'a> Target<'a> {
+    fn new(posed: &'a Posed, measured: Measured) -> Self {
+        let told = |i: usize| posed.known[i].filter(|_| measured == Measured::Private && !posed.private[i]);
+        let observations = (0..posed.lines.len())
+            .map(|i| told(i).map_or(posed.lines[i], |(pixel, _)| Observation::Known(pixel)))
+            .collect();
+        let asked = match measured {
+            Measured::Private => posed.private.clone(),
+            Measured::Matched => {
+                (0..posed.lines.len()).map(|i| posed.known[i].is_some() && posed.truth[i].is_some()).collect()
+            }
+        };
+        let depths = || posed.known.iter().flatten().map(|k| k.1);
+        let (least, most) = depths().fold((f64::INFINITY, 0.0_f64), |(a, b), z| (a.min(z), b.max(z)));
+        let beside: Vec<(Pixel, f64)> = (0..posed.lines.len()).filter_map(told).collect();
+        let options = FramesOptions::with_depths([NEARER * least, FARTHER * most]);
+        Self { posed, observations, options: options.beside(beside).asking(asked.clone()), asked }
+    }
+
+    fn size(&self) -> (u32, u32) {
+        (self.posed.camera.width, self.posed.camera.height)
+    }
+
+    fn frame(&self) -> Frame<'_> {
+        Frame { observations: &self.observations, ..self.posed.frame() }
+    }
+
+    /// With as many frames as each row says.
+    fn attacked(
+        &self,
+        others: &[Other<'_>],
+        motion: Motion,
+        method: Method,
+        codes: &RestingOptions,
+        counts: &[usize],
+    ) -> Result<Vec<Attacked>, AttackError> {
+        let longest = counts.iter().copied().max().unwrap_or(2);
+        let frames: Vec<Frame<'_>> = others.iter().map(|o| o.posed.frame()).collect();
+        let matches: Vec<&[Option<usize>]> = others.iter().map(|o| o.matches.as_slice()).collect();
+        let chosen: Vec<usize> = match motion {
+            Motion::Turning | Motion::Visiting => {
+                most_telling_matched(&self.frame(), &frames, &matches, longest - 1, &self.options)?
+            }
+            Motion::Walking | Motion::Resting => (0..others.len()).collect(),
+        };
+        let (width, height) = self.size();
+        let guess = prior_only(&self.observations, width, height);
+        counts
+            .iter()
+            .map(|count| {
+                let chosen: Vec<&Other<'_>> = chosen.iter().take(count - 1).map(|i| &others[*i]).collect();
+                let found = match method {
+                    _ if chosen.is_empty() => None,
+                    Method::SeveralFrames => Some(self.by_planes(&chosen)?),
+                    Method::RestingCamera => Some(self.by_scatter(&chosen, codes)?),
+                };
+                let answer =
+                    |i: usize| found.as_ref().and_then(|f: &Vec<Sighted>| f[i].pixel).unwrap_or(guess[i]);
+                let judged: Vec<(usize, Pixel)> = (0..self.asked.len())
+                    .filter(|i| self.asked[*i])
+                    .filter_map(|i| Some((i, self.posed.truth[i]?)))
+                    .collect();
+                let truth: Vec<Pixel> = judged.iter().map(|j| j.1).collect();
+                Ok(Attacked {
+                    errors: errors_px(judged.iter().map(|j| answer(j.0)), &truth),
+                    guess: errors_px(judged.iter().map(|j| guess[j.0]), &truth),
+                    size: (width, height),
+                })
+            })
+            .collect()
+    }
+
+    fn by_planes(&self, chosen: &[&Other<'_>]) -> Result<Vec<Sighted>, AttackError> {
+        let all: Vec<Frame<'_>> =
+            std::iter::once(self.frame()).chain(chosen.iter().map(|o| o.posed.frame())).collect();
+        let matches: Vec<&[Option<usize>]> = chosen.iter().map(|o| o.matches.as_slice()).collect();
+        several_matched_frames(&all, &matches, &self.options)
+    }
+
+    fn by_scatter(&self, chosen: &[&Other<'_>], codes: &RestingOptions) -> Result<Vec<Sighted>, AttackError> {
+        let of = |o: &&Other<'_>| o.matches.iter().map(|m| m.map(|j| o.posed.lines[j])).collect();
+        let others: Vec<Vec<Option<Observation>>> = chosen.iter().map(of).collect();
+        resting_camera(&self.observations, &others, self.size(), codes)
+    }
+}
+
+impl Posed {
+    /// As it was sent.
+    fn frame(&self) -> Frame<'_> {
+        Frame {
+            camera: self.camera,
+            cam_from_world: self.cam_from_world,
+            observations: &self.lines,
+            descriptors: &self.descriptors,
+        }
+    }
+}
+
+/// What whoever reads frames of a camera at rest supposes of their codes: those of anchors in the world are cells of the
+/// session's grid, and others are dithered.
+fn codes(anchors: SessionAnchors, evaluation: &SessionsEvaluation) -> RestingOptions {
+    let step = evaluation.session.step;
+    let options = if anchors != SessionAnchors::Image && step > 0.0 {
+        RestingOptions::of_one_image(step).without_dither()
+    } else {
+        RestingOptions::of_one_image(std::f64::consts::PI / f64::from(AngleBits::default().levels()))
+    };
+    options.with_noise(DETECTOR_PX)
+}
+
+/// By how much the detector is taken to err from frame to frame of a camera at rest, along each axis, pixels.
+const DETECTOR_PX: f64 = 0.2;

@@ -1,0 +1,226 @@
+//! The JSON document of `veiloc eval sessions`.
+
+use crate::results::metrics::{finite, median};
+use crate::results::{MapSummary, SchemeSummary};
+use serde::Serialize;
+use veiloc_attacks::{ErrorSummary, bits_over_prior};
+use veiloc_obfuscation::SessionAnchors;
+use veiloc_protocol::Scheme;
+
+use super::SessionsEvaluation;
+use super::attack::{Attacked, Measured, Method};
+use super::device::{Gyroscope, Sealed};
+use super::motion::Motion;
+
+/// What `eval sessions --json` prints.
+#[derive(Debug, Clone, Serialize)]
+pub struct SessionsDocument {
+    /// Version of this document; a field is never removed or given another meaning under the same number.
+    pub version: u32,
+    /// The command, `eval sessions`.
+    pub command: &'static str,
+    /// Facts about the map.
+    pub map: MapSummary,
+    /// Images of the query list, which are one walk.
+    pub images: usize,
+    /// Share of an image's keypoints that the private region holds.
+    pub private: f64,
+    /// Width of the band along borders of sectors that is left out, degrees.
+    pub band_deg: f64,
+    /// Width of the cells that angles of sessions are told on, radians.
+    pub step: f64,
+    /// Whether sessions remember what they told of which keypoint.
+    pub memory: bool,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// What single frames of a session are worth: one entry for each scheme, anchors and errors of orientations.
+    pub frames: Vec<FramesFigures>,
+    /// What several frames give away.
+    pub rows: Vec<SessionRow>,
+}
+
+impl SessionsDocument {
+    pub(super) fn new(evaluation: &SessionsEvaluation, map: MapSummary) -> Self {
+        Self {
+            version: 1,
+            command: "eval sessions",
+            map,
+            images: evaluation.place.query_list.len(),
+            private: evaluation.private,
+            band_deg: evaluation.session.band_deg,
+            step: evaluation.session.step,
+            memory: evaluation.session.memory,
+            seed: evaluation.place.seed,
+            frames: Vec::new(),
+            rows: Vec::new(),
+        }
+    }
+}
+
+/// The single frames of a walk.
+#[derive(Debug, Clone, Serialize)]
+pub struct FramesFigures {
+    /// `image`, `world` or `gravity`.
+    pub anchors: String,
+    /// Standard deviation of each orientation's error about each axis, degrees.
+    pub gyro_deg: f64,
+    /// Standard deviation of its drift from a frame to the next, degrees.
+    pub drift_deg: f64,
+    /// How often the layout was put somewhere new.
+    pub starts: u32,
+    /// Keypoints of a frame that were sent, median; what was sent beside them is decoys.
+    pub keypoints: f64,
+    /// Recall, medians and times.
+    #[serde(flatten)]
+    pub summary: SchemeSummary,
+}
+
+impl FramesFigures {
+    pub(super) fn new(
+        anchors: SessionAnchors,
+        gyroscope: &Gyroscope,
+        starts: u32,
+        sealed: &[Result<Sealed, String>],
+        mut summary: SchemeSummary,
+    ) -> Self {
+        let sealed = || sealed.iter().filter_map(|s| s.as_ref().ok());
+        let keypoints: Vec<f64> = sealed().map(|s| s.truth.source.iter().flatten().count() as f64).collect();
+        let mut bytes: Vec<usize> = sealed().map(|s| s.bytes.len()).collect();
+        bytes.sort_unstable();
+        summary.sealed_bytes = bytes.get(bytes.len() / 2).copied();
+        Self {
+            anchors: anchors.to_string(),
+            gyro_deg: gyroscope.gyro_deg,
+            drift_deg: gyroscope.drift_deg,
+            starts,
+            keypoints: median(&keypoints),
+            summary,
+        }
+    }
+}
+
+/// What frames of a session give away together.
+#[derive(Debug, Clone, Serialize)]
+pub struct SessionRow {
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// `image`, `world` or `gravity`.
+    pub anchors: String,
+    /// `turning`, `walking`, `resting` or `visiting`.
+    pub motion: Motion,
+    /// Frames put together, the attacked one included.
+    pub frames: usize,
+    /// Standard deviation of each orientation's error about each axis, degrees.
+    pub gyro_deg: f64,
+    /// Standard deviation of its drift from a frame to the next, degrees.
+    pub drift_deg: f64,
+    /// Whose positions were asked for: `private`, a region like a person of which the map knows nothing, or `matched`, the
+    /// keypoints that it knows, as if it did not.
+    measured: Measured,
+    /// `several-frames` or `resting-camera`.
+    method: Method,
+    /// Images attacked whose pose the server trusts.
+    pub images: usize,
+    /// Keypoints asked for.
+    pub rows: usize,
+    /// Median error of the guess from the single line, pixels; null without keypoints.
+    pub prior_median_px: Option<f64>,
+    /// Median error of the attack, pixels; null without keypoints.
+    pub median_px: Option<f64>,
+    /// Share of keypoints within 10 px of the truth.
+    pub under_10px: Option<f64>,
+    /// Bits a keypoint beyond the guess: mean of `log2(e_guess / e_attack)`, errors held to 1 px and the diagonal.
+    pub bits_over_prior: Option<f64>,
+    #[serde(skip)]
+    errors: Vec<f64>,
+    #[serde(skip)]
+    guess: Vec<f64>,
+    /// Bits times keypoints.
+    #[serde(skip)]
+    bits: f64,
+}
+
+impl SessionRow {
+    /// Rows yet to be filled: by measure, method and number of frames.
+    pub(super) fn of(
+        evaluation: &SessionsEvaluation,
+        scheme: Scheme,
+        anchors: SessionAnchors,
+        motion: Motion,
+        gyroscope: &Gyroscope,
+    ) -> Vec<Self> {
+        let mut rows = Vec::new();
+        for measured in Measured::ALL {
+            for method in Method::of(motion) {
+                rows.extend(evaluation.frames.iter().map(|frames| Self {
+                    scheme: scheme.to_string(),
+                    anchors: anchors.to_string(),
+                    motion,
+                    frames: *frames,
+                    gyro_deg: gyroscope.gyro_deg,
+                    drift_deg: gyroscope.drift_deg,
+                    measured,
+                    method: *method,
+                    images: 0,
+                    rows: 0,
+                    prior_median_px: None,
+                    median_px: None,
+                    under_10px: None,
+                    bits_over_prior: None,
+                    errors: Vec::new(),
+                    guess: Vec::new(),
+                    bits: 0.0,
+                }));
+            }
+        }
+        rows
+    }
+
+    /// One image more.
+    pub(super) fn add(&mut self, attacked: &Attacked) {
+        if attacked.errors.is_empty() {
+            return;
+        }
+        let (width, height) = attacked.size;
+        let bits = bits_over_prior(&attacked.errors, &attacked.guess, width, height);
+        self.bits += bits * attacked.errors.len() as f64;
+        self.images += 1;
+        self.errors.extend(&attacked.errors);
+        self.guess.extend(&attacked.guess);
+    }
+
+    /// With its figures.
+    pub(super) fn finished(mut self) -> Self {
+        let (errors, guess) = (ErrorSummary::of(&self.errors), ErrorSummary::of(&self.guess));
+        self.rows = errors.count;
+        if errors.count > 0 {
+            self.prior_median_px = finite(guess.median_px);
+            self.median_px = finite(errors.median_px);
+            self.under_10px = finite(errors.under_10px);
+            self.bits_over_prior = finite(self.bits / errors.count as f64);
+        }
+        self
+    }
+
+    /// Whether all but the number of frames is the same.
+    pub(super) fn is_like(&self, other: &Self) -> bool {
+        let key = |r: &Self| (r.scheme.clone(), r.anchors.clone(), r.motion, r.measured, r.method);
+        key(self) == key(other) && [self.gyro_deg, self.drift_deg] == [other.gyro_deg, other.drift_deg]
+    }
+
+    /// Whose positions were asked for, in a word.
+    pub const fn asked(&self) -> &'static str {
+        match self.measured {
+            Measured::Private => "private",
+            Measured::Matched => "matched",
+        }
+    }
+
+    /// How, in a word.
+    pub(super) const fn by(&self) -> &'static str {
+        match self.method {
+            Method::SeveralFrames => "planes",
+            Method::RestingCamera => "scatter",
+        }
+    }
+}

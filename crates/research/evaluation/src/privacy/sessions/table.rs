@@ -1,0 +1,72 @@
+//! The two tables for people: what single frames are worth, and what several give away.
+
+use crate::results::text_table::{TextTable, percent};
+
+use super::document::{SessionRow, SessionsDocument};
+
+/// Single frames by scheme and anchors, then the attacks; bits of each number of frames side by side.
+pub fn table(document: &SessionsDocument) -> String {
+    let missing = || "\u{2014}".to_owned();
+    let thresholds: Vec<&String> =
+        document.frames.first().map_or_else(Vec::new, |f| f.summary.recall.keys().collect());
+    let mut head =
+        ["scheme", "anchors", "gyro °", "drift °", "starts", "keypoints", "trusted", "rot °", "trans"]
+            .map(str::to_owned)
+            .to_vec();
+    head.extend(thresholds.iter().map(|t| format!("≤{t} %")));
+    let mut singles = TextTable::new(head, 2);
+    for f in &document.frames {
+        let s = &f.summary;
+        let mut row = vec![
+            s.scheme.clone(),
+            f.anchors.clone(),
+            f.gyro_deg.to_string(),
+            f.drift_deg.to_string(),
+            f.starts.to_string(),
+            format!("{:.0}", f.keypoints),
+            format!("{}/{}", s.trusted.unwrap_or(0), s.queries),
+            s.median_rotation_deg.map_or_else(missing, |x| format!("{x:.3}")),
+            s.median_translation.map_or_else(missing, |x| format!("{x:.4}")),
+        ];
+        row.extend(thresholds.iter().map(|t| s.recall.get(*t).map_or_else(missing, |r| percent(*r))));
+        singles.push(row);
+    }
+
+    let mut counts: Vec<usize> = document.rows.iter().map(|r| r.frames).collect();
+    counts.sort_unstable();
+    counts.dedup();
+    let mut head = ["scheme", "anchors", "motion", "gyro °", "drift °", "of", "by", "keypoints", "guess px"]
+        .map(str::to_owned)
+        .to_vec();
+    head.extend(counts.iter().flat_map(|n| [format!("{n}: bits"), "px".to_owned()]));
+    let mut attacks = TextTable::new(head, 7);
+    let mut rest: &[SessionRow] = &document.rows;
+    while let Some(first) = rest.first() {
+        let same = rest.iter().take_while(|r| r.is_like(first)).count();
+        let (group, others) = rest.split_at(same.max(1));
+        rest = others;
+        let mut row = vec![
+            first.scheme.clone(),
+            first.anchors.clone(),
+            first.motion.to_string(),
+            first.gyro_deg.to_string(),
+            first.drift_deg.to_string(),
+            first.asked().to_owned(),
+            first.by().to_owned(),
+            first.rows.to_string(),
+            first.prior_median_px.map_or_else(missing, |x| format!("{x:.0}")),
+        ];
+        for count in &counts {
+            let of = group.iter().find(|r| r.frames == *count);
+            row.push(of.and_then(|r| r.bits_over_prior).map_or_else(missing, |x| format!("{x:+.2}")));
+            row.push(of.and_then(|r| r.median_px).map_or_else(missing, |x| format!("{x:.0}")));
+        }
+        attacks.push(row);
+    }
+    format!(
+        "Single frames of the walk, each localized from its sealed bytes.\n\n{}\n\
+         What several frames give away: bits a keypoint beyond the guess, and the median error, by number of frames.\n\n{}",
+        singles.render(),
+        attacks.render()
+    )
+}

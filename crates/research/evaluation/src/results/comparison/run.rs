@@ -1,0 +1,192 @@
+//! A run to compare: the document of `eval scene` or `eval pose`, read again.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::results::metrics::{PoseError, Threshold};
+
+/// Why two documents cannot be compared.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ComparisonError {
+    /// Not JSON, cut short, or of another form.
+    #[error("this is no document of an evaluation: {0}")]
+    Document(String),
+    /// A document of another command.
+    #[error(
+        "this is a document of {0:?}, and only those of `eval scene`, `pose`, `7scenes`, `cambridge` and `aachen` are compared"
+    )]
+    Command(String),
+    /// A version that is not known here.
+    #[error("this document is of version {0}, and 1 is known here")]
+    Version(u64),
+    /// The same query twice in one row, so that nobody knows which is meant.
+    #[error("{row}: the query {name:?} is there twice with seed {seed}")]
+    Twice {
+        /// The row.
+        row: String,
+        /// The query.
+        name: String,
+        /// Its seed.
+        seed: u64,
+    },
+    /// No row of both has the name that was asked for, or none has the same.
+    #[error("no rows to compare: the first has {first}; the second has {second}")]
+    NoRows {
+        /// Rows of the first.
+        first: String,
+        /// Rows of the second.
+        second: String,
+    },
+    /// Rows without a query in common.
+    #[error("{row}: no query is in both")]
+    NoQueries {
+        /// The row.
+        row: String,
+    },
+}
+
+/// Whose documents are compared.
+const COMMANDS: [&str; 5] = ["eval scene", "eval pose", "eval 7scenes", "eval cambridge", "eval aachen"];
+
+/// Name and seed.
+type Key = (String, u64);
+
+/// Queries of one row of a run's table.
+pub(super) type Row = BTreeMap<Key, Query>;
+
+/// What one query came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Query {
+    pub(super) error: PoseError,
+    /// All stages together.
+    pub(super) ms: f64,
+}
+
+/// Results of an evaluation, read from its document.
+#[derive(Debug, Clone)]
+pub struct Run {
+    pub(super) data: Vec<String>,
+    /// Translation and degrees, as the document's own recall has them.
+    pub(super) thresholds: Vec<Threshold>,
+    /// By how people call the row.
+    pub(super) rows: BTreeMap<String, Row>,
+}
+
+#[derive(Deserialize)]
+struct Head {
+    command: String,
+    version: u64,
+}
+
+#[derive(Deserialize)]
+struct Document {
+    data: Vec<String>,
+    schemes: Vec<Summary>,
+    queries: Vec<One>,
+}
+
+#[derive(Deserialize)]
+struct Summary {
+    recall: BTreeMap<String, f64>,
+}
+
+#[derive(Deserialize)]
+struct One {
+    name: String,
+    scheme: String,
+    score: String,
+    #[serde(default)]
+    recipe: Option<String>,
+    prior: bool,
+    fixed_hypotheses: Option<usize>,
+    #[serde(default)]
+    gravity: Option<String>,
+    /// Of documents of several places.
+    #[serde(default)]
+    place: Option<String>,
+    #[serde(default = "yes")]
+    is_judged: bool,
+    seed: u64,
+    rotation_error_deg: Option<f64>,
+    translation_error: Option<f64>,
+    ms: BTreeMap<String, f64>,
+}
+
+const fn yes() -> bool {
+    true
+}
+
+impl One {
+    /// The row it is of, in words.
+    fn row(&self) -> String {
+        let mut row = vec![self.scheme.clone()];
+        if let Some(recipe) = &self.recipe {
+            row.push(recipe.clone());
+        } else {
+            row.push(self.score.clone());
+            row.extend((!self.prior).then(|| "no prior".to_owned()));
+            row.extend(self.fixed_hypotheses.map(|n| format!("{n} hypotheses")));
+        }
+        row.extend(self.gravity.as_ref().map(|gravity| format!("gravity {gravity}")));
+        row.extend(self.place.clone());
+        row.join(", ")
+    }
+
+    fn query(&self) -> Query {
+        let error = match (self.rotation_error_deg, self.translation_error) {
+            (Some(rotation_deg), Some(translation)) => PoseError { rotation_deg, translation },
+            _ => PoseError::NOT_LOCALIZED,
+        };
+        Query { error, ms: self.ms.values().sum() }
+    }
+}
+
+impl Run {
+    /// Reads a document.
+    ///
+    /// # Errors
+    /// [`ComparisonError`]: no such document, one of another command or version, or one that tells of a query twice.
+    pub fn parse(json: &str) -> Result<Self, ComparisonError> {
+        let no_document = |error: serde_json::Error| ComparisonError::Document(error.to_string());
+        let value: Value = serde_json::from_str(json).map_err(no_document)?;
+        let head = Head::deserialize(&value).map_err(no_document)?;
+        if !COMMANDS.contains(&head.command.as_str()) {
+            return Err(ComparisonError::Command(head.command));
+        }
+        if head.version != 1 {
+            return Err(ComparisonError::Version(head.version));
+        }
+        let document = Document::deserialize(&value).map_err(no_document)?;
+        let mut rows: BTreeMap<String, Row> = BTreeMap::new();
+        for result in document.queries.iter().filter(|result| result.is_judged) {
+            let row = result.row();
+            let key = (result.name.clone(), result.seed);
+            if rows.entry(row.clone()).or_default().insert(key, result.query()).is_some() {
+                return Err(ComparisonError::Twice { row, name: result.name.clone(), seed: result.seed });
+            }
+        }
+        let mut thresholds: Vec<Threshold> = Vec::new();
+        for text in document.schemes.iter().flat_map(|row| row.recall.keys()) {
+            let threshold =
+                text.parse().map_err(|_| ComparisonError::Document(format!("{text:?} is no threshold")))?;
+            if !thresholds.contains(&threshold) {
+                thresholds.push(threshold);
+            }
+        }
+        thresholds.sort_by(|a, b| a.translation.total_cmp(&b.translation));
+        Ok(Self { data: document.data, thresholds, rows })
+    }
+
+    /// What was evaluated on.
+    pub fn data(&self) -> &[String] {
+        &self.data
+    }
+
+    /// Its rows, as people call them.
+    pub fn rows(&self) -> impl Iterator<Item = &str> {
+        self.rows.keys().map(String::as_str)
+    }
+}

@@ -1,0 +1,380 @@
+//! What `veiloc eval pose` and `veiloc eval scene` found: the stable JSON document.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use veiloc_geometry::CameraFromWorld;
+use veiloc_pose::{ScoreKind, State};
+use veiloc_protocol::Scheme;
+
+use crate::results::metrics::{PoseError, finite};
+use crate::results::state::{as_text_if_any, from_text_if_any};
+use crate::results::uncertainty::{QueryUncertainty, TrustedUncertainty};
+
+/// The document that `eval pose --json` and `eval scene --json` print.
+#[derive(Debug, Clone, Serialize)]
+pub struct Evaluation {
+    /// Version of this document; a field is never removed or given another meaning under the same number.
+    pub version: u32,
+    /// The command, `eval pose` or `eval scene`.
+    pub command: &'static str,
+    /// What was evaluated on.
+    pub data: Vec<String>,
+    /// Seed of every random choice; the first of them when there were several.
+    pub seed: u64,
+    /// Whether matches were weighed by descriptor ratio, votes and track length, where no recipe says otherwise.
+    pub prior: bool,
+    /// Hypotheses of every query; null when the estimator stopped by itself, or when the rows differ.
+    pub fixed_hypotheses: Option<usize>,
+    /// One entry per row of the table: scheme and how poses were estimated.
+    pub schemes: Vec<SchemeSummary>,
+    /// One entry per row, seed and query.
+    pub queries: Vec<QueryResult>,
+    /// Queries of another place, of which none should be localized: one entry per row and query.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub negatives: Vec<NegativeResult>,
+    /// Facts about the map, for `eval scene`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map: Option<MapSummary>,
+}
+
+/// How poses were estimated, beside scheme and score.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Variant {
+    /// Name of the recipe; absent when single options were given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recipe: Option<String>,
+    /// Whether matches were weighed by what speaks for them.
+    pub prior: bool,
+    /// Hypotheses of every query; null when the estimator stopped by itself or searched nothing.
+    pub fixed_hypotheses: Option<usize>,
+    /// What the estimator was told about gravity: `file`, `none`, or the degrees it was wrong by; absent when nothing was
+    /// asked for and the data brings none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gravity: Option<String>,
+}
+
+/// All queries of one row.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct SchemeSummary {
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// Score by which hypotheses were compared.
+    pub score: String,
+    /// How poses were estimated.
+    #[serde(flatten)]
+    pub variant: Variant,
+    /// How many queries; each counts once a seed.
+    pub queries: usize,
+    /// How many got a pose at all, right or wrong.
+    pub localized: usize,
+    /// How many got a pose that the estimator itself trusts; absent where it was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trusted: Option<usize>,
+    /// How many of the trusted are outside every threshold.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trusted_wrong: Option<usize>,
+    /// How many got a pose that the estimator doubts; absent where it was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub doubtful: Option<usize>,
+    /// How many got no pose, or one no better than chance; absent where the estimator was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub not_found: Option<usize>,
+    /// Median over all judged queries, degrees; null when more than half were not localized.
+    pub median_rotation_deg: Option<f64>,
+    /// Median over all judged queries, map units; null when more than half were not localized.
+    pub median_translation: Option<f64>,
+    /// Threshold (`translation/degrees`) to share of the judged queries within it, 0 to 1; empty when none is judged.
+    pub recall: BTreeMap<String, f64>,
+    /// How often the covariances of trusted poses hold the truth; absent when none is trusted.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<TrustedUncertainty>,
+    /// Mean share of correspondences that agree with the estimated pose.
+    pub mean_inlier_ratio: Option<f64>,
+    /// Median number of hypotheses drawn.
+    pub median_hypotheses: Option<f64>,
+    /// Bytes of one sealed query, median; absent where nothing is sealed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sealed_bytes: Option<usize>,
+    /// What was sent of a query; absent where nothing is.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub sent: Option<SentSummary>,
+    /// Stage to median milliseconds.
+    pub median_ms: BTreeMap<String, f64>,
+    /// The same figures seed by seed; empty when there was only one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub per_seed: Vec<SeedSummary>,
+    /// What became of the queries of another place.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub negatives: Option<NegativeSummary>,
+}
+
+/// All queries of one row under one seed; fields as in [`SchemeSummary`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "the fields are those of SchemeSummary")]
+pub struct SeedSummary {
+    pub seed: u64,
+    pub localized: usize,
+    pub trusted: Option<usize>,
+    pub median_rotation_deg: Option<f64>,
+    pub median_translation: Option<f64>,
+    pub recall: BTreeMap<String, f64>,
+    pub median_ms: BTreeMap<String, f64>,
+}
+
+/// How many queries of another place were taken for queries of this one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct NegativeSummary {
+    /// How many queries.
+    pub queries: usize,
+    /// How many got a pose: each is wrong.
+    pub localized: usize,
+    /// How many got a pose that the estimator trusts: each is a false positive.
+    pub trusted: usize,
+}
+
+impl NegativeSummary {
+    /// The negatives of one row.
+    pub fn of(results: &[NegativeResult]) -> Self {
+        Self {
+            queries: results.len(),
+            localized: results.iter().filter(|r| r.localized).count(),
+            trusted: results.iter().filter(|r| r.trusted).count(),
+        }
+    }
+}
+
+/// One query under one row.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct QueryResult {
+    /// Its name in the data.
+    pub name: String,
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// Score by which hypotheses were compared.
+    pub score: String,
+    /// How the pose was estimated.
+    #[serde(flatten)]
+    pub variant: Variant,
+    /// Seed of this run.
+    pub seed: u64,
+    /// The estimated pose; absent when not localized.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cam_from_world: Option<PoseDocument>,
+    /// Whether the estimator trusts it; absent when not localized, or where it was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trusted: Option<bool>,
+    /// What the estimator says the pose is worth; absent where it was not asked.
+    #[serde(
+        default,
+        serialize_with = "as_text_if_any",
+        deserialize_with = "from_text_if_any",
+        skip_serializing_if = "Option::is_none"
+    )]
+    pub state: Option<State>,
+    /// Whether the true pose is known. Where it is not, there are no errors, and no figure of the row counts the query but how
+    /// many there are and what became of them. Absent when true.
+    #[serde(default = "yes", skip_serializing_if = "is_true")]
+    pub is_judged: bool,
+    /// Degrees; null when not localized or not judged.
+    pub rotation_error_deg: Option<f64>,
+    /// Map units; null when not localized or not judged.
+    pub translation_error: Option<f64>,
+    /// The error against the covariance; absent when not localized, or where there is none.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<QueryUncertainty>,
+    /// Correspondences that agree with the pose.
+    pub inliers: usize,
+    /// Correspondences there were.
+    pub correspondences: usize,
+    /// Hypotheses drawn.
+    pub hypotheses: usize,
+    /// Why there is no pose, when there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
+    /// Bytes of the sealed query; absent where nothing is sealed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sealed_bytes: Option<usize>,
+    /// What was sent of it; absent where nothing is.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub sent: Option<SentDocument>,
+    /// Stage to milliseconds.
+    pub ms: BTreeMap<String, f64>,
+}
+
+/// What was sent for one query.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SentDocument {
+    /// Rows that the server has seen, each counted once, decoys included.
+    pub sent_rows: usize,
+    /// Bytes of all messages together.
+    pub sent_bytes: usize,
+    /// Rows that agree with the pose: a server that knows the pose knows where in the image these are. 0 without a pose.
+    pub exposed: usize,
+}
+
+/// What was sent for the queries of a row.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SentSummary {
+    /// Mean of [`SentDocument::sent_rows`].
+    pub mean_rows: f64,
+    /// Mean of [`SentDocument::sent_bytes`].
+    pub mean_bytes: f64,
+    /// Mean of [`SentDocument::exposed`].
+    pub mean_exposed: f64,
+}
+
+impl SentSummary {
+    /// Of these queries; `None` for none.
+    pub fn of(each: &[SentDocument]) -> Option<Self> {
+        let mean = |of: fn(&SentDocument) -> usize| {
+            each.iter().map(|sent| of(sent) as f64).sum::<f64>() / each.len() as f64
+        };
+        (!each.is_empty()).then(|| Self {
+            mean_rows: mean(|sent| sent.sent_rows),
+            mean_bytes: mean(|sent| sent.sent_bytes),
+            mean_exposed: mean(|sent| sent.exposed),
+        })
+    }
+}
+
+/// One query of another place under one row.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NegativeResult {
+    /// Its name in the data.
+    pub name: String,
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// Score by which hypotheses were compared.
+    pub score: String,
+    /// Whether it got a pose, which is wrong in any case.
+    pub localized: bool,
+    /// Whether the estimator trusts that pose.
+    pub trusted: bool,
+    /// Correspondences that agree with the pose.
+    pub inliers: usize,
+    /// Correspondences there were.
+    pub correspondences: usize,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands out references")]
+const fn is_true(is: &bool) -> bool {
+    *is
+}
+
+const fn yes() -> bool {
+    true
+}
+
+/// A pose in a document, world to camera.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PoseDocument {
+    /// Hamilton quaternion `w x y z`.
+    pub q: [f64; 4],
+    /// Translation, map units.
+    pub t: [f64; 3],
+}
+
+impl PoseDocument {
+    /// Of a pose.
+    pub fn of(pose: &CameraFromWorld) -> Self {
+        let t = pose.translation();
+        Self { q: pose.quaternion(), t: [t.x, t.y, t.z] }
+    }
+
+    /// The pose again; `None` when the numbers are none.
+    pub fn pose(&self) -> Option<CameraFromWorld> {
+        CameraFromWorld::from_quaternion(self.q, self.t)
+    }
+}
+
+/// Facts about the map a scene was localized in.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct MapSummary {
+    /// Registered images.
+    pub images: usize,
+    /// Map points.
+    pub points: usize,
+    /// Bytes of the map file.
+    pub bytes: u64,
+    /// Seconds to build it, all images together.
+    pub build_seconds: f64,
+    /// The regions that it was cut into, where it was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub regions: Option<RegionsSummary>,
+}
+
+/// Facts about the regions of a map, each query of a scene being asked in up to three of them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RegionsSummary {
+    /// How many.
+    pub count: usize,
+    /// Images of all of them, those that several hold as often as they are held.
+    pub images_held: u64,
+    /// Bytes of all their map files.
+    pub bytes: u64,
+    /// Bytes of the largest.
+    pub largest_bytes: u64,
+    /// Bytes of the index.
+    pub index_bytes: u64,
+}
+
+impl QueryResult {
+    /// A query that has no pose (yet).
+    pub fn unsolved(name: &str, scheme: Scheme, score: ScoreKind) -> Self {
+        Self {
+            name: name.to_owned(),
+            scheme: scheme.to_string(),
+            score: score.to_string(),
+            variant: Variant::default(),
+            seed: 0,
+            cam_from_world: None,
+            trusted: None,
+            state: None,
+            is_judged: true,
+            rotation_error_deg: None,
+            translation_error: None,
+            uncertainty: None,
+            inliers: 0,
+            correspondences: 0,
+            hypotheses: 0,
+            failure: None,
+            sealed_bytes: None,
+            sent: None,
+            ms: BTreeMap::new(),
+        }
+    }
+
+    /// With the reason why there is no pose.
+    pub fn because(mut self, error: &impl std::error::Error) -> Self {
+        self.failure = Some(error.to_string());
+        self
+    }
+
+    /// With an estimate, and how far it is from the truth.
+    pub fn found(mut self, estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
+        let error = PoseError::of(estimate, truth);
+        self.cam_from_world = Some(PoseDocument::of(estimate));
+        self.rotation_error_deg = finite(error.rotation_deg);
+        self.translation_error = finite(error.translation);
+        self
+    }
+
+    /// With an estimate, where nobody knows the truth.
+    pub fn answered(mut self, estimate: &CameraFromWorld) -> Self {
+        self.cam_from_world = Some(PoseDocument::of(estimate));
+        self
+    }
+
+    /// Errors as numbers that compare, infinite when not localized.
+    pub fn pose_error(&self) -> PoseError {
+        match (self.rotation_error_deg, self.translation_error) {
+            (Some(rotation_deg), Some(translation)) => PoseError { rotation_deg, translation },
+            _ => PoseError::NOT_LOCALIZED,
+        }
+    }
+
+    pub(crate) fn is_localized(&self) -> bool {
+        self.rotation_error_deg.is_some() || (!self.is_judged && self.cam_from_world.is_some())
+    }
+}

@@ -1,0 +1,304 @@
+//! The table for people: a row a scheme and way of estimating; with several seeds the mean of the seeds' figures, and
+//! below it their smallest and largest.
+
+use std::fmt::Write as _;
+
+use crate::results::coverage::REGIONS;
+use crate::results::document::{SchemeSummary, SeedSummary};
+use crate::results::hypotheses::Hypotheses;
+use crate::results::text_table::{TextTable, side_by_side};
+
+/// Stages in the order a query passes them; the table's columns.
+pub const STAGES: [&str; 6] = ["extract", "seal", "decode", "retrieve", "match", "pose"];
+
+/// Columns that tell rows apart: scheme, recipe, score, gravity.
+const NAMES: usize = 4;
+
+/// The summaries as a table, broken into several where one would be too wide.
+pub fn table(rows: &[SchemeSummary]) -> String {
+    let thresholds: Vec<&String> = rows.first().map(|r| r.recall.keys().collect()).unwrap_or_default();
+    let block = |columns: Vec<String>| {
+        let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
+        TextTable::new(names.into_iter().chain(columns), NAMES)
+    };
+    let figures = ["hypotheses", "localized", "trusted", "rot °", "trans"].map(str::to_owned);
+    let recalls = thresholds.iter().map(|t| format!("≤{t} %"));
+    let mut found = block(figures.into_iter().chain(recalls).chain(["inliers %".to_owned()]).collect());
+    let mut negatives = block(vec!["negatives localized".to_owned(), "negatives trusted".to_owned()]);
+    let stages = STAGES.iter().map(|stage| format!("{stage} ms"));
+    let mut cost = block(stages.chain(["sealed bytes".to_owned()]).collect());
+    for row in rows {
+        let names = names_of(row, rows);
+        let with = |cells: Vec<String>| names.iter().cloned().chain(cells).collect();
+        found.push(with(figures_of(row, &thresholds)));
+        negatives.push(with(negatives_of(row)));
+        cost.push(with(cost_of(row)));
+        if !row.per_seed.is_empty() {
+            let with = |cells: Vec<String>| vec![String::new(); NAMES].into_iter().chain(cells).collect();
+            found.push(with(spread_of(row, &thresholds)));
+            negatives.push(Vec::new());
+            cost.push(with(cost_spread_of(row)));
+        }
+    }
+    let mut text = side_by_side([found, negatives, cost]);
+    text += &sent(rows);
+    text += &coverage(rows);
+    if text.contains('~') {
+        text.push_str("~ the median number of hypotheses when the search stops by itself\n");
+    }
+    if let Some(seeds) = rows.iter().map(|r| r.per_seed.len()).max().filter(|n| *n > 0) {
+        let _ = writeln!(
+            text,
+            "Means over {seeds} seeds; where they differ, below each the smallest and the largest"
+        );
+    }
+    text
+}
+
+/// What was sent of a query; empty where nothing is.
+fn sent(rows: &[SchemeSummary]) -> String {
+    let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
+    let columns = ["mean rows", "mean bytes", "mean exposed"].map(str::to_owned);
+    let mut table = TextTable::new(names.into_iter().chain(columns), NAMES);
+    for row in rows {
+        let Some(sent) = &row.sent else { continue };
+        let mut cells = names_of(row, rows);
+        cells.extend(
+            [(sent.mean_rows, 1), (sent.mean_bytes, 0), (sent.mean_exposed, 1)].map(|(n, d)| fixed(n, d)),
+        );
+        table.push(cells);
+    }
+    if !table.has_numbers() {
+        return String::new();
+    }
+    format!(
+        "\nOf a query: rows that the server has seen, bytes of all messages, and rows whose position in the image the pose\n\
+         tells (those that agree with it).\n\n{}",
+        table.render()
+    )
+}
+
+/// How often the covariances of trusted poses hold the truth; empty where nothing is known of it.
+fn coverage(rows: &[SchemeSummary]) -> String {
+    let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
+    let shares = |what: &'static str| REGIONS.iter().map(move |region| format!("{what} {region} %"));
+    let columns = ["trusted".to_owned()].into_iter().chain(shares("centre")).chain(shares("pose"));
+    let mut table = TextTable::new(names.into_iter().chain(columns).chain(["error / ±".to_owned()]), NAMES);
+    let mut known = false;
+    for row in rows {
+        let Some(uncertainty) = &row.uncertainty else { continue };
+        known = true;
+        let mut cells = names_of(row, rows);
+        cells.push(row.trusted.unwrap_or(0).to_string());
+        for shares in [&uncertainty.coverage, &uncertainty.coverage_pose] {
+            let share = |region: &u32| number(shares.get(&region.to_string()).map(|s| 100.0 * s), 1);
+            cells.extend(REGIONS.iter().map(share));
+        }
+        cells.push(number(uncertainty.center_error_over_sd, 2));
+        table.push(cells);
+    }
+    if !known {
+        return String::new();
+    }
+    format!(
+        "\nOf the trusted poses, the share whose true camera centre and pose lie in the region of the covariance that\n\
+         should hold 50, 90 and 99 % (in percent), and the median error of the centre over its ±.\n\n{}",
+        table.render()
+    )
+}
+
+fn names_of(row: &SchemeSummary, rows: &[SchemeSummary]) -> Vec<String> {
+    // A recipe's name says which score it has.
+    let score =
+        if rows.iter().all(|r| r.variant.recipe.is_some()) { String::new() } else { row.score.clone() };
+    vec![
+        row.scheme.clone(),
+        row.variant.recipe.clone().unwrap_or_default(),
+        score,
+        row.variant.gravity.clone().unwrap_or_default(),
+    ]
+}
+
+fn figures_of(row: &SchemeSummary, thresholds: &[&String]) -> Vec<String> {
+    let seeds = row.per_seed.len().max(1);
+    let whole = |total: usize| {
+        if total.is_multiple_of(seeds) {
+            (total / seeds).to_string()
+        } else {
+            fixed(total as f64 / seeds as f64, 1)
+        }
+    };
+    let or_mean = |own: Option<f64>, of: fn(&SeedSummary) -> Option<f64>| {
+        if row.per_seed.is_empty() { own } else { mean(row, of) }
+    };
+    // With several seeds the room goes to the spread: trust and inliers are then in the document only.
+    let one_seed = row.per_seed.is_empty();
+    let mut trusted = row.trusted.filter(|_| one_seed).map(whole).unwrap_or_default();
+    if let Some(wrong) = row.trusted_wrong.filter(|n| one_seed && *n > 0) {
+        let _ = write!(trusted, " ({wrong} wrong)");
+    }
+    let mut cells = vec![
+        hypotheses(row),
+        format!("{}/{}", whole(row.localized), row.queries / seeds),
+        trusted,
+        number(or_mean(row.median_rotation_deg, |s| s.median_rotation_deg), 3),
+        number(or_mean(row.median_translation, |s| s.median_translation), 4),
+    ];
+    cells.extend(thresholds.iter().map(|t| number(row.recall.get(*t).map(|r| 100.0 * r), 1)));
+    cells.push(if one_seed { number(row.mean_inlier_ratio.map(|r| 100.0 * r), 1) } else { String::new() });
+    cells
+}
+
+fn negatives_of(row: &SchemeSummary) -> Vec<String> {
+    let share = |count: usize, of: usize| format!("{count}/{of}");
+    row.negatives
+        .map(|s| vec![share(s.localized, s.queries), share(s.trusted, s.queries)])
+        .unwrap_or_default()
+}
+
+/// The number asked for, or how many were drawn until the search stopped by itself.
+fn hypotheses(row: &SchemeSummary) -> String {
+    match (Hypotheses::from(row.variant.fixed_hypotheses), row.median_hypotheses) {
+        (Hypotheses::Fixed(count), _) => count.to_string(),
+        (Hypotheses::Adaptive, Some(drawn)) => format!("~{drawn:.0}"),
+        (Hypotheses::Adaptive, None) => String::new(),
+    }
+}
+
+fn spread_of(row: &SchemeSummary, thresholds: &[&String]) -> Vec<String> {
+    let mut cells = vec![
+        String::new(),
+        spread(row, 0, |s| Some(s.localized as f64)),
+        String::new(),
+        spread(row, 3, |s| s.median_rotation_deg),
+        spread(row, 4, |s| s.median_translation),
+    ];
+    let recall = |t: &String| spread(row, 1, |s| s.recall.get(t).map(|r| 100.0 * r));
+    cells.extend(thresholds.iter().map(|t| recall(t)));
+    cells
+}
+
+fn cost_of(row: &SchemeSummary) -> Vec<String> {
+    let ms = |stage: &str| {
+        let own = row.median_ms.get(stage).copied();
+        let value =
+            if row.per_seed.is_empty() { own } else { mean(row, |s| s.median_ms.get(stage).copied()) };
+        value.map(|ms| fixed(ms, 1)).unwrap_or_default()
+    };
+    let bytes = row.sealed_bytes.map(|b| b.to_string()).unwrap_or_default();
+    STAGES.iter().map(|stage| ms(stage)).chain([bytes]).collect()
+}
+
+fn cost_spread_of(row: &SchemeSummary) -> Vec<String> {
+    STAGES
+        .iter()
+        .map(|stage| {
+            let known = row.median_ms.contains_key(*stage);
+            if known { spread(row, 1, |s| s.median_ms.get(*stage).copied()) } else { String::new() }
+        })
+        .collect()
+}
+
+/// Mean over seeds; infinite (none) as soon as one seed's figure is.
+fn mean(row: &SchemeSummary, of: impl Fn(&SeedSummary) -> Option<f64>) -> Option<f64> {
+    let values: Option<Vec<f64>> = row.per_seed.iter().map(of).collect();
+    values.map(|v| crate::results::metrics::mean(&v))
+}
+
+/// Smallest and largest over seeds, nothing where they are one; a figure that a seed does not have is infinite.
+fn spread(row: &SchemeSummary, digits: usize, of: impl Fn(&SeedSummary) -> Option<f64>) -> String {
+    let values: Vec<f64> = row.per_seed.iter().map(|s| of(s).unwrap_or(f64::INFINITY)).collect();
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let end = |v: f64| number(v.is_finite().then_some(v), digits);
+    let (least, most) = (end(least), end(most));
+    if least == most { String::new() } else { format!("{least}..{most}") }
+}
+
+fn fixed(value: f64, digits: usize) -> String {
+    format!("{value:.digits$}")
+}
+
+/// A number of thousands needs no decimals to be read as far off, and no room for them.
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or("—".to_owned(), |v| fixed(v, if v < 1000.0 { digits } else { 0 }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::document::{NegativeSummary, SentSummary};
+    use crate::results::summary::{summarize, tests::query};
+    use crate::results::text_table::WIDTH;
+
+    fn row(errors: &[(u64, Option<(f64, f64)>)]) -> SchemeSummary {
+        let queries: Vec<_> = errors.iter().map(|(seed, error)| query(*seed, *error)).collect();
+        let thresholds = ["0.05/5".parse().expect("well written"), "0.25/2".parse().expect("well written")];
+        summarize(&queries.iter().collect::<Vec<_>>(), &thresholds)
+    }
+
+    #[test]
+    fn one_seed_is_one_line_and_failures_are_dashes() {
+        let text = table(&[row(&[(0, Some((0.1, 0.01))), (0, None), (0, None)])]);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 4, "{text}");
+        let cells: Vec<&str> = lines[2].split_whitespace().collect();
+        assert_eq!(
+            cells,
+            ["dcl", "vote", "~100", "1/3", "1", "—", "—", "33.3", "33.3", "50.0", "5.0", "1000"]
+        );
+        assert!(
+            !text.contains("gravity") && !text.contains("score") && !text.contains("negatives"),
+            "{text}"
+        );
+        assert!(lines[..3].iter().all(|l| l.chars().count() == lines[1].chars().count()), "{text}");
+    }
+
+    #[test]
+    fn several_seeds_show_mean_and_spread_in_120_columns() {
+        let mut rows = vec![row(&[
+            (0, Some((0.1, 0.01))),
+            (0, Some((0.1, 0.03))),
+            (1, Some((0.3, 0.04))),
+            (1, Some((0.3, 0.06))),
+        ])];
+        rows[0].variant.recipe = Some("likelihood+prior".to_owned());
+        rows[0].scheme = "random-lines".to_owned();
+        rows[0].variant.gravity = Some("3".to_owned());
+        let text = table(&rows);
+        let lines: Vec<&str> = text.lines().collect();
+        for word in ["2/2", "0.0350", "75.0", "0.200"] {
+            assert!(lines[2].contains(word), "{word}: {text}");
+        }
+        for word in ["0.0200..0.0500", "50.0..100.0", "0.100..0.300"] {
+            assert!(lines[3].contains(word), "{word}: {text}");
+        }
+        assert!(lines.iter().all(|l| l.chars().count() <= WIDTH), "{text}");
+        assert!(!lines[3].contains("2..2"), "{text}");
+        assert_eq!(number(Some(12_345.678), 4), "12346");
+        assert!(lines.last().is_some_and(|l| l.starts_with("Means over 2 seeds")), "{text}");
+    }
+
+    #[test]
+    fn what_was_sent_has_a_table_of_its_own() {
+        let mut sealed = row(&[(0, Some((0.1, 0.01)))]);
+        sealed.sent = Some(SentSummary { mean_rows: 300.25, mean_bytes: 51_234.4, mean_exposed: 71.5 });
+        let text = table(&[sealed]);
+        let line = text.lines().find(|line| line.contains("51234")).expect("a row");
+        assert_eq!(line.split_whitespace().collect::<Vec<_>>(), ["dcl", "vote", "300.2", "51234", "71.5"]);
+    }
+
+    #[test]
+    fn many_stages_get_a_table_of_their_own() {
+        let mut wide = row(&[(0, Some((0.1, 0.01)))]);
+        wide.scheme = "coordinate-permutation".to_owned();
+        wide.variant.recipe = None;
+        wide.median_ms = STAGES.iter().map(|s| ((*s).to_owned(), 12.3)).collect();
+        wide.negatives = Some(NegativeSummary { queries: 25, localized: 3, trusted: 0 });
+        let text = table(&[wide]);
+        assert_eq!(text.matches("coordinate-permutation").count(), 3, "{text}");
+        assert_eq!(text.matches("──\n").count(), 3, "{text}");
+        assert!(text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
+        assert!(text.contains("3/25") && text.contains("0/25") && text.contains("likelihood"), "{text}");
+    }
+}

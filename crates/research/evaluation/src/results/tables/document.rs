@@ -1,0 +1,162 @@
+//! Documents that tables are made of: those of data sets and of single places.
+
+use std::collections::BTreeSet;
+
+use serde::Deserialize;
+
+use super::TablesError;
+use crate::results::data_set::{PlaceFacts, PlaceQuery};
+use crate::results::document::QueryResult;
+use crate::results::metrics::median;
+use crate::results::table::STAGES;
+
+/// Errors of the queries of one row in one column.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ErrorCurve {
+    /// The place, or the condition.
+    pub place: String,
+    /// The row.
+    pub row: String,
+    /// Of each query: of the position, map units, and of the orientation, degrees; infinite without a pose.
+    pub errors: Vec<(f64, f64)>,
+}
+
+/// What tables need of a document.
+#[derive(Debug, Clone)]
+pub struct TableData {
+    /// `7scenes`, `cambridge`, `aachen`; empty for a place of one's own.
+    pub(super) data_set: String,
+    /// The places in their order, and whether each is the published one.
+    pub(super) places: Vec<(String, bool)>,
+    pub(super) queries: Vec<PlaceQuery>,
+}
+
+#[derive(Deserialize)]
+struct Document {
+    version: u64,
+    command: String,
+    data: Vec<String>,
+    #[serde(default)]
+    places: Vec<PlaceFacts>,
+    queries: Vec<PlaceQuery>,
+}
+
+impl TableData {
+    /// Reads the document of `eval 7scenes`, `cambridge`, `aachen` or `scene`.
+    ///
+    /// # Errors
+    /// [`TablesError`]: no such document, or one of another command or version.
+    pub fn parse(json: &str) -> Result<Self, TablesError> {
+        let document: Document =
+            serde_json::from_str(json).map_err(|e| TablesError::Document(e.to_string()))?;
+        if document.version != 1 {
+            return Err(TablesError::Version(document.version));
+        }
+        let data_set = match document.command.as_str() {
+            "eval 7scenes" => "7scenes",
+            "eval cambridge" => "cambridge",
+            "eval aachen" => "aachen",
+            "eval scene" => "",
+            _ => return Err(TablesError::Command(document.command)),
+        };
+        let mut queries = document.queries;
+        let places = if document.places.is_empty() {
+            let name = document.data.join(", ");
+            for query in &mut queries {
+                query.place = Some(name.clone());
+            }
+            vec![(name, false)]
+        } else {
+            document.places.into_iter().map(|place| (place.name, place.is_official)).collect()
+        };
+        if queries.iter().all(|query| !query.result.is_judged) {
+            return Err(TablesError::NoTruth);
+        }
+        Ok(Self { data_set: data_set.to_owned(), places, queries })
+    }
+
+    /// Rows of tables: schemes, with what else tells them apart, in the order of the document.
+    pub(super) fn rows(&self) -> Vec<String> {
+        let mut rows: Vec<String> = Vec::new();
+        for query in &self.queries {
+            let row = self.row_of(&query.result);
+            if !rows.contains(&row) {
+                rows.push(row);
+            }
+        }
+        rows
+    }
+
+    /// The scheme, and score and gravity where the document has several.
+    pub(super) fn row_of(&self, result: &QueryResult) -> String {
+        let several = |of: fn(&QueryResult) -> String| {
+            let first = self.queries.first().map(|query| of(&query.result));
+            self.queries.iter().any(|query| Some(of(&query.result)) != first)
+        };
+        let mut row = result.scheme.clone();
+        if several(|result| result.score.clone()) {
+            row = format!("{row}, {}", result.score);
+        }
+        if let Some(gravity) = &result.variant.gravity {
+            row = format!("{row}, gravity {gravity}");
+        }
+        row
+    }
+
+    /// Columns: places, or conditions where the one place has such.
+    pub(super) fn columns(&self) -> Vec<String> {
+        let conditions: BTreeSet<&str> =
+            self.queries.iter().filter_map(|query| query.condition.as_deref()).collect();
+        if conditions.is_empty() {
+            self.places.iter().map(|(name, _)| name.clone()).collect()
+        } else {
+            conditions.into_iter().map(str::to_owned).collect()
+        }
+    }
+
+    /// The judged queries of a row and column.
+    pub(super) fn cell(&self, row: &str, column: &str) -> Vec<&QueryResult> {
+        let of_column = |query: &&PlaceQuery| {
+            query.condition.as_deref().or(query.place.as_deref()) == Some(column) && query.result.is_judged
+        };
+        let results = self.queries.iter().filter(of_column).map(|query| &query.result);
+        results.filter(|result| self.row_of(result) == row).collect()
+    }
+
+    /// The errors of every row in every column, as far as they are judged.
+    pub fn error_curves(&self) -> Vec<ErrorCurve> {
+        let rows = self.rows();
+        let of_column = |place: String| {
+            let of_row = move |row: &String| {
+                let errors = self.cell(row, &place).into_iter().map(|result| {
+                    let error = result.pose_error();
+                    (error.translation, error.rotation_deg)
+                });
+                ErrorCurve { place: place.clone(), row: row.clone(), errors: errors.collect() }
+            };
+            rows.iter().map(of_row).collect::<Vec<_>>()
+        };
+        let all = self.columns().into_iter().flat_map(of_column);
+        all.filter(|curve| !curve.errors.is_empty()).collect()
+    }
+
+    /// Median milliseconds of each stage of every row, over all places; stages without a time are left out.
+    pub fn stage_times(&self) -> Vec<(String, Vec<(&'static str, f64)>)> {
+        let of_row = |row: String| {
+            let results: Vec<&QueryResult> =
+                self.columns().iter().flat_map(|column| self.cell(&row, column)).collect();
+            let stages = STAGES.into_iter().filter_map(|stage| {
+                let times: Vec<f64> =
+                    results.iter().filter_map(|result| result.ms.get(stage).copied()).collect();
+                (!times.is_empty()).then(|| (stage, median(&times)))
+            });
+            (row, stages.collect())
+        };
+        self.rows().into_iter().map(of_row).collect()
+    }
+
+    /// Whether every place is the published one.
+    pub(super) fn is_official(&self, column: &str) -> bool {
+        self.places.iter().any(|(name, official)| *official && (name == column || self.places.len() == 1))
+    }
+}

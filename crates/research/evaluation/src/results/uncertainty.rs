@@ -1,0 +1,110 @@
+//! What a query's covariance says of its error, and how often a row's covariances hold the truth.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
+
+use crate::results::coverage::{NormalizedError, shares};
+use crate::results::metrics::{finite, median};
+
+/// The error of a pose against the covariance it came with.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct QueryUncertainty {
+    /// Standard deviation of the camera's position in its least certain direction, map units, which is the ± of answers;
+    /// null when a direction is free.
+    pub position_sd: Option<f64>,
+    /// The same of the orientation, about its least certain axis, degrees.
+    pub rotation_sd_deg: Option<f64>,
+    /// Distance of the estimated camera centre from the true one, over [`Self::position_sd`]; null when a direction is
+    /// free. The median of right covariances lies between 0.67, all of it in one direction, and 1.54, equal in all.
+    pub center_error_over_sd: Option<f64>,
+    /// The smallest region of the centre's covariance that holds the true centre: its probability, 0 to 1.
+    pub center_region: f64,
+    /// The same of the whole pose, six dimensions.
+    pub pose_region: f64,
+}
+
+impl QueryUncertainty {
+    /// Of an estimate with its covariance in the chart of [`CameraFromWorld::perturbed`].
+    pub fn of(estimate: &CameraFromWorld, covariance: &[[f64; 6]; 6], truth: &CameraFromWorld) -> Self {
+        let sd = position_sd(covariance);
+        let normalized = NormalizedError::of(estimate, covariance, truth);
+        let held = sd.is_finite() && sd > 0.0;
+        Self {
+            position_sd: finite(sd),
+            rotation_sd_deg: finite(rotation_sd_degrees(covariance)),
+            center_error_over_sd: held.then(|| estimate.center().distance(&truth.center()) / sd),
+            center_region: normalized.center_region(),
+            pose_region: normalized.pose_region(),
+        }
+    }
+}
+
+/// How often the covariances of a row's trusted poses hold the truth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TrustedUncertainty {
+    /// Share of true camera centres within the region of the estimated centre's covariance that should hold so many
+    /// percent of them: percent to share, 0 to 1.
+    pub coverage: BTreeMap<String, f64>,
+    /// The same of whole poses, six dimensions.
+    pub coverage_pose: BTreeMap<String, f64>,
+    /// Median of [`QueryUncertainty::center_error_over_sd`]; null when for more than half a direction is free.
+    pub center_error_over_sd: Option<f64>,
+}
+
+impl TrustedUncertainty {
+    /// Of these poses, each of which is trusted; `None` when there are none.
+    pub fn of(each: &[QueryUncertainty]) -> Option<Self> {
+        if each.is_empty() {
+            return None;
+        }
+        let of = |region: fn(&QueryUncertainty) -> f64| shares(&each.iter().map(region).collect::<Vec<_>>());
+        let ratios: Vec<f64> = each.iter().map(|u| u.center_error_over_sd.unwrap_or(f64::INFINITY)).collect();
+        Some(Self {
+            coverage: of(|u| u.center_region),
+            coverage_pose: of(|u| u.pose_region),
+            center_error_over_sd: finite(median(&ratios)),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn diagonal(value: f64) -> [[f64; 6]; 6] {
+        std::array::from_fn(|i| std::array::from_fn(|j| if i == j { value } else { 0.0 }))
+    }
+
+    #[test]
+    fn an_error_is_measured_in_its_own_deviations() {
+        let truth = CameraFromWorld::identity();
+        let estimate = truth.perturbed(&[0.0, 0.0, 0.0, 0.03, 0.0, 0.0]);
+        let u = QueryUncertainty::of(&estimate, &diagonal(1e-4), &truth);
+        let sd = u.position_sd.expect("finite");
+        assert!((sd - 0.01).abs() < 1e-9, "{sd}");
+        assert!((u.center_error_over_sd.expect("finite") - 3.0).abs() < 1e-9);
+        // Three deviations along one axis: chi-squared 9, of three and of six degrees of freedom.
+        assert!((u.center_region - 0.9707).abs() < 1e-3 && (u.pose_region - 0.8264).abs() < 1e-3, "{u:?}");
+        let free = QueryUncertainty::of(&estimate, &diagonal(f64::INFINITY), &truth);
+        assert_eq!((free.position_sd, free.center_error_over_sd, free.center_region), (None, None, 1.0));
+    }
+
+    #[test]
+    fn shares_of_poses_are_counted() {
+        let with = |region: f64| QueryUncertainty {
+            position_sd: Some(0.01),
+            rotation_sd_deg: Some(0.1),
+            center_error_over_sd: Some(2.0 * region),
+            center_region: region,
+            pose_region: 0.95,
+        };
+        let row = TrustedUncertainty::of(&[with(0.3), with(0.7)]).expect("two");
+        assert_eq!((row.coverage["50"], row.coverage["90"], row.coverage["99"]), (0.5, 1.0, 1.0));
+        assert_eq!((row.coverage_pose["90"], row.coverage_pose["99"]), (0.0, 1.0));
+        assert_eq!(row.center_error_over_sd, Some(1.0));
+        assert_eq!(TrustedUncertainty::of(&[]), None);
+    }
+}

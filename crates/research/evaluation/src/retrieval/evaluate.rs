@@ -1,0 +1,212 @@
+//! Every query sought among so many images, by comparing all and through the index.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use veiloc_descriptor::{GlobalDescriptor, GlobalIndex, Vocabulary};
+use veiloc_features::{Extractor, FeatureError, Limits, Progress, extract_image};
+use veiloc_map::MapFile;
+
+use crate::retrieval::draw::draw;
+use crate::retrieval::error::RetrievalError;
+
+/// What is sought.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Sought {
+    /// These images.
+    Images(Vec<PathBuf>),
+    /// Images of the map itself, which are then no part of what is searched, nor of what is drawn: of every sixteen the last
+    /// four, so that most of their neighbours along a walk are gone with them. What an index is tuned by.
+    HeldOut,
+}
+
+impl Sought {
+    /// How many are sought in a map of so many images.
+    pub fn count(&self, map_images: usize) -> usize {
+        match self {
+            Self::Images(images) => images.len(),
+            Self::HeldOut => (0..map_images).filter(|image| held_out(*image)).count(),
+        }
+    }
+}
+
+/// What to search, and for what.
+#[derive(Clone)]
+pub struct SearchEvaluation {
+    /// What is sought.
+    pub queries: Sought,
+    /// Images of elsewhere, to be put among those of the map.
+    pub others: Vec<PathBuf>,
+    /// Numbers of images that are searched, in the order of the table. Smaller than the map: its first so many.
+    pub sizes: Vec<usize>,
+    /// Images that are asked for.
+    pub retrieve: usize,
+    /// Seed of what is drawn.
+    pub seed: u64,
+}
+
+/// One way to search so many images.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SearchRow {
+    /// Images that are searched.
+    pub images: usize,
+    /// Of these, images whose global descriptors are real, not drawn.
+    pub real: usize,
+    /// `all`: every image is compared; `index`: those that the index names.
+    pub search: &'static str,
+    /// Seconds to make ready what is searched, on all processors.
+    pub build_seconds: f64,
+    /// Bytes of it in memory.
+    pub bytes: usize,
+    /// Milliseconds of a search on one processor, the median over the queries.
+    pub median_ms: f64,
+    /// Share of the images found that comparing every image finds.
+    pub kept: f64,
+    /// Share of the images found that are the map's.
+    pub of_map: f64,
+}
+
+/// Searches the images of a map for each query, among as many others as asked for; equal but for times whatever the number of
+/// threads.
+///
+/// # Errors
+/// [`RetrievalError`]: an image cannot be read, nothing is asked, or the global descriptors of the map do not follow from rows.
+pub fn evaluate_search(
+    map: &MapFile,
+    extractor: &dyn Extractor,
+    evaluation: &SearchEvaluation,
+    progress: &dyn Progress,
+) -> Result<Vec<SearchRow>, RetrievalError> {
+    let Some(vocabulary) = map.profile().vocabulary() else {
+        return Err(RetrievalError::Options(
+            "the map's global descriptors are of whole images; give a map whose global descriptors are made of rows".to_owned(),
+        ));
+    };
+    let largest = evaluation.sizes.iter().copied().max().unwrap_or(0);
+    let nothing = || RetrievalError::Options("nothing to search, or nothing to search for".to_owned());
+    if evaluation.sizes.contains(&0) || largest == 0 {
+        return Err(nothing());
+    }
+    let limits = map.profile().limits();
+    let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
+    let globals = |what: &str, images: &[PathBuf]| -> Result<Vec<GlobalDescriptor>, RetrievalError> {
+        progress.start(what, images.len());
+        let of_image = |path: &PathBuf| -> Result<GlobalDescriptor, FeatureError> {
+            let image = extract_image(path, None, extractor, limits)?;
+            progress.advance(1);
+            Ok(vocabulary.aggregate(image.features.descriptors.view()))
+        };
+        let all = images.par_iter().map(of_image).collect::<Result<Vec<_>, _>>();
+        progress.finish();
+        all.map_err(RetrievalError::Extract)
+    };
+    let codes = vocabulary.global_len();
+    let is_out = |image: usize| evaluation.queries == Sought::HeldOut && held_out(image);
+    let (out, of_map): (Vec<usize>, Vec<usize>) = (0..map.image_count()).partition(|image| is_out(*image));
+    let queries = match &evaluation.queries {
+        Sought::Images(images) => globals("Looking at queries", images)?,
+        Sought::HeldOut => {
+            out.iter().map(|image| GlobalDescriptor::new(map.image(*image).global().to_vec())).collect()
+        }
+    };
+    if queries.is_empty() {
+        return Err(nothing());
+    }
+    let others = globals("Looking at other images", &evaluation.others)?;
+    let mut all: Vec<i8> = of_map.iter().flat_map(|image| map.image(*image).global()).copied().collect();
+    all.extend(others.iter().flat_map(GlobalDescriptor::as_codes));
+    let real = all.len() / codes;
+    if largest > real {
+        progress.start("Drawing more", 1);
+        draw(&mut all, (codes, block_of(vocabulary)), largest, evaluation.seed);
+        progress.advance(1);
+        progress.finish();
+    }
+    let mut rows = Vec::new();
+    progress.start("Searching", evaluation.sizes.len());
+    for images in &evaluation.sizes {
+        let place = Searched { all: &all[..images * codes], codes, of_map: of_map.len(), real };
+        rows.extend(place.rows(&queries, evaluation.retrieve));
+        progress.advance(1);
+    }
+    progress.finish();
+    Ok(rows)
+}
+
+/// Whether [`Sought::HeldOut`] seeks this image of the map.
+const fn held_out(image: usize) -> bool {
+    image % 16 >= 12
+}
+
+/// Codes of one word.
+const fn block_of(vocabulary: &Vocabulary) -> usize {
+    vocabulary.global_len() / vocabulary.len()
+}
+
+/// So many images.
+struct Searched<'a> {
+    /// `[N, codes]`
+    all: &'a [i8],
+    codes: usize,
+    /// The first of them.
+    of_map: usize,
+    real: usize,
+}
+
+impl Searched<'_> {
+    fn rows(&self, queries: &[GlobalDescriptor], count: usize) -> [SearchRow; 2] {
+        let images = self.all.len() / self.codes;
+        let row = |search,
+                   build_seconds,
+                   bytes,
+                   found: &[Vec<usize>],
+                   ms: &mut Vec<f64>,
+                   true_ones: &[Vec<usize>]| {
+            ms.sort_by(f64::total_cmp);
+            let share = |holds: &dyn Fn(usize, usize) -> bool| {
+                let all = found.iter().enumerate().flat_map(|(q, own)| own.iter().map(move |i| (q, *i)));
+                let (good, count) =
+                    all.fold((0, 0), |(good, count), (q, i)| (good + usize::from(holds(q, i)), count + 1));
+                f64::from(good as u32) / f64::from((count as u32).max(1))
+            };
+            SearchRow {
+                images,
+                real: self.real.min(images),
+                search,
+                build_seconds,
+                bytes,
+                median_ms: ms.get(ms.len() / 2).copied().unwrap_or(f64::NAN),
+                kept: share(&|q, i| true_ones[q].contains(&i)),
+                of_map: share(&|_, i| i < self.of_map),
+            }
+        };
+        let timed = |search: &dyn Fn(&GlobalDescriptor) -> Vec<usize>| -> (Vec<Vec<usize>>, Vec<f64>) {
+            let one = |query: &GlobalDescriptor| {
+                let started = Instant::now();
+                let found = search(query);
+                (found, started.elapsed().as_secs_f64() * 1e3)
+            };
+            queries.iter().map(one).unzip()
+        };
+        let (exact, mut exact_ms) = timed(&|query| self.best(query, 0..images, count));
+        let started = Instant::now();
+        let index = GlobalIndex::new(self.all, self.codes);
+        let built = started.elapsed().as_secs_f64();
+        let (indexed, mut ms) = timed(&|query| {
+            self.best(query, index.candidates(query, GlobalIndex::candidates_for(count)).into_iter(), count)
+        });
+        [
+            row("all", 0.0, self.all.len(), &exact, &mut exact_ms, &exact),
+            row("index", built, self.all.len() + index.byte_count(), &indexed, &mut ms, &exact),
+        ]
+    }
+
+    /// The best of some images, compared code by code.
+    fn best(&self, query: &GlobalDescriptor, among: impl Iterator<Item = usize>, count: usize) -> Vec<usize> {
+        let found = query
+            .most_similar(among.map(|image| (image, &self.all[image * self.codes..][..self.codes])), count);
+        found.into_iter().map(|(image, _)| image).collect()
+    }
+}

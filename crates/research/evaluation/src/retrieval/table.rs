@@ -1,0 +1,23 @@
+//! The table of searches for people.
+
+use crate::results::text_table::{TextTable, percent};
+
+use crate::retrieval::evaluate::SearchRow;
+
+/// A row each.
+pub fn table(rows: &[SearchRow]) -> String {
+    let head = ["images", "search", "ready s", "MB", "search ms", "kept", "of the map"];
+    let mut table = TextTable::new(head, 2);
+    for row in rows {
+        table.push(vec![
+            row.images.to_string(),
+            row.search.to_owned(),
+            format!("{:.2}", row.build_seconds),
+            format!("{:.1}", row.bytes as f64 / 1e6),
+            format!("{:.3}", row.median_ms),
+            percent(row.kept),
+            percent(row.of_map),
+        ]);
+    }
+    table.render()
+}

@@ -1,0 +1,213 @@
+//! `veiloc eval rig`: several images in a row localized together, with odometry made up from their true poses.
+//!
+//! Every query of the list is the newest image of a session with those before it. Sessions of different lengths answer for
+//! the same queries, so that their figures can be compared: queries whose walk is too short for the longest are left out.
+
+mod walk;
+
+use std::time::Instant;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use veiloc_datasets::problem_files::seed_for;
+use veiloc_features::{Features, Progress};
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_localization::localize_rig;
+use veiloc_map::MapFile;
+use veiloc_mapping::Input;
+use veiloc_pose::{ScoreKind, State};
+use veiloc_protocol::{Scheme, SealedFrame, SealedQuery};
+
+use crate::error::EvalError;
+use crate::results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
+use crate::road::{PlaceMap, PosedQuery, queries_of_place, send};
+use crate::scene::{SceneEvaluation, folder_name};
+use crate::stress::sparse::thinned;
+use crate::stress::{Stress, sealed_under, shown_under};
+use walk::odometry;
+pub use walk::walk_of;
+
+/// What to evaluate.
+#[derive(Debug, Clone)]
+pub struct RigEvaluation {
+    /// The place, split into map and queries; the queries in the order in which they were taken.
+    pub place: SceneEvaluation,
+    /// Images of a session, a row of the table each.
+    pub frames: Vec<usize>,
+    /// Standard deviation by which the odometry errs about each axis at every step, degrees.
+    pub rotation_sd_deg: f64,
+    /// Standard deviation by which it errs along each axis at every step, map units.
+    pub translation_sd: f64,
+    /// Images farther apart than this are not of one walk, map units.
+    pub reach: f64,
+    /// What all queries are put under.
+    pub stress: Stress,
+}
+
+impl RigEvaluation {
+    fn check(&self) -> Result<(), EvalError> {
+        let refuse = |what: String| Err(EvalError::Options(what));
+        if self.frames.is_empty() || self.frames.contains(&0) {
+            return refuse("a session has at least one image".to_owned());
+        }
+        for (what, value) in [
+            ("the rotation noise", self.rotation_sd_deg),
+            ("the translation noise", self.translation_sd),
+            ("the reach", self.reach),
+        ] {
+            if !(value.is_finite() && value >= 0.0) {
+                return refuse(format!("{what} is {value}; it must not be below 0"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Builds the map, and localizes every query under every scheme with as many images before it as each row says.
+///
+/// # Errors
+/// [`EvalError`] when data is missing, no walk is long enough, or the map cannot be built. A session that is not localized
+/// is a result.
+pub fn evaluate_rig(evaluation: &RigEvaluation, progress: &dyn Progress) -> Result<Evaluation, EvalError> {
+    evaluation.check()?;
+    let place = &evaluation.place;
+    let queries = queries_of_place(
+        &place.posed,
+        &place.images,
+        &place.map_list,
+        &place.query_list,
+        &place.query_cameras,
+    )?;
+    let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
+    let longest = evaluation.frames.iter().copied().max().unwrap_or(1);
+    let newest: Vec<usize> =
+        (0..queries.len()).filter(|&i| walk_of(&poses, i, longest, evaluation.reach).is_some()).collect();
+    if newest.is_empty() {
+        return Err(EvalError::DataSet(format!(
+            "no {longest} queries of the list follow each other within {} map units; list them in the order in which \
+             they were taken, or ask for shorter sessions",
+            evaluation.reach
+        )));
+    }
+    let names = match evaluation.stress {
+        Stress::SparseMap => thinned(&place.map_list),
+        _ => place.map_list.clone(),
+    };
+    let input = Input::new(&place.posed, &place.images).with_names(&names);
+    let PlaceMap { file: map, summary, .. } =
+        &PlaceMap::build(&input, &place.build, true, place.keep_map.as_deref(), None, progress)?;
+    progress.start("Extracting queries", queries.len());
+    let mut shown: Vec<(Features, Intrinsics)> = Vec::with_capacity(queries.len());
+    for query in &queries {
+        shown.push(shown_under(evaluation.stress, query, map, &place.build, place.seed)?);
+        progress.advance(1);
+    }
+    progress.finish();
+    let mut rows: Vec<Vec<QueryResult>> = Vec::new();
+    progress.start("Localizing sessions", newest.len() * evaluation.frames.len() * place.schemes.len());
+    for scheme in &place.schemes {
+        let sealed: Vec<Result<SealedQuery, String>> = queries
+            .iter()
+            .zip(&shown)
+            .map(|(query, (features, camera))| {
+                let options = sealed_under(evaluation.stress, *scheme, &place.build);
+                let sent = send(features, camera, map.profile(), &options, &query.name, place.seed);
+                SealedQuery::decode(&sent.map_err(|e| e.to_string())?.bytes).map_err(|e| e.to_string())
+            })
+            .collect();
+        for &frames in &evaluation.frames {
+            let row = newest.iter().map(|&i| {
+                let images = walk_of(&poses, i, frames, evaluation.reach).unwrap_or_default();
+                let result = localize_session(evaluation, map, &queries, &sealed, &images, *scheme);
+                progress.advance(1);
+                result
+            });
+            rows.push(row.collect());
+        }
+    }
+    progress.finish();
+    Ok(Evaluation {
+        version: 1,
+        command: "eval rig",
+        data: vec![folder_name(&place.images)],
+        seed: place.seed,
+        prior: place.localize.use_prior,
+        fixed_hypotheses: place.localize.pose.fixed_hypotheses,
+        schemes: rows
+            .iter()
+            .map(|row| summarize(&row.iter().collect::<Vec<_>>(), &place.thresholds))
+            .collect(),
+        queries: rows.into_iter().flatten().collect(),
+        negatives: Vec::new(),
+        map: Some(summary.clone()),
+    })
+}
+
+/// One session, its newest image last: how far off that one's pose is.
+fn localize_session(
+    evaluation: &RigEvaluation,
+    map: &MapFile,
+    queries: &[PosedQuery],
+    sealed: &[Result<SealedQuery, String>],
+    images: &[usize],
+    scheme: Scheme,
+) -> QueryResult {
+    let place = &evaluation.place;
+    let newest = &queries[images[images.len() - 1]];
+    let mut result = QueryResult::unsolved(&newest.name, scheme, ScoreKind::default());
+    result.seed = place.seed;
+    result.variant = Variant {
+        recipe: Some(format!("{} frame{}", images.len(), if images.len() == 1 { "" } else { "s" })),
+        prior: place.localize.use_prior,
+        fixed_hypotheses: place.localize.pose.fixed_hypotheses,
+        ..Variant::default()
+    };
+    let truth: Vec<CameraFromWorld> = images.iter().map(|&i| queries[i].cam_from_world).collect();
+    // Schemes are compared under the same odometry.
+    let mut rng = ChaCha8Rng::seed_from_u64(seed_for(place.seed, &[&newest.name, "odometry"]));
+    let told = odometry(&truth, [evaluation.rotation_sd_deg, evaluation.translation_sd], &mut rng);
+    let mut frames = Vec::with_capacity(images.len());
+    for (&i, step) in images.iter().zip(told) {
+        // A device sends what it can seal: the others still tell where the newest image was taken.
+        let query = match &sealed[i] {
+            Ok(query) => query,
+            Err(error) => {
+                result.failure = Some(error.clone());
+                continue;
+            }
+        };
+        frames.push(SealedFrame {
+            query: query.clone(),
+            cam_from_rig: step.cam_from_rig,
+            rotation_sd_deg: step.rotation_sd_deg,
+            translation_sd: step.translation_sd,
+        });
+    }
+    if frames.is_empty() {
+        return result;
+    }
+    result.failure = None;
+    let started = Instant::now();
+    match localize_rig(&frames, map, &place.localize) {
+        Ok(found) => {
+            // The rig is the newest image's camera.
+            let rig = &found.rig_from_world;
+            let estimate = &CameraFromWorld::new(*rig.rotation(), *rig.translation());
+            result = result.found(estimate, &newest.cam_from_world);
+            let truth = &newest.cam_from_world;
+            result.uncertainty = Some(QueryUncertainty::of(estimate, &found.covariance, truth));
+            result.inliers = found.frames.iter().map(|f| f.inlier_pairs).sum();
+            result.correspondences = found.frames.iter().map(|f| f.pairs).sum();
+            result.hypotheses = found.hypotheses;
+            result.trusted = Some(found.state == State::Trusted);
+            result.ms.insert("retrieve".to_owned(), found.times.retrieve_ms);
+            result.ms.insert("match".to_owned(), found.times.match_ms);
+            result.ms.insert("pose".to_owned(), found.times.pose_ms);
+        }
+        Err(error) => {
+            result = result.because(&error);
+            result.ms.insert("pose".to_owned(), started.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+    result
+}

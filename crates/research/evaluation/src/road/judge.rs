@@ -1,0 +1,80 @@
+//! One query asked and judged: what an evaluation keeps of it.
+
+use crate::results::{QueryResult, QueryUncertainty, SentDocument};
+use veiloc_geometry::CameraFromWorld;
+use veiloc_localization::LocalizeOptions;
+use veiloc_map::MapFile;
+use veiloc_pose::{ScoreKind, State};
+use veiloc_protocol::Scheme;
+
+use super::ask::{Answer, ask};
+use super::posed_query::{AskedQuery, PosedQuery};
+use super::progressive::{Sending, send_and_ask};
+use super::served::Served;
+
+/// Localizes what crossed the network, and compares with the truth; that there is no pose is a result.
+pub fn localize_one(
+    map: &MapFile,
+    bytes: &[u8],
+    query: &PosedQuery,
+    scheme: Scheme,
+    score: ScoreKind,
+    options: &LocalizeOptions,
+) -> QueryResult {
+    let mut options = options.clone();
+    options.pose.score = Some(score);
+    judge(&ask(map, bytes, &options), &query.name, Some(&query.cam_from_world), scheme, score)
+}
+
+/// The same of a query that leaves the device in some way, with what was sent for it; where it took several messages, the time
+/// of those before the last is a stage of its own.
+pub(crate) fn localize_sent(
+    served: &Served<'_>,
+    bytes: &[u8],
+    query: &AskedQuery,
+    scheme: Scheme,
+    sending: Sending,
+    options: &LocalizeOptions,
+) -> QueryResult {
+    let score = options.pose.score.unwrap_or_default();
+    let asked = send_and_ask(served, bytes, served.whole().profile(), sending, options);
+    let mut result = judge(&asked.answer, &query.name, query.truth.as_ref(), scheme, score);
+    let exposed = asked.answer.found.as_ref().map_or(0, |found| found.inliers);
+    result.sent = Some(SentDocument { sent_rows: asked.rows, sent_bytes: asked.bytes, exposed });
+    if let Sending::Progressive(_) = sending {
+        result.ms.insert("steps".to_owned(), asked.before_ms);
+    }
+    result
+}
+
+fn judge(
+    answer: &Answer,
+    name: &str,
+    truth: Option<&CameraFromWorld>,
+    scheme: Scheme,
+    score: ScoreKind,
+) -> QueryResult {
+    let mut result = QueryResult::unsolved(name, scheme, score);
+    result.is_judged = truth.is_some();
+    result.state = Some(answer.state());
+    result.ms.insert("decode".to_owned(), answer.decode_ms);
+    match &answer.found {
+        Ok(found) => {
+            result = match truth {
+                Some(truth) => result.found(&found.cam_from_world, truth),
+                None => result.answered(&found.cam_from_world),
+            };
+            result.uncertainty =
+                truth.map(|truth| QueryUncertainty::of(&found.cam_from_world, &found.covariance, truth));
+            result.inliers = found.inlier_pairs;
+            result.correspondences = found.pairs;
+            result.hypotheses = found.hypotheses;
+            result.trusted = Some(found.state == State::Trusted);
+            result.ms.insert("retrieve".to_owned(), found.times.retrieve_ms);
+            result.ms.insert("match".to_owned(), found.times.match_ms);
+            result.ms.insert("pose".to_owned(), found.times.pose_ms);
+        }
+        Err(error) => result = result.because(error),
+    }
+    result
+}

@@ -1,0 +1,123 @@
+//! What queries are asked in: a map, or the regions that it was cut into.
+
+use crate::results::RegionsSummary;
+use tempfile::TempDir;
+use veiloc_features::Progress;
+use veiloc_localization::LocalizeOptions;
+use veiloc_map::regions::{ASKED, Folder, FolderWriter, Index, SplitOptions, cut, is_better, rounds};
+use veiloc_map::{MapFile, MapMemory};
+use veiloc_pose::State;
+use veiloc_protocol::SealedQuery;
+
+use super::ask::{Answer, ask};
+use crate::error::EvalError;
+
+/// A map as it is served.
+pub(crate) struct Served<'a> {
+    whole: &'a MapFile,
+    regions: Option<Regions>,
+}
+
+/// Regions, written and opened again as machines that serve them have them.
+struct Regions {
+    index: Index,
+    maps: Vec<MapFile>,
+    /// Images that retrieval gives.
+    retrieve: usize,
+    summary: RegionsSummary,
+    /// Holds the files.
+    _folder: TempDir,
+}
+
+impl<'a> Served<'a> {
+    /// As it is, or cut so; a query is then asked in regions that hold most of the `retrieve` images which the whole map would
+    /// give it, as a gateway of many machines asks them ([`rounds`]).
+    ///
+    /// # Errors
+    /// [`EvalError`] when it cannot be cut so, or regions cannot be written and opened.
+    pub(crate) fn new(
+        whole: &'a MapFile,
+        options: Option<&SplitOptions>,
+        retrieve: usize,
+        progress: &dyn Progress,
+    ) -> Result<Self, EvalError> {
+        let regions = options.map(|options| Regions::of(whole, options, retrieve, progress)).transpose()?;
+        Ok(Self { whole, regions })
+    }
+
+    /// The map that it is, or that the regions are of.
+    pub(crate) const fn whole(&self) -> &'a MapFile {
+        self.whole
+    }
+
+    /// What is answered to these bytes: of several regions the pose that a gateway would tell, with the times of its region
+    /// alone.
+    pub(crate) fn ask(&self, bytes: &[u8], options: &LocalizeOptions) -> Answer {
+        // Bytes that cannot be read are refused by any map.
+        let (Some(regions), Ok(query)) = (&self.regions, SealedQuery::decode(bytes)) else {
+            return ask(self.whole, bytes, options);
+        };
+        let ranked = regions.index.rank(query.global(), regions.retrieve);
+        let mut best: Option<Answer> = None;
+        for round in rounds(ranked.into_iter().map(|one| (one.region, one.held)), ASKED) {
+            for map in round.into_iter().filter_map(|region| regions.maps.get(region)) {
+                let answer = ask(map, bytes, options);
+                if best.as_ref().is_none_or(|known| is_better(worth(&answer), worth(known))) {
+                    best = Some(answer);
+                }
+            }
+            if best.as_ref().is_some_and(|best| best.state() == State::Trusted) {
+                break;
+            }
+        }
+        best.unwrap_or_else(|| ask(self.whole, bytes, options))
+    }
+
+    /// Facts about the regions, where there are some.
+    pub(crate) fn summary(&self) -> Option<RegionsSummary> {
+        self.regions.as_ref().map(|regions| regions.summary.clone())
+    }
+}
+
+/// As regions are compared.
+fn worth(answer: &Answer) -> (bool, f64) {
+    (answer.state() == State::Trusted, answer.log_evidence().unwrap_or(f64::NEG_INFINITY))
+}
+
+impl Regions {
+    fn of(
+        whole: &MapFile,
+        options: &SplitOptions,
+        retrieve: usize,
+        progress: &dyn Progress,
+    ) -> Result<Self, EvalError> {
+        let folder =
+            tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
+        let regions = cut(whole, options)?;
+        let writer = FolderWriter::begin(whole, "place", folder.path())?;
+        progress.start("Cutting regions", regions.len());
+        let mut entries = Vec::with_capacity(regions.len());
+        for region in &regions {
+            entries.push(writer.region(region)?);
+            progress.advance(1);
+        }
+        progress.finish();
+        let manifest = writer.finish(&regions, entries)?;
+        let open = Folder::open(folder.path())?;
+        let maps = (0..regions.len()).map(|number| open.open_region(number, MapMemory::Mapped));
+        let summary = RegionsSummary {
+            count: regions.len(),
+            images_held: manifest.regions.iter().map(|region| region.images).sum(),
+            bytes: manifest.regions.iter().map(|region| region.bytes).sum(),
+            largest_bytes: manifest.regions.iter().map(|region| region.bytes).max().unwrap_or(0),
+            index_bytes: manifest.index.bytes,
+        };
+        Ok(Self {
+            index: open.open_index(MapMemory::Mapped)?,
+            maps: maps.collect::<Result<_, _>>()?,
+            retrieve,
+            summary,
+            _folder: folder,
+        })
+    }
+}

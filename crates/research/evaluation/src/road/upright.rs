@@ -1,0 +1,99 @@
+//! Which way is down, as a device would tell it: the true direction in its camera, with the noise of an accelerometer.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use veiloc_datasets::problem_files::seed_for;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_map::{Down, PosedImages};
+use veiloc_protocol::CoarseGravity;
+use veiloc_synthetic::problems::normal;
+
+use crate::error::EvalError;
+use crate::pose::mean_down;
+
+/// A world with a vertical, and sensors of some noise.
+#[derive(Debug, Clone, Copy)]
+pub struct Upright {
+    down: Down,
+    sd_deg: f64,
+}
+
+impl Upright {
+    /// Down is the mean of the map images' own down axes. It need not be the true vertical: map and queries are told the same
+    /// direction, and any one will do.
+    ///
+    /// # Errors
+    /// [`EvalError::Options`] for a deviation that no query can tell.
+    pub fn of(posed: &PosedImages, map_list: &[String], sd_deg: f64) -> Result<Self, EvalError> {
+        let refused = |e: &dyn std::fmt::Display| EvalError::Options(format!("gravity: {e}"));
+        let poses = map_list.iter().filter_map(|name| posed.get(name)).map(|image| &image.cam_from_world);
+        let down = Down::new(mean_down(poses).into()).map_err(|e| refused(&e))?;
+        CoarseGravity::new(down.in_world(), sd_deg).map_err(|e| refused(&e))?;
+        Ok(Self { down, sd_deg })
+    }
+
+    /// What the map is told.
+    pub const fn down(&self) -> Down {
+        self.down
+    }
+
+    /// Standard deviation about each axis across the direction, degrees.
+    pub const fn sd_deg(&self) -> f64 {
+        self.sd_deg
+    }
+
+    /// What the device tells of a query; equal seeds and names give equal noise.
+    fn told(&self, name: &str, cam_from_world: &CameraFromWorld, seed: u64) -> Option<CoarseGravity> {
+        let exact = cam_from_world.rotation() * Vector3::from(self.down.in_world());
+        let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[name, "gravity"]));
+        // A turn about the direction itself changes nothing: what is left is the noise about the two axes across it.
+        let turn = Vector3::from_fn(|_, _| self.sd_deg.to_radians() * normal(&mut rng));
+        let felt = Rotation3::from_scaled_axis(turn) * exact;
+        CoarseGravity::new(felt.into(), self.sd_deg).ok()
+    }
+
+    /// What is told of a query in turn: nothing, and then gravity where that is asked for and its pose is known.
+    pub(crate) fn in_turn(
+        asked: Option<&Self>,
+        name: &str,
+        truth: Option<&CameraFromWorld>,
+        seed: u64,
+    ) -> impl Iterator<Item = Option<CoarseGravity>> {
+        let told = asked.zip(truth).map(|(upright, truth)| upright.told(name, truth, seed));
+        std::iter::once(None).chain(told)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use veiloc_synthetic::problems::random_pose;
+
+    #[test]
+    fn what_is_told_errs_by_what_is_said() {
+        let upright = Upright { down: Down::new([0.3, -0.2, 0.9]).expect("a direction"), sd_deg: 4.0 };
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let n = 2000;
+        let mut sum = 0.0;
+        for i in 0..n {
+            let (name, truth) = (format!("{i}.jpg"), random_pose(&mut rng));
+            let told: Vec<_> = Upright::in_turn(Some(&upright), &name, Some(&truth), 7).collect();
+            let [None, Some(gravity)] = told[..] else { panic!("nothing, then gravity") };
+            assert_eq!(upright.told(&name, &truth, 7), Some(gravity), "equal seeds, equal noise");
+            let exact = truth.rotation() * Vector3::from(upright.down.in_world());
+            sum += exact.angle(&Vector3::from(gravity.in_camera())).to_degrees().powi(2) / 2.0;
+            assert_eq!(Upright::in_turn(None, &name, Some(&truth), 7).collect::<Vec<_>>(), [None]);
+        }
+        let about_each = (sum / n as f64).sqrt();
+        assert!((about_each - 4.0).abs() < 0.2, "{about_each}");
+    }
+
+    #[test]
+    fn a_deviation_that_cannot_be_told_is_refused() {
+        for sd_deg in [0.0, -1.0, 17.0, f64::NAN] {
+            let refused = Upright::of(&PosedImages::default(), &[], sd_deg);
+            assert!(matches!(refused, Err(EvalError::Options(_))), "{sd_deg}");
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! What drawings need of single queries and documents do not hold: the lines that were sent, and which of them agree with the
+//! pose. Collected on request, for a report on the user's own machine.
+
+use std::path::PathBuf;
+
+use veiloc_features::Progress;
+use veiloc_geometry::{Intrinsics, Pixel};
+use veiloc_localization::{Localization, localize};
+use veiloc_map::MapFile;
+use veiloc_obfuscation::audit::options_for;
+use veiloc_protocol::{Scheme, SealedQuery};
+
+use super::options::SceneEvaluation;
+use crate::error::EvalError;
+use crate::pose::scores_or_default;
+use crate::road::{equipped, extracted, send};
+
+/// One query with all that was sent of it.
+#[derive(Debug, Clone)]
+pub struct DrawnQuery {
+    /// Its name.
+    pub name: String,
+    /// Its image.
+    pub path: PathBuf,
+    /// The camera it was taken with.
+    pub camera: Intrinsics,
+    /// Its keypoints, pixels of the image as it was taken.
+    pub keypoints: Vec<Pixel>,
+    /// What was sent under each scheme; schemes under which it cannot be sealed are left out.
+    pub sent: Vec<DrawnScheme>,
+}
+
+/// A query under one scheme.
+#[derive(Debug, Clone)]
+pub struct DrawnScheme {
+    /// The scheme.
+    pub scheme: Scheme,
+    /// What was sent.
+    pub query: SealedQuery,
+    /// Its pose, and the pairs that agree with it; absent when it was not localized.
+    pub found: Option<Localization>,
+}
+
+/// Seals queries once more, as [`evaluate_scene`](super::evaluate_scene) sealed them, and localizes them whole with its first score.
+///
+/// Draws depend on seed, query and scheme alone, so these are the lines that were evaluated. Names that are no query of the evaluation
+/// are left out.
+///
+/// # Errors
+/// [`EvalError`] when an image cannot be read.
+pub fn drawn_queries(
+    evaluation: &SceneEvaluation,
+    map: &MapFile,
+    names: &[String],
+    progress: &dyn Progress,
+) -> Result<Vec<DrawnQuery>, EvalError> {
+    progress.start("Drawing queries", names.len());
+    let mut drawn = Vec::new();
+    for name in names {
+        if let Some(camera) = camera_of(evaluation, name) {
+            drawn.push(drawn_query(evaluation, map, name, camera)?);
+        }
+        progress.advance(1);
+    }
+    progress.finish();
+    Ok(drawn)
+}
+
+fn camera_of(evaluation: &SceneEvaluation, name: &str) -> Option<Intrinsics> {
+    let posed = evaluation.query_list.iter().any(|query| query == name);
+    let known =
+        || evaluation.query_cameras.get(name).copied().or(evaluation.posed.get(name).map(|i| i.camera));
+    let unposed = || evaluation.unposed.iter().find(|(query, _)| query == name).map(|(_, camera)| *camera);
+    if posed { known() } else { unposed() }
+}
+
+fn drawn_query(
+    evaluation: &SceneEvaluation,
+    map: &MapFile,
+    name: &str,
+    camera: Intrinsics,
+) -> Result<DrawnQuery, EvalError> {
+    let profile = map.profile();
+    let equipped = |scheme| {
+        equipped(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
+    };
+    let path = evaluation.images.join(name);
+    let extraction = equipped(Scheme::default());
+    let mask = evaluation.mask_of(name);
+    let (features, used) = extracted(&path, mask.as_deref(), &camera, profile, &extraction)?;
+    let mut localize_options = evaluation.localize.clone();
+    localize_options.pose.score = scores_or_default(&evaluation.scores).first().copied();
+    let mut sent = Vec::new();
+    for scheme in &evaluation.schemes {
+        let sealed = send(&features, &used, profile, &equipped(*scheme), name, evaluation.seed);
+        let query = sealed.ok().and_then(|sealed| SealedQuery::decode(&sealed.bytes).ok());
+        let Some(query) = query else { continue };
+        let found = localize(&query, map, &localize_options).ok();
+        sent.push(DrawnScheme { scheme: *scheme, query, found });
+    }
+    let keypoints = features.keypoints.iter().map(|keypoint| keypoint.pixel).collect();
+    Ok(DrawnQuery { name: name.to_owned(), path, camera: used, keypoints, sent })
+}

@@ -1,0 +1,172 @@
+//! `veiloc eval scene`: the whole road on a place with known poses.
+//!
+//! The map is built, written and opened again as a server would; every query is sealed, encoded and decoded as if it
+//! had crossed a network. No stage is short-cut because truth is at hand.
+
+mod drawing;
+mod negatives;
+mod one_query;
+mod options;
+mod work;
+
+use std::path::Path;
+
+use rayon::prelude::*;
+use veiloc_features::Progress;
+use veiloc_mapping::Input;
+use veiloc_mapping::build_cache::Keeping;
+
+pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
+pub use options::{Negatives, SceneEvaluation};
+
+use crate::error::EvalError;
+use crate::results::{Evaluation, MapSummary, NegativeSummary, QueryResult, summarize};
+use crate::road::{AskedQuery, PlaceMap, Served, Upright, queries_of_place};
+use negatives::localize_negatives;
+use one_query::localize_query;
+use work::Work;
+
+/// Builds the map and localizes every query under every scheme and score.
+///
+/// # Errors
+/// [`EvalError`] when data is missing or the map cannot be built. A query that is not localized is a result.
+pub fn evaluate_scene(
+    evaluation: &SceneEvaluation,
+    progress: &dyn Progress,
+) -> Result<Evaluation, EvalError> {
+    let queries = queries_of_place(
+        &evaluation.posed,
+        &evaluation.images,
+        &evaluation.map_list,
+        &evaluation.query_list,
+        &evaluation.query_cameras,
+    )?;
+    let strange_queries = match &evaluation.negatives {
+        Some(negatives) => Some(negatives.queries(evaluation)?),
+        None => None,
+    };
+
+    let queries: Vec<AskedQuery> =
+        queries.into_iter().map(AskedQuery::from).chain(evaluation.unposed()).collect();
+    let upright = evaluation.gravity_sd_deg;
+    let upright = upright.map(|sd| Upright::of(&evaluation.posed, &evaluation.map_list, sd)).transpose()?;
+    let work = evaluation.work.as_deref().map(Work::in_folder).transpose()?;
+    let keep = evaluation.keep_map.as_deref();
+    let PlaceMap { file: whole, summary, .. } = &match evaluation.compress {
+        None => place_map(evaluation, keep, upright.as_ref(), work.as_ref(), progress)?,
+        Some(times) => place_map(evaluation, None, upright.as_ref(), work.as_ref(), progress)?
+            .compressed(times, keep, progress)?,
+    };
+    let served = &Served::new(whole, evaluation.regions.as_ref(), evaluation.localize.retrieve, progress)?;
+    let (mut schemes, queries) =
+        localize_all(served, &queries, upright.as_ref(), evaluation, work.as_ref(), progress)?;
+    let mut negatives = Vec::new();
+    if let Some(posed) = &strange_queries {
+        let by_row = localize_negatives(served, posed, evaluation, progress)?;
+        for (summary, of_row) in schemes.iter_mut().zip(&by_row) {
+            summary.negatives = Some(NegativeSummary::of(of_row));
+        }
+        negatives.extend(by_row.into_iter().flatten());
+    }
+    Ok(Evaluation {
+        version: 1,
+        command: "eval scene",
+        data: vec![folder_name(&evaluation.images)],
+        seed: evaluation.seed,
+        prior: evaluation.localize.use_prior,
+        fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
+        schemes,
+        queries,
+        negatives,
+        map: Some(MapSummary { regions: served.summary(), ..summary.clone() }),
+    })
+}
+
+/// The name of the place: of the folder, or of the one above when that is only called `images`.
+pub fn folder_name(images: &Path) -> String {
+    let name = |p: &Path| p.file_name().map(|n| n.to_string_lossy().into_owned());
+    match name(images) {
+        Some(own) if own != "images" => own,
+        own => images.parent().and_then(name).or(own).unwrap_or_default(),
+    }
+}
+
+/// The map of the place: what the work folder has of the same images, or built.
+fn place_map(
+    evaluation: &SceneEvaluation,
+    keep: Option<&Path>,
+    upright: Option<&Upright>,
+    work: Option<&Work>,
+    progress: &dyn Progress,
+) -> Result<PlaceMap, EvalError> {
+    let kept = work.map(|work| work.map_of(evaluation, upright)).transpose()?;
+    if let Some(there) = kept.as_ref().and_then(|kept| kept.open()) {
+        return there?.copied_to(keep);
+    }
+    let mut input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
+    let keeping = work.map(|work| work.keeping(&evaluation.build)).transpose()?;
+    if let Some(keeping) = &keeping {
+        input = input.with_kept(keeping);
+    }
+    let path = kept.as_ref().map(|kept| kept.path()).or(keep);
+    let map = PlaceMap::build(
+        &input,
+        &evaluation.build,
+        true,
+        path,
+        upright.map(|upright| upright.down()),
+        progress,
+    )?;
+    match &kept {
+        Some(kept) => {
+            keeping.as_ref().map_or(Ok(()), Keeping::finish)?;
+            kept.remember(&map.summary)?;
+            map.copied_to(keep)
+        }
+        None => Ok(map),
+    }
+}
+
+type Results = (Vec<crate::results::SchemeSummary>, Vec<QueryResult>);
+
+/// Localizes every query under every recipe; several queries at a time where that is asked for. What the work folder has is not
+/// computed again.
+fn localize_all(
+    served: &Served<'_>,
+    queries: &[AskedQuery],
+    upright: Option<&Upright>,
+    evaluation: &SceneEvaluation,
+    work: Option<&Work>,
+    progress: &dyn Progress,
+) -> Result<Results, EvalError> {
+    let finished = work.map(|work| work.finished(served.whole(), evaluation)).transpose()?;
+    progress.start("Localizing queries", queries.len());
+    let one = |query: &AskedQuery| -> Result<Vec<QueryResult>, EvalError> {
+        let compute = || localize_query(served, query, upright, evaluation);
+        let rows = match &finished {
+            Some(finished) => finished.get_or(query, evaluation, compute)?,
+            None => compute()?,
+        };
+        progress.advance(1);
+        Ok(rows)
+    };
+    let rows: Vec<Vec<QueryResult>> = if evaluation.jobs == 1 {
+        queries.iter().map(one).collect::<Result<_, _>>()?
+    } else {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(evaluation.jobs).build();
+        let pool = pool.map_err(|e| EvalError::Options(format!("{} jobs: {e}", evaluation.jobs)))?;
+        pool.install(|| queries.par_iter().map(one).collect::<Result<_, _>>())?
+    };
+    progress.finish();
+    // From rows by query to queries by row.
+    let count = rows.first().map_or(0, Vec::len);
+    let mut by_recipe: Vec<Vec<QueryResult>> = vec![Vec::with_capacity(queries.len()); count];
+    for of_query in rows {
+        by_recipe.iter_mut().zip(of_query).for_each(|(recipe, result)| recipe.push(result));
+    }
+    let summaries = by_recipe
+        .iter()
+        .map(|results| summarize(&results.iter().collect::<Vec<_>>(), &evaluation.thresholds))
+        .collect();
+    Ok((summaries, by_recipe.into_iter().flatten().collect()))
+}

@@ -1,0 +1,85 @@
+//! Queries of another place: every pose they get is wrong, and one that is trusted is a false positive.
+
+use veiloc_features::Progress;
+use veiloc_obfuscation::audit::options_for;
+use veiloc_obfuscation::extract;
+use veiloc_protocol::Scheme;
+
+use super::options::{Negatives, SceneEvaluation};
+use crate::error::EvalError;
+use crate::pose::scores_or_default;
+use crate::results::NegativeResult;
+use crate::road::{PosedQuery, Served, equipped, posed_queries, send, send_and_ask};
+
+impl Negatives {
+    /// The queries; refused when they are of the very place that is evaluated.
+    pub(crate) fn queries(&self, evaluation: &SceneEvaluation) -> Result<Vec<PosedQuery>, EvalError> {
+        let same = match (self.images.canonicalize(), evaluation.images.canonicalize()) {
+            (Ok(theirs), Ok(own)) => theirs == own,
+            _ => self.images == evaluation.images,
+        };
+        if same {
+            return Err(EvalError::DataSet(format!(
+                "{}: the negatives' images are those of the place itself; give images of another place",
+                self.images.display()
+            )));
+        }
+        posed_queries(&self.posed, &self.images, &self.list)
+    }
+}
+
+/// Seals every negative for this map and asks for its pose; rows as in the table, `[rows][negatives]`.
+pub(crate) fn localize_negatives(
+    served: &Served<'_>,
+    negatives: &[PosedQuery],
+    evaluation: &SceneEvaluation,
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<NegativeResult>>, EvalError> {
+    let profile = served.whole().profile();
+    let extraction = equipped(
+        options_for(Scheme::default()),
+        &evaluation.build.extractors,
+        evaluation.build.global.as_ref(),
+    );
+    let scores = scores_or_default(&evaluation.scores);
+    let mut rows = vec![Vec::with_capacity(negatives.len()); evaluation.schemes.len() * scores.len()];
+    progress.start("Localizing negatives", negatives.len());
+    for negative in negatives {
+        let (features, camera) = extract(&negative.path, &negative.camera, profile, &extraction)?;
+        for (s, scheme) in evaluation.schemes.iter().enumerate() {
+            let options = equipped(
+                options_for(*scheme),
+                &evaluation.build.extractors,
+                evaluation.build.global.as_ref(),
+            );
+            let sent = send(&features, &camera, profile, &options, &negative.name, evaluation.seed);
+            for (k, score) in scores.iter().enumerate() {
+                let mut result = NegativeResult {
+                    name: negative.name.clone(),
+                    scheme: scheme.to_string(),
+                    score: score.to_string(),
+                    localized: false,
+                    trusted: false,
+                    inliers: 0,
+                    correspondences: 0,
+                };
+                let mut options = evaluation.localize.clone();
+                options.pose.score = Some(*score);
+                let asked = sent.as_ref().ok();
+                let asked = asked
+                    .map(|sent| send_and_ask(served, &sent.bytes, profile, evaluation.sending, &options));
+                // A trusted pose of any step is a false positive, whatever the last one says.
+                result.trusted = asked.as_ref().is_some_and(|asked| asked.was_trusted);
+                if let Some(Ok(found)) = asked.map(|asked| asked.answer.found) {
+                    result.localized = true;
+                    result.inliers = found.inlier_pairs;
+                    result.correspondences = found.pairs;
+                }
+                rows[s * scores.len() + k].push(result);
+            }
+        }
+        progress.advance(1);
+    }
+    progress.finish();
+    Ok(rows)
+}

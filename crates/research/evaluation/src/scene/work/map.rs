@@ -1,0 +1,70 @@
+//! The map of an evaluation, kept.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::results::MapSummary;
+use veiloc_map::atomic_file::write_whole;
+use veiloc_mapping::build_cache::Key;
+
+use super::key::EvaluationKey as _;
+use super::{Work, io};
+use crate::error::EvalError;
+use crate::road::{PlaceMap, Upright};
+use crate::scene::SceneEvaluation;
+
+impl Work {
+    /// Where the map of this evaluation is, or will be.
+    pub(in crate::scene) fn map_of(
+        &self,
+        evaluation: &SceneEvaluation,
+        upright: Option<&Upright>,
+    ) -> Result<KeptMap, EvalError> {
+        let mut key = Key::new("map");
+        let build = &evaluation.build;
+        key.text(&build.features);
+        key.debug(&build.settings);
+        key.debug(&build.device);
+        key.debug(&upright.map(|upright| upright.down().in_world()));
+        key.behaviour(evaluation)?;
+        for point in evaluation.posed.points() {
+            key.numbers(point.coords.iter().copied());
+        }
+        for name in &evaluation.map_list {
+            key.text(name);
+            if let Some(image) = evaluation.posed.get(name) {
+                key.text(&image.camera.to_string());
+                key.pose(Some(&image.cam_from_world));
+                key.debug(&image.seen);
+            }
+            key.file(&evaluation.images.join(name))?;
+        }
+        let name = key.hex();
+        let path = |ending: &str| self.folder.join(format!("map-{}.{ending}", &name[..16]));
+        Ok(KeptMap { map: path("vmap"), facts: path("json") })
+    }
+}
+
+/// A map that is kept.
+pub(in crate::scene) struct KeptMap {
+    map: PathBuf,
+    facts: PathBuf,
+}
+
+impl KeptMap {
+    /// The map, when it was built and remembered.
+    pub(in crate::scene) fn open(&self) -> Option<Result<PlaceMap, EvalError>> {
+        let facts: MapSummary = serde_json::from_slice(&fs::read(&self.facts).ok()?).ok()?;
+        self.map.is_file().then(|| PlaceMap::kept(&self.map, facts))
+    }
+
+    pub(in crate::scene) fn path(&self) -> &Path {
+        &self.map
+    }
+
+    /// Written last: facts without a whole map are never there.
+    pub(in crate::scene) fn remember(&self, facts: &MapSummary) -> Result<(), EvalError> {
+        let bytes = serde_json::to_vec(facts).map_err(|e| io(&self.facts)(e.into()))?;
+        write_whole(&self.facts, &bytes).map_err(io(&self.facts))
+    }
+}

@@ -1,0 +1,333 @@
+//! What `veiloc eval stress` found: the stable JSON document.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use veiloc_obfuscation::SealError;
+use veiloc_pose::State;
+use veiloc_protocol::Scheme;
+
+use super::from_truth::{ErrorDocument, FromTruth};
+use super::kind::Stress;
+use super::options::StressEvaluation;
+use crate::results::metrics::finite;
+use crate::results::metrics::{PoseError, Threshold, median, recall};
+use crate::results::state::as_text;
+use crate::results::{MapSummary, QueryUncertainty};
+use crate::road::{Answer, PosedQuery};
+
+/// The document that `eval stress --json` prints.
+#[derive(Debug, Clone, Serialize)]
+pub struct StressDocument {
+    /// Version of this document; a field is never removed or given another meaning under the same number.
+    pub version: u32,
+    /// The command, `eval stress`.
+    pub command: &'static str,
+    /// The place.
+    pub data: String,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// A pose beyond either bound is wrong: `translation/degrees`.
+    pub wrong_beyond: String,
+    /// One entry per stress and scheme.
+    pub rows: Vec<StressRow>,
+    /// One entry per row and query.
+    pub queries: Vec<StressQuery>,
+    /// The map of all but `sparse-map`.
+    pub map: MapSummary,
+    /// The map of `sparse-map`; absent when that was not asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sparse_map: Option<SparseMap>,
+}
+
+/// The map of few images.
+#[derive(Debug, Clone, Serialize)]
+pub struct SparseMap {
+    /// Every which image of the map's list is in it.
+    pub every: usize,
+    /// Facts about it.
+    #[serde(flatten)]
+    pub map: MapSummary,
+}
+
+/// All queries under one stress and scheme.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StressRow {
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// What the queries are put under.
+    pub stress: String,
+    /// Standard deviation of the gravity that the queries tell, degrees; absent where they tell none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gravity_sd_deg: Option<f64>,
+    /// How many queries.
+    pub queries: usize,
+    /// Threshold (`translation/degrees`) to share of queries within it, 0 to 1.
+    pub recall: BTreeMap<String, f64>,
+    /// Degrees; null when more than half have no pose.
+    pub median_rotation_deg: Option<f64>,
+    /// Map units; null when more than half have no pose.
+    pub median_translation: Option<f64>,
+    /// Median of what the answers say of their position ([`QueryUncertainty::position_sd`]), map units, over those with a
+    /// pose; null when there are none, or more than half leave a direction free.
+    pub median_position_sd: Option<f64>,
+    /// How many are not wrong ([`StressDocument::wrong_beyond`]).
+    pub right: usize,
+    /// How many got a pose that the estimator trusts.
+    pub trusted: usize,
+    /// How many of the trusted are wrong.
+    pub trusted_wrong: usize,
+    /// How many got a pose that the estimator doubts.
+    pub doubtful: usize,
+    /// How many got no pose.
+    pub not_found: usize,
+    /// The engine's optimum from the true pose; absent where it was not asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub optimum: Option<TruthSummary>,
+    /// Least squares from the true pose on the truly right matches; absent where it was not asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub floor: Option<TruthSummary>,
+    /// How many the search lost: wrong or without a pose, where the optimum is right; absent where that is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lost: Option<usize>,
+}
+
+/// Errors from the true pose.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TruthSummary {
+    /// As in [`StressRow::recall`].
+    pub recall: BTreeMap<String, f64>,
+    /// As in [`StressRow::median_rotation_deg`].
+    pub median_rotation_deg: Option<f64>,
+    /// As in [`StressRow::median_translation`].
+    pub median_translation: Option<f64>,
+}
+
+/// One query under one stress and scheme.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StressQuery {
+    /// Its name in the data.
+    pub name: String,
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// What it was put under.
+    pub stress: String,
+    /// As in [`StressRow::gravity_sd_deg`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gravity_sd_deg: Option<f64>,
+    /// What the estimator says the pose is worth.
+    #[serde(serialize_with = "as_text")]
+    pub state: State,
+    /// Errors of the pose.
+    #[serde(flatten)]
+    pub error: ErrorDocument,
+    /// The error against the covariance; absent without a pose.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub uncertainty: Option<QueryUncertainty>,
+    /// Natural logarithm of the evidence against chance; absent where no pose was tried.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log_evidence: Option<f64>,
+    /// Rows of the query that agree with the pose; 0 without a pose.
+    pub inliers: usize,
+    /// Rows of the query that were matched; 0 without a pose.
+    pub matches: usize,
+    /// What speaks against the pose, for people; empty without a pose.
+    pub doubts: Vec<String>,
+    /// Why there is no pose; absent with a pose.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
+    /// The same query from its true pose; absent where it was not asked for.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub from_truth: Option<FromTruth>,
+}
+
+impl StressDocument {
+    /// Nothing evaluated yet.
+    pub(super) fn new(evaluation: &StressEvaluation, data: String) -> Self {
+        Self {
+            version: 1,
+            command: "eval stress",
+            data,
+            seed: evaluation.seed,
+            wrong_beyond: evaluation.wrong_beyond.to_string(),
+            rows: Vec::new(),
+            queries: Vec::new(),
+            map: MapSummary { images: 0, points: 0, bytes: 0, build_seconds: 0.0, regions: None },
+            sparse_map: None,
+        }
+    }
+}
+
+impl StressQuery {
+    /// A query with its answer.
+    pub(super) fn answered(
+        query: &PosedQuery,
+        stress: Stress,
+        scheme: Scheme,
+        answer: &Answer,
+        from_truth: Option<FromTruth>,
+    ) -> Self {
+        let truth = &query.cam_from_world;
+        let found = answer.found.as_ref().ok();
+        Self {
+            name: query.name.clone(),
+            scheme: scheme.to_string(),
+            stress: stress.to_string(),
+            gravity_sd_deg: None,
+            state: answer.state(),
+            error: found
+                .map_or(ErrorDocument::NOT_LOCALIZED, |f| ErrorDocument::of(&f.cam_from_world, truth)),
+            uncertainty: found.map(|f| QueryUncertainty::of(&f.cam_from_world, &f.covariance, truth)),
+            log_evidence: answer.log_evidence().and_then(finite),
+            inliers: found.map_or(0, |f| f.inliers),
+            matches: found.map_or(0, |f| f.matches),
+            doubts: answer.doubts(),
+            failure: answer.found.as_ref().err().map(ToString::to_string),
+            from_truth,
+        }
+    }
+
+    /// A query that could not be sealed.
+    pub(super) fn unsealed(
+        query: &PosedQuery,
+        stress: Stress,
+        scheme: Scheme,
+        error: &SealError,
+        from_truth: Option<FromTruth>,
+    ) -> Self {
+        Self {
+            name: query.name.clone(),
+            scheme: scheme.to_string(),
+            stress: stress.to_string(),
+            gravity_sd_deg: None,
+            state: State::NotFound,
+            error: ErrorDocument::NOT_LOCALIZED,
+            uncertainty: None,
+            log_evidence: None,
+            inliers: 0,
+            matches: 0,
+            doubts: Vec::new(),
+            failure: Some(error.to_string()),
+            from_truth,
+        }
+    }
+}
+
+impl StressRow {
+    /// The queries of one row; `None` for none.
+    pub(super) fn of(queries: &[StressQuery], evaluation: &StressEvaluation) -> Option<Self> {
+        let first = queries.first()?;
+        let errors: Vec<PoseError> = queries.iter().map(|q| q.error.pose_error()).collect();
+        let figures = TruthSummary::of(&errors, &evaluation.thresholds);
+        let is_right = |e: &PoseError| e.within(&evaluation.wrong_beyond);
+        let count = |state| queries.iter().filter(|q| q.state == state).count();
+        let of_truth = |which: fn(&FromTruth) -> &ErrorDocument| {
+            let errors: Option<Vec<PoseError>> =
+                queries.iter().map(|q| q.from_truth.as_ref().map(|t| which(t).pose_error())).collect();
+            errors
+        };
+        let optimum = of_truth(|t| &t.optimum);
+        let summed = |errors: &Vec<PoseError>| TruthSummary::of(errors, &evaluation.thresholds);
+        Some(Self {
+            scheme: first.scheme.clone(),
+            stress: first.stress.clone(),
+            gravity_sd_deg: first.gravity_sd_deg,
+            queries: queries.len(),
+            recall: figures.recall,
+            median_rotation_deg: figures.median_rotation_deg,
+            median_translation: figures.median_translation,
+            median_position_sd: median_sd(queries),
+            right: errors.iter().filter(|e| is_right(e)).count(),
+            trusted: count(State::Trusted),
+            trusted_wrong: queries
+                .iter()
+                .filter(|q| q.state == State::Trusted && !is_right(&q.error.pose_error()))
+                .count(),
+            doubtful: count(State::Doubtful),
+            not_found: count(State::NotFound),
+            lost: optimum
+                .as_ref()
+                .map(|o| errors.iter().zip(o).filter(|(e, o)| !is_right(e) && is_right(o)).count()),
+            optimum: optimum.as_ref().map(summed),
+            floor: of_truth(|t| &t.floor).as_ref().map(summed),
+        })
+    }
+}
+
+fn median_sd(queries: &[StressQuery]) -> Option<f64> {
+    let said = queries.iter().filter_map(|q| q.uncertainty);
+    let each: Vec<f64> = said.map(|u| u.position_sd.unwrap_or(f64::INFINITY)).collect();
+    if each.is_empty() { None } else { finite(median(&each)) }
+}
+
+impl TruthSummary {
+    fn of(errors: &[PoseError], thresholds: &[Threshold]) -> Self {
+        let median_of =
+            |of: fn(&PoseError) -> f64| finite(median(&errors.iter().map(of).collect::<Vec<_>>()));
+        Self {
+            recall: thresholds.iter().map(|t| (t.to_string(), recall(errors, t))).collect(),
+            median_rotation_deg: median_of(|e| e.rotation_deg),
+            median_translation: median_of(|e| e.translation),
+        }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use veiloc_map::PosedImages;
+
+    pub(in crate::stress) fn query(
+        state: State,
+        error: Option<(f64, f64)>,
+        optimum: Option<(f64, f64)>,
+    ) -> StressQuery {
+        let document = |e: Option<(f64, f64)>| ErrorDocument {
+            rotation_error_deg: e.map(|e| e.0),
+            translation_error: e.map(|e| e.1),
+        };
+        StressQuery {
+            name: "a.jpg".to_owned(),
+            scheme: "dcl".to_owned(),
+            stress: "dark".to_owned(),
+            gravity_sd_deg: None,
+            state,
+            error: document(error),
+            uncertainty: None,
+            log_evidence: None,
+            inliers: 0,
+            matches: 0,
+            doubts: Vec::new(),
+            failure: None,
+            from_truth: Some(FromTruth { optimum: document(optimum), floor: document(optimum) }),
+        }
+    }
+
+    pub(in crate::stress) fn evaluation() -> StressEvaluation {
+        StressEvaluation::new(PosedImages::default(), "images".into(), Vec::new(), Vec::new())
+    }
+
+    #[test]
+    fn a_row_counts_states_wrong_ones_and_what_the_search_lost() {
+        let right = Some((0.1, 0.01));
+        let queries = [
+            query(State::Trusted, right, right),
+            query(State::Trusted, Some((0.1, 0.3)), right), // trusted, wrong, lost
+            query(State::Doubtful, Some((5.0, 0.01)), None), // turned too far
+            query(State::Doubtful, Some((1.0, 0.2)), right),
+            query(State::NotFound, None, Some((3.0, 0.01))),
+            query(State::NotFound, None, right), // lost
+        ];
+        let row = StressRow::of(&queries, &evaluation()).expect("a row");
+        assert_eq!((row.trusted, row.doubtful, row.not_found), (2, 2, 2));
+        assert_eq!((row.right, row.trusted_wrong, row.lost), (2, 1, Some(2)));
+        assert_eq!((row.recall["0.05/5"], row.recall["0.25/2"]), (2.0 / 6.0, 2.0 / 6.0));
+        assert_eq!(row.median_translation, Some(0.25));
+        assert_eq!(row.optimum.expect("asked").recall["0.05/5"], 5.0 / 6.0);
+        let mut not_asked = queries[0].clone();
+        not_asked.from_truth = None;
+        let row = StressRow::of(&[not_asked], &evaluation()).expect("a row");
+        assert_eq!((row.optimum, row.floor, row.lost), (None, None, None));
+        assert_eq!(StressRow::of(&[], &evaluation()), None);
+    }
+}

@@ -1,0 +1,82 @@
+//! What the search missed: the same query from its true pose, which only an evaluation knows.
+
+use serde::Serialize;
+use veiloc_geometry::{CameraFromWorld, Pixel};
+use veiloc_localization::{LocalizeOptions, match_query};
+use veiloc_map::MapFile;
+use veiloc_pose::{PoseError as NoPose, PoseEstimate, optimize_pose, refine_pose};
+use veiloc_protocol::SealedQuery;
+
+use crate::pose::truly_right;
+use crate::results::metrics::PoseError;
+use crate::road::Sent;
+
+/// Errors of one query from its true pose.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FromTruth {
+    /// Of the engine's own optimum, over all matches: what a search that misses nothing finds.
+    pub optimum: ErrorDocument,
+    /// Of least squares on the truly right matches: nothing can be expected to go under it.
+    pub floor: ErrorDocument,
+}
+
+/// Errors of a pose in a document.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ErrorDocument {
+    /// Degrees; null without a pose.
+    pub rotation_error_deg: Option<f64>,
+    /// Map units; null without a pose.
+    pub translation_error: Option<f64>,
+}
+
+impl ErrorDocument {
+    /// Of a query without a pose.
+    pub(super) const NOT_LOCALIZED: Self = Self { rotation_error_deg: None, translation_error: None };
+
+    /// Of an estimate.
+    pub(super) fn of(estimate: &CameraFromWorld, truth: &CameraFromWorld) -> Self {
+        let error = PoseError::of(estimate, truth);
+        if !(error.rotation_deg.is_finite() && error.translation.is_finite()) {
+            return Self::NOT_LOCALIZED;
+        }
+        Self { rotation_error_deg: Some(error.rotation_deg), translation_error: Some(error.translation) }
+    }
+
+    /// As numbers that compare.
+    pub(super) fn pose_error(&self) -> PoseError {
+        match (self.rotation_error_deg, self.translation_error) {
+            (Some(rotation_deg), Some(translation)) => PoseError { rotation_deg, translation },
+            _ => PoseError::NOT_LOCALIZED,
+        }
+    }
+}
+
+impl FromTruth {
+    /// Of a query that could not be sealed.
+    pub(super) const UNSEALED: Self =
+        Self { optimum: ErrorDocument::NOT_LOCALIZED, floor: ErrorDocument::NOT_LOCALIZED };
+
+    /// Of a query that was sent, matched as the server matched it. A match is truly right within `radius_px` of its
+    /// keypoint.
+    pub(super) fn of(
+        sent: &Sent,
+        truth: &CameraFromWorld,
+        map: &MapFile,
+        options: &LocalizeOptions,
+        radius_px: f64,
+    ) -> Self {
+        let decoded = SealedQuery::decode(&sent.bytes).ok();
+        let Some(matched) = decoded.and_then(|query| match_query(&query, map, options).ok()) else {
+            return Self::UNSEALED;
+        };
+        let keypoints: &[Pixel] = &sent.truth.pixels;
+        let right = truly_right(&matched.problem, truth, keypoints, radius_px);
+        let error = |estimate: Result<PoseEstimate, NoPose>| {
+            estimate.map_or(ErrorDocument::NOT_LOCALIZED, |e| ErrorDocument::of(&e.cam_from_world, truth))
+        };
+        Self {
+            optimum: error(optimize_pose(&matched.problem, truth, &options.pose)),
+            floor: error(refine_pose(&matched.problem, truth, &right, &options.pose)),
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! What is evaluated under stress.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use veiloc_geometry::Intrinsics;
+use veiloc_localization::LocalizeOptions;
+use veiloc_map::PosedImages;
+use veiloc_mapping::BuildOptions;
+use veiloc_protocol::Scheme;
+
+use super::kind::Stress;
+use crate::pose::ORACLE_RADIUS_PX;
+use crate::results::metrics::Threshold;
+
+/// What to evaluate: every stress with every scheme.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct StressEvaluation {
+    /// Cameras and poses of the place's images.
+    pub posed: PosedImages,
+    /// Folder of the images.
+    pub images: PathBuf,
+    /// Names of the images the map is built from.
+    pub map_list: Vec<String>,
+    /// Names of the images to localize.
+    pub query_list: Vec<String>,
+    /// Cameras of queries that are known better than the model's, by name.
+    pub query_cameras: BTreeMap<String, Intrinsics>,
+    /// How the maps are built.
+    pub build: BuildOptions,
+    /// Schemes, in the order of the table.
+    pub schemes: Vec<Scheme>,
+    /// What the queries are put under, in the order of the table; [`Stress::None`] comes first in any case.
+    pub stresses: Vec<Stress>,
+    /// Thresholds of the recall columns.
+    pub thresholds: Vec<Threshold>,
+    /// A pose beyond either bound is wrong, and must not be trusted.
+    pub wrong_beyond: Threshold,
+    /// Localization.
+    pub localize: LocalizeOptions,
+    /// As [`SceneEvaluation::gravity_sd_deg`](crate::SceneEvaluation::gravity_sd_deg).
+    pub gravity_sd_deg: Option<f64>,
+    /// Whether to look from the true pose as well, at what the search missed ([`FromTruth`](super::FromTruth)).
+    pub from_truth: bool,
+    /// For [`Self::from_truth`]: a match is truly right when its map point projects this near to the keypoint under the
+    /// true pose, pixels.
+    pub oracle_radius_px: f64,
+    /// Seed of degradation, sealing and sampling.
+    pub seed: u64,
+}
+
+impl StressEvaluation {
+    /// All stresses with the paper's schemes; 5 cm and 5°, 25 cm and 2°.
+    pub fn new(posed: PosedImages, images: PathBuf, map_list: Vec<String>, query_list: Vec<String>) -> Self {
+        let coarse = Threshold { translation: 0.25, rotation_deg: 2.0 };
+        Self {
+            posed,
+            images,
+            map_list,
+            query_list,
+            query_cameras: BTreeMap::new(),
+            build: BuildOptions::default(),
+            schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
+            stresses: Stress::DEFAULT.to_vec(),
+            thresholds: vec![Threshold { translation: 0.05, rotation_deg: 5.0 }, coarse],
+            wrong_beyond: coarse,
+            localize: LocalizeOptions::default(),
+            gravity_sd_deg: None,
+            from_truth: false,
+            oracle_radius_px: ORACLE_RADIUS_PX,
+            seed: 0,
+        }
+    }
+
+    /// Each stress once, [`Stress::None`] first.
+    pub(super) fn ordered(&self) -> Vec<Stress> {
+        let mut ordered = vec![Stress::None];
+        for stress in &self.stresses {
+            if !ordered.contains(stress) {
+                ordered.push(*stress);
+            }
+        }
+        ordered
+    }
+}

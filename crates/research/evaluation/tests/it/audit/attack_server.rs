@@ -1,0 +1,276 @@
+//! Attacks of a server that has localized the images: a made-up place, sealed, posed and attacked as real ones are.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use veiloc_evaluation::audit::AuditError;
+use veiloc_evaluation::audit::{
+    Attack, AttackDocument, AttackEvaluation, AttackSummary, FrameChoice, Measured, NeighbourSource,
+    ServerKnowledge, evaluate_attacks,
+};
+use veiloc_geometry::frames::World;
+use veiloc_geometry::{CameraFromWorld, PlanePoint, Point3};
+use veiloc_protocol::{AngleBits, Scheme};
+
+const POINTS: usize = 500;
+const FOCAL: f64 = 500.0;
+
+/// How the matches are written.
+#[derive(Clone, Copy, PartialEq)]
+enum Matches {
+    /// Of every other keypoint, right.
+    Right,
+    /// Of every other keypoint, with map points drawn at random.
+    Wrong,
+    /// For images of other names.
+    OtherNames,
+    /// Of an image of another size.
+    OtherSize,
+    /// Of keypoints half a pixel away from those of the image.
+    OtherKeypoints,
+}
+
+/// Keypoints and matches of `frames` images in a new folder.
+fn files(frames: usize, matches: Matches) -> (tempfile::TempDir, [PathBuf; 2]) {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let poses: Vec<CameraFromWorld> = (0..frames)
+        .map(|_| {
+            let step = [0.0; 6].map(|_: f64| rng.random_range(-0.2..0.2));
+            CameraFromWorld::identity().perturbed(&step)
+        })
+        .collect();
+    let see = |pose: &CameraFromWorld, x: &Point3<World>| {
+        PlanePoint::from_camera_point(&pose.transform(x))
+            .map(|p| [FOCAL * p.x + 320.0, FOCAL * p.y + 240.0])
+            .filter(|[u, v]| (1.0..639.0).contains(u) && (1.0..479.0).contains(v))
+    };
+    let mut points = Vec::new();
+    while points.len() < POINTS {
+        let z = rng.random_range(3.0..6.0);
+        let x = Point3::new(z * rng.random_range(-0.6..0.6), z * rng.random_range(-0.45..0.45), z);
+        if poses.iter().all(|pose| see(pose, &x).is_some()) {
+            points.push(x);
+        }
+    }
+    let bytes: Vec<u8> = (0..POINTS * 16).map(|_| rng.random()).collect();
+    let (mut keypoints, mut problems) = (String::new(), String::new());
+    for (i, pose) in poses.iter().enumerate() {
+        let seen: Vec<[f64; 2]> = points.iter().filter_map(|x| see(pose, x)).collect();
+        let image = serde_json::json!({
+            "name": format!("p{i}"), "width": 640, "height": 480, "keypoints": seen,
+            "descriptors": STANDARD.encode(&bytes), "descriptor_dim": 16,
+        });
+        let off = if matches == Matches::OtherKeypoints { 0.5 } else { 0.0 };
+        let rows: Vec<usize> = (0..POINTS).step_by(2).collect();
+        let of = |k: &usize| if matches == Matches::Wrong { (k * 7 + 131) % POINTS } else { *k };
+        let t = pose.translation();
+        let problem = serde_json::json!({
+            "name": if matches == Matches::OtherNames { format!("q{i}") } else { format!("p{i}") },
+            "camera": {
+                "model": "PINHOLE", "width": if matches == Matches::OtherSize { 641 } else { 640 }, "height": 480,
+                "params": [FOCAL, FOCAL, 320.0, 240.0],
+            },
+            "points2d": rows.iter().map(|k| [seen[*k][0] + off, seen[*k][1]]).collect::<Vec<_>>(),
+            "points3d": rows.iter().map(of).map(|k| <[f64; 3]>::from(points[k].coords)).collect::<Vec<_>>(),
+            "cam_from_world": {"q": pose.quaternion(), "t": [t.x, t.y, t.z]},
+        });
+        writeln!(keypoints, "{image}").expect("into memory");
+        writeln!(problems, "{problem}").expect("into memory");
+    }
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).expect("written");
+        path
+    };
+    let paths = [write("keypoints.jsonl", &keypoints), write("problems.jsonl", &problems)];
+    (folder, paths)
+}
+
+fn named(attack: &str) -> Attack {
+    attack.parse().expect("an attack of the table")
+}
+
+fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEvaluation {
+    AttackEvaluation {
+        files: vec![keypoints.to_owned()],
+        synthetic: 0,
+        images: Some(1),
+        schemes: vec!["dcl".parse().expect("a scheme")],
+        attacks: attacks.to_vec(),
+        neighbours: NeighbourSource::Oracle,
+        positions: Vec::new(),
+        k: 20,
+        corrupt: vec![0.0],
+        server: Some(ServerKnowledge {
+            problems: vec![problems.to_owned()],
+            private: None,
+            measured: Measured::Hidden,
+        }),
+        frames: vec![3],
+        choice: FrameChoice::default(),
+        resting_noise_px: 0.0,
+        angle_bits: AngleBits::default(),
+        seed: 0,
+    }
+}
+
+fn run(evaluation: &AttackEvaluation) -> Result<AttackDocument, AuditError> {
+    evaluate_attacks(evaluation, |_, _| ())
+}
+
+fn row(document: &AttackDocument, attack: Attack, frames: Option<usize>) -> &AttackSummary {
+    let found = document.attacks.iter().find(|a| a.attack == attack && a.frames == frames);
+    found.expect("the row was asked for")
+}
+
+#[test]
+fn a_server_knows_its_inliers_and_recovers_others() {
+    let (_folder, [keypoints, problems]) = files(6, Matches::Right);
+    let attacks = [
+        named("server-side"),
+        named("iterative"),
+        Attack::GRAPH,
+        named("guided-transfer"),
+        named("several-frames"),
+    ];
+    let mut asked = evaluation(&keypoints, &problems, &attacks);
+    asked.frames = vec![2, 6];
+    let document = run(&asked).expect("attacked");
+    let server = &document.server[0];
+    assert_eq!((server.images, server.posed, server.scheme.as_str()), (1, 1, "dcl"));
+    assert!(
+        (server.known - 0.5).abs() < 0.02 && (server.known + server.measured - 1.0).abs() < 1e-9,
+        "{server:?}"
+    );
+    assert!(server.known_median_px < 2.0 && server.known_under_30px > 0.97, "{server:?}");
+
+    let mean = |attack| row(&document, attack, None).mean_px;
+    let guess = mean(Attack::PRIOR);
+    assert!(mean(named("iterative")) < 0.5 * guess && mean(Attack::GRAPH) < 0.2 * guess, "{document:?}");
+    let [two, six] = [2, 6].map(|n| row(&document, named("several-frames"), Some(n)));
+    assert!(six.median_px < 0.5 * two.median_px && two.believed == Some(0.0), "{two:?} {six:?}");
+    assert!(six.believed.expect("says so") > 0.3 && six.believed_under_10px > Some(0.9), "{six:?}");
+    let guided = row(&document, named("guided-transfer"), None);
+    assert!(guided.median_px < 10.0 && guided.believed > Some(0.5), "{guided:?}");
+
+    // With the known ones counted in, half of the errors are those of projections.
+    asked.attacks = vec![named("iterative")];
+    asked.server.as_mut().expect("set").measured = Measured::All;
+    let all = run(&asked).expect("attacked");
+    assert_eq!(all.server[0].measured, 1.0);
+    assert!(row(&all, named("iterative"), None).mean_px < mean(named("iterative")));
+}
+
+/// What the map knows is judged as well: by the lines of the frames alone, without the positions.
+#[test]
+fn matched_keypoints_are_attacked_from_lines_alone() {
+    let (_folder, [keypoints, problems]) = files(6, Matches::Right);
+    let mut asked = evaluation(&keypoints, &problems, &[named("several-frames")]);
+    asked.frames = vec![2, 6];
+    asked.server.as_mut().expect("set").measured = Measured::Matched;
+    let document = run(&asked).expect("attacked");
+    let server = &document.server[0];
+    assert!((server.measured - server.known).abs() < 1e-9 && server.known > 0.4, "{server:?}");
+    // Guessed as if nothing were known of them, and found by the frames.
+    let guess = row(&document, Attack::PRIOR, None);
+    let [two, six] = [2, 6].map(|n| row(&document, named("several-frames"), Some(n)));
+    assert!(guess.median_px > 50.0, "{guess:?}");
+    assert!(two.bits_over_prior > 0.3 && six.median_px < 0.1 * guess.median_px, "{two:?} {six:?}");
+
+    // By turn against motion more is told than by matches, of which all frames have as many.
+    assert_eq!(document.choice, Some(FrameChoice::Turn));
+    asked.choice = FrameChoice::Nearest;
+    let nearest = run(&asked).expect("attacked");
+    assert_eq!(nearest.choice, Some(FrameChoice::Nearest));
+    let near = row(&nearest, named("several-frames"), Some(2));
+    assert!(near.bits_over_prior < two.bits_over_prior, "{near:?} {two:?}");
+}
+
+/// No server, no map: the angles of one image sealed again and again.
+#[test]
+fn seals_of_one_image_tell_by_their_scatter() {
+    let (_folder, [keypoints, problems]) = files(2, Matches::Right);
+    let mut asked = evaluation(&keypoints, &problems, &[named("resting-camera")]);
+    asked.server = None;
+    asked.frames = vec![2, 8, 32];
+    let bits = |asked: &AttackEvaluation| {
+        let document = run(asked).expect("attacked");
+        assert_eq!(document.choice, None);
+        [2, 8, 32].map(|n| row(&document, named("resting-camera"), Some(n)).bits_over_prior)
+    };
+    let [two, eight, many] = bits(&asked);
+    assert!(two > 0.1 && eight > two + 0.4 && many > eight + 0.5, "{two} {eight} {many}");
+    // New frames: the detector's noise is added to the dither, and is as wide at any distance too.
+    asked.resting_noise_px = 0.4;
+    let [_, frames, _] = bits(&asked);
+    assert!(frames > 0.3 && frames < eight, "{frames} {eight}");
+    // Random lines cross.
+    asked.schemes = vec![Scheme::RandomLines];
+    asked.resting_noise_px = 0.0;
+    let document = run(&asked).expect("attacked");
+    let crossed = row(&document, named("resting-camera"), Some(2));
+    assert!(crossed.median_px < 3.0, "{crossed:?}");
+}
+
+#[test]
+fn a_private_region_is_in_no_match() {
+    let (_folder, [keypoints, problems]) = files(2, Matches::Right);
+    let mut asked = evaluation(&keypoints, &problems, &[named("iterative")]);
+    asked.images = None;
+    let hidden = run(&asked).expect("attacked");
+    asked.server.as_mut().expect("set").private = Some(0.1);
+    let private = run(&asked).expect("attacked");
+    assert!((private.server[0].measured - 0.1).abs() < 1e-9, "{:?}", private.server);
+    let known = |d: &AttackDocument| d.server[0].known;
+    // About half of the region's keypoints were matched.
+    let lost = known(&hidden) - known(&private);
+    assert!((0.02..0.08).contains(&lost), "{lost}");
+    assert_eq!(run(&asked).expect("attacked").attacks[1].mean_px, private.attacks[1].mean_px, "equal seeds");
+}
+
+#[test]
+fn files_that_do_not_fit_and_servers_that_find_no_pose_are_named() {
+    let refused = |matches| {
+        let (_folder, [keypoints, problems]) = files(2, matches);
+        run(&evaluation(&keypoints, &problems, &[named("iterative")])).expect_err("refused")
+    };
+    let error = refused(Matches::OtherNames);
+    assert!(matches!(&error, AuditError::NoMatches { image } if image == "p0"), "{error}");
+    let error = refused(Matches::OtherSize);
+    assert!(matches!(&error, AuditError::OtherSize { size: [641, 480], .. }), "{error}");
+    let error = refused(Matches::OtherKeypoints);
+    assert!(matches!(&error, AuditError::NoSuchKeypoint { image, .. } if image == "p0"), "{error}");
+    let error = refused(Matches::Wrong);
+    assert!(matches!(&error, AuditError::NoPose { images: 1, .. }), "{error}");
+}
+
+#[test]
+fn what_makes_no_sense_together_is_refused() {
+    let (_folder, [keypoints, problems]) = files(2, Matches::Right);
+    let check = |attack, says: &str, change: fn(&mut AttackEvaluation)| {
+        let mut asked = evaluation(&keypoints, &problems, &[attack]);
+        change(&mut asked);
+        let error = run(&asked).expect_err(says).to_string();
+        assert!(error.contains(says), "{error}");
+    };
+    let private =
+        |share| move |e: &mut AttackEvaluation| e.server.as_mut().expect("set").private = Some(share);
+    check(named("iterative"), "needs its matches", |e| e.server = None);
+    check(named("iterative"), "one neighbour", |e| e.k = 0);
+    check(named("several-frames"), "two at least", |e| e.frames = vec![1]);
+    check(named("resting-camera"), "two at least", |e| e.frames = vec![1]);
+    check(named("several-frames"), "has 2 images", |e| e.frames = vec![3]);
+    check(named("guided-transfer"), "nothing can be transferred", |e| {
+        e.server.as_mut().expect("set").private = Some(0.1);
+    });
+    for share in [0.0, 1.0, f64::NAN] {
+        let mut asked = evaluation(&keypoints, &problems, &[named("iterative")]);
+        private(share)(&mut asked);
+        assert!(matches!(run(&asked), Err(AuditError::Options(_))), "{share}");
+    }
+}

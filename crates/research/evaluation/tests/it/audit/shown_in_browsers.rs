@@ -1,0 +1,13 @@
+//! The page in browsers shows attacks of this table: by its names and words, told as many neighbours.
+
+use veiloc_evaluation::audit::{Attack, AttackEvaluation};
+use veiloc_web::shown::{ATTACKS, NEIGHBOURS};
+
+#[test]
+fn a_page_calls_attacks_what_the_audit_calls_them() {
+    for (name, words, neighbours) in ATTACKS {
+        let attack: Attack = name.parse().expect("known");
+        assert_eq!((attack.words, attack.needs.neighbours), (words, neighbours), "{name}");
+    }
+    assert_eq!(AttackEvaluation::default().k, NEIGHBOURS);
+}

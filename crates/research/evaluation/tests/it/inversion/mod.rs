@@ -1,0 +1,4 @@
+//! Tests of `inversion`.
+
+mod evaluation;
+mod training;

@@ -1,0 +1,3 @@
+//! Tests of `pose`.
+
+mod bound;

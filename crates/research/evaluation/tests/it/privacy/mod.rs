@@ -1,0 +1,4 @@
+//! Tests of `privacy`.
+
+mod real_sessions;
+mod variants;

@@ -1,0 +1,89 @@
+//! Sessions of real images, sealed, localized and attacked. Needs `VEILOC_DATA`.
+
+use std::path::Path;
+
+use veiloc_evaluation::SceneEvaluation;
+use veiloc_evaluation::privacy::sessions::{Motion, SessionRow, SessionsEvaluation, evaluate_sessions};
+use veiloc_map::colmap::read_posed;
+use veiloc_obfuscation::{SessionAnchors, SessionOptions};
+use veiloc_protocol::Scheme;
+use veiloc_testdata::real_data_test;
+
+fn names(list: &Path, every: usize) -> Vec<String> {
+    let text = std::fs::read_to_string(list).expect("a list of the data");
+    text.lines().map(|l| l.trim().to_owned()).filter(|l| !l.is_empty()).step_by(every).collect()
+}
+
+fn kitchen(data: &Path) -> SessionsEvaluation {
+    let folder = data.join("redkitchen");
+    let place = SceneEvaluation {
+        thresholds: vec!["0.05/5".parse().expect("a threshold")],
+        ..SceneEvaluation::of_place(
+            read_posed(&folder.join("posed")).expect("poses of the data"),
+            folder.join("images"),
+            names(&folder.join("map.txt"), 2),
+            names(&folder.join("query.txt"), 1).into_iter().take(6).collect(),
+        )
+    };
+    SessionsEvaluation {
+        place,
+        anchors: vec![SessionAnchors::Image, SessionAnchors::World],
+        motions: vec![Motion::Turning, Motion::Walking, Motion::Resting],
+        frames: vec![2, 4],
+        gyro_deg: vec![0.0],
+        drift_deg: vec![0.0],
+        attacked: Some(2),
+        private: 0.1,
+        reach: 0.5,
+        sensor_noise: 2.0,
+        session: SessionOptions::default(),
+    }
+}
+
+/// L10: what several frames give away with anchors tied to the image they do not with anchors tied to the world, at no
+/// cost in poses.
+#[real_data_test]
+fn anchors_in_the_world_hold_over_a_session(data: &Path) {
+    let document = evaluate_sessions(&kitchen(data), &()).expect("evaluated");
+    println!("{}", veiloc_evaluation::privacy::sessions::table(&document));
+    // The better of the methods, as an attacker would know from images of his own.
+    let bits = |anchors: &str, motion: Motion, asked: &str| {
+        let of =
+            |r: &&SessionRow| (&*r.anchors, r.motion, r.asked(), r.frames) == (anchors, motion, asked, 4);
+        let all: Vec<f64> = document.rows.iter().filter(of).filter_map(|r| r.bits_over_prior).collect();
+        assert!(!all.is_empty(), "{anchors} {motion} {asked}");
+        all.into_iter().fold(f64::NEG_INFINITY, f64::max)
+    };
+    for motion in [Motion::Turning, Motion::Walking, Motion::Resting] {
+        let [image, world] = ["image", "world"].map(|anchors| bits(anchors, motion, "matched"));
+        assert!(image > 0.5, "{motion}: the attack works: {image}");
+        // A camera that walks tells how far a keypoint is from the anchor's axis, and one that rests nothing.
+        let most = if motion == Motion::Resting { 0.15 } else { 0.4 };
+        assert!(world < most && world < 0.5 * image, "{motion}: {image} {world}");
+        // Beside map points whose depth is known the distance tells more: half as much as without a session.
+        let [image, world] = ["image", "world"].map(|anchors| bits(anchors, motion, "private"));
+        let most = if motion == Motion::Resting { 0.15 } else { 0.6 * image };
+        assert!(world < most, "{motion}: {image} {world}");
+    }
+    for frames in &document.frames {
+        assert_eq!(frames.summary.recall["0.05/5"], 1.0, "{}", frames.anchors);
+        assert_eq!(frames.starts, if frames.anchors == "image" { 6 } else { 1 });
+    }
+    let [image, world] = [0, 1].map(|i| document.frames[i].summary.median_translation.expect("localized"));
+    assert!(world < 1.5 * image, "{image} {world}");
+}
+
+#[real_data_test]
+fn what_makes_no_sense_is_refused(data: &Path) {
+    let refused = |change: &dyn Fn(&mut SessionsEvaluation)| {
+        let mut evaluation = kitchen(data);
+        change(&mut evaluation);
+        evaluate_sessions(&evaluation, &()).expect_err("refused").to_string()
+    };
+    assert!(refused(&|e| e.frames = vec![1]).contains("two at least"));
+    assert!(refused(&|e| e.frames = vec![2, 20]).contains("6 images"));
+    assert!(refused(&|e| e.private = 1.0).contains("private region"));
+    assert!(refused(&|e| e.gyro_deg = vec![f64::NAN]).contains("NaN"));
+    assert!(refused(&|e| e.place.schemes = vec![Scheme::Points]).contains("points"));
+    assert!(refused(&|e| e.anchors.clear()).contains("nothing"));
+}

@@ -1,0 +1,158 @@
+//! Regions of a real place: queries are localized in them as in the whole map. Needs `VEILOC_DATA`.
+#![expect(clippy::print_stdout, reason = "its figures are those of docs/scale.md")]
+
+use std::path::Path;
+
+use rand_chacha::ChaCha20Rng;
+use rand_chacha::rand_core::SeedableRng as _;
+use veiloc_evaluation::results::Evaluation;
+use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
+use veiloc_localization::{Localization, LocalizeOptions, localize};
+use veiloc_map::colmap::read_posed;
+use veiloc_map::regions::{Folder, FolderWriter, SplitOptions, cut};
+use veiloc_map::{MapFile, MapMemory};
+use veiloc_obfuscation::{SealOptions, extract, seal};
+use veiloc_protocol::Scheme;
+use veiloc_testdata::real_data_test;
+
+fn names(list: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(list).expect("a list of the data");
+    text.lines().map(|line| line.trim().to_owned()).filter(|line| !line.is_empty()).collect()
+}
+
+fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluation {
+    let folder = data.join("redkitchen");
+    let evaluation = SceneEvaluation {
+        regions,
+        schemes: ["points", "dcl"].map(|scheme| scheme.parse().expect("a scheme")).to_vec(),
+        thresholds: ["0.02/2", "0.05/5"].map(|t| t.parse().expect("a threshold")).to_vec(),
+        work: Some(work.to_owned()),
+        jobs: 2,
+        ..SceneEvaluation::of_place(
+            read_posed(&folder.join("posed")).expect("poses of the data"),
+            folder.join("images"),
+            names(&folder.join("map.txt")),
+            names(&folder.join("query.txt")),
+        )
+    };
+    evaluate_scene(&evaluation, &()).expect("evaluated")
+}
+
+/// Every query in the regions that a gateway would ask: all are found and as many trusted as in the whole map, none wrongly, and
+/// nearly as exactly (a region of 20 holds fewer of the ten images that see most; docs/scale.md).
+#[real_data_test]
+fn queries_are_localized_in_their_region_as_in_the_whole_map(data: &Path) {
+    let work = tempfile::tempdir().expect("a folder");
+    let whole = kitchen(data, None, work.path());
+    told("whole", &whole);
+    let map = whole.map.as_ref().expect("a map");
+    for (images, error) in [(40, 1.25), (20, 1.4)] {
+        let cut = kitchen(data, Some(SplitOptions::default().with_images(images)), work.path());
+        told(&format!("regions of {images}"), &cut);
+        let regions = cut.map.as_ref().and_then(|map| map.regions.clone()).expect("regions");
+        assert!(regions.count >= 83 / images && regions.largest_bytes < map.bytes, "{regions:?}");
+        for (whole, cut) in whole.schemes.iter().zip(&cut.schemes) {
+            assert_eq!((cut.queries, cut.recall["0.05/5"]), (whole.queries, 1.0), "{}", cut.scheme);
+            assert_eq!(cut.trusted_wrong, Some(0), "{}", cut.scheme);
+            let [own, of_whole] = [cut, whole].map(|s| s.trusted.expect("all are judged"));
+            assert!(own >= of_whole, "{}: {own} of {of_whole}", cut.scheme);
+            let [a, b] = [cut, whole].map(|s| s.median_translation.expect("most are found"));
+            assert!(a < error * b, "{}: {a} m in regions, {b} m in the whole map", cut.scheme);
+        }
+    }
+}
+
+/// A region that holds all images which the whole map retrieves for a query answers with the whole map's pose, to the bit, and
+/// judges it the same. Its covariance is made of covariances of points that it remembers in single precision.
+#[real_data_test]
+fn a_region_that_holds_what_is_retrieved_gives_the_very_pose(data: &Path) {
+    let place = data.join("redkitchen");
+    let work = tempfile::tempdir().expect("a folder");
+    let path = work.path().join("place.vmap");
+    let posed = read_posed(&place.join("posed")).expect("poses of the data");
+    let queries = names(&place.join("query.txt"));
+    let evaluation = SceneEvaluation {
+        keep_map: Some(path.clone()),
+        ..SceneEvaluation::of_place(
+            posed.clone(),
+            place.join("images"),
+            names(&place.join("map.txt")),
+            queries[..1].to_vec(),
+        )
+    };
+    evaluate_scene(&evaluation, &()).expect("evaluated");
+    let whole = MapFile::open(&path).expect("a map");
+    let cuts = cut(&whole, &SplitOptions::default().with_images(40)).expect("cut");
+    let folder = work.path().join("regions");
+    let writer = FolderWriter::begin(&whole, "place", &folder).expect("a folder");
+    let entries = cuts.iter().map(|region| writer.region(region).expect("written")).collect();
+    writer.finish(&cuts, entries).expect("written");
+    let open = Folder::open(&folder).expect("regions");
+    let regions: Vec<MapFile> =
+        (0..cuts.len()).map(|n| open.open_region(n, MapMemory::Mapped).expect("a region")).collect();
+
+    let names_in = |map: &MapFile, found: &Localization| -> Vec<String> {
+        found.retrieved.iter().map(|r| map.image(r.image).name().to_owned()).collect()
+    };
+    // Of the default's ten, hardly any region of forty holds all.
+    let mut options = LocalizeOptions::default();
+    options.retrieve = 4;
+    let (mut same, mut asked) = (0, 0);
+    for scheme in [Scheme::Points, Scheme::default()] {
+        for name in &queries {
+            let camera = posed.get(name).expect("posed").camera;
+            let sealing = match scheme {
+                Scheme::Points => SealOptions::unprotected_points(),
+                _ => SealOptions::default(),
+            };
+            let (features, camera) =
+                extract(&place.join("images").join(name), &camera, whole.profile(), &sealing)
+                    .expect("features");
+            let mut rng = ChaCha20Rng::seed_from_u64(7);
+            let query = seal(features, &camera, whole.profile(), &sealing, &mut rng).expect("sealed");
+            let Ok(of_whole) = localize(&query, &whole, &options) else { continue };
+            let retrieved = names_in(&whole, &of_whole);
+            for region in &regions {
+                asked += 1;
+                let held: Vec<&str> = region.images().map(|image| image.name()).collect();
+                if !retrieved.iter().all(|name| held.contains(&name.as_str())) {
+                    continue;
+                }
+                let own = localize(&query, region, &options).expect("localized");
+                assert_eq!(names_in(region, &own), retrieved, "{name}");
+                assert_eq!(told_by(&own), told_by(&of_whole), "{name}");
+                for k in 0..6 {
+                    let (a, b) = (own.covariance[k][k], of_whole.covariance[k][k]);
+                    assert!((a - b).abs() <= 1e-3 * b, "{name}: {a:e} {b:e}");
+                }
+                let (a, b) = (own.confidence.log_evidence, of_whole.confidence.log_evidence);
+                assert!((a - b).abs() <= 1e-6 * b.abs(), "{name}: {a} {b}");
+                same += 1;
+            }
+        }
+    }
+    println!("{same} of {asked} answers of regions are of all that the whole map retrieves, and equal");
+    assert!(same >= 20, "{same} of {asked}");
+}
+
+/// A pose, to the bit, and what an answer says of it.
+fn told_by(found: &Localization) -> (Vec<u64>, String, usize, usize, usize) {
+    let pose = &found.cam_from_world;
+    let numbers = pose.rotation().matrix().iter().chain(pose.translation().iter()).copied();
+    let numbers = numbers.chain([found.noise_px, found.focal_scale]);
+    let state = format!("{:?}, {} doubts", found.state, found.confidence.doubts().len());
+    (numbers.map(f64::to_bits).collect(), state, found.inliers, found.pairs, found.hypotheses)
+}
+
+/// The figures, with `--nocapture`.
+fn told(what: &str, result: &Evaluation) {
+    let map = result.map.as_ref().expect("a map");
+    println!("{what}: {} images, {} bytes, {:?}", map.images, map.bytes, map.regions);
+    for s in &result.schemes {
+        let [cm, degrees] = [s.median_translation.map(|t| 100.0 * t), s.median_rotation_deg];
+        println!(
+            "  {}: {cm:?} cm / {degrees:?}°, {:?}, {:?} of {} trusted, {:?} wrongly",
+            s.scheme, s.recall, s.trusted, s.queries, s.trusted_wrong
+        );
+    }
+}

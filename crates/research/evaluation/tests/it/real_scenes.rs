@@ -1,0 +1,114 @@
+//! The whole road on real images: map, seal, localize. Needs `VEILOC_DATA`.
+
+use std::path::Path;
+
+use veiloc_evaluation::pose::{PoseEvaluation, Recipe, evaluate_poses};
+use veiloc_evaluation::results::Hypotheses;
+use veiloc_evaluation::results::{Evaluation, SchemeSummary};
+use veiloc_evaluation::{Negatives, SceneEvaluation, evaluate_scene};
+use veiloc_map::colmap::read_posed;
+use veiloc_pose::ScoreKind;
+use veiloc_protocol::Scheme;
+use veiloc_testdata::real_data_test;
+
+fn names(list: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(list).expect("a list of the data");
+    text.lines().map(|l| l.trim().to_owned()).filter(|l| !l.is_empty()).collect()
+}
+
+fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
+    // Every n-th image keeps the test short; the full figures are those of docs/results.md.
+    let thin = |list: &str| names(&folder.join(list)).into_iter().step_by(every).collect();
+    SceneEvaluation {
+        schemes: schemes.iter().map(|s| s.parse().expect("a scheme")).collect(),
+        thresholds: vec!["0.05/5".parse().expect("a threshold")],
+        ..SceneEvaluation::of_place(
+            read_posed(&folder.join("posed")).expect("poses of the data"),
+            folder.join("images"),
+            thin("map.txt"),
+            names(&folder.join("query.txt")).into_iter().step_by(3).collect(),
+        )
+    }
+}
+
+fn assert_recall(result: &Evaluation, scheme: &str, least: f64, translation: f64) {
+    let summary = result.schemes.iter().find(|s| s.scheme == scheme).expect("it was asked for");
+    let recall = summary.recall["0.05/5"];
+    assert!(recall >= least, "{scheme}: recall {recall}, at least {least} is expected");
+    let median = summary.median_translation.unwrap_or(f64::INFINITY);
+    assert!(median <= translation, "{scheme}: median {median} m, at most {translation} is expected");
+}
+
+#[real_data_test]
+fn redkitchen_is_localized_under_every_scheme(data: &Path) {
+    let schemes = ["points", "random-lines", "dcl"];
+    let result = evaluate_scene(&scene(&data.join("redkitchen"), 2, &schemes), &()).expect("evaluated");
+    assert_recall(&result, "points", 0.99, 0.010);
+    assert_recall(&result, "random-lines", 0.99, 0.015);
+    assert_recall(&result, "dcl", 0.9, 0.025);
+    let map = result.map.expect("a map was built");
+    assert!(map.points > 3000, "{} points", map.points);
+}
+
+/// A kitchen is no church door: whatever pose comes out must not be trusted.
+#[real_data_test]
+fn queries_of_another_place_are_not_trusted(data: &Path) {
+    let kitchen = data.join("redkitchen");
+    let mut evaluation = scene(&data.join("herzjesu"), 1, &["points", "random-lines", "dcl"]);
+    evaluation.negatives = Some(Negatives {
+        posed: read_posed(&kitchen.join("posed")).expect("poses of the data"),
+        images: kitchen.join("images"),
+        list: names(&kitchen.join("query.txt")).into_iter().step_by(4).collect(),
+    });
+    let result = evaluate_scene(&evaluation, &()).expect("evaluated");
+    for summary in &result.schemes {
+        let negatives = summary.negatives.expect("there were some");
+        assert_eq!((negatives.queries, negatives.trusted), (8, 0), "{}", summary.scheme);
+        assert_eq!(summary.trusted, Some(2), "{}: own queries", summary.scheme);
+    }
+    assert_eq!(result.negatives.len(), 24);
+}
+
+#[real_data_test]
+fn herzjesu_is_localized_with_dcl(data: &Path) {
+    let result = evaluate_scene(&scene(&data.join("herzjesu"), 1, &["dcl"]), &()).expect("evaluated");
+    assert_recall(&result, "dcl", 0.99, 0.05);
+}
+
+/// DESIGN's collapse: with the plain score the false optimum at an anchor wins; the likelihood removes it.
+#[real_data_test]
+fn the_collapse_of_the_plain_score_and_its_cure(data: &Path) {
+    let files = vec![data.join("problems/redkitchen_nn.jsonl.gz")];
+    let mut evaluation = PoseEvaluation::new(files, vec![Scheme::default()]);
+    evaluation.scores = vec![ScoreKind::Msac, ScoreKind::Likelihood];
+    evaluation.thresholds = vec!["0.05/5".parse().expect("a threshold")];
+    evaluation.hypotheses = vec![Hypotheses::Fixed(500)];
+    let result = evaluate_poses(&evaluation, &()).expect("evaluated");
+    let recall = |score: &str| {
+        result.schemes.iter().find(|s| s.score == score).expect("it was asked for").recall["0.05/5"]
+    };
+    assert!(recall("msac") < 0.3, "the plain score did not collapse: {}", recall("msac"));
+    assert!(recall("likelihood") > 0.85, "the likelihood did not cure it: {}", recall("likelihood"));
+}
+
+/// Every recipe is run on the same real matches; who knows the right matches is nearer than who must find them.
+#[real_data_test]
+fn recipes_seeds_and_the_floor_on_real_matches(data: &Path) {
+    let files = vec![data.join("problems/redkitchen_r08.jsonl.gz")];
+    let mut evaluation = PoseEvaluation::new(files, vec![Scheme::Points, Scheme::default()]);
+    evaluation.recipes = vec![Recipe::Paper, Recipe::Default, Recipe::Floor];
+    evaluation.thresholds = vec!["0.05/5".parse().expect("a threshold")];
+    evaluation.seeds = 2;
+    let result = evaluate_poses(&evaluation, &()).expect("evaluated");
+    let row = |scheme: &str, recipe: &str| {
+        let of_recipe =
+            |s: &&SchemeSummary| s.scheme == scheme && s.variant.recipe.as_deref() == Some(recipe);
+        result.schemes.iter().find(of_recipe).expect("it was asked for")
+    };
+    let median = |scheme, recipe| row(scheme, recipe).median_translation.unwrap_or(f64::INFINITY);
+    assert_eq!(row("points", "default").recall["0.05/5"], 1.0);
+    assert!(median("points", "floor") < median("points", "default"));
+    assert!(row("dcl", "default").recall["0.05/5"] > 0.8 && row("dcl", "paper").recall["0.05/5"] < 0.3);
+    assert_eq!(result.queries.len(), 2 * 3 * 2 * 22);
+    assert!(result.schemes.iter().all(|s| s.per_seed.len() == 2 && s.queries == 44));
+}

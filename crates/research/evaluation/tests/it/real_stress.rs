@@ -1,0 +1,82 @@
+//! Stress and negatives on real images. Needs `VEILOC_DATA`.
+
+use std::path::Path;
+
+use veiloc_evaluation::negatives::{CameraSource, NegativeImage, NegativesEvaluation, evaluate_negatives};
+use veiloc_evaluation::stress::{Stress, StressEvaluation, evaluate_stress};
+use veiloc_features::Extractors;
+use veiloc_localization::LocalizeOptions;
+use veiloc_map::MapFile;
+use veiloc_map::colmap::read_posed;
+use veiloc_mapping::{BuildOptions, Input, build};
+use veiloc_pose::State;
+use veiloc_protocol::Scheme;
+use veiloc_testdata::real_data_test;
+
+fn names(list: &Path, every: usize) -> Vec<String> {
+    let text = std::fs::read_to_string(list).expect("a list of the data");
+    let names = text.lines().map(|l| l.trim().to_owned()).filter(|l| !l.is_empty());
+    names.step_by(every).collect()
+}
+
+/// What is hard costs accuracy and not the place; the search finds what its own objective would.
+#[real_data_test]
+fn hard_conditions_of_redkitchen(data: &Path) {
+    let kitchen = data.join("redkitchen");
+    let posed = read_posed(&kitchen.join("posed")).expect("poses of the data");
+    let (map, queries) = (names(&kitchen.join("map.txt"), 2), names(&kitchen.join("query.txt"), 5));
+    let mut evaluation = StressEvaluation::new(posed, kitchen.join("images"), map, queries);
+    evaluation.stresses = vec![Stress::Dark, Stress::LowResolution, Stress::FewKeypoints];
+    evaluation.from_truth = true;
+    let result = evaluate_stress(&evaluation, &()).expect("evaluated");
+    assert_eq!((result.rows.len(), result.queries.len()), (4 * 3, 4 * 3 * 6));
+    for row in &result.rows {
+        let name = format!("{} {}", row.stress, row.scheme);
+        assert!(row.recall["0.25/2"] >= 0.8, "{name}: {}", row.recall["0.25/2"]);
+        assert_eq!(row.trusted_wrong, 0, "{name}");
+        let optimum = row.optimum.as_ref().expect("it was asked for");
+        assert!(optimum.recall["0.25/2"] >= 0.8, "{name}: {}", optimum.recall["0.25/2"]);
+        assert!(row.lost <= Some(1), "{name}: {:?} lost", row.lost);
+    }
+}
+
+/// Images of elsewhere find no place in a kitchen, and a thing without texture cannot even ask.
+#[real_data_test]
+fn images_of_elsewhere_are_not_trusted(data: &Path) {
+    let kitchen = data.join("redkitchen");
+    let posed = read_posed(&kitchen.join("posed")).expect("poses of the data");
+    let (folder, map) = (kitchen.join("images"), names(&kitchen.join("map.txt"), 4));
+    let input = Input::new(&posed, &folder).with_names(&map);
+    let (model, _) = build(&input, &BuildOptions::default(), &()).expect("a map");
+    let temporary = tempfile::tempdir().expect("temporary folder");
+    let path = temporary.path().join("kitchen.vmap");
+    veiloc_map::write(&model, &path).expect("written");
+    let map = MapFile::open(&path).expect("a map");
+
+    let streets = data.join("training-photos/streets");
+    let mut files: Vec<_> = std::fs::read_dir(&streets)
+        .expect("a folder of the data")
+        .map(|entry| entry.expect("readable").path())
+        .collect();
+    files.sort();
+    let images: Vec<NegativeImage> = files
+        .iter()
+        .step_by(10)
+        .map(|path| NegativeImage { name: path.display().to_string(), path: path.clone(), camera: None })
+        .collect();
+    let evaluation = NegativesEvaluation {
+        images: images.clone(),
+        schemes: vec![Scheme::Points, Scheme::default()],
+        localize: LocalizeOptions::default(),
+        seed: 0,
+        extractors: Extractors::for_sealing(),
+        global: None,
+    };
+    let result = evaluate_negatives(&map, &evaluation, &()).expect("evaluated");
+    assert!(images.len() >= 8 && result.unread.is_empty(), "{} images", images.len());
+    for row in &result.rows {
+        assert_eq!((row.negatives, row.trusted), (images.len(), 0), "{}", row.scheme);
+        assert_eq!(row.cameras[CameraSource::Guess.name()], images.len());
+    }
+    assert!(result.queries.iter().all(|q| q.state != State::Trusted));
+}
