@@ -1,0 +1,133 @@
+//! Who may depend on whom, by folder: what stands between a server and the keypoints of a query.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+/// A folder of `crates/`, and those that nothing in it may reach, directly or through others. Tests may.
+const FORBIDDEN: [(&str, &[&str]); 4] = [
+    ("core", &["device", "server", "tools", "research"]),
+    ("device", &["server", "tools", "research"]),
+    ("server", &["device", "tools", "research"]),
+    // The operator's tools bring all together in `cli`; research stands on both sides, and neither reaches it.
+    ("research", &["cli"]),
+];
+
+/// Crates of the workspace by name: the folder in `crates/` and what they depend on outside of tests.
+struct Crate {
+    folder: String,
+    dependencies: Vec<String>,
+}
+
+/// Checks all crates in `crates/`; returns how many there are.
+pub(crate) fn check(root: &Path, faults: &mut Vec<String>) -> Result<usize, String> {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--format-version", "1", "--all-features", "--no-deps", "--offline"])
+        .current_dir(root)
+        .output()
+        .map_err(|e| format!("cargo metadata: {e}"))?;
+    if !output.status.success() {
+        return Err(format!("cargo metadata: {}", String::from_utf8_lossy(&output.stderr)));
+    }
+    let metadata = serde_json::from_slice(&output.stdout).map_err(|e| format!("cargo metadata: {e}"))?;
+    let crates = read(&metadata);
+    if crates.len() < 2 {
+        return Err("cargo metadata names no crates".to_owned());
+    }
+    judge(&crates, faults);
+    Ok(crates.len())
+}
+
+fn read(metadata: &Value) -> BTreeMap<String, Crate> {
+    let list = |value: &Value| value.as_array().cloned().unwrap_or_default();
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let of_package = |package: &Value| {
+        let manifest = text(&package["manifest_path"]);
+        let (_, inside) = manifest.rsplit_once("/crates/")?;
+        let folder = inside.split('/').next()?.to_owned();
+        let is_real = |d: &Value| d["kind"].as_str() != Some("dev");
+        let dependencies =
+            list(&package["dependencies"]).iter().filter(|d| is_real(d)).map(|d| text(&d["name"])).collect();
+        Some((text(&package["name"]), Crate { folder, dependencies }))
+    };
+    list(&metadata["packages"]).iter().filter_map(of_package).collect()
+}
+
+fn judge(crates: &BTreeMap<String, Crate>, faults: &mut Vec<String>) {
+    for (name, from) in crates {
+        let Some((_, forbidden)) = FORBIDDEN.iter().find(|(folder, _)| *folder == from.folder) else {
+            continue;
+        };
+        let mut open = vec![(name.clone(), name.clone())];
+        let mut seen = BTreeSet::new();
+        while let Some((at, path)) = open.pop() {
+            for next in crates.get(&at).into_iter().flat_map(|c| &c.dependencies) {
+                let Some(reached) = crates.get(next).filter(|_| seen.insert(next.clone())) else { continue };
+                let path = format!("{path} -> {next}");
+                let is_forbidden = |f: &&str| **f == reached.folder || next == &format!("veiloc-{f}");
+                if forbidden.iter().any(|f| is_forbidden(&f)) {
+                    faults.push(format!(
+                        "{path}: crates/{} may not reach crates/{}",
+                        from.folder, reached.folder
+                    ));
+                }
+                open.push((next.clone(), path));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn faults(packages: &[(&str, &str, &[(&str, Option<&str>)])]) -> Vec<String> {
+        let package = |(folder, name, dependencies): &(&str, &str, &[(&str, Option<&str>)])| {
+            let dependencies: Vec<Value> = dependencies
+                .iter()
+                .map(|(n, kind)| json!({"name": format!("veiloc-{n}"), "kind": kind}))
+                .collect();
+            json!({
+                "name": format!("veiloc-{name}"),
+                "manifest_path": format!("/w/crates/{folder}/{name}/Cargo.toml"),
+                "dependencies": dependencies,
+            })
+        };
+        let packages: Vec<Value> = packages.iter().map(package).collect();
+        let mut faults = Vec::new();
+        judge(&read(&json!({ "packages": packages })), &mut faults);
+        faults
+    }
+
+    #[test]
+    fn server_never_reaches_device_even_through_others() {
+        let features = ("device", "features", &[] as &[_]);
+        let found = faults(&[
+            ("server", "service", &[("map", None)]),
+            ("server", "map", &[("features", None)]),
+            features,
+        ]);
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert!(
+            found.iter().any(|f| f.contains("veiloc-service -> veiloc-map -> veiloc-features")),
+            "{found:?}"
+        );
+        assert_eq!(
+            faults(&[("server", "map", &[("features", Some("dev"))]), features]),
+            Vec::<String>::new()
+        );
+    }
+
+    #[test]
+    fn research_is_reached_by_tools_only() {
+        let attacks = ("research", "attacks", &[] as &[_]);
+        assert_eq!(faults(&[("tools", "cli", &[("attacks", None)]), attacks]), Vec::<String>::new());
+        for folder in ["core", "device", "server"] {
+            assert_eq!(faults(&[(folder, "x", &[("attacks", Some("build"))]), attacks]).len(), 1);
+        }
+    }
+}
