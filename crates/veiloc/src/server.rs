@@ -1,6 +1,6 @@
 //! The server's road: posed images to a map, and a sealed query with a map to a pose.
 //!
-//! With the feature `self-test` a map is tested before it is kept: `self_test` gives what belongs into
+//! A map can be tested before it is kept: `self_test` gives what belongs into
 //! [`MapModel::self_test`], as `veiloc map build` does it; without it answers have the covariances of other maps.
 //!
 //! [`build`], [`add`], [`remove`] make and change a map, [`write_map`] and [`MapFile`] keep it, [`localize`] asks it. The
@@ -13,7 +13,6 @@ pub use veiloc_map::colmap::{read_model, read_posed};
 pub use veiloc_map::{
     Down, DownError, MapError, MapFile, MapModel, PosedImage, PosedImages, write as write_map,
 };
-#[cfg(feature = "self-test")]
 pub use veiloc_mapping::calibration::{SelfTest, SelfTestError, SelfTestOptions, self_test};
 pub use veiloc_mapping::{
     BuildOptions, BuildReport, Input, MappingError, OnBadImage, Words, add, build, import, remove,

@@ -1,6 +1,6 @@
 //! The walks of `docs/extending.md`: one small thing of each sort, added from outside the crates.
 
-#[path = "../../examples/rendered/mod.rs"]
+#[path = "../../../examples/rendered/mod.rs"]
 mod rendered;
 
 mod attack;

@@ -1,6 +1,6 @@
 //! The example does what it says: images sealed in one session are found.
 
-#[path = "../examples/session.rs"]
+#[path = "../../examples/session.rs"]
 #[expect(dead_code, reason = "its own main is not called")]
 mod session;
 

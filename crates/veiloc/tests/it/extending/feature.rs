@@ -7,7 +7,7 @@ use veiloc::device::{
 use veiloc::server::{BuildOptions, Input, LocalizeOptions, MapFile, build, localize, write_map};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding};
 
-use crate::rendered;
+use super::rendered;
 
 /// Side of the sampled patch, samples.
 const SIDE: i32 = 9;

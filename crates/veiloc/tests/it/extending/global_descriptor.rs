@@ -11,7 +11,7 @@ use veiloc::server::{
 };
 use veiloc_descriptor::{GlobalDescriptor, NamedGlobal};
 
-use crate::rendered;
+use super::rendered;
 
 const WIDE: u32 = 16;
 const HIGH: u32 = 12;

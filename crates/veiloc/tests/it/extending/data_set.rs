@@ -8,7 +8,7 @@ use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{PosedImage, PosedImages};
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 
-use crate::rendered;
+use super::rendered;
 
 /// The layout: one image a line, `name qw qx qy qz tx ty tz`, camera from world, one camera for all.
 fn read(list: &Path, camera: &Intrinsics) -> Result<PosedImages, Box<dyn Error>> {

@@ -1,6 +1,6 @@
 //! The example does what it says: a place is mapped and its queries are found.
 
-#[path = "../examples/map_and_localize.rs"]
+#[path = "../../examples/map_and_localize.rs"]
 #[expect(dead_code, reason = "its own main is not called")]
 mod map_and_localize;
 

@@ -1,6 +1,6 @@
 //! The example does what it says: one's own images are attacked, beside the guess.
 
-#[path = "../examples/attack_own_images.rs"]
+#[path = "../../examples/attack_own_images.rs"]
 #[expect(dead_code, reason = "its own main is not called")]
 mod attack_own_images;
 
