@@ -4,16 +4,19 @@
 
 pub mod documented;
 
+use std::collections::BTreeMap;
 use std::fs;
+use std::panic::Location;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::sync::OnceLock;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use serde_json::Value;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
 use veiloc_synthetic::{PathOptions, RenderOptions};
+use veiloc_testing::{copy_folder, fixture};
 
 /// A lens with some distortion, so that undistortion is part of the road.
 pub const CAMERA: &str = "SIMPLE_RADIAL,400,300,330,201,149,-0.04";
@@ -40,20 +43,28 @@ pub struct Place {
     pub poses: Vec<(String, CameraFromWorld)>,
 }
 
-/// The place of this test program; rendered and mapped on the first call.
+/// A rendered place with its map `place.vmap` and its profile `place.vprofile`, in a folder of its own for each file of tests: they
+/// write beside each other.
+#[track_caller]
 pub fn place() -> &'static Place {
-    static PLACE: OnceLock<Place> = OnceLock::new();
-    PLACE.get_or_init(|| {
-        let place = Place::render(fresh_folder());
-        let mut build = "map build --posed posed --images images --list map.txt -o place.vmap".to_owned();
-        build.extend(EXTRACTION.map(|word| format!(" {word}")));
-        place.run(&build).succeeded();
-        place.run("map profile place.vmap -o place.vprofile").succeeded();
-        place
+    static PLACES: Mutex<BTreeMap<&str, &Place>> = Mutex::new(BTreeMap::new());
+    let mut places = PLACES.lock().unwrap_or_else(PoisonError::into_inner);
+    places.entry(Location::caller().file()).or_insert_with(|| {
+        let whole = fixture("cli-place", &[Path::new(env!("CARGO_BIN_EXE_veiloc"))], |folder| {
+            let place = Place::render(folder.to_owned());
+            let mut build = "map build --posed posed --images images --list map.txt -o place.vmap".to_owned();
+            build.extend(EXTRACTION.map(|word| format!(" {word}")));
+            place.run(&build).succeeded();
+            place.run("map profile place.vmap -o place.vprofile").succeeded();
+        });
+        let folder = fresh_folder();
+        copy_folder(&whole, &folder).expect("copied");
+        Box::leak(Box::new(Place { folder, poses: views(&veiloc_synthetic::Place::generate(11)).concat() }))
     })
 }
 
 /// Views of another room, beside the place of the tests: `other/images`, `other/posed`, `other/list.txt`.
+#[track_caller]
 pub fn render_elsewhere(count: usize) {
     let folder = &place().folder;
     let camera: Intrinsics = CAMERA.parse().expect("a camera");
@@ -96,14 +107,10 @@ impl Place {
         let camera: Intrinsics = CAMERA.parse().expect("a camera");
         fs::create_dir_all(folder.join("images")).expect("folder");
         let place = veiloc_synthetic::Place::generate(11);
-        let path = place.camera_path(&PathOptions::with_counts(3 * MAP_VIEWS, 3 * QUERIES));
-        let mapping = path.mapping[..MAP_VIEWS].iter().enumerate();
-        let queries = path.queries[..QUERIES].iter().enumerate();
-        let map_poses: Vec<_> = mapping.map(|(i, p)| (format!("map-{i:02}.png"), *p)).collect();
-        let query_poses: Vec<_> = queries.map(|(i, p)| (format!("query-{i}.png"), *p)).collect();
+        let [map_poses, query_poses] = views(&place);
         write_list(&folder.join("map.txt"), &map_poses);
         write_list(&folder.join("queries.txt"), &query_poses);
-        let poses: Vec<(String, CameraFromWorld)> = map_poses.into_iter().chain(query_poses).collect();
+        let poses = [map_poses, query_poses].concat();
         for (seed, (name, pose)) in (1..).zip(&poses) {
             let view = place.render(pose, &camera, &RenderOptions::with_seed(seed));
             view.rgb().save(folder.join("images").join(name)).expect("written");
@@ -163,6 +170,17 @@ impl Place {
         self.run(&format!("seal images/{image} --camera {CAMERA} --profile place.vprofile {scheme} -o {out}"))
             .succeeded()
     }
+}
+
+/// Names and poses of the map's images, and of the queries.
+fn views(place: &veiloc_synthetic::Place) -> [Vec<(String, CameraFromWorld)>; 2] {
+    let path = place.camera_path(&PathOptions::with_counts(3 * MAP_VIEWS, 3 * QUERIES));
+    let mapping = path.mapping[..MAP_VIEWS].iter().enumerate();
+    let queries = path.queries[..QUERIES].iter().enumerate();
+    [
+        mapping.map(|(i, p)| (format!("map-{i:02}.png"), *p)).collect(),
+        queries.map(|(i, p)| (format!("query-{i}.png"), *p)).collect(),
+    ]
 }
 
 fn write_list(path: &Path, poses: &[(String, CameraFromWorld)]) {
