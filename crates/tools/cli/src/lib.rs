@@ -44,7 +44,11 @@ enum Command {
     /// Say which learned features are known, and whether their network files are there.
     Models(commands::models::Args),
     /// Extract features of images for other programs.
+    #[cfg(feature = "hloc")]
     Features(commands::features::Args),
+    /// Extract features of images for hloc (takes the cargo feature `hloc`).
+    #[cfg(not(feature = "hloc"))]
+    Features(commands::absent::Args),
     /// Turn images into sealed queries, as a device does.
     Seal(commands::seal::Args),
     /// Find where sealed queries were taken.
@@ -54,6 +58,9 @@ enum Command {
     /// Hold regions of a published map, for a service of many machines.
     #[cfg(feature = "cluster")]
     Worker(commands::worker::Args),
+    /// Hold regions of a published map (takes the cargo feature `cluster`).
+    #[cfg(not(feature = "cluster"))]
+    Worker(commands::absent::Args),
     /// Make, list and revoke tokens of a service.
     #[command(subcommand)]
     Token(commands::token::Command),
@@ -94,7 +101,10 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Demo(args) => commands::demo::run(args, &ui),
         Command::Map(command) => commands::map::run(command, &ui),
         Command::Models(args) => commands::models::run(args, &ui),
+        #[cfg(feature = "hloc")]
         Command::Features(args) => commands::features::run(args, &ui),
+        #[cfg(not(feature = "hloc"))]
+        Command::Features(args) => commands::absent::run(args, "features", "hloc"),
         Command::Seal(args) => commands::seal::run(args, &ui),
         Command::Localize(args) => commands::localize::run(args, &ui),
         // What holds for it is not on the command line alone.
@@ -105,6 +115,8 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Worker(_) => {
             commands::worker::run(matches.subcommand().map_or(&matches, |(_, worker)| worker), &ui)
         }
+        #[cfg(not(feature = "cluster"))]
+        Command::Worker(args) => commands::absent::run(args, "worker", "cluster"),
         Command::Token(command) => commands::token::run(command, &ui),
         Command::Query(command) => commands::query::run(command, &ui),
         Command::Eval(command) => commands::eval::run(command, &ui),

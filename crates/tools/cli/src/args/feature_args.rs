@@ -6,9 +6,12 @@ use std::sync::Arc;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use veiloc_features::learned::{Engine, Learned, Models, NetworkError};
 use veiloc_features::{Extractor, Extractors};
-use veiloc_mapping::importers::hloc::{HlocError, StoredFeatures};
+#[cfg(feature = "hloc")]
+use veiloc_mapping::importers::hloc::StoredFeatures;
 use veiloc_protocol::Profile;
 
+#[cfg(not(feature = "hloc"))]
+use crate::commands::absent;
 use crate::exit::Failure;
 
 /// Folders of network files, as paths are listed in the environment.
@@ -70,12 +73,19 @@ impl ModelFileArgs {
     }
 
     /// Features of a file, of the kind of this name.
-    fn stored(&self, file: &Path, features: &str) -> Result<StoredFeatures, HlocError> {
+    #[cfg(feature = "hloc")]
+    fn stored(&self, file: &Path, features: &str) -> Result<StoredFeatures, Failure> {
         let built_in = Extractors::default().named(features).map(|own| own.kind()).ok();
         let models = self.models();
         let described = || models.all().find(|found| found.description.name() == features);
         let known = built_in.or_else(|| described().map(|found| found.description.kind()));
-        StoredFeatures::open(file, features, known)
+        Ok(StoredFeatures::open(file, features, known)?)
+    }
+
+    #[cfg(not(feature = "hloc"))]
+    #[expect(clippy::unused_self, reason = "as where there are such files")]
+    fn stored(&self, file: &Path, _features: &str) -> Result<Arc<Learned>, Failure> {
+        Err(absent::without(&format!("--features-file {}", file.display()), "hloc"))
     }
 
     fn needs_no_file(&self, features: &str) -> Result<(), Failure> {

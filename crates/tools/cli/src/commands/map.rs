@@ -3,6 +3,7 @@
 mod compress;
 mod export;
 mod info;
+#[cfg(feature = "cluster")]
 mod publish;
 mod self_test;
 mod split;
@@ -46,9 +47,17 @@ pub(crate) enum Command {
     /// Cut a map into regions, so that it may be larger than a machine.
     Split(split::SplitArgs),
     /// Publish the regions of a map, so that services take them.
+    #[cfg(feature = "cluster")]
     Publish(publish::PublishArgs),
+    /// Publish the regions of a map (takes the cargo feature `cluster`).
+    #[cfg(not(feature = "cluster"))]
+    Publish(crate::commands::absent::Args),
     /// Fetch the regions of a map that was published into a folder, verified.
+    #[cfg(feature = "cluster")]
     Fetch(publish::FetchArgs),
+    /// Fetch the regions of a published map (takes the cargo feature `cluster`).
+    #[cfg(not(feature = "cluster"))]
+    Fetch(crate::commands::absent::Args),
     /// Write a map for other programs: as a COLMAP model, its points as a PLY file, or both.
     Export(export::ExportArgs),
 }
@@ -241,8 +250,14 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Profile(args) => profile(args, ui),
         Command::Compress(args) => compress::run(args, ui),
         Command::Split(args) => split::run(args, ui),
+        #[cfg(feature = "cluster")]
         Command::Publish(args) => publish::publish(args, ui),
+        #[cfg(feature = "cluster")]
         Command::Fetch(args) => publish::fetch(args, ui),
+        #[cfg(not(feature = "cluster"))]
+        Command::Publish(args) => crate::commands::absent::run(args, "map publish", "cluster"),
+        #[cfg(not(feature = "cluster"))]
+        Command::Fetch(args) => crate::commands::absent::run(args, "map fetch", "cluster"),
         Command::Export(args) => export::run(args, ui),
     }
 }

@@ -1,5 +1,7 @@
 //! One file a command: its arguments, and the few lines that hand them to the libraries.
 
+#[cfg(not(all(feature = "cluster", feature = "hloc")))]
+pub(crate) mod absent;
 pub(crate) mod attack;
 pub(crate) mod audit;
 #[cfg(feature = "cluster")]
@@ -7,6 +9,7 @@ mod cluster_args;
 pub(crate) mod demo;
 mod device_args;
 pub(crate) mod eval;
+#[cfg(feature = "hloc")]
 pub(crate) mod features;
 pub(crate) mod listed;
 pub(crate) mod localize;

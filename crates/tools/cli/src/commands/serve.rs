@@ -46,14 +46,7 @@ pub(crate) struct Args {
     #[arg(long)]
     print_config: bool,
     /// A map and the name it is served under; several may be given.
-    #[cfg_attr(
-        feature = "cluster",
-        arg(long = "map", required_unless_present_any = ["folder", "cluster"], value_name = "NAME=FILE")
-    )]
-    #[cfg_attr(
-        not(feature = "cluster"),
-        arg(long = "map", required_unless_present = "folder", value_name = "NAME=FILE")
-    )]
+    #[arg(long = "map", required_unless_present_any = ["folder", "cluster"], value_name = "NAME=FILE")]
     maps: Vec<NamedMap>,
     /// A folder whose files NAME.vmap are served as NAME, as they come and go.
     #[arg(long = "maps", value_name = "DIR")]
@@ -64,12 +57,18 @@ pub(crate) struct Args {
     map_memory: Memory,
     /// The NATS servers that lead to workers, with commas between them: maps of --cluster-map are asked of them, and
     /// --workers are queries under way at a time. Default: no cluster.
-    #[cfg(feature = "cluster")]
-    #[arg(long, requires = "cluster_maps", value_name = "URL[,URL]")]
+    #[cfg_attr(feature = "cluster", arg(long, requires = "cluster_maps", value_name = "URL[,URL]"))]
+    #[cfg_attr(not(feature = "cluster"), arg(long, hide = true, value_name = "URL[,URL]"))]
     cluster: Option<String>,
     /// A published map that workers hold, served under its name; several may be given. Default: none.
-    #[cfg(feature = "cluster")]
-    #[arg(long = "cluster-map", requires = "cluster", value_parser = crate::commands::cluster_args::map_name, value_name = "NAME")]
+    #[cfg_attr(
+        feature = "cluster",
+        arg(long = "cluster-map", requires = "cluster", value_parser = crate::commands::cluster_args::map_name, value_name = "NAME")
+    )]
+    #[cfg_attr(
+        not(feature = "cluster"),
+        arg(long = "cluster-map", requires = "cluster", hide = true, value_name = "NAME")
+    )]
     cluster_maps: Vec<String>,
     /// Regions that a query is asked in at most, with --cluster.
     #[cfg(feature = "cluster")]
@@ -293,7 +292,6 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
 /// The maps that the command line names.
 fn named(args: &Args) -> Vec<&str> {
     let names = args.maps.iter().map(|map| map.name.as_str());
-    #[cfg(feature = "cluster")]
     let names = names.chain(args.cluster_maps.iter().map(String::as_str));
     names.collect()
 }
@@ -324,11 +322,14 @@ async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerO
 #[cfg(feature = "cluster")]
 const UNDER_WAY: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
 
-/// There is no cluster.
+/// Maps that others hold take a feature that this program lacks.
 #[cfg(not(feature = "cluster"))]
-#[expect(clippy::unused_async, reason = "as with one")]
-async fn with_cluster(_: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {
-    Ok(options)
+#[expect(clippy::unused_async, reason = "as with it")]
+async fn with_cluster(args: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {
+    match args.cluster {
+        Some(_) => Err(crate::commands::absent::without("veiloc serve --cluster", "cluster")),
+        None => Ok(options),
+    }
 }
 
 fn options(args: &Args) -> Result<ServerOptions, Failure> {

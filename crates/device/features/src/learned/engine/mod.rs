@@ -1,7 +1,9 @@
-//! What runs a network: rten, which is always there, or ONNX Runtime, which is faster and a library of the user's.
+//! What runs a network: rten, which is part of the program, or ONNX Runtime, which is faster and a library of the user's. Each is a
+//! cargo feature.
 
 #[cfg(feature = "onnxruntime")]
 mod onnxruntime;
+#[cfg(feature = "rten")]
 mod rten;
 mod run;
 
@@ -13,7 +15,7 @@ pub(crate) use run::Run;
 /// What runs networks. An engine rounds in its own way: a device and its map do best with one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Engine {
-    /// rten: pure Rust, part of the program. Results do not depend on the number of threads.
+    /// rten: pure Rust, part of the program. Results do not depend on the number of threads. Needs the cargo feature `rten`.
     #[default]
     Rten,
     /// ONNX Runtime, as a library that the environment variable `ORT_DYLIB_PATH` names. Needs the cargo feature `onnxruntime`.
@@ -35,15 +37,22 @@ impl Engine {
     /// Reads an ONNX model; what is wrong with it, or with the engine, in words.
     pub(crate) fn load(self, onnx: Vec<u8>) -> Result<Box<dyn Run>, String> {
         match self {
+            #[cfg(feature = "rten")]
             Self::Rten => Ok(Box::new(rten::Rten::load(onnx)?)),
+            #[cfg(not(feature = "rten"))]
+            Self::Rten => Err(absent(&onnx, "networks (rten)", "networks")),
             #[cfg(feature = "onnxruntime")]
             Self::OnnxRuntime => Ok(Box::new(onnxruntime::OnnxRuntime::load(onnx)?)),
             #[cfg(not(feature = "onnxruntime"))]
-            Self::OnnxRuntime => Err("this program was built without ONNX Runtime; build it with \
-                 `--features onnxruntime`, or leave the engine to rten"
-                .to_owned()),
+            Self::OnnxRuntime => Err(absent(&onnx, "ONNX Runtime", "onnxruntime")),
         }
     }
+}
+
+/// What a program without an engine says of it.
+#[cfg(not(all(feature = "rten", feature = "onnxruntime")))]
+fn absent(_: &[u8], engine: &str, feature: &str) -> String {
+    format!("this program was built without {engine}; build it with `--features {feature}`")
 }
 
 impl FromStr for Engine {

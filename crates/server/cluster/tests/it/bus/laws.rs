@@ -1,7 +1,7 @@
 //! What every bus promises, asked of each: the one within a process, and NATS with real servers.
 //!
 //! The tests of NATS start servers of their own and are ignored where there may be none; `.ci/run cluster` runs them:
-//! `cargo test -p veiloc-cluster --test laws -- --include-ignored`.
+//! `cargo test -p veiloc-cluster --test it bus::laws -- --include-ignored`.
 
 use super::servers;
 

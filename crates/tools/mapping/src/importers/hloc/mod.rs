@@ -5,6 +5,8 @@
 //! - [`MatchesFile`]: `matches-….h5`; [`write_matches`]. [`GlobalsFile`]: `global-feats-….h5`; [`write_globals`].
 //! - [`read_pairs`], [`write_pairs`]: lists of pairs.
 //!
+//! All but lists of pairs is HDF5, and takes the cargo feature `hloc`.
+//!
 //! hloc counts pixels from the centre of the first; here they are COLMAP's as everywhere, half a pixel more
 //! ([`veiloc_geometry::Pixel::from_center_at_zero`]). Numbers may be float16, float32 or float64, as hloc's `as_half` has it, stored in
 //! one piece or in chunks, compressed with gzip or not.
@@ -33,20 +35,32 @@
 //! ```
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "hloc")]
 mod archive;
+#[cfg(feature = "hloc")]
 mod binary16;
 mod error;
+#[cfg(feature = "hloc")]
 mod features;
+#[cfg(feature = "hloc")]
 mod globals;
+#[cfg(feature = "hloc")]
 mod matches;
+#[cfg(feature = "hloc")]
 mod numbers;
 mod pairs;
+#[cfg(feature = "hloc")]
 mod stored;
+#[cfg(feature = "hloc")]
 mod write;
 
 pub use error::HlocError;
+#[cfg(feature = "hloc")]
 pub use features::{FeaturesFile, ImageFeatures, Vectors, write_features};
+#[cfg(feature = "hloc")]
 pub use globals::{GlobalsFile, write_globals};
+#[cfg(feature = "hloc")]
 pub use matches::{Match, MatchesFile, write_matches};
 pub use pairs::{read_pairs, write_pairs};
+#[cfg(feature = "hloc")]
 pub use stored::StoredFeatures;
