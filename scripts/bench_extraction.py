@@ -10,7 +10,7 @@ Both engines must find the same keypoints: the share of rten's with one of ONNX 
 program fails where it is below 99 %.
 
     cargo build --release -p veiloc-features --example extract
-    cargo build --release -p veiloc-features --example layers --features onnxruntime
+    cargo build --release -p veiloc-features --example layers --features rten,onnxruntime
     .venv/bin/pip install numpy opencv-python-headless onnxruntime
     .venv/bin/python scripts/bench_extraction.py --extract target/release/examples/extract --layers target/release/examples/layers \\
         --weights $VEILOC_DATA/../weights $VEILOC_DATA/redkitchen/images/frame-000000.color.jpg

@@ -5,7 +5,7 @@
 #
 # The map is cut into regions and published; WORKERS (default 2) each take all of them with one thread. Ends with Ctrl-C, and
 # everything with it. Logs and the store lie in the folder it names. Needs nats-server (Debian: nats-server) and a release
-# build. VEILOC: another program. IMAGES: images a region at most (default: the program's). PORT: of the gateway; the others'
+# build with the feature `cluster`. VEILOC: another program. IMAGES: images a region at most (default: the program's). PORT: of the gateway; the others'
 # are those after it.
 set -euo pipefail
 here="$(cd "$(dirname "$0")/.." && pwd)"
@@ -13,7 +13,7 @@ here="$(cd "$(dirname "$0")/.." && pwd)"
 map="$1" workers="${2:-2}" port="${PORT:-8080}"
 veiloc="${VEILOC:-$here/target/release/veiloc}"
 command -v nats-server > /dev/null || { echo "nats-server is missing: apt-get install nats-server" >&2; exit 1; }
-[ -x "$veiloc" ] || { echo "$veiloc is missing: cargo build --release -p veiloc-cli" >&2; exit 1; }
+[ -x "$veiloc" ] || { echo "$veiloc is missing: cargo build --release -p veiloc-cli --features cluster" >&2; exit 1; }
 
 folder="$(mktemp -d -t veiloc-cluster-XXXXXX)"
 pids=()

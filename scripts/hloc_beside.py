@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """hloc's localize_sfm beside `veiloc localize`, on the same features and the same pairs.
 
-    cargo build --release
+    cargo build --release --features hloc
     python3 -m venv .venv && .venv/bin/pip install h5py numpy pycolmap
     .venv/bin/python scripts/hloc_beside.py $VEILOC_DATA/redkitchen
 

@@ -3,7 +3,7 @@
 
     .venv/bin/pip install numpy pillow onnx onnxruntime torch
     .venv/bin/python scripts/oracle_networks.py write --weights $VEILOC_DATA/../weights
-    cargo build --release -p veiloc-features --example layers
+    cargo build --release -p veiloc-features --example layers --features rten
     .venv/bin/python scripts/oracle_networks.py compare --weights $VEILOC_DATA/../weights --layers target/release/examples/layers
 
 `write` makes crates/device/features/tests/data/learned: `oracle.json` (numbers of layers, keypoints and descriptors of one drawn image) and

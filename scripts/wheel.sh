@@ -16,7 +16,7 @@ cd "$work"
 python3 -m venv build
 began=$SECONDS
 build/bin/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir "$work/made" \
-    --config-settings build-args="--profile=release --locked" "$here/bindings/python"
+    --config-settings build-args="--profile=release --locked --features=full" "$here/bindings/python"
 mkdir -p "$wheels"
 wheel="$wheels/$(basename "$work"/made/veiloc-*.whl)"
 mv "$work"/made/veiloc-*.whl "$wheel"

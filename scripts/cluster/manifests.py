@@ -110,7 +110,7 @@ def image(example):
                           (r"^COPY (.*)", "files"), (r"^ENTRYPOINT (.*)", "program"), (r"^STOPSIGNAL (.*)", "signal")):
         check(of(pattern, text) == of(pattern, service), f"Containerfile: {what} as of deploy/Containerfile")
     clouds = bool(re.search(r"^clouds = ", (ROOT / "crates" / "cli" / "Cargo.toml").read_text(), re.M))
-    check(clouds and "--features clouds" in text, "Containerfile: built with the clouds' storage, of which the examples are")
+    check(clouds and "--features full" in text, "Containerfile: built with the clouds' storage, of which the examples are")
     made = re.search(r"^RUN install --directory --owner (\d+) --group \d+ (.*)$", text, re.M)
     user = of(r"^USER (\d+):", text)[0]
     check(bool(made) and made[1] == user, "Containerfile: folders of the container's user")
