@@ -10,8 +10,9 @@ use veiloc_geometry::{Intrinsics, Pinhole, Pixel};
 use veiloc_protocol::{AngleBits, AngleForm, LayoutTurn, Observations, Profile, Scheme, SealedQuery};
 
 use crate::decoy;
-use crate::lift::{Places, dither, lift, select};
+use crate::places::{Places, dither};
 use crate::rule::FrameRule;
+use crate::schemes::{lift, select};
 use crate::seal::{Hidden, seal_frame};
 use crate::{DeviceLimits, Orientation, SealError, SealOptions, Session};
 

@@ -41,10 +41,11 @@ mod decoy;
 mod error;
 mod extract;
 mod grid;
-mod lift;
 mod options;
+mod places;
 mod rng;
 mod rule;
+mod schemes;
 mod seal;
 mod session;
 

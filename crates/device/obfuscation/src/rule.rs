@@ -1,9 +1,9 @@
 //! What a session changes in how one of its frames is sealed.
 
-use veiloc_geometry::Anchor;
 use veiloc_protocol::LayoutTurn;
 
 use crate::grid::AngleGrid;
+use crate::schemes::dcl::Told;
 
 /// By default nothing: the layout is fixed in the image, and positions are dithered.
 #[derive(Default)]
@@ -23,14 +23,6 @@ impl FrameRule {
     pub(crate) fn recalled(&self, feature: usize) -> Recalled {
         self.recalled.get(feature).copied().unwrap_or(Recalled::New)
     }
-}
-
-/// What a row of `dcl` says of a keypoint, before the wire rounds the angle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Told {
-    pub(crate) anchor: Anchor,
-    /// Of its half-plane, `[0, 2π)`.
-    pub(crate) angle: f64,
 }
 
 /// What becomes of a keypoint by what was told of it in earlier frames.

@@ -3,18 +3,15 @@
 use rand::CryptoRng;
 use rand::seq::SliceRandom;
 use veiloc_features::Features;
-use veiloc_geometry::{Intrinsics, Pencils, Pixel};
-use veiloc_protocol::{
-    CanonicalCamera, Profile, QueryError, QueryParts, Rows, Scheme, SealedQuery, SizeClass, Window,
-};
+use veiloc_geometry::{Intrinsics, Pixel};
+use veiloc_protocol::{CanonicalCamera, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass};
 
 use crate::decoy;
-use crate::lift::{DclLift, Places, dither, lift, pencils, select};
-use crate::rule::{FrameRule, Recalled, Told};
+use crate::places::{Places, dither};
+use crate::rule::{FrameRule, Recalled};
+use crate::schemes::dcl::{DclLift, Told};
+use crate::schemes::{lift, select};
 use crate::{SealError, SealOptions};
-
-/// Keypoints nearer than this to an anchor, pixels, have no useful angle and are dropped.
-const ANCHOR_CLEARANCE: f64 = 1.0;
 
 /// Seals the features of one image: the only door from keypoint to line.
 ///
@@ -98,11 +95,12 @@ pub(crate) fn seal_frame<T>(
     let window = canonical.window(camera);
     let (size, pinhole) = ([canonical.width(), canonical.height()], canonical.pinhole());
     let turn = rule.turn;
-    let pencils = match scheme {
-        Scheme::Dcl(layout) => Some(pencils(layout, &pinhole, turn)),
+    let dcl = match scheme {
+        Scheme::Dcl(layout) => Some(DclLift::new(layout, &pinhole, rule, angle_bits)),
         Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => None,
     };
-    let clear = |pixel| in_window(pixel, &window, pencils.as_ref(), rule.band);
+    let clear =
+        |pixel| window.contains(pixel) && dcl.as_ref().is_none_or(|dcl| dcl.is_clear(pixel, rule.band));
 
     let mut usable = strongest_first(features)
         .into_iter()
@@ -136,10 +134,9 @@ pub(crate) fn seal_frame<T>(
         Some(_) => places.pixels.clone(),
         None => places.pixels.iter().map(|p| dither(*p, rng)).collect(),
     };
-    let (lifted, told) = match scheme {
-        Scheme::Dcl(layout) => {
-            let lifter = DclLift::new(layout, &pinhole, rule, angle_bits);
-            let mut told: Vec<Told> = dithered.iter().map(|p| lifter.told(*p)).collect();
+    let (lifted, told) = match &dcl {
+        Some(dcl) => {
+            let mut told = dcl.told_of_all(&dithered);
             // Backwards, so that of keypoints that share a place the strongest says it.
             for (kept, place) in usable.iter().zip(&places.of).rev() {
                 told[*place] = kept.told.unwrap_or(told[*place]);
@@ -149,12 +146,9 @@ pub(crate) fn seal_frame<T>(
             if of.all(|anchor| Some(anchor) == first) {
                 return Err(SealError::OneSided { keypoints: usable.len() });
             }
-            let row = |(pixel, told): (&Pixel, &Told)| lifter.row(*pixel, *told);
-            (Rows::Dcl(dithered.iter().zip(&told).map(row).collect()), told)
+            (dcl.rows(&dithered, &told), told)
         }
-        Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => {
-            (lift(&dithered, &pinhole, scheme, angle_bits, rng)?, Vec::new())
-        }
+        None => (lift(&dithered, &pinhole, scheme, angle_bits, rng)?, Vec::new()),
     };
 
     let image_global = match options.image_global(profile)? {
@@ -210,13 +204,4 @@ fn strongest_first(features: &Features) -> Vec<usize> {
 
 fn reproject(pixel: Pixel, camera: &Intrinsics, canonical: CanonicalCamera) -> Option<Pixel> {
     Some(canonical.pinhole().project(camera.unproject(pixel)?))
-}
-
-/// `band`: radians about the axis of sectors.
-fn in_window(pixel: Pixel, window: &Window, pencils: Option<&Pencils>, band: f64) -> bool {
-    window.contains(pixel)
-        && pencils.is_none_or(|pencils| {
-            pencils.anchors().all(|anchor| pencils.distance(anchor, pixel) > ANCHOR_CLEARANCE)
-                && (band <= 0.0 || pencils.clearance(pixel) >= band * pencils.camera().mean_focal())
-        })
 }

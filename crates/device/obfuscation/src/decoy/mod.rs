@@ -13,7 +13,7 @@ use veiloc_descriptor::Descriptors;
 use veiloc_geometry::Pixel;
 
 use crate::SealError;
-use crate::lift::Places;
+use crate::places::Places;
 
 /// Spread of a decoy about the keypoint it is drawn from, as a part of the image's longer side.
 const SPREAD: f64 = 0.05;

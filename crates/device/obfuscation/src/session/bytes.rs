@@ -15,7 +15,7 @@ use veiloc_protocol::{CanonicalCamera, Scheme};
 
 use super::memory::{Landmark, MOST, Memory};
 use super::{Session, SessionAnchors, SessionOptions, Start};
-use crate::rule::Told;
+use crate::schemes::dcl::Told;
 
 const MAGIC: &[u8; 8] = b"VSESSION";
 const VERSION: u32 = 1;

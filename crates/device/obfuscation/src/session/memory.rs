@@ -12,7 +12,8 @@ use veiloc_geometry::Anchor;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 
 use super::align::Pair;
-use crate::rule::{Recalled, Told};
+use crate::rule::Recalled;
+use crate::schemes::dcl::Told;
 
 /// Landmarks kept at most: the oldest go. About a megabyte and a half.
 pub(super) const MOST: usize = 8192;

@@ -43,8 +43,8 @@ use memory::Memory;
 use place::place;
 
 use crate::grid::AngleGrid;
-use crate::lift::pencils;
 use crate::rule::{FrameRule, Recalled};
+use crate::schemes::dcl::pencils;
 use crate::seal::{Hidden, Kept, check, seal_frame};
 use crate::{SealError, SealOptions};
 

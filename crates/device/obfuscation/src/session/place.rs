@@ -8,7 +8,7 @@ use veiloc_protocol::{CanonicalCamera, LEAST_A_SIDE, LayoutTurn, Scheme};
 use super::align::{refined, seen};
 use super::memory::Matched;
 use super::{Orientation, Session, SessionAnchors, Start};
-use crate::lift::pencils;
+use crate::schemes::dcl::pencils;
 use crate::{SealError, SealOptions};
 
 /// What is decided before a frame is sealed.

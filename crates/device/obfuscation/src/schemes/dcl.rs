@@ -1,0 +1,104 @@
+//! `dcl`, Dual Convergent Lines: a keypoint becomes the line through it and the anchor of its part of the image.
+//!
+//! Paper, Sec. 4.1 "Construction procedure". An image of `W × H` is cut by its midline into two halves `R1` (left) and `R2` (right),
+//! and two anchors lie on that line, `a1 = (W/2, 0)` and `a2 = (W/2, H)`:
+//!
+//! ```text
+//! l_i = line(x_i, a1)  if x_i in R1
+//!       line(x_i, a2)  if x_i in R2
+//! ```
+//!
+//! Lines of neighbours then meet in their anchor, which is far from the keypoints, or are nearly parallel across the midline; the
+//! geometry-recovery attack (Sec. 4.2, Proposition 1) errs with either. Other partitions and anchors are layouts of the same kind
+//! ([`DclLayout`]; anchors and parts as geometry: [`Pencils`]).
+//!
+//! What is sent of a line is the anchor and one angle about it ([`AnchoredRow`]), never a scaled line, whose norm would be
+//! `‖x − a‖` (rule L1). The wire rounds the angle (rule L2); in a session it is told on a grid before (rule L10).
+
+use veiloc_geometry::{Anchor, Pencils, Pinhole, Pixel};
+use veiloc_protocol::{AnchoredRow, AngleBits, AngleForm, DclLayout, DualAnchors, LayoutTurn, Rows};
+
+use crate::grid::AngleGrid;
+use crate::rule::FrameRule;
+
+/// Keypoints nearer than this to an anchor, pixels, have no useful angle and are dropped.
+const ANCHOR_CLEARANCE: f64 = 1.0;
+
+/// What a row of `dcl` says of a keypoint, before the wire rounds the angle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Told {
+    pub(crate) anchor: Anchor,
+    /// Of its half-plane, `[0, 2π)`.
+    pub(crate) angle: f64,
+}
+
+/// What makes a row of `dcl` of a position.
+pub(crate) struct DclLift<'a> {
+    pencils: Pencils,
+    grid: Option<&'a AngleGrid>,
+    bits: AngleBits,
+    form: AngleForm,
+    /// How angles are told over the half circle.
+    half_lines: Option<DualAnchors>,
+    height: f64,
+}
+
+impl<'a> DclLift<'a> {
+    pub(crate) fn new(layout: DclLayout, camera: &Pinhole, rule: &'a FrameRule, bits: AngleBits) -> Self {
+        let form = AngleForm::needed(layout, rule.turn);
+        let half_lines = match (form, layout) {
+            (AngleForm::HalfCircle, DclLayout::Halves(halves)) => {
+                Some(halves.anchors(camera.width, camera.height))
+            }
+            _ => None,
+        };
+        let pencils = pencils(layout, camera, rule.turn);
+        Self { pencils, grid: rule.grid.as_ref(), bits, form, half_lines, height: f64::from(camera.height) }
+    }
+
+    /// What is said of a position.
+    fn told(&self, pixel: Pixel) -> Told {
+        let anchor = match &self.half_lines {
+            Some(anchors) => anchors.anchor_of(pixel),
+            None => self.pencils.anchor_of(pixel),
+        };
+        let angle = self.pencils.angle_of(anchor, pixel);
+        Told { anchor, angle: self.grid.map_or(angle, |grid| grid.middle(anchor, angle)) }
+    }
+
+    /// [`Self::told`] of each.
+    pub(crate) fn told_of_all(&self, dithered: &[Pixel]) -> Vec<Told> {
+        dithered.iter().map(|pixel| self.told(*pixel)).collect()
+    }
+
+    /// The rows that say `told` of these positions. `[N]` both.
+    pub(crate) fn rows(&self, dithered: &[Pixel], told: &[Told]) -> Rows {
+        Rows::Dcl(dithered.iter().zip(told).map(|(pixel, told)| self.row(*pixel, *told)).collect())
+    }
+
+    /// Whether a position is far enough from all anchors, and from borders of sectors by `band` radians about their axis.
+    pub(crate) fn is_clear(&self, pixel: Pixel, band: f64) -> bool {
+        let pencils = &self.pencils;
+        pencils.anchors().all(|anchor| pencils.distance(anchor, pixel) > ANCHOR_CLEARANCE)
+            && (band <= 0.0 || pencils.clearance(pixel) >= band * pencils.camera().mean_focal())
+    }
+
+    /// The row that says it. `pixel`: some pixel that was told so.
+    fn row(&self, pixel: Pixel, Told { anchor, angle }: Told) -> AnchoredRow {
+        let angle = match &self.half_lines {
+            Some(anchors) => {
+                // Any pixel of the half-plane has the angle of its half-line.
+                let own = self.told(pixel) == Told { anchor, angle } && self.grid.is_none();
+                let line = if own { None } else { self.pencils.along(anchor, angle) };
+                anchors.angle_of(anchor, line.map_or(pixel, |line| line.at(self.height)))
+            }
+            None => angle,
+        };
+        AnchoredRow::new(self.form, self.bits, anchor, angle)
+    }
+}
+
+/// The pencils of a layout in the device's camera.
+pub(crate) fn pencils(layout: DclLayout, camera: &Pinhole, turn: LayoutTurn) -> Pencils {
+    layout.pencils(camera, turn).expect("the camera has a size and a focal length")
+}
