@@ -37,10 +37,10 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod closed_form;
 mod density;
 mod error;
 mod features;
+mod geometry_recovery;
 mod graph;
 #[cfg(feature = "networks")]
 pub mod image_metrics;
@@ -60,10 +60,10 @@ mod tracks;
 pub mod training;
 mod transfer;
 
-pub use closed_form::{ClosedFormOptions, Extent, Reach, Recovered, closed_form};
 pub use density::{Density, PlaceCounts};
 pub use error::AttackError;
 pub use features::{Descriptors, KnownImage};
+pub use geometry_recovery::{ClosedFormOptions, Extent, Reach, Recovered, closed_form};
 pub use graph::{GraphAnswer, GraphOptions, graph};
 pub use metrics::{ErrorSummary, bits_over_prior, errors_px};
 pub use neighbours::NeighbourLists;

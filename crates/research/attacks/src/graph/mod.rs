@@ -27,8 +27,8 @@ use rand::Rng;
 use rand::seq::index::sample;
 use veiloc_geometry::Pixel;
 
-use crate::closed_form::{ClosedFormOptions, closed_form};
 use crate::error::AttackError;
+use crate::geometry_recovery::{ClosedFormOptions, closed_form};
 use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 use crate::prior::KnownSegment;

@@ -4,8 +4,8 @@ use veiloc_geometry::Pixel;
 use veiloc_geometry::nalgebra::Vector2;
 
 use super::{check, known};
-use crate::closed_form::{ClosedFormOptions, closed_form};
 use crate::error::AttackError;
+use crate::geometry_recovery::{ClosedFormOptions, closed_form};
 use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 use crate::prior::KnownSegment;

@@ -15,8 +15,8 @@ mod warp;
 pub use guided::{Guided, GuidedOptions, guided_transfer};
 pub use iterative::iterative;
 
-use crate::closed_form::{ClosedFormOptions, Recovered, closed_form};
 use crate::error::AttackError;
+use crate::geometry_recovery::{ClosedFormOptions, Recovered, closed_form};
 use crate::neighbours::NeighbourLists;
 use crate::observation::Observation;
 

@@ -1,6 +1,6 @@
 //! Tests of `veiloc-attacks` from outside, one executable: linking is what costs.
 
-mod closed_form;
+mod geometry_recovery;
 mod graph;
 mod image_metrics;
 mod learned;

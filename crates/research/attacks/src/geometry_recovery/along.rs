@@ -10,7 +10,7 @@
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{Anchor, Pixel};
 
-use crate::closed_form::Extent;
+use crate::geometry_recovery::Extent;
 use crate::observation::Observation;
 use crate::prior::KnownSegment;
 

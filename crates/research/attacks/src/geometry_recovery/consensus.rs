@@ -4,7 +4,7 @@
 //! agrees, and keeps the largest consensus. A keypoint has one unknown and so a draw is a single neighbour: all
 //! draws can be tried, and nothing is left to chance.
 
-use crate::closed_form::along::{Pieces, Place, Quadratic};
+use crate::geometry_recovery::along::{Pieces, Place, Quadratic};
 use crate::prior::KnownSegment;
 
 /// The neighbours on `list` that agree with the best of all single-neighbour hypotheses within `limit` pixels.
