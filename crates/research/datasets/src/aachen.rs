@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
-use veiloc_map::colmap::read_posed;
+use veiloc_map::colmap::{ColmapImage, ColmapModel, read_posed, write_binary};
 use veiloc_map::{PosedImage, PosedImages};
 
 use crate::error::PlaceError;
@@ -19,6 +19,8 @@ use crate::nvm::read_nvm;
 use crate::official::is_whole;
 use crate::place::{Place, Query};
 use crate::radial;
+use crate::write::lists::{make_folder_of, numbers, nvm, quaternion_and_translation, save_text};
+use crate::write::{Lens, Role, View};
 
 const GET: &str = "get it from https://www.visuallocalization.net/datasets/ (Aachen Day-Night)";
 
@@ -192,4 +194,64 @@ pub fn read_poses(path: &Path) -> Result<BTreeMap<String, CameraFromWorld>, Plac
         }
     }
     Ok(poses)
+}
+
+/// Writes the data set, with a list of the queries' poses, `queries/poses.txt`, which the published one keeps back.
+pub(crate) fn write(
+    root: &Path,
+    version: Version,
+    lens: &Lens,
+    views: &[View],
+    save: &mut dyn FnMut(usize, &Path) -> Result<(), PlaceError>,
+) -> Result<(), PlaceError> {
+    let camera = lens.camera()?;
+    let mut mapped = Vec::new();
+    let mut queries = [String::new(), String::new()];
+    let mut poses = String::new();
+    for (index, view) in views.iter().enumerate() {
+        let name = match view.role {
+            Role::Map => format!("db/{}.png", mapped.len() + 1),
+            Role::Query => format!("query/day/phone/{index}.png"),
+            Role::NightQuery => format!("query/night/phone/{index}.png"),
+        };
+        let image = root.join("images_upright").join(&name);
+        make_folder_of(&image)?;
+        save(index, &image)?;
+        if view.role == Role::Map {
+            mapped.push((name, view.cam_from_world));
+            continue;
+        }
+        let list = &mut queries[usize::from(view.role == Role::NightQuery)];
+        list.push_str(&listed(&name, &camera));
+        poses.push_str(&name);
+        numbers(&mut poses, quaternion_and_translation(&view.cam_from_world));
+        poses.push('\n');
+    }
+    for (condition, list) in ["day", "night"].into_iter().zip(&queries) {
+        if !list.is_empty() {
+            save_text(&root.join(format!("queries/{condition}_time_queries_with_intrinsics.txt")), list)?;
+        }
+    }
+    save_text(&root.join("queries/poses.txt"), &poses)?;
+    let model = version.model(root);
+    match version {
+        Version::V1 => save_text(&model, &nvm(&mapped, lens)),
+        Version::V1_1 => {
+            let image = |((name, pose), id): (&(String, _), u32)| ColmapImage {
+                id,
+                name: name.clone(),
+                camera_id: 1,
+                cam_from_world: *pose,
+                points2d: Vec::new(),
+            };
+            let images = mapped.iter().zip(1..).map(image).collect();
+            let colmap = ColmapModel::new(vec![(1, camera)], images, Vec::new())?;
+            Ok(write_binary(&colmap, &model)?)
+        }
+    }
+}
+
+/// A line of a list of queries, `name MODEL W H PARAMS…`.
+fn listed(name: &str, camera: &Intrinsics) -> String {
+    format!("{name} {}\n", camera.to_string().replace(',', " "))
 }

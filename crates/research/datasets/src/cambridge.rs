@@ -14,9 +14,14 @@ use crate::nvm::{NvmModel, read_nvm};
 use crate::official::is_whole;
 use crate::place::{Place, Query};
 use crate::radial;
+use crate::write::lists::{make_folder_of, numbers, nvm, save_text};
+use crate::write::{Lens, Role, View};
 
 const GET: &str =
     "get the scene from https://www.repository.cam.ac.uk (Cambridge Landmarks) and unpack it whole";
+
+/// What a list of images begins with.
+const HEAD: &str = "Visual Landmark Dataset V1\nImageFile, Camera Position [X Y Z W P Q R]\n\n";
 
 /// Scenes that the paper leaves out because of their many geometric outliers, as earlier works do.
 pub const LEFT_OUT: [&str; 2] = ["GreatCourt", "Street"];
@@ -159,4 +164,36 @@ fn model(folder: &Path) -> Result<NvmModel, PlaceError> {
 /// A name without its ending: lists say `.png` where models say `.jpg`.
 fn stem(name: &str) -> &str {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
+}
+
+/// Writes a scene.
+pub(crate) fn write(
+    root: &Path,
+    scene: &str,
+    lens: &Lens,
+    views: &[View],
+    save: &mut dyn FnMut(usize, &Path) -> Result<(), PlaceError>,
+) -> Result<(), PlaceError> {
+    let folder = root.join(scene);
+    let mut lists = [HEAD.to_owned(), HEAD.to_owned()];
+    let mut cameras = Vec::new();
+    let mut counts = [0; 2];
+    for (index, view) in views.iter().enumerate() {
+        let side = usize::from(view.role != Role::Map);
+        counts[side] += 1;
+        let name = format!("seq{}/frame{:05}.png", side + 1, counts[side]);
+        let image = folder.join(&name);
+        make_folder_of(&image)?;
+        save(index, &image)?;
+        let list = &mut lists[side];
+        list.push_str(&name);
+        let c = view.cam_from_world.center().coords;
+        numbers(list, [c.x, c.y, c.z]);
+        numbers(list, view.cam_from_world.quaternion());
+        list.push('\n');
+        cameras.push((name, view.cam_from_world));
+    }
+    save_text(&folder.join("dataset_train.txt"), &lists[0])?;
+    save_text(&folder.join("dataset_test.txt"), &lists[1])?;
+    save_text(&folder.join("reconstruction.nvm"), &nvm(&cameras, lens))
 }

@@ -3,7 +3,8 @@
 //! - [`seven_scenes`]: 7Scenes, with the poses of its depth camera or the SfM pseudo ground truth.
 //! - [`cambridge`]: Cambridge Landmarks.
 //! - [`aachen`]: Aachen Day-Night v1 and v1.1, whose queries have no published poses.
-//! - [`mod@write`]: the same folders, written: a place of one's own for programs that read only these.
+//! - [`mod@write`]: the same folders, written: a place of one's own for programs that read only these. Writer and reader of a data
+//!   set stand in one file.
 //! - [`nvm`]: VisualSFM's models, which two of them bring.
 //!
 //! A reader answers a [`Place`]: images with cameras and poses, which of them a map is built from, and which are queries.

@@ -2,6 +2,7 @@
 //! images. Shotton et al., *Scene Coordinate Regression Forests for Camera Relocalization in RGB-D Images*, CVPR 2013.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use veiloc_geometry::nalgebra::{Matrix3, Vector3};
@@ -13,6 +14,8 @@ use crate::files::{Found, MissingImages, size};
 use crate::lines::{Line, read_text};
 use crate::official::is_whole;
 use crate::place::{Place, Query};
+use crate::write::lists::{make_folder_of, numbers, quaternion_and_translation, save_text};
+use crate::write::{Lens, Role, View};
 
 const GET: &str = "get the scene from https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes/ and \
                    unpack its sequences";
@@ -230,4 +233,51 @@ impl Cameras {
         Intrinsics::new("SIMPLE_PINHOLE", w, h, &params)
             .map_err(|e| PlaceError::Unusable { path, reason: e.to_string() })
     }
+}
+
+/// Writes a scene: sequence 1 is the map's, sequence 2 the queries'; poses both as matrices and as lists.
+pub(crate) fn write(
+    root: &Path,
+    scene: &str,
+    lens: &Lens,
+    views: &[View],
+    save: &mut dyn FnMut(usize, &Path) -> Result<(), PlaceError>,
+) -> Result<(), PlaceError> {
+    let folder = root.join(scene);
+    let mut lists = [String::new(), String::new()];
+    let mut counts = [0; 2];
+    for (index, view) in views.iter().enumerate() {
+        let side = usize::from(view.role != Role::Map);
+        let frame = format!("seq-{:02}/frame-{:06}", side + 1, counts[side]);
+        counts[side] += 1;
+        let image = folder.join(format!("{frame}.color.png"));
+        make_folder_of(&image)?;
+        save(index, &image)?;
+        save_text(&folder.join(format!("{frame}.pose.txt")), &matrix(view))?;
+        let list = &mut lists[side];
+        write!(list, "{frame}.color.png").expect("a string takes all that is written to it");
+        numbers(list, quaternion_and_translation(&view.cam_from_world));
+        numbers(list, [lens.focal]);
+        list.push('\n');
+    }
+    for (side, (split, list)) in
+        [("TrainSplit.txt", "train"), ("TestSplit.txt", "test")].into_iter().enumerate()
+    {
+        save_text(&folder.join(split), &format!("sequence{}\n", side + 1))?;
+        save_text(&root.join(format!("pgt_sfm/{scene}_{list}.txt")), &lists[side])?;
+    }
+    Ok(())
+}
+
+/// Camera to world, 4 × 4.
+fn matrix(view: &View) -> String {
+    let turned = view.cam_from_world.rotation().matrix().transpose();
+    let c = view.cam_from_world.center().coords;
+    let mut out = String::new();
+    for row in 0..3 {
+        numbers(&mut out, [turned[(row, 0)], turned[(row, 1)], turned[(row, 2)], c[row]]);
+        out.push('\n');
+    }
+    out.push_str(" 0 0 0 1\n");
+    out
 }

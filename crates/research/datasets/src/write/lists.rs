@@ -9,32 +9,32 @@ use super::Lens;
 use crate::error::PlaceError;
 
 /// Makes the folder and writes the file, whole.
-pub(super) fn save_text(path: &Path, text: &str) -> Result<(), PlaceError> {
+pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), PlaceError> {
     make_folder_of(path)?;
     veiloc_map::atomic_file::write_whole(path, text.as_bytes()).map_err(PlaceError::io(path))
 }
 
 /// Makes the folder that a file is to lie in.
-pub(super) fn make_folder_of(path: &Path) -> Result<(), PlaceError> {
+pub(crate) fn make_folder_of(path: &Path) -> Result<(), PlaceError> {
     let Some(folder) = path.parent() else { return Ok(()) };
     std::fs::create_dir_all(folder).map_err(PlaceError::io(folder))
 }
 
 /// Numbers behind one another, a blank before each, with as many digits as reading them back exactly takes.
-pub(super) fn numbers(out: &mut String, numbers: impl IntoIterator<Item = f64>) {
+pub(crate) fn numbers(out: &mut String, numbers: impl IntoIterator<Item = f64>) {
     for number in numbers {
         write!(out, " {number}").expect("a string takes all that is written to it");
     }
 }
 
 /// Quaternion `w x y z` and translation, world to camera.
-pub(super) fn quaternion_and_translation(pose: &CameraFromWorld) -> impl Iterator<Item = f64> {
+pub(crate) fn quaternion_and_translation(pose: &CameraFromWorld) -> impl Iterator<Item = f64> {
     let t = pose.translation();
     pose.quaternion().into_iter().chain([t.x, t.y, t.z])
 }
 
 /// A VisualSFM model of cameras alone.
-pub(super) fn nvm(cameras: &[(String, CameraFromWorld)], lens: &Lens) -> String {
+pub(crate) fn nvm(cameras: &[(String, CameraFromWorld)], lens: &Lens) -> String {
     let mut out = format!("NVM_V3\n\n{}\n", cameras.len());
     for (name, pose) in cameras {
         let c = pose.center().coords;

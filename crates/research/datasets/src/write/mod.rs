@@ -1,9 +1,6 @@
 //! A place written as a data set: the folders and lists that the readers of this crate, and others, read.
 
-mod aachen;
-mod cambridge;
-mod lists;
-mod seven_scenes;
+pub(crate) mod lists;
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -11,7 +8,7 @@ use std::str::FromStr;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 
 use crate::error::PlaceError;
-use crate::radial;
+use crate::{aachen, cambridge, radial, seven_scenes};
 
 /// The layout of a data set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,7 +117,7 @@ pub fn write(
     match layout {
         Layout::SevenScenes => seven_scenes::write(root, scene, lens, views, save),
         Layout::Cambridge => cambridge::write(root, scene, lens, views, save),
-        Layout::Aachen => aachen::write(root, aachen::Model::Nvm, lens, views, save),
-        Layout::AachenV1_1 => aachen::write(root, aachen::Model::Colmap, lens, views, save),
+        Layout::Aachen => aachen::write(root, aachen::Version::V1, lens, views, save),
+        Layout::AachenV1_1 => aachen::write(root, aachen::Version::V1_1, lens, views, save),
     }
 }
