@@ -23,8 +23,8 @@ use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
-use crate::half_planes::direction;
 use crate::likelihood::{Correspondences, Matches, Symmetric6};
+use crate::ransac::half_planes::direction;
 
 /// Least natural logarithm of the evidence of a trusted pose from lines: once in three million by chance. Of 1,550
 /// images of elsewhere none reached more than 1, right poses began at 17 (`docs/trust.md`).

@@ -10,11 +10,11 @@ use crate::likelihood::{
     Beliefs, Correspondences, FocalKnowledge, Matches, PoseProblem, Scale, Verdict, Zoomed, free_along,
     with_shift,
 };
-use crate::minimal::Minimal;
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::pose_estimate::PoseEstimate;
+use crate::ransac::minimal::Minimal;
+use crate::ransac::search::Search;
 use crate::ransac::{Budget, Estimator, lo_ransac};
-use crate::search::Search;
 
 /// Estimates where the camera was.
 ///

@@ -9,7 +9,7 @@ use crate::error::PoseError;
 use crate::likelihood::{Correspondences, FocalKnowledge, Matches, Verdict, ZoomObjective, Zoomed};
 use crate::pose_estimate::PoseEstimate;
 use crate::ransac::Estimator;
-use crate::search::{Polished, Search};
+use crate::ransac::search::{Polished, Search};
 
 /// Log evidence from which on a trusted pose is not asked whether another focal length would explain more.
 const CLEAR: f64 = 150.0;

@@ -1,6 +1,6 @@
 //! Robust estimation: LO-RANSAC, samplers, and what the result is worth.
 //!
-//! [`estimate_pose`] is the door. Inside, [`ransac`] holds the one search loop, generic over what it estimates.
+//! [`estimate_pose`] is the door. Inside, [`ransac`] holds the one search loop, generic over what it estimates, and what is drawn and scored in it.
 //!
 //! | observations | minimal samples | with gravity |
 //! |---|---|---|
@@ -53,19 +53,13 @@ mod error;
 mod estimate;
 mod focal_search;
 mod given;
-mod half_planes;
 pub mod likelihood;
-mod minimal;
 mod options;
 mod pose_estimate;
-mod radial;
 pub mod ransac;
 mod rig;
 mod rivals;
-mod sampler;
-mod search;
 pub mod solvers;
-mod stop;
 
 pub use crate::likelihood::prior;
 pub use crate::likelihood::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};
@@ -76,5 +70,5 @@ pub use estimate::{estimate_pose, optimize_pose};
 pub use given::refine_pose;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
 pub use pose_estimate::PoseEstimate;
+pub use ransac::Stop;
 pub use rig::{FrameEstimate, RigEstimate, RigFrame, estimate_rig_pose};
-pub use stop::Stop;

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use crate::error::PoseError;
 use crate::ransac::Budget;
-use crate::stop::Stop;
+use crate::ransac::Stop;
 
 /// How hypotheses are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

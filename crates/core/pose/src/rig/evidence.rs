@@ -28,7 +28,7 @@ use crate::confidence::{
 use crate::likelihood::{
     Beliefs, Correspondences, Estimated, Matches, Symmetric6, inverse_or_infinite, with_shift,
 };
-use crate::search::Search;
+use crate::ransac::search::Search;
 
 /// Probability that a frame shows what its rig saw.
 const SHOWS: f64 = 0.9;

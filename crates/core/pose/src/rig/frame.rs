@@ -9,10 +9,10 @@ use crate::likelihood::{
     Beliefs, Correspondences, FocalKnowledge, Matches, ProblemError, Scale, System, log_farthest,
     median_point,
 };
-use crate::minimal::Minimal;
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
-use crate::sampler::WeightedSampler;
-use crate::search::Search;
+use crate::ransac::minimal::Minimal;
+use crate::ransac::sampler::WeightedSampler;
+use crate::ransac::search::Search;
 
 /// A frame that shows something.
 pub(super) struct Frame<'a> {

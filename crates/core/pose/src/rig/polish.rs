@@ -7,7 +7,7 @@ use super::joint::{Poses, descend};
 use super::odometry::Tie;
 use crate::likelihood::{Loss, System, linearize};
 use crate::options::PoseOptions;
-use crate::search::{FINAL_GAIN, FINAL_STEPS, NOISE_RANGE, POLISH_ROUNDS, ROUND_STEPS};
+use crate::ransac::search::{FINAL_GAIN, FINAL_STEPS, NOISE_RANGE, POLISH_ROUNDS, ROUND_STEPS};
 
 /// So many matches of the rig's noise are added to each frame's own: a few agreeing matches do not tell their noise.
 const BORROWED: f64 = 20.0;

@@ -10,10 +10,10 @@ use super::polish::polish_knowing;
 use crate::likelihood::Symmetric6;
 use crate::options::PoseOptions;
 use crate::ransac::Estimator;
+use crate::ransac::Stop;
+use crate::ransac::sampler::WeightedSampler;
+use crate::ransac::search::{COARSE_GAIN, LADDER, LADDER_STEPS};
 use crate::rivals::margin;
-use crate::sampler::WeightedSampler;
-use crate::search::{COARSE_GAIN, LADDER, LADDER_STEPS};
-use crate::stop::Stop;
 
 /// Gain of a frame from which on more of it counts less, natural logarithm: many frames that agree outvote one that
 /// contradicts them, however many matches that one has. A pose with this gain in one frame is hardly chance.

@@ -14,10 +14,10 @@ use crate::likelihood::{
     Beliefs, Estimated, Kernel, Loss, Matches, NEGLIGIBLE, Scale, Symmetric6, System, Zoomed, descend,
     inverse_or_infinite, linearize, refine,
 };
-use crate::minimal::Minimal;
 use crate::ransac::Estimator;
+use crate::ransac::Stop;
+use crate::ransac::minimal::Minimal;
 use crate::rivals::margin;
-use crate::stop::Stop;
 
 /// MSAC's threshold in multiples of the noise it stands for: the likelihood that its evidence is told by.
 const MSAC_THRESHOLD_IN_NOISE: f64 = 2.5;

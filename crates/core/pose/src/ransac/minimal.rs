@@ -6,11 +6,11 @@ use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, CameraFromWorld, PixelLine, PlaneLine, PlanePoint, Point3};
 
-use crate::half_planes::half_planes;
 use crate::likelihood::{Correspondences, Gravity, Matches};
 use crate::options::AnchoredSolver;
-use crate::radial::RadialVote;
-use crate::sampler::{SplitSampler, WeightedSampler, draw, pick};
+use crate::ransac::half_planes::half_planes;
+use crate::ransac::radial::RadialVote;
+use crate::ransac::sampler::{SplitSampler, WeightedSampler, draw, pick};
 
 /// One way from correspondences to hypotheses.
 #[derive(Debug, Clone)]

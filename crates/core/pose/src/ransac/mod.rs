@@ -7,6 +7,15 @@
 //! Chum, Matas and Kittler, *Locally Optimized RANSAC*, DAGM 2003; Lebeda, Matas and Chum, *Fixing the Locally
 //! Optimized RANSAC*, BMVC 2012.
 
+pub(crate) mod half_planes;
+pub(crate) mod minimal;
+mod radial;
+pub(crate) mod sampler;
+pub(crate) mod search;
+mod stop;
+
+pub use stop::Stop;
+
 use rand::Rng;
 
 /// What the loop can search for.

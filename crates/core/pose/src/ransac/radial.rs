@@ -14,9 +14,9 @@ use veiloc_geometry::{Anchor, CameraFromWorld, Pixel, Point3};
 use veiloc_simd::Backend;
 use veiloc_simd::pose::{LANES, RadialBlock, RadialLanes};
 
-use crate::half_planes::{direction, half_planes};
 use crate::likelihood::{Correspondences, Matches, median_point, promising_first};
-use crate::sampler::{WeightedSampler, draw, pick};
+use crate::ransac::half_planes::{direction, half_planes};
+use crate::ransac::sampler::{WeightedSampler, draw, pick};
 
 /// A radial pose is completed when its score comes this close to the best radial score of its side: 0.2 below it at
 /// first, ever closer as more of the side's poses have been completed.
