@@ -1,29 +1,18 @@
 //! What can go wrong in robust estimation, with the facts and, where there is one, the remedy.
 
-use crate::likelihood::ProblemError;
-
-/// Why no pose was estimated. What a problem is refused for is said as [`ProblemError`] says it.
+/// Why no pose was estimated: what a problem is refused for, then what the search ended with.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PoseError {
     /// Fewer correspondences than a minimal sample needs.
-    #[error("{}", ProblemError::TooFew { required: *required, actual: *actual })]
+    #[error("{actual} correspondences are too few for a pose, {required} are the least")]
     TooFew {
         /// The size of a minimal sample.
         required: usize,
         /// How many there were.
         actual: usize,
     },
-    /// All lines pass through one anchor: the depth along that anchor's ray cannot be known.
-    #[error(
-        "all {lines} lines run through the same anchor, which leaves the camera's depth along it free; \
-         move or turn the camera so that keypoints lie on both sides of the dividing line"
-    )]
-    OneSided {
-        /// How many lines there were.
-        lines: usize,
-    },
     /// Arrays that belong together differ in length.
-    #[error("{}", ProblemError::LengthMismatch { what, expected: *expected, actual: *actual })]
+    #[error("{what} has {actual} entries, {expected} were expected, one a correspondence")]
     LengthMismatch {
         /// Which array.
         what: &'static str,
@@ -33,7 +22,7 @@ pub enum PoseError {
         actual: usize,
     },
     /// A number is NaN or infinite.
-    #[error("{}", ProblemError::NotFinite { what, index: *index })]
+    #[error("{what} {index} is not finite")]
     NotFinite {
         /// Which array.
         what: &'static str,
@@ -41,7 +30,7 @@ pub enum PoseError {
         index: usize,
     },
     /// A prior is no probability.
-    #[error("{}", ProblemError::BadPrior { index: *index, value: *value })]
+    #[error("the prior of correspondence {index} is {value}, not a probability between 0 and 1")]
     BadPrior {
         /// Which correspondence.
         index: usize,
@@ -49,7 +38,7 @@ pub enum PoseError {
         value: f64,
     },
     /// The camera or an option has an impossible value.
-    #[error("{}", ProblemError::BadValue { what, value: *value })]
+    #[error("{what} is {value}, which is not possible")]
     BadValue {
         /// Which number.
         what: &'static str,
@@ -82,6 +71,15 @@ pub enum PoseError {
     /// The score cannot weigh frames against each other.
     #[error("the pose of a rig is estimated with the likelihood only; leave the score away")]
     ScoreOfRig,
+    /// All lines pass through one anchor: the depth along that anchor's ray cannot be known.
+    #[error(
+        "all {lines} lines run through the same anchor, which leaves the camera's depth along it free; \
+         move or turn the camera so that keypoints lie on both sides of the dividing line"
+    )]
+    OneSided {
+        /// How many lines there were.
+        lines: usize,
+    },
     /// The best pose agrees with the correspondences no better than a pose that is wrong would.
     #[error(
         "the best pose explains the correspondences no better than chance does (log evidence {log_evidence:.0})"
@@ -106,18 +104,4 @@ pub enum PoseError {
         /// Samples drawn.
         hypotheses: usize,
     },
-}
-
-impl From<ProblemError> for PoseError {
-    fn from(error: ProblemError) -> Self {
-        match error {
-            ProblemError::TooFew { required, actual } => Self::TooFew { required, actual },
-            ProblemError::LengthMismatch { what, expected, actual } => {
-                Self::LengthMismatch { what, expected, actual }
-            }
-            ProblemError::NotFinite { what, index } => Self::NotFinite { what, index },
-            ProblemError::BadPrior { index, value } => Self::BadPrior { index, value },
-            ProblemError::BadValue { what, value } => Self::BadValue { what, value },
-        }
-    }
 }

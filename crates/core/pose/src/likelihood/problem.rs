@@ -4,7 +4,7 @@ use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, Pencils, Pinhole, Pixel, PixelLine, Point3};
 
-use crate::likelihood::error::ProblemError;
+use crate::error::PoseError;
 
 /// What the query tells about each correspondence, `[N]`.
 #[derive(Debug, Clone, PartialEq)]
@@ -170,14 +170,14 @@ impl PoseProblem {
     /// Refuses what no pose can be estimated from. All else in this room takes a problem that has passed.
     ///
     /// # Errors
-    /// [`ProblemError`]: lists that differ in length, a number that is not finite or not possible, or fewer correspondences
+    /// [`PoseError`]: lists that differ in length, a number that is not finite or not possible, or fewer correspondences
     /// than a minimal sample.
-    pub fn check(&self) -> Result<(), ProblemError> {
+    pub fn check(&self) -> Result<(), PoseError> {
         let n = self.observations.len();
         let required = self.observations.sample_size();
         for (what, actual) in [("points", self.points.len()), ("keypoints", self.keypoints.len())] {
             if actual != n {
-                return Err(ProblemError::LengthMismatch { what, expected: n, actual });
+                return Err(PoseError::LengthMismatch { what, expected: n, actual });
             }
         }
         let c = &self.camera;
@@ -186,11 +186,11 @@ impl PoseProblem {
         for (what, value) in [("principal point cx", c.principal[0]), ("principal point cy", c.principal[1])]
         {
             if !value.is_finite() {
-                return Err(ProblemError::BadValue { what, value });
+                return Err(PoseError::BadValue { what, value });
             }
         }
         if c.width == 0 || c.height == 0 {
-            return Err(ProblemError::BadValue { what: "image size", value: 0.0 });
+            return Err(PoseError::BadValue { what: "image size", value: 0.0 });
         }
         let bad = match &self.observations {
             Correspondences::Points { pixels } => pixels.iter().position(|p| !p.is_finite()),
@@ -207,27 +207,27 @@ impl PoseProblem {
             }
         };
         if let Some(index) = bad {
-            return Err(ProblemError::NotFinite { what: "observation", index });
+            return Err(PoseError::NotFinite { what: "observation", index });
         }
         if let Some(index) = self.points.iter().position(|p| !p.is_finite()) {
-            return Err(ProblemError::NotFinite { what: "point", index });
+            return Err(PoseError::NotFinite { what: "point", index });
         }
         if let Some(prior) = &self.prior {
             if prior.len() != n {
-                return Err(ProblemError::LengthMismatch { what: "prior", expected: n, actual: prior.len() });
+                return Err(PoseError::LengthMismatch { what: "prior", expected: n, actual: prior.len() });
             }
             if let Some(index) = prior.iter().position(|p| !(0.0..=1.0).contains(p)) {
-                return Err(ProblemError::BadPrior { index, value: prior[index] });
+                return Err(PoseError::BadPrior { index, value: prior[index] });
             }
         }
         if let Some(seen_from) = &self.seen_from {
             if seen_from.len() != n {
                 let actual = seen_from.len();
-                return Err(ProblemError::LengthMismatch { what: "seen_from", expected: n, actual });
+                return Err(PoseError::LengthMismatch { what: "seen_from", expected: n, actual });
             }
             let possible = |s: &SeenFrom| s.center.is_finite() && s.focal_px.is_finite() && s.focal_px > 0.0;
             if let Some(index) = seen_from.iter().position(|s| !possible(s)) {
-                return Err(ProblemError::NotFinite { what: "seen_from", index });
+                return Err(PoseError::NotFinite { what: "seen_from", index });
             }
         }
         if let Some(gravity) = &self.gravity {
@@ -236,37 +236,37 @@ impl PoseProblem {
                 ("length of gravity in the world", gravity.in_world),
             ] {
                 if !(v.norm().is_finite() && v.norm() > 0.0) {
-                    return Err(ProblemError::BadValue { what, value: v.norm() });
+                    return Err(PoseError::BadValue { what, value: v.norm() });
                 }
             }
             positive("standard deviation of gravity", gravity.sd_deg)?;
         }
         if let Some(position) = &self.position {
             if !position.center.is_finite() {
-                return Err(ProblemError::NotFinite { what: "position prior", index: 0 });
+                return Err(PoseError::NotFinite { what: "position prior", index: 0 });
             }
             positive("standard deviation of the position prior", position.sd)?;
         }
         if let Some(covariances) = &self.point_covariances {
             if covariances.len() != n {
                 let actual = covariances.len();
-                return Err(ProblemError::LengthMismatch { what: "point covariances", expected: n, actual });
+                return Err(PoseError::LengthMismatch { what: "point covariances", expected: n, actual });
             }
             let possible = |c: &[[f64; 3]; 3]| {
                 c.iter().flatten().all(|v| v.is_finite()) && (0..3).all(|k| c[k][k] >= 0.0)
             };
             if let Some(index) = covariances.iter().position(|c| !possible(c)) {
-                return Err(ProblemError::NotFinite { what: "point covariance", index });
+                return Err(PoseError::NotFinite { what: "point covariance", index });
             }
         }
         if n < required {
-            return Err(ProblemError::TooFew { required, actual: n });
+            return Err(PoseError::TooFew { required, actual: n });
         }
         Ok(())
     }
 }
 
 /// Refuses a number that is not finite or not above 0.
-fn positive(what: &'static str, value: f64) -> Result<(), ProblemError> {
-    if value.is_finite() && value > 0.0 { Ok(()) } else { Err(ProblemError::BadValue { what, value }) }
+fn positive(what: &'static str, value: f64) -> Result<(), PoseError> {
+    if value.is_finite() && value > 0.0 { Ok(()) } else { Err(PoseError::BadValue { what, value }) }
 }

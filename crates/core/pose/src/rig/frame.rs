@@ -6,8 +6,7 @@ use super::RigFrame;
 use crate::confidence::median;
 use crate::error::PoseError;
 use crate::likelihood::{
-    Beliefs, Correspondences, FocalKnowledge, Matches, ProblemError, Scale, System, log_farthest,
-    median_point,
+    Beliefs, Correspondences, FocalKnowledge, Matches, Scale, System, log_farthest, median_point,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::ransac::minimal::Minimal;
@@ -37,7 +36,7 @@ pub(super) struct Frame<'a> {
 pub(super) fn stands_alone(problem: &crate::PoseProblem) -> Result<bool, PoseError> {
     match problem.check() {
         Ok(()) => Ok(true),
-        Err(ProblemError::TooFew { .. }) => Ok(false),
+        Err(PoseError::TooFew { .. }) => Ok(false),
         Err(error) => Err(error.into()),
     }
 }
