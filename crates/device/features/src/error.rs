@@ -1,8 +1,10 @@
-//! What can be wrong with an image.
+//! What can be wrong with an image, its mask, or what is to make features of it.
 
 use std::path::PathBuf;
 
-/// Why an image was refused. The message names the file, where there is one, and what to do about it.
+use crate::ProjectionError;
+
+/// Why there are no features: an image or a mask is refused, or a network or a detector cannot be used. The message names the file, where there is one, and what to do about it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FeatureError {
@@ -142,6 +144,141 @@ pub enum FeatureError {
         column: u32,
         /// Row of the first such sample.
         row: u32,
+    },
+    /// The file is no network, is damaged, or is of another form than its description says.
+    #[error("{}: this network cannot be used: {reason}", path.display())]
+    Network {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A file of tensors that cannot be used.
+    #[cfg(feature = "learned")]
+    #[error("{}: these weights cannot be used: {source}", path.display())]
+    Weights {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: crate::learned::WeightsError,
+    },
+    /// A file that a description names as the projection of its descriptors, and is not.
+    #[error("{}: this projection cannot be used: {source}", path.display())]
+    Projection {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: ProjectionError,
+    },
+    /// A description that says what cannot be.
+    #[error("{}: this describes no model: {reason}", path.display())]
+    Description {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// No model of this name is known.
+    #[error(
+        "no features of the name {name:?} are known; there are: {known}, or give the .toml file that describes a network"
+    )]
+    UnknownFeatures {
+        /// What was asked for.
+        name: String,
+        /// The names of those there are.
+        known: String,
+    },
+    /// The model is known, its file was not found.
+    #[error(
+        "the model {name} needs its file ({files}), which is not there; get it from {source_of} ({licence}) and name it with \
+         --model-file, or put it into a folder that VEILOC_MODELS names; looked for in: {looked}"
+    )]
+    NoModelFile {
+        /// The model.
+        name: String,
+        /// Names of files that would do.
+        files: String,
+        /// Where it is got.
+        source_of: String,
+        /// On what terms.
+        licence: String,
+        /// Folders, or that there are none.
+        looked: String,
+    },
+    /// No engine of this name is known.
+    #[error("no engine of the name {name:?} is known; there are: {known}")]
+    UnknownEngine {
+        /// What was asked for.
+        name: String,
+        /// The names of those there are.
+        known: String,
+    },
+    /// No model of global descriptors has this name.
+    #[error(
+        "no global descriptor of the name {name:?} is known; there are: vlad, {known}, or give the .toml file that describes one"
+    )]
+    UnknownGlobal {
+        /// What was asked for.
+        name: String,
+        /// The names of those there are.
+        known: String,
+    },
+    /// The model of global descriptors is known, one of its files was not found.
+    #[error(
+        "the global descriptor {name} needs its file ({files}), which is not there; get it from {source_of} and put it into a \
+         folder that VEILOC_MODELS names; looked for in: {looked}"
+    )]
+    NoGlobalFile {
+        /// The model.
+        name: String,
+        /// Names of files that would do.
+        files: String,
+        /// Where it is got, and on what terms.
+        source_of: String,
+        /// Folders, or that there are none.
+        looked: String,
+    },
+    /// The network broke on an image.
+    #[error("the network could not run: {reason}")]
+    NetworkRun {
+        /// What it said.
+        reason: String,
+    },
+    /// The file could not be read.
+    #[error("cannot read the detector {}: {source}; check the path and the permissions", path.display())]
+    ReadDetector {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The file is no model, is damaged, or needs what is not here.
+    #[error("{}: this is no detector that can be used: {reason}; give an ONNX file of YOLO's form", path.display())]
+    Detector {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The detector broke on an image.
+    #[error("the detector could not run: {reason}")]
+    DetectorRun {
+        /// What it said.
+        reason: String,
+    },
+    /// A class that the detector does not know.
+    #[error("the detector knows no class {asked}; it knows: {known}")]
+    UnknownClass {
+        /// What was asked for.
+        asked: String,
+        /// The names of those it knows.
+        known: String,
+    },
+    /// No class was named.
+    #[error("no class to hide; the detector knows: {known}")]
+    NoClass {
+        /// The names of those it knows.
+        known: String,
     },
 }
 

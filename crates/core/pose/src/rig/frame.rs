@@ -37,7 +37,7 @@ pub(super) fn stands_alone(problem: &crate::PoseProblem) -> Result<bool, PoseErr
     match problem.check() {
         Ok(()) => Ok(true),
         Err(PoseError::TooFew { .. }) => Ok(false),
-        Err(error) => Err(error.into()),
+        Err(error) => Err(error),
     }
 }
 

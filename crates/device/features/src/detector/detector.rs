@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use crate::ColourImage;
-use crate::learned::{Engine, Layer, Network, NetworkError, Tensor};
+use crate::FeatureError;
+use crate::learned::{Engine, Layer, Network, Tensor};
 
 use crate::detector::boxes::{Detection, one_each};
+use crate::detector::classes;
 use crate::detector::letterbox::letterbox;
-use crate::detector::{DetectorError, classes};
 
 /// Boxes of one class that overlap by more than this are of one thing.
 const SAME: f32 = 0.5;
@@ -34,12 +35,12 @@ impl Detector {
     /// Reads a detector.
     ///
     /// # Errors
-    /// [`DetectorError::Read`], and [`DetectorError::Model`] for a file that is damaged or of another form.
-    pub fn open(path: &Path) -> Result<Self, DetectorError> {
-        let unusable = |reason: String| DetectorError::Model { path: PathBuf::from(path), reason };
+    /// [`FeatureError::ReadDetector`], and [`FeatureError::Detector`] for a file that is damaged or of another form.
+    pub fn open(path: &Path) -> Result<Self, FeatureError> {
+        let unusable = |reason: String| FeatureError::Detector { path: PathBuf::from(path), reason };
         let network = Network::open(path, Engine::default()).map_err(|error| match error {
-            NetworkError::Read { path, source } => DetectorError::Read { path, source },
-            NetworkError::Model { reason, .. } => unusable(reason),
+            FeatureError::Read { path, source } => FeatureError::ReadDetector { path, source },
+            FeatureError::Network { reason, .. } => unusable(reason),
             other => unusable(other.to_string()),
         })?;
         let names = network.metadata("names").as_deref().and_then(classes::parse);
@@ -64,8 +65,8 @@ impl Detector {
     /// Everything found with at least this score, one box for each thing, the surest first.
     ///
     /// # Errors
-    /// [`DetectorError::Run`] when the file's network cannot run, or does not give boxes for its classes.
-    pub fn detect(&self, image: &ColourImage, least_score: f32) -> Result<Vec<Detection>, DetectorError> {
+    /// [`FeatureError::DetectorRun`] when the file's network cannot run, or does not give boxes for its classes.
+    pub fn detect(&self, image: &ColourImage, least_score: f32) -> Result<Vec<Detection>, FeatureError> {
         Ok(one_each(self.candidates(image, least_score)?, SAME))
     }
 
@@ -74,13 +75,13 @@ impl Detector {
         &self,
         image: &ColourImage,
         least_score: f32,
-    ) -> Result<Vec<Detection>, DetectorError> {
-        let broken = |reason: String| DetectorError::Run { reason };
+    ) -> Result<Vec<Detection>, FeatureError> {
+        let broken = |reason: String| FeatureError::DetectorRun { reason };
         let [width, height] = self.size;
         let (samples, placed) = letterbox(image, self.size);
         let input = Tensor { shape: vec![1, 3, height, width], data: samples };
         let outputs = self.network.run(&input, &[Layer::Output(0)]).map_err(|error| match error {
-            NetworkError::Run { reason } => broken(reason),
+            FeatureError::NetworkRun { reason } => broken(reason),
             other => broken(other.to_string()),
         })?;
         let Some((&[images, columns, boxes], numbers)) = outputs

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::{FeatureError, Mask, load_colour};
 
-use crate::detector::{Detection, Detector, DetectorError};
+use crate::detector::{Detection, Detector};
 
 /// How much is hidden around what is found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,18 +46,17 @@ impl Hider {
     /// A detector file, and the names of the classes to hide.
     ///
     /// # Errors
-    /// As [`Detector::open`]; [`DetectorError::UnknownClass`] and [`DetectorError::NoClass`].
-    pub fn open(path: &Path, classes: &[String], options: HideOptions) -> Result<Self, DetectorError> {
+    /// As [`Detector::open`]; [`FeatureError::UnknownClass`] and [`FeatureError::NoClass`].
+    pub fn open(path: &Path, classes: &[String], options: HideOptions) -> Result<Self, FeatureError> {
         let detector = Detector::open(path)?;
         let known = || detector.names().join(", ");
         if classes.is_empty() {
-            return Err(DetectorError::NoClass { known: known() });
+            return Err(FeatureError::NoClass { known: known() });
         }
         let mut hides = vec![false; detector.names().len()];
         for asked in classes {
             let at = detector.names().iter().position(|name| name == asked);
-            let at =
-                at.ok_or_else(|| DetectorError::UnknownClass { asked: asked.clone(), known: known() })?;
+            let at = at.ok_or_else(|| FeatureError::UnknownClass { asked: asked.clone(), known: known() })?;
             hides[at] = true;
         }
         Ok(Self { detector, hides, options })
@@ -66,8 +65,8 @@ impl Hider {
     /// What is hidden of an image file.
     ///
     /// # Errors
-    /// [`DetectorError`]: the image cannot be read, the detector broke, or what was found covers the whole image.
-    pub fn hide(&self, image: &Path) -> Result<Hidden, DetectorError> {
+    /// [`FeatureError`]: the image cannot be read, the detector broke, or what was found covers the whole image.
+    pub fn hide(&self, image: &Path) -> Result<Hidden, FeatureError> {
         let image = load_colour(image)?;
         // All boxes of a thing are hidden, not the surest alone: where they differ nobody knows which is right.
         let mut all = self.detector.candidates(&image, self.options.least_score)?;

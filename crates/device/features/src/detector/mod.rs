@@ -11,11 +11,9 @@
 mod boxes;
 mod classes;
 mod detector;
-mod error;
 mod hider;
 mod letterbox;
 
 pub use boxes::Detection;
 pub use detector::Detector;
-pub use error::DetectorError;
 pub use hider::{Hidden, HideOptions, Hider};

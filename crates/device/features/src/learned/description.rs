@@ -48,6 +48,7 @@
 
 use std::path::Path;
 
+use crate::FeatureError;
 use crate::Projection;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -55,7 +56,7 @@ use veiloc_descriptor::{DescriptorError, DescriptorKind, Encoding};
 
 use crate::learned::graphs::Graph;
 use crate::learned::projected::Projected;
-use crate::learned::{Layer, NetworkError, Weights, WeightsError, built_in};
+use crate::learned::{Layer, Weights, WeightsError, built_in};
 
 /// A model: where its file is got, and how its numbers are meant.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -197,8 +198,8 @@ pub(crate) fn parsed<T: DeserializeOwned>(
     text: &str,
     file: &Path,
     check: impl Fn(&T) -> Result<(), String>,
-) -> Result<T, NetworkError> {
-    let refused = |reason: String| NetworkError::Description { path: file.to_owned(), reason };
+) -> Result<T, FeatureError> {
+    let refused = |reason: String| FeatureError::Description { path: file.to_owned(), reason };
     let description = toml::from_str(text).map_err(|error| refused(words(&error)))?;
     check(&description).map_err(refused)?;
     Ok(description)
@@ -228,9 +229,9 @@ impl Description {
     /// Reads a description, and the file of its projection from beside it, where it has one of its own.
     ///
     /// # Errors
-    /// [`NetworkError::Description`] naming the file, or what stands for it; [`NetworkError::Projection`] and [`NetworkError::Read`].
-    pub fn parse(text: &str, file: &Path) -> Result<Self, NetworkError> {
-        let refused = |reason: String| NetworkError::Description { path: file.to_owned(), reason };
+    /// [`FeatureError::Description`] naming the file, or what stands for it; [`FeatureError::Projection`] and [`FeatureError::Read`].
+    pub fn parse(text: &str, file: &Path) -> Result<Self, FeatureError> {
+        let refused = |reason: String| FeatureError::Description { path: file.to_owned(), reason };
         let mut description: Self = match completed(text).map_err(refused)? {
             Some(whole) => {
                 let whole: Self = whole.try_into().map_err(|error| refused(words(&error)))?;

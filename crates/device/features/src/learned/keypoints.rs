@@ -1,8 +1,9 @@
 //! From a network's scores to keypoints: the largest of their surroundings, the strongest first.
 
+use crate::FeatureError;
+use crate::learned::Tensor;
 use crate::learned::description::{Form, Refine, Scores};
 use crate::learned::prepare::Placed;
-use crate::learned::{NetworkError, Tensor};
 
 /// One score for each pixel of the network's image.
 #[derive(Clone, PartialEq)]
@@ -27,9 +28,9 @@ impl ScoreMap {
     /// Of what the network says. `factor`: one number a cell, or for each pixel, by which scores are multiplied.
     ///
     /// # Errors
-    /// [`NetworkError::Run`] when the layers are of another form than described, or hold numbers that are none.
-    pub(crate) fn of(scores: Tensor, described: &Scores) -> Result<Self, NetworkError> {
-        let broken = |reason: &str| NetworkError::Run { reason: format!("its scores {reason}") };
+    /// [`FeatureError::NetworkRun`] when the layers are of another form than described, or hold numbers that are none.
+    pub(crate) fn of(scores: Tensor, described: &Scores) -> Result<Self, FeatureError> {
+        let broken = |reason: &str| FeatureError::NetworkRun { reason: format!("its scores {reason}") };
         let scores = if described.channels_last { scores.channels_first() } else { Some(scores) };
         let scores = scores.ok_or_else(|| broken("are no image"))?;
         let [channels, rows, columns] = scores.image().ok_or_else(|| broken("are no image"))?;

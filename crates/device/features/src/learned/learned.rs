@@ -10,7 +10,7 @@ use crate::learned::graphs::{self, Head};
 use crate::learned::keypoints::{Peak, ScoreMap};
 use crate::learned::prepare::prepare;
 use crate::learned::sample::{DescriptorMap, Scratch, by_head, bytes};
-use crate::learned::{Description, Engine, Layer, Network, NetworkError, Tensor, Weights};
+use crate::learned::{Description, Engine, Layer, Network, Tensor, Weights};
 
 /// Learned local features: a description and the network it is of.
 ///
@@ -49,8 +49,8 @@ impl Learned {
     /// Reads the network of a description from this file: ONNX, or weights where the description names a graph.
     ///
     /// # Errors
-    /// [`NetworkError`] for a file that is no network, is damaged, or is not what the description says.
-    pub fn open(description: Description, file: &Path, engine: Engine) -> Result<Self, NetworkError> {
+    /// [`FeatureError`] for a file that is no network, is damaged, or is not what the description says.
+    pub fn open(description: Description, file: &Path, engine: Engine) -> Result<Self, FeatureError> {
         match description.graph {
             Some(_) => Self::of_weights(description, &Weights::open(file)?, file, engine),
             None => Self::of(description, Network::open(file, engine)?, None, file),
@@ -60,17 +60,17 @@ impl Learned {
     /// The same of weights in memory; `file` is what messages are to call them.
     ///
     /// # Errors
-    /// As [`Self::open`]; [`NetworkError::Model`] for a description that names no graph.
+    /// As [`Self::open`]; [`FeatureError::Network`] for a description that names no graph.
     pub fn of_weights(
         description: Description,
         weights: &Weights,
         file: &Path,
         engine: Engine,
-    ) -> Result<Self, NetworkError> {
-        let model = |reason: String| NetworkError::Model { path: file.to_owned(), reason };
+    ) -> Result<Self, FeatureError> {
+        let model = |reason: String| FeatureError::Network { path: file.to_owned(), reason };
         let graph = description.graph.ok_or_else(|| model("its description names no graph".to_owned()))?;
         let made =
-            graph.of(weights).map_err(|source| NetworkError::Weights { path: file.to_owned(), source })?;
+            graph.of(weights).map_err(|source| FeatureError::Weights { path: file.to_owned(), source })?;
         Self::of(description, Network::of_onnx(made.onnx, engine).map_err(model)?, made.head, file)
     }
 
@@ -79,8 +79,8 @@ impl Learned {
         network: Network,
         head: Option<Head>,
         file: &Path,
-    ) -> Result<Self, NetworkError> {
-        let refused = |reason: String| NetworkError::Model { path: file.to_owned(), reason };
+    ) -> Result<Self, FeatureError> {
+        let refused = |reason: String| FeatureError::Network { path: file.to_owned(), reason };
         if let Some(head) = head.as_ref().filter(|head| head.dim() != description.descriptors.numbers) {
             let expected = description.descriptors.numbers;
             return Err(refused(format!("its descriptors have {} numbers and not {expected}", head.dim())));
@@ -117,7 +117,7 @@ impl Learned {
         &self.network
     }
 
-    pub(crate) fn say(&self, image: &Image, most: usize) -> Result<Said, NetworkError> {
+    pub(crate) fn say(&self, image: &Image, most: usize) -> Result<Said, FeatureError> {
         let Description { input, scores, descriptors, .. } = &self.description;
         let (samples, placed) = prepare(image.gray(), input, self.fixed);
         let [_, _, height, width] = samples.shape[..] else { unreachable!("an image has four sides") };
@@ -134,7 +134,7 @@ impl Learned {
         if [map.width, map.height] != [width, height] {
             let (w, h) = (map.width, map.height);
             let reason = format!("its scores are of {w}x{h} pixels, and it was given {width}x{height}");
-            return Err(NetworkError::Run { reason });
+            return Err(FeatureError::NetworkRun { reason });
         }
         let factor_at = |pixel: [usize; 2]| {
             factor.as_ref().map_or(1.0, |factor| factor_at(factor, pixel, [width, height]))

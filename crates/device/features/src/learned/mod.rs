@@ -38,7 +38,7 @@ mod weights;
 
 pub use description::Description;
 pub use engine::Engine;
-pub use error::{NetworkError, WeightsError};
+pub use error::WeightsError;
 pub use global::{GlobalDescription, LearnedGlobal};
 pub use graphs::Backbone;
 pub use layer::Layer;

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use crate::Extractors;
+use crate::FeatureError;
 
 use crate::learned::built_in::{BUILT_IN, GLOBALS};
-use crate::learned::{Description, Engine, GlobalDescription, Learned, LearnedGlobal, NetworkError};
+use crate::learned::{Description, Engine, GlobalDescription, Learned, LearnedGlobal};
 
 /// Descriptions by name, and folders to look for files in. Nothing is ever downloaded.
 #[derive(Debug, Clone)]
@@ -80,16 +81,16 @@ impl Models {
     /// `file`: its network, where that is said; else it is looked for beside the description and in the folders.
     ///
     /// # Errors
-    /// [`NetworkError::Unknown`], [`NetworkError::NoFile`] saying where it was looked for and where it is got,
-    /// [`NetworkError::Description`], and those of [`Learned::open`].
-    pub fn open(&self, name: &str, file: Option<&Path>) -> Result<Learned, NetworkError> {
+    /// [`FeatureError::UnknownFeatures`], [`FeatureError::NoModelFile`] saying where it was looked for and where it is got,
+    /// [`FeatureError::Description`], and those of [`Learned::open`].
+    pub fn open(&self, name: &str, file: Option<&Path>) -> Result<Learned, FeatureError> {
         let mut beside = Vec::new();
         let description = if is_description(name) {
             let text = read_beside(Path::new(name), &mut beside)?;
             Description::parse(&text, Path::new(name))?
         } else {
             let known = self.known.iter().find(|description| description.name() == name);
-            let unknown = || NetworkError::Unknown {
+            let unknown = || FeatureError::UnknownFeatures {
                 name: name.chars().take(80).collect(),
                 known: format!("{}, {}", Extractors::default().names(), self.names()),
             };
@@ -112,9 +113,9 @@ impl Models {
     /// beside the description and in the folders.
     ///
     /// # Errors
-    /// [`NetworkError::UnknownGlobal`], [`NetworkError::NoGlobalFile`] saying where it was looked for and where it is got,
-    /// [`NetworkError::Description`], and those of [`LearnedGlobal::open`].
-    pub fn open_global(&self, name: &str) -> Result<LearnedGlobal, NetworkError> {
+    /// [`FeatureError::UnknownGlobal`], [`FeatureError::NoGlobalFile`] saying where it was looked for and where it is got,
+    /// [`FeatureError::Description`], and those of [`LearnedGlobal::open`].
+    pub fn open_global(&self, name: &str) -> Result<LearnedGlobal, FeatureError> {
         let mut beside = Vec::new();
         let description = if is_description(name) {
             let text = read_beside(Path::new(name), &mut beside)?;
@@ -123,11 +124,11 @@ impl Models {
             let known = self.globals.iter().find(|description| description.name() == name);
             let names = || self.globals.iter().map(GlobalDescription::name).collect::<Vec<_>>().join(", ");
             let unknown =
-                || NetworkError::UnknownGlobal { name: name.chars().take(80).collect(), known: names() };
+                || FeatureError::UnknownGlobal { name: name.chars().take(80).collect(), known: names() };
             known.ok_or_else(unknown)?.clone()
         };
         let files = description.files().map(|files| {
-            let lacking = || NetworkError::NoGlobalFile {
+            let lacking = || FeatureError::NoGlobalFile {
                 name: description.name().to_owned(),
                 files: files.join(" or "),
                 source_of: format!("{} ({})", description.source(), description.licence()),
@@ -155,8 +156,8 @@ impl Models {
         })
     }
 
-    fn no_file(&self, description: &Description, beside: &[PathBuf]) -> NetworkError {
-        NetworkError::NoFile {
+    fn no_file(&self, description: &Description, beside: &[PathBuf]) -> FeatureError {
+        FeatureError::NoModelFile {
             name: description.name().to_owned(),
             files: description.files().join(" or "),
             source_of: description.source().to_owned(),
@@ -177,7 +178,7 @@ fn is_description(name: &str) -> bool {
 }
 
 /// The text of a description; its folder is one to look for files in.
-fn read_beside(path: &Path, beside: &mut Vec<PathBuf>) -> Result<String, NetworkError> {
+fn read_beside(path: &Path, beside: &mut Vec<PathBuf>) -> Result<String, FeatureError> {
     beside.push(path.parent().unwrap_or(Path::new("")).to_owned());
-    std::fs::read_to_string(path).map_err(|source| NetworkError::Read { path: path.to_owned(), source })
+    std::fs::read_to_string(path).map_err(|source| FeatureError::Read { path: path.to_owned(), source })
 }

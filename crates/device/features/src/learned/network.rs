@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use crate::FeatureError;
 use crate::learned::engine::{Engine, Run};
-use crate::learned::{Layer, NetworkError, Tensor};
+use crate::learned::{Layer, Tensor};
 
 /// Most bytes of an ONNX file that are read.
 const MOST_BYTES: u64 = 512 << 20;
@@ -26,10 +27,10 @@ impl Network {
     /// Reads an ONNX file. It is run with as many threads as rayon has where it is opened.
     ///
     /// # Errors
-    /// [`NetworkError::Read`], and [`NetworkError::Model`] for a file that is no network or is damaged, or an engine that is not there.
-    pub fn open(path: &Path, engine: Engine) -> Result<Self, NetworkError> {
+    /// [`FeatureError::Read`], and [`FeatureError::Network`] for a file that is no network or is damaged, or an engine that is not there.
+    pub fn open(path: &Path, engine: Engine) -> Result<Self, FeatureError> {
         Self::of_onnx(crate::learned::file::read(path, MOST_BYTES)?, engine)
-            .map_err(|reason| NetworkError::Model { path: path.to_owned(), reason })
+            .map_err(|reason| FeatureError::Network { path: path.to_owned(), reason })
     }
 
     /// The same of what is in memory; what is wrong with it in words.
@@ -66,14 +67,14 @@ impl Network {
     /// Runs it on an image `[1, C, H, W]`; results of these layers, in their order.
     ///
     /// # Errors
-    /// [`NetworkError::Run`].
-    pub fn run(&self, image: &Tensor, layers: &[Layer]) -> Result<Vec<Tensor>, NetworkError> {
+    /// [`FeatureError::NetworkRun`].
+    pub fn run(&self, image: &Tensor, layers: &[Layer]) -> Result<Vec<Tensor>, FeatureError> {
         self.run_on(&[image], layers)
     }
 
     /// The same of a network with several inputs, each `[1, C, H, W]`, in the file's order.
-    pub(crate) fn run_on(&self, images: &[&Tensor], layers: &[Layer]) -> Result<Vec<Tensor>, NetworkError> {
-        let broken = |reason: String| NetworkError::Run { reason };
+    pub(crate) fn run_on(&self, images: &[&Tensor], layers: &[Layer]) -> Result<Vec<Tensor>, FeatureError> {
+        let broken = |reason: String| FeatureError::NetworkRun { reason };
         let inputs: Option<Vec<([usize; 3], &[f32])>> =
             images.iter().map(|image| Some((image.image()?, &image.data[..]))).collect();
         let inputs = inputs.ok_or_else(|| broken("what it is given is no image".to_owned()))?;

@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
+use crate::FeatureError;
 use crate::Projection;
 use serde::Deserialize;
 use veiloc_descriptor::DescriptorKind;
-
-use crate::learned::NetworkError;
 
 /// Projections that are built in, by the name of their file.
 const BUILT_IN: [(&str, &[u8]); 2] = [
@@ -31,7 +30,7 @@ impl Projected {
         description: &Path,
         from: DescriptorKind,
         to: DescriptorKind,
-    ) -> Result<Projection, NetworkError> {
+    ) -> Result<Projection, FeatureError> {
         let path = description.with_file_name(&self.file);
         let beside;
         let bytes = match BUILT_IN.iter().find(|(name, _)| *name == self.file) {
@@ -40,7 +39,7 @@ impl Projected {
                 let known: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
                 let (file, known) = (&self.file, known.join(", "));
                 let reason = format!("its projection {file:?} is no file beside it, nor built in ({known})");
-                return Err(NetworkError::Description { path: description.to_owned(), reason });
+                return Err(FeatureError::Description { path: description.to_owned(), reason });
             }
             None => {
                 beside = crate::learned::file::read(&path, MOST_BYTES)?;
@@ -48,7 +47,7 @@ impl Projected {
             }
         };
         Projection::new(from, to, self.shift, bytes)
-            .map_err(|source| NetworkError::Projection { path, source })
+            .map_err(|source| FeatureError::Projection { path, source })
     }
 }
 

@@ -2,10 +2,11 @@
 
 use veiloc_descriptor::DescriptorKind;
 
+use crate::FeatureError;
+use crate::learned::Tensor;
 use crate::learned::description::{Descriptors, Grid, Interpolation};
 use crate::learned::graphs::Head;
 use crate::learned::keypoints::Peak;
-use crate::learned::{NetworkError, Tensor};
 
 /// A map of vectors, each of length 1.
 pub(crate) struct DescriptorMap {
@@ -18,9 +19,9 @@ pub(crate) struct DescriptorMap {
 
 impl DescriptorMap {
     /// # Errors
-    /// [`NetworkError::Run`] when the layer is of another form than described, or holds numbers that are none.
-    pub(crate) fn of(map: Tensor, described: &Descriptors) -> Result<Self, NetworkError> {
-        let broken = |reason: &str| NetworkError::Run { reason: format!("its descriptors {reason}") };
+    /// [`FeatureError::NetworkRun`] when the layer is of another form than described, or holds numbers that are none.
+    pub(crate) fn of(map: Tensor, described: &Descriptors) -> Result<Self, FeatureError> {
+        let broken = |reason: &str| FeatureError::NetworkRun { reason: format!("its descriptors {reason}") };
         let ((true, &[1, rows, columns, numbers]) | (false, &[1, numbers, rows, columns])) =
             (described.channels_last, &map.shape[..])
         else {

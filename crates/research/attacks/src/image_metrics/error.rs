@@ -1,7 +1,5 @@
 //! Why two images cannot be compared.
 
-use veiloc_features::learned::NetworkError;
-
 /// Why two images cannot be compared.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -22,5 +20,5 @@ pub enum JudgeError {
     },
     /// A network cannot be used.
     #[error(transparent)]
-    Network(#[from] NetworkError),
+    Network(#[from] veiloc_features::FeatureError),
 }

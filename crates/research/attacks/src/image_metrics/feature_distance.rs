@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use veiloc_features::learned::{Backbone, NetworkError, Tensor, Weights, WeightsError};
+use veiloc_features::FeatureError;
+use veiloc_features::learned::{Backbone, Tensor, Weights, WeightsError};
 use veiloc_features::{ColourImage, GrayImage};
 
 use crate::image_metrics::error::JudgeError;
@@ -24,7 +25,7 @@ impl FeatureDistance {
     /// [`JudgeError::Network`] when the file cannot be read or is of another network.
     pub fn open(path: &Path) -> Result<Self, JudgeError> {
         let weights = Weights::open(path)?;
-        let unfit = |source| NetworkError::Weights { path: path.to_owned(), source };
+        let unfit = |source| FeatureError::Weights { path: path.to_owned(), source };
         Ok(Self::new(&weights).map_err(unfit)?)
     }
 

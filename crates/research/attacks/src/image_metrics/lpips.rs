@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use veiloc_features::ColourImage;
-use veiloc_features::learned::{Backbone, NetworkError, Tensor, Weights, WeightsError};
+use veiloc_features::FeatureError;
+use veiloc_features::learned::{Backbone, Tensor, Weights, WeightsError};
 
 use crate::image_metrics::error::JudgeError;
 use crate::image_metrics::layers::mean_over_pixels;
@@ -57,7 +58,7 @@ impl Lpips {
     pub fn open(network: LpipsNetwork, backbone: &Path, linear: &Path) -> Result<Self, JudgeError> {
         let unfit = |path: &Path| {
             let path = PathBuf::from(path);
-            move |source: WeightsError| NetworkError::Weights { path, source }
+            move |source: WeightsError| FeatureError::Weights { path, source }
         };
         let weights = Weights::open(backbone)?;
         let read = match network {

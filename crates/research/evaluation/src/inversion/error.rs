@@ -5,7 +5,6 @@ use veiloc_attacks::image_metrics::JudgeError;
 use veiloc_attacks::training::TrainingError;
 use veiloc_datasets::problem_files::DatasetError;
 use veiloc_features::FeatureError;
-use veiloc_features::detector::DetectorError;
 use veiloc_obfuscation::SealError;
 
 /// Why there is no network, or no image from one.
@@ -15,7 +14,7 @@ pub enum InversionError {
     /// An option makes no sense, training failed, or a file is none.
     #[error(transparent)]
     Training(#[from] TrainingError),
-    /// An image cannot be read.
+    /// An image cannot be read, or the detector cannot run.
     #[error(transparent)]
     Image(#[from] FeatureError),
     /// A file of images or keypoints cannot be read.
@@ -53,9 +52,6 @@ pub enum InversionError {
     /// An image cannot be judged.
     #[error(transparent)]
     Judge(#[from] JudgeError),
-    /// The detector cannot run.
-    #[error(transparent)]
-    Detector(#[from] DetectorError),
     /// A contact sheet cannot be written.
     #[error("the contact sheet cannot be written: {0}; show fewer images")]
     Sheet(String),

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use veiloc_features::learned::{Engine, Learned, Models, NetworkError};
+use veiloc_features::FeatureError;
+use veiloc_features::learned::{Engine, Learned, Models};
 use veiloc_features::{Extractor, Extractors};
 #[cfg(feature = "hloc")]
 use veiloc_mapping::importers::hloc::StoredFeatures;
@@ -51,7 +52,7 @@ impl ModelFileArgs {
         models().with_engine(self.engine)
     }
 
-    fn open(&self, name: &str) -> Result<Arc<Learned>, NetworkError> {
+    fn open(&self, name: &str) -> Result<Arc<Learned>, FeatureError> {
         self.models().open(name, self.model_file.as_deref()).map(Arc::new)
     }
 

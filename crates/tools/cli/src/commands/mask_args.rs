@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_features::detector::{DetectorError, HideOptions, Hider};
+use veiloc_features::detector::{HideOptions, Hider};
 use veiloc_features::{FeatureError, Mask, load_mask};
 
 use crate::exit::Failure;
@@ -77,10 +77,7 @@ impl Hiding {
     pub(crate) fn of(&self, image: &Path, mask: Option<&Path>) -> Result<HiddenPart, Fault> {
         let mask = mask.map(|path| load_mask(path).map_err(|error| fault(&error))).transpose()?;
         let Some(hider) = &self.0 else { return Ok(HiddenPart { mask, found: None }) };
-        let hidden = hider.hide(image).map_err(|error| match &error {
-            DetectorError::Image(error) => fault(error),
-            error => Fault::new(FaultKind::Unfit, error),
-        })?;
+        let hidden = hider.hide(image).map_err(|error| fault(&error))?;
         let both = match (mask, hidden.mask) {
             (Some(mask), Some(found)) => Some(mask.and(&found).map_err(|error| fault(&error))?),
             (mask, found) => mask.or(found),

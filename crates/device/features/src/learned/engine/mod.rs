@@ -7,10 +7,10 @@ mod onnxruntime;
 mod rten;
 mod run;
 
+pub(crate) use run::Run;
 use std::str::FromStr;
 
-use crate::learned::NetworkError;
-pub(crate) use run::Run;
+use crate::FeatureError;
 
 /// What runs networks. An engine rounds in its own way: a device and its map do best with one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -56,11 +56,12 @@ fn absent(_: &[u8], engine: &str, feature: &str) -> String {
 }
 
 impl FromStr for Engine {
-    type Err = NetworkError;
+    type Err = FeatureError;
 
-    fn from_str(name: &str) -> Result<Self, NetworkError> {
+    fn from_str(name: &str) -> Result<Self, FeatureError> {
         let known = || Self::ALL.map(Self::name).join(", ");
-        let unknown = || NetworkError::Engine { name: name.chars().take(80).collect(), known: known() };
+        let unknown =
+            || FeatureError::UnknownEngine { name: name.chars().take(80).collect(), known: known() };
         Self::ALL.into_iter().find(|engine| engine.name() == name).ok_or_else(unknown)
     }
 }

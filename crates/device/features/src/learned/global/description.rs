@@ -28,8 +28,9 @@ use std::path::Path;
 use serde::Deserialize;
 use veiloc_descriptor::NamedGlobal;
 
+use crate::FeatureError;
+use crate::learned::Layer;
 use crate::learned::description::{Input, Normalize, parsed};
-use crate::learned::{Layer, NetworkError};
 
 /// Most networks that are run one after the other.
 const MOST_NETWORKS: usize = 8;
@@ -152,8 +153,8 @@ impl GlobalDescription {
     /// Reads a description.
     ///
     /// # Errors
-    /// [`NetworkError::Description`] naming the file, or what stands for it.
-    pub fn parse(text: &str, file: &Path) -> Result<Self, NetworkError> {
+    /// [`FeatureError::Description`] naming the file, or what stands for it.
+    pub fn parse(text: &str, file: &Path) -> Result<Self, FeatureError> {
         parsed(text, file, Self::check)
     }
 

@@ -9,7 +9,7 @@ use super::GlobalDescription;
 use super::description::{From, Graph, Part, Seen};
 use crate::learned::graphs::{FEATURES, NetVlad, netvlad};
 use crate::learned::prepare::{prepare, resized};
-use crate::learned::{Engine, Layer, Network, NetworkError, Tensor, Weights};
+use crate::learned::{Engine, Layer, Network, Tensor, Weights};
 
 /// Part of the root of the numbers: with 4 standard deviations of a number in a random direction a byte is full.
 const LENGTH: f64 = 32.0;
@@ -35,12 +35,12 @@ impl LearnedGlobal {
     /// Reads the networks of a description from these files, one for each.
     ///
     /// # Errors
-    /// [`NetworkError`] for a file that is no network, is damaged, or is not what the description says.
+    /// [`FeatureError`] for a file that is no network, is damaged, or is not what the description says.
     pub fn open(
         description: GlobalDescription,
         files: &[PathBuf],
         engine: Engine,
-    ) -> Result<Self, NetworkError> {
+    ) -> Result<Self, FeatureError> {
         match (&description.networks[..], files) {
             ([Part { graph: Some(Graph::Netvlad), .. }], [file]) => {
                 Self::of_weights(description, Weights::open(file)?, file, engine)
@@ -54,7 +54,7 @@ impl LearnedGlobal {
             }
             (parts, files) => {
                 let reason = format!("{} files are given for {} networks", files.len(), parts.len());
-                Err(NetworkError::Model { path: files.first().cloned().unwrap_or_default(), reason })
+                Err(FeatureError::Network { path: files.first().cloned().unwrap_or_default(), reason })
             }
         }
     }
@@ -68,13 +68,13 @@ impl LearnedGlobal {
         weights: Weights,
         file: &Path,
         engine: Engine,
-    ) -> Result<Self, NetworkError> {
-        let refused = |reason: String| NetworkError::Model { path: file.to_owned(), reason };
+    ) -> Result<Self, FeatureError> {
+        let refused = |reason: String| FeatureError::Network { path: file.to_owned(), reason };
         if description.networks.iter().all(|part| part.graph.is_none()) {
             return Err(refused("its description names no graph".to_owned()));
         }
         let (onnx, head) =
-            netvlad(weights).map_err(|source| NetworkError::Weights { path: file.to_owned(), source })?;
+            netvlad(weights).map_err(|source| FeatureError::Weights { path: file.to_owned(), source })?;
         let (model, numbers) = (description.model(), head.numbers());
         if numbers != model.dim() {
             return Err(refused(format!("its vectors have {numbers} numbers and not {}", model.dim())));
@@ -93,10 +93,10 @@ impl LearnedGlobal {
         &self.networks
     }
 
-    fn check(&self, files: &[PathBuf]) -> Result<(), NetworkError> {
+    fn check(&self, files: &[PathBuf]) -> Result<(), FeatureError> {
         let parts = self.description.networks.iter().zip(&self.networks).zip(files).enumerate();
         for (at, ((part, network), file)) in parts {
-            let refused = |reason: String| Err(NetworkError::Model { path: file.clone(), reason });
+            let refused = |reason: String| Err(FeatureError::Network { path: file.clone(), reason });
             let (expected, actual) = (part.inputs(at == 0).len(), network.ends()[0]);
             if expected != actual {
                 return refused(format!("it has {actual} inputs and not {expected}"));
@@ -113,8 +113,8 @@ impl LearnedGlobal {
     /// The vector of an image, of length 1; all zeros where the networks say nothing. `[numbers]`
     ///
     /// # Errors
-    /// [`NetworkError::Run`].
-    pub fn vector(&self, image: &GrayImage) -> Result<Vec<f32>, NetworkError> {
+    /// [`FeatureError::NetworkRun`].
+    pub fn vector(&self, image: &GrayImage) -> Result<Vec<f32>, FeatureError> {
         let mut before = None;
         for (at, (part, network)) in self.description.networks.iter().zip(&self.networks).enumerate() {
             before = Some(self.step(part, network, at == 0, image, before)?);
@@ -122,7 +122,7 @@ impl LearnedGlobal {
         let last = before.map(|tensor| tensor.data).unwrap_or_default();
         if last.len() != self.model.dim() || last.iter().any(|number| !number.is_finite()) {
             let reason = format!("its vector is not {} numbers", self.model.dim());
-            return Err(NetworkError::Run { reason });
+            return Err(FeatureError::NetworkRun { reason });
         }
         let length = last.iter().map(|number| f64::from(*number).powi(2)).sum::<f64>().sqrt();
         let factor = if length > 0.0 { 1.0 / length } else { 0.0 };
@@ -136,8 +136,8 @@ impl LearnedGlobal {
         is_first: bool,
         image: &GrayImage,
         before: Option<Tensor>,
-    ) -> Result<Tensor, NetworkError> {
-        let broken = |reason: &str| NetworkError::Run { reason: reason.to_owned() };
+    ) -> Result<Tensor, FeatureError> {
+        let broken = |reason: &str| FeatureError::NetworkRun { reason: reason.to_owned() };
         let seen = match &part.image {
             Some(seen) => {
                 let input = part.inputs(is_first).iter().position(|from| *from == From::Image).unwrap_or(0);
@@ -200,7 +200,7 @@ impl GlobalExtractor for LearnedGlobal {
     }
 
     fn describe(&self, image: &Image) -> Result<GlobalDescriptor, FeatureError> {
-        let broken = |error: NetworkError| FeatureError::Extractor {
+        let broken = |error: FeatureError| FeatureError::Extractor {
             name: self.model.name().to_owned(),
             reason: error.to_string(),
         };

@@ -1,7 +1,8 @@
 //! Networks whose layers images are compared by: AlexNet and VGG16 as torchvision has them, and SuperPoint's encoder.
 
+use crate::FeatureError;
 use crate::learned::onnx::Graph;
-use crate::learned::{Engine, Layer, Network, NetworkError, Tensor, Weights, WeightsError};
+use crate::learned::{Engine, Layer, Network, Tensor, Weights, WeightsError};
 
 /// A layer of AlexNet or VGG16.
 enum Part {
@@ -130,8 +131,8 @@ impl Backbone {
     /// These layers of an image `[1, C, H, W]`, each `[1, channels, h, w]`.
     ///
     /// # Errors
-    /// [`NetworkError::Run`] for an image of other channels, or so small that nothing is left of it.
-    pub fn layers(&self, image: &Tensor) -> Result<Vec<Tensor>, NetworkError> {
+    /// [`FeatureError::NetworkRun`] for an image of other channels, or so small that nothing is left of it.
+    pub fn layers(&self, image: &Tensor) -> Result<Vec<Tensor>, FeatureError> {
         self.network.run(image, &self.layers)
     }
 }

@@ -13,7 +13,8 @@ mod zip;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::learned::{NetworkError, Tensor, WeightsError};
+use crate::FeatureError;
+use crate::learned::{Tensor, WeightsError};
 
 /// Most bytes of a file that is read.
 const MOST_BYTES: u64 = 1 << 30;
@@ -26,9 +27,9 @@ impl Weights {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`NetworkError::Read`], and [`NetworkError::Weights`] for a file that is damaged or holds anything but tensors.
-    pub fn open(path: &Path) -> Result<Self, NetworkError> {
-        let weights = |source| NetworkError::Weights { path: path.to_owned(), source };
+    /// [`FeatureError::Read`], and [`FeatureError::Weights`] for a file that is damaged or holds anything but tensors.
+    pub fn open(path: &Path) -> Result<Self, FeatureError> {
+        let weights = |source| FeatureError::Weights { path: path.to_owned(), source };
         if let Some(stream) = crate::learned::file::stream_if(path, mat::MARK, MOST_BYTES)? {
             return mat::of_stream(stream).and_then(Self::of_all).map_err(weights);
         }

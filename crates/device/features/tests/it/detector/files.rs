@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use veiloc_features::ColourImage;
-use veiloc_features::detector::{Detector, DetectorError, HideOptions, Hider};
+use veiloc_features::FeatureError;
+use veiloc_features::detector::{Detector, HideOptions, Hider};
 
 fn file(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/detector").join(name)
@@ -42,18 +43,18 @@ fn files_that_are_no_detectors_are_refused() {
         (file("any-size.onnx"), "fixed size"),
     ] {
         let refused = Detector::open(&path).expect_err("refused");
-        assert!(matches!(refused, DetectorError::Model { .. }), "{}: {refused}", path.display());
+        assert!(matches!(refused, FeatureError::Detector { .. }), "{}: {refused}", path.display());
         assert!(refused.to_string().contains(part), "{}: {refused}", path.display());
     }
     let gone = Detector::open(&folder.path().join("gone.onnx"));
-    assert!(matches!(gone, Err(DetectorError::Read { .. })), "{gone:?}");
+    assert!(matches!(gone, Err(FeatureError::ReadDetector { .. })), "{gone:?}");
     // Their form shows only when they run; numbers that are none must not pass for nothing found.
     for (name, part) in [("three-names.onnx", "instead of 7"), ("not-a-number.onnx", "numbers that are none")]
     {
         let refused =
             Detector::open(&file(name)).expect("opened").detect(&image(64, 64), 0.25).expect_err("refused");
         assert!(
-            matches!(refused, DetectorError::Run { .. }) && refused.to_string().contains(part),
+            matches!(refused, FeatureError::DetectorRun { .. }) && refused.to_string().contains(part),
             "{refused}"
         );
     }
@@ -67,6 +68,6 @@ fn classes_are_named_as_the_file_names_them() {
     };
     let refused = open(&["person", "dog"]).expect_err("unknown");
     assert_eq!(refused.to_string(), "the detector knows no class dog; it knows: person, car");
-    assert!(matches!(open(&[]), Err(DetectorError::NoClass { .. })));
+    assert!(matches!(open(&[]), Err(FeatureError::NoClass { .. })));
     open(&["car"]).expect("a class");
 }

@@ -5,7 +5,8 @@ use super::common;
 use std::path::Path;
 
 use common::{drawn, engines};
-use veiloc_features::learned::{Engine, Models, NetworkError};
+use veiloc_features::FeatureError;
+use veiloc_features::learned::{Engine, Models};
 use veiloc_features::{Extractor, Image};
 use veiloc_testdata::real_data_test;
 
@@ -32,7 +33,7 @@ fn an_engine_that_is_not_there_is_an_error(data: &Path) {
     } else {
         "this program was built without ONNX Runtime"
     };
-    assert!(matches!(&error, NetworkError::Model { reason, .. } if reason.contains(expected)), "{error}");
+    assert!(matches!(&error, FeatureError::Network { reason, .. } if reason.contains(expected)), "{error}");
 }
 
 /// A file that is no network is an error in every engine, and so is an image that does not fit.
@@ -44,7 +45,7 @@ fn what_is_no_network_is_an_error_in_every_engine() {
         std::fs::write(&file, bytes).expect("written");
         for engine in engines() {
             let opened = Models::new(Vec::new()).with_engine(engine).open("xfeat", Some(&file));
-            assert!(matches!(opened, Err(NetworkError::Model { .. })), "{}: {opened:?}", engine.name());
+            assert!(matches!(opened, Err(FeatureError::Network { .. })), "{}: {opened:?}", engine.name());
         }
     }
 }

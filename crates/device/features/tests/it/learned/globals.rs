@@ -7,9 +7,8 @@ use std::path::{Path, PathBuf};
 
 use common::drawn;
 use serde_json::Value;
-use veiloc_features::learned::{
-    Engine, GlobalDescription, Layer, LearnedGlobal, Models, NetworkError, Tensor, Weights,
-};
+use veiloc_features::FeatureError;
+use veiloc_features::learned::{Engine, GlobalDescription, Layer, LearnedGlobal, Models, Tensor, Weights};
 use veiloc_features::{GlobalExtractor, GrayImage, Image, Mask};
 use veiloc_testdata::real_data_test;
 
@@ -22,7 +21,7 @@ fn data(name: &str) -> PathBuf {
 }
 
 /// A built-in description with a part of it replaced.
-fn described(name: &str, part: &str, by: &str) -> Result<GlobalDescription, NetworkError> {
+fn described(name: &str, part: &str, by: &str) -> Result<GlobalDescription, FeatureError> {
     let text = std::fs::read_to_string(folder().join(format!("globals/{name}.toml"))).expect("a description");
     assert!(text.contains(part), "{part}");
     GlobalDescription::parse(&text.replace(part, by), Path::new("own.toml"))
@@ -186,7 +185,7 @@ fn what_is_no_description_is_refused_by_its_fault() {
         ("xfeat-netvlad", "files = [\"netvlad.onnx\"]", "files = [\"../netvlad.onnx\"]", "without folders"),
     ] {
         let refused = described(name, part, by).expect_err(by);
-        assert!(matches!(refused, NetworkError::Description { .. }), "{by}: {refused}");
+        assert!(matches!(refused, FeatureError::Description { .. }), "{by}: {refused}");
         let text = refused.to_string();
         assert!(text.contains(says) && text.starts_with("own.toml"), "{by}: {text}");
     }
@@ -216,12 +215,15 @@ fn files_that_are_not_there_are_named_with_their_source() {
     let opened = Models::new(Vec::new()).open_global(own.to_str().expect("text")).expect("opened");
     assert_eq!(opened.model().dim(), 6);
     assert!(models.globals().next().expect("netvlad").files[0].is_some());
-    assert!(matches!(models.open_global("netvlad"), Err(NetworkError::Model { .. })), "its numbers are six");
+    assert!(
+        matches!(models.open_global("netvlad"), Err(FeatureError::Network { .. })),
+        "its numbers are six"
+    );
     // Networks that are not what is said.
     std::fs::write(folder.path().join("netvlad.onnx"), "no network").expect("written");
     std::fs::copy(data("two-boxes.onnx"), folder.path().join("xfeat_640x640.onnx")).expect("copied");
     std::fs::copy(data("two-boxes.onnx"), folder.path().join("xfeat_nv.onnx")).expect("copied");
-    assert!(matches!(models.open_global("xfeat-netvlad"), Err(NetworkError::Model { .. })));
+    assert!(matches!(models.open_global("xfeat-netvlad"), Err(FeatureError::Network { .. })));
     std::fs::copy(data("two-boxes.onnx"), folder.path().join("netvlad.onnx")).expect("copied");
     let text = models.open_global("xfeat-netvlad").expect_err("one input").to_string();
     assert!(text.contains("has 1 inputs and not 2"), "{text}");

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use common::{drawn, models_folder};
 use veiloc_descriptor::Encoding;
-use veiloc_features::learned::{Description, Models, NetworkError};
+use veiloc_features::learned::{Description, Models};
 use veiloc_features::{Extractor, FeatureError, Image};
 
 fn data(name: &str) -> PathBuf {
@@ -14,7 +14,7 @@ fn data(name: &str) -> PathBuf {
 }
 
 /// The built-in description of XFeat, with a part replaced.
-fn described(part: &str, by: &str) -> Result<Description, NetworkError> {
+fn described(part: &str, by: &str) -> Result<Description, FeatureError> {
     let text = std::fs::read_to_string(models_folder().join("xfeat.toml")).expect("a description");
     assert!(part.is_empty() || text.contains(part), "{part}");
     Description::parse(&text.replace(part, by), Path::new("own.toml"))
@@ -55,7 +55,7 @@ fn what_is_no_description_is_refused_by_its_fault() {
         ("[scores]", "[score]", "score"),
     ] {
         let refused = described(part, by).expect_err(by);
-        assert!(matches!(refused, NetworkError::Description { .. }), "{by}: {refused}");
+        assert!(matches!(refused, FeatureError::Description { .. }), "{by}: {refused}");
         let text = refused.to_string();
         assert!(text.contains(says) && text.starts_with("own.toml"), "{by}: {text}");
     }
@@ -77,7 +77,7 @@ fn a_file_that_is_not_there_says_where_it_is_got_and_was_looked_for() {
         unknown.contains("\"orb\"") && unknown.contains("xfeat, xfeat-compact, alike, alike-t"),
         "{unknown}"
     );
-    assert!(matches!(models.open("gone.toml", None), Err(NetworkError::Read { .. })));
+    assert!(matches!(models.open("gone.toml", None), Err(FeatureError::Read { .. })));
     // Found in the folder, and in its sub-folder of the model's name.
     std::fs::write(folder.path().join("alike-n.pth"), "no weights").expect("written");
     std::fs::create_dir(folder.path().join("xfeat")).expect("made");
@@ -88,8 +88,8 @@ fn a_file_that_is_not_there_says_where_it_is_got_and_was_looked_for() {
         [true, true, true, false, false, false],
         "compact kinds have the file of the plain ones"
     );
-    assert!(matches!(models.open("alike", None), Err(NetworkError::Weights { .. })));
-    assert!(matches!(models.open("xfeat", None), Err(NetworkError::Model { .. })));
+    assert!(matches!(models.open("alike", None), Err(FeatureError::Weights { .. })));
+    assert!(matches!(models.open("xfeat", None), Err(FeatureError::Network { .. })));
 }
 
 #[test]
@@ -121,7 +121,7 @@ fn networks_that_are_not_what_they_are_said_to_be_are_refused() {
 }
 
 /// The description of corners with a projection in a folder of its own, beside what `file` holds.
-fn projected(part: &str, by: &str, file: Option<&[u8]>) -> Result<Description, NetworkError> {
+fn projected(part: &str, by: &str, file: Option<&[u8]>) -> Result<Description, FeatureError> {
     let folder = tempfile::tempdir().expect("a folder");
     let text = std::fs::read_to_string(data("corners-compact.toml")).expect("a description");
     assert!(text.contains(part), "{part}");
@@ -215,7 +215,7 @@ fn a_description_of_another_says_only_what_differs() {
         ("of = \"xfeat\"\n[descriptors]\nlayer = 0\nnumbers = 32\nsight = 32", "xfeat"),
     ] {
         let refused = parse(text).expect_err(text);
-        assert!(matches!(refused, NetworkError::Description { .. }), "{text}: {refused}");
+        assert!(matches!(refused, FeatureError::Description { .. }), "{text}: {refused}");
         assert!(refused.to_string().contains(says), "{text}: {refused}");
     }
 }

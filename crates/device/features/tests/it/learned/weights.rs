@@ -3,7 +3,8 @@
 
 use std::path::PathBuf;
 
-use veiloc_features::learned::{NetworkError, Weights, WeightsError};
+use veiloc_features::FeatureError;
+use veiloc_features::learned::{Weights, WeightsError};
 
 fn path(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/learned").join(name)
@@ -131,12 +132,12 @@ fn files_that_hold_anything_else_are_refused() {
         ("packed.npz", "packed"),
     ] {
         let refused = Weights::open(&path(name)).expect_err(name);
-        assert!(matches!(refused, NetworkError::Weights { .. }), "{name}: {refused}");
+        assert!(matches!(refused, FeatureError::Weights { .. }), "{name}: {refused}");
         assert!(refused.to_string().contains(part), "{name}: {refused}");
     }
     assert_eq!(Weights::of_bytes(b""), Err(WeightsError::Format));
     assert_eq!(Weights::of_bytes(b"no weights at all"), Err(WeightsError::Format));
-    assert!(matches!(Weights::open(&path("gone.pth")), Err(NetworkError::Read { .. })));
+    assert!(matches!(Weights::open(&path("gone.pth")), Err(FeatureError::Read { .. })));
 }
 
 /// `os.system("…")` as a pickle, alone and in the place of the state dictionary.
