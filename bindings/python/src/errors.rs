@@ -6,7 +6,7 @@ use std::path::Path;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use veiloc_client::{ClientError, Refusal, SealError, SealImageError, SessionBytesError, SessionFileError};
-use veiloc_datasets::problem_files::DatasetError;
+use veiloc_datasets::DatasetError;
 use veiloc_features::FeatureError;
 use veiloc_geometry::IntrinsicsError;
 use veiloc_localization::LocalizeError;

@@ -13,7 +13,7 @@ pub use veiloc_map::colmap::{read_model, read_posed};
 pub use veiloc_map::{
     Down, DownError, MapError, MapFile, MapModel, PosedImage, PosedImages, write as write_map,
 };
-pub use veiloc_mapping::calibration::{SelfTest, SelfTestError, SelfTestOptions, self_test};
+pub use veiloc_mapping::calibration::{SelfTest, SelfTestOptions, self_test};
 pub use veiloc_mapping::{
     BuildOptions, BuildReport, Input, MappingError, OnBadImage, Words, add, build, import, remove,
 };

@@ -12,7 +12,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::{ColmapImage, ColmapModel, read_posed, write_binary};
 use veiloc_map::{PosedImage, PosedImages};
 
-use crate::error::PlaceError;
+use crate::error::DatasetError;
 use crate::files::{Found, MissingImages, size};
 use crate::lines::{Line, read_text};
 use crate::nvm::read_nvm;
@@ -72,14 +72,14 @@ pub const CONDITIONS: [&str; 2] = ["day", "night"];
 /// Reads the data set; `truth` are poses of queries by name, for copies of it whose poses are known ([`read_poses`]).
 ///
 /// # Errors
-/// [`PlaceError`] naming what is missing and where users get it, or the line that is not what it should be.
+/// [`DatasetError`] naming what is missing and where users get it, or the line that is not what it should be.
 pub fn read(
     root: &Path,
     version: Version,
     conditions: &[String],
     truth: Option<&BTreeMap<String, CameraFromWorld>>,
     missing: MissingImages,
-) -> Result<Place, PlaceError> {
+) -> Result<Place, DatasetError> {
     let images = root.join("images_upright");
     let mut found = Found::new(&images, missing);
     let mut remarks = Vec::new();
@@ -112,10 +112,10 @@ fn by_nvm(
     folder: &Path,
     found: &mut Found,
     remarks: &mut Vec<String>,
-) -> Result<PosedImages, PlaceError> {
+) -> Result<PosedImages, DatasetError> {
     if !path.is_file() {
         let remedy = GET.to_owned();
-        return Err(PlaceError::Missing { path: path.to_owned(), what: "the model of v1", remedy });
+        return Err(DatasetError::Missing { path: path.to_owned(), what: "the model of v1", remedy });
     }
     let model = read_nvm(path)?;
     remarks.extend(model.remark());
@@ -123,8 +123,10 @@ fn by_nvm(
     for known in &model.cameras {
         let listed = known.name.strip_prefix("./").unwrap_or(&known.name);
         let Some(name) = found.look_for(listed) else { continue };
-        let camera = radial::camera(known.focal, known.distortion, size(&folder.join(&name))?)
-            .map_err(|e| PlaceError::Unusable { path: path.to_owned(), reason: format!("{listed}: {e}") })?;
+        let camera =
+            radial::camera(known.focal, known.distortion, size(&folder.join(&name))?).map_err(|e| {
+                DatasetError::Unusable { path: path.to_owned(), reason: format!("{listed}: {e}") }
+            })?;
         images.push(PosedImage {
             name,
             camera,
@@ -135,10 +137,10 @@ fn by_nvm(
     Ok(PosedImages::new(images, model.points)?)
 }
 
-fn by_colmap(path: &Path, found: &mut Found) -> Result<PosedImages, PlaceError> {
+fn by_colmap(path: &Path, found: &mut Found) -> Result<PosedImages, DatasetError> {
     if !path.is_dir() {
         let remedy = GET.to_owned();
-        return Err(PlaceError::Missing { path: path.to_owned(), what: "the model of v1.1", remedy });
+        return Err(DatasetError::Missing { path: path.to_owned(), what: "the model of v1.1", remedy });
     }
     let model = read_posed(path)?;
     let mut images = Vec::new();
@@ -153,8 +155,8 @@ fn by_colmap(path: &Path, found: &mut Found) -> Result<PosedImages, PlaceError> 
 /// A list of queries as hloc has it too, `name MODEL W H PARAMS…`.
 ///
 /// # Errors
-/// [`PlaceError`] naming file and line.
-pub fn listed_queries(path: &Path) -> Result<Vec<(String, Intrinsics)>, PlaceError> {
+/// [`DatasetError`] naming file and line.
+pub fn listed_queries(path: &Path) -> Result<Vec<(String, Intrinsics)>, DatasetError> {
     let remedy = format!("{GET}, or ask for other conditions with --conditions");
     let text = read_text(path, "the list of queries with their cameras", &remedy)?;
     let mut queries: Vec<(String, Intrinsics)> = Vec::new();
@@ -171,7 +173,7 @@ pub fn listed_queries(path: &Path) -> Result<Vec<(String, Intrinsics)>, PlaceErr
     }
     if queries.is_empty() {
         let reason = format!("lists no query; {GET}");
-        return Err(PlaceError::Unusable { path: path.to_owned(), reason });
+        return Err(DatasetError::Unusable { path: path.to_owned(), reason });
     }
     Ok(queries)
 }
@@ -179,8 +181,8 @@ pub fn listed_queries(path: &Path) -> Result<Vec<(String, Intrinsics)>, PlaceErr
 /// Poses of images as files of results have them, `name qw qx qy qz tx ty tz`, world to camera, by name.
 ///
 /// # Errors
-/// [`PlaceError`] naming file and line.
-pub fn read_poses(path: &Path) -> Result<BTreeMap<String, CameraFromWorld>, PlaceError> {
+/// [`DatasetError`] naming file and line.
+pub fn read_poses(path: &Path) -> Result<BTreeMap<String, CameraFromWorld>, DatasetError> {
     let text = read_text(path, "the list of poses", "name another")?;
     let mut poses = BTreeMap::new();
     for line in Line::all(path, &text) {
@@ -202,8 +204,8 @@ pub(crate) fn write(
     version: Version,
     lens: &Lens,
     views: &[View],
-    save: &mut dyn FnMut(usize, &Path) -> Result<(), PlaceError>,
-) -> Result<(), PlaceError> {
+    save: &mut dyn FnMut(usize, &Path) -> Result<(), DatasetError>,
+) -> Result<(), DatasetError> {
     let camera = lens.camera()?;
     let mut mapped = Vec::new();
     let mut queries = [String::new(), String::new()];

@@ -7,7 +7,7 @@ use std::path::Path;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::{PosedImage, PosedImages};
 
-use crate::error::PlaceError;
+use crate::error::DatasetError;
 use crate::files::{Found, MissingImages, size};
 use crate::lines::{Line, pose_at, read_text};
 use crate::nvm::{NvmModel, read_nvm};
@@ -29,11 +29,11 @@ pub const LEFT_OUT: [&str; 2] = ["GreatCourt", "Street"];
 /// Names of the scenes in a folder: those that have both lists, by name.
 ///
 /// # Errors
-/// [`PlaceError`] when the folder cannot be read, or holds none.
-pub fn scenes(root: &Path) -> Result<Vec<String>, PlaceError> {
+/// [`DatasetError`] when the folder cannot be read, or holds none.
+pub fn scenes(root: &Path) -> Result<Vec<String>, DatasetError> {
     let mut names = Vec::new();
-    for entry in std::fs::read_dir(root).map_err(PlaceError::io(root))? {
-        let entry = entry.map_err(PlaceError::io(root))?;
+    for entry in std::fs::read_dir(root).map_err(DatasetError::io(root))? {
+        let entry = entry.map_err(DatasetError::io(root))?;
         let has = |file: &str| entry.path().join(file).is_file();
         if has("dataset_train.txt") && has("dataset_test.txt") {
             names.push(entry.file_name().to_string_lossy().into_owned());
@@ -41,7 +41,7 @@ pub fn scenes(root: &Path) -> Result<Vec<String>, PlaceError> {
     }
     names.sort();
     if names.is_empty() {
-        return Err(PlaceError::Missing {
+        return Err(DatasetError::Missing {
             path: root.to_owned(),
             what: "a scene (a folder with dataset_train.txt and dataset_test.txt)",
             remedy: GET.to_owned(),
@@ -63,8 +63,8 @@ pub struct Listed {
 /// camera. What stands before the scene's own folder in a path (`D:/…/GreatCourt/`) is of the authors' machine.
 ///
 /// # Errors
-/// [`PlaceError`] naming file and line.
-pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, PlaceError> {
+/// [`DatasetError`] naming file and line.
+pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, DatasetError> {
     let text = read_text(path, "the list of its images", GET)?;
     let mut listed = Vec::new();
     for line in Line::all(path, &text) {
@@ -81,7 +81,7 @@ pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, PlaceError> {
     }
     if listed.is_empty() {
         let reason = format!("lists no image; {GET}");
-        return Err(PlaceError::Unusable { path: path.to_owned(), reason });
+        return Err(DatasetError::Unusable { path: path.to_owned(), reason });
     }
     Ok(listed)
 }
@@ -89,13 +89,13 @@ pub fn read_list(path: &Path, scene: &str) -> Result<Vec<Listed>, PlaceError> {
 /// Reads a scene. Cameras are those of its `reconstruction.nvm`, or `camera` for all images.
 ///
 /// # Errors
-/// [`PlaceError`] naming what is missing and where users get it, or the line that is not what it should be.
+/// [`DatasetError`] naming what is missing and where users get it, or the line that is not what it should be.
 pub fn read_scene(
     root: &Path,
     scene: &str,
     camera: Option<&Intrinsics>,
     missing: MissingImages,
-) -> Result<Place, PlaceError> {
+) -> Result<Place, DatasetError> {
     let folder = root.join(scene);
     let lists = ["dataset_train.txt", "dataset_test.txt"].map(|file| read_list(&folder.join(file), scene));
     let [mapped, queries] = lists;
@@ -107,24 +107,24 @@ pub fn read_scene(
     let by_stem: BTreeMap<&str, usize> =
         model.cameras.iter().enumerate().map(|(at, camera)| (stem(&camera.name), at)).collect();
     let mut found = Found::new(&folder, missing);
-    let mut posed = |listed: &Listed| -> Result<Option<PosedImage>, PlaceError> {
+    let mut posed = |listed: &Listed| -> Result<Option<PosedImage>, DatasetError> {
         let Some(name) = found.look_for(&listed.name) else { return Ok(None) };
         let (camera, seen) = if let Some(camera) = camera {
             (*camera, Vec::new())
         } else {
             let path = folder.join("reconstruction.nvm");
             let known = by_stem.get(stem(&listed.name)).map(|at| &model.cameras[*at]);
-            let known = known.ok_or_else(|| PlaceError::Unusable {
+            let known = known.ok_or_else(|| DatasetError::Unusable {
                 path: path.clone(),
                 reason: format!("has no camera of {}; {GET}, or give --camera", listed.name),
             })?;
             let camera = radial::camera(known.focal, known.distortion, size(&folder.join(&name))?)
-                .map_err(|e| PlaceError::Unusable { path, reason: format!("{}: {e}", listed.name) })?;
+                .map_err(|e| DatasetError::Unusable { path, reason: format!("{}: {e}", listed.name) })?;
             (camera, known.seen.clone())
         };
         Ok(Some(PosedImage { name, camera, cam_from_world: listed.cam_from_world, seen }))
     };
-    let mut side = |listed: &[Listed]| -> Result<Vec<PosedImage>, PlaceError> {
+    let mut side = |listed: &[Listed]| -> Result<Vec<PosedImage>, DatasetError> {
         listed.iter().filter_map(|image| posed(image).transpose()).collect()
     };
     let (mapped, queries) = (side(&mapped)?, side(&queries)?);
@@ -149,10 +149,10 @@ pub fn read_scene(
     })
 }
 
-fn model(folder: &Path) -> Result<NvmModel, PlaceError> {
+fn model(folder: &Path) -> Result<NvmModel, DatasetError> {
     let path = folder.join("reconstruction.nvm");
     if !path.is_file() {
-        return Err(PlaceError::Missing {
+        return Err(DatasetError::Missing {
             path,
             what: "the model, which has the focal lengths,",
             remedy: format!("{GET}, or give all images one camera with --camera"),
@@ -172,8 +172,8 @@ pub(crate) fn write(
     scene: &str,
     lens: &Lens,
     views: &[View],
-    save: &mut dyn FnMut(usize, &Path) -> Result<(), PlaceError>,
-) -> Result<(), PlaceError> {
+    save: &mut dyn FnMut(usize, &Path) -> Result<(), DatasetError>,
+) -> Result<(), DatasetError> {
     let folder = root.join(scene);
     let mut lists = [HEAD.to_owned(), HEAD.to_owned()];
     let mut cameras = Vec::new();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 /// Why a data set could not be read or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum PlaceError {
+pub enum DatasetError {
     /// A file could not be read or written.
     #[error("{}: {source}", path.display())]
     Io {
@@ -38,7 +38,7 @@ pub enum PlaceError {
         /// Where users get them, and what else helps.
         remedy: String,
     },
-    /// A line of a list or model is not what it should be.
+    /// A line of a list, a model or a JSON-lines file is not what it should be.
     #[error("{}:{line}: {reason}", path.display())]
     Line {
         /// Which file.
@@ -47,6 +47,14 @@ pub enum PlaceError {
         line: usize,
         /// What is wrong with it.
         reason: String,
+    },
+    /// A file or folder that should hold something is empty.
+    #[error("{}: {what}", path.display())]
+    Empty {
+        /// Which one.
+        path: PathBuf,
+        /// What is missing, and the remedy.
+        what: &'static str,
     },
     /// There is nothing to do with what is there.
     #[error("{}: {reason}", path.display())]
@@ -64,12 +72,15 @@ pub enum PlaceError {
         /// What is wrong with it.
         source: image::ImageError,
     },
+    /// Features of an image could not be extracted.
+    #[error(transparent)]
+    Features(#[from] veiloc_features::FeatureError),
     /// A COLMAP model could not be read, or poses do not fit together.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),
 }
 
-impl PlaceError {
+impl DatasetError {
     pub(crate) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self {
         move |source| Self::Io { path: path.to_owned(), source }
     }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::error::PlaceError;
+use crate::error::DatasetError;
 
 /// What to do about images that a list names and that are not there.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -54,14 +54,14 @@ impl Found {
     }
 
     /// Refuses what is missing, or says what was left out; `None` when all is there.
-    pub(crate) fn finish(self, get: &str) -> Result<Option<String>, PlaceError> {
+    pub(crate) fn finish(self, get: &str) -> Result<Option<String>, DatasetError> {
         let Some(first) = self.first else { return Ok(None) };
         let (missing, named) = (self.missing, self.named);
         match self.policy {
             MissingImages::LeaveOut if missing < named => {
                 Ok(Some(format!("{missing} of {named} listed images are not there and were left out")))
             }
-            MissingImages::LeaveOut | MissingImages::Refuse => Err(PlaceError::MissingImages {
+            MissingImages::LeaveOut | MissingImages::Refuse => Err(DatasetError::MissingImages {
                 folder: self.folder,
                 missing,
                 named,
@@ -77,9 +77,9 @@ impl Found {
 }
 
 /// Width and height of an image, from its head.
-pub(crate) fn size(path: &Path) -> Result<(u32, u32), PlaceError> {
+pub(crate) fn size(path: &Path) -> Result<(u32, u32), DatasetError> {
     image::image_dimensions(path).map_err(|source| match source {
-        image::ImageError::IoError(source) => PlaceError::Io { path: path.to_owned(), source },
-        source => PlaceError::Image { path: path.to_owned(), source },
+        image::ImageError::IoError(source) => DatasetError::Io { path: path.to_owned(), source },
+        source => DatasetError::Image { path: path.to_owned(), source },
     })
 }

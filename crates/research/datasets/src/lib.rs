@@ -24,6 +24,6 @@ mod radial;
 pub mod seven_scenes;
 pub mod write;
 
-pub use error::PlaceError;
+pub use error::DatasetError;
 pub use files::MissingImages;
 pub use place::{Place, Query};

@@ -6,19 +6,19 @@ use std::str::FromStr;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use crate::error::PlaceError;
+use crate::error::DatasetError;
 
 /// A text file of the data set; when it is not there, the error says what it is and where users get it.
-pub(crate) fn read_text(path: &Path, what: &'static str, remedy: &str) -> Result<String, PlaceError> {
+pub(crate) fn read_text(path: &Path, what: &'static str, remedy: &str) -> Result<String, DatasetError> {
     match std::fs::read(path) {
-        Ok(bytes) => String::from_utf8(bytes).map_err(|_| PlaceError::Unusable {
+        Ok(bytes) => String::from_utf8(bytes).map_err(|_| DatasetError::Unusable {
             path: path.to_owned(),
             reason: "is not text; get the file again".to_owned(),
         }),
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-            Err(PlaceError::Missing { path: path.to_owned(), what, remedy: remedy.to_owned() })
+            Err(DatasetError::Missing { path: path.to_owned(), what, remedy: remedy.to_owned() })
         }
-        Err(e) => Err(PlaceError::io(path)(e)),
+        Err(e) => Err(DatasetError::io(path)(e)),
     }
 }
 
@@ -41,18 +41,18 @@ impl<'a> Line<'a> {
     }
 
     /// A fault of this line.
-    pub(crate) fn fault(&self, reason: impl Into<String>) -> PlaceError {
-        PlaceError::line(self.path, self.number, reason)
+    pub(crate) fn fault(&self, reason: impl Into<String>) -> DatasetError {
+        DatasetError::line(self.path, self.number, reason)
     }
 
     /// The word at this place as a number.
-    pub(crate) fn number<T: FromStr>(&self, at: usize, what: &str) -> Result<T, PlaceError> {
+    pub(crate) fn number<T: FromStr>(&self, at: usize, what: &str) -> Result<T, DatasetError> {
         let word = self.words.get(at).ok_or_else(|| self.fault(format!("{what} is missing")))?;
         word.parse().map_err(|_| self.fault(format!("{what} is {word:?}, which is no number of its kind")))
     }
 
     /// `N` finite numbers from this place on.
-    pub(crate) fn numbers<const N: usize>(&self, from: usize, what: &str) -> Result<[f64; N], PlaceError> {
+    pub(crate) fn numbers<const N: usize>(&self, from: usize, what: &str) -> Result<[f64; N], DatasetError> {
         let mut numbers = [0.0; N];
         for (k, number) in numbers.iter_mut().enumerate() {
             *number = self.number(from + k, what)?;

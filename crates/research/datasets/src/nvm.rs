@@ -10,7 +10,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
-use crate::error::PlaceError;
+use crate::error::DatasetError;
 use crate::lines::{Line, pose_at};
 
 /// Fields behind the name of a camera.
@@ -55,10 +55,10 @@ impl NvmModel {
 /// Reads the first model of a file.
 ///
 /// # Errors
-/// [`PlaceError`] naming file and line: no NVM file, one with a fixed calibration, numbers that are none, a file that ends
+/// [`DatasetError`] naming file and line: no NVM file, one with a fixed calibration, numbers that are none, a file that ends
 /// early, a point that is seen by a camera that is not there.
-pub fn read_nvm(path: &Path) -> Result<NvmModel, PlaceError> {
-    let bytes = std::fs::read(path).map_err(PlaceError::io(path))?;
+pub fn read_nvm(path: &Path) -> Result<NvmModel, DatasetError> {
+    let bytes = std::fs::read(path).map_err(DatasetError::io(path))?;
     // Names may be in any encoding; only those that are listed elsewhere are looked for.
     parse(path, &String::from_utf8_lossy(&bytes))
 }
@@ -67,9 +67,9 @@ pub fn read_nvm(path: &Path) -> Result<NvmModel, PlaceError> {
 ///
 /// # Errors
 /// As [`read_nvm`].
-pub fn parse(path: &Path, text: &str) -> Result<NvmModel, PlaceError> {
+pub fn parse(path: &Path, text: &str) -> Result<NvmModel, DatasetError> {
     let mut lines = Line::all(path, text);
-    let early = |what: &str| PlaceError::Unusable {
+    let early = |what: &str| DatasetError::Unusable {
         path: path.to_owned(),
         reason: format!("ends before its {what}; get the file again"),
     };
@@ -122,7 +122,7 @@ pub fn parse(path: &Path, text: &str) -> Result<NvmModel, PlaceError> {
     Ok(model)
 }
 
-fn camera(line: &Line<'_>) -> Result<NvmCamera, PlaceError> {
+fn camera(line: &Line<'_>) -> Result<NvmCamera, DatasetError> {
     let at =
         line.words.len().checked_sub(CAMERA_FIELDS).filter(|at| *at > 0).ok_or_else(|| {
             line.fault("a camera is name, focal length, quaternion, centre, distortion and 0")

@@ -9,7 +9,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::{PosedImage, PosedImages};
 
-use crate::error::PlaceError;
+use crate::error::DatasetError;
 use crate::files::{Found, MissingImages, size};
 use crate::lines::{Line, read_text};
 use crate::official::is_whole;
@@ -50,11 +50,11 @@ impl Truth {
 /// Names of the scenes in a folder: those that have both splits, by name.
 ///
 /// # Errors
-/// [`PlaceError`] when the folder cannot be read, or holds none.
-pub fn scenes(root: &Path) -> Result<Vec<String>, PlaceError> {
+/// [`DatasetError`] when the folder cannot be read, or holds none.
+pub fn scenes(root: &Path) -> Result<Vec<String>, DatasetError> {
     let mut names = Vec::new();
-    for entry in std::fs::read_dir(root).map_err(PlaceError::io(root))? {
-        let entry = entry.map_err(PlaceError::io(root))?;
+    for entry in std::fs::read_dir(root).map_err(DatasetError::io(root))? {
+        let entry = entry.map_err(DatasetError::io(root))?;
         let has = |file: &str| entry.path().join(file).is_file();
         if has("TrainSplit.txt") && has("TestSplit.txt") {
             names.push(entry.file_name().to_string_lossy().into_owned());
@@ -62,7 +62,7 @@ pub fn scenes(root: &Path) -> Result<Vec<String>, PlaceError> {
     }
     names.sort();
     if names.is_empty() {
-        return Err(PlaceError::Missing {
+        return Err(DatasetError::Missing {
             path: root.to_owned(),
             what: "a scene (a folder with TrainSplit.txt and TestSplit.txt)",
             remedy: GET.to_owned(),
@@ -74,13 +74,13 @@ pub fn scenes(root: &Path) -> Result<Vec<String>, PlaceError> {
 /// Reads a scene.
 ///
 /// # Errors
-/// [`PlaceError`] naming what is missing and where users get it, or the line that is not what it should be.
+/// [`DatasetError`] naming what is missing and where users get it, or the line that is not what it should be.
 pub fn read_scene(
     root: &Path,
     scene: &str,
     truth: &Truth,
     missing: MissingImages,
-) -> Result<Place, PlaceError> {
+) -> Result<Place, DatasetError> {
     let folder = root.join(scene);
     let mut found = Found::new(&folder, missing);
     let mut sides = Vec::new();
@@ -116,7 +116,7 @@ pub fn read_scene(
 }
 
 /// The folders of the sequences of a split, which names them `sequence3` or `seq-03`.
-fn sequences(path: &Path) -> Result<BTreeSet<String>, PlaceError> {
+fn sequences(path: &Path) -> Result<BTreeSet<String>, DatasetError> {
     let text = read_text(path, "the list of its sequences", GET)?;
     let of = |line: Line<'_>| {
         let name = line.words[0];
@@ -134,7 +134,7 @@ fn by_depth(
     folder: &Path,
     sequences: &BTreeSet<String>,
     found: &mut Found,
-) -> Result<Vec<PosedImage>, PlaceError> {
+) -> Result<Vec<PosedImage>, DatasetError> {
     let mut cameras = Cameras::default();
     let mut images = Vec::new();
     for sequence in sequences {
@@ -143,12 +143,12 @@ fn by_depth(
         match std::fs::read_dir(&path) {
             Ok(entries) => {
                 for entry in entries {
-                    let name = entry.map_err(PlaceError::io(&path))?.file_name();
+                    let name = entry.map_err(DatasetError::io(&path))?.file_name();
                     frames.extend(name.to_string_lossy().strip_suffix(".pose.txt").map(str::to_owned));
                 }
             }
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
-            Err(e) => return Err(PlaceError::io(&path)(e)),
+            Err(e) => return Err(DatasetError::io(&path)(e)),
         }
         if frames.is_empty() {
             found.look_for(&format!("{sequence}/frame-000000.color.png"));
@@ -164,9 +164,9 @@ fn by_depth(
 }
 
 /// The inverse of the 4 × 4 matrix of a file, which takes the camera to the world.
-fn depth_pose(path: &Path) -> Result<CameraFromWorld, PlaceError> {
+fn depth_pose(path: &Path) -> Result<CameraFromWorld, DatasetError> {
     let text = read_text(path, "the pose of a frame", GET)?;
-    let unusable = |reason: &str| PlaceError::Unusable { path: path.to_owned(), reason: reason.to_owned() };
+    let unusable = |reason: &str| DatasetError::Unusable { path: path.to_owned(), reason: reason.to_owned() };
     let rows = Line::all(path, &text).map(|line| line.numbers::<4>(0, "a number of the matrix"));
     let rows: Vec<[f64; 4]> = rows.collect::<Result<_, _>>()?;
     let [x, y, z, [0.0, 0.0, 0.0, 1.0]] = rows[..] else {
@@ -187,7 +187,7 @@ fn by_list(
     folder: &Path,
     others: &BTreeSet<String>,
     found: &mut Found,
-) -> Result<Vec<PosedImage>, PlaceError> {
+) -> Result<Vec<PosedImage>, DatasetError> {
     let text = read_text(path, "the SfM pseudo ground truth", GET_LISTS)?;
     let mut cameras = Cameras::default();
     let mut images = Vec::new();
@@ -222,7 +222,7 @@ impl Cameras {
         folder: &Path,
         name: &str,
         focal: impl FnOnce(u32) -> f64,
-    ) -> Result<Intrinsics, PlaceError> {
+    ) -> Result<Intrinsics, DatasetError> {
         let sequence = name.split('/').next().unwrap_or_default();
         let path = folder.join(name);
         let (w, h) = match self.0.get(sequence) {
@@ -231,7 +231,7 @@ impl Cameras {
         };
         let params = [focal(w), f64::from(w) / 2.0, f64::from(h) / 2.0];
         Intrinsics::new("SIMPLE_PINHOLE", w, h, &params)
-            .map_err(|e| PlaceError::Unusable { path, reason: e.to_string() })
+            .map_err(|e| DatasetError::Unusable { path, reason: e.to_string() })
     }
 }
 
@@ -241,8 +241,8 @@ pub(crate) fn write(
     scene: &str,
     lens: &Lens,
     views: &[View],
-    save: &mut dyn FnMut(usize, &Path) -> Result<(), PlaceError>,
-) -> Result<(), PlaceError> {
+    save: &mut dyn FnMut(usize, &Path) -> Result<(), DatasetError>,
+) -> Result<(), DatasetError> {
     let folder = root.join(scene);
     let mut lists = [String::new(), String::new()];
     let mut counts = [0; 2];

@@ -15,7 +15,7 @@ pub enum EvalError {
     },
     /// A file of problems or keypoints could not be read.
     #[error(transparent)]
-    Dataset(#[from] veiloc_datasets::problem_files::DatasetError),
+    Dataset(#[from] veiloc_datasets::DatasetError),
     /// What was asked for makes no sense together.
     #[error("{0}")]
     Options(String),
@@ -25,15 +25,9 @@ pub enum EvalError {
     /// Features of a query could not be extracted.
     #[error(transparent)]
     Extract(#[from] veiloc_obfuscation::ExtractError),
-    /// The map could not be built.
+    /// The map could not be built or tested.
     #[error(transparent)]
     Mapping(#[from] veiloc_mapping::MappingError),
-    /// What building a map computes could not be kept.
-    #[error(transparent)]
-    Keeping(#[from] veiloc_mapping::build_cache::KeepingError),
-    /// The map could not test itself.
-    #[error(transparent)]
-    SelfTest(#[from] veiloc_mapping::calibration::SelfTestError),
     /// A map or model file could not be read or written.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),

@@ -1,14 +1,17 @@
-//! Why a map could not be built or changed. Every message names the file and says what to do.
+//! Why a map could not be built, changed or tested, and what files of others were refused for. Every message names the file and says what to do.
+
+use std::path::{Path, PathBuf};
 
 use veiloc_descriptor::DescriptorError;
 use veiloc_features::FeatureError;
 use veiloc_map::MapError;
+use veiloc_obfuscation::SealError;
 use veiloc_protocol::QueryError;
 
 use crate::bad_image::BadImages;
 use crate::report::Doubt;
 
-/// Why a map could not be built or changed.
+/// Why a map could not be built, changed or tested, or a file of hloc's not be read or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MappingError {
@@ -117,6 +120,70 @@ pub enum MappingError {
     /// The map does not hold together, or a setting is out of its range.
     #[error(transparent)]
     Map(#[from] MapError),
+    /// No device could seal a query for the map.
+    #[error("no query can be sealed for the map, so it cannot test itself: {0}")]
+    Seal(#[from] SealError),
+    /// A file could not be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file, or the folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is no HDF5 file, or is cut short or damaged.
+    #[error("{}: not a whole HDF5 file: {reason}; copy it again, or write it again with hloc", path.display())]
+    NotHdf5 {
+        /// The file.
+        path: PathBuf,
+        /// What the reader said.
+        reason: String,
+    },
+    /// The file holds nothing under this name.
+    #[error("{}: holds no {what} of {name}; give the file that was made of this image", path.display())]
+    MissingInFile {
+        /// The file.
+        path: PathBuf,
+        /// What was looked for.
+        what: &'static str,
+        /// Name of the image, or of the pair.
+        name: String,
+    },
+    /// What the file holds under a name is not what it should be.
+    #[error("{}: {name}: {reason}", path.display())]
+    BadInFile {
+        /// The file.
+        path: PathBuf,
+        /// Name of the image or pair, with the name of its numbers.
+        name: String,
+        /// What is wrong, and the remedy.
+        reason: String,
+    },
+    /// A line of a list of pairs is none.
+    #[error("{}: line {line}: {reason}", path.display())]
+    PairsLine {
+        /// The list.
+        path: PathBuf,
+        /// Line number, from 1.
+        line: usize,
+        /// What is wrong, and the remedy.
+        reason: String,
+    },
+    /// Something that is to be written cannot be.
+    #[error("{name:?} cannot be written into a file of hloc's: {reason}")]
+    Unwritable {
+        /// Name of the image or pair.
+        name: String,
+        /// Why.
+        reason: String,
+    },
+}
+
+impl MappingError {
+    /// What the system said of a file or folder.
+    pub(crate) fn io(path: &Path) -> impl Fn(std::io::Error) -> Self {
+        move |source| Self::Io { path: path.to_owned(), source }
+    }
 }
 
 /// `a, b and 3 more are`

@@ -7,8 +7,8 @@ use veiloc_features::{Extractor, Limits, Progress, extract_image};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::ExtractionLimits;
 
+use crate::error::DatasetError;
 use crate::problem_files::KeypointImage;
-use crate::problem_files::error::DatasetError;
 
 /// Keypoints and descriptors of one image, strongest keypoint first, named after the file.
 ///
@@ -16,7 +16,7 @@ use crate::problem_files::error::DatasetError;
 /// the smaller one, to a thousandth of a pixel, so that they are read back as they were written. No lens is undistorted.
 ///
 /// # Errors
-/// [`DatasetError::Image`] when the file is no image.
+/// [`DatasetError::Features`] when the file is no image.
 pub fn keypoints_of_image(
     path: &Path,
     extractor: &dyn Extractor,

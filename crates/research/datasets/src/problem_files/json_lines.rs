@@ -9,7 +9,7 @@ use flate2::read::MultiGzDecoder;
 use flate2::write::GzEncoder;
 use serde::de::DeserializeOwned;
 
-use crate::problem_files::error::DatasetError;
+use crate::error::DatasetError;
 
 /// No honest line is longer; a file that pretends to is refused before it fills the memory.
 const LONGEST_LINE: u64 = 256 << 20;

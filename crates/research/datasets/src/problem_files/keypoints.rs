@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use veiloc_geometry::Pixel;
 
-use crate::problem_files::error::DatasetError;
+use crate::error::DatasetError;
 use crate::problem_files::json_lines;
 use crate::problem_files::seeds::seed_for;
 

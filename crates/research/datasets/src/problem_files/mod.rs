@@ -8,7 +8,6 @@
 //! - [`seed_for`]: one seed for each named part of a run, so that no choice of other parts changes it.
 #![forbid(unsafe_code)]
 
-mod error;
 mod halves;
 pub mod images;
 pub mod json_lines;
@@ -16,7 +15,6 @@ pub mod keypoints;
 pub mod problems;
 mod seeds;
 
-pub use error::DatasetError;
 pub use halves::is_for_design;
 pub use images::{keypoints_of_image, keypoints_of_images};
 pub use keypoints::{KeypointImage, encode_keypoints, read_keypoints, synthetic_image};

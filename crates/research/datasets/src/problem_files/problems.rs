@@ -10,7 +10,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Pinhole, Pixel, Point3};
 use veiloc_pose::prior::{Evidence, match_probability};
 use veiloc_pose::{Gravity, SeenFrom};
 
-use crate::problem_files::error::DatasetError;
+use crate::error::DatasetError;
 use crate::problem_files::json_lines;
 
 /// One query: matches between its keypoints and map points, and where it truly was taken.

@@ -6,18 +6,18 @@ use std::path::Path;
 use veiloc_geometry::CameraFromWorld;
 
 use super::Lens;
-use crate::error::PlaceError;
+use crate::error::DatasetError;
 
 /// Makes the folder and writes the file, whole.
-pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), PlaceError> {
+pub(crate) fn save_text(path: &Path, text: &str) -> Result<(), DatasetError> {
     make_folder_of(path)?;
-    veiloc_map::atomic_file::write_whole(path, text.as_bytes()).map_err(PlaceError::io(path))
+    veiloc_map::atomic_file::write_whole(path, text.as_bytes()).map_err(DatasetError::io(path))
 }
 
 /// Makes the folder that a file is to lie in.
-pub(crate) fn make_folder_of(path: &Path) -> Result<(), PlaceError> {
+pub(crate) fn make_folder_of(path: &Path) -> Result<(), DatasetError> {
     let Some(folder) = path.parent() else { return Ok(()) };
-    std::fs::create_dir_all(folder).map_err(PlaceError::io(folder))
+    std::fs::create_dir_all(folder).map_err(DatasetError::io(folder))
 }
 
 /// Numbers behind one another, a blank before each, with as many digits as reading them back exactly takes.

@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 
-use crate::error::PlaceError;
+use crate::error::DatasetError;
 use crate::{aachen, cambridge, radial, seven_scenes};
 
 /// The layout of a data set.
@@ -94,10 +94,10 @@ impl Lens {
     /// The camera that a reader makes of it.
     ///
     /// # Errors
-    /// [`PlaceError::Unusable`] for an image of no size.
-    pub fn camera(&self) -> Result<Intrinsics, PlaceError> {
+    /// [`DatasetError::Unusable`] for an image of no size.
+    pub fn camera(&self) -> Result<Intrinsics, DatasetError> {
         radial::camera(self.focal, self.distortion, self.size)
-            .map_err(|e| PlaceError::Unusable { path: PathBuf::new(), reason: e.to_string() })
+            .map_err(|e| DatasetError::Unusable { path: PathBuf::new(), reason: e.to_string() })
     }
 }
 
@@ -105,15 +105,15 @@ impl Lens {
 /// view and the path of its file, whose folder is there.
 ///
 /// # Errors
-/// [`PlaceError::Io`] naming the file, and what `save` answers.
+/// [`DatasetError::Io`] naming the file, and what `save` answers.
 pub fn write(
     layout: Layout,
     root: &Path,
     scene: &str,
     lens: &Lens,
     views: &[View],
-    save: &mut dyn FnMut(usize, &Path) -> Result<(), PlaceError>,
-) -> Result<(), PlaceError> {
+    save: &mut dyn FnMut(usize, &Path) -> Result<(), DatasetError>,
+) -> Result<(), DatasetError> {
     match layout {
         Layout::SevenScenes => seven_scenes::write(root, scene, lens, views, save),
         Layout::Cambridge => cambridge::write(root, scene, lens, views, save),

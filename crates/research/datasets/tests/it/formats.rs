@@ -5,7 +5,7 @@ use std::path::Path;
 use veiloc_datasets::nvm::{parse, read_nvm};
 use veiloc_datasets::seven_scenes::Truth;
 use veiloc_datasets::write::{Layout, Lens, Role, View, write};
-use veiloc_datasets::{MissingImages, Place, PlaceError, aachen, cambridge, seven_scenes};
+use veiloc_datasets::{DatasetError, MissingImages, Place, aachen, cambridge, seven_scenes};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::Rotation3;
 use veiloc_testdata::real_data_test;
@@ -30,7 +30,7 @@ fn seven_scenes_as_it_is_unpacked(data: &Path) {
     let sfm = Truth::sfm_beside(&root);
     let refused =
         seven_scenes::read_scene(&root, "stairs", &sfm, MissingImages::Refuse).expect_err("most are missing");
-    assert!(matches!(&refused, PlaceError::MissingImages { .. }), "{refused}");
+    assert!(matches!(&refused, DatasetError::MissingImages { .. }), "{refused}");
     assert!(refused.to_string().contains("rgb-d-dataset-7-scenes"), "{refused}");
     let sfm = seven_scenes::read_scene(&root, "stairs", &sfm, HERE).expect("read");
     assert!(!sfm.is_official && sfm.remarks[0].contains("were left out"), "{:?}", sfm.remarks);

@@ -15,7 +15,7 @@ pub enum AuditError {
     },
     /// A file of keypoints or problems could not be read.
     #[error(transparent)]
-    Dataset(#[from] veiloc_datasets::problem_files::DatasetError),
+    Dataset(#[from] veiloc_datasets::DatasetError),
     /// What was asked for makes no sense together.
     #[error("{0}")]
     Options(String),

@@ -3,7 +3,7 @@
 use crate::audit::AuditError;
 use veiloc_attacks::image_metrics::JudgeError;
 use veiloc_attacks::training::TrainingError;
-use veiloc_datasets::problem_files::DatasetError;
+use veiloc_datasets::DatasetError;
 use veiloc_features::FeatureError;
 use veiloc_obfuscation::SealError;
 

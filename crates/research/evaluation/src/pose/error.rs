@@ -5,7 +5,7 @@
 pub enum PosesError {
     /// A file of problems could not be read.
     #[error(transparent)]
-    Dataset(#[from] veiloc_datasets::problem_files::DatasetError),
+    Dataset(#[from] veiloc_datasets::DatasetError),
     /// What was asked for makes no sense together.
     #[error("{0}")]
     Options(String),

@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::PathBuf;
 
+use crate::MappingError;
 use crate::{Extracted, Wanted};
 use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_map::atomic_file::write_whole;
 
-use crate::build_cache::error::{KeepingError, io};
 use crate::build_cache::key::Key;
 
 /// Bytes before the keypoints: how many keypoints, how long the global descriptor is.
@@ -42,9 +42,9 @@ impl FeatureFolder {
         decoded(&fs::read(self.file_of(wanted)?).ok()?, wanted)
     }
 
-    pub(crate) fn keep(&self, wanted: &Wanted<'_>, found: &Extracted) -> Result<(), KeepingError> {
+    pub(crate) fn keep(&self, wanted: &Wanted<'_>, found: &Extracted) -> Result<(), MappingError> {
         let Some(path) = self.file_of(wanted) else { return Ok(()) };
-        write_whole(&path, &encoded(found)).map_err(io(&path))
+        write_whole(&path, &encoded(found)).map_err(MappingError::io(&path))
     }
 }
 

@@ -11,7 +11,7 @@ use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{Match, MatchOptions};
 use veiloc_map::atomic_file::TargetLock;
 
-use crate::build_cache::error::{KeepingError, io};
+use crate::MappingError;
 use crate::build_cache::key::Key;
 
 /// Bytes before the matches of a record: key, number of matches, hash of the matches.
@@ -37,11 +37,11 @@ fn numbered(folder: &Path, number: usize) -> PathBuf {
 
 impl MatchFiles {
     /// Takes the first file that nobody writes, and reads the others as far as they are written now.
-    pub(crate) fn in_folder(folder: &Path) -> Result<Self, KeepingError> {
+    pub(crate) fn in_folder(folder: &Path) -> Result<Self, MappingError> {
         let (mut own, mut others) = (None, Vec::new());
         for path in (0..).map(|number| numbered(folder, number)) {
             let lock = match &own {
-                None => TargetLock::try_acquire(&path).map_err(io(&path))?,
+                None => TargetLock::try_acquire(&path).map_err(MappingError::io(&path))?,
                 Some(_) => None,
             };
             if let Some(lock) = lock {
@@ -68,7 +68,7 @@ impl MatchFiles {
         b: &[u8; 32],
         options: &MatchOptions,
         matches: &[Match],
-    ) -> Result<(), KeepingError> {
+    ) -> Result<(), MappingError> {
         let record = record(key_of(a, b, options), matches);
         self.own.lock().unwrap_or_else(PoisonError::into_inner).append(key_of(a, b, options), &record)
     }
@@ -86,23 +86,23 @@ struct MatchFile {
 
 impl MatchFile {
     /// Opens it, made if need be; what an interruption cut short at its end is cut off.
-    fn writing(path: &Path) -> Result<Self, KeepingError> {
+    fn writing(path: &Path) -> Result<Self, MappingError> {
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
-        let file = Self::indexed(path, file.map_err(io(path))?)?;
-        file.file.set_len(file.end).map_err(io(path))?;
+        let file = Self::indexed(path, file.map_err(MappingError::io(path))?)?;
+        file.file.set_len(file.end).map_err(MappingError::io(path))?;
         Ok(file)
     }
 
     /// Opens one that another process may be writing.
-    fn reading(path: &Path) -> Result<Self, KeepingError> {
-        Self::indexed(path, File::open(path).map_err(io(path))?)
+    fn reading(path: &Path) -> Result<Self, MappingError> {
+        Self::indexed(path, File::open(path).map_err(MappingError::io(path))?)
     }
 
-    fn indexed(path: &Path, mut file: File) -> Result<Self, KeepingError> {
-        let length = file.metadata().map_err(io(path))?.len();
+    fn indexed(path: &Path, mut file: File) -> Result<Self, MappingError> {
+        let length = file.metadata().map_err(MappingError::io(path))?.len();
         let (mut records, mut end) = (HashMap::new(), 0);
         while end + HEAD as u64 <= length {
-            let (key, count, _) = head(&mut file, end).map_err(io(path))?;
+            let (key, count, _) = head(&mut file, end).map_err(MappingError::io(path))?;
             let Some(next) = after(end, count).filter(|next| *next <= length) else { break };
             records.insert(key, end);
             end = next;
@@ -129,10 +129,10 @@ impl MatchFile {
         Some(bytes.chunks_exact(MATCH).map(matched).collect())
     }
 
-    fn append(&mut self, key: PairKey, record: &[u8]) -> Result<(), KeepingError> {
+    fn append(&mut self, key: PairKey, record: &[u8]) -> Result<(), MappingError> {
         let begin = self.end;
         let written = self.file.seek(SeekFrom::Start(begin)).and_then(|_| self.file.write_all(record));
-        written.map_err(io(&self.path))?;
+        written.map_err(MappingError::io(&self.path))?;
         self.records.insert(key, begin);
         self.end = begin + record.len() as u64;
         Ok(())

@@ -24,7 +24,6 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod error;
 mod features;
 mod key;
 mod matches;
@@ -34,11 +33,9 @@ use std::fs;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use crate::{BuildOptions, Extracted, Kept, Wanted};
+use crate::{BuildOptions, Extracted, Kept, MappingError, Wanted};
 use veiloc_descriptor::{DescriptorView, Match, MatchOptions};
 
-pub use error::KeepingError;
-use error::io;
 use features::FeatureFolder;
 pub use key::Key;
 use matches::MatchFiles;
@@ -49,17 +46,17 @@ pub struct Keeping {
     features: FeatureFolder,
     matches: MatchFiles,
     /// The first thing that could not be kept.
-    fault: Mutex<Option<KeepingError>>,
+    fault: Mutex<Option<MappingError>>,
 }
 
 impl Keeping {
     /// A folder, made if it is not there, for builds with these options.
     ///
     /// # Errors
-    /// [`KeepingError`]: the folder cannot be written, or the options name an extractor that is not there or cannot run.
-    pub fn in_folder(folder: &Path, options: &BuildOptions) -> Result<Self, KeepingError> {
+    /// [`MappingError`]: the folder cannot be written, or the options name an extractor that is not there or cannot run.
+    pub fn in_folder(folder: &Path, options: &BuildOptions) -> Result<Self, MappingError> {
         let features = folder.join("features");
-        fs::create_dir_all(&features).map_err(io(&features))?;
+        fs::create_dir_all(&features).map_err(MappingError::io(&features))?;
         let mut key = Key::new("features");
         pattern::behaviour(&mut key, options)?;
         Ok(Self {
@@ -72,13 +69,13 @@ impl Keeping {
     /// To be asked when a build has ended: whether all could be kept.
     ///
     /// # Errors
-    /// [`KeepingError`]: the first file that could not be written. What was built is right all the same.
-    pub fn finish(&self) -> Result<(), KeepingError> {
+    /// [`MappingError`]: the first file that could not be written. What was built is right all the same.
+    pub fn finish(&self) -> Result<(), MappingError> {
         let fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner).take();
         fault.map_or(Ok(()), Err)
     }
 
-    fn remember(&self, outcome: Result<(), KeepingError>) {
+    fn remember(&self, outcome: Result<(), MappingError>) {
         if let Err(fault) = outcome {
             self.fault.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(fault);
         }

@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
+use crate::MappingError;
 use crate::{CompressOptions, Compression, LeaveOut, Progress, compress};
 use veiloc_map::{
     Evidence, MapFile, MapModel, MapView, PointId, PointWithout, Remembered, SelfTest, Without,
 };
 
-use crate::calibration::run::{SelfTestError, SelfTestOptions, self_test, test_in};
+use crate::calibration::run::{SelfTestOptions, self_test, test_in};
 
 /// Localizes images of a map in the small one that was made of it, each left out of both: queries are what the whole map
 /// keeps of an image, and points are as they would be in the whole map without it.
@@ -21,7 +22,7 @@ pub fn self_test_compressed(
     small: &Compression,
     options: &SelfTestOptions,
     progress: &dyn Progress,
-) -> Result<SelfTest, SelfTestError> {
+) -> Result<SelfTest, MappingError> {
     let (file, whole_file) = (MapFile::of_model(&small.model)?, MapFile::of_model(whole)?);
     let leave_out = LeaveOut::of(whole);
     let id_of: BTreeMap<PointId, PointId> = small.kept.iter().copied().zip((0..).map(PointId)).collect();
@@ -54,7 +55,7 @@ pub fn smallest_within(
     compress_options: &CompressOptions,
     options: &SelfTestOptions,
     progress: &dyn Progress,
-) -> Result<Option<Compression>, SelfTestError> {
+) -> Result<Option<Compression>, MappingError> {
     let of_whole = match &whole.self_test {
         Some(test) => test.clone(),
         None => self_test(whole, options, progress)?,
@@ -69,11 +70,11 @@ pub fn smallest_within(
         let mut small = match compress(whole, &asked, progress) {
             Ok(small) => small,
             // No map can be smaller.
-            Err(crate::MappingError::TooSmall { least, .. }) => {
+            Err(MappingError::TooSmall { least, .. }) => {
                 low = least as f64;
                 continue;
             }
-            Err(error) => return Err(error.into()),
+            Err(error) => return Err(error),
         };
         let test = self_test_compressed(whole, &small, options, progress)?;
         // Written so that NaN is not good enough.

@@ -5,8 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use rayon::prelude::*;
 use veiloc_localization::{LocalizeOptions, Matched, localize_matched, match_in};
-use veiloc_map::{MapError, MapFile, MapModel, MapView, PointId, SelfTest, Without};
-use veiloc_obfuscation::SealError;
+use veiloc_map::{MapFile, MapModel, MapView, PointId, SelfTest, Without};
 use veiloc_protocol::{Scheme, SealedQuery};
 
 use crate::calibration::query::{options_for, sealed, stored_features, transferred};
@@ -34,21 +33,6 @@ impl Default for SelfTestOptions {
     }
 }
 
-/// Why a map could not be tested.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum SelfTestError {
-    /// The map does not hold together.
-    #[error(transparent)]
-    Map(#[from] MapError),
-    /// The map cannot be made small.
-    #[error(transparent)]
-    Mapping(#[from] MappingError),
-    /// No device could seal a query for the map.
-    #[error("no query can be sealed for the map, so it cannot test itself: {0}")]
-    Seal(#[from] SealError),
-}
-
 /// Whether the map has images to test with, and words of its own to find them by.
 pub fn is_testable(model: &MapModel) -> bool {
     !model.images.is_empty() && model.profile.vocabulary().is_some()
@@ -61,12 +45,12 @@ pub fn is_testable(model: &MapModel) -> bool {
 /// threads. Takes the memory of the map's file beside the map.
 ///
 /// # Errors
-/// [`SelfTestError`]: the map does not hold together, or no device can seal for its profile.
+/// [`MappingError`]: the map does not hold together, or no device can seal for its profile.
 pub fn self_test(
     model: &MapModel,
     options: &SelfTestOptions,
     progress: &dyn Progress,
-) -> Result<SelfTest, SelfTestError> {
+) -> Result<SelfTest, MappingError> {
     let file = MapFile::of_model(model)?;
     let leave_out = LeaveOut::of(model);
     test_in(model, &file, &|image| leave_out.without(image), options, progress)
@@ -79,7 +63,7 @@ pub(crate) fn test_in(
     without: &(dyn Fn(usize) -> Without + Sync),
     options: &SelfTestOptions,
     progress: &dyn Progress,
-) -> Result<SelfTest, SelfTestError> {
+) -> Result<SelfTest, MappingError> {
     let chosen = chosen(model, options);
     let trials = tried(model, file, without, &chosen, options, progress)?;
     Ok(test_of(model, &trials, options))
@@ -94,13 +78,13 @@ pub fn chosen(model: &MapModel, options: &SelfTestOptions) -> Vec<usize> {
 /// there is no pose.
 ///
 /// # Errors
-/// [`SelfTestError`] as for [`self_test`].
+/// [`MappingError`] as for [`self_test`].
 pub fn trials(
     model: &MapModel,
     images: &[usize],
     options: &SelfTestOptions,
     progress: &dyn Progress,
-) -> Result<Vec<Vec<Option<Trial>>>, SelfTestError> {
+) -> Result<Vec<Vec<Option<Trial>>>, MappingError> {
     let file = MapFile::of_model(model)?;
     let leave_out = LeaveOut::of(model);
     tried(model, &file, &|image| leave_out.without(image), images, options, progress)
@@ -129,7 +113,7 @@ fn tried(
     images: &[usize],
     options: &SelfTestOptions,
     progress: &dyn Progress,
-) -> Result<Vec<Vec<Option<Trial>>>, SelfTestError> {
+) -> Result<Vec<Vec<Option<Trial>>>, MappingError> {
     for scheme in &options.schemes {
         options_for(*scheme, &model.profile).bounded(&model.profile)?;
     }

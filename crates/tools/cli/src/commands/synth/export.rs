@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_datasets::PlaceError;
+use veiloc_datasets::DatasetError;
 use veiloc_datasets::write::{Layout, Lens, Role, View, write};
 use veiloc_features::Progress as _;
 use veiloc_synthetic::{PathOptions, Place, RenderOptions};
@@ -71,7 +71,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         rendered
             .rgb()
             .save(file)
-            .map_err(|e| PlaceError::Io { path: file.to_owned(), source: std::io::Error::other(e) })?;
+            .map_err(|e| DatasetError::Io { path: file.to_owned(), source: std::io::Error::other(e) })?;
         progress.advance(1);
         Ok(())
     })

@@ -2,10 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use hdf5_pure::{Dataset, File, Group};
-
-use crate::importers::hloc::error::HlocError;
+use crate::MappingError;
 use crate::importers::hloc::numbers::{self, Numbers};
+use hdf5_pure::{Dataset, File, Group};
 
 /// How deep groups may lie in each other: names of images have folders, and none have so many.
 const DEEPEST: usize = 24;
@@ -26,14 +25,14 @@ impl std::fmt::Debug for Archive {
 }
 
 impl Archive {
-    pub(crate) fn open(path: &Path) -> Result<Self, HlocError> {
-        let io = |source| HlocError::Io { path: path.to_owned(), source };
+    pub(crate) fn open(path: &Path) -> Result<Self, MappingError> {
+        let io = |source| MappingError::Io { path: path.to_owned(), source };
         let about = std::fs::metadata(path).map_err(io)?;
         if about.is_dir() {
             return Err(io(std::io::ErrorKind::IsADirectory.into()));
         }
         let file = File::open_streaming(path)
-            .map_err(|e| HlocError::NotHdf5 { path: path.to_owned(), reason: e.to_string() })?;
+            .map_err(|e| MappingError::NotHdf5 { path: path.to_owned(), reason: e.to_string() })?;
         Ok(Self { path: path.to_owned(), file, bytes: about.len() })
     }
 
@@ -42,8 +41,8 @@ impl Archive {
     }
 
     /// What is wrong with what stands under a name.
-    pub(crate) fn bad(&self, name: &str, reason: impl Into<String>) -> HlocError {
-        HlocError::Bad { path: self.path.clone(), name: name.to_owned(), reason: reason.into() }
+    pub(crate) fn bad(&self, name: &str, reason: impl Into<String>) -> MappingError {
+        MappingError::BadInFile { path: self.path.clone(), name: name.to_owned(), reason: reason.into() }
     }
 
     /// The group of this name; `None` where there is none.
@@ -53,7 +52,7 @@ impl Archive {
     }
 
     /// Names of all groups that hold a dataset of this name, in the order of the file.
-    pub(crate) fn names(&self, dataset: &str) -> Result<Vec<String>, HlocError> {
+    pub(crate) fn names(&self, dataset: &str) -> Result<Vec<String>, MappingError> {
         let mut found = Vec::new();
         self.walk(dataset, &mut |name| {
             found.push(name.to_owned());
@@ -63,7 +62,7 @@ impl Archive {
     }
 
     /// One of those names.
-    pub(crate) fn any_name(&self, dataset: &str) -> Result<Option<String>, HlocError> {
+    pub(crate) fn any_name(&self, dataset: &str) -> Result<Option<String>, MappingError> {
         let mut found = None;
         self.walk(dataset, &mut |name| {
             found = Some(name.to_owned());
@@ -73,7 +72,7 @@ impl Archive {
     }
 
     /// Calls `then` with each such name until it says no.
-    fn walk(&self, dataset: &str, then: &mut dyn FnMut(&str) -> bool) -> Result<(), HlocError> {
+    fn walk(&self, dataset: &str, then: &mut dyn FnMut(&str) -> bool) -> Result<(), MappingError> {
         let mut open = vec![(String::new(), self.file.root(), 0)];
         let mut seen = 0;
         while let Some((name, group, depth)) = open.pop() {
@@ -111,7 +110,7 @@ impl Archive {
         name: &str,
         group: &Group,
         dataset: &str,
-    ) -> Result<Option<Dataset>, HlocError> {
+    ) -> Result<Option<Dataset>, MappingError> {
         let broken =
             |e: hdf5_pure::Error| self.bad(name, format!("cannot be read: {e}; copy the file again"));
         if !group.datasets().map_err(broken)?.iter().any(|own| own == dataset) {
@@ -126,7 +125,7 @@ impl Archive {
         name: &str,
         group: &Group,
         dataset: &str,
-    ) -> Result<Option<Numbers>, HlocError> {
+    ) -> Result<Option<Numbers>, MappingError> {
         let Some(found) = self.dataset(name, group, dataset)? else { return Ok(None) };
         let numbers = numbers::read(&found, self.bytes)
             .map_err(|reason| self.bad(&format!("{name}/{dataset}"), reason))?;

@@ -6,8 +6,8 @@ use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::Pixel;
 
+use crate::MappingError;
 use crate::importers::hloc::archive::Archive;
-use crate::importers::hloc::error::HlocError;
 use crate::importers::hloc::numbers::Numbers;
 use crate::importers::hloc::write::{Tree, Values, Written};
 
@@ -68,8 +68,8 @@ impl FeaturesFile {
     /// Opens a file; what is in it is read image by image.
     ///
     /// # Errors
-    /// [`HlocError::Io`], [`HlocError::NotHdf5`].
-    pub fn open(path: &Path) -> Result<Self, HlocError> {
+    /// [`MappingError::Io`], [`MappingError::NotHdf5`].
+    pub fn open(path: &Path) -> Result<Self, MappingError> {
         Archive::open(path).map(Self)
     }
 
@@ -81,8 +81,8 @@ impl FeaturesFile {
     /// Names of all images in it, sorted folder by folder.
     ///
     /// # Errors
-    /// [`HlocError::Bad`] for groups that cannot be read, or lie in each other without end.
-    pub fn names(&self) -> Result<Vec<String>, HlocError> {
+    /// [`MappingError::BadInFile`] for groups that cannot be read, or lie in each other without end.
+    pub fn names(&self) -> Result<Vec<String>, MappingError> {
         self.0.names(KEYPOINTS)
     }
 
@@ -96,7 +96,7 @@ impl FeaturesFile {
     ///
     /// # Errors
     /// As [`Self::names`] and [`Self::read`].
-    pub fn dim(&self) -> Result<Option<usize>, HlocError> {
+    pub fn dim(&self) -> Result<Option<usize>, MappingError> {
         let Some(name) = self.0.any_name(DESCRIPTORS)? else { return Ok(None) };
         self.read(&name).map(|features| Some(features.descriptors.dim))
     }
@@ -104,11 +104,12 @@ impl FeaturesFile {
     /// The features of an image.
     ///
     /// # Errors
-    /// [`HlocError::Missing`] where there are none; [`HlocError::Bad`] for numbers that cannot be read, are not finite, or do not fit
+    /// [`MappingError::MissingInFile`] where there are none; [`MappingError::BadInFile`] for numbers that cannot be read, are not finite, or do not fit
     /// together.
-    pub fn read(&self, name: &str) -> Result<ImageFeatures, HlocError> {
+    pub fn read(&self, name: &str) -> Result<ImageFeatures, MappingError> {
         let file = &self.0;
-        let missing = |what| HlocError::Missing { path: file.path().to_owned(), what, name: name.to_owned() };
+        let missing =
+            |what| MappingError::MissingInFile { path: file.path().to_owned(), what, name: name.to_owned() };
         let group = file.group(name).ok_or_else(|| missing("features"))?;
         let numbers = |what| file.numbers(name, &group, what);
         let bad = |what: &str, reason: String| file.bad(&format!("{name}/{what}"), reason);
@@ -235,18 +236,18 @@ impl ImageFeatures {
 /// hundredth of a pixel, descriptors in columns as float16.
 ///
 /// # Errors
-/// [`HlocError::Unwritable`] for a name that is there twice, or vectors that are not as many as keypoints; [`HlocError::Io`].
+/// [`MappingError::Unwritable`] for a name that is there twice, or vectors that are not as many as keypoints; [`MappingError::Io`].
 pub fn write_features(
     path: &Path,
     images: impl IntoIterator<Item = (String, ImageFeatures)>,
-) -> Result<(), HlocError> {
+) -> Result<(), MappingError> {
     let mut tree = Tree::default();
     for (name, features) in images {
         let (count, dim) = (features.keypoints.len(), features.descriptors.dim);
         let of_scores = features.scores.as_ref().map_or(count, Vec::len);
         if features.descriptors.values.len() != count * dim || of_scores != count {
             let reason = "it has not one descriptor and one score for each keypoint".to_owned();
-            return Err(HlocError::Unwritable { name, reason });
+            return Err(MappingError::Unwritable { name, reason });
         }
         let at = |pixel: &Pixel| pixel.center_at_zero().map(|value| value as f32);
         let rows = &features.descriptors.values;

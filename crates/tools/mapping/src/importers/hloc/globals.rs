@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use crate::MappingError;
 use crate::importers::hloc::archive::Archive;
-use crate::importers::hloc::error::HlocError;
 use crate::importers::hloc::write::{Tree, Values, Written};
 
 const GLOBAL: &str = "global_descriptor";
@@ -18,25 +18,25 @@ impl GlobalsFile {
     /// Opens a file; vectors are read image by image.
     ///
     /// # Errors
-    /// [`HlocError::Io`], [`HlocError::NotHdf5`].
-    pub fn open(path: &Path) -> Result<Self, HlocError> {
+    /// [`MappingError::Io`], [`MappingError::NotHdf5`].
+    pub fn open(path: &Path) -> Result<Self, MappingError> {
         Archive::open(path).map(Self)
     }
 
     /// Names of all images in it.
     ///
     /// # Errors
-    /// [`HlocError::Bad`] for groups that cannot be read, or lie in each other without end.
-    pub fn names(&self) -> Result<Vec<String>, HlocError> {
+    /// [`MappingError::BadInFile`] for groups that cannot be read, or lie in each other without end.
+    pub fn names(&self) -> Result<Vec<String>, MappingError> {
         self.0.names(GLOBAL)
     }
 
     /// The vector of an image, `[numbers]`.
     ///
     /// # Errors
-    /// [`HlocError::Missing`]; [`HlocError::Bad`] for numbers that cannot be read, are not finite, or no vector.
-    pub fn read(&self, name: &str) -> Result<Vec<f32>, HlocError> {
-        let missing = || HlocError::Missing {
+    /// [`MappingError::MissingInFile`]; [`MappingError::BadInFile`] for numbers that cannot be read, are not finite, or no vector.
+    pub fn read(&self, name: &str) -> Result<Vec<f32>, MappingError> {
+        let missing = || MappingError::MissingInFile {
             path: self.0.path().to_owned(),
             what: "global descriptor",
             name: name.to_owned(),
@@ -58,11 +58,11 @@ impl GlobalsFile {
 /// Writes vectors of images by their names, as float32.
 ///
 /// # Errors
-/// [`HlocError::Unwritable`] for a name that is there twice; [`HlocError::Io`].
+/// [`MappingError::Unwritable`] for a name that is there twice; [`MappingError::Io`].
 pub fn write_globals(
     path: &Path,
     images: impl IntoIterator<Item = (String, Vec<f32>)>,
-) -> Result<(), HlocError> {
+) -> Result<(), MappingError> {
     let mut tree = Tree::default();
     for (name, vector) in images {
         let shape = vec![vector.len()];

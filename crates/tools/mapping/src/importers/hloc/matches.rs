@@ -4,8 +4,8 @@ use std::path::Path;
 
 use hdf5_pure::Group;
 
+use crate::MappingError;
 use crate::importers::hloc::archive::Archive;
-use crate::importers::hloc::error::HlocError;
 use crate::importers::hloc::write::{Tree, Values, Written};
 
 const MATCHES: &str = "matches0";
@@ -32,8 +32,8 @@ impl MatchesFile {
     /// Opens a file; matches are read pair by pair.
     ///
     /// # Errors
-    /// [`HlocError::Io`], [`HlocError::NotHdf5`].
-    pub fn open(path: &Path) -> Result<Self, HlocError> {
+    /// [`MappingError::Io`], [`MappingError::NotHdf5`].
+    pub fn open(path: &Path) -> Result<Self, MappingError> {
         Archive::open(path).map(Self)
     }
 
@@ -41,8 +41,8 @@ impl MatchesFile {
     /// (`a_b`), where folders of names are parted by `-`; `None` where the pair is not there.
     ///
     /// # Errors
-    /// [`HlocError::Bad`] for numbers that cannot be read, or are no indices.
-    pub fn read(&self, first: &str, second: &str) -> Result<Option<Vec<Match>>, HlocError> {
+    /// [`MappingError::BadInFile`] for numbers that cannot be read, or are no indices.
+    pub fn read(&self, first: &str, second: &str) -> Result<Option<Vec<Match>>, MappingError> {
         for separator in ['/', '_'] {
             for (a, b, turned) in [(first, second, false), (second, first, true)] {
                 let name = name_of_pair(a, b, separator);
@@ -54,7 +54,12 @@ impl MatchesFile {
         Ok(None)
     }
 
-    fn read_group(&self, name: &str, group: &Group, turned: bool) -> Result<Option<Vec<Match>>, HlocError> {
+    fn read_group(
+        &self,
+        name: &str,
+        group: &Group,
+        turned: bool,
+    ) -> Result<Option<Vec<Match>>, MappingError> {
         let bad = |what: &str, reason: String| Err(self.0.bad(&format!("{name}/{what}"), reason));
         let Some(partners) = self.0.numbers(name, group, MATCHES)? else { return Ok(None) };
         let scores = self.0.numbers(name, group, SCORES)?;
@@ -92,11 +97,11 @@ fn name_of_pair(first: &str, second: &str, separator: char) -> String {
 /// image has one partner: of several the last is kept.
 ///
 /// # Errors
-/// [`HlocError::Unwritable`] for a pair that is there twice, or a keypoint that the first image does not have; [`HlocError::Io`].
+/// [`MappingError::Unwritable`] for a pair that is there twice, or a keypoint that the first image does not have; [`MappingError::Io`].
 pub fn write_matches<'a>(
     path: &Path,
     pairs: impl IntoIterator<Item = (&'a str, &'a str, usize, Vec<Match>)>,
-) -> Result<(), HlocError> {
+) -> Result<(), MappingError> {
     let mut tree = Tree::default();
     for (first, second, keypoints, matches) in pairs {
         let name = name_of_pair(first, second, '/');
@@ -106,7 +111,7 @@ pub fn write_matches<'a>(
             let index = found.first as usize;
             if index >= keypoints || found.second > i32::MAX as u32 {
                 let reason = format!("keypoint {index} is beyond the {keypoints} of the first image");
-                return Err(HlocError::Unwritable { name, reason });
+                return Err(MappingError::Unwritable { name, reason });
             }
             partners[index] = found.second as i32;
             scores[index] = found.score;

@@ -39,7 +39,6 @@
 mod archive;
 #[cfg(feature = "hloc")]
 mod binary16;
-mod error;
 #[cfg(feature = "hloc")]
 mod features;
 #[cfg(feature = "hloc")]
@@ -54,7 +53,6 @@ mod stored;
 #[cfg(feature = "hloc")]
 mod write;
 
-pub use error::HlocError;
 #[cfg(feature = "hloc")]
 pub use features::{FeaturesFile, ImageFeatures, Vectors, write_features};
 #[cfg(feature = "hloc")]

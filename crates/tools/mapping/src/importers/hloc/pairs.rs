@@ -4,16 +4,19 @@ use std::path::Path;
 
 use veiloc_map::atomic_file::write_whole;
 
-use crate::importers::hloc::error::HlocError;
+use crate::MappingError;
 
 /// Reads a list of pairs; empty lines do not count.
 ///
 /// # Errors
-/// [`HlocError::Io`]; [`HlocError::Pairs`] for a line that is not two different names, or a file that is no text or names no pair.
-pub fn read_pairs(path: &Path) -> Result<Vec<(String, String)>, HlocError> {
-    let bytes = std::fs::read(path).map_err(|source| HlocError::Io { path: path.to_owned(), source })?;
-    let refused =
-        |line, reason: &str| HlocError::Pairs { path: path.to_owned(), line, reason: reason.to_owned() };
+/// [`MappingError::Io`]; [`MappingError::PairsLine`] for a line that is not two different names, or a file that is no text or names no pair.
+pub fn read_pairs(path: &Path) -> Result<Vec<(String, String)>, MappingError> {
+    let bytes = std::fs::read(path).map_err(|source| MappingError::Io { path: path.to_owned(), source })?;
+    let refused = |line, reason: &str| MappingError::PairsLine {
+        path: path.to_owned(),
+        line,
+        reason: reason.to_owned(),
+    };
     let text = std::str::from_utf8(&bytes)
         .map_err(|_| refused(1, "is not text; give a list with two names of images a line"))?;
     let mut pairs = Vec::new();
@@ -33,22 +36,22 @@ pub fn read_pairs(path: &Path) -> Result<Vec<(String, String)>, HlocError> {
 /// Writes a list of pairs.
 ///
 /// # Errors
-/// [`HlocError::Unwritable`] for a name with white space, which ends a name in such a list; [`HlocError::Io`].
+/// [`MappingError::Unwritable`] for a name with white space, which ends a name in such a list; [`MappingError::Io`].
 pub fn write_pairs<'a>(
     path: &Path,
     pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
-) -> Result<(), HlocError> {
+) -> Result<(), MappingError> {
     let mut text = String::new();
     for (first, second) in pairs {
         for name in [first, second] {
             if name.is_empty() || name.contains(char::is_whitespace) {
                 let reason = "white space ends a name in a list of pairs".to_owned();
-                return Err(HlocError::Unwritable { name: name.to_owned(), reason });
+                return Err(MappingError::Unwritable { name: name.to_owned(), reason });
             }
         }
         text.extend([first, " ", second, "\n"]);
     }
-    write_whole(path, text.as_bytes()).map_err(|source| HlocError::Io { path: path.to_owned(), source })
+    write_whole(path, text.as_bytes()).map_err(|source| MappingError::Io { path: path.to_owned(), source })
 }
 
 #[cfg(test)]
@@ -69,7 +72,7 @@ mod tests {
         assert!(write_pairs(&path, [("a b.jpg", "c.jpg")]).is_err());
         for text in ["", "\n", "a.jpg\n", "a b c\n", "a a\n"] {
             std::fs::write(&path, text).expect("written");
-            assert!(matches!(read_pairs(&path), Err(HlocError::Pairs { line: 1, .. })), "{text:?}");
+            assert!(matches!(read_pairs(&path), Err(MappingError::PairsLine { line: 1, .. })), "{text:?}");
         }
         std::fs::write(&path, [0xff, 0xfe]).expect("written");
         assert!(read_pairs(&path).is_err());

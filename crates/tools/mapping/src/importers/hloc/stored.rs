@@ -5,7 +5,8 @@ use std::path::{Component, Path};
 use veiloc_descriptor::{DescriptorKind, Encoding};
 use veiloc_features::{Extractor, FeatureError, Features, Image, Stored};
 
-use crate::importers::hloc::{FeaturesFile, HlocError};
+use crate::MappingError;
+use crate::importers::hloc::FeaturesFile;
 
 /// Features of a file by the name of the image: nothing is extracted.
 ///
@@ -22,11 +23,12 @@ impl StoredFeatures {
     /// networks have them.
     ///
     /// # Errors
-    /// What [`FeaturesFile::open`] says; [`HlocError::Bad`] where no image has keypoints, descriptors have another number of numbers
+    /// What [`FeaturesFile::open`] says; [`MappingError::BadInFile`] where no image has keypoints, descriptors have another number of numbers
     /// than the kind, or the name is none.
-    pub fn open(path: &Path, name: &str, known: Option<DescriptorKind>) -> Result<Self, HlocError> {
+    pub fn open(path: &Path, name: &str, known: Option<DescriptorKind>) -> Result<Self, MappingError> {
         let file = FeaturesFile::open(path)?;
-        let bad = |reason: String| HlocError::Bad { path: path.to_owned(), name: name.to_owned(), reason };
+        let bad =
+            |reason: String| MappingError::BadInFile { path: path.to_owned(), name: name.to_owned(), reason };
         let dim = file
             .dim()?
             .ok_or_else(|| bad("no image in the file has descriptors; extract some first".to_owned()))?;

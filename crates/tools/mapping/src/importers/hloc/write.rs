@@ -8,8 +8,8 @@ use hdf5_pure::{
 };
 use veiloc_map::atomic_file::write_whole;
 
+use crate::MappingError;
 use crate::importers::hloc::binary16;
-use crate::importers::hloc::error::HlocError;
 
 /// Numbers as they are stored.
 pub(crate) enum Values {
@@ -36,9 +36,9 @@ pub(crate) struct Tree {
 
 impl Tree {
     /// Puts datasets into the group of a name with folders.
-    pub(crate) fn put(&mut self, name: &str, datasets: Vec<Written>) -> Result<(), HlocError> {
+    pub(crate) fn put(&mut self, name: &str, datasets: Vec<Written>) -> Result<(), MappingError> {
         let refused =
-            |reason: &str| HlocError::Unwritable { name: name.to_owned(), reason: reason.to_owned() };
+            |reason: &str| MappingError::Unwritable { name: name.to_owned(), reason: reason.to_owned() };
         let mut at = self;
         for part in name.split('/') {
             if part.is_empty() || part == "." || part == ".." {
@@ -57,16 +57,17 @@ impl Tree {
     }
 
     /// Writes the file; the old one stays whole until the new one is.
-    pub(crate) fn save(self, path: &Path) -> Result<(), HlocError> {
+    pub(crate) fn save(self, path: &Path) -> Result<(), MappingError> {
         let mut file = FileBuilder::new();
         for (name, tree) in self.groups {
             let group = file.create_group(&name);
             file.add_group(tree.finish(group));
         }
-        let bytes = file
-            .finish()
-            .map_err(|e| HlocError::Unwritable { name: path.display().to_string(), reason: e.to_string() })?;
-        write_whole(path, &bytes).map_err(|source| HlocError::Io { path: path.to_owned(), source })
+        let bytes = file.finish().map_err(|e| MappingError::Unwritable {
+            name: path.display().to_string(),
+            reason: e.to_string(),
+        })?;
+        write_whole(path, &bytes).map_err(|source| MappingError::Io { path: path.to_owned(), source })
     }
 
     fn finish(self, mut group: GroupBuilder) -> FinishedGroup {

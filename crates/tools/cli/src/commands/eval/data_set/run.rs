@@ -1,6 +1,6 @@
 //! The places of a data set, evaluated one after another, and the document of all of them.
 
-use veiloc_datasets::{Place, PlaceError};
+use veiloc_datasets::{DatasetError, Place};
 use veiloc_evaluation::results::tables::{Format, TableData, TableOptions, tables};
 use veiloc_evaluation::results::{
     DataSetEvaluation, Evaluation, PlaceFacts, PlaceQuery, PlaceSummary, QueryResult, RunFacts, summarize,
@@ -30,7 +30,7 @@ pub(in crate::commands::eval) struct DataSet {
 pub(in crate::commands::eval) fn evaluate(
     data_set: &DataSet,
     places: &[String],
-    read: &dyn Fn(&str) -> Result<Place, PlaceError>,
+    read: &dyn Fn(&str) -> Result<Place, DatasetError>,
     args: &DataSetArgs,
     ui: &Ui,
 ) -> Result<(DataSetEvaluation, Exit), Failure> {
@@ -101,7 +101,7 @@ pub(in crate::commands::eval) fn evaluate(
 }
 
 /// A data set that cannot be read, in words.
-pub(in crate::commands::eval) fn refused(error: PlaceError) -> Failure {
+pub(in crate::commands::eval) fn refused(error: DatasetError) -> Failure {
     Failure::with_help(error.to_string(), "see `docs/data-sets.md` for the layout of each data set")
 }
 

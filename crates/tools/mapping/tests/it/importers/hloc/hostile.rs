@@ -2,14 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_mapping::importers::hloc::{FeaturesFile, GlobalsFile, HlocError, MatchesFile};
+use veiloc_mapping::MappingError;
+use veiloc_mapping::importers::hloc::{FeaturesFile, GlobalsFile, MatchesFile};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/importers/hloc").join(name)
 }
 
 /// Reads all there is; how many images could be read.
-fn read_all(path: &Path) -> Result<usize, HlocError> {
+fn read_all(path: &Path) -> Result<usize, MappingError> {
     let file = FeaturesFile::open(path)?;
     let names = file.names()?;
     Ok(names.iter().filter(|name| file.read(name).is_ok()).count())
@@ -77,8 +78,8 @@ fn what_is_no_hdf5_file_is_told() {
     let path = folder.path().join("feats.h5");
     for bytes in [&b""[..], b"no hdf5 at all", b"\x89HDF\r\n\x1a\n", &[0; 4096]] {
         std::fs::write(&path, bytes).expect("written");
-        assert!(matches!(FeaturesFile::open(&path), Err(HlocError::NotHdf5 { .. })), "{bytes:?}");
+        assert!(matches!(FeaturesFile::open(&path), Err(MappingError::NotHdf5 { .. })), "{bytes:?}");
     }
-    assert!(matches!(FeaturesFile::open(folder.path()), Err(HlocError::Io { .. })));
-    assert!(matches!(FeaturesFile::open(&folder.path().join("none.h5")), Err(HlocError::Io { .. })));
+    assert!(matches!(FeaturesFile::open(folder.path()), Err(MappingError::Io { .. })));
+    assert!(matches!(FeaturesFile::open(&folder.path().join("none.h5")), Err(MappingError::Io { .. })));
 }

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use veiloc_descriptor::{DescriptorKind, Encoding};
 use veiloc_features::{Extractor, FeatureError};
 use veiloc_geometry::Pixel;
+use veiloc_mapping::MappingError;
 use veiloc_mapping::importers::hloc::{
-    FeaturesFile, GlobalsFile, HlocError, ImageFeatures, Match, MatchesFile, StoredFeatures, Vectors,
-    write_features, write_globals, write_matches,
+    FeaturesFile, GlobalsFile, ImageFeatures, Match, MatchesFile, StoredFeatures, Vectors, write_features,
+    write_globals, write_matches,
 };
 
 const IMAGES: [&str; 3] = ["db/a.jpg", "db/sub/b.jpg", "query.png"];
@@ -50,8 +51,8 @@ fn features_are_what_h5py_wrote_in_every_form() {
             assert_eq!(read.descriptors.values, expected.descriptors.values, "{name} {image}");
             assert!(read == expected, "{name} {image}");
         }
-        assert!(matches!(file.read("db/c.jpg"), Err(HlocError::Missing { .. })));
-        assert!(matches!(file.read("db"), Err(HlocError::Missing { .. })));
+        assert!(matches!(file.read("db/c.jpg"), Err(MappingError::MissingInFile { .. })));
+        assert!(matches!(file.read("db"), Err(MappingError::MissingInFile { .. })));
         assert!(!file.holds("../query.png") && !file.holds("/query.png") && !file.holds(""));
     }
 }
@@ -77,9 +78,9 @@ fn what_is_written_is_read_again() {
         assert!(file.read(image).expect("features") == expected(image), "{image}");
     }
     let twice = [("a.jpg".to_owned(), expected(IMAGES[0])), ("a.jpg".to_owned(), expected(IMAGES[1]))];
-    assert!(matches!(write_features(&path, twice), Err(HlocError::Unwritable { .. })));
+    assert!(matches!(write_features(&path, twice), Err(MappingError::Unwritable { .. })));
     let within = [("a".to_owned(), expected(IMAGES[0])), ("a/b".to_owned(), expected(IMAGES[1]))];
-    assert!(matches!(write_features(&path, within), Err(HlocError::Unwritable { .. })));
+    assert!(matches!(write_features(&path, within), Err(MappingError::Unwritable { .. })));
     let empty = ImageFeatures {
         keypoints: Vec::new(),
         scores: Some(Vec::new()),
