@@ -4,7 +4,8 @@
 //! are values of [`Attack`]) on every scheme, each beside the guess, and [`attacks_table`] prints them.
 
 pub use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_image, keypoints_of_images};
+pub use veiloc_evaluation::EvalError;
 pub use veiloc_evaluation::audit::{
     ATTACKS, Answers, Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackSummary, Attempt,
-    AuditError, ImageGroup, Needs, NeighbourSource, attack_groups, attacks_table, evaluate_attacks,
+    ImageGroup, Needs, NeighbourSource, attack_groups, attacks_table, evaluate_attacks,
 };

@@ -1,9 +1,10 @@
-//! What can go wrong in an evaluation, and whose fault it is.
+//! What can go wrong in an evaluation or an audit, and whose fault it is.
 
 use std::path::PathBuf;
 
-/// Why an evaluation could not run.
+/// Why an evaluation, an audit or a training could not run.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum EvalError {
     /// A file could not be read or written.
     #[error("{}: {source}", path.display())]
@@ -25,6 +26,9 @@ pub enum EvalError {
     /// Features of a query could not be extracted.
     #[error(transparent)]
     Extract(#[from] veiloc_obfuscation::ExtractError),
+    /// An image cannot be read, its features not be extracted, or the detector cannot run.
+    #[error(transparent)]
+    Features(#[from] veiloc_features::FeatureError),
     /// The map could not be built or tested.
     #[error(transparent)]
     Mapping(#[from] veiloc_mapping::MappingError),
@@ -34,4 +38,105 @@ pub enum EvalError {
     /// A map could not be cut into regions.
     #[error(transparent)]
     Regions(#[from] veiloc_map::regions::RegionsError),
+    /// An image could not be sealed.
+    #[error("{name}: {source}")]
+    Seal {
+        /// The image.
+        name: String,
+        /// Why.
+        source: veiloc_obfuscation::SealError,
+    },
+    /// An image that is attacked by a server has no matches.
+    #[error("{image}: no problem with matches has this name; the server's file must be of the same images")]
+    NoMatches {
+        /// The image.
+        image: String,
+    },
+    /// Matches of an image are of an image of another size.
+    #[error(
+        "{image}: its matches are of {} x {} pixels, its keypoints of {} x {}",
+        size[0], size[1], expected[0], expected[1]
+    )]
+    OtherSize {
+        /// The image.
+        image: String,
+        /// Width and height in the file of matches, pixels.
+        size: [u32; 2],
+        /// Width and height in the file of keypoints, pixels.
+        expected: [u32; 2],
+    },
+    /// A match is of a keypoint that the image does not have.
+    #[error("{image}: a match is of a keypoint at ({u}, {v}), and the image has none there")]
+    NoSuchKeypoint {
+        /// The image.
+        image: String,
+        /// Column of the keypoint, pixels.
+        u: f64,
+        /// Row of the keypoint, pixels.
+        v: f64,
+    },
+    /// The server could not localize any image, so it knows nothing beside what was sent.
+    #[error(
+        "{scheme}: no trustworthy pose was found for any of {images} images, so the server knows no position"
+    )]
+    NoPose {
+        /// Obfuscation scheme.
+        scheme: String,
+        /// How many images were tried.
+        images: usize,
+    },
+    /// Images are both learned from and judged by.
+    #[error(
+        "{images} images are among those learned from and among those judged by; give images of different places"
+    )]
+    SharedImages {
+        /// How many.
+        images: usize,
+    },
+    /// An image cannot be obfuscated under the scheme.
+    #[error(transparent)]
+    Obfuscate(#[from] veiloc_obfuscation::SealError),
+    /// Descriptors are missing, or of another length than those learned from.
+    #[error(
+        "{image}: descriptors of {found} numbers where {expected} are expected; use the features it was trained with"
+    )]
+    Descriptors {
+        /// The image.
+        image: String,
+        /// Length of its descriptors; 0 where it has none.
+        found: usize,
+        /// Length that was learned.
+        expected: usize,
+    },
+    /// There is nothing to learn from, or nothing to choose the best step by.
+    #[error("there are no images to {0}; give some with keypoints")]
+    Nothing(&'static str),
+    /// A contact sheet cannot be written.
+    #[error("the contact sheet cannot be written: {0}; show fewer images")]
+    Sheet(String),
+    /// No network takes places.
+    #[error("none of the networks takes places; train one with `veiloc train inversion`")]
+    NoNetwork,
+    /// Several networks would answer the same, and only one can.
+    #[error("two of the networks are given {0}; give one, and evaluate the other by itself")]
+    TwoNetworks(String),
+    /// A network that is given no places was to learn which places are wrong.
+    #[error(
+        "which places are wrong is learned by networks that are given places, and this one is given {sees}; use --sees places"
+    )]
+    NoPlaces {
+        /// What it is given.
+        sees: &'static str,
+    },
+    /// A network that sees lines was not told the scheme, or another was.
+    #[error("{found}: {expected}")]
+    Scheme {
+        /// What was given.
+        found: String,
+        /// What would do.
+        expected: &'static str,
+    },
+    /// An attack could not run, a network could not be trained or read, or an image could not be judged.
+    #[error(transparent)]
+    Attack(#[from] veiloc_attacks::AttackError),
 }

@@ -2,13 +2,12 @@
 
 use std::path::Path;
 
+use crate::AttackError;
+use crate::image_metrics::layers::mean_over_pixels;
+use crate::image_metrics::size::one_size;
 use veiloc_features::FeatureError;
 use veiloc_features::learned::{Backbone, Tensor, Weights, WeightsError};
 use veiloc_features::{ColourImage, GrayImage};
-
-use crate::image_metrics::error::JudgeError;
-use crate::image_metrics::layers::mean_over_pixels;
-use crate::image_metrics::size::one_size;
 
 /// Two images through SuperPoint's encoder: one minus the cosine between a pixel's channels in both, averaged over the pixels of
 /// a layer, and over four layers.
@@ -22,8 +21,8 @@ impl FeatureDistance {
     /// Reads the weights: `superpoint_v1.pth`, or a `.npz` with the encoder's tensors under the same names.
     ///
     /// # Errors
-    /// [`JudgeError::Network`] when the file cannot be read or is of another network.
-    pub fn open(path: &Path) -> Result<Self, JudgeError> {
+    /// [`AttackError::Features`] when the file cannot be read or is of another network.
+    pub fn open(path: &Path) -> Result<Self, AttackError> {
         let weights = Weights::open(path)?;
         let unfit = |source| FeatureError::Weights { path: path.to_owned(), source };
         Ok(Self::new(&weights).map_err(unfit)?)
@@ -40,11 +39,11 @@ impl FeatureDistance {
     /// The distance.
     ///
     /// # Errors
-    /// [`JudgeError::Sizes`], [`JudgeError::Small`] for an image with less than 8 pixels, [`JudgeError::Network`].
-    pub fn between(&self, a: &ColourImage, b: &ColourImage) -> Result<f64, JudgeError> {
+    /// [`AttackError::Sizes`], [`AttackError::Small`] for an image with less than 8 pixels, [`AttackError::Features`].
+    pub fn between(&self, a: &ColourImage, b: &ColourImage) -> Result<f64, AttackError> {
         let size = one_size(a, b)?;
         if size[0] < 8 || size[1] < 8 {
-            return Err(JudgeError::Small { size, least: 8 });
+            return Err(AttackError::Small { size, least: 8 });
         }
         let layers = |image: &ColourImage| {
             let gray = GrayImage::from_rgb8(image.width(), image.height(), image.data());

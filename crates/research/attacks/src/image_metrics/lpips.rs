@@ -8,13 +8,12 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use crate::AttackError;
+use crate::image_metrics::layers::mean_over_pixels;
+use crate::image_metrics::size::one_size;
 use veiloc_features::ColourImage;
 use veiloc_features::FeatureError;
 use veiloc_features::learned::{Backbone, Tensor, Weights, WeightsError};
-
-use crate::image_metrics::error::JudgeError;
-use crate::image_metrics::layers::mean_over_pixels;
-use crate::image_metrics::size::one_size;
 
 /// What is taken off red, green and blue, and what they are divided by.
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
@@ -54,8 +53,8 @@ impl Lpips {
     /// same as `.npz`).
     ///
     /// # Errors
-    /// [`JudgeError::Network`] when a file cannot be read or is of another network.
-    pub fn open(network: LpipsNetwork, backbone: &Path, linear: &Path) -> Result<Self, JudgeError> {
+    /// [`AttackError::Features`] when a file cannot be read or is of another network.
+    pub fn open(network: LpipsNetwork, backbone: &Path, linear: &Path) -> Result<Self, AttackError> {
         let unfit = |path: &Path| {
             let path = PathBuf::from(path);
             move |source: WeightsError| FeatureError::Weights { path, source }
@@ -86,8 +85,8 @@ impl Lpips {
     /// The distance, 0 for equal images.
     ///
     /// # Errors
-    /// [`JudgeError::Sizes`], and [`JudgeError::Network`] for images so small that nothing is left of them.
-    pub fn between(&self, a: &ColourImage, b: &ColourImage) -> Result<f64, JudgeError> {
+    /// [`AttackError::Sizes`], and [`AttackError::Features`] for images so small that nothing is left of them.
+    pub fn between(&self, a: &ColourImage, b: &ColourImage) -> Result<f64, AttackError> {
         let [width, height] = one_size(a, b)?;
         let layers = |image: &ColourImage| {
             let mut data = Vec::with_capacity(image.data().len());

@@ -11,7 +11,6 @@
 //! (`scripts/oracle_judge.py`). LPIPS needs two files that nobody may pass on with a program: the user brings them.
 #![forbid(unsafe_code)]
 
-mod error;
 mod feature_distance;
 mod layers;
 mod lpips;
@@ -19,7 +18,6 @@ mod psnr;
 mod size;
 mod ssim;
 
-pub use error::JudgeError;
 pub use feature_distance::FeatureDistance;
 pub use lpips::{Lpips, LpipsNetwork};
 pub use psnr::psnr;

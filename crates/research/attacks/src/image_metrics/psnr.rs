@@ -1,15 +1,14 @@
 //! Peak signal-to-noise ratio.
 
-use veiloc_features::ColourImage;
-
-use crate::image_metrics::error::JudgeError;
+use crate::AttackError;
 use crate::image_metrics::size::one_size;
+use veiloc_features::ColourImage;
 
 /// `10 log10 (255² / mean squared difference)` over all pixels and colours, decibels; infinite for equal images.
 ///
 /// # Errors
-/// [`JudgeError::Sizes`].
-pub fn psnr(a: &ColourImage, b: &ColourImage) -> Result<f64, JudgeError> {
+/// [`AttackError::Sizes`].
+pub fn psnr(a: &ColourImage, b: &ColourImage) -> Result<f64, AttackError> {
     one_size(a, b)?;
     let square = |(x, y): (&u8, &u8)| u64::from(x.abs_diff(*y)).pow(2);
     let sum: u64 = a.data().iter().zip(b.data()).map(square).sum();

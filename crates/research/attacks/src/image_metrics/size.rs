@@ -2,16 +2,16 @@
 
 use veiloc_features::ColourImage;
 
-use crate::image_metrics::error::JudgeError;
+use crate::AttackError;
 
 /// Width and height of both images.
 ///
 /// # Errors
-/// [`JudgeError::Sizes`].
-pub(crate) fn one_size(a: &ColourImage, b: &ColourImage) -> Result<[usize; 2], JudgeError> {
+/// [`AttackError::Sizes`].
+pub(crate) fn one_size(a: &ColourImage, b: &ColourImage) -> Result<[usize; 2], AttackError> {
     let [own, other] = [a, b].map(|image| [image.width(), image.height()]);
     if own != other {
-        return Err(JudgeError::Sizes { sizes: [own, other] });
+        return Err(AttackError::Sizes { sizes: [own, other] });
     }
     Ok(own.map(|side| side as usize))
 }

@@ -9,10 +9,9 @@
 //!
 //! averaged over all windows that lie in the image whole, and over the three colours.
 
-use veiloc_features::ColourImage;
-
-use crate::image_metrics::error::JudgeError;
+use crate::AttackError;
 use crate::image_metrics::size::one_size;
+use veiloc_features::ColourImage;
 
 /// Pixels on either side of a window's middle.
 const RADIUS: usize = 5;
@@ -23,12 +22,12 @@ const C2: f64 = 0.03 * 255.0 * 0.03 * 255.0;
 /// Structural similarity, 1 for equal images.
 ///
 /// # Errors
-/// [`JudgeError::Sizes`], and [`JudgeError::Small`] where no window fits.
-pub fn ssim(a: &ColourImage, b: &ColourImage) -> Result<f64, JudgeError> {
+/// [`AttackError::Sizes`], and [`AttackError::Small`] where no window fits.
+pub fn ssim(a: &ColourImage, b: &ColourImage) -> Result<f64, AttackError> {
     let size = one_size(a, b)?;
     let least = 2 * RADIUS + 1;
     if size[0] < least || size[1] < least {
-        return Err(JudgeError::Small { size, least });
+        return Err(AttackError::Small { size, least });
     }
     let window = window();
     let mut sum = 0.0;

@@ -12,11 +12,9 @@
 #![forbid(unsafe_code)]
 
 mod engine;
-mod error;
 pub mod neighbours;
 mod options;
 pub mod positions;
 
 pub use crate::training::{CurvePoint, Progress, Trained, TrainingState};
-pub use error::NetworkError;
 pub use options::TrainingOptions;

@@ -1,10 +1,10 @@
 //! What can be chosen in the training of any network.
 
+use crate::AttackError;
 use crate::KnownImage;
-use crate::training::{Course, TrainingError, fingerprint};
+use crate::training::{Course, fingerprint};
 
 use crate::learned::engine::encoder::Shape;
-use crate::learned::error::NetworkError;
 
 /// How a network is trained.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,20 +58,20 @@ const MOST_WIDTH: usize = 1 << 11;
 const MOST_LAYERS: usize = 64;
 
 /// What is wrong with a whole number.
-pub(crate) fn refuse(name: &'static str, value: usize, allowed: &'static str) -> NetworkError {
-    TrainingError::refuse(name, value, allowed).into()
+pub(crate) fn refuse(name: &'static str, value: usize, allowed: &'static str) -> AttackError {
+    AttackError::refuse(name, value, allowed)
 }
 
 impl TrainingOptions {
     /// Everything but the shape.
-    pub(crate) fn check(&self) -> Result<(), NetworkError> {
+    pub(crate) fn check(&self) -> Result<(), AttackError> {
         self.course().check()?;
         if self.keypoints < 2 {
             return Err(refuse("keypoints", self.keypoints, "at least 2"));
         }
         if !(0.0..0.95).contains(&self.dropout) {
             let allowed = "a share from 0 to below 0.95";
-            return Err(TrainingError::Option { name: "dropout", value: self.dropout, allowed }.into());
+            return Err(AttackError::Option { name: "dropout", value: self.dropout, allowed });
         }
         Ok(())
     }
@@ -109,7 +109,7 @@ impl TrainingOptions {
 
 impl Shape {
     /// Whether such a network can be.
-    pub(crate) fn check(&self) -> Result<(), NetworkError> {
+    pub(crate) fn check(&self) -> Result<(), AttackError> {
         if !(1..=MOST_INPUTS).contains(&self.inputs) {
             return Err(refuse("inputs", self.inputs, "a number from 1 to 8192"));
         }

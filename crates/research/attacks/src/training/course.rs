@@ -1,6 +1,6 @@
 //! How long a network is trained, and how fast it learns.
 
-use crate::training::error::TrainingError;
+use crate::AttackError;
 
 /// The course of a training, whatever is learned.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,13 +23,13 @@ impl Course {
     /// Whether there can be such a training.
     ///
     /// # Errors
-    /// [`TrainingError::Option`].
-    pub fn check(&self) -> Result<(), TrainingError> {
+    /// [`AttackError::Option`].
+    pub fn check(&self) -> Result<(), AttackError> {
         for (name, value) in
             [("steps", self.steps), ("images", self.images), ("validate_every", self.validate_every)]
         {
             if value == 0 {
-                return Err(TrainingError::refuse(name, value, "at least 1"));
+                return Err(AttackError::refuse(name, value, "at least 1"));
             }
         }
         let reals = [
@@ -38,7 +38,7 @@ impl Course {
         ];
         for (name, value, good, allowed) in reals {
             if !good || !value.is_finite() {
-                return Err(TrainingError::Option { name, value, allowed });
+                return Err(AttackError::Option { name, value, allowed });
             }
         }
         Ok(())

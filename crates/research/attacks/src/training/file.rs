@@ -11,7 +11,7 @@
 
 use xxhash_rust::xxh3::xxh3_64;
 
-use crate::training::error::TrainingError;
+use crate::AttackError;
 
 /// What a file is.
 #[derive(Debug, Clone, Copy)]
@@ -88,15 +88,15 @@ impl<'a> Reader<'a> {
     /// Checks magic and version.
     ///
     /// # Errors
-    /// [`TrainingError::NotANetwork`], [`TrainingError::Version`].
-    pub fn new(bytes: &'a [u8], format: &Format) -> Result<Self, TrainingError> {
+    /// [`AttackError::NotANetwork`], [`AttackError::Version`].
+    pub fn new(bytes: &'a [u8], format: &Format) -> Result<Self, AttackError> {
         if !bytes.starts_with(format.magic) {
-            return Err(TrainingError::NotANetwork { expected: format.expected });
+            return Err(AttackError::NotANetwork { expected: format.expected });
         }
         let mut reader = Self { all: bytes, at: 8 };
         let found = reader.word()?;
         if found != format.version {
-            return Err(TrainingError::Version { found, expected: format.version });
+            return Err(AttackError::Version { found, expected: format.version });
         }
         Ok(reader)
     }
@@ -104,19 +104,19 @@ impl<'a> Reader<'a> {
     /// Checks that so many bytes of head were read and `body` follow, and that all are those that were written.
     ///
     /// # Errors
-    /// [`TrainingError::Length`], [`TrainingError::Checksum`].
-    pub fn seal(&self, body: u64) -> Result<(), TrainingError> {
+    /// [`AttackError::Length`], [`AttackError::Checksum`].
+    pub fn seal(&self, body: u64) -> Result<(), AttackError> {
         let expected = self.at as u64 + body + TAIL as u64;
         if self.all.len() as u64 != expected {
-            return Err(TrainingError::Length { found: self.all.len(), expected });
+            return Err(AttackError::Length { found: self.all.len(), expected });
         }
         let (written, checksum) = self.all.split_at(self.all.len() - TAIL);
-        if checksum == xxh3_64(written).to_le_bytes() { Ok(()) } else { Err(TrainingError::Checksum) }
+        if checksum == xxh3_64(written).to_le_bytes() { Ok(()) } else { Err(AttackError::Checksum) }
     }
 
-    fn take<const N: usize>(&mut self) -> Result<[u8; N], TrainingError> {
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], AttackError> {
         let cut_short =
-            TrainingError::Length { found: self.all.len(), expected: (self.at.max(FRONT) + N + TAIL) as u64 };
+            AttackError::Length { found: self.all.len(), expected: (self.at.max(FRONT) + N + TAIL) as u64 };
         let some = self.all.get(self.at..self.at + N).ok_or(cut_short)?;
         self.at += N;
         Ok(some.try_into().expect("as many as were taken"))
@@ -125,19 +125,19 @@ impl<'a> Reader<'a> {
     /// The next small whole number.
     ///
     /// # Errors
-    /// [`TrainingError::Length`] where the file ends before.
-    pub fn word(&mut self) -> Result<u32, TrainingError> {
+    /// [`AttackError::Length`] where the file ends before.
+    pub fn word(&mut self) -> Result<u32, AttackError> {
         Ok(u32::from_le_bytes(self.take()?))
     }
 
     /// The next text, what is no UTF-8 replaced. `what` names it in messages.
     ///
     /// # Errors
-    /// [`TrainingError`] where it is longer than any honest one, or the file ends before.
-    pub fn text(&mut self, what: &'static str) -> Result<String, TrainingError> {
+    /// [`AttackError`] where it is longer than any honest one, or the file ends before.
+    pub fn text(&mut self, what: &'static str) -> Result<String, AttackError> {
         let length = self.word()? as usize;
         if length > LONGEST_TEXT {
-            return Err(TrainingError::refuse(what, length, "up to 1024"));
+            return Err(AttackError::refuse(what, length, "up to 1024"));
         }
         let mut text = Vec::new();
         while text.len() < length {
@@ -151,7 +151,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// As [`Self::word`].
-    pub fn long(&mut self) -> Result<u64, TrainingError> {
+    pub fn long(&mut self) -> Result<u64, AttackError> {
         Ok(u64::from_le_bytes(self.take()?))
     }
 
@@ -159,20 +159,20 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// As [`Self::word`].
-    pub fn real(&mut self) -> Result<f64, TrainingError> {
+    pub fn real(&mut self) -> Result<f64, AttackError> {
         Ok(f64::from_bits(self.long()?))
     }
 
     /// So many numbers, finite ones. Only behind [`Self::seal`], which knows that they are there.
     ///
     /// # Errors
-    /// [`TrainingError::NotFinite`].
-    pub fn numbers(&mut self, count: usize) -> Result<Vec<f32>, TrainingError> {
+    /// [`AttackError::NotFinite`].
+    pub fn numbers(&mut self, count: usize) -> Result<Vec<f32>, AttackError> {
         let mut numbers = Vec::with_capacity(count);
         for _ in 0..count {
             let number = f32::from_le_bytes(self.take()?);
             if !number.is_finite() {
-                return Err(TrainingError::NotFinite);
+                return Err(AttackError::NotFinite);
             }
             numbers.push(number);
         }

@@ -10,8 +10,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use crate::AttackError;
 use crate::training::course::Course;
-use crate::training::error::TrainingError;
 use crate::training::optimizer::Memory;
 use crate::training::schedule::learning_rate;
 use crate::training::state::{Best, CurvePoint, TrainingState};
@@ -53,18 +53,18 @@ pub struct Trained<N> {
 /// are entries of matrices ([`Places::decaying`](crate::training::layers::Places::decaying)).
 ///
 /// # Errors
-/// [`TrainingError::Diverged`] when loss or slopes are no numbers any more.
+/// [`AttackError::Diverged`] when loss or slopes are no numbers any more.
 pub fn learn(
     subject: &impl Subject,
     decays: &[bool],
     options: &Course,
     mut state: TrainingState,
     mut observe: impl FnMut(Progress<'_>) -> ControlFlow<()>,
-) -> Result<Trained<Vec<f32>>, TrainingError> {
+) -> Result<Trained<Vec<f32>>, AttackError> {
     while state.step < options.steps {
         let (loss, mut slopes) = slopes(subject, &state.numbers, options, state.step);
         if !loss.is_finite() || slopes.iter().any(|s| !s.is_finite()) {
-            return Err(TrainingError::Diverged { step: state.step });
+            return Err(AttackError::Diverged { step: state.step });
         }
         let rate = learning_rate(options.learning_rate, state.step, options.steps);
         let how = (rate, options.weight_decay);
@@ -118,12 +118,12 @@ fn slopes(subject: &impl Subject, numbers: &[f32], options: &Course, step: usize
 /// What a first state begins with, and what a later one must have begun with.
 ///
 /// # Errors
-/// [`TrainingError::OtherTraining`] when the earlier training was another one.
+/// [`AttackError::OtherTraining`] when the earlier training was another one.
 pub fn begin(
     numbers: Vec<f32>,
     fingerprint: u64,
     earlier: Option<TrainingState>,
-) -> Result<TrainingState, TrainingError> {
+) -> Result<TrainingState, AttackError> {
     match earlier {
         None => Ok(TrainingState {
             fingerprint,
@@ -136,6 +136,6 @@ pub fn begin(
             since: 0,
         }),
         Some(state) if state.fingerprint == fingerprint && state.numbers.len() == numbers.len() => Ok(state),
-        Some(_) => Err(TrainingError::OtherTraining),
+        Some(_) => Err(AttackError::OtherTraining),
     }
 }

@@ -11,7 +11,6 @@
 #![forbid(unsafe_code)]
 
 mod course;
-mod error;
 pub mod file;
 pub mod layers;
 mod learn;
@@ -22,7 +21,6 @@ mod state;
 use veiloc_geometry::nalgebra::DMatrix;
 
 pub use course::Course;
-pub use error::TrainingError;
 pub use learn::{Progress, Subject, Trained, begin, learn};
 pub use state::{CurvePoint, TrainingState, fingerprint};
 

@@ -13,11 +13,10 @@
 //! ```
 //! Little-endian throughout.
 
-use xxhash_rust::xxh3::Xxh3;
-
-use crate::training::error::TrainingError;
+use crate::AttackError;
 use crate::training::file::{Format, Reader, Writer};
 use crate::training::optimizer::Memory;
+use xxhash_rust::xxh3::Xxh3;
 
 const FORMAT: Format = Format {
     magic: b"VLTRAINS",
@@ -100,8 +99,8 @@ impl TrainingState {
     /// From the bytes of its file.
     ///
     /// # Errors
-    /// [`TrainingError`] saying what is wrong: no training, another version, cut short, damaged.
-    pub fn decode(bytes: &[u8]) -> Result<Self, TrainingError> {
+    /// [`AttackError`] saying what is wrong: no training, another version, cut short, damaged.
+    pub fn decode(bytes: &[u8]) -> Result<Self, AttackError> {
         let mut file = Reader::new(bytes, &FORMAT)?;
         let fingerprint = file.long()?;
         let mut counts = [0u64; 5];

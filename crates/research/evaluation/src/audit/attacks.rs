@@ -10,8 +10,8 @@ use veiloc_attacks::{
     guided_transfer, iterative, server_side,
 };
 
+use crate::EvalError;
 use crate::audit::attempt::{Answers, Attempt};
-use crate::audit::error::AuditError;
 
 /// An attack that recovers positions of keypoints. Those of this crate are in [`ATTACKS`]; another is a value of this type
 /// that a caller puts beside them in [`crate::audit::AttackEvaluation::attacks`].
@@ -27,7 +27,7 @@ pub struct Attack {
     /// The same for the program.
     pub needs: Needs,
     /// Runs it. The generator is seeded by image and scheme.
-    pub run: fn(&Attempt<'_>, &mut ChaCha8Rng) -> Result<Answers, AuditError>,
+    pub run: fn(&Attempt<'_>, &mut ChaCha8Rng) -> Result<Answers, EvalError>,
 }
 
 /// What an attack needs beside what was sent.
@@ -222,22 +222,22 @@ impl Attack {
     };
 }
 
-fn closed(a: &Attempt<'_>, options: &ClosedFormOptions) -> Result<Answers, AuditError> {
+fn closed(a: &Attempt<'_>, options: &ClosedFormOptions) -> Result<Answers, EvalError> {
     let answers = closed_form(a.observations, a.neighbours, a.size.0, a.size.1, options)?;
     Ok(answers.iter().map(|a| a.pixel).collect::<Vec<_>>().into())
 }
 
-fn served(a: &Attempt<'_>, lines: LineNeighbours) -> Result<Answers, AuditError> {
+fn served(a: &Attempt<'_>, lines: LineNeighbours) -> Result<Answers, EvalError> {
     let answers = server_side(a.observations, a.neighbours, a.size.0, a.size.1, lines)?;
     Ok(answers.iter().map(|a| a.pixel).collect::<Vec<_>>().into())
 }
 
-fn laid_out(a: &Attempt<'_>, options: &GraphOptions, rng: &mut ChaCha8Rng) -> Result<Answers, AuditError> {
+fn laid_out(a: &Attempt<'_>, options: &GraphOptions, rng: &mut ChaCha8Rng) -> Result<Answers, EvalError> {
     Ok(graph(a.observations, a.neighbours, a.size.0, a.size.1, options, rng)?.pixels.into())
 }
 
 /// Positions from warped map images where the server believes them, and of the plain transfer elsewhere.
-fn guided(a: &Attempt<'_>) -> Result<Answers, AuditError> {
+fn guided(a: &Attempt<'_>) -> Result<Answers, EvalError> {
     let own = a.images[a.own].descriptors();
     let others = a.images.iter().enumerate().filter(|(i, _)| *i != a.own);
     let map: Vec<KnownImage> = others.map(|(_, p)| p.clone()).collect();

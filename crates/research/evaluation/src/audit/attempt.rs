@@ -1,14 +1,13 @@
 //! One attack on one image: what the attacker holds, and what they answer.
 
+use crate::EvalError;
+use crate::audit::outsider::TrainedPositions;
+use crate::audit::sightings::{FrameChoice, sighted};
+use crate::audit::view::View;
 use veiloc_attacks::multi_view::{RestingOptions, Sighted, resting_camera};
 use veiloc_attacks::{Density, Descriptors, KnownImage, NeighbourLists, Observation, Transfer, prior_only};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
-
-use crate::audit::error::AuditError;
-use crate::audit::outsider::TrainedPositions;
-use crate::audit::sightings::{FrameChoice, sighted};
-use crate::audit::view::View;
 
 /// What an attacker holds of one image. `[N]`: one entry a keypoint, in the order of the rows.
 #[derive(Clone, Copy)]
@@ -77,7 +76,7 @@ impl Attempt<'_> {
     }
 
     /// Where the trained network puts the keypoints; the guess where there is none for the scheme.
-    pub(crate) fn by_training(&self) -> Result<Answers, AuditError> {
+    pub(crate) fn by_training(&self) -> Result<Answers, EvalError> {
         let found = match self.descriptors {
             Some(descriptors) => {
                 self.trained.recover(self.scheme, self.observations, descriptors, self.size)?
@@ -88,7 +87,7 @@ impl Attempt<'_> {
     }
 
     /// What the scatter of several seals' angles tells; the guess where it tells nothing.
-    pub(crate) fn by_scatter(&self) -> Result<Answers, AuditError> {
+    pub(crate) fn by_scatter(&self) -> Result<Answers, EvalError> {
         let others: Vec<Vec<Option<Observation>>> =
             self.seals.iter().map(|seal| seal.iter().copied().map(Some).collect()).collect();
         let found = resting_camera(self.observations, &others, self.size, &self.codes)?;
@@ -101,10 +100,10 @@ impl Attempt<'_> {
     }
 
     /// What several frames tell about the image; the guess where they tell nothing.
-    pub(crate) fn by_frames(&self) -> Result<Answers, AuditError> {
+    pub(crate) fn by_frames(&self) -> Result<Answers, EvalError> {
         let frames = self.frames.unwrap_or(0);
         if self.views.len() < frames {
-            return Err(AuditError::Options(format!(
+            return Err(EvalError::Options(format!(
                 "{frames} frames are asked for, and the file of {} has {} images",
                 self.name,
                 self.views.len()

@@ -10,7 +10,6 @@
 mod attacks;
 mod attempt;
 mod document;
-mod error;
 mod findings;
 mod gate;
 mod neighbours;
@@ -28,7 +27,6 @@ mod view;
 pub use attacks::{ATTACKS, Attack, Needs, UnknownAttack};
 pub use attempt::{Answers, Attempt};
 pub use document::{AttackDocument, AttackSummary, ServerSummary, attacks_table};
-pub use error::AuditError;
 pub use findings::{
     Audit, AuditDocument, AuditOptions, AuditPart, Gallery, Part, Sentence, Shown, ShownAttack, ShownScheme,
     Spread, base_share, capital, conclusion, count, findings, needs, percent, px, run_audit, scheme_words,

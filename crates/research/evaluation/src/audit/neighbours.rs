@@ -7,9 +7,9 @@ use serde::Serialize;
 use veiloc_attacks::{
     AttackError, Descriptors, KnownImage, NeighbourLists, NeighbourPredictor, Transfer, transfer,
 };
-
-use crate::audit::error::AuditError;
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
+
+use crate::EvalError;
 
 /// Who tells the attacker which keypoints are neighbours.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -77,7 +77,7 @@ impl NeighbourSource {
         &self,
         attacked: &[&KeypointImage],
         k: usize,
-    ) -> Result<Option<Predictor>, AuditError> {
+    ) -> Result<Option<Predictor>, EvalError> {
         match self {
             Self::Oracle | Self::Transferred => Ok(None),
             Self::Network { model } => read_network(model).map(Some),
@@ -113,15 +113,15 @@ impl Predictor {
     }
 }
 
-fn read_network(model: &Path) -> Result<Predictor, AuditError> {
-    let bytes = std::fs::read(model).map_err(|source| AuditError::Io { path: model.to_owned(), source })?;
+fn read_network(model: &Path) -> Result<Predictor, EvalError> {
+    let bytes = std::fs::read(model).map_err(|source| EvalError::Io { path: model.to_owned(), source })?;
     let network = veiloc_attacks::learned::neighbours::NeighbourNetwork::decode(&bytes)
-        .map_err(|e| AuditError::DataSet(format!("{}: {e}", model.display())))?;
+        .map_err(|e| EvalError::DataSet(format!("{}: {e}", model.display())))?;
     Ok(Predictor::Network(Box::new(network)))
 }
 
 /// An image with everything that is known of it.
-pub(super) fn known(image: &KeypointImage) -> Result<KnownImage, AuditError> {
+pub(super) fn known(image: &KeypointImage) -> Result<KnownImage, EvalError> {
     let descriptors = descriptors(image)?;
     Ok(KnownImage::new(image.keypoints.clone(), descriptors, image.width, image.height)?)
 }
@@ -138,9 +138,9 @@ pub(super) fn from_others(
     transfer(known[own].descriptors(), &map, size, MAP_IMAGES, k)
 }
 
-pub(super) fn descriptors(image: &KeypointImage) -> Result<Descriptors, AuditError> {
+pub(super) fn descriptors(image: &KeypointImage) -> Result<Descriptors, EvalError> {
     let Some((bytes, dimension)) = &image.descriptors else {
-        return Err(AuditError::Options(format!(
+        return Err(EvalError::Options(format!(
             "{} comes without descriptors, and this attack reads them",
             image.name
         )));

@@ -6,7 +6,7 @@ use veiloc_attacks::{Descriptors, Observation};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
 
-use crate::audit::error::AuditError;
+use crate::EvalError;
 
 /// What an outsider has trained, see `veiloc train positions`.
 #[derive(Debug, Default)]
@@ -18,13 +18,12 @@ impl TrainedPositions {
     /// From their files.
     ///
     /// # Errors
-    /// [`AuditError`] when a file is no network, or there are two of one scheme.
-    pub fn read(files: &[PathBuf]) -> Result<Self, AuditError> {
+    /// [`EvalError`] when a file is no network, or there are two of one scheme.
+    pub fn read(files: &[PathBuf]) -> Result<Self, EvalError> {
         let mut networks: Vec<veiloc_attacks::learned::positions::PositionNetwork> = Vec::new();
         for file in files {
-            let fault = |why: String| AuditError::DataSet(format!("{}: {why}", file.display()));
-            let bytes =
-                std::fs::read(file).map_err(|source| AuditError::Io { path: file.clone(), source })?;
+            let fault = |why: String| EvalError::DataSet(format!("{}: {why}", file.display()));
+            let bytes = std::fs::read(file).map_err(|source| EvalError::Io { path: file.clone(), source })?;
             let network = veiloc_attacks::learned::positions::PositionNetwork::decode(&bytes)
                 .map_err(|e| fault(e.to_string()))?;
             if networks.iter().any(|other| other.scheme() == network.scheme()) {
@@ -47,7 +46,7 @@ impl TrainedPositions {
         observations: &[Observation],
         descriptors: &Descriptors,
         (width, height): (u32, u32),
-    ) -> Result<Option<Vec<Pixel>>, AuditError> {
+    ) -> Result<Option<Vec<Pixel>>, EvalError> {
         let Some(network) = self.networks.iter().find(|n| n.scheme() == scheme) else { return Ok(None) };
         let found =
             veiloc_attacks::learned::positions::recover(network, observations, descriptors, width, height)?;

@@ -7,7 +7,7 @@ use super::attacks::Attack;
 use super::document::AttackSummary;
 use super::neighbours::NeighbourSource;
 use super::options::AttackEvaluation;
-use crate::audit::error::AuditError;
+use crate::EvalError;
 use crate::audit::outsider::TrainedPositions;
 use crate::results::metrics::median;
 
@@ -26,8 +26,8 @@ pub(super) struct Row {
 }
 
 /// Refuses what makes no sense together.
-pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), AuditError> {
-    let refuse = |why: String| Err(AuditError::Options(why));
+pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), EvalError> {
+    let refuse = |why: String| Err(EvalError::Options(why));
     if evaluation.k == 0 && evaluation.attacks.iter().any(|a| a.needs.neighbours) {
         return refuse("attacks by neighbours need one neighbour a keypoint at least".to_owned());
     }

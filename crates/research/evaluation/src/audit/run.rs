@@ -23,10 +23,11 @@ use super::outsider::TrainedPositions;
 use super::rows::{Row, check, rows, summary};
 use super::server::{Server, Tally, send, send_again};
 use super::view::View;
-use crate::audit::error::AuditError;
 use veiloc_datasets::problem_files::json_lines;
 use veiloc_datasets::problem_files::seed_for;
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints, synthetic_image};
+
+use crate::EvalError;
 
 /// What an image sends under one scheme, and how far off the guess from it is.
 struct Sent {
@@ -56,11 +57,11 @@ struct Held<'a> {
 /// Attacks everything; `advance` is called with the work done and all of it.
 ///
 /// # Errors
-/// [`AuditError`] when a file cannot be read, holds nothing, or has a keypoint that no scheme can send.
+/// [`EvalError`] when a file cannot be read, holds nothing, or has a keypoint that no scheme can send.
 pub fn evaluate_attacks(
     evaluation: &AttackEvaluation,
     advance: impl FnMut(usize, usize),
-) -> Result<AttackDocument, AuditError> {
+) -> Result<AttackDocument, EvalError> {
     attack_groups(evaluation, Vec::new(), &mut Progress(advance))
 }
 
@@ -74,7 +75,7 @@ pub fn attack_groups(
     evaluation: &AttackEvaluation,
     groups: Vec<ImageGroup>,
     observer: &mut dyn AttackObserver,
-) -> Result<AttackDocument, AuditError> {
+) -> Result<AttackDocument, EvalError> {
     check(evaluation)?;
     let server = evaluation.server.as_ref().map(Server::new).transpose()?;
     let (mut data, mut groups): (Vec<String>, Vec<Vec<KeypointImage>>) =
@@ -189,7 +190,7 @@ fn seen(
     evaluation: &AttackEvaluation,
     server: &Server<'_>,
     images: &[KeypointImage],
-) -> Result<BTreeMap<String, Vec<View>>, AuditError> {
+) -> Result<BTreeMap<String, Vec<View>>, EvalError> {
     let mut views = BTreeMap::new();
     for scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
         let of_scheme = images.iter().map(|p| server.view(evaluation, p, *scheme));
@@ -210,7 +211,7 @@ fn attack_image(
     held: &Held<'_>,
     rows: &mut [Row],
     attacked: &mut dyn FnMut(&AttackTrial<'_>),
-) -> Result<(), AuditError> {
+) -> Result<(), EvalError> {
     let truth = &image.keypoints;
     let mut sent: Option<Sent> = None;
     for row in rows {
@@ -265,7 +266,7 @@ fn attack_image(
         };
         let answers = (row.attack.run)(&attempt, &mut rng("attack"))?;
         if answers.pixels.len() != truth.len() {
-            return Err(AuditError::Options(format!(
+            return Err(EvalError::Options(format!(
                 "the attack {} answered {} of {} keypoints",
                 row.attack,
                 answers.pixels.len(),

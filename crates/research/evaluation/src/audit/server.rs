@@ -18,7 +18,7 @@ use super::document::ServerSummary;
 use super::options::{AttackEvaluation, Measured, ServerKnowledge};
 use super::private::person;
 use super::view::{Posed, View};
-use crate::audit::error::AuditError;
+use crate::EvalError;
 use crate::pose::pose_problem;
 use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_datasets::problem_files::seed_for;
@@ -36,7 +36,7 @@ const FARTHER: f64 = 2.0;
 
 impl<'a> Server<'a> {
     /// Reads the matches.
-    pub(super) fn new(knowledge: &'a ServerKnowledge) -> Result<Self, AuditError> {
+    pub(super) fn new(knowledge: &'a ServerKnowledge) -> Result<Self, EvalError> {
         let mut problems = BTreeMap::new();
         for file in &knowledge.problems {
             problems.extend(read_problems(file)?.into_iter().map(|p| (p.name.clone(), p)));
@@ -50,12 +50,12 @@ impl<'a> Server<'a> {
         evaluation: &AttackEvaluation,
         image: &KeypointImage,
         scheme: Scheme,
-    ) -> Result<View, AuditError> {
+    ) -> Result<View, EvalError> {
         let name = &image.name;
-        let problem = self.problems.get(name).ok_or_else(|| AuditError::NoMatches { image: name.clone() })?;
+        let problem = self.problems.get(name).ok_or_else(|| EvalError::NoMatches { image: name.clone() })?;
         let (size, expected) = ([problem.camera.width, problem.camera.height], [image.width, image.height]);
         if size != expected {
-            return Err(AuditError::OtherSize { image: name.clone(), size, expected });
+            return Err(EvalError::OtherSize { image: name.clone(), size, expected });
         }
         let rows = rows_of(problem, image)?;
         let private = self.knowledge.private.map(|share| {
@@ -138,12 +138,12 @@ pub(super) fn send(
     evaluation: &AttackEvaluation,
     image: &KeypointImage,
     scheme: Scheme,
-) -> Result<Observations, AuditError> {
+) -> Result<Observations, EvalError> {
     let seed = seed_for(evaluation.seed, &[&image.name, &scheme.to_string(), "sent"]);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (width, height) = (image.width, image.height);
     obfuscate_points(&image.keypoints, width, height, &scheme, evaluation.angle_bits, &mut rng)
-        .map_err(|source| AuditError::Seal { name: image.name.clone(), source })
+        .map_err(|source| EvalError::Seal { name: image.name.clone(), source })
 }
 
 /// What another seal of the image tells, or a frame of the same camera at rest: as many rows, in the same order.
@@ -152,7 +152,7 @@ pub(super) fn send_again(
     image: &KeypointImage,
     scheme: Scheme,
     number: usize,
-) -> Result<Vec<Observation>, AuditError> {
+) -> Result<Vec<Observation>, EvalError> {
     let again = format!("sent again {number}");
     let seed = seed_for(evaluation.seed, &[&image.name, &scheme.to_string(), &again]);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -168,7 +168,7 @@ pub(super) fn send_again(
         })
         .collect();
     let sent = obfuscate_points(&seen, width, height, &scheme, evaluation.angle_bits, &mut rng)
-        .map_err(|source| AuditError::Seal { name: image.name.clone(), source })?;
+        .map_err(|source| EvalError::Seal { name: image.name.clone(), source })?;
     Ok(Observation::of_sent(&sent))
 }
 
@@ -183,7 +183,7 @@ fn gaussian_pair(rng: &mut ChaCha8Rng) -> [f64; 2] {
 const SAME_PX: f64 = 0.005;
 
 /// For each match the image's keypoints at its place (SIFT finds several orientations at one), one at least.
-fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, AuditError> {
+fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, EvalError> {
     // Cells twice as wide as the tolerance: a keypoint and its like lie in the same or in adjacent cells.
     let cell = |p: &Pixel| [p.u, p.v].map(|x| (x / (2.0 * SAME_PX)).floor() as i64);
     let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
@@ -205,7 +205,7 @@ fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, 
     let of_keypoint: Vec<Vec<usize>> = problem.keypoints.iter().map(at).collect();
     if let Some(missing) = of_keypoint.iter().position(Vec::is_empty) {
         let [u, v] = [problem.keypoints[missing].u, problem.keypoints[missing].v];
-        return Err(AuditError::NoSuchKeypoint { image: image.name.clone(), u, v });
+        return Err(EvalError::NoSuchKeypoint { image: image.name.clone(), u, v });
     }
     Ok(problem.keypoint_of_match.iter().map(|k| of_keypoint[*k].clone()).collect())
 }
@@ -253,10 +253,10 @@ impl Tally {
     }
 
     /// # Errors
-    /// [`AuditError::NoPose`] when no pose was found for any image: the server knows nothing then.
-    pub(super) fn summary(&self, scheme: Scheme) -> Result<ServerSummary, AuditError> {
+    /// [`EvalError::NoPose`] when no pose was found for any image: the server knows nothing then.
+    pub(super) fn summary(&self, scheme: Scheme) -> Result<ServerSummary, EvalError> {
         if self.posed == 0 {
-            return Err(AuditError::NoPose { scheme: scheme.to_string(), images: self.images });
+            return Err(EvalError::NoPose { scheme: scheme.to_string(), images: self.images });
         }
         let errors = ErrorSummary::of(&self.errors);
         let share = |count: usize| count as f64 / self.keypoints.max(1) as f64;

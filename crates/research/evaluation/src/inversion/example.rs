@@ -1,5 +1,10 @@
 //! An image to learn from: its colours on the grid, and its keypoints with descriptors.
 
+use crate::EvalError;
+use crate::inversion::network::{Grid, Placed, Sees};
+use crate::inversion::pixels::{on_grid, to_bytes};
+use crate::inversion::places;
+use crate::inversion::task::InversionTask;
 use rand::Rng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -10,12 +15,6 @@ use veiloc_features::ColourImage;
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::SealError;
 use veiloc_obfuscation::audit::obfuscate_points;
-
-use crate::inversion::error::InversionError;
-use crate::inversion::network::{Grid, Placed, Sees};
-use crate::inversion::pixels::{on_grid, to_bytes};
-use crate::inversion::places;
-use crate::inversion::task::InversionTask;
 
 /// By how much the larger version of an image exceeds the grid, in eighths: parts of it are drawn.
 const LARGER: usize = 10;
@@ -51,12 +50,12 @@ impl Example {
     /// Of an image and its keypoints with descriptors; the image may be larger than `keypoints` say that it is.
     ///
     /// # Errors
-    /// [`InversionError::Descriptors`] when there are none, or they are of another length than the network takes.
+    /// [`EvalError::Descriptors`] when there are none, or they are of another length than the network takes.
     pub fn new(
         image: &ColourImage,
         keypoints: &KeypointImage,
         task: &InversionTask,
-    ) -> Result<Self, InversionError> {
+    ) -> Result<Self, EvalError> {
         let (descriptors, dimension) = descriptors(keypoints, task.shape.dimension)?;
         let size = [keypoints.width, keypoints.height];
         let grid = task.shape.grid(size);
@@ -164,10 +163,10 @@ impl Example {
 }
 
 /// Descriptors of an image and their length, which must be this.
-pub(crate) fn descriptors(image: &KeypointImage, expected: usize) -> Result<(&[u8], usize), InversionError> {
+pub(crate) fn descriptors(image: &KeypointImage, expected: usize) -> Result<(&[u8], usize), EvalError> {
     match &image.descriptors {
         Some((bytes, dimension)) if *dimension == expected => Ok((bytes, *dimension)),
-        other => Err(InversionError::Descriptors {
+        other => Err(EvalError::Descriptors {
             image: image.name.clone(),
             found: other.as_ref().map_or(0, |(_, dimension)| *dimension),
             expected,

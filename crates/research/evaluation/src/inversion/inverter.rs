@@ -10,19 +10,18 @@
 //! checksum              u64, XXH3 of all that stands before
 //! ```
 
+use crate::EvalError;
+use crate::inversion::example::{columns, descriptors};
+use crate::inversion::network::{Form, Grid, Made, Network, Placed, Sees, Shape};
+use crate::inversion::pixels::to_image;
+use crate::inversion::places;
+use veiloc_attacks::AttackError;
 use veiloc_attacks::Observation;
-use veiloc_attacks::training::TrainingError;
 use veiloc_attacks::training::file::{Format, Reader, Writer};
 use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_features::ColourImage;
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
-
-use crate::inversion::error::InversionError;
-use crate::inversion::example::{columns, descriptors};
-use crate::inversion::network::{Form, Grid, Made, Network, Placed, Sees, Shape};
-use crate::inversion::pixels::to_image;
-use crate::inversion::places;
 
 /// What networks of each form are written as.
 const FORMATS: [(Form, Format); 2] = [
@@ -74,13 +73,13 @@ impl Inverter {
     /// not read. `times`: of the view, each side so many times the image's, the image in its middle; 1 for the image itself.
     ///
     /// # Errors
-    /// [`InversionError::Descriptors`] for descriptors of another length than those learned from.
+    /// [`EvalError::Descriptors`] for descriptors of another length than those learned from.
     pub fn invert(
         &self,
         image: &KeypointImage,
         known: Known<'_>,
         times: u32,
-    ) -> Result<ColourImage, InversionError> {
+    ) -> Result<ColourImage, EvalError> {
         let (placed, made) = self.made(image, known, times)?;
         Ok(to_image(&made.colours, placed.grid))
     }
@@ -90,11 +89,7 @@ impl Inverter {
     ///
     /// # Errors
     /// As [`Self::invert`].
-    pub fn beliefs(
-        &self,
-        image: &KeypointImage,
-        places: &[Pixel],
-    ) -> Result<Option<Vec<f32>>, InversionError> {
+    pub fn beliefs(&self, image: &KeypointImage, places: &[Pixel]) -> Result<Option<Vec<f32>>, EvalError> {
         if self.shape().form == Form::UNet {
             return Ok(None);
         }
@@ -108,12 +103,7 @@ impl Inverter {
         }))
     }
 
-    fn made(
-        &self,
-        image: &KeypointImage,
-        known: Known<'_>,
-        times: u32,
-    ) -> Result<(Placed, Made), InversionError> {
+    fn made(&self, image: &KeypointImage, known: Known<'_>, times: u32) -> Result<(Placed, Made), EvalError> {
         let (bytes, dimension) = descriptors(image, self.shape().dimension)?;
         let size = [image.width, image.height];
         let one = self.shape().grid(size);
@@ -152,8 +142,8 @@ impl Inverter {
     /// A network from the bytes of its file.
     ///
     /// # Errors
-    /// [`InversionError`] saying what is wrong: no network, another version, cut short, damaged.
-    pub fn decode(bytes: &[u8]) -> Result<Self, InversionError> {
+    /// [`EvalError`] saying what is wrong: no network, another version, cut short, damaged.
+    pub fn decode(bytes: &[u8]) -> Result<Self, EvalError> {
         let written = FORMATS.iter().find(|(_, format)| bytes.starts_with(format.magic));
         let (form, format) = written.unwrap_or(&FORMATS[0]);
         let mut file = Reader::new(bytes, format)?;
@@ -162,14 +152,14 @@ impl Inverter {
             *word = file.word()? as usize;
         }
         let [dimension, width, depth, side, sees] = words;
-        let refuse = TrainingError::refuse;
+        let refuse = AttackError::refuse;
         let sees = Sees::ALL.get(sees).copied().ok_or_else(|| refuse("what it sees", sees, "0, 1 or 2"))?;
         let name = file.text("length of the scheme's name")?;
         let shape = Shape { form: *form, dimension, width, depth, side, sees };
         shape.check()?;
         let (net, places) = Network::new(shape);
         file.seal(4 * places.count() as u64)?;
-        let unknown = || InversionError::Scheme { found: name.clone(), expected: "no scheme is called so" };
+        let unknown = || EvalError::Scheme { found: name.clone(), expected: "no scheme is called so" };
         let scheme = name.parse().map_err(|_| unknown())?;
         Ok(Self { net, numbers: file.numbers(places.count())?, scheme })
     }

@@ -10,7 +10,6 @@
 #![forbid(unsafe_code)]
 
 mod document;
-mod error;
 pub mod evaluation;
 mod example;
 mod inverter;
@@ -23,7 +22,6 @@ mod task;
 mod training;
 
 pub use document::{CurveRow, InversionDocument, inversion_table};
-pub use error::InversionError;
 pub use example::Example;
 pub use inverter::{Inverter, Known};
 pub use network::{Form, Grid, Sees, Shape};

@@ -3,14 +3,13 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use crate::EvalError;
+use crate::inversion::example::Example;
+use crate::inversion::task::InversionTask;
 use rayon::prelude::*;
 use veiloc_datasets::problem_files::keypoints_of_image;
 use veiloc_features::{Extractor, Progress, load_colour};
 use veiloc_protocol::ExtractionLimits;
-
-use crate::inversion::error::InversionError;
-use crate::inversion::example::Example;
-use crate::inversion::task::InversionTask;
 
 /// Reads images, finds their keypoints, and keeps what is learned from, in their order.
 ///
@@ -22,7 +21,7 @@ pub fn read_examples(
     limits: ExtractionLimits,
     task: &InversionTask,
     progress: &dyn Progress,
-) -> Result<Vec<Example>, InversionError> {
+) -> Result<Vec<Example>, EvalError> {
     progress.start("Reading images", paths.len());
     let read = |path: &PathBuf| {
         let keypoints = keypoints_of_image(path, extractor, limits)?;
@@ -30,7 +29,7 @@ pub fn read_examples(
         progress.advance(1);
         example
     };
-    let examples: Vec<Result<Example, InversionError>> = paths.par_iter().map(read).collect();
+    let examples: Vec<Result<Example, EvalError>> = paths.par_iter().map(read).collect();
     progress.finish();
     examples.into_iter().collect()
 }
@@ -39,9 +38,9 @@ pub fn read_examples(
 /// are called.
 ///
 /// # Errors
-/// [`InversionError::Shared`] when an image is in both sets.
-pub fn refuse_shared(training: &[Example], validation: &[Example]) -> Result<(), InversionError> {
+/// [`EvalError::SharedImages`] when an image is in both sets.
+pub fn refuse_shared(training: &[Example], validation: &[Example]) -> Result<(), EvalError> {
     let learned: BTreeSet<&[u8]> = training.iter().map(Example::colours).collect();
     let shared = validation.iter().filter(|example| learned.contains(example.colours())).count();
-    if shared > 0 { Err(InversionError::Shared { images: shared }) } else { Ok(()) }
+    if shared > 0 { Err(EvalError::SharedImages { images: shared }) } else { Ok(()) }
 }

@@ -1,10 +1,8 @@
 //! What is learned.
-
-use veiloc_attacks::training::TrainingError;
-use veiloc_protocol::{AngleBits, Scheme};
-
-use crate::inversion::error::InversionError;
+use crate::EvalError;
 use crate::inversion::network::{Form, Sees, Shape};
+use veiloc_attacks::AttackError;
+use veiloc_protocol::{AngleBits, Scheme};
 
 /// Percent of descriptors that at most stand in wrong places where a network is to learn which do.
 const WRONG: u8 = 60;
@@ -27,13 +25,13 @@ impl InversionTask {
     /// network is to learn which do, none otherwise ([`Self::with_wrong`]).
     ///
     /// # Errors
-    /// [`InversionError::Training`] for a shape that cannot be, [`InversionError::Scheme`] for lines without a scheme that
-    /// sends some, and for a scheme without lines, [`InversionError::NoPlaces`] for stages that judge places where none are
+    /// [`EvalError::Attack`] for a shape that cannot be, [`EvalError::Scheme`] for lines without a scheme that
+    /// sends some, and for a scheme without lines, [`EvalError::NoPlaces`] for stages that judge places where none are
     /// given.
-    pub fn new(shape: Shape, scheme: Option<Scheme>) -> Result<Self, InversionError> {
+    pub fn new(shape: Shape, scheme: Option<Scheme>) -> Result<Self, EvalError> {
         shape.check()?;
         if shape.form == Form::InvSfm && shape.sees != Sees::Places {
-            return Err(InversionError::NoPlaces { sees: shape.sees.name() });
+            return Err(EvalError::NoPlaces { sees: shape.sees.name() });
         }
         let angle_bits = AngleBits::default();
         let wrong = if shape.form == Form::InvSfm { WRONG } else { 0 };
@@ -41,12 +39,12 @@ impl InversionTask {
             (Sees::Lines, Some(scheme)) if scheme.hides_positions() => {
                 Ok(Self { shape, scheme, angle_bits, wrong })
             }
-            (Sees::Lines, scheme) => Err(InversionError::Scheme {
+            (Sees::Lines, scheme) => Err(EvalError::Scheme {
                 found: scheme.map_or("no scheme".to_owned(), |s| s.to_string()),
                 expected: "a network that sees lines needs a scheme that sends lines",
             }),
             (Sees::Places | Sees::Bag, None) => Ok(Self { shape, scheme: Scheme::Points, angle_bits, wrong }),
-            (Sees::Places | Sees::Bag, Some(scheme)) => Err(InversionError::Scheme {
+            (Sees::Places | Sees::Bag, Some(scheme)) => Err(EvalError::Scheme {
                 found: scheme.to_string(),
                 expected: "only a network that sees lines learns under a scheme",
             }),
@@ -56,14 +54,14 @@ impl InversionTask {
     /// With at most so many percent of an image's descriptors in wrong places while it is learned from.
     ///
     /// # Errors
-    /// [`InversionError::Training`] for more than 90 percent, [`InversionError::NoPlaces`] for wrong places of a network that is
+    /// [`EvalError::Attack`] for more than 90 percent, [`EvalError::NoPlaces`] for wrong places of a network that is
     /// given none.
-    pub fn with_wrong(self, percent: u8) -> Result<Self, InversionError> {
+    pub fn with_wrong(self, percent: u8) -> Result<Self, EvalError> {
         if percent > 90 {
-            return Err(TrainingError::refuse("wrong", usize::from(percent), "from 0 to 90 percent").into());
+            return Err(AttackError::refuse("wrong", usize::from(percent), "from 0 to 90 percent").into());
         }
         if percent > 0 && self.shape.sees != Sees::Places {
-            return Err(InversionError::NoPlaces { sees: self.shape.sees.name() });
+            return Err(EvalError::NoPlaces { sees: self.shape.sees.name() });
         }
         Ok(Self { wrong: percent, ..self })
     }

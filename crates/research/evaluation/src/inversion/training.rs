@@ -2,19 +2,18 @@
 
 use std::ops::ControlFlow;
 
+use crate::EvalError;
+use crate::inversion::example::{Example, Lesson};
+use crate::inversion::inverter::Inverter;
+use crate::inversion::loss::loss_of;
+use crate::inversion::network::Network;
+use crate::inversion::task::InversionTask;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use veiloc_attacks::training::{
     Course, Progress, Subject, Trained, TrainingState, begin, fingerprint, learn,
 };
-
-use crate::inversion::error::InversionError;
-use crate::inversion::example::{Example, Lesson};
-use crate::inversion::inverter::Inverter;
-use crate::inversion::loss::loss_of;
-use crate::inversion::network::Network;
-use crate::inversion::task::InversionTask;
 
 /// Trains a network, and keeps that of the highest PSNR on the `validation` images.
 ///
@@ -23,8 +22,8 @@ use crate::inversion::task::InversionTask;
 /// about an unseen place must be measured on a third one, as the step was chosen on these.
 ///
 /// # Errors
-/// [`InversionError::Nothing`] where there is nothing to learn from or to judge by, [`InversionError::Seal`] when an image
-/// cannot be obfuscated, and those of [`veiloc_attacks::training::TrainingError`].
+/// [`EvalError::Nothing`] where there is nothing to learn from or to judge by, [`EvalError::Obfuscate`] when an image
+/// cannot be obfuscated, and those of [`veiloc_attacks::training::AttackError`].
 pub fn train(
     training: &[Example],
     validation: &[Example],
@@ -32,12 +31,12 @@ pub fn train(
     course: &Course,
     earlier: Option<TrainingState>,
     observe: impl FnMut(Progress<'_>) -> ControlFlow<()>,
-) -> Result<Trained<Inverter>, InversionError> {
+) -> Result<Trained<Inverter>, EvalError> {
     task.shape.check()?;
     course.check()?;
     let lessons: Vec<&Example> = training.iter().filter(|example| !example.is_empty()).collect();
     if lessons.is_empty() {
-        return Err(InversionError::Nothing("learn from"));
+        return Err(EvalError::Nothing("learn from"));
     }
     // The same every time, whatever the seed, so that curves compare.
     let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -45,7 +44,7 @@ pub fn train(
     let judged: Vec<Lesson> =
         judged.map(|example| example.whole(task, &mut rng)).collect::<Result<_, _>>()?;
     if judged.is_empty() {
-        return Err(InversionError::Nothing("choose the best step by"));
+        return Err(EvalError::Nothing("choose the best step by"));
     }
     let (net, places) = Network::new(task.shape);
     let numbers = places.draw(&mut ChaCha8Rng::seed_from_u64(course.seed));

@@ -7,17 +7,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
-use veiloc_features::Progress;
-use veiloc_geometry::nalgebra::Vector3;
-use veiloc_localization::{MatchedObservations, observe_matches};
-use veiloc_obfuscation::obfuscate_points;
-use veiloc_pose::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
-use veiloc_protocol::{AngleBits, Observations, Scheme};
-
-use crate::pose::error::PosesError;
+use crate::EvalError;
 use crate::pose::floor::{ORACLE_RADIUS_PX, truly_right};
 use crate::pose::gravity::{GravitySource, felt, mean_down};
 use crate::pose::recipe::{FromTruth, Recipe};
@@ -25,9 +15,18 @@ use crate::pose::scores::{DEFAULT_SCORE, scores_or_default};
 use crate::results::Hypotheses;
 use crate::results::metrics::Threshold;
 use crate::results::{Evaluation, QueryResult, QueryUncertainty, Variant, summarize};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use veiloc_datasets::problem_files::json_lines;
 use veiloc_datasets::problem_files::problems::{Problem, read_problems};
 use veiloc_datasets::problem_files::seed_for;
+use veiloc_features::Progress;
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_localization::{MatchedObservations, observe_matches};
+use veiloc_obfuscation::obfuscate_points;
+use veiloc_pose::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
+use veiloc_protocol::{AngleBits, Observations, Scheme};
 
 /// What to evaluate.
 #[derive(Debug, Clone)]
@@ -108,12 +107,9 @@ struct Row {
 /// Runs every row on every problem under every seed.
 ///
 /// # Errors
-/// [`PosesError`] when a file cannot be read or nothing was asked for. A problem that cannot be solved is a result, not
+/// [`EvalError`] when a file cannot be read or nothing was asked for. A problem that cannot be solved is a result, not
 /// an error.
-pub fn evaluate_poses(
-    evaluation: &PoseEvaluation,
-    progress: &dyn Progress,
-) -> Result<Evaluation, PosesError> {
+pub fn evaluate_poses(evaluation: &PoseEvaluation, progress: &dyn Progress) -> Result<Evaluation, EvalError> {
     let mut queries = Vec::new();
     for file in &evaluation.files {
         let problems = read_problems(file)?;
@@ -122,12 +118,12 @@ pub fn evaluate_poses(
     }
     let rows = rows(evaluation, queries.iter().any(|q| q.problem.gravity.is_some()));
     if rows.is_empty() || evaluation.seeds == 0 {
-        return Err(PosesError::Options("no scheme, hypotheses, gravity or seed to evaluate".to_owned()));
+        return Err(EvalError::Options("no scheme, hypotheses, gravity or seed to evaluate".to_owned()));
     }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(evaluation.threads.max(1))
         .build()
-        .map_err(|e| PosesError::Options(format!("{} threads: {e}", evaluation.threads)))?;
+        .map_err(|e| EvalError::Options(format!("{} threads: {e}", evaluation.threads)))?;
 
     let total = rows.len() * queries.len() * usize::try_from(evaluation.seeds).unwrap_or(usize::MAX);
     progress.start("Estimating poses", total);

@@ -8,14 +8,12 @@
 #![forbid(unsafe_code)]
 
 pub mod crb;
-mod error;
 mod evaluate;
 mod floor;
 mod gravity;
 mod recipe;
 mod scores;
 
-pub use error::PosesError;
 pub use evaluate::{PoseEvaluation, evaluate_poses, pose_problem};
 pub use floor::{ORACLE_RADIUS_PX, truly_right};
 pub use gravity::{GravityError, GravitySource, mean_down};

@@ -10,10 +10,7 @@
 #![forbid(unsafe_code)]
 
 pub mod adversaries;
-mod error;
 pub mod layouts;
 pub mod sessions;
 mod spread;
 pub mod variants;
-
-pub use error::TradeoffError;

@@ -9,8 +9,8 @@ use veiloc_descriptor::{GlobalDescriptor, GlobalIndex, Vocabulary};
 use veiloc_features::{Extractor, FeatureError, Limits, Progress, extract_image};
 use veiloc_map::MapFile;
 
+use crate::EvalError;
 use crate::retrieval::draw::draw;
-use crate::retrieval::error::RetrievalError;
 
 /// What is sought.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -72,26 +72,26 @@ pub struct SearchRow {
 /// threads.
 ///
 /// # Errors
-/// [`RetrievalError`]: an image cannot be read, nothing is asked, or the global descriptors of the map do not follow from rows.
+/// [`EvalError`]: an image cannot be read, nothing is asked, or the global descriptors of the map do not follow from rows.
 pub fn evaluate_search(
     map: &MapFile,
     extractor: &dyn Extractor,
     evaluation: &SearchEvaluation,
     progress: &dyn Progress,
-) -> Result<Vec<SearchRow>, RetrievalError> {
+) -> Result<Vec<SearchRow>, EvalError> {
     let Some(vocabulary) = map.profile().vocabulary() else {
-        return Err(RetrievalError::Options(
+        return Err(EvalError::Options(
             "the map's global descriptors are of whole images; give a map whose global descriptors are made of rows".to_owned(),
         ));
     };
     let largest = evaluation.sizes.iter().copied().max().unwrap_or(0);
-    let nothing = || RetrievalError::Options("nothing to search, or nothing to search for".to_owned());
+    let nothing = || EvalError::Options("nothing to search, or nothing to search for".to_owned());
     if evaluation.sizes.contains(&0) || largest == 0 {
         return Err(nothing());
     }
     let limits = map.profile().limits();
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
-    let globals = |what: &str, images: &[PathBuf]| -> Result<Vec<GlobalDescriptor>, RetrievalError> {
+    let globals = |what: &str, images: &[PathBuf]| -> Result<Vec<GlobalDescriptor>, EvalError> {
         progress.start(what, images.len());
         let of_image = |path: &PathBuf| -> Result<GlobalDescriptor, FeatureError> {
             let image = extract_image(path, None, extractor, limits)?;
@@ -100,7 +100,7 @@ pub fn evaluate_search(
         };
         let all = images.par_iter().map(of_image).collect::<Result<Vec<_>, _>>();
         progress.finish();
-        all.map_err(RetrievalError::Extract)
+        all.map_err(EvalError::Features)
     };
     let codes = vocabulary.global_len();
     let is_out = |image: usize| evaluation.queries == Sought::HeldOut && held_out(image);

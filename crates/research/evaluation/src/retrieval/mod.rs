@@ -8,10 +8,8 @@
 #![forbid(unsafe_code)]
 
 mod draw;
-mod error;
 mod evaluate;
 mod table;
 
-pub use error::RetrievalError;
 pub use evaluate::{SearchEvaluation, SearchRow, Sought, evaluate_search};
 pub use table::table;

@@ -27,12 +27,9 @@ pub(crate) enum DemoError {
         /// Why.
         source: veiloc_obfuscation::SealError,
     },
-    /// The hidden views could not be localized.
+    /// The hidden views could not be localized, or the attacks not run.
     #[error(transparent)]
     Eval(#[from] veiloc_evaluation::EvalError),
-    /// The attacks could not run.
-    #[error(transparent)]
-    Audit(#[from] veiloc_evaluation::audit::AuditError),
     /// The place could not be mapped.
     #[error(transparent)]
     Mapping(#[from] veiloc_mapping::MappingError),

@@ -1,11 +1,11 @@
 //! The file of a network of neighbours: dimension, width, heads and layers (`u32` each), then all numbers (`f32` each, in
 //! the order of the layers).
 
+use crate::AttackError;
 use crate::training::file::{Format, Reader, Writer};
 
 use super::{Layers, NeighbourNetwork};
 use crate::learned::engine::encoder::Shape;
-use crate::learned::error::NetworkError;
 
 const FORMAT: Format = Format {
     magic: b"VLNEIGHB",
@@ -27,8 +27,8 @@ impl NeighbourNetwork {
     /// A network from the bytes of its file.
     ///
     /// # Errors
-    /// [`NetworkError`] saying what is wrong: no network, another version, cut short, damaged.
-    pub fn decode(bytes: &[u8]) -> Result<Self, NetworkError> {
+    /// [`AttackError`] saying what is wrong: no network, another version, cut short, damaged.
+    pub fn decode(bytes: &[u8]) -> Result<Self, AttackError> {
         let mut file = Reader::new(bytes, &FORMAT)?;
         let mut words = [0; 4];
         for word in &mut words {

@@ -24,7 +24,6 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::learned::engine::dropout::Dropout;
 use crate::learned::engine::encoder::{Encoder, Shape};
-use crate::learned::error::NetworkError;
 use crate::learned::options::{TrainingOptions, refuse};
 
 use lessons::Lesson;
@@ -103,9 +102,9 @@ impl NeighbourNetwork {
 /// must be measured on a third one, as the step was chosen on these.
 ///
 /// # Errors
-/// [`TrainingError::Option`](crate::training::TrainingError::Option) for options that make no sense, [`NetworkError::Attack`] when there is nothing to learn or
-/// judge, or descriptors differ in dimension, [`TrainingError::Diverged`](crate::training::TrainingError::Diverged) when the loss is no number any more,
-/// [`TrainingError::OtherTraining`](crate::training::TrainingError::OtherTraining) when the earlier training was another one.
+/// [`AttackError::Option`](crate::training::AttackError::Option) for options that make no sense, [`AttackError::Attack`] when there is nothing to learn or
+/// judge, or descriptors differ in dimension, [`AttackError::Diverged`](crate::training::AttackError::Diverged) when the loss is no number any more,
+/// [`AttackError::OtherTraining`](crate::training::AttackError::OtherTraining) when the earlier training was another one.
 pub fn train(
     training: &[KnownImage],
     validation: &[KnownImage],
@@ -113,7 +112,7 @@ pub fn train(
     options: &TrainingOptions,
     earlier: Option<TrainingState>,
     observe: impl FnMut(Progress<'_>) -> ControlFlow<()>,
-) -> Result<Trained<NeighbourNetwork>, NetworkError> {
+) -> Result<Trained<NeighbourNetwork>, AttackError> {
     let dimension = one_dimension(training, validation)?;
     options.check()?;
     if neighbours == 0 {
@@ -125,7 +124,7 @@ pub fn train(
     shape.check()?;
     let lessons: Vec<Lesson> = training.iter().filter_map(|p| Lesson::new(p, neighbours)).collect();
     if lessons.is_empty() {
-        return Err(AttackError::NothingToLearn.into());
+        return Err(AttackError::NothingToLearn);
     }
     let (layers, places) = Layers::new(shape);
     let mut numbers = places.draw(&mut ChaCha8Rng::seed_from_u64(options.seed));

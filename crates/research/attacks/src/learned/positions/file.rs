@@ -2,12 +2,12 @@
 //! and length of the scheme's name (`u32` each), the name, filled up with zeros to a multiple of four bytes, then all
 //! numbers (`f32` each, in the order of the layers).
 
+use crate::AttackError;
 use crate::training::file::{Format, Reader, Writer};
 
 use super::waves::MOST_WAVES;
 use super::{Layers, PositionNetwork, Sees};
 use crate::learned::engine::encoder::Shape;
-use crate::learned::error::NetworkError;
 use crate::learned::options::refuse;
 
 const FORMAT: Format = Format {
@@ -33,8 +33,8 @@ impl PositionNetwork {
     /// A network from the bytes of its file.
     ///
     /// # Errors
-    /// [`NetworkError`] saying what is wrong: no network, another version, cut short, damaged.
-    pub fn decode(bytes: &[u8]) -> Result<Self, NetworkError> {
+    /// [`AttackError`] saying what is wrong: no network, another version, cut short, damaged.
+    pub fn decode(bytes: &[u8]) -> Result<Self, AttackError> {
         let mut file = Reader::new(bytes, &FORMAT)?;
         let mut words = [0; 6];
         for word in &mut words {
@@ -48,7 +48,7 @@ impl PositionNetwork {
         let name = file.text("length of the scheme's name")?;
         let (layers, places) = Layers::new(dimension, sees, [width, heads, layers])?;
         file.seal(4 * places.count() as u64)?;
-        let scheme = name.parse().map_err(|_| NetworkError::Scheme {
+        let scheme = name.parse().map_err(|_| AttackError::Scheme {
             found: name.clone(),
             expected: "no scheme is called so".to_owned(),
         })?;

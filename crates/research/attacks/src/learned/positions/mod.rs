@@ -25,13 +25,13 @@ mod waves;
 use std::fmt;
 use std::str::FromStr;
 
+use crate::AttackError;
 use crate::Observation;
 use crate::training::layers::Places;
 use veiloc_protocol::{AngleBits, Scheme};
 
 use crate::learned::engine::Matrix;
 use crate::learned::engine::encoder::{Encoder, Shape};
-use crate::learned::error::NetworkError;
 use crate::learned::options::TrainingOptions;
 
 pub use recover::{Estimate, recover};
@@ -61,11 +61,11 @@ impl PositionTask {
     /// Of a scheme, everything else as by default.
     ///
     /// # Errors
-    /// [`NetworkError::Scheme`] for a scheme that sends positions.
-    pub fn new(scheme: Scheme) -> Result<Self, NetworkError> {
+    /// [`AttackError::Scheme`] for a scheme that sends positions.
+    pub fn new(scheme: Scheme) -> Result<Self, AttackError> {
         if !scheme.hides_positions() {
             let expected = "positions are sent openly, there is nothing to learn".to_owned();
-            return Err(NetworkError::Scheme { found: scheme.to_string(), expected });
+            return Err(AttackError::Scheme { found: scheme.to_string(), expected });
         }
         Ok(Self { scheme, angle_bits: AngleBits::default(), sees: Sees::Set, crop: true, mirror: false })
     }
@@ -165,7 +165,7 @@ impl Layers {
         dimension: usize,
         sees: Sees,
         [width, heads, layers]: [usize; 3],
-    ) -> Result<(Self, Places), NetworkError> {
+    ) -> Result<(Self, Places), AttackError> {
         let waves = Waves::new();
         let shape = Shape {
             inputs: dimension + waves.len() + MORE,
@@ -185,7 +185,7 @@ impl Layers {
         dimension: usize,
         sees: Sees,
         options: &TrainingOptions,
-    ) -> Result<(Self, Places), NetworkError> {
+    ) -> Result<(Self, Places), AttackError> {
         Self::new(dimension, sees, [options.width, options.heads, options.layers])
     }
 

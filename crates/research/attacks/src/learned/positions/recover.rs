@@ -7,7 +7,6 @@ use veiloc_geometry::Pixel;
 use super::bins::Bins;
 use super::{PositionNetwork, fits};
 use crate::learned::engine::Matrix;
-use crate::learned::error::NetworkError;
 use crate::learned::neighbours::input;
 
 /// Bins of a row: finer than in training, so that places between them are told apart.
@@ -27,28 +26,28 @@ pub struct Estimate {
 /// Where the network puts each keypoint, `[N]`, from all that was sent of an image of `width` by `height` pixels.
 ///
 /// # Errors
-/// [`NetworkError::Attack`] when there is not one descriptor for each observation, or they are of another dimension than
-/// those learned from, [`NetworkError::Scheme`] when a row was not sent under the network's scheme.
+/// [`AttackError::Attack`] when there is not one descriptor for each observation, or they are of another dimension than
+/// those learned from, [`AttackError::Scheme`] when a row was not sent under the network's scheme.
 pub fn recover(
     network: &PositionNetwork,
     observations: &[Observation],
     descriptors: &Descriptors,
     width: u32,
     height: u32,
-) -> Result<Vec<Estimate>, NetworkError> {
+) -> Result<Vec<Estimate>, AttackError> {
     if descriptors.len() != observations.len() {
         let (keypoints, descriptors) = (observations.len(), descriptors.len());
-        return Err(AttackError::DescriptorCount { keypoints, descriptors }.into());
+        return Err(AttackError::DescriptorCount { keypoints, descriptors });
     }
     if observations.is_empty() {
         return Ok(Vec::new());
     }
     let (expected, found) = (network.dimension(), descriptors.dimension());
     if found != expected {
-        return Err(AttackError::Dimensions { expected, found }.into());
+        return Err(AttackError::Dimensions { expected, found });
     }
     if let Some(row) = observations.iter().position(|o| !fits(network.scheme, o)) {
-        return Err(NetworkError::Scheme {
+        return Err(AttackError::Scheme {
             found: format!("row {row} was not sent under {}", network.scheme),
             expected: "the network learned nothing else".to_owned(),
         });

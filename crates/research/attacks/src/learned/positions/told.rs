@@ -1,12 +1,12 @@
 //! What a network tells of images whose keypoints are known: in bits, and in pixels beside the guess.
 
+use crate::AttackError;
 use crate::{ErrorSummary, KnownImage, bits_over_prior, errors_px, prior_only};
 use rand_chacha::ChaCha8Rng;
 
 use super::bins::Bins;
 use super::lessons::Lesson;
 use super::{PositionNetwork, PositionTask, recover};
-use crate::learned::error::NetworkError;
 
 /// Bins in which information is measured.
 const BINS: usize = 64;
@@ -37,13 +37,13 @@ pub struct Told {
 /// What a network tells of these images, each obfuscated by this generator; `None` without a keypoint.
 ///
 /// # Errors
-/// As [`recover`], and [`NetworkError::Seal`] when an image cannot be obfuscated.
+/// As [`recover`], and [`AttackError::Seal`] when an image cannot be obfuscated.
 pub fn told(
     network: &PositionNetwork,
     images: &[KnownImage],
     task: &PositionTask,
     rng: &mut ChaCha8Rng,
-) -> Result<Option<Told>, NetworkError> {
+) -> Result<Option<Told>, AttackError> {
     let (mut errors, mut guesses) = (Vec::new(), Vec::new());
     let (mut told, mut told_rows) = (0.0, 0);
     let (mut bits, mut of_mean, mut untrained, mut by_image) = (0.0, 0.0, 0.0, Vec::new());

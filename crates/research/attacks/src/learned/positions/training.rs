@@ -14,7 +14,6 @@ use super::{Layers, PositionNetwork, PositionTask, mirror};
 use crate::learned::engine::Matrix;
 use crate::learned::engine::dropout::Dropout;
 use crate::learned::engine::exponential::softmax;
-use crate::learned::error::NetworkError;
 use crate::learned::neighbours::one_dimension;
 use crate::learned::options::{TrainingOptions, refuse};
 
@@ -28,9 +27,9 @@ const BINS: usize = 64;
 /// is said about an unseen place must be measured on a third one, as the step was chosen on these.
 ///
 /// # Errors
-/// [`TrainingError::Option`](crate::training::TrainingError::Option) for options that make no sense, [`NetworkError::Attack`] when there is nothing to learn or
-/// judge, or descriptors differ in dimension, [`NetworkError::Seal`] when an image cannot be obfuscated,
-/// [`TrainingError::Diverged`](crate::training::TrainingError::Diverged) when the loss is no number any more, [`TrainingError::OtherTraining`](crate::training::TrainingError::OtherTraining) when the earlier
+/// [`AttackError::Option`](crate::training::AttackError::Option) for options that make no sense, [`AttackError::Attack`] when there is nothing to learn or
+/// judge, or descriptors differ in dimension, [`AttackError::Seal`] when an image cannot be obfuscated,
+/// [`AttackError::Diverged`](crate::training::AttackError::Diverged) when the loss is no number any more, [`AttackError::OtherTraining`](crate::training::AttackError::OtherTraining) when the earlier
 /// training was another one.
 pub fn train(
     training: &[KnownImage],
@@ -39,7 +38,7 @@ pub fn train(
     options: &TrainingOptions,
     earlier: Option<TrainingState>,
     observe: impl FnMut(Progress<'_>) -> ControlFlow<()>,
-) -> Result<Trained<PositionNetwork>, NetworkError> {
+) -> Result<Trained<PositionNetwork>, AttackError> {
     let dimension = one_dimension(training, validation)?;
     options.check()?;
     if task.mirror && dimension != mirror::DIMENSION {
@@ -50,7 +49,7 @@ pub fn train(
     let lessons: Vec<Lesson> = training.iter().filter_map(Lesson::new).collect();
     let judged: Vec<Lesson> = validation.iter().filter_map(Lesson::new).collect();
     if lessons.is_empty() || judged.is_empty() {
-        return Err(AttackError::NothingToLearn.into());
+        return Err(AttackError::NothingToLearn);
     }
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let mut numbers = places.draw(&mut rng);

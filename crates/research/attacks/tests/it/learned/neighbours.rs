@@ -5,8 +5,7 @@ use std::ops::ControlFlow;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::learned::neighbours::{NeighbourNetwork, train};
-use veiloc_attacks::learned::{NetworkError, Progress, Trained, TrainingOptions, TrainingState};
-use veiloc_attacks::training::TrainingError;
+use veiloc_attacks::learned::{Progress, Trained, TrainingOptions, TrainingState};
 use veiloc_attacks::{AttackError, Descriptors, KnownImage, NeighbourLists};
 use veiloc_geometry::Pixel;
 
@@ -74,7 +73,7 @@ fn a_training_that_was_interrupted_goes_on_as_if_it_had_not_been() {
     }
     let state = run(None, 2).expect("it learns").state;
     let other = train(&training, &[known(50)], 21, &options, Some(state), on).expect_err("another");
-    assert_eq!(other, TrainingError::OtherTraining.into());
+    assert_eq!(other, AttackError::OtherTraining);
 }
 
 #[test]
@@ -140,42 +139,41 @@ fn what_is_written_is_read_back_and_what_is_damaged_is_refused() {
     let victim = Descriptors::new(&descriptors, DIMENSION).expect("whole");
     assert_eq!(again.predict(&victim, 9), network.predict(&victim, 9));
 
-    let refused = |bytes: &[u8]| NeighbourNetwork::decode(bytes).map_err(of_training).expect_err("refused");
+    let refused = |bytes: &[u8]| NeighbourNetwork::decode(bytes).expect_err("refused");
     for length in 0..bytes.len().min(60) {
         let error = refused(&bytes[..length]);
         assert!(
-            matches!(error, TrainingError::NotANetwork { .. } | TrainingError::Length { .. }),
+            matches!(error, AttackError::NotANetwork { .. } | AttackError::Length { .. }),
             "{length} {error}"
         );
     }
-    assert!(matches!(refused(&bytes[..bytes.len() - 1]), TrainingError::Length { .. }));
-    assert!(matches!(refused(&[bytes.as_slice(), &[0]].concat()), TrainingError::Length { .. }));
+    assert!(matches!(refused(&bytes[..bytes.len() - 1]), AttackError::Length { .. }));
+    assert!(matches!(refused(&[bytes.as_slice(), &[0]].concat()), AttackError::Length { .. }));
     let changed = |at: usize, to: u8| {
         let mut bytes = bytes.clone();
         bytes[at] = to;
         refused(&bytes)
     };
-    assert!(matches!(changed(0, b'X'), TrainingError::NotANetwork { .. }));
-    assert_eq!(changed(8, 9), TrainingError::Version { found: 9, expected: 1 });
-    assert!(matches!(changed(20, 7), TrainingError::Option { name: "heads", .. }), "24 by 7");
-    assert!(matches!(changed(27, 0xff), TrainingError::Option { name: "layers", .. }), "no memory is taken");
-    assert_eq!(changed(200, bytes[200] ^ 1), TrainingError::Checksum);
-    assert_eq!(changed(bytes.len() - 1, bytes[bytes.len() - 1] ^ 1), TrainingError::Checksum);
+    assert!(matches!(changed(0, b'X'), AttackError::NotANetwork { .. }));
+    assert_eq!(changed(8, 9), AttackError::Version { found: 9, expected: 1 });
+    assert!(matches!(changed(20, 7), AttackError::Option { name: "heads", .. }), "24 by 7");
+    assert!(matches!(changed(27, 0xff), AttackError::Option { name: "layers", .. }), "no memory is taken");
+    assert_eq!(changed(200, bytes[200] ^ 1), AttackError::Checksum);
+    assert_eq!(changed(bytes.len() - 1, bytes[bytes.len() - 1] ^ 1), AttackError::Checksum);
 }
 
 #[test]
 fn what_makes_no_sense_is_refused() {
-    let nothing = AttackError::NothingToLearn;
     let refused = |training: &[KnownImage], options: &TrainingOptions| {
         train(training, &[known(1)], 20, options, None, on).expect_err("refused")
     };
-    assert_eq!(refused(&[], &options()), nothing.clone().into());
+    assert_eq!(refused(&[], &options()), AttackError::NothingToLearn);
     let none = train(&[known(0)], &[], 20, &options(), None, on).expect_err("nothing to judge by");
-    assert_eq!(none, nothing.into());
+    assert_eq!(none, AttackError::NothingToLearn);
     let small = Descriptors::new(&[1, 2], 2).expect("one");
     let small = KnownImage::new(vec![Pixel::new(1.0, 1.0)], small, 9, 9).expect("one each");
     let dimensions = AttackError::Dimensions { expected: DIMENSION, found: 2 };
-    assert_eq!(refused(&[known(0), small.clone()], &options()), dimensions.into());
+    assert_eq!(refused(&[known(0), small.clone()], &options()), dimensions);
     let network = trained(&{
         let mut options = options();
         options.steps = 1;
@@ -196,12 +194,4 @@ fn what_makes_no_sense_is_refused() {
     assert!(with(&|o| o.dropout = 1.0).contains("dropout"));
     assert!(with(&|o| o.learning_rate = f64::NAN).contains("learning_rate"));
     assert!(with(&|o| o.learning_rate = 1e30).contains("not finite"));
-}
-
-/// What is wrong with a file.
-fn of_training(error: NetworkError) -> TrainingError {
-    match error {
-        NetworkError::Training(error) => error,
-        other => panic!("{other}"),
-    }
 }

@@ -6,8 +6,7 @@ use std::ops::ControlFlow;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::learned::positions::{PositionNetwork, PositionTask, Sees, Told, recover, told, train};
-use veiloc_attacks::learned::{NetworkError, Progress, Trained, TrainingOptions, TrainingState};
-use veiloc_attacks::training::TrainingError;
+use veiloc_attacks::learned::{Progress, Trained, TrainingOptions, TrainingState};
 use veiloc_attacks::{
     AttackError, Descriptors, KnownImage, Observation, bits_over_prior, errors_px, prior_only,
 };
@@ -203,18 +202,18 @@ fn a_training_that_was_interrupted_goes_on_as_if_it_had_not_been() {
         train(training, &validation, task, options, state(), |_| ControlFlow::Continue(()))
             .expect_err("another")
     };
-    assert_eq!(refused(&training, &other, &task), TrainingError::OtherTraining.into());
-    assert_eq!(refused(&training[..2], &options, &task), TrainingError::OtherTraining.into());
+    assert_eq!(refused(&training, &other, &task), AttackError::OtherTraining);
+    assert_eq!(refused(&training[..2], &options, &task), AttackError::OtherTraining);
     let mut whole_images = task;
     whole_images.crop = false;
-    assert_eq!(refused(&training, &options, &whole_images), TrainingError::OtherTraining.into());
+    assert_eq!(refused(&training, &options, &whole_images), AttackError::OtherTraining);
 
     let bytes = state().expect("a state").encode();
     let refused = |bytes: &[u8]| TrainingState::decode(bytes).expect_err("refused");
     for length in [0, 7, 8, 11, 30, bytes.len() - 1] {
         let error = refused(&bytes[..length]);
         assert!(
-            matches!(error, TrainingError::NotANetwork { .. } | TrainingError::Length { .. }),
+            matches!(error, AttackError::NotANetwork { .. } | AttackError::Length { .. }),
             "{length} {error}"
         );
     }
@@ -223,10 +222,10 @@ fn a_training_that_was_interrupted_goes_on_as_if_it_had_not_been() {
         bytes[at] = to;
         refused(&bytes)
     };
-    assert_eq!(changed(8, 9), TrainingError::Version { found: 9, expected: 1 });
-    assert!(matches!(changed(50, 0xff), TrainingError::Length { .. }), "no memory is taken");
+    assert_eq!(changed(8, 9), AttackError::Version { found: 9, expected: 1 });
+    assert!(matches!(changed(50, 0xff), AttackError::Length { .. }), "no memory is taken");
     let middle = bytes.len() / 2;
-    assert_eq!(changed(middle, bytes[middle] ^ 1), TrainingError::Checksum);
+    assert_eq!(changed(middle, bytes[middle] ^ 1), AttackError::Checksum);
 }
 
 #[test]
@@ -246,67 +245,59 @@ fn what_is_written_is_read_back_and_what_is_damaged_is_refused() {
     let bytes = network.encode();
     let again = PositionNetwork::decode(&bytes).expect("sound");
     assert_eq!((again.encode(), again.scheme(), again.sees()), (bytes.clone(), network.scheme(), Sees::Set));
-    let refused = |bytes: &[u8]| PositionNetwork::decode(bytes).map_err(of_training).expect_err("refused");
+    let refused = |bytes: &[u8]| PositionNetwork::decode(bytes).expect_err("refused");
     for length in 0..bytes.len().min(120) {
         let error = refused(&bytes[..length]);
         assert!(
-            matches!(error, TrainingError::NotANetwork { .. } | TrainingError::Length { .. }),
+            matches!(error, AttackError::NotANetwork { .. } | AttackError::Length { .. }),
             "{length} {error}"
         );
     }
-    assert!(matches!(refused(&[bytes.as_slice(), &[0]].concat()), TrainingError::Length { .. }));
+    assert!(matches!(refused(&[bytes.as_slice(), &[0]].concat()), AttackError::Length { .. }));
     let changed = |at: usize, to: u8| {
         let mut bytes = bytes.clone();
         bytes[at] = to;
         refused(&bytes)
     };
-    assert_eq!(changed(8, 7), TrainingError::Version { found: 7, expected: 1 });
-    assert!(matches!(changed(28, 9), TrainingError::Option { name: "what it sees", .. }));
-    assert!(matches!(changed(39, 0x7f), TrainingError::Option { .. }), "no memory is taken");
-    assert_eq!(changed(400, bytes[400] ^ 1), TrainingError::Checksum);
+    assert_eq!(changed(8, 7), AttackError::Version { found: 7, expected: 1 });
+    assert!(matches!(changed(28, 9), AttackError::Option { name: "what it sees", .. }));
+    assert!(matches!(changed(39, 0x7f), AttackError::Option { .. }), "no memory is taken");
+    assert_eq!(changed(400, bytes[400] ^ 1), AttackError::Checksum);
     // Not a number, with a checksum that is right.
     let body = bytes.len() - 8;
     let mut poisoned = bytes[..body].to_vec();
     poisoned[body - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
     poisoned.extend(xxhash_rust::xxh3::xxh3_64(&poisoned).to_le_bytes());
-    assert_eq!(refused(&poisoned), TrainingError::NotFinite);
+    assert_eq!(refused(&poisoned), AttackError::NotFinite);
 }
 
 #[test]
 fn what_makes_no_sense_is_refused() {
-    assert!(matches!(PositionTask::new(Scheme::Points), Err(NetworkError::Scheme { .. })));
+    assert!(matches!(PositionTask::new(Scheme::Points), Err(AttackError::Scheme { .. })));
     let refused = |training: &[KnownImage], task: &PositionTask, options: &TrainingOptions| {
         let none = |_: Progress<'_>| ControlFlow::Continue(());
         train(training, &images(World::Nothing, 1..2), task, options, None, none).expect_err("refused")
     };
     let one = images(World::Nothing, 0..1);
-    assert_eq!(refused(&[], &task("dcl"), &options(1)), AttackError::NothingToLearn.into());
+    assert_eq!(refused(&[], &task("dcl"), &options(1)), AttackError::NothingToLearn);
     let mut mirrored = task("dcl");
     mirrored.mirror = true;
     assert!(
-        matches!(refused(&one, &mirrored, &options(1)), NetworkError::Training(TrainingError::Option { name, .. }) if name.contains("descriptor"))
+        matches!(refused(&one, &mirrored, &options(1)), AttackError::Option { name, .. } if name.contains("descriptor"))
     );
     let mut heads = options(1);
     heads.heads = 5;
-    assert!(matches!(
-        refused(&one, &task("dcl"), &heads),
-        NetworkError::Training(TrainingError::Option { name: "heads", .. })
-    ));
+    assert!(matches!(refused(&one, &task("dcl"), &heads), AttackError::Option { name: "heads", .. }));
 
     let network = trained(World::Nothing, &task("dcl"), &options(1)).network;
     let descriptors = one[0].descriptors();
     let row = Observation::permuted(Pixel::new(1.0, 1.0));
     let rows = vec![row; descriptors.len()];
-    assert!(matches!(recover(&network, &rows, descriptors, 640, 480), Err(NetworkError::Scheme { .. })));
-    assert!(matches!(recover(&network, &rows[1..], descriptors, 640, 480), Err(NetworkError::Attack(_))));
+    assert!(matches!(recover(&network, &rows, descriptors, 640, 480), Err(AttackError::Scheme { .. })));
+    assert!(matches!(
+        recover(&network, &rows[1..], descriptors, 640, 480),
+        Err(AttackError::DescriptorCount { .. })
+    ));
     let other = Descriptors::new(&[1, 2], 2).expect("one");
-    assert!(matches!(recover(&network, &rows[..1], &other, 640, 480), Err(NetworkError::Attack(_))));
-}
-
-/// What is wrong with a file.
-fn of_training(error: NetworkError) -> TrainingError {
-    match error {
-        NetworkError::Training(error) => error,
-        other => panic!("{other}"),
-    }
+    assert!(matches!(recover(&network, &rows[..1], &other, 640, 480), Err(AttackError::Dimensions { .. })));
 }

@@ -16,13 +16,12 @@ use std::time::Instant;
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
 
-use veiloc_features::Progress;
-
-use crate::audit::error::AuditError;
+use crate::EvalError;
 use crate::audit::{
     AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, NeighbourSource, Stage, attack_groups,
 };
 use crate::results::metrics::median;
+use veiloc_features::Progress;
 
 pub use conclusion::{conclusion, findings};
 pub use data::{Audit, AuditDocument, AuditOptions, AuditPart, Part};
@@ -39,18 +38,18 @@ pub use words::{Sentence, capital, count, needs, percent, px, scheme_words};
 /// need more are left out.
 ///
 /// # Errors
-/// [`AuditError`] as [`attack_groups`], or when an image cannot be read; [`AuditError::Options`] when there is
+/// [`EvalError`] as [`attack_groups`], or when an image cannot be read; [`EvalError::Options`] when there is
 /// nothing to attack.
 pub fn run_audit(
     options: &AuditOptions,
     file_of: &dyn Fn(usize, usize) -> Option<PathBuf>,
     progress: &dyn Progress,
-) -> Result<Audit, AuditError> {
+) -> Result<Audit, EvalError> {
     let started = Instant::now();
     let evaluation = &once(&options.evaluation);
     let with_inputs = !options.groups.is_empty() || !evaluation.files.is_empty();
     if !with_inputs && evaluation.synthetic == 0 {
-        return Err(AuditError::Options(
+        return Err(EvalError::Options(
             "there is nothing to attack: no input, and no synthetic scene".to_owned(),
         ));
     }
@@ -118,14 +117,14 @@ fn part(attacks: AttackDocument, gallery: &Gallery) -> AuditPart {
 const SHAPE: f64 = 0.02;
 
 /// An image in colour, of the size that its keypoints are in. Its metadata is not read, nor its orientation.
-fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, AuditError> {
-    let fault = |e| AuditError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
+fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, EvalError> {
+    let fault = |e| EvalError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
     let image = image::open(path).map_err(fault)?.into_rgb8();
     let (across, down) = image.dimensions();
     // Keypoints may be of the image made smaller, but not of one of another shape.
     let scale = f64::from(width) / f64::from(across);
     if (scale * f64::from(down) - f64::from(height)).abs() > SHAPE * f64::from(height) {
-        return Err(AuditError::DataSet(format!(
+        return Err(EvalError::DataSet(format!(
             "{}: the image has {across} x {down} pixels, and its keypoints are of one of {width} x {height}; give the image \
              that the keypoints were found in",
             path.display()

@@ -14,11 +14,10 @@ use std::path::PathBuf;
 pub use veiloc_attacks::learned::positions::{PositionNetwork, PositionTask, Sees};
 pub use veiloc_attacks::learned::{CurvePoint, Progress, TrainingOptions, TrainingState};
 
+use crate::EvalError;
+use crate::audit::neighbours::known;
 use veiloc_attacks::KnownImage;
 use veiloc_datasets::problem_files::{KeypointImage, json_lines, read_keypoints};
-
-use crate::audit::error::AuditError;
-use crate::audit::neighbours::known;
 
 pub use document::{
     CurveRow, OptionsRow, PositionCurveRow, PositionDocument, PrecisionRow, ToldRow, TrainingDocument,
@@ -50,10 +49,10 @@ struct Read {
 }
 
 impl ImageSets {
-    fn read(&self) -> Result<Read, AuditError> {
+    fn read(&self) -> Result<Read, EvalError> {
         let files = |files: &[PathBuf]| {
             let read = |file: &PathBuf| Ok((json_lines::display_name(file), read_keypoints(file)?));
-            files.iter().map(read).collect::<Result<Vec<(String, Vec<KeypointImage>)>, AuditError>>()
+            files.iter().map(read).collect::<Result<Vec<(String, Vec<KeypointImage>)>, EvalError>>()
         };
         let together = |files: Vec<(String, Vec<KeypointImage>)>| -> Vec<KeypointImage> {
             files.into_iter().flat_map(|(_, images)| images).collect()
@@ -75,7 +74,7 @@ impl Read {
     }
 }
 
-fn all_known(images: &[KeypointImage]) -> Result<Vec<KnownImage>, AuditError> {
+fn all_known(images: &[KeypointImage]) -> Result<Vec<KnownImage>, EvalError> {
     images.iter().map(known).collect()
 }
 
@@ -89,7 +88,7 @@ fn spread(images: Vec<KeypointImage>, most: usize) -> Vec<KeypointImage> {
 
 /// A figure of an image that was learned from would be worth nothing. Images are told by their keypoints, whatever they
 /// are called.
-fn refuse_shared(sets: &[(&str, Vec<&KeypointImage>)]) -> Result<(), AuditError> {
+fn refuse_shared(sets: &[(&str, Vec<&KeypointImage>)]) -> Result<(), EvalError> {
     let bits = |image: &KeypointImage| -> Vec<[u64; 2]> {
         image.keypoints.iter().map(|p| [p.u.to_bits(), p.v.to_bits()]).collect()
     };
@@ -98,7 +97,7 @@ fn refuse_shared(sets: &[(&str, Vec<&KeypointImage>)]) -> Result<(), AuditError>
         for image in images.iter().filter(|image| !image.keypoints.is_empty()) {
             let first = *seen.entry(bits(image)).or_insert(set);
             if first != set {
-                return Err(AuditError::Options(format!(
+                return Err(EvalError::Options(format!(
                     "{} is among the images of {} and of {own}; give images of different places",
                     image.name, sets[first].0
                 )));

@@ -11,7 +11,7 @@ use veiloc_datasets::problem_files::KeypointImage;
 use super::document::{CurveRow, OptionsRow, TrainingDocument};
 use super::precision::{NEAREST, rows};
 use super::{ImageSets, all_known};
-use crate::audit::error::AuditError;
+use crate::EvalError;
 use crate::audit::neighbours::Predictor;
 
 /// What to train on, and how.
@@ -28,12 +28,12 @@ pub struct NeighbourRun {
 /// Trains; `observe` is called after every step, and may break off. `earlier` is a training that goes on.
 ///
 /// # Errors
-/// [`AuditError`] when a file cannot be read, an image is in two of the three sets, or training fails.
+/// [`EvalError`] when a file cannot be read, an image is in two of the three sets, or training fails.
 pub fn train_neighbours(
     run: &NeighbourRun,
     earlier: Option<TrainingState>,
     observe: impl FnMut(Progress<'_>) -> ControlFlow<()>,
-) -> Result<(NeighbourNetwork, TrainingState, TrainingDocument), AuditError> {
+) -> Result<(NeighbourNetwork, TrainingState, TrainingDocument), EvalError> {
     let read = run.sets.read()?;
     let validation = all_known(&read.validate)?;
     let started = Instant::now();

@@ -11,7 +11,8 @@ use veiloc_datasets::problem_files::{KeypointImage, seed_for};
 
 use super::document::{OptionsRow, PositionCurveRow, PositionDocument, ToldRow};
 use super::{ImageSets, all_known};
-use crate::audit::error::AuditError;
+
+use crate::EvalError;
 
 /// What to train on, and how.
 #[derive(Debug, Clone)]
@@ -27,19 +28,19 @@ pub struct PositionRun {
 /// Trains; `observe` is called after every step, and may break off. `earlier` is a training that goes on.
 ///
 /// # Errors
-/// [`AuditError`] when a file cannot be read, an image is in two of the three sets, or training fails.
+/// [`EvalError`] when a file cannot be read, an image is in two of the three sets, or training fails.
 pub fn train_positions(
     run: &PositionRun,
     earlier: Option<TrainingState>,
     observe: impl FnMut(Progress<'_>) -> ControlFlow<()>,
-) -> Result<(PositionNetwork, TrainingState, PositionDocument), AuditError> {
+) -> Result<(PositionNetwork, TrainingState, PositionDocument), EvalError> {
     let read = run.sets.read()?;
     let validation = all_known(&read.validate)?;
     let started = Instant::now();
     let trained = train(&read.train, &validation, &run.task, &run.options, earlier, observe)?;
     let seconds = started.elapsed().as_secs_f64();
     let mut rows = Vec::new();
-    let mut judge = |part: &'static str, data: String, images: &[KeypointImage]| -> Result<(), AuditError> {
+    let mut judge = |part: &'static str, data: String, images: &[KeypointImage]| -> Result<(), EvalError> {
         // The same lines for every network, so that figures compare.
         let mut rng = ChaCha8Rng::seed_from_u64(seed_for(0, &[part, "positions told"]));
         let found = told(&trained.network, &all_known(images)?, &run.task, &mut rng)?;

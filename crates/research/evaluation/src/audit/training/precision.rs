@@ -11,7 +11,7 @@ use veiloc_obfuscation::audit::obfuscate_points;
 use veiloc_protocol::{AngleBits, DclLayout, Scheme};
 
 use super::document::PrecisionRow;
-use crate::audit::error::AuditError;
+use crate::EvalError;
 use crate::audit::gate;
 use crate::audit::neighbours::{Predictor, descriptors};
 
@@ -24,7 +24,7 @@ pub(super) fn rows(
     set: &[KeypointImage],
     predictor: &Predictor,
     name: &'static str,
-) -> Result<Vec<PrecisionRow>, AuditError> {
+) -> Result<Vec<PrecisionRow>, EvalError> {
     let names = match name {
         "network" => ["network", "network, angles", "angles"],
         _ => ["statistic", "statistic, angles", "angles"],
@@ -53,13 +53,13 @@ pub(super) fn rows(
 }
 
 /// For each row the rows that pass its gate under the paper's layout, in no order.
-fn gate(image: &KeypointImage) -> Result<NeighbourLists, AuditError> {
+fn gate(image: &KeypointImage) -> Result<NeighbourLists, EvalError> {
     let scheme = Scheme::Dcl(DclLayout::VERTICAL);
     let seed = seed_for(0, &[&image.name, "gate"]);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (width, height) = (image.width, image.height);
     let sent = obfuscate_points(&image.keypoints, width, height, &scheme, AngleBits::default(), &mut rng)
-        .map_err(|source| AuditError::Seal { name: image.name.clone(), source })?;
+        .map_err(|source| EvalError::Seal { name: image.name.clone(), source })?;
     Ok(gate::gate(&Observation::of_sent(&sent))?)
 }
 

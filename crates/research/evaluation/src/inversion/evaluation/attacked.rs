@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use crate::EvalError;
 use crate::audit::{
     Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, ImageGroup, NeighbourSource,
     attack_groups,
@@ -12,8 +13,6 @@ use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_features::Progress;
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
-
-use crate::inversion::error::InversionError;
 
 /// What attackers have who are told nothing of the image.
 #[derive(Debug, Clone, Default)]
@@ -84,7 +83,7 @@ pub(super) fn attack(
     realistic: &Realistic,
     (k, seed): (usize, u64),
     progress: &dyn Progress,
-) -> Result<Vec<Attacked>, InversionError> {
+) -> Result<Vec<Attacked>, EvalError> {
     let schemes: Vec<Scheme> = schemes.iter().copied().filter(|scheme| scheme.hides_positions()).collect();
     if schemes.is_empty() {
         return Ok(Vec::new());
@@ -107,7 +106,7 @@ pub(super) fn attack(
         let groups = vec![ImageGroup { name: "images".to_owned(), images: all }];
         let document = attack_groups(&evaluation, groups, &mut book)?;
         progress.finish();
-        Ok::<_, InversionError>((document, book.answers))
+        Ok::<_, EvalError>((document, book.answers))
     };
 
     let mut runs = vec![run("Attacking with true neighbours", &TOLD, NeighbourSource::Oracle, &[], &[])?];

@@ -4,7 +4,7 @@ use veiloc_attacks::image_metrics::{FeatureDistance, Lpips, psnr, ssim};
 use veiloc_features::ColourImage;
 use veiloc_features::detector::{Detection, Detector};
 
-use crate::inversion::error::InversionError;
+use crate::EvalError;
 
 /// Boxes of one class that overlap by at least this are of one object.
 const SAME: f32 = 0.5;
@@ -39,7 +39,7 @@ pub struct Scores {
 
 impl Judges {
     /// What is found in an image; nothing without a detector.
-    pub(super) fn objects(&self, image: &ColourImage) -> Result<Vec<Detection>, InversionError> {
+    pub(super) fn objects(&self, image: &ColourImage) -> Result<Vec<Detection>, EvalError> {
         match &self.detector {
             Some((detector, least)) => Ok(detector.detect(image, *least)?),
             None => Ok(Vec::new()),
@@ -53,7 +53,7 @@ impl Judges {
         objects: &[Detection],
         rebuilt: &ColourImage,
         seen: &[Detection],
-    ) -> Result<Scores, InversionError> {
+    ) -> Result<Scores, EvalError> {
         let lpips = self.lpips.as_ref().map(|lpips| lpips.between(original, rebuilt)).transpose()?;
         let distance = self.feature_distance.as_ref().map(|d| d.between(original, rebuilt)).transpose()?;
         let detects = self.detector.is_some();

@@ -13,7 +13,7 @@ use super::beliefs::Beliefs;
 use super::document::{Column, EvaluationDocument, RebuiltRow};
 use super::judges::Judges;
 use super::sheet::{Sheet, Tile};
-use crate::inversion::error::InversionError;
+use crate::EvalError;
 use crate::inversion::inverter::{Inverter, Known};
 use crate::inversion::network::{Grid, Sees};
 use crate::inversion::pixels::{on_grid, to_image};
@@ -62,14 +62,14 @@ enum Input {
 }
 
 /// Of networks that are given the same, one would go unused.
-fn refuse_alike(networks: &[Inverter]) -> Result<(), InversionError> {
+fn refuse_alike(networks: &[Inverter]) -> Result<(), EvalError> {
     let given = |network: &Inverter| match network.shape().sees {
         Sees::Lines => format!("lines of {}", network.scheme()),
         sees @ (Sees::Places | Sees::Bag) => sees.name().to_owned(),
     };
     for (i, network) in networks.iter().enumerate() {
         if networks[..i].iter().any(|earlier| given(earlier) == given(network)) {
-            return Err(InversionError::TwoNetworks(given(network)));
+            return Err(EvalError::TwoNetworks(given(network)));
         }
     }
     Ok(())
@@ -78,14 +78,14 @@ fn refuse_alike(networks: &[Inverter]) -> Result<(), InversionError> {
 /// Evaluates; also the contact sheets, of the images and of the wide view.
 ///
 /// # Errors
-/// [`InversionError`] when a file is no image, an attack cannot run, networks are missing or do not fit the features.
+/// [`EvalError`] when a file is no image, an attack cannot run, networks are missing or do not fit the features.
 pub fn evaluate_inversion(
     evaluation: &InversionEvaluation<'_>,
     judges: &Judges,
     progress: &dyn Progress,
-) -> Result<(EvaluationDocument, [Sheet; 2]), InversionError> {
+) -> Result<(EvaluationDocument, [Sheet; 2]), EvalError> {
     let of = |sees: Sees| evaluation.networks.iter().filter(move |n| n.shape().sees == sees);
-    let placed = of(Sees::Places).next().ok_or(InversionError::NoNetwork)?;
+    let placed = of(Sees::Places).next().ok_or(EvalError::NoNetwork)?;
     refuse_alike(evaluation.networks)?;
     let images = keypoints_of_images(&evaluation.images, evaluation.extractor, evaluation.limits, progress)?;
     let originals = evaluation.images.iter().map(|path| load_colour(path)).collect::<Result<Vec<_>, _>>()?;
@@ -205,7 +205,7 @@ impl<'a> Job<'a> {
     }
 
     /// Adds what the network believes of the places that it is given for an image, where it judges places.
-    fn believes(&self, at: usize, image: &KeypointImage, to: &mut Beliefs) -> Result<(), InversionError> {
+    fn believes(&self, at: usize, image: &KeypointImage, to: &mut Beliefs) -> Result<(), EvalError> {
         let (Input::Places(answers), Some(errors)) = (&self.input, &self.column.errors) else {
             return Ok(());
         };
@@ -217,7 +217,7 @@ impl<'a> Job<'a> {
     }
 
     /// What the network makes of an image, in a view so many times as wide and high.
-    fn image(&self, at: usize, image: &KeypointImage, times: u32) -> Result<ColourImage, InversionError> {
+    fn image(&self, at: usize, image: &KeypointImage, times: u32) -> Result<ColourImage, EvalError> {
         let nowhere: Vec<Pixel>;
         let known = match &self.input {
             Input::Places(answers) => Known::Places(&answers[at].places),

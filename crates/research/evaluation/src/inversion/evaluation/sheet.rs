@@ -5,7 +5,7 @@ use image::{ExtendedColorType, ImageEncoder as _};
 use veiloc_features::ColourImage;
 use veiloc_features::detector::Detection;
 
-use crate::inversion::error::InversionError;
+use crate::EvalError;
 
 /// Pixels between tiles.
 const GAP: usize = 4;
@@ -62,14 +62,14 @@ impl Sheet {
     /// As the bytes of a PNG file; `None` for a sheet without tiles.
     ///
     /// # Errors
-    /// [`InversionError::Sheet`] for a sheet larger than such a file can be.
-    pub fn png(&self) -> Result<Option<Vec<u8>>, InversionError> {
+    /// [`EvalError::Sheet`] for a sheet larger than such a file can be.
+    pub fn png(&self) -> Result<Option<Vec<u8>>, EvalError> {
         let Some(image) = self.image() else { return Ok(None) };
         let mut bytes = Vec::new();
         let (width, height) = (image.width(), image.height());
         PngEncoder::new(&mut bytes)
             .write_image(image.data(), width, height, ExtendedColorType::Rgb8)
-            .map_err(|error| InversionError::Sheet(error.to_string()))?;
+            .map_err(|error| EvalError::Sheet(error.to_string()))?;
         Ok(Some(bytes))
     }
 }

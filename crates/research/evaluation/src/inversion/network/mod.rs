@@ -24,8 +24,9 @@ mod unet;
 
 use invsfm::InvSfm;
 use unet::UNet;
+use veiloc_attacks::AttackError;
+use veiloc_attacks::training::Matrix;
 use veiloc_attacks::training::layers::Places;
-use veiloc_attacks::training::{Matrix, TrainingError};
 
 /// Red, green and blue.
 const COLOURS: usize = 3;
@@ -126,8 +127,8 @@ impl Shape {
     /// Whether such a network can be.
     ///
     /// # Errors
-    /// [`TrainingError::Option`].
-    pub fn check(&self) -> Result<(), TrainingError> {
+    /// [`AttackError::Option`].
+    pub fn check(&self) -> Result<(), AttackError> {
         let of = [
             ("dimension", self.dimension, 1..=8192, "from 1 to 8192"),
             ("width", self.width, 1..=256, "from 1 to 256"),
@@ -136,7 +137,7 @@ impl Shape {
         ];
         for (name, value, range, allowed) in of {
             if !range.contains(&value) {
-                return Err(TrainingError::refuse(name, value, allowed));
+                return Err(AttackError::refuse(name, value, allowed));
             }
         }
         Ok(())

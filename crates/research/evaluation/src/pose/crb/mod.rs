@@ -16,17 +16,16 @@ mod trial;
 
 use std::collections::BTreeMap;
 
-use rayon::prelude::*;
-use serde::Serialize;
-use veiloc_features::Progress;
-use veiloc_pose::PoseOptions;
-use veiloc_protocol::{AngleBits, Scheme};
-
-use crate::pose::error::PosesError;
+use crate::EvalError;
 use crate::results::coverage::{NormalizedError, shares};
 use crate::results::metrics::finite;
 use crate::results::metrics::{PoseError, mean, median};
+use rayon::prelude::*;
+use serde::Serialize;
 use trial::Trial;
+use veiloc_features::Progress;
+use veiloc_pose::PoseOptions;
+use veiloc_protocol::{AngleBits, Scheme};
 
 pub use scene::{SceneError, SyntheticScene};
 pub use table::table;
@@ -160,11 +159,11 @@ pub struct Coverage {
 /// Runs every problem of every cell; results do not depend on the number of threads.
 ///
 /// # Errors
-/// [`PosesError::Options`] when something asked for is impossible or nothing is.
+/// [`EvalError::Options`] when something asked for is impossible or nothing is.
 pub fn evaluate_bound(
     evaluation: &SyntheticEvaluation,
     progress: &dyn Progress,
-) -> Result<BoundEvaluation, PosesError> {
+) -> Result<BoundEvaluation, EvalError> {
     check(evaluation)?;
     let cells = evaluation.scenes.len()
         * evaluation.schemes.len()
@@ -208,8 +207,8 @@ pub fn evaluate_bound(
     Ok(document)
 }
 
-fn check(evaluation: &SyntheticEvaluation) -> Result<(), PosesError> {
-    let refuse = |reason: String| Err(PosesError::Options(reason));
+fn check(evaluation: &SyntheticEvaluation) -> Result<(), EvalError> {
+    let refuse = |reason: String| Err(EvalError::Options(reason));
     if evaluation.scenes.is_empty()
         || evaluation.schemes.is_empty()
         || evaluation.noises_px.is_empty()

@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use crate::EvalError;
 use crate::audit::{
-    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackSummary, AuditError, ImageGroup,
-    Measured, NeighbourSource, ServerKnowledge, Stage, attack_groups,
+    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackSummary, ImageGroup, Measured,
+    NeighbourSource, ServerKnowledge, Stage, attack_groups,
 };
 use serde::Serialize;
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
@@ -14,7 +15,6 @@ use veiloc_protocol::Scheme;
 
 use super::adversary::Adversary;
 use super::keypoints::Keypoints;
-use crate::privacy::error::TradeoffError;
 
 /// Frames that an adversary of several puts together, and seals of one image: as many as there are at most.
 const FRAMES: [usize; 2] = [2, 8];
@@ -82,7 +82,7 @@ impl Tried {
 
 impl Attackers<'_> {
     /// Mean error of the guess on all images, attacked or not, by scheme, pixels.
-    pub(crate) fn guess(&self, progress: &dyn Progress) -> Result<BTreeMap<String, f64>, TradeoffError> {
+    pub(crate) fn guess(&self, progress: &dyn Progress) -> Result<BTreeMap<String, f64>, EvalError> {
         let images: Vec<KeypointImage> = self.keypoints.all().cloned().collect();
         let guessed = run(&self.evaluation(), images, "Guessing", progress)?;
         Ok(guessed.attacks.into_iter().map(|a| (a.scheme, a.mean_px)).collect())
@@ -94,7 +94,7 @@ impl Attackers<'_> {
         &self,
         adversary: Adversary,
         progress: &dyn Progress,
-    ) -> Result<BTreeMap<String, Gain>, TradeoffError> {
+    ) -> Result<BTreeMap<String, Gain>, EvalError> {
         let mut attack = self.evaluation();
         let extra = if self.thorough { adversary.thorough() } else { &[] };
         attack.attacks =
@@ -103,7 +103,7 @@ impl Attackers<'_> {
         // A server that finds no pose under a scheme knows nothing there; the others are attacked without it.
         let found = loop {
             match run(&attack, images.clone(), adversary.name(), progress) {
-                Err(AuditError::NoPose { scheme, .. }) => {
+                Err(EvalError::NoPose { scheme, .. }) => {
                     attack.schemes.retain(|s| s.to_string() != scheme);
                     if attack.schemes.is_empty() {
                         return Ok(BTreeMap::new());
@@ -131,7 +131,7 @@ impl Attackers<'_> {
         &self,
         adversary: Adversary,
         attack: &mut AttackEvaluation,
-    ) -> Result<Option<Vec<KeypointImage>>, TradeoffError> {
+    ) -> Result<Option<Vec<KeypointImage>>, EvalError> {
         let keypoints = self.keypoints;
         let mut images = keypoints.attacked.clone();
         attack.images = Some(images.len());
@@ -191,10 +191,10 @@ impl Attackers<'_> {
     }
 
     /// Keypoints of elsewhere, which say where keypoints mostly lie; their descriptors are not asked for again.
-    fn elsewhere(&self) -> Result<Vec<KeypointImage>, TradeoffError> {
+    fn elsewhere(&self) -> Result<Vec<KeypointImage>, EvalError> {
         let mut images = Vec::new();
         for file in self.train {
-            let read = read_keypoints(file).map_err(AuditError::from)?;
+            let read = read_keypoints(file).map_err(EvalError::from)?;
             let unknown = |p: &KeypointImage| self.keypoints.attacked.iter().all(|own| own.name != p.name);
             images.extend(
                 read.into_iter().filter(unknown).map(|image| KeypointImage { descriptors: None, ..image }),
@@ -225,7 +225,7 @@ fn run(
     images: Vec<KeypointImage>,
     stage: &str,
     progress: &dyn Progress,
-) -> Result<AttackDocument, AuditError> {
+) -> Result<AttackDocument, EvalError> {
     let group = ImageGroup { name: "queries".to_owned(), images };
     attack_groups(attack, vec![group], &mut Watched(Stage::new(progress, stage)))
 }

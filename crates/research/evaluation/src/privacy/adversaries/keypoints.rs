@@ -2,13 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::EvalError;
+use crate::privacy::spread::spread;
 use crate::{MadeProblem, ProblemSource, folder_name, make_problems};
 use tempfile::TempDir;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints, json_lines, read_keypoints};
 use veiloc_features::Progress;
-
-use crate::privacy::error::TradeoffError;
-use crate::privacy::spread::spread;
 
 /// All keypoints of a place or a file, and the files that attacks read.
 pub(crate) struct Keypoints {
@@ -39,7 +38,7 @@ impl Keypoints {
         source: &ProblemSource<'_>,
         attacked: Option<usize>,
         progress: &dyn Progress,
-    ) -> Result<Self, TradeoffError> {
+    ) -> Result<Self, EvalError> {
         let queries = source.query_list;
         let listed = [queries, source.map_list].concat();
         let data = folder_name(source.images);
@@ -47,14 +46,14 @@ impl Keypoints {
         let mut made: Vec<MadeProblem> = make_problems(&source, progress)?;
         let map: Vec<KeypointImage> =
             made.split_off(queries.len()).into_iter().map(|m| m.keypoints).collect();
-        let temporary = |source| TradeoffError::Io { path: std::env::temp_dir(), source };
+        let temporary = |source| EvalError::Io { path: std::env::temp_dir(), source };
         let folder = tempfile::tempdir().map_err(temporary)?;
         let write = |name: &str, bytes: std::io::Result<Vec<u8>>| {
             let path = folder.path().join(name);
             bytes
                 .and_then(|bytes| std::fs::write(&path, bytes))
-                .map_err(|source| TradeoffError::Io { path: path.clone(), source })?;
-            Ok::<PathBuf, TradeoffError>(path)
+                .map_err(|source| EvalError::Io { path: path.clone(), source })?;
+            Ok::<PathBuf, EvalError>(path)
         };
         let lines: Vec<String> = made.iter().map(|m| m.line.clone()).collect();
         let place = PlaceKnowledge {
@@ -69,8 +68,8 @@ impl Keypoints {
     }
 
     /// Those of a file of keypoints, of which nobody has a map.
-    pub(crate) fn of_file(path: &Path, attacked: Option<usize>) -> Result<Self, TradeoffError> {
-        let images = read_keypoints(path).map_err(crate::audit::AuditError::from)?;
+    pub(crate) fn of_file(path: &Path, attacked: Option<usize>) -> Result<Self, EvalError> {
+        let images = read_keypoints(path)?;
         let (attacked, others) = split(images, attacked);
         Ok(Self { data: json_lines::display_name(path), attacked, others, place: None })
     }

@@ -10,12 +10,11 @@ mod keypoints;
 mod options;
 mod table;
 
+use crate::EvalError;
 use crate::{ProblemSource, masks_of};
-use veiloc_features::Progress;
-
-use crate::privacy::error::TradeoffError;
 pub(crate) use attackers::{Attackers, Gain};
 pub(crate) use keypoints::Keypoints;
+use veiloc_features::Progress;
 
 pub use adversary::{Adversary, UnknownAdversary};
 pub use attackers::Tried;
@@ -26,11 +25,11 @@ pub use table::adversaries_table;
 /// Attacks queries of a place, or images of files of which nobody has a map, as every adversary that has what it takes.
 ///
 /// # Errors
-/// [`TradeoffError`] when data is missing, a map cannot be built, or nothing was asked for.
+/// [`EvalError`] when data is missing, a map cannot be built, or nothing was asked for.
 pub fn evaluate_adversaries(
     evaluation: &AdversariesEvaluation,
     progress: &dyn Progress,
-) -> Result<AdversariesDocument, TradeoffError> {
+) -> Result<AdversariesDocument, EvalError> {
     evaluation.check()?;
     let mut sets = Vec::new();
     if let Some(place) = &evaluation.place {

@@ -8,7 +8,8 @@ use veiloc_mapping::BuildOptions;
 use veiloc_protocol::Scheme;
 
 use super::adversary::Adversary;
-use crate::privacy::error::TradeoffError;
+
+use crate::EvalError;
 
 /// A place with known poses, split into map and queries.
 #[derive(Debug, Clone)]
@@ -75,8 +76,8 @@ impl AdversariesEvaluation {
         }
     }
 
-    pub(super) fn check(&self) -> Result<(), TradeoffError> {
-        let refuse = |why: &str| Err(TradeoffError::Options(why.to_owned()));
+    pub(super) fn check(&self) -> Result<(), EvalError> {
+        let refuse = |why: &str| Err(EvalError::Options(why.to_owned()));
         if self.place.as_ref().is_none_or(|place| place.query_list.is_empty()) && self.files.is_empty() {
             return refuse("nothing to attack: give a place with queries, or files of keypoints");
         }

@@ -11,13 +11,13 @@ mod table;
 
 use std::collections::BTreeMap;
 
+use crate::EvalError;
 use crate::ProblemSource;
 use crate::stress::{StressQuery, evaluate_stress};
 use veiloc_features::Progress;
 use veiloc_protocol::{DclLayout, Scheme};
 
 use crate::privacy::adversaries::Keypoints;
-use crate::privacy::error::TradeoffError;
 use accuracy::Accuracy;
 use privacy::Privacy;
 
@@ -30,12 +30,12 @@ pub use table::layouts_table;
 /// Judges every layout.
 ///
 /// # Errors
-/// [`TradeoffError`] when data is missing, a map cannot be built, or nothing was asked for. A query that is not localized
+/// [`EvalError`] when data is missing, a map cannot be built, or nothing was asked for. A query that is not localized
 /// is a result, not an error.
 pub fn evaluate_layouts(
     evaluation: &LayoutsEvaluation,
     progress: &dyn Progress,
-) -> Result<LayoutsDocument, TradeoffError> {
+) -> Result<LayoutsDocument, EvalError> {
     evaluation.check()?;
     let stress = &evaluation.stress;
     let source = ProblemSource {

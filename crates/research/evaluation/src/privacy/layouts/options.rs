@@ -2,11 +2,10 @@
 
 use std::path::PathBuf;
 
+use crate::EvalError;
 use crate::stress::{Stress, StressEvaluation};
 use veiloc_map::PosedImages;
 use veiloc_protocol::{DclLayout, Scheme};
-
-use crate::privacy::error::TradeoffError;
 
 /// Layouts to judge, and on what.
 #[derive(Debug, Clone)]
@@ -58,18 +57,18 @@ impl LayoutsEvaluation {
         }
     }
 
-    pub(super) fn check(&self) -> Result<(), TradeoffError> {
+    pub(super) fn check(&self) -> Result<(), EvalError> {
         let asked = !self.layouts.is_empty()
             && !self.stress.query_list.is_empty()
             && self.seeds > 0
             && self.k > 0
             && self.attacked != Some(0);
         if !asked {
-            return Err(TradeoffError::Options("no layout, query, seed or neighbour to evaluate".to_owned()));
+            return Err(EvalError::Options("no layout, query, seed or neighbour to evaluate".to_owned()));
         }
         let twice = self.layouts.iter().enumerate().find(|(i, own)| self.layouts[..*i].contains(own));
         twice.map_or(Ok(()), |(_, own)| {
-            Err(TradeoffError::Options(format!("{} is asked for twice", super::name(*own))))
+            Err(EvalError::Options(format!("{} is asked for twice", super::name(*own))))
         })
     }
 
@@ -80,11 +79,11 @@ impl LayoutsEvaluation {
 }
 
 /// A layout from the text of its scheme.
-fn layout(text: &str) -> Result<DclLayout, TradeoffError> {
+fn layout(text: &str) -> Result<DclLayout, EvalError> {
     match text.parse() {
         Ok(Scheme::Dcl(layout)) => Ok(layout),
-        Ok(other) => Err(TradeoffError::Options(format!("{other} has no layout"))),
-        Err(error) => Err(TradeoffError::Options(format!("{text}: {error}"))),
+        Ok(other) => Err(EvalError::Options(format!("{other} has no layout"))),
+        Err(error) => Err(EvalError::Options(format!("{text}: {error}"))),
     }
 }
 

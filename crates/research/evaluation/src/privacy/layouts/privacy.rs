@@ -10,8 +10,8 @@ use veiloc_geometry::Pencils;
 use veiloc_protocol::{DclLayout, Scheme};
 
 use super::options::LayoutsEvaluation;
+use crate::EvalError;
 use crate::privacy::adversaries::{Adversary, Attackers, Gain, Keypoints};
-use crate::privacy::error::TradeoffError;
 
 /// One adversary on all attacked queries, with the best of their attacks.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -62,7 +62,7 @@ impl Privacy {
         evaluation: &LayoutsEvaluation,
         keypoints: &Keypoints,
         progress: &dyn Progress,
-    ) -> Result<Self, TradeoffError> {
+    ) -> Result<Self, EvalError> {
         let schemes: Vec<Scheme> = evaluation.layouts.iter().copied().map(Scheme::Dcl).collect();
         // Who brings nothing of elsewhere learns from the map: stronger than any outsider, and the same for all layouts.
         let train = match &keypoints.place {

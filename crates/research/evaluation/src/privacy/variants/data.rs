@@ -4,11 +4,11 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use veiloc_attacks::KnownImage;
-use veiloc_geometry::Pixel;
-
-use crate::audit::AuditError;
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
 use veiloc_datasets::problem_files::{Problem, read_problems};
+use veiloc_geometry::Pixel;
+
+use crate::EvalError;
 
 /// Positions of the two files are equal when they agree to this, pixels; a camera's rounding is far smaller.
 const SAME_PX: f64 = 1e-6;
@@ -35,9 +35,9 @@ pub(super) struct Data {
 /// Reads both files and joins them by name and position.
 ///
 /// # Errors
-/// [`AuditError`] when a file cannot be read, no name is in both, an image comes without descriptors, or a match is at
+/// [`EvalError`] when a file cannot be read, no name is in both, an image comes without descriptors, or a match is at
 /// no keypoint of its image.
-pub(super) fn read(keypoints: &Path, problems: &Path) -> Result<Data, AuditError> {
+pub(super) fn read(keypoints: &Path, problems: &Path) -> Result<Data, EvalError> {
     let mut by_name: HashMap<String, Problem> =
         read_problems(problems)?.into_iter().map(|p| (p.name.clone(), p)).collect();
     let (mut queries, mut others) = (Vec::new(), Vec::new());
@@ -48,7 +48,7 @@ pub(super) fn read(keypoints: &Path, problems: &Path) -> Result<Data, AuditError
         }
     }
     if queries.is_empty() {
-        return Err(AuditError::DataSet(format!(
+        return Err(EvalError::DataSet(format!(
             "{} and {} have no image name in common; both must come from the same images (eval problems --keypoints \
              writes both)",
             keypoints.display(),
@@ -58,9 +58,9 @@ pub(super) fn read(keypoints: &Path, problems: &Path) -> Result<Data, AuditError
     Ok(Data { queries, others })
 }
 
-fn join(image: KeypointImage, problem: Problem) -> Result<Query, AuditError> {
+fn join(image: KeypointImage, problem: Problem) -> Result<Query, EvalError> {
     if (image.width, image.height) != (problem.camera.width, problem.camera.height) {
-        return Err(AuditError::DataSet(format!(
+        return Err(EvalError::DataSet(format!(
             "{}: the keypoints are of {} x {} pixels, the problem's camera takes {} x {}",
             image.name, image.width, image.height, problem.camera.width, problem.camera.height
         )));
@@ -78,7 +78,7 @@ fn join(image: KeypointImage, problem: Problem) -> Result<Query, AuditError> {
     let rows_of: Vec<Vec<usize>> = problem.keypoints.iter().map(at).collect();
     if let Some(lost) = rows_of.iter().position(Vec::is_empty) {
         let p = problem.keypoints[lost];
-        return Err(AuditError::DataSet(format!(
+        return Err(EvalError::DataSet(format!(
             "{}: a match is at ({:.3}, {:.3}), where the image has no keypoint; both files must come from one \
              extraction, in pixels of a camera without distortion",
             image.name, p.u, p.v
@@ -96,10 +96,10 @@ fn join(image: KeypointImage, problem: Problem) -> Result<Query, AuditError> {
 }
 
 /// The descriptors of an image, `[N · dimension]`, and their dimension.
-pub(super) fn descriptors(image: &KeypointImage) -> Result<(&[u8], usize), AuditError> {
+pub(super) fn descriptors(image: &KeypointImage) -> Result<(&[u8], usize), EvalError> {
     match &image.descriptors {
         Some((bytes, dimension)) => Ok((bytes, *dimension)),
-        None => Err(AuditError::DataSet(format!(
+        None => Err(EvalError::DataSet(format!(
             "{} comes without descriptors, which transfer and prediction of neighbours read; write them with eval \
              problems --keypoints or eval keypoints",
             image.name
@@ -108,7 +108,7 @@ pub(super) fn descriptors(image: &KeypointImage) -> Result<(&[u8], usize), Audit
 }
 
 /// Some keypoints of an image with everything that is known of them.
-pub(super) fn known(image: &KeypointImage, rows: &[usize]) -> Result<KnownImage, AuditError> {
+pub(super) fn known(image: &KeypointImage, rows: &[usize]) -> Result<KnownImage, EvalError> {
     let (bytes, dimension) = descriptors(image)?;
     let chosen: Vec<u8> =
         rows.iter().flat_map(|r| &bytes[r * dimension..(r + 1) * dimension]).copied().collect();

@@ -18,20 +18,19 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use rayon::prelude::*;
-use veiloc_attacks::{Descriptors, KnownImage, NeighbourPredictor, Transfer, transfer};
-use veiloc_features::Progress;
-use veiloc_pose::PoseOptions;
-
-use crate::audit::AuditError;
+use crate::EvalError;
 use crate::privacy::spread::spread;
 use crate::results::metrics::Threshold;
 use crate::results::{QueryResult, summarize};
 use data::{Data, Query};
 use privacy::{Attackers, Judgement};
+use rayon::prelude::*;
 use sent::Sent;
+use veiloc_attacks::{Descriptors, KnownImage, NeighbourPredictor, Transfer, transfer};
 use veiloc_datasets::problem_files::json_lines;
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
+use veiloc_features::Progress;
+use veiloc_pose::PoseOptions;
 
 pub use document::{AttackFigures, LocalizationFigures, TradeoffDocument, VariantFigures};
 
@@ -97,14 +96,14 @@ impl TradeoffEvaluation {
 /// Judges every variant.
 ///
 /// # Errors
-/// [`AuditError`] when a file cannot be read, files do not belong together, descriptors are missing, or nothing was
+/// [`EvalError`] when a file cannot be read, files do not belong together, descriptors are missing, or nothing was
 /// asked for. An image that cannot be localized is a result, not an error.
 pub fn evaluate_tradeoff(
     evaluation: &TradeoffEvaluation,
     progress: &dyn Progress,
-) -> Result<TradeoffDocument, AuditError> {
+) -> Result<TradeoffDocument, EvalError> {
     if evaluation.variants.is_empty() || evaluation.seeds == 0 || evaluation.attacked == Some(0) {
-        return Err(AuditError::Options("no variant, seed or image to evaluate".to_owned()));
+        return Err(EvalError::Options("no variant, seed or image to evaluate".to_owned()));
     }
     let data = data::read(&evaluation.keypoints, &evaluation.problems)?;
     let map = map_images(&data, &evaluation.map)?;
@@ -176,7 +175,7 @@ impl World<'_> {
         variant: &Variant,
         q: usize,
         predictor: Option<&NeighbourPredictor>,
-    ) -> Result<(usize, usize, Judgement), AuditError> {
+    ) -> Result<(usize, usize, Judgement), EvalError> {
         let query = &self.data.queries[q];
         let sent = Sent::of(variant, &query.image, Some(&query.ratios), self.evaluation.seed)?;
         let transfer = self.transfer(q, &sent)?;
@@ -192,7 +191,7 @@ impl World<'_> {
     }
 
     /// `None` without an image of the map.
-    fn transfer(&self, q: usize, sent: &Sent) -> Result<Option<Arc<Transfer>>, AuditError> {
+    fn transfer(&self, q: usize, sent: &Sent) -> Result<Option<Arc<Transfer>>, EvalError> {
         let image = &self.data.queries[q].image;
         let key = (q, sent.kept.clone(), sent.truth.len());
         let lock = || self.transfers.lock().unwrap_or_else(PoisonError::into_inner);
@@ -212,7 +211,7 @@ impl World<'_> {
         Ok(Some(found))
     }
 
-    fn localize(&self, variant: &Variant, query: &Query) -> Result<Vec<QueryResult>, AuditError> {
+    fn localize(&self, variant: &Variant, query: &Query) -> Result<Vec<QueryResult>, EvalError> {
         let e = self.evaluation;
         let size = (query.image.width, query.image.height);
         (e.seed..e.seed.saturating_add(e.seeds))
@@ -232,7 +231,7 @@ impl World<'_> {
 const MAP_IMAGES: usize = 5;
 
 /// Every image that a server might have, by name; queries among them know nothing of themselves.
-fn map_images(data: &Data, files: &[PathBuf]) -> Result<Vec<(String, KnownImage)>, AuditError> {
+fn map_images(data: &Data, files: &[PathBuf]) -> Result<Vec<(String, KnownImage)>, EvalError> {
     let mut images: Vec<KeypointImage> = data.queries.iter().map(|q| q.image.clone()).collect();
     images.extend(data.others.iter().cloned());
     for file in files {
@@ -242,14 +241,14 @@ fn map_images(data: &Data, files: &[PathBuf]) -> Result<Vec<(String, KnownImage)
     images.into_iter().map(|p| Ok((p.name.clone(), data::known(&p, &all(&p))?))).collect()
 }
 
-fn teachers(data: &Data, files: &[PathBuf]) -> Result<Vec<KeypointImage>, AuditError> {
+fn teachers(data: &Data, files: &[PathBuf]) -> Result<Vec<KeypointImage>, EvalError> {
     let mut images = Vec::new();
     for file in files {
         images.extend(read_keypoints(file)?);
     }
     images.retain(|p| data.queries.iter().all(|q| q.image.name != p.name));
     if images.is_empty() && !files.is_empty() {
-        return Err(AuditError::Options(
+        return Err(EvalError::Options(
             "every training image is named as one that is attacked; train on other images".to_owned(),
         ));
     }
@@ -262,7 +261,7 @@ fn predictor(
     variant: &Variant,
     teachers: &[KeypointImage],
     evaluation: &TradeoffEvaluation,
-) -> Result<Option<NeighbourPredictor>, AuditError> {
+) -> Result<Option<NeighbourPredictor>, EvalError> {
     if teachers.is_empty() {
         return Ok(None);
     }

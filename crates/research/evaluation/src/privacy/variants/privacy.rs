@@ -9,9 +9,10 @@ use veiloc_geometry::{Anchor, PencilLine, Pixel};
 use veiloc_protocol::Observations;
 
 use super::sent::Sent;
-use crate::audit::AuditError;
 use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_datasets::problem_files::seed_for;
+
+use crate::EvalError;
 
 /// One attack on one image. Errors are those of true keypoints, `[kept]`; decoys have none.
 pub(super) struct AttackErrors {
@@ -46,7 +47,7 @@ pub(super) fn judge(
     sent: &Sent,
     image: &KeypointImage,
     attackers: &Attackers<'_>,
-) -> Result<Judgement, AuditError> {
+) -> Result<Judgement, EvalError> {
     let (width, height) = (image.width, image.height);
     let truth = &sent.truth[..sent.kept.len()];
     let mut attacks = Vec::new();

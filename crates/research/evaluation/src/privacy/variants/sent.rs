@@ -14,9 +14,10 @@ use veiloc_synthetic::problems::normal;
 use super::data;
 use super::select::select;
 use super::variant::Variant;
-use crate::audit::AuditError;
 use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_datasets::problem_files::seed_for;
+
+use crate::EvalError;
 
 /// What is sent of one image. Rows are the keypoints that are kept, in the order of the file, then decoys.
 pub(super) struct Sent {
@@ -44,12 +45,12 @@ impl Sent {
         image: &KeypointImage,
         ratios: Option<&[f64]>,
         seed: u64,
-    ) -> Result<Self, AuditError> {
+    ) -> Result<Self, EvalError> {
         let rng = |what: &str| ChaCha8Rng::seed_from_u64(seed_for(seed, &[&image.name, what]));
         let size = (image.width, image.height);
         let scheme = variant.scheme(&mut rng("dividing line"));
         let Scheme::Dcl(layout) = scheme else {
-            return Err(AuditError::Options(format!("{scheme} has no anchors")));
+            return Err(EvalError::Options(format!("{scheme} has no anchors")));
         };
         let pencils = Pencils::of_image([size.0, size.1], &layout.layout());
         let kept = select(variant, &image.keypoints, size, &pencils, ratios, &mut rng("selection"));
@@ -62,22 +63,22 @@ impl Sent {
         if count > 0 {
             let kind = DescriptorKind::ROOT_SIFT;
             if dimension != kind.dim() {
-                return Err(AuditError::Options(format!(
+                return Err(EvalError::Options(format!(
                     "{}: decoys are made of RootSIFT descriptors, these have dimension {dimension}",
                     image.name
                 )));
             }
             let pool = Descriptors::new(kind, rows.clone())
-                .map_err(|e| AuditError::DataSet(format!("{}: {e}", image.name)))?;
+                .map_err(|e| EvalError::DataSet(format!("{}: {e}", image.name)))?;
             let (pixels, descriptors) =
                 audit::decoys(&truth, &pool, [size.0, size.1], count, &mut rng("decoys"))
-                    .map_err(|source| AuditError::Seal { name: image.name.clone(), source })?;
+                    .map_err(|source| EvalError::Seal { name: image.name.clone(), source })?;
             truth.extend(&pixels);
             moved.extend(&pixels);
             rows.extend_from_slice(descriptors.as_bytes());
         }
         let observed = obfuscate_points(&moved, size.0, size.1, &scheme, variant.bits, &mut rng("sent"))
-            .map_err(|source| AuditError::Seal { name: image.name.clone(), source })?;
+            .map_err(|source| EvalError::Seal { name: image.name.clone(), source })?;
         let observations = Observation::of_sent(&observed);
         Ok(Self { kept, truth, descriptors: (rows, dimension), observed, observations, pencils, scheme })
     }

@@ -7,7 +7,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use veiloc_evaluation::audit::AuditError;
+use veiloc_evaluation::EvalError;
 use veiloc_evaluation::audit::{
     Attack, AttackDocument, AttackEvaluation, AttackSummary, FrameChoice, Measured, NeighbourSource,
     ServerKnowledge, evaluate_attacks,
@@ -119,7 +119,7 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEv
     }
 }
 
-fn run(evaluation: &AttackEvaluation) -> Result<AttackDocument, AuditError> {
+fn run(evaluation: &AttackEvaluation) -> Result<AttackDocument, EvalError> {
     evaluate_attacks(evaluation, |_, _| ())
 }
 
@@ -240,13 +240,13 @@ fn files_that_do_not_fit_and_servers_that_find_no_pose_are_named() {
         run(&evaluation(&keypoints, &problems, &[named("iterative")])).expect_err("refused")
     };
     let error = refused(Matches::OtherNames);
-    assert!(matches!(&error, AuditError::NoMatches { image } if image == "p0"), "{error}");
+    assert!(matches!(&error, EvalError::NoMatches { image } if image == "p0"), "{error}");
     let error = refused(Matches::OtherSize);
-    assert!(matches!(&error, AuditError::OtherSize { size: [641, 480], .. }), "{error}");
+    assert!(matches!(&error, EvalError::OtherSize { size: [641, 480], .. }), "{error}");
     let error = refused(Matches::OtherKeypoints);
-    assert!(matches!(&error, AuditError::NoSuchKeypoint { image, .. } if image == "p0"), "{error}");
+    assert!(matches!(&error, EvalError::NoSuchKeypoint { image, .. } if image == "p0"), "{error}");
     let error = refused(Matches::Wrong);
-    assert!(matches!(&error, AuditError::NoPose { images: 1, .. }), "{error}");
+    assert!(matches!(&error, EvalError::NoPose { images: 1, .. }), "{error}");
 }
 
 #[test]
@@ -271,6 +271,6 @@ fn what_makes_no_sense_together_is_refused() {
     for share in [0.0, 1.0, f64::NAN] {
         let mut asked = evaluation(&keypoints, &problems, &[named("iterative")]);
         private(share)(&mut asked);
-        assert!(matches!(run(&asked), Err(AuditError::Options(_))), "{share}");
+        assert!(matches!(run(&asked), Err(EvalError::Options(_))), "{share}");
     }
 }

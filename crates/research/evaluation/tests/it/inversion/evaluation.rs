@@ -3,12 +3,13 @@
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use veiloc_evaluation::EvalError;
 use veiloc_evaluation::inversion::evaluation::{
     EvaluationDocument, InversionEvaluation, Judges, Realistic, Sheet, SummaryRow, evaluate_inversion,
     evaluation_table,
 };
 use veiloc_evaluation::inversion::{
-    Course, Form, InversionError, InversionTask, Inverter, Sees, Shape, read_examples, train,
+    Course, Form, InversionTask, Inverter, Sees, Shape, read_examples, train,
 };
 use veiloc_features::Sift;
 use veiloc_protocol::{ExtractionLimits, Scheme};
@@ -42,7 +43,7 @@ fn evaluate(
     images: &[PathBuf],
     networks: &[Inverter],
     realistic: Realistic,
-) -> Result<(EvaluationDocument, [Sheet; 2]), InversionError> {
+) -> Result<(EvaluationDocument, [Sheet; 2]), EvalError> {
     let evaluation = InversionEvaluation {
         images: images.to_vec(),
         schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],

@@ -4,11 +4,11 @@ use std::ops::ControlFlow;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::training::TrainingError;
+use veiloc_attacks::AttackError;
 use veiloc_datasets::problem_files::KeypointImage;
+use veiloc_evaluation::EvalError;
 use veiloc_evaluation::inversion::{
-    Course, Example, Form, InversionError, InversionTask, Inverter, Known, Sees, Shape, Trained,
-    TrainingState, train,
+    Course, Example, Form, InversionTask, Inverter, Known, Sees, Shape, Trained, TrainingState, train,
 };
 use veiloc_features::ColourImage;
 use veiloc_geometry::Pixel;
@@ -201,7 +201,7 @@ fn in_pieces(task: &InversionTask) {
     let other = Course { seed: 2, ..course(50) };
     let (training, validation) = (examples(0..6, task), examples(50..52, task));
     let refused = train(&training, &validation, task, &other, Some(one.state), |_| ControlFlow::Continue(()));
-    assert!(matches!(refused, Err(InversionError::Training(TrainingError::OtherTraining))));
+    assert!(matches!(refused, Err(EvalError::Attack(AttackError::OtherTraining))));
 }
 
 fn rayon_of<T: Send>(threads: usize, run: impl FnOnce() -> T + Send) -> T {
@@ -216,13 +216,13 @@ fn files_are_read_back_or_refused() {
     assert_eq!((again.shape(), again.scheme()), (network.shape(), network.scheme()));
     assert_eq!(again.encode(), bytes);
     let refused = |bytes: &[u8]| match Inverter::decode(bytes).expect_err("refused") {
-        InversionError::Training(error) => error,
+        EvalError::Attack(error) => error,
         other => panic!("{other}"),
     };
     for length in (0..60).chain([bytes.len() - 1]) {
         let error = refused(&bytes[..length]);
         assert!(
-            matches!(error, TrainingError::NotANetwork { .. } | TrainingError::Length { .. }),
+            matches!(error, AttackError::NotANetwork { .. } | AttackError::Length { .. }),
             "{length} {error}"
         );
     }
@@ -231,17 +231,17 @@ fn files_are_read_back_or_refused() {
         bytes[at] = to;
         refused(&bytes)
     };
-    assert_eq!(changed(8, 9), TrainingError::Version { found: 9, expected: 1 });
-    assert!(matches!(changed(19, 0x7f), TrainingError::Option { name: "width", .. }), "no memory is taken");
-    assert!(matches!(changed(28, 7), TrainingError::Option { name: "what it sees", .. }));
-    assert_eq!(changed(200, bytes[200] ^ 1), TrainingError::Checksum);
+    assert_eq!(changed(8, 9), AttackError::Version { found: 9, expected: 1 });
+    assert!(matches!(changed(19, 0x7f), AttackError::Option { name: "width", .. }), "no memory is taken");
+    assert!(matches!(changed(28, 7), AttackError::Option { name: "what it sees", .. }));
+    assert_eq!(changed(200, bytes[200] ^ 1), AttackError::Checksum);
     let other = trained(&three_stages(), &course(1), None, 0).network;
     let read = Inverter::decode(&other.encode()).expect("what was written");
     assert_eq!((read.shape(), read.encode()), (other.shape(), other.encode()));
     assert!(read.parameters() > 2 * network.parameters(), "three stages");
     let mut taken = other.encode();
     taken[..8].copy_from_slice(&bytes[..8]);
-    assert!(matches!(refused(&taken), TrainingError::Length { .. }), "one form is not read as another");
+    assert!(matches!(refused(&taken), AttackError::Length { .. }), "one form is not read as another");
 }
 
 #[test]
@@ -270,10 +270,10 @@ fn what_makes_no_sense_is_refused() {
     assert!(Example::new(&colours, &keypoints, &task).is_err(), "none at all");
     let on = |_: veiloc_evaluation::inversion::Progress<'_>| ControlFlow::Continue(());
     let some = examples(0..1, &task);
-    assert!(matches!(train(&[], &some, &task, &course(1), None, on), Err(InversionError::Nothing(_))));
-    assert!(matches!(train(&some, &[], &task, &course(1), None, on), Err(InversionError::Nothing(_))));
+    assert!(matches!(train(&[], &some, &task, &course(1), None, on), Err(EvalError::Nothing(_))));
+    assert!(matches!(train(&some, &[], &task, &course(1), None, on), Err(EvalError::Nothing(_))));
     assert!(matches!(
         veiloc_evaluation::inversion::refuse_shared(&some, &some),
-        Err(InversionError::Shared { images: 1 })
+        Err(EvalError::SharedImages { images: 1 })
     ));
 }

@@ -1,6 +1,5 @@
 //! The synthetic law: an estimator that is as good as its data, a bound that is none, and results that repeat.
-
-use veiloc_evaluation::pose::PosesError;
+use veiloc_evaluation::EvalError;
 use veiloc_evaluation::pose::crb::{BoundEvaluation, SyntheticEvaluation, SyntheticScene, evaluate_bound};
 use veiloc_protocol::Scheme;
 
@@ -74,7 +73,7 @@ fn what_is_impossible_is_refused() {
         let mut evaluation = small();
         change(&mut evaluation);
         match evaluate_bound(&evaluation, &()) {
-            Err(PosesError::Options(reason)) => assert!(reason.contains(says), "{reason}"),
+            Err(EvalError::Options(reason)) => assert!(reason.contains(says), "{reason}"),
             other => panic!("{says}: {:?}", other.map(|d| d.cells.len())),
         }
     };

@@ -6,7 +6,7 @@ use base64::Engine as _;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
-use veiloc_evaluation::audit::AuditError;
+use veiloc_evaluation::EvalError;
 use veiloc_evaluation::privacy::variants::{
     TradeoffDocument, TradeoffEvaluation, Variant, evaluate_tradeoff, tradeoff_table,
 };
@@ -181,7 +181,7 @@ fn a_predictor_is_taught_by_other_images() {
 fn files_that_do_not_belong_together_are_refused() {
     let refused = |files: &Files, says: &str| {
         let error = evaluate_tradeoff(&evaluation(files, &["dcl"]), &()).expect_err(says);
-        assert!(matches!(error, AuditError::DataSet(_)) && error.to_string().contains(says), "{error}");
+        assert!(matches!(error, EvalError::DataSet(_)) && error.to_string().contains(says), "{error}");
     };
     refused(&files(|i, _, problem| problem["name"] = json!(i.to_string())), "no image name in common");
     refused(&files(|_, imaged, _| drop(imaged["descriptors"].take())), "without descriptors");
@@ -193,5 +193,5 @@ fn files_that_do_not_belong_together_are_refused() {
     });
     refused(&moved, "b: a match is at");
     let nothing = evaluate_tradeoff(&evaluation(&files(|_, _, _| {}), &[]), &()).expect_err("no variant");
-    assert!(matches!(nothing, AuditError::Options(_)), "{nothing}");
+    assert!(matches!(nothing, EvalError::Options(_)), "{nothing}");
 }

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use veiloc_evaluation::EvalError;
 use veiloc_evaluation::inversion::{
-    Form, InversionDocument, InversionError, InversionTask, Sees, Shape, inversion_table, read_examples,
-    refuse_shared, train,
+    Form, InversionDocument, InversionTask, Sees, Shape, inversion_table, read_examples, refuse_shared, train,
 };
 use veiloc_protocol::{ExtractionLimits, Scheme};
 use veiloc_report::plots;
@@ -122,7 +122,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let words = |judged: f64| format!("validation PSNR {judged:.3} dB");
     let began = Instant::now();
     let trained = course.watched(ui, words, |observe| {
-        let trained: Result<_, InversionError> =
+        let trained: Result<_, EvalError> =
             train(&training, &validation, &task, &course.course(), earlier, observe);
         Ok(trained?)
     })?;

@@ -1,6 +1,5 @@
 //! `veiloc train positions`: the attention network that tells positions from all rows of a query.
-
-use veiloc_evaluation::audit::AuditError;
+use veiloc_evaluation::EvalError;
 use veiloc_evaluation::audit::training::{PositionRun, PositionTask, Sees, position_table, train_positions};
 use veiloc_protocol::{AngleBits, Scheme};
 use veiloc_report::plots;
@@ -53,7 +52,7 @@ enum Shown {
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let course = &args.network.course;
-    let mut task = PositionTask::new(args.scheme).map_err(AuditError::from)?;
+    let mut task = PositionTask::new(args.scheme).map_err(EvalError::from)?;
     task.sees = match args.sees {
         Shown::Set => Sees::Set,
         Shown::Row => Sees::Row,
