@@ -160,7 +160,7 @@ pub enum FeatureError {
         /// The file.
         path: PathBuf,
         /// What is wrong with it.
-        source: crate::learned::WeightsError,
+        source: Box<crate::learned::WeightsError>,
     },
     /// A file that a description names as the projection of its descriptors, and is not.
     #[error("{}: this projection cannot be used: {source}", path.display())]
@@ -190,7 +190,7 @@ pub enum FeatureError {
     },
     /// The model is known, its file was not found.
     #[error(
-        "the model {name} needs its file ({files}), which is not there; get it from {source_of} ({licence}) and name it with \
+        "the model {name} needs its file ({files}), which is not there; get it from {source_of} and name it with \
          --model-file, or put it into a folder that VEILOC_MODELS names; looked for in: {looked}"
     )]
     NoModelFile {
@@ -198,12 +198,10 @@ pub enum FeatureError {
         name: String,
         /// Names of files that would do.
         files: String,
-        /// Where it is got.
-        source_of: String,
-        /// On what terms.
-        licence: String,
+        /// Where it is got, and on what terms.
+        source_of: Box<str>,
         /// Folders, or that there are none.
-        looked: String,
+        looked: Box<str>,
     },
     /// No engine of this name is known.
     #[error("no engine of the name {name:?} is known; there are: {known}")]
@@ -234,9 +232,9 @@ pub enum FeatureError {
         /// Names of files that would do.
         files: String,
         /// Where it is got, and on what terms.
-        source_of: String,
+        source_of: Box<str>,
         /// Folders, or that there are none.
-        looked: String,
+        looked: Box<str>,
     },
     /// The network broke on an image.
     #[error("the network could not run: {reason}")]

@@ -139,4 +139,49 @@ pub enum EvalError {
     /// An attack could not run, a network could not be trained or read, or an image could not be judged.
     #[error(transparent)]
     Attack(#[from] veiloc_attacks::AttackError),
+    /// Not JSON, cut short, or of another form.
+    #[error("this is no document of an evaluation: {0}")]
+    Document(String),
+    /// A document of another command than tables are made of.
+    #[error(
+        "this is a document of {0:?}; tables are made of those of `eval 7scenes`, `cambridge`, `aachen` and `scene`"
+    )]
+    NoTables(String),
+    /// A document of another command than those that are compared.
+    #[error(
+        "this is a document of {0:?}, and only those of `eval scene`, `pose`, `7scenes`, `cambridge` and `aachen` are compared"
+    )]
+    NotCompared(String),
+    /// A document of a version that is not known here.
+    #[error("this document is of version {0}, and 1 is known here")]
+    Version(u64),
+    /// No query of a document has a known pose.
+    #[error(
+        "no query of this document has a known pose, so that there is nothing to judge; send the file of results to who judges it"
+    )]
+    NoTruth,
+    /// The same query twice in one row of a document, so that nobody knows which is meant.
+    #[error("{row}: the query {name:?} is there twice with seed {seed}")]
+    Twice {
+        /// The row.
+        row: String,
+        /// The query.
+        name: String,
+        /// Its seed.
+        seed: u64,
+    },
+    /// No row of both documents has the name that was asked for, or none has the same.
+    #[error("no rows to compare: the first has {first}; the second has {second}")]
+    NoRows {
+        /// Rows of the first.
+        first: String,
+        /// Rows of the second.
+        second: String,
+    },
+    /// Rows without a query in common.
+    #[error("{row}: no query is in both")]
+    NoQueries {
+        /// The row.
+        row: String,
+    },
 }

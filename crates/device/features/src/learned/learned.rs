@@ -69,8 +69,9 @@ impl Learned {
     ) -> Result<Self, FeatureError> {
         let model = |reason: String| FeatureError::Network { path: file.to_owned(), reason };
         let graph = description.graph.ok_or_else(|| model("its description names no graph".to_owned()))?;
-        let made =
-            graph.of(weights).map_err(|source| FeatureError::Weights { path: file.to_owned(), source })?;
+        let made = graph
+            .of(weights)
+            .map_err(|source| FeatureError::Weights { path: file.to_owned(), source: Box::new(source) })?;
         Self::of(description, Network::of_onnx(made.onnx, engine).map_err(model)?, made.head, file)
     }
 

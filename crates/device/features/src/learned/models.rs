@@ -131,8 +131,8 @@ impl Models {
             let lacking = || FeatureError::NoGlobalFile {
                 name: description.name().to_owned(),
                 files: files.join(" or "),
-                source_of: format!("{} ({})", description.source(), description.licence()),
-                looked: self.looked(&beside),
+                source_of: format!("{} ({})", description.source(), description.licence()).into(),
+                looked: self.looked(&beside).into(),
             };
             self.found(description.name(), files, &beside).ok_or_else(lacking)
         });
@@ -160,9 +160,8 @@ impl Models {
         FeatureError::NoModelFile {
             name: description.name().to_owned(),
             files: description.files().join(" or "),
-            source_of: description.source().to_owned(),
-            licence: description.licence().to_owned(),
-            looked: self.looked(beside),
+            source_of: format!("{} ({})", description.source(), description.licence()).into(),
+            looked: self.looked(beside).into(),
         }
     }
 

@@ -24,7 +24,7 @@ impl FeatureDistance {
     /// [`AttackError::Features`] when the file cannot be read or is of another network.
     pub fn open(path: &Path) -> Result<Self, AttackError> {
         let weights = Weights::open(path)?;
-        let unfit = |source| FeatureError::Weights { path: path.to_owned(), source };
+        let unfit = |source| FeatureError::Weights { path: path.to_owned(), source: Box::new(source) };
         Ok(Self::new(&weights).map_err(unfit)?)
     }
 

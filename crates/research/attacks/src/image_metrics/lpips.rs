@@ -57,7 +57,7 @@ impl Lpips {
     pub fn open(network: LpipsNetwork, backbone: &Path, linear: &Path) -> Result<Self, AttackError> {
         let unfit = |path: &Path| {
             let path = PathBuf::from(path);
-            move |source: WeightsError| FeatureError::Weights { path, source }
+            move |source: WeightsError| FeatureError::Weights { path, source: Box::new(source) }
         };
         let weights = Weights::open(backbone)?;
         let read = match network {

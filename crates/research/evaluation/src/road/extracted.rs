@@ -4,7 +4,7 @@ use std::path::Path;
 
 use veiloc_features::{Features, load_mask};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{ExtractError, SealOptions, extract, extract_masked};
+use veiloc_obfuscation::{SealOptions, extract, extract_masked};
 use veiloc_protocol::Profile;
 
 use crate::error::EvalError;
@@ -22,7 +22,7 @@ pub(crate) fn extracted(
 ) -> Result<(Features, Intrinsics), EvalError> {
     Ok(match mask {
         Some(mask) => {
-            let mask = load_mask(mask).map_err(ExtractError::from)?;
+            let mask = load_mask(mask)?;
             extract_masked(image, &mask, camera, profile, options)?
         }
         None => extract(image, camera, profile, options)?,

@@ -111,7 +111,7 @@ fn under_each(
     upright: Option<&Upright>,
     evaluation: &StressEvaluation,
 ) -> Result<Vec<StressQuery>, EvalError> {
-    let image = load_gray(&query.path).map_err(veiloc_obfuscation::ExtractError::from)?;
+    let image = load_gray(&query.path)?;
     // What does not touch the image shares its features: all maps ask for the same.
     let plain = extracted(&image, query, &maps.all.file, &evaluation.build)?;
     let told: Vec<_> =
@@ -161,7 +161,7 @@ pub(crate) fn shown_under(
     build: &BuildOptions,
     seed: u64,
 ) -> Result<(Features, Intrinsics), EvalError> {
-    let image = load_gray(&query.path).map_err(veiloc_obfuscation::ExtractError::from)?;
+    let image = load_gray(&query.path)?;
     let worse = degraded(&image, stress, &query.name, seed);
     let (features, camera) = extracted(worse.as_ref().unwrap_or(&image), query, map, build)?;
     let camera = mistaken(&camera, stress, "the device", seed).unwrap_or(camera);

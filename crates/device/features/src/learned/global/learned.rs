@@ -73,8 +73,8 @@ impl LearnedGlobal {
         if description.networks.iter().all(|part| part.graph.is_none()) {
             return Err(refused("its description names no graph".to_owned()));
         }
-        let (onnx, head) =
-            netvlad(weights).map_err(|source| FeatureError::Weights { path: file.to_owned(), source })?;
+        let (onnx, head) = netvlad(weights)
+            .map_err(|source| FeatureError::Weights { path: file.to_owned(), source: Box::new(source) })?;
         let (model, numbers) = (description.model(), head.numbers());
         if numbers != model.dim() {
             return Err(refused(format!("its vectors have {numbers} numbers and not {}", model.dim())));

@@ -29,7 +29,7 @@ impl Weights {
     /// # Errors
     /// [`FeatureError::Read`], and [`FeatureError::Weights`] for a file that is damaged or holds anything but tensors.
     pub fn open(path: &Path) -> Result<Self, FeatureError> {
-        let weights = |source| FeatureError::Weights { path: path.to_owned(), source };
+        let weights = |source| FeatureError::Weights { path: path.to_owned(), source: Box::new(source) };
         if let Some(stream) = crate::learned::file::stream_if(path, mat::MARK, MOST_BYTES)? {
             return mat::of_stream(stream).and_then(Self::of_all).map_err(weights);
         }

@@ -10,7 +10,7 @@ use veiloc_features::{Features, GrayImage, Image, load_gray};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel};
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{ExtractError, extract_loaded};
+use veiloc_obfuscation::extract_loaded;
 use veiloc_protocol::Scheme;
 use veiloc_synthetic::problems::normal;
 
@@ -28,7 +28,7 @@ pub(super) struct Shown {
 
 /// A query's own image.
 pub(super) fn shown(query: &PosedQuery, map: &MapFile, private: f64, seed: u64) -> Result<Shown, EvalError> {
-    let image = load_gray(&query.path).map_err(ExtractError::from)?;
+    let image = load_gray(&query.path)?;
     let mut shown = extracted(query, &query.name, image, map)?;
     let pixels: Vec<Pixel> = shown.features.keypoints.iter().map(|k| k.pixel).collect();
     let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[&query.name, "private region"]));
@@ -45,7 +45,7 @@ pub(super) fn rested(
     map: &MapFile,
     seed: u64,
 ) -> Result<Vec<Shown>, EvalError> {
-    let image = load_gray(&query.path).map_err(ExtractError::from)?;
+    let image = load_gray(&query.path)?;
     let again = (1..frames).map(|k| {
         let name = format!("{} again {k}", query.name);
         let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[&name, "sensor"]));

@@ -14,11 +14,12 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
+use crate::EvalError;
 use crate::results::metrics::{PoseError, Threshold, finite, median, recall};
 use crate::results::text_table::TextTable;
 use run::{Query, Row};
 
-pub use run::{ComparisonError, Run};
+pub use run::Run;
 
 /// Share of the draws that the interval holds.
 const LEVEL: f64 = 0.95;
@@ -161,8 +162,8 @@ fn difference(a: f64, b: f64) -> f64 {
 /// Compares two runs.
 ///
 /// # Errors
-/// [`ComparisonError::NoRows`] and [`ComparisonError::NoQueries`].
-pub fn compare(a: &Run, b: &Run, options: &ComparisonOptions) -> Result<Comparison, ComparisonError> {
+/// [`EvalError::NoRows`] and [`EvalError::NoQueries`].
+pub fn compare(a: &Run, b: &Run, options: &ComparisonOptions) -> Result<Comparison, EvalError> {
     let draws = if options.draws == 0 { 10_000 } else { options.draws };
     let thresholds: Vec<Threshold> = if options.thresholds.is_empty() {
         a.thresholds.iter().filter(|t| b.thresholds.contains(t)).copied().collect()
@@ -184,10 +185,10 @@ fn pairs<'a>(
     a: &'a Run,
     b: &'a Run,
     asked: &[Option<String>; 2],
-) -> Result<Vec<(&'a str, &'a str)>, ComparisonError> {
+) -> Result<Vec<(&'a str, &'a str)>, EvalError> {
     let none = || {
         let list = |run: &Run| run.rows().collect::<Vec<_>>().join("; ");
-        ComparisonError::NoRows { first: list(a), second: list(b) }
+        EvalError::NoRows { first: list(a), second: list(b) }
     };
     // By the whole name, or by the scheme that it begins with.
     fn named<'r>(run: &'r Run, name: &str) -> Vec<&'r str> {
@@ -225,7 +226,7 @@ fn row(
     thresholds: &[Threshold],
     draws: usize,
     rng: &mut ChaCha8Rng,
-) -> Result<RowComparison, ComparisonError> {
+) -> Result<RowComparison, EvalError> {
     // All seeds of a query stand together.
     let mut paired: BTreeMap<&str, Vec<[Query; 2]>> = BTreeMap::new();
     for (key, query) in a {
@@ -236,7 +237,7 @@ fn row(
     let paired: Vec<Vec<[Query; 2]>> = paired.into_values().collect();
     let all: Vec<[Query; 2]> = paired.concat();
     if all.is_empty() {
-        return Err(ComparisonError::NoQueries { row: name_a.to_owned() });
+        return Err(EvalError::NoQueries { row: name_a.to_owned() });
     }
     let measures: Vec<Measure> = thresholds
         .iter()

@@ -5,48 +5,8 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use serde_json::Value;
 
+use crate::EvalError;
 use crate::results::metrics::{PoseError, Threshold};
-
-/// Why two documents cannot be compared.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ComparisonError {
-    /// Not JSON, cut short, or of another form.
-    #[error("this is no document of an evaluation: {0}")]
-    Document(String),
-    /// A document of another command.
-    #[error(
-        "this is a document of {0:?}, and only those of `eval scene`, `pose`, `7scenes`, `cambridge` and `aachen` are compared"
-    )]
-    Command(String),
-    /// A version that is not known here.
-    #[error("this document is of version {0}, and 1 is known here")]
-    Version(u64),
-    /// The same query twice in one row, so that nobody knows which is meant.
-    #[error("{row}: the query {name:?} is there twice with seed {seed}")]
-    Twice {
-        /// The row.
-        row: String,
-        /// The query.
-        name: String,
-        /// Its seed.
-        seed: u64,
-    },
-    /// No row of both has the name that was asked for, or none has the same.
-    #[error("no rows to compare: the first has {first}; the second has {second}")]
-    NoRows {
-        /// Rows of the first.
-        first: String,
-        /// Rows of the second.
-        second: String,
-    },
-    /// Rows without a query in common.
-    #[error("{row}: no query is in both")]
-    NoQueries {
-        /// The row.
-        row: String,
-    },
-}
 
 /// Whose documents are compared.
 const COMMANDS: [&str; 5] = ["eval scene", "eval pose", "eval 7scenes", "eval cambridge", "eval aachen"];
@@ -148,16 +108,16 @@ impl Run {
     /// Reads a document.
     ///
     /// # Errors
-    /// [`ComparisonError`]: no such document, one of another command or version, or one that tells of a query twice.
-    pub fn parse(json: &str) -> Result<Self, ComparisonError> {
-        let no_document = |error: serde_json::Error| ComparisonError::Document(error.to_string());
+    /// [`EvalError`]: no such document, one of another command or version, or one that tells of a query twice.
+    pub fn parse(json: &str) -> Result<Self, EvalError> {
+        let no_document = |error: serde_json::Error| EvalError::Document(error.to_string());
         let value: Value = serde_json::from_str(json).map_err(no_document)?;
         let head = Head::deserialize(&value).map_err(no_document)?;
         if !COMMANDS.contains(&head.command.as_str()) {
-            return Err(ComparisonError::Command(head.command));
+            return Err(EvalError::NotCompared(head.command));
         }
         if head.version != 1 {
-            return Err(ComparisonError::Version(head.version));
+            return Err(EvalError::Version(head.version));
         }
         let document = Document::deserialize(&value).map_err(no_document)?;
         let mut rows: BTreeMap<String, Row> = BTreeMap::new();
@@ -165,13 +125,13 @@ impl Run {
             let row = result.row();
             let key = (result.name.clone(), result.seed);
             if rows.entry(row.clone()).or_default().insert(key, result.query()).is_some() {
-                return Err(ComparisonError::Twice { row, name: result.name.clone(), seed: result.seed });
+                return Err(EvalError::Twice { row, name: result.name.clone(), seed: result.seed });
             }
         }
         let mut thresholds: Vec<Threshold> = Vec::new();
         for text in document.schemes.iter().flat_map(|row| row.recall.keys()) {
             let threshold =
-                text.parse().map_err(|_| ComparisonError::Document(format!("{text:?} is no threshold")))?;
+                text.parse().map_err(|_| EvalError::Document(format!("{text:?} is no threshold")))?;
             if !thresholds.contains(&threshold) {
                 thresholds.push(threshold);
             }

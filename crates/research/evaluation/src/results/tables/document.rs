@@ -2,13 +2,12 @@
 
 use std::collections::BTreeSet;
 
-use serde::Deserialize;
-
-use super::TablesError;
+use crate::EvalError;
 use crate::results::data_set::{PlaceFacts, PlaceQuery};
 use crate::results::document::QueryResult;
 use crate::results::metrics::median;
 use crate::results::table::STAGES;
+use serde::Deserialize;
 
 /// Errors of the queries of one row in one column.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,19 +44,19 @@ impl TableData {
     /// Reads the document of `eval 7scenes`, `cambridge`, `aachen` or `scene`.
     ///
     /// # Errors
-    /// [`TablesError`]: no such document, or one of another command or version.
-    pub fn parse(json: &str) -> Result<Self, TablesError> {
+    /// [`EvalError`]: no such document, or one of another command or version.
+    pub fn parse(json: &str) -> Result<Self, EvalError> {
         let document: Document =
-            serde_json::from_str(json).map_err(|e| TablesError::Document(e.to_string()))?;
+            serde_json::from_str(json).map_err(|e| EvalError::Document(e.to_string()))?;
         if document.version != 1 {
-            return Err(TablesError::Version(document.version));
+            return Err(EvalError::Version(document.version));
         }
         let data_set = match document.command.as_str() {
             "eval 7scenes" => "7scenes",
             "eval cambridge" => "cambridge",
             "eval aachen" => "aachen",
             "eval scene" => "",
-            _ => return Err(TablesError::Command(document.command)),
+            _ => return Err(EvalError::NoTables(document.command)),
         };
         let mut queries = document.queries;
         let places = if document.places.is_empty() {
@@ -70,7 +69,7 @@ impl TableData {
             document.places.into_iter().map(|place| (place.name, place.is_official)).collect()
         };
         if queries.iter().all(|query| !query.result.is_judged) {
-            return Err(TablesError::NoTruth);
+            return Err(EvalError::NoTruth);
         }
         Ok(Self { data_set: data_set.to_owned(), places, queries })
     }

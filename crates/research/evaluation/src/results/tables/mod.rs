@@ -19,28 +19,6 @@ use layout::Sheet;
 pub use document::{ErrorCurve, TableData};
 pub use layout::Format;
 
-/// Why no tables can be made.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum TablesError {
-    /// Not JSON, cut short, or of another form.
-    #[error("this is no document of an evaluation: {0}")]
-    Document(String),
-    /// A document of another command.
-    #[error(
-        "this is a document of {0:?}; tables are made of those of `eval 7scenes`, `cambridge`, `aachen` and `scene`"
-    )]
-    Command(String),
-    /// A version that is not known here.
-    #[error("this document is of version {0}, and 1 is known here")]
-    Version(u64),
-    /// No query has a known pose.
-    #[error(
-        "no query of this document has a known pose, so that there is nothing to judge; send the file of results to who judges it"
-    )]
-    NoTruth,
-}
-
 /// What a cell says of its queries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cells {

@@ -6,7 +6,6 @@ use std::path::Path;
 use veiloc_features::{Features, Image, load_gray};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_mapping::build_cache::Key;
-use veiloc_obfuscation::ExtractError;
 
 use super::io;
 use crate::error::EvalError;
@@ -47,7 +46,7 @@ impl EvaluationKey for Key {
     fn behaviour(&mut self, evaluation: &SceneEvaluation) -> Result<(), EvalError> {
         let Some(name) = evaluation.map_list.first() else { return Ok(()) };
         let extractor = evaluation.build.extractors.named(&evaluation.build.features);
-        let extractor = extractor.map_err(ExtractError::from)?;
+        let extractor = extractor?;
         // An image that cannot be read is named by whoever builds the map.
         let Ok(gray) = load_gray(&evaluation.images.join(name)) else { return Ok(()) };
         let image = Image::from(gray);
@@ -62,10 +61,10 @@ impl EvaluationKey for Key {
                     }
                 }
             }
-            None => self.features(&extractor.extract(&image, 64).map_err(ExtractError::from)?),
+            None => self.features(&extractor.extract(&image, 64)?),
         }
         if let Some(global) = &evaluation.build.global {
-            self.debug(&global.describe(&image).map_err(ExtractError::from)?.as_codes());
+            self.debug(&global.describe(&image)?.as_codes());
         }
         Ok(())
     }
