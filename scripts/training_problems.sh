@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Correspondence sets of map images alone, each held out once: what priors and defaults are chosen on. Query lists stay
 # untouched, so that they are fit for the final figures. Beside each, all keypoints of the same images with descriptors,
-# for `eval tradeoff`. Needs VEILOC_DATA and a release build.
+# as `attack` and the training of predictors read them. Needs VEILOC_DATA and a release build.
 #
 #     VEILOC_DATA=../shared/data scripts/training_problems.sh FOLDER [FEATURES [ARGUMENT…]]
 #

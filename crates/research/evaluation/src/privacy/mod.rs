@@ -1,6 +1,5 @@
-//! What a variant costs and what it leaks: the same images localized and attacked, side by side.
+//! What a scheme costs and what it leaks: the same images localized and attacked, side by side.
 //!
-//! - [`variants`]: variants of dcl (fewer keypoints, coarser angles, decoys) between privacy and recall.
 //! - [`sessions`]: what several frames of one place give away, by what their anchors are tied to.
 //! - [`adversaries`]: what each adversary gets from the queries of every scheme.
 //! - [`layouts`]: layouts of dcl: how exact poses are beside those of points, and what each adversary gains.

@@ -4,14 +4,12 @@ mod bound;
 mod errors;
 mod layouts;
 mod times;
-mod tradeoff;
 mod training;
 
 pub use bound::plot as bound;
 pub use errors::{ErrorAxis, plot as errors};
 pub use layouts::plot as layouts;
 pub use times::plot as times;
-pub use tradeoff::plot as tradeoff;
 pub use training::{course, plot as training, positions};
 
 use plotters::style::RGBColor;

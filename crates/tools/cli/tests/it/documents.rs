@@ -52,10 +52,6 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval crb --scenes narrow --schemes dcl --keypoint-noise 1 --outliers 25 --problems 4 --matches 100 --json",
     ),
     (
-        "eval tradeoff",
-        "eval tradeoff k.jsonl p.jsonl --variants dcl,first=256 --attacked 1 --corrupt 0 --thresholds 0.1/2 --json",
-    ),
-    (
         "eval layouts",
         "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
          --layouts dcl:horizontal --stress none --attacked 1 --json",

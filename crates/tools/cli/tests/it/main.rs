@@ -18,7 +18,6 @@ mod eval_negatives;
 mod eval_pose;
 mod eval_scene;
 mod eval_stress;
-mod eval_tradeoff;
 mod export;
 mod gravity;
 mod hide;

@@ -1,4 +1,3 @@
 //! Tests of `privacy`.
 
 mod real_sessions;
-mod variants;

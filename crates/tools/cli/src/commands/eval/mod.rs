@@ -21,7 +21,6 @@ mod search;
 mod sessions;
 mod stress;
 mod tables;
-mod tradeoff;
 
 use crate::exit::Outcome;
 use crate::ui::Ui;
@@ -56,8 +55,6 @@ pub(crate) enum Command {
     Crb(crb::Args),
     /// Correspondence sets from a place with known poses, as `eval pose` reads them.
     Problems(problems::Args),
-    /// Variants of dcl: what attackers get out of each, and the poses it still gives.
-    Tradeoff(tradeoff::Args),
     /// What each adversary gets from the queries of every scheme, by the best of their attacks.
     Adversaries(Box<adversaries::Args>),
     /// Layouts of dcl: how exact poses are beside those of points, and what attackers get out of each.
@@ -89,7 +86,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Pose(args) => pose::run(args, ui),
         Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),
-        Command::Tradeoff(args) => tradeoff::run(args, ui),
         Command::Adversaries(args) => adversaries::run(args, ui),
         Command::Layouts(args) => layouts::run(args, ui),
         Command::Compare(args) => compare::run(args, ui),

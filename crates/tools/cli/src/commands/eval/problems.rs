@@ -27,7 +27,7 @@ pub(crate) struct Args {
     /// Where the problems go; `-` for stdout.
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// Where all keypoints of the queries go, with descriptors, strongest first, as `attack` and `eval tradeoff` read
+    /// Where all keypoints of the queries go, with descriptors, strongest first, as `attack` and `eval adversaries` read
     /// them: the very positions of the problems. They are in the clear, for tests of one's own images.
     #[arg(long, value_name = "FILE")]
     keypoints: Option<PathBuf>,
