@@ -43,7 +43,7 @@ def main():
     parser = arguments(__doc__)
     parser.add_argument("--rendered", action="store_true", help="a rendered room, which needs no data")
     parser.add_argument("--seconds", type=float, default=15.0, help="of each row")
-    parser.add_argument("--json", metavar="FILE", help="also write the points for scripts/scale_model.py --check")
+    parser.add_argument("--json", metavar="FILE", help="also write the points for research/notes/scale_model.py --check")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4, 10])
     given = parser.parse_args()
     town = place(given)

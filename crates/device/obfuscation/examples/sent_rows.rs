@@ -1,4 +1,4 @@
-//! Writes what is sent of images beside where it was in them: what scripts/border.py learns from (rule L11).
+//! Writes what is sent of images beside where it was in them: what research/notes/border.py learns from (rule L11).
 //!
 //! ```text
 //! sent_rows cut|sent|whole IMAGE OUT [IMAGE OUT]...

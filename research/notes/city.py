@@ -2,9 +2,9 @@
 """What a map of many places costs and how far it can be believed, as it grows: the city of docs/scale.md.
 
     cargo build --release
-    VEILOC_DATA=../shared/data scripts/city.py --out CITY              everything; two hours of two processors
-    VEILOC_DATA=../shared/data scripts/city.py --out CITY --table      only the tables, of what there is
-    scripts/city.py --out CITY --plot docs/images/city.svg             only the drawing
+    VEILOC_DATA=../shared/data research/notes/city.py --out CITY              everything; two hours of two processors
+    VEILOC_DATA=../shared/data research/notes/city.py --out CITY --table      only the tables, of what there is
+    research/notes/city.py --out CITY --plot docs/images/city.svg             only the drawing
 
 Renders a city (`veiloc synth city`, rooms that look alike among them), puts the two real places beside it in one world, and
 builds maps of more and more of it: the real places alone, then with the rooms of --steps, then with all, with images of elsewhere
@@ -24,9 +24,11 @@ import sys
 import time
 from pathlib import Path
 
-from log_plot import LogPlot, page
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "scripts"))
 
-ROOT = Path(__file__).resolve().parent.parent
+from log_plot import LogPlot, page  # noqa: E402
+
 # Where the other places lie in the city's world, metres: far from its rooms and from each other.
 ASIDE = {"redkitchen": (-1000.0, 0.0, 0.0), "herzjesu": (0.0, -1000.0, 0.0)}
 # Metres between images of elsewhere, of which none sees what another one does.

@@ -21,7 +21,7 @@ shares. With --keypoints the positions are written for `veiloc attack` too, whos
 
     cargo build --release -p veiloc-obfuscation --example sent_rows
     python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
-    .venv/bin/python scripts/border.py --sent-rows target/release/examples/sent_rows --data $VEILOC_DATA
+    .venv/bin/python research/notes/border.py --sent-rows target/release/examples/sent_rows --data $VEILOC_DATA
 """
 
 import argparse

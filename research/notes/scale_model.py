@@ -2,12 +2,12 @@
 """What a service of many machines costs, from measured constants: machines, memory, network, tail latency; up to 10^8 images and
 10^5 queries a second.
 
-    scripts/scale_model.py                            the table of docs/scale.md
-    scripts/scale_model.py --check MEASURED.json      its predictions beside what `throughput.py --json` measured
-    scripts/scale_model.py --plot FILE.svg            the table drawn, on log axes
-    scripts/scale_model.py --set pose_ms=25 …         with other constants
+    research/notes/scale_model.py                            the table of docs/scale.md
+    research/notes/scale_model.py --check MEASURED.json      its predictions beside what `throughput.py --json` measured
+    research/notes/scale_model.py --plot FILE.svg            the table drawn, on log axes
+    research/notes/scale_model.py --set pose_ms=25 …         with other constants
 
-Standard library only (and log_plot.py beside it); equal seeds give equal tables. The model is a simulation by events. A machine has processors and threads
+Standard library only (and scripts/log_plot.py); equal seeds give equal tables. The model is a simulation by events. A machine has processors and threads
 that localize; a query waits for a thread, first come first served, and busy threads share the processors equally. A query goes
 to the index (one search), then to its regions, then home; messages take `road_ms` each way. Time of a pose is drawn from what
 was measured of single queries (`pose_spread`: factors of the median). A machine fails at random and is away for `away_s`: what
@@ -20,8 +20,12 @@ import heapq
 import json
 import math
 import random
+import sys
+from pathlib import Path
 
-from log_plot import COLOURS, LogPlot, page
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+
+from log_plot import COLOURS, LogPlot, page  # noqa: E402
 
 CONSTANTS = {
     # Of one query of 1024 rows, on one processor: `scripts/cluster/throughput.py`'s direct call, median.

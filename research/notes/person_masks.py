@@ -4,7 +4,7 @@
 For `veiloc eval scene --masks`: the region that docs/audit.md attacks as private is such an ellipse (height over width 2.5,
 crates/research/evaluation/src/audit/private.rs), there of a tenth of the keypoints. Black hides. Equal names give equal masks.
 
-    .venv/bin/python scripts/person_masks.py --images $VEILOC_DATA/redkitchen/images \
+    .venv/bin/python research/notes/person_masks.py --images $VEILOC_DATA/redkitchen/images \
         --list $VEILOC_DATA/redkitchen/query.txt --out masks [--share 0.1]
 """
 
