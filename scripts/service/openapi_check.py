@@ -134,11 +134,11 @@ def announced(checker, port, path, length, begun=b"", more=""):
 def provoke(checker, place, server):
     """One answer of each kind that a service in order gives, and of most refusals."""
     query, port = place.query, server.port
-    for form in ("application/json", "application/geopose+json", PROTOBUF, f"{PROTOBUF};version=2",
+    for form in ("application/json", PROTOBUF, f"{PROTOBUF};version=2",
                  f"{PROTOBUF};version=3"):
         request(checker, port, "POST", LOCALIZE, query, "phone", content_type=PROTOBUF, accept=form)
     rig = rig_of(query)
-    for form in ("application/json", "application/geopose+json", PROTOBUF, f"{PROTOBUF};version=2",
+    for form in ("application/json", PROTOBUF, f"{PROTOBUF};version=2",
                  f"{PROTOBUF};version=3"):
         request(checker, port, "POST", RIG, rig, "phone", content_type="application/octet-stream", accept=form)
     elsewhere = bytearray(query)
@@ -151,7 +151,6 @@ def provoke(checker, place, server):
         post(veiloc_near="nowhere")
         post(who="nobody")
         post(path=path.replace("place", "elsewhere"))
-        post(path=path.replace("place", "flat"), accept="application/geopose+json")
         post(bytes(elsewhere) if path == LOCALIZE else rig_of(bytes(elsewhere)))
         announced(checker, port, path, 1 << 40, more="expect: 100-continue\r\n")
         announced(checker, port, path, len(good), begun=good[:100])
@@ -221,8 +220,7 @@ def main():
     from openapi_spec_validator import validate
     broken = place.work / "broken.vmap"
     broken.write_bytes(b"no map")
-    maps = ["--map", f"place={place.map}", "--map", f"flat={place.map}", "--map", f"broken={broken}",
-            "--geo", "place=47.5,8.5,400,0.70710678,-0.70710678,0,0"]
+    maps = ["--map", f"place={place.map}", "--map", f"broken={broken}"]
     server = Server(place, "--tokens", place.tokens(["phone", "operator!"]), "--body-timeout", "2", maps=maps)
     document = json.loads(ask(server.port, "/v1/openapi.json")[1])
     validate(document)

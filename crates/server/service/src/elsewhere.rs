@@ -14,7 +14,6 @@ use crate::telemetry::RequestId;
 use veiloc_protocol::{Answer, PositionHint, Profile};
 
 use crate::asked::{Asked, Unanswered};
-use crate::geo::GeoFrame;
 
 /// A map as those who hold it describe it.
 #[derive(Debug, Clone)]
@@ -73,8 +72,6 @@ pub struct MapElsewhere {
     pub name: String,
     /// Who holds it.
     pub held_by: Arc<dyn Elsewhere>,
-    /// Where it lies on Earth, when that is known.
-    pub geo: Option<GeoFrame>,
 }
 
 impl fmt::Debug for MapElsewhere {

@@ -14,7 +14,6 @@ use veiloc_protocol::{Profile, RigMessage};
 use crate::asked::Kind;
 use crate::elsewhere::{Description, Elsewhere, MapElsewhere};
 use crate::error::ServerError;
-use crate::geo::GeoFrame;
 use crate::options::MapSource;
 use crate::problem::Problem;
 
@@ -29,7 +28,6 @@ const LOOKS_WITHOUT: u32 = 2;
 pub(crate) struct Hosted {
     pub(crate) name: String,
     pub(crate) held: Held,
-    pub(crate) geo: Option<GeoFrame>,
     pub(crate) images: usize,
     pub(crate) points: usize,
     /// What a device needs.
@@ -65,33 +63,20 @@ impl Hosted {
         map.global_index();
         let (images, points, profile) = (map.image_count(), map.point_count(), map.profile().clone());
         let shown = thinned(&map, reading.page_points);
-        let hosted = Self::new(
-            &source.name,
-            source.geo.as_ref(),
-            &profile,
-            [images, points],
-            Held::Here(Box::new(map)),
-        );
+        let hosted = Self::new(&source.name, &profile, [images, points], Held::Here(Box::new(map)));
         Ok(Self { shown, ..hosted })
     }
 
     fn elsewhere(source: &MapElsewhere, as_described: Arc<Description>) -> Self {
         let counts = [as_described.images, as_described.points];
         let held = Held::Elsewhere { by: source.held_by.clone(), as_described: as_described.clone() };
-        Self::new(&source.name, source.geo.as_ref(), &as_described.profile, counts, held)
+        Self::new(&source.name, &as_described.profile, counts, held)
     }
 
-    fn new(
-        name: &str,
-        geo: Option<&GeoFrame>,
-        profile: &Profile,
-        [images, points]: [usize; 2],
-        held: Held,
-    ) -> Self {
+    fn new(name: &str, profile: &Profile, [images, points]: [usize; 2], held: Held) -> Self {
         Self {
             name: name.to_owned(),
             held,
-            geo: geo.cloned(),
             images,
             points,
             longest_query: QUERY_ROWS * (4 + profile.descriptor_kind().packed_len())
@@ -370,8 +355,7 @@ impl Maps {
                 }
                 continue;
             }
-            let slot =
-                Arc::new(Slot::new(Source::File(MapSource { name, path, geo: None }, self.reading), true));
+            let slot = Arc::new(Slot::new(Source::File(MapSource { name, path }, self.reading), true));
             slots.push(slot.clone());
             changes.push(Change::Added(slot));
         }

@@ -14,7 +14,6 @@ use veiloc_map::is_map_name;
 
 use crate::elsewhere::MapElsewhere;
 use crate::error::ServerError;
-use crate::geo::GeoFrame;
 use crate::origin::Origin;
 use crate::telemetry::{GatewayCounts, LogQueue};
 
@@ -25,8 +24,6 @@ pub struct MapSource {
     pub name: String,
     /// The map file. It may be replaced (by renaming another over it) while it is served.
     pub path: PathBuf,
-    /// Where it lies on Earth, when that is known: then poses can be told as OGC GeoPose.
-    pub geo: Option<GeoFrame>,
 }
 
 /// How often one token may ask.
@@ -241,8 +238,7 @@ mod tests {
     use super::*;
 
     fn options(listen: &str, names: &[&str]) -> ServerOptions {
-        let source =
-            |name: &&str| MapSource { name: (*name).to_owned(), path: "place.vmap".into(), geo: None };
+        let source = |name: &&str| MapSource { name: (*name).to_owned(), path: "place.vmap".into() };
         let mut options = ServerOptions::new(names.iter().map(source).collect());
         options.listen = vec![listen.parse().expect("an address")];
         options

@@ -46,8 +46,6 @@ pub(crate) enum Problem {
     NoTokens,
     #[error("send a sealed query as application/x-protobuf or application/octet-stream, not compressed")]
     MediaType,
-    #[error("nobody told the service where this map is on Earth; accept application/json too")]
-    NotAcceptable,
     #[error("a sealed query for this map has at most {limit} bytes")]
     TooLarge { limit: usize },
     #[error("this token's allowance lets {most} images of a session through at once; send it in parts")]
@@ -131,7 +129,6 @@ impl Problem {
             Self::Unreached { .. } => (S::SERVICE_UNAVAILABLE, "unreached", "Nobody reached"),
             Self::NoTokens => (S::SERVICE_UNAVAILABLE, "no-tokens", "Nobody may ask"),
             Self::MediaType => (S::UNSUPPORTED_MEDIA_TYPE, "media-type", "Unsupported media type"),
-            Self::NotAcceptable => (S::NOT_ACCEPTABLE, "no-geographic-frame", "No geographic frame"),
             Self::TooLarge { .. } => (S::PAYLOAD_TOO_LARGE, "too-large", "Body too large"),
             Self::SessionTooLong { .. } => (S::PAYLOAD_TOO_LARGE, "session-too-long", "Session too long"),
             Self::TooSlow { .. } => (S::REQUEST_TIMEOUT, "too-slow", "Body too slow"),
@@ -207,7 +204,7 @@ pub(crate) fn sign(response: &mut Response, id: RequestId) {
 }
 
 /// The refusals that a query can get: status and name, as in the table of docs/service.md.
-const OF_QUERIES: [(u16, &str); 24] = [
+const OF_QUERIES: [(u16, &str); 23] = [
     (400, "malformed-query"),
     (400, "unsupported-version"),
     (400, "bad-option"),
@@ -215,7 +212,6 @@ const OF_QUERIES: [(u16, &str); 24] = [
     (401, "unauthenticated"),
     (404, "unknown-map"),
     (405, "wrong-method"),
-    (406, "no-geographic-frame"),
     (408, "too-slow"),
     (409, "wrong-profile"),
     (409, "empty-map"),

@@ -12,4 +12,3 @@ pub mod adversaries;
 pub mod layouts;
 pub mod sessions;
 mod spread;
-pub mod variants;

@@ -98,7 +98,7 @@ async fn over_http_a_cluster_answers_as_a_map_in_memory_does() {
     let mut options = ServerOptions::new(Vec::new());
     options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
     let held_by = Arc::new(machines.gateway.clone());
-    options.elsewhere = vec![MapElsewhere { name: MAP.to_owned(), held_by, geo: None }];
+    options.elsewhere = vec![MapElsewhere { name: MAP.to_owned(), held_by }];
     let (query, other) = (town.query(&truth()), common::service::Place::new(5).sealed(&truth()));
     let featureless = town.place.sealed_without_features();
     // The server blocks its own thread, not those of the cluster.

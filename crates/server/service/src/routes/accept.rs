@@ -9,39 +9,26 @@ use veiloc_protocol::AnswerVersion;
 pub(super) enum Form {
     Json,
     Protobuf(AnswerVersion),
-    GeoPose,
-}
-
-/// Why no form was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Unmet {
-    /// The client takes GeoPoses only, of a map that cannot give any.
-    OnlyGeoPose,
 }
 
 impl Form {
     /// All forms, the one that is given when the client has no wish first.
-    const ALL: [Self; 5] = [
+    const ALL: [Self; 4] = [
         Self::Json,
         Self::Protobuf(AnswerVersion::Full),
         Self::Protobuf(AnswerVersion::Padded),
         Self::Protobuf(AnswerVersion::Plain),
-        Self::GeoPose,
     ];
 
-    /// What a map can be answered in, given whether it is tied to Earth, and whether the form must be able to withhold a
-    /// pose.
-    pub(super) fn offered(on_earth: bool, withholding: bool) -> impl Iterator<Item = Self> + Clone {
-        Self::ALL
-            .into_iter()
-            .filter(move |form| on_earth || *form != Self::GeoPose)
-            .filter(move |form| !withholding || form.can_withhold())
+    /// What a query can be answered in, given whether the form must be able to withhold a pose.
+    pub(super) fn offered(withholding: bool) -> impl Iterator<Item = Self> + Clone {
+        Self::ALL.into_iter().filter(move |form| !withholding || form.can_withhold())
     }
 
     /// Whether it has a way to say that a pose was found and is not told.
     const fn can_withhold(self) -> bool {
         match self {
-            Self::Json | Self::GeoPose | Self::Protobuf(AnswerVersion::Full) => true,
+            Self::Json | Self::Protobuf(AnswerVersion::Full) => true,
             Self::Protobuf(AnswerVersion::Plain | AnswerVersion::Padded) => false,
         }
     }
@@ -52,7 +39,6 @@ impl Form {
             Self::Protobuf(AnswerVersion::Plain) => "application/x-protobuf",
             Self::Protobuf(AnswerVersion::Padded) => "application/x-protobuf;version=2",
             Self::Protobuf(AnswerVersion::Full) => "application/x-protobuf;version=3",
-            Self::GeoPose => "application/geopose+json",
         }
     }
 
@@ -63,19 +49,14 @@ impl Form {
             Self::Protobuf(AnswerVersion::Plain) => ("application/x-protobuf", Some("1")),
             Self::Protobuf(AnswerVersion::Padded) => ("application/x-protobuf", Some("2")),
             Self::Protobuf(AnswerVersion::Full) => ("application/x-protobuf", Some("3")),
-            Self::GeoPose => ("application/geopose+json", None),
         }
     }
 
     /// The offered form the client likes best: of the greatest weight, then as exactly named as possible, then the first
     /// it names, then the first offered.
     ///
-    /// A client that takes none of our forms gets JSON, which the standard allows; one that takes GeoPoses and nothing
-    /// else that is offered is refused, because it would take the numbers of another frame for its own.
-    pub(super) fn negotiate(
-        headers: &HeaderMap,
-        offered: impl Iterator<Item = Self> + Clone,
-    ) -> Result<Self, Unmet> {
+    /// A client that takes none of our forms gets JSON, which the standard allows.
+    pub(super) fn negotiate(headers: &HeaderMap, offered: impl Iterator<Item = Self>) -> Self {
         let ranges = ranges(headers);
         let mut best: Option<(Wish, Self)> = None;
         for form in offered {
@@ -84,13 +65,7 @@ impl Form {
                 best = Some((wish, form));
             }
         }
-        match best {
-            Some((_, form)) => Ok(form),
-            None if wish(&ranges, Self::GeoPose).is_some_and(|wish| wish.thousandths > 0) => {
-                Err(Unmet::OnlyGeoPose)
-            }
-            None => Ok(Self::Json),
-        }
+        best.map_or(Self::Json, |(_, form)| form)
     }
 }
 
@@ -172,53 +147,39 @@ mod tests {
 
     #[test]
     fn the_best_form_that_can_be_given_is_given() {
-        let refused = Err(Unmet::OnlyGeoPose);
-        // Asked for, answered for a map without a place on Earth, answered for one with.
-        for (accept, map, earth) in [
-            ("", Ok(Form::Json), Form::Json),
-            ("*/*", Ok(Form::Json), Form::Json),
-            ("application/*", Ok(Form::Json), Form::Json),
-            ("text/html", Ok(Form::Json), Form::Json),
-            ("text/html, */*;q=0.1", Ok(Form::Json), Form::Json),
-            ("application/x-protobuf", Ok(PLAIN), PLAIN),
-            ("Application/X-Protobuf", Ok(PLAIN), PLAIN),
-            ("application/x-protobuf;version=1", Ok(PLAIN), PLAIN),
-            ("application/x-protobuf;version=2", Ok(PADDED), PADDED),
-            ("application/x-protobuf; Version=\"2\"", Ok(PADDED), PADDED),
-            ("application/x-protobuf;version=2, application/x-protobuf;q=0.5", Ok(PADDED), PADDED),
-            ("application/x-protobuf;version=3", Ok(FULL), FULL),
-            ("application/x-protobuf;version=3, application/x-protobuf;version=2;q=0.5", Ok(FULL), FULL),
-            ("application/x-protobuf;version=4, application/x-protobuf;q=0.5", Ok(PLAIN), PLAIN),
-            ("application/x-protobuf;version=2, application/x-protobuf", Ok(PADDED), PADDED),
-            ("application/json, application/x-protobuf", Ok(Form::Json), Form::Json),
-            ("application/x-protobuf, application/json", Ok(PLAIN), PLAIN),
-            ("application/json;q=0.5, application/x-protobuf;q=0.9", Ok(PLAIN), PLAIN),
-            ("text/html, application/x-protobuf;q=0.1", Ok(PLAIN), PLAIN),
-            ("*/*, application/x-protobuf", Ok(PLAIN), PLAIN),
-            ("*/*, application/x-protobuf;q=0.9", Ok(Form::Json), Form::Json),
-            ("*/*, application/json;q=0.1", Ok(FULL), FULL),
-            ("application/geopose+json", refused, Form::GeoPose),
-            ("application/geopose+json, application/json;q=0.5", Ok(Form::Json), Form::GeoPose),
-            ("application/geopose+json;q=0.5, application/json", Ok(Form::Json), Form::Json),
-            ("application/geopose+json, application/x-protobuf;q=0.1", Ok(PLAIN), Form::GeoPose),
-            ("application/geopose+json, */*;q=0.1", Ok(Form::Json), Form::GeoPose),
-            ("application/geopose+json, text/html", refused, Form::GeoPose),
-            ("application/geopose+json, application/json;q=0", refused, Form::GeoPose),
-            ("application/geopose+json;q=0", Ok(Form::Json), Form::Json),
-            ("application/x-protobuf;q=0", Ok(Form::Json), Form::Json),
-            ("application/x-protobuf;q=NaN", Ok(Form::Json), Form::Json),
-            ("application/x-protobuf;q=-3", Ok(Form::Json), Form::Json),
-            (";;=,q=,;version", Ok(Form::Json), Form::Json),
+        // Asked for, answered.
+        for (accept, given) in [
+            ("", Form::Json),
+            ("*/*", Form::Json),
+            ("application/*", Form::Json),
+            ("text/html", Form::Json),
+            ("text/html, */*;q=0.1", Form::Json),
+            ("application/x-protobuf", PLAIN),
+            ("Application/X-Protobuf", PLAIN),
+            ("application/x-protobuf;version=1", PLAIN),
+            ("application/x-protobuf;version=2", PADDED),
+            ("application/x-protobuf; Version=\"2\"", PADDED),
+            ("application/x-protobuf;version=2, application/x-protobuf;q=0.5", PADDED),
+            ("application/x-protobuf;version=3", FULL),
+            ("application/x-protobuf;version=3, application/x-protobuf;version=2;q=0.5", FULL),
+            ("application/x-protobuf;version=4, application/x-protobuf;q=0.5", PLAIN),
+            ("application/x-protobuf;version=2, application/x-protobuf", PADDED),
+            ("application/json, application/x-protobuf", Form::Json),
+            ("application/x-protobuf, application/json", PLAIN),
+            ("application/json;q=0.5, application/x-protobuf;q=0.9", PLAIN),
+            ("text/html, application/x-protobuf;q=0.1", PLAIN),
+            ("*/*, application/x-protobuf", PLAIN),
+            ("*/*, application/x-protobuf;q=0.9", Form::Json),
+            ("*/*, application/json;q=0.1", FULL),
+            ("application/x-protobuf;q=0", Form::Json),
+            ("application/x-protobuf;q=NaN", Form::Json),
+            ("application/x-protobuf;q=-3", Form::Json),
+            (";;=,q=,;version", Form::Json),
         ] {
             let headers: HeaderMap = [(ACCEPT, accept.parse().expect("a header"))].into_iter().collect();
-            assert_eq!(Form::negotiate(&headers, Form::offered(false, false)), map, "{accept:?}");
-            assert_eq!(
-                Form::negotiate(&headers, Form::offered(true, false)),
-                Ok(earth),
-                "{accept:?} on Earth"
-            );
+            assert_eq!(Form::negotiate(&headers, Form::offered(false)), given, "{accept:?}");
         }
-        assert_eq!(Form::negotiate(&HeaderMap::new(), Form::offered(true, false)), Ok(Form::Json));
+        assert_eq!(Form::negotiate(&HeaderMap::new(), Form::offered(false)), Form::Json);
         // Several headers count as one.
         let both =
             ["text/html", "application/x-protobuf;q=0.3"].map(|v| (ACCEPT, v.parse().expect("a header")));
@@ -226,7 +187,7 @@ mod tests {
         for (name, value) in both {
             headers.append(name, value);
         }
-        assert_eq!(Form::negotiate(&headers, Form::offered(false, false)), Ok(PLAIN));
+        assert_eq!(Form::negotiate(&headers, Form::offered(false)), PLAIN);
     }
 
     /// Who asked for trusted poses only gets no form that could not leave one out.
@@ -236,10 +197,9 @@ mod tests {
             ("application/x-protobuf", Form::Json),
             ("application/x-protobuf;version=2", Form::Json),
             ("application/x-protobuf;version=3;q=0.1, application/x-protobuf;version=2", FULL),
-            ("application/geopose+json", Form::GeoPose),
         ] {
             let headers: HeaderMap = [(ACCEPT, accept.parse().expect("a header"))].into_iter().collect();
-            assert_eq!(Form::negotiate(&headers, Form::offered(true, true)), Ok(given), "{accept}");
+            assert_eq!(Form::negotiate(&headers, Form::offered(true)), given, "{accept}");
         }
     }
 }

@@ -19,13 +19,12 @@ use veiloc_localization::{LocalizeOptions, StageTimes};
 use veiloc_pose::{PositionPrior, Stop};
 use veiloc_protocol::{AnswerDocument, AnswerState, AnswerTimes, AnswerVersion};
 
-use super::accept::{Form, Unmet};
+use super::accept::Form;
 use super::admit::{admit, wanted};
 use super::body;
 use super::wishes::Wishes;
 use crate::asked::{Asked, Found, Kind, Unanswered};
 use crate::elsewhere::Question;
-use crate::geo::GeoPoseDocument;
 use crate::maps::{Held, Hosted};
 use crate::padding::{self, Hidden};
 use crate::panics;
@@ -53,7 +52,6 @@ use crate::tokens::Caller;
     responses(
         (status = 200, description = "The pose, in the form that `Accept` asks for", content(
             (AnswerDocument = "application/json"),
-            (GeoPoseDocument = "application/geopose+json"),
             (Vec<u8> = "application/x-protobuf"),
             (Vec<u8> = "application/x-protobuf;version=2"),
             (Vec<u8> = "application/x-protobuf;version=3"),
@@ -122,14 +120,9 @@ fn welcome(
         return Err(Problem::MediaType);
     }
     let wishes = Wishes::read(headers)?;
-    // Said before anything is spent on an answer that could not be given.
-    match Form::negotiate(headers, Form::offered(hosted.geo.is_some(), wishes.trusted_only)) {
-        Ok(form) => {
-            trail.about(hosted.name.as_str().into());
-            Ok(Request { caller, hosted, form, wishes })
-        }
-        Err(Unmet::OnlyGeoPose) => Err(Problem::NotAcceptable),
-    }
+    let form = Form::negotiate(headers, Form::offered(wishes.trusted_only));
+    trail.about(hosted.name.as_str().into());
+    Ok(Request { caller, hosted, form, wishes })
 }
 
 async fn answer(
@@ -175,10 +168,6 @@ async fn answer(
                 AnswerVersion::Padded | AnswerVersion::Full => Hidden::Body,
             };
             (answer.encode(version).map_err(|_| Problem::Broken)?, hidden)
-        }
-        Form::GeoPose => {
-            let frame = hosted.geo.as_ref().ok_or(Problem::NotAcceptable)?;
-            (json(&frame.geo_pose(&answer))?, Hidden::Body)
         }
         Form::Json => (json(&AnswerDocument::new(&hosted.name, &answer))?, Hidden::Body),
     };

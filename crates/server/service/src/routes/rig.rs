@@ -12,7 +12,6 @@ use veiloc_protocol::AnswerDocument;
 
 use super::localize::serve;
 use crate::asked::Kind;
-use crate::geo::GeoPoseDocument;
 use crate::queue::Guest;
 use crate::state::App;
 use crate::telemetry::Trail;
@@ -34,7 +33,6 @@ use crate::telemetry::Trail;
     responses(
         (status = 200, description = "The pose, in the form that `Accept` asks for", content(
             (AnswerDocument = "application/json"),
-            (GeoPoseDocument = "application/geopose+json"),
             (Vec<u8> = "application/x-protobuf"),
             (Vec<u8> = "application/x-protobuf;version=2"),
             (Vec<u8> = "application/x-protobuf;version=3"),

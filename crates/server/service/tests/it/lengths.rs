@@ -18,9 +18,8 @@ use veiloc_protocol::Answer;
 use veiloc_service::{ServerOptions, TlsFiles};
 
 /// Everything a reply may be asked for in.
-const FORMS: [&str; 5] = [
+const FORMS: [&str; 4] = [
     "application/json",
-    "application/geopose+json",
     "application/x-protobuf;version=3",
     "application/x-protobuf;version=2",
     "application/x-protobuf",
@@ -60,9 +59,7 @@ impl Cases {
     }
 
     fn options(&self) -> ServerOptions {
-        let mut options = self.files.options();
-        options.maps[0].geo = Some("47.5,8.5,400,0.70710678,-0.70710678,0,0".parse().expect("a frame"));
-        options
+        self.files.options()
     }
 }
 

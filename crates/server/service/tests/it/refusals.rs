@@ -48,12 +48,6 @@ fn every_wrong_request_is_told_what_is_wrong() {
             "media-type",
         ),
         ("compressed", localize(&query).header("content-encoding", "gzip"), 415, "media-type"),
-        (
-            "a place on Earth",
-            localize(&query).header("accept", "application/geopose+json"),
-            406,
-            "no-geographic-frame",
-        ),
         ("the wrong method", Request::get("/v1/maps/place/localize").token(PHONE), 405, "wrong-method"),
         ("a profile without token", Request::get("/v1/maps/place/profile"), 401, "unauthenticated"),
         ("an unknown profile", Request::get("/v1/maps/x/profile").token(PHONE), 404, "unknown-map"),

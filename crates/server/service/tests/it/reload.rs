@@ -235,11 +235,9 @@ fn one_broken_map_does_not_stop_the_others() {
     let files = Files::new();
     let mut options = files.open_options();
     fs::write(files.path("broken.vmap"), "no map").expect("written");
-    options.maps.push(veiloc_service::MapSource {
-        name: "broken".to_owned(),
-        path: files.path("broken.vmap"),
-        geo: None,
-    });
+    options
+        .maps
+        .push(veiloc_service::MapSource { name: "broken".to_owned(), path: files.path("broken.vmap") });
     options.watch = Some(Duration::from_millis(10));
     options.admin = Some("127.0.0.1:0".parse().expect("an address"));
     let server = Running::start(options);

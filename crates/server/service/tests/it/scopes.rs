@@ -11,7 +11,7 @@ fn two_maps(files: &Files, tokens: &[(&str, &str)]) -> Running {
     std::fs::copy(files.path("place.vmap"), files.path("garage.vmap")).expect("copied");
     std::fs::write(files.path("tokens"), tokens_file(tokens)).expect("written");
     let mut options = files.options();
-    options.maps.push(MapSource { name: "garage".to_owned(), path: files.path("garage.vmap"), geo: None });
+    options.maps.push(MapSource { name: "garage".to_owned(), path: files.path("garage.vmap") });
     Running::start(options)
 }
 

@@ -79,7 +79,7 @@ fn serve(args: &Args, demo: &DemoOptions, ui: &Ui) -> Outcome {
         let bytes = std::fs::read(path).map_err(|e| Failure::refused(format!("{}: {e}", path.display())))?;
         page.add(name, bytes)?;
     }
-    let mut options = ServerOptions::new(vec![MapSource { name: "demo".to_owned(), path: map, geo: None }]);
+    let mut options = ServerOptions::new(vec![MapSource { name: "demo".to_owned(), path: map }]);
     options.listen = vec![args.listen.clone()];
     options.page = Some(Arc::new(page));
     options.page_points = SHOWN_POINTS;

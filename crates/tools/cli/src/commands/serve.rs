@@ -14,8 +14,7 @@ use veiloc_service::MapElsewhere;
 #[cfg(feature = "cluster")]
 use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{
-    BadGeoFrame, GeoFrame, ListenAddress, MapSource, Origin, RateLimit, ServerOptions, Stopped, TlsFiles,
-    run_prepared,
+    ListenAddress, MapSource, Origin, RateLimit, ServerOptions, Stopped, TlsFiles, run_prepared,
 };
 
 use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
@@ -77,10 +76,6 @@ pub(crate) struct Args {
     #[cfg(feature = "cluster")]
     #[command(flatten)]
     machines: ClusterArgs,
-    /// Where a map lies on Earth, so that poses can be told as OGC GeoPose: degrees, metres above the WGS 84 ellipsoid,
-    /// the quaternion that turns map axes into east, north, up there, and metres a map unit (1).
-    #[arg(long = "geo", value_name = "NAME=LAT,LON,HEIGHT,QW,QX,QY,QZ[,METRES]", allow_hyphen_values = true)]
-    geo: Vec<NamedFrame>,
     /// Where to listen, an address with a port (0 for any free one) or a Unix socket; several may be given.
     #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDR:PORT|unix:PATH")]
     listen: Vec<ListenAddress>,
@@ -212,23 +207,6 @@ impl FromStr for NamedMap {
     }
 }
 
-/// `NAME=LAT,…`.
-#[derive(Clone)]
-struct NamedFrame {
-    name: String,
-    frame: GeoFrame,
-}
-
-impl FromStr for NamedFrame {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let (name, frame) = text.split_once('=').ok_or("NAME=LAT,LON,… is expected")?;
-        let frame = frame.parse().map_err(|e: BadGeoFrame| e.to_string())?;
-        Ok(Self { name: name.to_owned(), frame })
-    }
-}
-
 /// Serves what command line, environment and file say together.
 ///
 /// # Errors
@@ -289,13 +267,6 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
     Ok(exit)
 }
 
-/// The maps that the command line names.
-fn named(args: &Args) -> Vec<&str> {
-    let names = args.maps.iter().map(|map| map.name.as_str());
-    let names = names.chain(args.cluster_maps.iter().map(String::as_str));
-    names.collect()
-}
-
 /// Adds the maps that others hold; connects to them first.
 #[cfg(feature = "cluster")]
 async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerOptions, Failure> {
@@ -308,8 +279,7 @@ async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerO
         gateway.regions = args.cluster_regions.get();
         gateway.watch = Duration::from_secs_f64(args.watch.min(86_400.0));
         let gateway = Gateway::start(bus.clone(), shelf.clone(), gateway, counts.clone()).await?;
-        let geo = args.geo.iter().find(|g| g.name == *name).map(|g| g.frame.clone());
-        options.elsewhere.push(MapElsewhere { name: name.clone(), held_by: Arc::new(gateway), geo });
+        options.elsewhere.push(MapElsewhere { name: name.clone(), held_by: Arc::new(gateway) });
     }
     options.gateway = Some(counts);
     if args.workers.is_none() {
@@ -333,16 +303,7 @@ async fn with_cluster(args: &Args, options: ServerOptions) -> Result<ServerOptio
 }
 
 fn options(args: &Args) -> Result<ServerOptions, Failure> {
-    let geo = |name: &str| args.geo.iter().find(|g| g.name == name).map(|g| g.frame.clone());
-    let named = named(args);
-    if let Some(stray) = args.geo.iter().find(|g| !named.contains(&g.name.as_str())) {
-        return Err(Failure::with_help(
-            format!("--geo {}: no map has this name", stray.name),
-            "use the name given with --map",
-        ));
-    }
-    let source =
-        |map: &NamedMap| MapSource { name: map.name.clone(), path: map.path.clone(), geo: geo(&map.name) };
+    let source = |map: &NamedMap| MapSource { name: map.name.clone(), path: map.path.clone() };
     let mut options = ServerOptions::new(args.maps.iter().map(source).collect());
     options.listen.clone_from(&args.listen);
     options.socket_mode = args.socket_mode.0;

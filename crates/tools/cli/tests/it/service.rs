@@ -249,8 +249,6 @@ fn what_would_be_a_mistake_is_refused() {
         ("serve --map a=place.vmap --cert a.pem", 2, "--key"),
         ("serve --map a=place.vmap --cert place.txt --key place.txt", 1, "place.txt"),
         ("serve --map a=place.vmap --tokens map.txt", 1, "line 1"),
-        ("serve --map a=place.vmap --geo b=47,8,0,1,0,0,0", 1, "no map has this name"),
-        ("serve --map a=place.vmap --geo a=147,8,0,1,0,0,0", 2, "latitude"),
         ("serve --map a=place.vmap --queue 0", 2, "--queue"),
         ("query send images/query-0.png --camera PINHOLE,1,1,1,1,1,1 --map a --server place", 1, "https://"),
         (

@@ -48,7 +48,6 @@ fn what_is_wrong_is_told_with_its_line_before_anything_is_opened() {
     for (text, flags, code, parts) in [
         ("maps = \".\"\nquue = 3", "", 1, &["veiloc.toml, line 2", "\"quue\"", "serve --help"][..]),
         ("queue = \"3\"", "--maps .", 1, &["veiloc.toml, line 1", "a whole number"]),
-        ("geo = [\"a=147,8,0,1,0,0,0\"]", "--maps .", 1, &["veiloc.toml, line 1", "latitude"]),
         ("listen = [\"localhost\"]", "--maps .", 1, &["veiloc.toml, line 1", "unix:PATH"]),
         ("cors-origin = [\"*\"]", "--maps .", 1, &["veiloc.toml, line 1", "every page"]),
         ("socket-mode = \"999\"", "--maps .", 1, &["veiloc.toml, line 1", "octal"]),

@@ -8,13 +8,12 @@ use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder};
 
 /// Statuses, and what each says; the names of problems are in docs/service.md.
-const REFUSALS: [(u16, &str); 15] = [
+const REFUSALS: [(u16, &str); 14] = [
     (400, "Not a sealed query of a known version, an option that is none, or a body that broke off"),
     (401, "No valid token"),
     (403, "The token is not an operator's"),
     (404, "Unknown map"),
     (405, "Another method is needed; see Allow"),
-    (406, "Nothing but a GeoPose is accepted, of a map nobody tied to Earth"),
     (408, "The body was too slow; send the same bytes again"),
     (409, "Sealed for another map or with an older profile, or the map is empty"),
     (413, "Longer than any query for this map, or more images than the allowance lets through at once"),

@@ -204,7 +204,7 @@ impl Files {
 
     /// The same for everybody.
     pub fn open_options(&self) -> ServerOptions {
-        let source = MapSource { name: "place".to_owned(), path: self.path("place.vmap"), geo: None };
+        let source = MapSource { name: "place".to_owned(), path: self.path("place.vmap") };
         let mut options = ServerOptions::new(vec![source]);
         options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
         options.rate.per_second = 100_000.try_into().expect("not zero");

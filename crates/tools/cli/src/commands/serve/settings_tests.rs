@@ -34,7 +34,6 @@ const VALUES: &[(&str, &str, &str)] = &[
     ("nats-ca", "\"/nats.pem\"", "/nats.pem"),
     #[cfg(feature = "cluster")]
     ("nats-credentials", "\"/nats.creds\"", "/nats.creds"),
-    ("geo", "[\"a=47.5,8.5,400,1,0,0,0\"]", "a=47.5,8.5,400,1,0,0,0"),
     ("listen", "[\"127.0.0.1:9000\", \"unix:/v.sock\"]", "127.0.0.1:9000;unix:/v.sock"),
     ("socket-mode", "\"600\"", "600"),
     ("admin-listen", "\"127.0.0.1:9001\"", "127.0.0.1:9001"),
