@@ -12,31 +12,11 @@ use veiloc_map::MapFile;
 use crate::EvalError;
 use crate::retrieval::draw::draw;
 
-/// What is sought.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Sought {
-    /// These images.
-    Images(Vec<PathBuf>),
-    /// Images of the map itself, which are then no part of what is searched, nor of what is drawn: of every sixteen the last
-    /// four, so that most of their neighbours along a walk are gone with them. What an index is tuned by.
-    HeldOut,
-}
-
-impl Sought {
-    /// How many are sought in a map of so many images.
-    pub fn count(&self, map_images: usize) -> usize {
-        match self {
-            Self::Images(images) => images.len(),
-            Self::HeldOut => (0..map_images).filter(|image| held_out(*image)).count(),
-        }
-    }
-}
-
 /// What to search, and for what.
 #[derive(Clone)]
 pub struct SearchEvaluation {
-    /// What is sought.
-    pub queries: Sought,
+    /// The images that are sought.
+    pub queries: Vec<PathBuf>,
     /// Images of elsewhere, to be put among those of the map.
     pub others: Vec<PathBuf>,
     /// Numbers of images that are searched, in the order of the table. Smaller than the map: its first so many.
@@ -103,19 +83,13 @@ pub fn evaluate_search(
         all.map_err(EvalError::Features)
     };
     let codes = vocabulary.global_len();
-    let is_out = |image: usize| evaluation.queries == Sought::HeldOut && held_out(image);
-    let (out, of_map): (Vec<usize>, Vec<usize>) = (0..map.image_count()).partition(|image| is_out(*image));
-    let queries = match &evaluation.queries {
-        Sought::Images(images) => globals("Looking at queries", images)?,
-        Sought::HeldOut => {
-            out.iter().map(|image| GlobalDescriptor::new(map.image(*image).global().to_vec())).collect()
-        }
-    };
+    let queries = globals("Looking at queries", &evaluation.queries)?;
     if queries.is_empty() {
         return Err(nothing());
     }
     let others = globals("Looking at other images", &evaluation.others)?;
-    let mut all: Vec<i8> = of_map.iter().flat_map(|image| map.image(*image).global()).copied().collect();
+    let mut all: Vec<i8> =
+        (0..map.image_count()).flat_map(|image| map.image(image).global()).copied().collect();
     all.extend(others.iter().flat_map(GlobalDescriptor::as_codes));
     let real = all.len() / codes;
     if largest > real {
@@ -127,17 +101,12 @@ pub fn evaluate_search(
     let mut rows = Vec::new();
     progress.start("Searching", evaluation.sizes.len());
     for images in &evaluation.sizes {
-        let place = Searched { all: &all[..images * codes], codes, of_map: of_map.len(), real };
+        let place = Searched { all: &all[..images * codes], codes, of_map: map.image_count(), real };
         rows.extend(place.rows(&queries, evaluation.retrieve));
         progress.advance(1);
     }
     progress.finish();
     Ok(rows)
-}
-
-/// Whether [`Sought::HeldOut`] seeks this image of the map.
-const fn held_out(image: usize) -> bool {
-    image % 16 >= 12
 }
 
 /// Codes of one word.

@@ -11,5 +11,5 @@ mod draw;
 mod evaluate;
 mod table;
 
-pub use evaluate::{SearchEvaluation, SearchRow, Sought, evaluate_search};
+pub use evaluate::{SearchEvaluation, SearchRow, evaluate_search};
 pub use table::table;

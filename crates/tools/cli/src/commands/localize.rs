@@ -39,8 +39,8 @@ use crate::ui::Ui;
 /// With `--rig` the queries of a session give one pose of the device that took them.
 ///
 /// With `--queries LIST --images DIR` both sides run here: each image of the list is sealed as a device does it, and what it would
-/// send is localized. Poses go to files of other programs with `--out-hloc`, `--out-submission`, `--out-colmap` and `--out-tum`:
-/// doubtful ones too, unless `--trusted-only` is given.
+/// send is localized. Poses go to files of other programs with `--out-hloc`, `--out-colmap` and `--out-tum`: doubtful ones
+/// too, unless `--trusted-only` is given.
 #[derive(clap::Args)]
 #[command(mut_args(from_images::tie_to_list))]
 pub(crate) struct Args {

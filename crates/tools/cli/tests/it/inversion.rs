@@ -49,12 +49,8 @@ fn a_training_in_pieces_writes_the_same_network_and_images_are_made_of_it() {
 
     let eval =
         "eval inversion image-1.png image-3.png --network whole.net --schemes points,dcl -k 5 --shown 2";
-    run(
-        folder,
-        &format!("{eval} --sheet sheet.png --wide-sheet wide.png --report page.html --json rows.json"),
-    )
-    .expect("evaluated");
-    assert!(read("sheet.png").starts_with(b"\x89PNG") && read("wide.png").starts_with(b"\x89PNG"));
+    run(folder, &format!("{eval} --sheet sheet.png --report page.html --json rows.json")).expect("evaluated");
+    assert!(read("sheet.png").starts_with(b"\x89PNG"));
     let page = String::from_utf8(read("page.html")).expect("text");
     // Two images: the originals and five rows of each, and those that are given places in the wide view.
     assert_eq!(page.matches("data:image/png;base64,").count(), 2 * (1 + 5) + 2 * (1 + 4));

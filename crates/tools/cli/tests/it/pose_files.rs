@@ -6,7 +6,7 @@ use common::{CAMERA, place};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_map::colmap::read_posed;
 
-const OUT: &str = "--out-hloc poses/hloc.txt --out-submission poses/sub.txt --out-colmap poses/model --out-tum poses/tum.txt";
+const OUT: &str = "--out-hloc poses/hloc.txt --out-colmap poses/model --out-tum poses/tum.txt";
 
 fn text(file: &str) -> String {
     String::from_utf8(place().read(file)).expect("text")
@@ -55,12 +55,6 @@ fn a_list_of_images_becomes_files_of_the_poses_of_the_answers() {
         let error = pose(numbers).translation_error(truth);
         assert!(error < 0.05, "{error}");
     }
-    let bare: Vec<String> = rows("poses/sub.txt").into_iter().map(|row| row.0).collect();
-    assert_eq!(bare, ["query-0.png", "query-1.png"]);
-    assert!(
-        text("poses/sub.txt")
-            .starts_with(text("poses/hloc.txt").trim_start_matches("day/").lines().next().expect("a line"))
-    );
 
     // The second of the list has no pose, and keeps its index.
     let tum = rows("poses/tum.txt");
@@ -101,7 +95,6 @@ fn what_does_not_fit_together_is_told_before_the_work() {
     let camera = CAMERA.replace(',', " ");
     place.write("list.txt", format!("query-0.png {camera}\n"));
     place.write("spaced.txt", format!("a b.png {camera}\n"));
-    place.write("twice.txt", format!("a/1.png {camera}\nb/1.png {camera}\n"));
     place.write("away.txt", format!("../query-0.png {camera}\n"));
     let usage = [
         ("localize --map place.vmap --queries list.txt", "--images"),
@@ -119,7 +112,6 @@ fn what_does_not_fit_together_is_told_before_the_work() {
     };
     for (run, word) in [
         (of("spaced.txt", "--out-hloc a.txt"), "white space"),
-        (of("twice.txt", "--out-submission a.txt"), "1.png"),
         (of("away.txt", ""), "leads out of"),
         (of("list.txt", "--out-tum -"), "stdout"),
         (of("list.txt", "--camera unknown"), "camera of its own"),

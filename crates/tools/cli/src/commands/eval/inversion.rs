@@ -86,10 +86,7 @@ pub(crate) struct Args {
     /// Write a contact sheet as PNG: the original, then a column for each row of the table, boxes around objects.
     #[arg(long, value_name = "FILE")]
     sheet: Option<PathBuf>,
-    /// The same of a view twice as wide and high, where places are given to the network.
-    #[arg(long, value_name = "FILE")]
-    wide_sheet: Option<PathBuf>,
-    /// Images on the contact sheets, and in the report.
+    /// Images on the contact sheet, and in the report.
     #[arg(long, default_value_t = 6, value_name = "N")]
     shown: u32,
     /// Write a report into FILE: one HTML file that needs no network, with the table and the images of the contact sheets; who
@@ -146,11 +143,11 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         shown: args.shown as usize,
     };
     let (document, sheets) = evaluate_inversion(&evaluation, &judges, &stages)?;
-    for (path, sheet) in [&args.sheet, &args.wide_sheet].into_iter().zip(&sheets) {
-        if let (Some(path), Some(png)) = (path, sheet.png()?) {
-            files::write(path, &png)?;
-            ui.say(format!("{}: {}", path.display(), sheet.columns.join(" | ")));
-        }
+    if let (Some(path), Some(sheet)) = (&args.sheet, sheets.first())
+        && let Some(png) = sheet.png()?
+    {
+        files::write(path, &png)?;
+        ui.say(format!("{}: {}", path.display(), sheet.columns.join(" | ")));
     }
     if let Some(path) = &args.report {
         let page = inversion_page(&inversion_report::report(&document, &sheets, html::details(args.seed)));

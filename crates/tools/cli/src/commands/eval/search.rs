@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use veiloc_evaluation::retrieval::{SearchEvaluation, SearchRow, Sought, evaluate_search, table};
+use veiloc_evaluation::retrieval::{SearchEvaluation, SearchRow, evaluate_search, table};
 use veiloc_map::MapFile;
 
 use crate::exit::{Exit, Outcome};
@@ -25,15 +25,11 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     map: PathBuf,
     /// Folder of the queries, JPEG or PNG.
-    #[arg(long, value_name = "DIR", required_unless_present = "held_out")]
-    images: Option<PathBuf>,
-    /// In their place: images of the map, the last four of every sixteen, taken out of what is searched. For choosing how to
-    /// search without looking at queries.
-    #[arg(long, conflicts_with_all = ["images", "query_list"])]
-    held_out: bool,
+    #[arg(long, value_name = "DIR")]
+    images: PathBuf,
     /// Names of the queries, one a line, relative to the folder; cameras behind them are not read. Default: all images in it
     /// and in its sub-folders.
-    #[arg(long, value_name = "FILE", requires = "images")]
+    #[arg(long, value_name = "FILE")]
     query_list: Option<PathBuf>,
     /// Folder of images of elsewhere, put among those of the map. Default: none.
     #[arg(long, value_name = "DIR")]
@@ -61,7 +57,6 @@ struct Document {
     map: String,
     seed: u64,
     queries: usize,
-    held_out: bool,
     others: usize,
     rows: Vec<SearchRow>,
 }
@@ -72,14 +67,11 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         items::refuse_bad(&items)?;
         Ok(items.into_iter().map(|item| item.path).collect())
     };
-    let queries = match (&args.images, &args.query_list) {
-        (None, _) => Sought::HeldOut,
-        (Some(folder), None) => {
-            Sought::Images(gathered(items::gather(std::slice::from_ref(folder), &IMAGES))?)
-        }
-        (Some(folder), Some(list)) => {
+    let queries = match &args.query_list {
+        None => gathered(items::gather(std::slice::from_ref(&args.images), &IMAGES))?,
+        Some(list) => {
             let listed = lists::read_with_cameras(list)?;
-            Sought::Images(gathered(items::listed(folder, listed.iter().map(|l| l.name.as_str())))?)
+            gathered(items::listed(&args.images, listed.iter().map(|l| l.name.as_str())))?
         }
     };
     let others = match &args.others {
@@ -102,8 +94,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         command: "eval search",
         map: args.map.display().to_string(),
         seed: args.seed,
-        queries: evaluation.queries.count(map.image_count()),
-        held_out: args.held_out,
+        queries: evaluation.queries.len(),
         others: evaluation.others.len(),
         rows,
     };

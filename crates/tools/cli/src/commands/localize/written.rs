@@ -1,10 +1,9 @@
 //! Poses of queries, written for other programs.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use veiloc_evaluation::results::PoseDocument;
-use veiloc_evaluation::results::pose_lines::{base_name, hloc_line, tum_line, tum_stamps};
+use veiloc_evaluation::results::pose_lines::{hloc_line, tum_line, tum_stamps};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::colmap::{ColmapImage, ColmapModel, write_binary, write_text};
 
@@ -20,10 +19,6 @@ pub(super) struct WrittenArgs {
     /// names; of sealed queries their paths without `.vquery`. Queries without a pose are left out. Default: not written.
     #[arg(long, value_name = "FILE")]
     out_hloc: Option<PathBuf>,
-    /// Write the poses as visuallocalization.net judges them: as --out-hloc, with the names of the files alone. Default: not
-    /// written.
-    #[arg(long, value_name = "FILE")]
-    out_submission: Option<PathBuf>,
     /// Write the images of the list that have a pose as a COLMAP model, cameras as they were given, without points. Default: not
     /// written.
     #[arg(long, value_name = "DIR", requires = "list")]
@@ -55,7 +50,7 @@ impl WrittenArgs {
     /// Refuses, before the work, names that files of poses cannot hold.
     ///
     /// # Errors
-    /// A name with white space, or two images of one name.
+    /// A name with white space.
     pub(super) fn check(&self, items: &[Item], are_images: bool) -> Result<(), Failure> {
         if let Some(out) = self.files().find(|path| files::is_standard(path)) {
             return Err(Failure::with_help(
@@ -63,21 +58,12 @@ impl WrittenArgs {
                 "name a file; ./- is one of this name",
             ));
         }
-        let mut seen = BTreeSet::new();
         let called = items.iter().map(|item| name_of(item, are_images));
-        for name in called.filter(|_| self.out_hloc.is_some() || self.out_submission.is_some()) {
-            let of_file = base_name(&name);
-            let said = if self.out_hloc.is_some() { &name } else { of_file };
-            if said.contains(char::is_whitespace) {
+        for name in called.filter(|_| self.out_hloc.is_some()) {
+            if name.contains(char::is_whitespace) {
                 return Err(Failure::with_help(
                     format!("{name:?} has white space, which ends a name in a file of results"),
                     "leave it out of the list, or give the image another name",
-                ));
-            }
-            if self.out_submission.is_some() && !seen.insert(of_file.to_owned()) {
-                return Err(Failure::with_help(
-                    format!("two queries are called {of_file}, and a submission has names of files alone"),
-                    "write --out-hloc, which has whole names, or localize them in two calls",
                 ));
             }
         }
@@ -85,9 +71,7 @@ impl WrittenArgs {
     }
 
     fn files(&self) -> impl Iterator<Item = &Path> {
-        [&self.out_hloc, &self.out_submission, &self.out_colmap, &self.out_tum]
-            .into_iter()
-            .filter_map(|path| path.as_deref())
+        [&self.out_hloc, &self.out_colmap, &self.out_tum].into_iter().filter_map(|path| path.as_deref())
     }
 
     /// Writes what is asked for.
@@ -96,15 +80,9 @@ impl WrittenArgs {
     /// What cannot be written.
     pub(super) fn write(&self, answered: &[Answered], ui: &Ui) -> Result<(), Failure> {
         let posed = || answered.iter().filter_map(|query| Some((query, query.pose?)));
-        let hloc = |named: fn(&str) -> &str| -> String {
-            let lines = posed().filter_map(|(query, pose)| hloc_line(named(&query.name), &pose));
-            lines.flat_map(|line| [line, "\n".to_owned()]).collect()
-        };
         if let Some(path) = &self.out_hloc {
-            save(path, &hloc(|name| name), answered.len(), ui)?;
-        }
-        if let Some(path) = &self.out_submission {
-            save(path, &hloc(base_name), answered.len(), ui)?;
+            let lines = posed().filter_map(|(query, pose)| Some(hloc_line(&query.name, &pose)? + "\n"));
+            save(path, &lines.collect::<String>(), answered.len(), ui)?;
         }
         if let Some(path) = &self.out_tum {
             let stamps = tum_stamps(answered.iter().map(|query| query.name.as_str()));
