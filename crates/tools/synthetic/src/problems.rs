@@ -154,8 +154,16 @@ pub fn random_pose(rng: &mut impl Rng) -> CameraFromWorld {
         .unwrap_or_else(|| CameraFromWorld::new(Rotation3::identity(), Vector3::from(t)))
 }
 
-/// A number from the standard normal distribution (Box and Muller).
+/// A number from the standard normal distribution.
 pub fn normal(rng: &mut impl Rng) -> f64 {
+    normal_pair(rng)[0]
+}
+
+/// Two independent numbers of it, from two draws (Box and Muller). Our own, and no library's: rendered places and published
+/// figures follow from which numbers equal seeds give.
+pub fn normal_pair(rng: &mut impl Rng) -> [f64; 2] {
     let (u, v): (f64, f64) = (rng.random(), rng.random());
-    (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    let radius = (-2.0 * (1.0 - u).ln()).sqrt();
+    let (sin, cos) = (std::f64::consts::TAU * v).sin_cos();
+    [radius * cos, radius * sin]
 }

@@ -6,13 +6,14 @@
 
 use std::collections::BTreeMap;
 
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::{ErrorSummary, Observation};
 use veiloc_geometry::{Pixel, PlanePoint};
 use veiloc_obfuscation::obfuscate_points;
 use veiloc_pose::{PoseOptions, estimate_pose};
 use veiloc_protocol::{Observations, Scheme};
+use veiloc_synthetic::problems::normal_pair;
 
 use super::document::ServerSummary;
 use super::options::{AttackEvaluation, Measured, ServerKnowledge};
@@ -163,20 +164,13 @@ pub(super) fn send_again(
         .keypoints
         .iter()
         .map(|p| {
-            let [du, dv] = gaussian_pair(&mut rng).map(|z| z * evaluation.resting_noise_px);
+            let [du, dv] = normal_pair(&mut rng).map(|z| z * evaluation.resting_noise_px);
             Pixel::new(inside(p.u + du, width), inside(p.v + dv, height))
         })
         .collect();
     let sent = obfuscate_points(&seen, width, height, &scheme, evaluation.angle_bits, &mut rng)
         .map_err(|source| EvalError::Seal { name: image.name.clone(), source })?;
     Ok(Observation::of_sent(&sent))
-}
-
-/// Two independent numbers of the standard normal distribution.
-fn gaussian_pair(rng: &mut ChaCha8Rng) -> [f64; 2] {
-    let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt();
-    let (sin, cos) = (std::f64::consts::TAU * rng.random::<f64>()).sin_cos();
-    [radius * cos, radius * sin]
 }
 
 /// Keypoints of the two files that are nearer than this in both coordinates are one, pixels.

@@ -1,9 +1,9 @@
 //! Sessions out of a list of queries: which images one consists of, and what the device's odometry says of them.
 
-use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld};
+use veiloc_synthetic::problems::normal;
 
 /// What is known of one image of a session; the rig is the camera of the newest.
 #[derive(Debug, Clone, Copy)]
@@ -38,8 +38,8 @@ pub(super) fn odometry(truth: &[CameraFromWorld], sd: [f64; 2], rng: &mut ChaCha
         vec![Step { cam_from_rig: CameraFromRig::identity(), rotation_sd_deg: 0.0, translation_sd: 0.0 }];
     for (k, pair) in truth.windows(2).rev().enumerate() {
         let (older, newer) = (&pair[0], &pair[1]);
-        let turn = Rotation3::from_scaled_axis(Vector3::from_fn(|_, _| sd[0].to_radians() * gauss(rng)));
-        let shift = Vector3::from_fn(|_, _| sd[1] * gauss(rng));
+        let turn = Rotation3::from_scaled_axis(Vector3::from_fn(|_, _| sd[0].to_radians() * normal(rng)));
+        let shift = Vector3::from_fn(|_, _| sd[1] * normal(rng));
         let older_from_newer = older.compose(&newer.inverse());
         let measured = older_from_newer.rotation();
         let known = &steps[k].cam_from_rig;
@@ -55,10 +55,6 @@ pub(super) fn odometry(truth: &[CameraFromWorld], sd: [f64; 2], rng: &mut ChaCha
     }
     steps.reverse();
     steps
-}
-
-fn gauss(rng: &mut ChaCha8Rng) -> f64 {
-    (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt() * (std::f64::consts::TAU * rng.random::<f64>()).cos()
 }
 
 #[cfg(test)]

@@ -1,17 +1,13 @@
 //! The fit on errors that were drawn from known covariances.
 
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 use veiloc_map::Calibration;
+use veiloc_synthetic::problems::normal;
 
 use crate::calibration::fit::fit;
 use crate::calibration::trial::Trial;
-
-fn normal(rng: &mut impl Rng) -> f64 {
-    let (u, v): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-}
 
 /// Poses known to a thousandth of a radian and a hundredth of a unit, more or less and correlated, with errors drawn from
 /// the calibrated covariance.

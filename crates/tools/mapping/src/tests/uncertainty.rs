@@ -7,6 +7,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_map::{BuildSettings, MapFile, MapImage, MapModel, MapPoint, Observation, PointId};
 use veiloc_protocol::Profile;
+use veiloc_synthetic::problems::normal;
 
 use crate::scene::Scene;
 use crate::triangulation::triangulate;
@@ -21,10 +22,7 @@ fn noisy_map(images: usize, degrees: f64, points: &[Vector3<f64>], rng: &mut Cha
     let mut model = MapModel::empty(profile, BuildSettings::default());
     let camera: Intrinsics = "OPENCV,640,480,500,505,322,238,-0.08,0.02,0.001,-0.0005".parse().unwrap();
     model.cameras.push(camera);
-    let mut normal = || {
-        let (u, v): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
-        NOISE_PX * (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-    };
+    let mut noise = || NOISE_PX * normal(rng);
     for i in 0..images {
         let a = (i as f64 / (images - 1) as f64 - 0.5) * degrees.to_radians();
         let center = Vector3::new(5.0 * a.sin(), 0.2 * (i % 2) as f64, -5.0 * a.cos());
@@ -34,7 +32,7 @@ fn noisy_map(images: usize, degrees: f64, points: &[Vector3<f64>], rng: &mut Cha
         let keypoints: Vec<[f32; 2]> = points
             .iter()
             .map(|p| view.pixel_inside(p).expect("all points are in view"))
-            .map(|p| [(p.u + normal()) as f32, (p.v + normal()) as f32])
+            .map(|p| [(p.u + noise()) as f32, (p.v + noise()) as f32])
             .collect();
         let descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![20; 128 * points.len()]).unwrap();
         model.images.push(MapImage {

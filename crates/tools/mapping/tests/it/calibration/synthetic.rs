@@ -12,6 +12,7 @@ use veiloc_mapping::calibration::{
 };
 use veiloc_mapping::{CompressOptions, compress};
 use veiloc_protocol::{Profile, Scheme};
+use veiloc_synthetic::problems::normal;
 
 const IMAGES: usize = 10;
 const NOISE_PX: f64 = 0.4;
@@ -26,11 +27,6 @@ fn pose(image: usize) -> CameraFromWorld {
         Rotation3::from_scaled_axis(Vector3::new(0.05, yaw, -0.02)),
         Vector3::new(shift - 5.0 * yaw, 0.1, 0.4),
     )
-}
-
-fn normal(rng: &mut impl Rng) -> f64 {
-    let (u, v): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 /// Random points with random descriptors, seen with noise; every point is where it truly is, moved by no noise.
