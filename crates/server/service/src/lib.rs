@@ -52,6 +52,7 @@ mod admin;
 mod answer;
 mod asked;
 pub mod auth;
+mod clock;
 mod cors;
 mod descriptors;
 mod elsewhere;
@@ -88,6 +89,7 @@ pub mod labour {
 pub use crate::http::{ListenAddress, TlsFiles};
 pub use crate::telemetry::{LogLine, LogQueue};
 pub use asked::{Asked, Found, Kind, NoPose, Unanswered};
+pub use clock::Clock;
 pub use elsewhere::{Answering, Description, Elsewhere, MapElsewhere, Question};
 pub use error::ServerError;
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts};

@@ -12,6 +12,7 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
 use veiloc_map::is_map_name;
 
+use crate::clock::Clock;
 use crate::elsewhere::MapElsewhere;
 use crate::error::ServerError;
 use crate::origin::Origin;
@@ -136,6 +137,8 @@ pub struct ServerOptions {
     pub otlp: Option<String>,
     /// How long anything may take.
     pub timeouts: Timeouts,
+    /// What allowances and the estimates of waiting times go by. Default: the system's clock.
+    pub clock: Clock,
     /// How often to look whether map, token and certificate files were replaced, and whether maps came or went; `None` for
     /// never. A token taken out of its file is refused after so much time at the latest.
     pub watch: Option<Duration>,
@@ -175,6 +178,7 @@ impl ServerOptions {
             #[cfg(feature = "opentelemetry")]
             otlp: None,
             timeouts: Timeouts::default(),
+            clock: Clock::default(),
             watch: Some(Duration::from_secs(2)),
             localize: LocalizeOptions::default(),
             page: None,

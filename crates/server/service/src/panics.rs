@@ -72,12 +72,13 @@ mod tests {
     use crate::telemetry::RequestIds;
 
     use super::during;
+    use crate::clock::Clock;
     use crate::pool::{Order, Pool};
 
     /// Says in a panic what nobody may read, on a thread of the pool.
     fn break_a_job() {
         tracing_subscriber::fmt().with_writer(std::io::stderr).init();
-        let pool = Pool::start(NonZeroUsize::MIN, NonZeroUsize::MIN).expect("threads");
+        let pool = Pool::start(NonZeroUsize::MIN, NonZeroUsize::MIN, Clock::default()).expect("threads");
         let order = Order { who: None, rows: 1, limit: std::time::Duration::from_secs(60) };
         let secret = String::from("SECRET") + "WORDS";
         let id = RequestIds::start().expect("random").next();

@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
 use crate::auth::TokenKey;
+use crate::clock::Clock;
 use crate::panics;
 use crate::queue::FairQueue;
 
@@ -78,6 +79,7 @@ struct Shared {
     in_work: AtomicU64,
     /// Nanoseconds of work that was begun over its cost, a running mean; 0 before the first.
     mean_ns: AtomicU64,
+    clock: Clock,
 }
 
 struct Waiting {
@@ -142,13 +144,14 @@ impl Pool {
     ///
     /// # Errors
     /// The system has no threads to give.
-    pub fn start(workers: NonZeroUsize, queue: NonZeroUsize) -> std::io::Result<Self> {
+    pub fn start(workers: NonZeroUsize, queue: NonZeroUsize, clock: Clock) -> std::io::Result<Self> {
         let shared = Arc::new(Shared {
             queue: Mutex::new(Waiting { jobs: FairQueue::new(queue), closed: false }),
             changed: Condvar::new(),
             busy: AtomicUsize::new(0),
             in_work: AtomicU64::new(0),
             mean_ns: AtomicU64::new(0),
+            clock,
         });
         let mut threads = Vec::new();
         panics::watch();
@@ -188,7 +191,7 @@ impl Pool {
             }
             self.takes(&waiting, order)?;
         }
-        waiting.jobs.push(order.who, order.cost(), Job { work, accepted: Instant::now() });
+        waiting.jobs.push(order.who, order.cost(), Job { work, accepted: self.shared.clock.now() });
         drop(waiting);
         self.shared.changed.notify_one();
         Ok(result)
@@ -221,7 +224,7 @@ impl Pool {
 
     /// How many are being worked on.
     pub fn busy(&self) -> usize {
-        self.shared.busy.load(Ordering::Relaxed)
+        self.shared.busy.load(Ordering::Acquire)
     }
 
     /// Takes nothing more; what was taken is finished.
@@ -252,16 +255,17 @@ fn work_until_closed(shared: &Shared) {
     while let Some((cost, Job { work, accepted })) = shared.next() {
         shared.busy.fetch_add(1, Ordering::Relaxed);
         shared.in_work.fetch_add(cost, Ordering::Relaxed);
-        let started = Instant::now();
+        let started = shared.clock.now();
         // Its reply is dropped with it, which is how the one who waits learns of it. The hook has logged the place; what
         // the panic said is thrown away here, because it may hold something of a query.
         let begun = catch_unwind(AssertUnwindSafe(|| work.run(started.duration_since(accepted))));
-        shared.busy.fetch_sub(1, Ordering::Relaxed);
         shared.in_work.fetch_sub(cost, Ordering::Relaxed);
         // Work that nobody waited for took no time, and says nothing about how long work takes.
         if begun.unwrap_or(true) {
-            shared.job_took(started.elapsed(), cost);
+            shared.job_took(shared.clock.now().saturating_duration_since(started), cost);
         }
+        // Last: whoever sees a free thread sees what its work took.
+        shared.busy.fetch_sub(1, Ordering::Release);
     }
 }
 
@@ -270,10 +274,15 @@ mod tests {
     use std::sync::Barrier;
 
     use super::*;
+    use crate::clock::ManualClock;
 
     fn pool(workers: usize, queue: usize) -> Pool {
+        pool_by(&Clock::default(), workers, queue)
+    }
+
+    fn pool_by(clock: &Clock, workers: usize, queue: usize) -> Pool {
         let number = |n| NonZeroUsize::new(n).expect("not zero");
-        Pool::start(number(workers), number(queue)).expect("threads")
+        Pool::start(number(workers), number(queue), clock.clone()).expect("threads")
     }
 
     /// Of nobody in particular, costing as much as 1000 rows.
@@ -344,39 +353,72 @@ mod tests {
         assert_eq!((kept.blocking_recv(), third.blocking_recv()), (Ok(2), Ok(3)));
     }
 
+    /// Does work that takes so long by the clock.
+    fn work(pool: &Pool, clock: &ManualClock, took: Duration) {
+        let clock = clock.clone();
+        let result = pool.submit(ORDER, move |_| clock.advance(took)).expect("room");
+        result.blocking_recv().expect("finished");
+        // The result comes first, then the thread notes how long it took.
+        while pool.busy() > 0 {
+            std::thread::yield_now();
+        }
+    }
+
     /// A burst of clients that leave, as happens under overload, must not make the service promise a free queue.
     #[test]
-    fn work_nobody_waits_for_does_not_count_as_quick() {
-        let pool = pool(1, 30);
-        let slow = |_| std::thread::sleep(Duration::from_millis(400));
-        pool.submit(ORDER, slow).expect("room").blocking_recv().expect("finished");
-        let (go, _first) = occupy(&pool);
+    fn abandoned_work_does_not_shorten_the_estimate() {
+        let clock = ManualClock::new();
+        let pool = pool_by(&clock.clock(), 1, 30);
+        work(&pool, &clock, Duration::from_secs(2));
+        let (go, first) = occupy(&pool);
         for _ in 0..25 {
             drop(pool.submit(ORDER, |_| ()).expect("room"));
         }
-        let last = pool.submit(ORDER, |_| ()).expect("room");
+        clock.advance(Duration::from_secs(2));
         go.wait();
-        last.blocking_recv().expect("finished");
-        let mean = pool.shared.mean_ns.load(Ordering::Relaxed);
-        // 400 ms, then two jobs of next to nothing: (7/8)² of it, where 25 more would have left (7/8)²⁷, 11 ms.
-        assert!(mean >= 300_000, "{mean} ns a row");
+        first.blocking_recv().expect("finished");
+        // Takes the pool past those that left.
+        work(&pool, &clock, Duration::from_secs(2));
+        assert_eq!(pool.shared.mean_ns.load(Ordering::Relaxed), 2_000_000, "2 s for 1000 rows");
+        pool.finish();
+    }
+
+    #[test]
+    fn the_estimate_follows_the_times_of_late() {
+        let clock = ManualClock::new();
+        let pool = pool_by(&clock.clock(), 1, 30);
+        for (took, mean_ns) in [(400, 400_000), (400, 400_000), (0, 350_000), (0, 306_250)] {
+            work(&pool, &clock, Duration::from_millis(took));
+            assert!(pool.shared.mean_ns.load(Ordering::Relaxed).abs_diff(mean_ns) <= 1, "after {took} ms");
+        }
+        pool.finish();
+    }
+
+    #[test]
+    fn refusals_say_when_to_come_back() {
+        let clock = ManualClock::new();
+        let pool = pool_by(&clock.clock(), 1, 30);
+        work(&pool, &clock, Duration::from_secs(1));
         let (go, _first) = occupy(&pool);
-        let waiting: Vec<_> = (0..30).map(|_| pool.submit(ORDER, |_| ()).expect("room")).collect();
-        let Err(Refused::Full { retry_after }) = pool.submit(ORDER, |_| ()) else { panic!("31 do not fit") };
-        assert!(retry_after.get() >= 9, "30 times at least 300 ms, not {retry_after} s");
-        // What would not be done within its time is not taken, though there were room.
+        // 1 s for each that waits, and half of one for what is in work.
         let hurried =
-            Order { who: Some(TokenKey::of_digest([1; 32])), limit: Duration::from_millis(10), ..ORDER };
+            Order { who: Some(TokenKey::of_digest([1; 32])), limit: Duration::from_millis(2400), ..ORDER };
+        let mut waiting: Vec<_> =
+            (0..2).map(|_| pool.submit(hurried, |_| ()).expect("0.5 s and 1.5 s are in time")).collect();
+        let late = pool.submit(hurried, |_| ()).err();
+        assert!(matches!(late, Some(Refused::Late { retry_after }) if retry_after.get() == 1), "{late:?}");
+        let patient = Order { limit: Duration::from_secs(3600), ..hurried };
+        waiting.push(pool.submit(patient, |_| ()).expect("an hour is enough"));
+        while let Ok(result) = pool.submit(patient, |_| ()) {
+            waiting.push(result);
+        }
+        // A lane alone may hold half of the queue.
+        assert_eq!(waiting.len(), 15);
+        let full = pool.submit(patient, |_| ()).err();
+        assert!(matches!(full, Some(Refused::Full { retry_after }) if retry_after.get() == 16), "{full:?}");
         drop(waiting);
         go.wait();
         pool.finish();
-        let again = self::pool(1, 30);
-        again.shared.mean_ns.store(mean, Ordering::Relaxed);
-        let (go, _first) = occupy(&again);
-        assert!(again.submit(ORDER, |_| ()).is_ok(), "an hour is enough");
-        assert!(matches!(again.submit(hurried, |_| ()), Err(Refused::Late { .. })));
-        go.wait();
-        again.finish();
     }
 
     #[test]

@@ -55,13 +55,14 @@ impl App {
         options.check()?;
         let (tokens, callers) = match &options.tokens {
             Some(path) => {
-                let (file, callers) = TokensFile::open(path, options.rate, options.stale_tokens)?;
+                let (file, callers) =
+                    TokensFile::open(path, options.rate, &options.clock, options.stale_tokens)?;
                 (Some(file), callers)
             }
-            None => (None, Arc::new(Callers::anyone(options.rate))),
+            None => (None, Arc::new(Callers::anyone(options.rate, &options.clock))),
         };
         let tls = options.tls.clone().map(Tls::open).transpose()?;
-        let pool = Pool::start(options.workers, options.queue)
+        let pool = Pool::start(options.workers, options.queue, options.clock.clone())
             .map_err(|source| ServerError::System { what: "threads", source })?;
         #[cfg_attr(
             not(feature = "opentelemetry"),

@@ -4,14 +4,15 @@ use std::collections::HashMap;
 use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use crate::auth::{Entry, Moment, TokenKey, TokenList};
+use crate::clock::Clock;
 use crate::telemetry::Trail;
 use axum::http::HeaderMap;
 use axum::http::header::AUTHORIZATION;
-use governor::clock::{Clock, DefaultClock};
-use governor::{DefaultDirectRateLimiter, NotUntil, Quota, RateLimiter};
+use governor::state::{InMemoryState, NotKeyed};
+use governor::{NotUntil, Quota, RateLimiter};
 
 use crate::options::RateLimit;
 use crate::problem::Problem;
@@ -28,15 +29,21 @@ pub(crate) struct Caller {
 
 /// How often a token may ask. It outlives a change of what else the token is worth.
 struct Allowance {
-    limiter: DefaultDirectRateLimiter,
+    limiter: RateLimiter<NotKeyed, InMemoryState, Clock>,
+    clock: Clock,
     /// What it lets through at once.
     burst: NonZeroU32,
 }
 
 impl Allowance {
-    fn new(rate: RateLimit) -> Arc<Self> {
+    fn new(rate: RateLimit, clock: &Clock) -> Arc<Self> {
         let quota = Quota::per_second(rate.per_second).allow_burst(rate.burst);
-        Arc::new(Self { limiter: RateLimiter::direct(quota), burst: rate.burst })
+        let limiter = RateLimiter::direct_with_clock(quota, clock.clone());
+        Arc::new(Self { limiter, clock: clock.clone(), burst: rate.burst })
+    }
+
+    fn used_up(&self, until: &NotUntil<Instant>) -> Problem {
+        Problem::RateLimited { retry_after: seconds_up(until.wait_time_from(self.clock.now())) }
     }
 }
 
@@ -72,7 +79,7 @@ impl Caller {
 
     /// Takes one request from the allowance.
     pub(crate) fn spend(&self) -> Result<(), Problem> {
-        self.allowance.limiter.check().map_err(|until| used_up(&until))
+        self.allowance.limiter.check().map_err(|until| self.allowance.used_up(&until))
     }
 
     /// Takes the rest of a session of so many images, of which the request itself has taken one: as much as they would one
@@ -85,13 +92,9 @@ impl Caller {
         if rest >= self.allowance.burst {
             return Err(too_long());
         }
-        self.allowance.limiter.check_n(rest).map_err(|_| too_long())?.map_err(|until| used_up(&until))
+        let spent = self.allowance.limiter.check_n(rest).map_err(|_| too_long())?;
+        spent.map_err(|until| self.allowance.used_up(&until))
     }
-}
-
-fn used_up(until: &NotUntil<<DefaultClock as Clock>::Instant>) -> Problem {
-    let wait = until.wait_time_from(DefaultClock::default().now());
-    Problem::RateLimited { retry_after: seconds_up(wait) }
 }
 
 /// Whole seconds, rounded up, at least one: what `Retry-After` can say.
@@ -111,25 +114,25 @@ pub(crate) enum Callers {
 
 impl Callers {
     /// No file of tokens.
-    pub(crate) fn anyone(rate: RateLimit) -> Self {
+    pub(crate) fn anyone(rate: RateLimit, clock: &Clock) -> Self {
         let key = TokenKey::of_digest([0; 32]);
         Self::Anyone(Arc::new(Caller {
             key,
             name: Arc::default(),
             entry: None,
-            allowance: Allowance::new(rate),
+            allowance: Allowance::new(rate, clock),
         }))
     }
 
     /// Those of a list. Tokens that were known before keep what is left of their allowance.
-    pub(crate) fn of(list: &TokenList, rate: RateLimit, before: Option<&Self>) -> Self {
+    pub(crate) fn of(list: &TokenList, rate: RateLimit, clock: &Clock, before: Option<&Self>) -> Self {
         let allowance = |key: &TokenKey| match before {
             Some(Self::Tokens(before)) => before.get(key).map(|caller| caller.allowance.clone()),
             _ => None,
         };
         let caller = |entry: &Entry| {
             let key = entry.key();
-            let allowance = allowance(&key).unwrap_or_else(|| Allowance::new(rate));
+            let allowance = allowance(&key).unwrap_or_else(|| Allowance::new(rate, clock));
             let name = entry.name().into();
             (key, Arc::new(Caller { key, name, entry: Some(entry.clone()), allowance }))
         };
@@ -180,6 +183,7 @@ fn bearer(value: &[u8]) -> Option<&[u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::ManualClock;
 
     const RATE: RateLimit =
         RateLimit { per_second: NonZeroU32::MIN, burst: NonZeroU32::MIN.saturating_add(1) };
@@ -189,7 +193,11 @@ mod tests {
     const OTHER: &str = "d9298a10d1b0735837dc4bd85dac641b0f3cef27a47e5d53a54f2f3f5b2fcffa";
 
     fn read(text: &str, before: Option<&Callers>) -> Callers {
-        Callers::of(&TokenList::parse(text.as_bytes()).expect("a file of tokens"), RATE, before)
+        read_by(&Clock::default(), text, before)
+    }
+
+    fn read_by(clock: &Clock, text: &str, before: Option<&Callers>) -> Callers {
+        Callers::of(&TokenList::parse(text.as_bytes()).expect("a file of tokens"), RATE, clock, before)
     }
 
     fn headers(value: &str) -> HeaderMap {
@@ -226,23 +234,31 @@ mod tests {
         assert!(caller.may_ask_for("lobby") && !caller.may_ask_for("garage") && !caller.is_operator());
         let expired = callers.identify_at(&headers("Bearer secret"), end);
         assert!(matches!(expired, Err(Problem::Unauthenticated)));
-        let anyone = Callers::anyone(RATE).identify(&HeaderMap::new()).expect("anyone");
+        let anyone = Callers::anyone(RATE, &Clock::default()).identify(&HeaderMap::new()).expect("anyone");
         assert!(anyone.may_ask_for("garage") && anyone.is_operator());
     }
 
     #[test]
     fn an_allowance_ends_and_survives_a_reload() {
         let text = format!("phone {SECRET}\nother {OTHER}");
-        let callers = read(&text, None);
+        let manual = ManualClock::new();
+        let clock = manual.clock();
+        let callers = read_by(&clock, &text, None);
         let caller = callers.identify(&headers("Bearer secret")).expect("known");
         caller.spend().expect("first");
         caller.spend().expect("burst");
-        assert!(matches!(caller.spend(), Err(Problem::RateLimited { .. })));
+        assert!(
+            matches!(caller.spend(), Err(Problem::RateLimited { retry_after }) if retry_after.get() == 1)
+        );
         // One asks no less because the other asked a lot.
         callers.identify(&headers("Bearer other")).expect("known").spend().expect("its own");
-        let again = read(&format!("renamed {SECRET} maps=lobby"), Some(&callers));
+        let again = read_by(&clock, &format!("renamed {SECRET} maps=lobby"), Some(&callers));
         assert!(again.identify(&headers("Bearer secret")).expect("known").spend().is_err());
         assert!(again.identify(&headers("Bearer other")).is_err(), "taken from the file");
+        // One a second.
+        manual.advance(Duration::from_secs(1));
+        caller.spend().expect("earned");
+        caller.spend().expect_err("spent");
     }
 
     #[test]

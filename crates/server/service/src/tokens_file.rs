@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::auth::TokenList;
+use crate::clock::Clock;
 use sha2::{Digest as _, Sha256};
 
 use crate::error::ServerError;
@@ -15,6 +16,7 @@ use crate::tokens::Callers;
 pub(crate) struct TokensFile {
     path: PathBuf,
     rate: RateLimit,
+    clock: Clock,
     /// How long the last valid set holds without a valid file.
     stale: Duration,
     state: Mutex<State>,
@@ -53,12 +55,13 @@ impl TokensFile {
     pub(crate) fn open(
         path: &Path,
         rate: RateLimit,
+        clock: &Clock,
         stale: Duration,
     ) -> Result<(Self, Arc<Callers>), ServerError> {
         let bytes = read(path)?;
-        let callers = Arc::new(Callers::of(&parse(&bytes, path)?, rate, None));
+        let callers = Arc::new(Callers::of(&parse(&bytes, path)?, rate, clock, None));
         let state = Mutex::new(State { taken: hash(&bytes), callers: callers.clone(), failing: None });
-        Ok((Self { path: path.to_owned(), rate, stale, state }, callers))
+        Ok((Self { path: path.to_owned(), rate, clock: clock.clone(), stale, state }, callers))
     }
 
     /// Whether its newest state could not be used.
@@ -77,7 +80,7 @@ impl TokensFile {
                 return Ok((digest, state.callers.clone()));
             }
             let list = parse(&bytes, &self.path)?;
-            let callers = Callers::of(&list, self.rate, Some(&state.callers));
+            let callers = Callers::of(&list, self.rate, &self.clock, Some(&state.callers));
             Ok((digest, Arc::new(callers)))
         });
         match valid {
@@ -135,7 +138,8 @@ mod tests {
             [None, Some(""), Some("# nobody any more\n"), Some("phone hunter2\n"), Some("\u{0}\u{1}")]
         {
             std::fs::write(&path, &good).expect("written");
-            let (file, _) = TokensFile::open(&path, RATE, STALE).expect("a file of tokens");
+            let (file, _) =
+                TokensFile::open(&path, RATE, &Clock::default(), STALE).expect("a file of tokens");
             let start = Instant::now();
             assert!(matches!(file.look(start), Look::Same) && !file.is_failing());
             match wrong {
@@ -158,7 +162,7 @@ mod tests {
             );
         }
         // Nobody, and it is meant: at once.
-        let (file, _) = TokensFile::open(&path, RATE, STALE).expect("a file of tokens");
+        let (file, _) = TokensFile::open(&path, RATE, &Clock::default(), STALE).expect("a file of tokens");
         std::fs::write(&path, "nobody\n").expect("written");
         assert!(matches!(file.look(Instant::now()), Look::Taken(callers) if callers.is_nobody()));
     }

@@ -15,7 +15,7 @@ use veiloc_pose::{PositionPrior, Stop};
 use veiloc_protocol::PositionHint;
 use veiloc_service::labour::{Order, Pool, Refused, during};
 use veiloc_service::telemetry::{RequestId, WorkerCounts};
-use veiloc_service::{Asked, Found, Kind, Unanswered};
+use veiloc_service::{Asked, Clock, Found, Kind, Unanswered};
 
 use super::content::Content;
 use crate::message::{Candidate, MOST_REGIONS, Request, RequestName, Said, Wanted, Why};
@@ -57,8 +57,8 @@ impl Bench {
         counts: Arc<WorkerCounts>,
     ) -> std::io::Result<Self> {
         Ok(Self {
-            pool: Pool::start(threads, queue)?,
-            searches: Pool::start(NonZeroUsize::MIN, SEARCHES)?,
+            pool: Pool::start(threads, queue, Clock::default())?,
+            searches: Pool::start(NonZeroUsize::MIN, SEARCHES, Clock::default())?,
             localize,
             counts,
             at_it: Mutex::default(),
