@@ -83,7 +83,7 @@ mod transport;
 
 pub use client::Client;
 pub use error::ClientError;
-pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy};
+pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy, Sleep};
 pub use progressive::{ProgressiveAnswer, Step, StepOutcome};
 pub use refusal::{Refusal, printable};
 pub use request::LocalizeRequest;

@@ -46,6 +46,9 @@ pub enum Notice {
 /// Who is told of what happens.
 pub type NoticeListener = dyn Fn(&Notice) + Send + Sync;
 
+/// Returns after so long.
+pub type Sleep = dyn Fn(Duration) + Send + Sync;
+
 /// How a [`crate::Client`] behaves.
 #[derive(Clone)]
 #[non_exhaustive]
@@ -56,6 +59,8 @@ pub struct ClientOptions {
     pub insecure_http: bool,
     /// When the same bytes are sent again.
     pub retry: RetryPolicy,
+    /// Makes the pauses between retries, on the thread of the call. Default: [`std::thread::sleep`].
+    pub sleep: Arc<Sleep>,
     /// To reach the service. Default 10 s.
     pub connect_timeout: Duration,
     /// From connecting to the last byte of the answer, for each attempt. Default 60 s.
@@ -72,6 +77,7 @@ impl Default for ClientOptions {
             certificates: None,
             insecure_http: false,
             retry: RetryPolicy::default(),
+            sleep: Arc::new(std::thread::sleep),
             connect_timeout: Duration::from_secs(10),
             timeout: Duration::from_secs(60),
             cache: None,

@@ -134,7 +134,7 @@ impl Transport {
             let pause =
                 asked.unwrap_or_else(|| policy.pause.saturating_mul(retries).min(policy.longest_pause));
             self.options.tell(&Notice::Again { reason, pause });
-            std::thread::sleep(pause);
+            (self.options.sleep)(pause);
         }
     }
 

@@ -2,7 +2,9 @@
 
 use super::common;
 
-use common::{Service, known, problem, protobuf, query, quick, reply};
+use std::time::Duration;
+
+use common::{Service, known, problem, protobuf, query, quick, recording, reply};
 use veiloc_client::{Answer, AnswerState, Client, ClientError, LocalizeRequest, Profile};
 use veiloc_protocol::AnswerVersion;
 
@@ -81,7 +83,10 @@ fn a_retry_after_that_is_nonsense_is_no_reason_to_wait() {
     for nonsense in ["-1", "soon", "1e9", "99999999999999999999999999"] {
         let busy = problem("503 Busy", "queue-full", &[("retry-after", nonsense)]);
         let service = Service::saying(vec![busy, protobuf(&known("v2.answer"))]);
-        service.client().localize("place", &query()).expect("after a short pause");
+        let (options, pauses) = recording();
+        let client = Client::new(&service.url, None, options).expect("a client");
+        client.localize("place", &query()).expect("after a short pause");
+        assert_eq!(*pauses.lock().expect("not poisoned"), [Duration::from_millis(500)], "{nonsense}");
     }
 }
 

@@ -5,7 +5,7 @@ use super::common;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use common::{Service, known, problem, protobuf, query, quick, reply};
+use common::{Service, known, problem, protobuf, query, quick, recording, reply};
 use veiloc_client::{CameraFromRig, Client, ClientError, LocalizeRequest, Notice, RigMessage, SealedFrame};
 
 #[test]
@@ -104,20 +104,35 @@ fn a_busy_service_is_left_alone_for_as_long_as_it_asks() {
     let ClientError::Busy { refusal, retry_after } = error else { panic!("{error:?}") };
     assert_eq!((refusal.status, retry_after), (503, Some(Duration::from_secs(3600))));
     // Busy as often as it was asked.
-    let busy = || problem("429 Slow down", "rate-limited", &[]);
-    let service = Service::saying(vec![busy(), busy(), busy()]);
-    let mut options = quick();
-    options.retry.retries = 2;
+    let busy = |after: &str| problem("429 Slow down", "rate-limited", &[("retry-after", after)]);
+    let service = Service::saying(vec![busy(""), busy("7"), busy("0"), busy("20"), busy("")]);
+    let (options, pauses) = recording();
     let client = Client::new(&service.url, None, options).expect("a client");
     let error = client.localize("place", &query()).expect_err("busy");
     assert!(matches!(error, ClientError::Busy { retry_after: None, .. }), "{error:?}");
-    assert_eq!(service.asked().len(), 3);
+    assert_eq!(service.asked().len(), 5);
+    let pauses: Vec<f64> = pauses.lock().expect("not poisoned").iter().map(Duration::as_secs_f64).collect();
+    assert_eq!(pauses, [0.5, 7.0, 0.0, 20.0], "its own pause where it is told none");
     assert!(!service.asked()[0].head.contains("authorization"), "without a token none is sent");
+}
+
+/// Where the service names no pause, each is longer than the one before, up to the longest.
+#[test]
+fn pauses_grow_up_to_the_longest() {
+    let service = Service::saying(vec![Vec::new(); 8]);
+    let (mut options, pauses) = recording();
+    options.retry.retries = 7;
+    options.retry.longest_pause = Duration::from_millis(2200);
+    let client = Client::new(&service.url, None, options).expect("a client");
+    client.localize("place", &query()).expect_err("it always breaks off");
+    let pauses: Vec<u128> = pauses.lock().expect("not poisoned").iter().map(Duration::as_millis).collect();
+    assert_eq!(pauses, [500, 1000, 1500, 2000, 2200, 2200, 2200]);
 }
 
 #[test]
 fn a_service_that_is_not_there_is_a_matter_of_the_network() {
-    let nobody = std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
+    // A port that is given to nobody.
+    let nobody = "127.0.0.1:1";
     let mut options = quick();
     options.retry.retries = 1;
     let client = Client::new(&format!("http://{nobody}"), Some("the-token"), options).expect("a client");

@@ -61,12 +61,22 @@ impl Service {
     }
 }
 
-/// Retries without pauses worth waiting for.
+/// Pauses between retries take no time, and no limit is reached by chance.
 pub fn quick() -> ClientOptions {
     let mut options = ClientOptions::default();
-    options.retry.pause = Duration::from_millis(1);
-    options.timeout = Duration::from_secs(20);
+    options.sleep = Arc::new(|_| ());
+    options.timeout = Duration::from_secs(600);
+    options.connect_timeout = options.timeout;
     options
+}
+
+/// The same, and the pauses that are made.
+pub fn recording() -> (ClientOptions, Arc<Mutex<Vec<Duration>>>) {
+    let mut options = quick();
+    let pauses = Arc::new(Mutex::new(Vec::new()));
+    let kept = pauses.clone();
+    options.sleep = Arc::new(move |pause| kept.lock().expect("not poisoned").push(pause));
+    (options, pauses)
 }
 
 /// A response with these headers and this body, closed after it.
