@@ -3,7 +3,7 @@
 use super::common;
 
 use common::http::Request;
-use common::{Files, OPERATOR, PHONE, Running, truth};
+use common::{Files, OPERATOR, PHONE, Running, eventually, truth};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld};
 use veiloc_localization::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
@@ -225,13 +225,10 @@ fn operators_see_how_it_is_doing() {
     assert_eq!(server.get("/metrics", "").problem(), "unauthenticated");
     // A worker is done a moment after its reply has left.
     let mut text = String::new();
-    for _ in 0..200 {
+    eventually("a free worker", || {
         text = server.get("/metrics", OPERATOR).text();
-        if text.contains("veiloc_workers_busy 0") {
-            break;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(10));
-    }
+        text.contains("veiloc_workers_busy 0")
+    });
     for line in [
         "veiloc_requests_total{route=\"/v1/maps/{name}/localize\",status=\"200\",problem=\"\"} 1",
         "veiloc_requests_total{route=\"/v1/maps/{name}/localize\",status=\"401\",problem=\"unauthenticated\"} 1",

@@ -75,7 +75,9 @@ fn nothing_that_was_sent_comes_back() {
                 body: Vec::new(),
             }
             .token(PHONE)
-            .header("content-type", "application/x-protobuf"),
+            .header("content-type", "application/x-protobuf")
+            // Who waits to be told whether to send it is refused before all of that has come.
+            .header("expect", "100-continue"),
         ),
     ];
     requests.extend(named.map(|(what, request)| (what.to_owned(), request)));

@@ -3,28 +3,16 @@
 
 use super::common;
 
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpStream};
-use std::time::Duration;
 
-use common::http::{Request, connect};
-use common::{Files, OPERATOR, PHONE, Running, data, eventually, truth};
+use common::http::{Request, Response, connect, has_come};
+use common::{Files, ManualClock, OPERATOR, PHONE, Running, SECOND, data, eventually, truth, value};
 use veiloc_service::TlsFiles;
-
-/// What the metrics say of a series; `None` when it is not there.
-fn value(text: &str, series: &str) -> Option<f64> {
-    let line = text.lines().find_map(|line| line.strip_prefix(series)?.strip_prefix(' '))?;
-    Some(line.parse().expect("a number"))
-}
-
-fn metrics(server: &Running) -> String {
-    let admin = server.listening.admin.expect("a listener for the operator");
-    Request::get("/metrics").send(admin).text()
-}
 
 fn faults(server: &Running, kind: &str) -> f64 {
     let series = format!("veiloc_connection_faults_total{{kind=\"{kind}\"}}");
-    value(&metrics(server), &series).unwrap_or_else(|| panic!("{series} is not there from the start"))
+    server.metric(&series).unwrap_or_else(|| panic!("{series} is not there from the start"))
 }
 
 const KINDS: [&str; 8] = [
@@ -38,6 +26,22 @@ const KINDS: [&str; 8] = [
     "left",
 ];
 
+/// All that comes until the end, while time passes.
+fn rest_in_time(server: &Running, stream: &mut TcpStream) -> String {
+    let (mut bytes, mut piece) = (Vec::new(), [0; 4096]);
+    stream.set_nonblocking(true).expect("set");
+    server.pass_until(SECOND, "the end of a connection", || {
+        loop {
+            match stream.read(&mut piece) {
+                Ok(count @ 1..) => bytes.extend_from_slice(&piece[..count]),
+                Err(e) if e.kind() == ErrorKind::WouldBlock => return false,
+                _ => return true,
+            }
+        }
+    });
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
 /// All that came until the end.
 fn rest(stream: &mut TcpStream) -> String {
     let mut bytes = Vec::new();
@@ -50,10 +54,8 @@ fn rest(stream: &mut TcpStream) -> String {
 fn faults_of_plain_connections_are_counted_by_kind() {
     let files = Files::new();
     let mut options = files.options();
-    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
-    // Long for who asks at once, on a busy machine too.
-    options.timeouts.head = Duration::from_millis(1500);
-    let server = Running::start(options);
+    options.timeouts.head = 5 * SECOND;
+    let server = Running::start_paused(options);
     for kind in KINDS {
         assert_eq!(faults(&server, kind), 0.0, "{kind}");
     }
@@ -62,8 +64,9 @@ fn faults_of_plain_connections_are_counted_by_kind() {
     assert_eq!(server.get("/healthz", "").status, 200);
     let mut idle = connect(server.address);
     idle.write_all(&Request::get("/healthz").bytes()).expect("sent");
-    assert!(rest(&mut idle).starts_with("HTTP/1.1 200"), "answered, then closed when it was idle");
-    assert_eq!(rest(&mut connect(server.address)), "", "closed when it said nothing");
+    assert_eq!(Response::read(&mut idle).status, 200);
+    assert_eq!(rest_in_time(&server, &mut idle), "", "closed when it was idle");
+    assert_eq!(rest_in_time(&server, &mut connect(server.address)), "", "closed when it said nothing");
     drop(connect(server.address));
 
     let mut noise = connect(server.address);
@@ -78,8 +81,8 @@ fn faults_of_plain_connections_are_counted_by_kind() {
 
     let mut slow = connect(server.address);
     slow.write_all(b"GET /healthz HTTP/1.1\r\nhost: te").expect("sent");
-    rest(&mut slow);
-    eventually("a head that does not end", || faults(&server, "head-timeout") == 1.0);
+    server.pass_until(SECOND, "a head that does not end", || faults(&server, "head-timeout") == 1.0);
+    assert_eq!(rest(&mut slow), "");
 
     let mut half = connect(server.address);
     half.write_all(b"GET /healthz HTTP/1.1\r\nho").expect("sent");
@@ -95,13 +98,12 @@ fn faults_of_plain_connections_are_counted_by_kind() {
 fn a_client_that_leaves_before_its_answer_is_counted() {
     let files = Files::new();
     let mut options = files.options();
-    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
-    options.localize.pose.fixed_hypotheses = Some(3_000_000);
+    options.localize.pose.fixed_hypotheses = Some(usize::MAX);
     let server = Running::start(options);
     let mut leaving = connect(server.address);
     let query = files.place.sealed(&truth());
     leaving.write_all(&Request::localize(&query).token(PHONE).bytes()).expect("sent");
-    eventually("work on it", || value(&metrics(&server), "veiloc_workers_busy") == Some(1.0));
+    eventually("work on it", || server.metric("veiloc_workers_busy") == Some(1.0));
     leaving.shutdown(Shutdown::Both).expect("closed");
     eventually("a client that left", || faults(&server, "left") == 1.0);
 }
@@ -110,18 +112,16 @@ fn a_client_that_leaves_before_its_answer_is_counted() {
 fn handshakes_that_fail_or_last_are_counted() {
     let files = Files::new();
     let mut options = files.options();
-    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
     options.tls = Some(TlsFiles { cert: data("cert.pem"), key: data("key.pem"), client_ca: None });
-    // Long for who asks at once, on a busy machine too.
-    options.timeouts.head = Duration::from_millis(1500);
-    let server = Running::start(options);
+    options.timeouts.head = 5 * SECOND;
+    let server = Running::start_paused(options);
     let mut plain = connect(server.address);
     plain.write_all(&Request::get("/healthz").bytes()).expect("sent");
     rest(&mut plain);
     eventually("a handshake that is none", || faults(&server, "tls-handshake") == 1.0);
     let mut silent = connect(server.address);
-    rest(&mut silent);
-    eventually("a handshake that lasts", || faults(&server, "tls-timeout") == 1.0);
+    server.pass_until(SECOND, "a handshake that lasts", || faults(&server, "tls-timeout") == 1.0);
+    assert_eq!(rest(&mut silent), "");
 }
 
 #[test]
@@ -130,6 +130,7 @@ fn every_status_has_its_time_and_every_token_its_count() {
     let mut options = files.options();
     options.rate.burst = 4.try_into().expect("not zero");
     options.rate.per_second = std::num::NonZeroU32::MIN;
+    options.clock = ManualClock::new().clock();
     let server = Running::start(options);
     let query = files.place.sealed(&truth());
     assert_eq!(server.localize(&query, PHONE).status, 200);
@@ -138,8 +139,7 @@ fn every_status_has_its_time_and_every_token_its_count() {
     assert_eq!(server.localize(&query, "unknown").status, 401);
     assert_eq!(server.get("/v1/maps/place/localize", "").status, 405);
     assert_eq!(server.localize(&query, PHONE).status, 200);
-    let statuses = (0..20).map(|_| server.localize(&query, PHONE).status);
-    assert!(statuses.into_iter().any(|status| status == 429));
+    assert_eq!(server.localize(&query, PHONE).status, 429);
     let text = server.get("/metrics", OPERATOR).text();
     for (status, count) in [(200, 2.0), (422, 1.0), (400, 1.0), (401, 1.0), (405, 1.0)] {
         let labels = format!("route=\"/v1/maps/{{name}}/localize\",status=\"{status}\"");
@@ -153,10 +153,13 @@ fn every_status_has_its_time_and_every_token_its_count() {
     assert!(!text.contains("token=\"someone\",status=\"401\""), "nobody brought this token:\n{text}");
     // Stopped in the middle of its search.
     let mut options = files.options();
-    options.timeouts.localize = Duration::from_millis(1);
-    options.localize.pose.fixed_hypotheses = Some(3000);
-    let server = Running::start(options);
-    assert_eq!(server.localize(&query, PHONE).status, 504);
+    options.timeouts.localize = 10 * SECOND;
+    options.localize.pose.fixed_hypotheses = Some(usize::MAX);
+    let server = Running::start_paused(options);
+    let mut stream = connect(server.address);
+    stream.write_all(&Request::localize(&query).token(PHONE).bytes()).expect("sent");
+    server.pass_until(SECOND, "an answer", || has_come(&stream));
+    assert_eq!(Response::read(&mut stream).status, 504);
     let text = server.get("/metrics", OPERATOR).text();
     assert!(
         text.contains("veiloc_request_seconds_count{route=\"/v1/maps/{name}/localize\",status=\"504\"} 1"),

@@ -13,7 +13,8 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use bytes::Bytes;
-use common::{Files, OPERATOR, PHONE, Running, eventually, tokens_file, truth};
+use common::gate::{Gate, all_are_in};
+use common::{Files, HOUR, OPERATOR, PHONE, Running, SECOND, eventually, tokens_file, truth};
 use h2::client::SendRequest;
 use http::{Request, StatusCode};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
@@ -231,9 +232,8 @@ fn clients_are_told_to_leave_and_answered_first() {
         let files = Files::new();
         let mut options = files.open_options();
         options.workers = NonZeroUsize::MIN;
-        // Long enough to be seen at work, on a busy machine too.
-        options.localize.pose.fixed_hypotheses = Some(60_000);
-        options.timeouts.drain = Duration::from_secs(3600);
+        let gate = Gate::before_the_map_of(&files, &mut options);
+        options.timeouts.drain = HOUR;
         let server = Running::start(options);
         let query = files.place.sealed(&truth());
         let mut idle = Client::connect(server.address).await;
@@ -241,10 +241,11 @@ fn clients_are_told_to_leave_and_answered_first() {
         let mut busy = Client::connect(server.address).await;
         let (first, _one) = busy.start(localize("none"), &query).expect("sent");
         let (second, _two) = busy.start(localize("none"), &query).expect("sent");
-        eventually("work", || server.get("/metrics", OPERATOR).text().contains("veiloc_queue_length 1"));
+        all_are_in(&server, 1, 1);
         server.handle.stop();
         idle.connection.await.expect("ends").expect("in order");
         assert!(frames(&idle.seen.lock().expect("not poisoned")).iter().any(|(kind, _)| *kind == GOAWAY));
+        gate.open();
         for response in [first, second] {
             assert_eq!(whole(response).await.expect("an answer").status, 200);
         }
@@ -263,20 +264,21 @@ fn a_connection_ends_at_its_age_and_when_nothing_goes_on() {
         let files = Files::new();
         // Without a token it is unknown; with one it lives longer; idle it ends in any case.
         for (token, unknown, life, write) in [
-            ("none", 3000, 3_600_000, 3_600_000),
-            (PHONE, 2000, 4000, 3_600_000),
-            (PHONE, 3_600_000, 3_600_000, 3000),
+            ("none", 5 * SECOND, HOUR, HOUR),
+            (PHONE, 5 * SECOND, 10 * SECOND, HOUR),
+            (PHONE, HOUR, HOUR, 5 * SECOND),
         ] {
             let mut options = files.options();
-            options.timeouts.unknown_life = Duration::from_millis(unknown);
-            options.timeouts.life = Duration::from_millis(life);
-            options.timeouts.write = Duration::from_millis(write);
-            let server = Running::start(options);
+            options.timeouts.unknown_life = unknown;
+            options.timeouts.life = life;
+            options.timeouts.write = write;
+            let server = Running::start_paused(options);
             let mut client = Client::connect(server.address).await;
             let list = Request::get("http://here/v1/maps").header("authorization", format!("Bearer {token}"));
             let reply = client.ask(list.body(()).expect("a request"), b"").await.expect("an answer");
             assert_eq!(reply.status, if token == PHONE { 200 } else { 401 });
             let Client { send, connection, seen } = client;
+            server.pass_until(SECOND, "the end of the connection", || connection.is_finished());
             connection.await.expect("ends").expect("in order");
             assert!(frames(&seen.lock().expect("not poisoned")).iter().any(|(kind, _)| *kind == GOAWAY));
             drop(send);
@@ -292,13 +294,11 @@ fn a_request_that_is_taken_back_costs_nothing_more() {
         let mut options = files.options();
         options.workers = NonZeroUsize::MIN;
         options.localize.pose.fixed_hypotheses = Some(usize::MAX);
-        options.timeouts.localize = Duration::from_secs(3600);
         let server = Running::start(options);
         let query = files.place.sealed(&truth());
         let mut client = Client::connect(server.address).await;
         let (response, mut stream) = client.start(localize(PHONE), &query).expect("sent");
-        let busy =
-            |n: u32| server.get("/metrics", OPERATOR).text().contains(&format!("veiloc_workers_busy {n}"));
+        let busy = |n: u32| server.metric("veiloc_workers_busy") == Some(f64::from(n));
         eventually("work", || busy(1));
         assert_eq!(client.get("/healthz").await.expect("beside it").status, 200);
         stream.send_reset(h2::Reason::CANCEL);
@@ -337,9 +337,7 @@ fn who_floods_is_closed_and_others_are_answered() {
         assert!(broken.is_go_away() || broken.is_io() || broken.is_reset(), "{broken:?}");
         let mut other = Client::connect(server.address).await;
         assert_eq!(other.localize(&query, PHONE).await.expect("an answer").status, 200);
-        eventually("no connection but the others'", || {
-            server.get("/metrics", OPERATOR).text().contains("veiloc_connections 2")
-        });
+        eventually("no connection but the others'", || server.metric("veiloc_connections") == Some(1.0));
     });
 }
 
@@ -372,26 +370,30 @@ fn turns_are_as_fair_as_between_connections() {
         let mut options = files.options();
         options.workers = NonZeroUsize::MIN;
         options.queue = NonZeroUsize::new(8).expect("not zero");
-        // One takes longer than all of them take to arrive.
-        options.localize.pose.fixed_hypotheses = Some(60_000);
+        let gate = Gate::before_the_map_of(&files, &mut options);
         let server = Running::start(options);
         let query = files.place.sealed(&truth());
         let mut greedy = Client::connect(server.address).await;
-        let mut asked = Vec::new();
-        for _ in 0..8 {
+        let mut asked = vec![greedy.start(localize(PHONE), &query).expect("sent")];
+        all_are_in(&server, 1, 0);
+        for _ in 0..7 {
             greedy.send = greedy.send.clone().ready().await.expect("room for a stream");
             asked.push(greedy.start(localize(PHONE), &query).expect("sent"));
         }
-        eventually("a full lane", || {
-            let text = server.get("/metrics", OPERATOR).text();
-            text.contains("veiloc_queue_length 4") || text.contains("problem=\"queue-full\"")
-        });
+        // A lane alone may hold half of the queue.
+        all_are_in(&server, 1, 4);
         let mut modest = Client::connect(server.address).await;
-        assert_eq!(modest.localize(&query, "other").await.expect("an answer").status, 200);
+        let (answer, _stream) = modest.start(localize("other"), &query).expect("sent");
+        all_are_in(&server, 1, 5);
+        // The one at work, and one turn of each lane.
+        gate.let_through(3);
+        assert_eq!(whole(answer).await.expect("an answer").status, 200);
+        gate.open();
         let mut statuses = Vec::new();
         for (response, _stream) in asked {
             statuses.push(whole(response).await.expect("an answer").status.as_u16());
         }
-        assert!(statuses.contains(&200) && statuses.iter().all(|s| [200, 503].contains(s)), "{statuses:?}");
+        statuses.sort_unstable();
+        assert_eq!(statuses, [200, 200, 200, 200, 200, 503, 503, 503]);
     });
 }

@@ -7,10 +7,10 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
-use common::http::{Request, connect};
-use common::{Files, PHONE, Place, Running, data, truth};
+use common::gate::Gate;
+use common::http::{Request, connect, has_come};
+use common::{Files, ManualClock, PHONE, Place, Running, SECOND, data, eventually, truth};
 use rustls::pki_types::pem::PemObject as _;
 use rustls::pki_types::{CertificateDer, ServerName};
 use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
@@ -63,10 +63,19 @@ impl Cases {
     }
 }
 
-/// All bytes of a reply, head and body, on a connection that is closed after it.
-fn bytes_of(address: SocketAddr, request: Request) -> Vec<u8> {
+/// Sends a request on a connection that is closed after it.
+fn send(address: SocketAddr, request: Request) -> TcpStream {
     let mut stream = connect(address);
     let _ = stream.write_all(&request.header("connection", "close").bytes());
+    stream
+}
+
+/// All bytes of its reply, head and body.
+fn bytes_of(address: SocketAddr, request: Request) -> Vec<u8> {
+    rest(&mut send(address, request))
+}
+
+fn rest(stream: &mut TcpStream) -> Vec<u8> {
     let mut bytes = Vec::new();
     stream.read_to_end(&mut bytes).expect("a whole reply");
     bytes
@@ -134,29 +143,33 @@ fn refusals_under_load_are_no_shorter_or_longer() {
     let mut options = files.options();
     options.rate.per_second = NonZeroU32::MIN;
     options.rate.burst = NonZeroU32::MIN;
+    options.clock = ManualClock::new().clock();
     let server = Running::start(options);
     let answered = ask(&server);
     assert_eq!(kind_of(&answered), "trusted");
-    // One a second: soon after the other, if not at once.
-    let limited = (0..100).map(|_| ask(&server)).find(|reply| kind_of(reply) == "rate-limited");
-    let limited = limited.expect("more than one a second");
+    let limited = ask(&server);
+    assert_eq!(kind_of(&limited), "rate-limited");
 
     let mut options = files.options();
-    options.timeouts.localize = Duration::from_millis(1);
-    options.localize.pose.fixed_hypotheses = Some(3000);
-    let late = ask(&Running::start(options));
+    options.timeouts.localize = 10 * SECOND;
+    options.localize.pose.fixed_hypotheses = Some(usize::MAX);
+    let server = Running::start_paused(options);
+    let mut stream = send(server.address, Request::localize(&query).token(PHONE));
+    server.pass_until(SECOND, "an answer", || has_come(&stream));
+    let late = rest(&mut stream);
     assert_eq!(kind_of(&late), "timed-out");
 
     let mut options = files.options();
     options.workers = NonZeroUsize::MIN;
     options.queue = NonZeroUsize::MIN;
-    // One takes longer than all of them take to arrive.
-    options.localize.pose.fixed_hypotheses = Some(60_000);
+    let gate = Gate::before_the_map_of(&files, &mut options);
     let server = Running::start(options);
-    let replies: Vec<Vec<u8>> = std::thread::scope(|scope| {
-        let all: Vec<_> = (0..12).map(|_| scope.spawn(|| ask(&server))).collect();
-        all.into_iter().map(|one| one.join().expect("a reply")).collect()
-    });
+    let mut asked: Vec<TcpStream> =
+        (0..12).map(|_| send(server.address, Request::localize(&query).token(PHONE))).collect();
+    // One is at work and one waits.
+    eventually("refusals", || asked.iter().filter(|stream| has_come(stream)).count() >= 10);
+    gate.open();
+    let replies: Vec<Vec<u8>> = asked.iter_mut().map(rest).collect();
     assert!(replies.iter().any(|bytes| kind_of(bytes) == "queue-full"));
     for bytes in replies.iter().chain([&limited, &late]) {
         assert_eq!(bytes.len(), answered.len(), "{}", kind_of(bytes));

@@ -11,7 +11,7 @@ use veiloc_service::{LogQueue, TlsFiles};
 
 /// A file of the repository.
 fn repository(path: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../..").join(path);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..").join(path);
     std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
@@ -92,7 +92,6 @@ fn selectors_and_series_are_understood() {
 fn dashboard_and_alerts_ask_for_what_there_is() {
     let files = Files::new();
     let mut options = files.options();
-    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
     options.log = Some(LogQueue::start(std::io::sink()).expect("a thread"));
     let server = Running::start(options);
     assert_eq!(server.localize(&files.place.sealed(&truth()), PHONE).status, 200);
@@ -122,7 +121,6 @@ fn dashboard_and_alerts_ask_for_what_there_is() {
 fn the_end_of_the_certificate_is_shown() {
     let files = Files::new();
     let mut options = files.options();
-    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
     options.tls = Some(TlsFiles { cert: data("cert.pem"), key: data("key.pem"), client_ca: None });
     let server = Running::start(options);
     let admin = server.listening.admin.expect("a listener for the operator");

@@ -1,6 +1,6 @@
 //! L8: no log line, metric or error holds anything of a query's content, nor a token, nor what an address held.
 //!
-//! One test in a program of its own, because it listens to everything the process logs, at the finest level.
+//! One test in a process of its own, because it listens to everything the process logs, at the finest level.
 
 use super::common;
 
@@ -41,6 +41,10 @@ impl<'a> MakeWriter<'a> for Log {
 
 #[test]
 fn l8_nothing_of_a_query_is_ever_told() {
+    common::alone::alone("privacy::l8_nothing_of_a_query_is_ever_told", nothing_of_a_query_is_ever_told);
+}
+
+fn nothing_of_a_query_is_ever_told() {
     let log = Log::default();
     tracing_subscriber::fmt()
         .with_max_level(tracing::Level::TRACE)

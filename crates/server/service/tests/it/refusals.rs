@@ -3,11 +3,12 @@
 use super::common;
 
 use std::io::Write as _;
+use std::net::TcpStream;
 use std::num::NonZeroUsize;
-use std::time::Duration;
 
-use common::http::{Request, Response, connect};
-use common::{Files, PHONE, Place, Running, truth};
+use common::gate::{Gate, all_are_in};
+use common::http::{Request, Response, connect, has_come};
+use common::{Files, ManualClock, PHONE, Place, Running, SECOND, eventually, truth};
 
 #[test]
 fn every_wrong_request_is_told_what_is_wrong() {
@@ -96,8 +97,8 @@ fn an_empty_map_says_so() {
 fn bad_heads_are_cut_off() {
     let files = Files::new();
     let mut options = files.open_options();
-    options.timeouts.head = Duration::from_millis(500);
-    let server = Running::start(options);
+    options.timeouts.head = 5 * SECOND;
+    let server = Running::start_paused(options);
     let long = format!("GET /healthz HTTP/1.1\r\nx: {}\r\n\r\n", "y".repeat(100_000));
     for (what, bytes) in [
         ("rubbish", b"\x16\x03\x01\x02\x00\x01\x00\r\n\r\n".to_vec()),
@@ -107,6 +108,7 @@ fn bad_heads_are_cut_off() {
     ] {
         let mut stream = connect(server.address);
         let _ = stream.write_all(&bytes);
+        server.pass_until(SECOND, what, || has_come(&stream));
         if let Some(response) = Response::try_read(&mut stream) {
             assert!((400..500).contains(&response.status), "{what}: {response:?}");
         }
@@ -114,47 +116,46 @@ fn bad_heads_are_cut_off() {
     assert_eq!(server.get("/healthz", "").status, 200);
 }
 
-/// Head and body one byte at a time, as a client does that wants to keep a server busy with nothing.
+/// Head and body one byte a second, as a client does that wants to keep a server busy with nothing.
 #[test]
 fn slow_clients_are_cut_off() {
     let files = Files::new();
-    let mut options = files.open_options();
-    options.timeouts.head = Duration::from_secs(3);
-    options.timeouts.body = Duration::from_millis(600);
-    options.connections = NonZeroUsize::new(64).expect("not zero");
-    let server = Running::start(options);
-    let request = Request::localize(&files.place.sealed(&truth())).bytes();
+    let query = files.place.sealed(&truth());
+    let request = Request::localize(&query).bytes();
     let head = request.windows(4).position(|w| w == b"\r\n\r\n").expect("a head") + 4;
-    let trickle = |from: usize| {
-        let mut stream = connect(server.address);
-        stream.write_all(&request[..from]).expect("written");
-        for byte in &request[from..] {
-            std::thread::sleep(Duration::from_millis(100));
-            if stream.write_all(&[*byte]).is_err() {
-                break;
+    for from in [head, 10] {
+        let mut options = files.open_options();
+        let limit = if from == head { &mut options.timeouts.body } else { &mut options.timeouts.head };
+        *limit = 10 * SECOND;
+        options.connections = NonZeroUsize::new(64).expect("not zero");
+        let server = Running::start_paused(options);
+        let mut slow: Vec<TcpStream> = (0..16).map(|_| connect(server.address)).collect();
+        for stream in &mut slow {
+            stream.write_all(&request[..from]).expect("written");
+        }
+        let mut rest = request[from..].iter();
+        server.pass_until(SECOND, "an end of each", || {
+            let next = rest.next().expect("it ends before all is written");
+            let open: Vec<&mut TcpStream> = slow.iter_mut().filter(|stream| !has_come(stream)).collect();
+            let all_ended = open.is_empty();
+            open.into_iter().for_each(|stream| {
+                // One that has just ended takes nothing.
+                let _ = stream.write_all(&[*next]);
+            });
+            all_ended
+        });
+        for mut stream in slow {
+            let response = Response::try_read(&mut stream);
+            if from == head {
+                let response = response.expect("an answer");
+                assert_eq!((response.status, response.problem().as_str()), (408, "too-slow"));
+            } else {
+                // Closed, with or without a word.
+                assert!(response.is_none_or(|response| response.status == 408));
             }
-            // An answer, or the end, is there before all was written.
-            stream.set_read_timeout(Some(Duration::from_millis(1))).expect("set");
-            if !matches!(stream.peek(&mut [0]), Err(e) if e.kind() == std::io::ErrorKind::WouldBlock) {
-                break;
-            }
         }
-        stream.set_read_timeout(Some(Duration::from_secs(120))).expect("set");
-        Response::try_read(&mut stream)
-    };
-    std::thread::scope(|scope| {
-        let slow: Vec<_> = (0..16).map(|_| scope.spawn(|| trickle(head))).collect();
-        let slower: Vec<_> = (0..16).map(|_| scope.spawn(|| trickle(10))).collect();
-        for one in slow {
-            let response = one.join().expect("ends").expect("an answer");
-            assert_eq!((response.status, response.problem().as_str()), (408, "too-slow"));
-        }
-        for one in slower {
-            // Closed, with or without a word.
-            assert!(one.join().expect("ends").is_none_or(|response| response.status == 408));
-        }
-    });
-    assert_eq!(server.localize(&files.place.sealed(&truth()), "").status, 200);
+        assert_eq!(server.localize(&query, "").status, 200);
+    }
 }
 
 #[test]
@@ -163,17 +164,22 @@ fn an_allowance_is_kept_to() {
     let mut options = files.options();
     options.rate.per_second = 1.try_into().expect("not zero");
     options.rate.burst = 3.try_into().expect("not zero");
+    let clock = ManualClock::new();
+    options.clock = clock.clock();
     let server = Running::start(options);
     let query = files.place.sealed(&truth());
-    let responses: Vec<Response> = (0..12).map(|_| server.localize(&query, PHONE)).collect();
-    let refused: Vec<&Response> = responses.iter().filter(|r| r.status == 429).collect();
-    assert!(responses[..3].iter().all(|r| r.status == 200), "the first ones are within it");
-    assert!(!refused.is_empty(), "twelve at once are beyond it");
-    assert!(responses.iter().all(|r| matches!(r.status, 200 | 429)));
-    for response in refused {
-        assert_eq!(response.problem(), "rate-limited");
-        assert_eq!(response.header("retry-after"), Some("1"));
+    let ask = || server.localize(&query, PHONE);
+    for _ in 0..3 {
+        assert_eq!(ask().status, 200, "the first ones are within it");
     }
+    let refused = |response: Response| {
+        assert_eq!((response.status, response.problem().as_str()), (429, "rate-limited"));
+        assert_eq!(response.header("retry-after"), Some("1"));
+    };
+    (0..9).for_each(|_| refused(ask()));
+    clock.advance(SECOND);
+    assert_eq!(ask().status, 200, "one a second");
+    refused(ask());
     // Who has no token uses up nobody's allowance, and another token has its own.
     assert_eq!(server.localize(&query, "guess").status, 401);
     assert_eq!(server.get("/v1/maps", common::OPERATOR).status, 200);
@@ -187,22 +193,26 @@ fn a_full_queue_refuses_and_what_was_accepted_is_answered() {
     let mut options = files.open_options();
     options.workers = NonZeroUsize::MIN;
     options.queue = NonZeroUsize::MIN.saturating_add(1);
-    // One takes longer than all of them take to arrive.
-    options.localize.pose.fixed_hypotheses = Some(60_000);
+    let gate = Gate::before_the_map_of(&files, &mut options);
     let server = Running::start(options);
     let query = files.place.sealed(&truth());
-    let responses: Vec<Response> = std::thread::scope(|scope| {
-        let all: Vec<_> = (0..24).map(|_| scope.spawn(|| server.localize(&query, ""))).collect();
-        all.into_iter().map(|one| one.join().expect("an answer")).collect()
-    });
-    let answered = responses.iter().filter(|r| r.status == 200).count();
-    let refused: Vec<&Response> = responses.iter().filter(|r| r.status == 503).collect();
-    assert_eq!(answered + refused.len(), 24, "nothing but these two");
-    // One more where the worker has begun before they are all there.
-    assert!(answered >= 2, "as many as may wait, {answered}");
-    assert!(!refused.is_empty(), "24 do not fit where 3 do");
-    for response in refused {
-        assert_eq!(response.problem(), "queue-full");
+    let mut asked: Vec<TcpStream> = (0..24).map(|_| connect(server.address)).collect();
+    let (first, others) = asked.split_at_mut(1);
+    first[0].write_all(&Request::localize(&query).bytes()).expect("written");
+    all_are_in(&server, 1, 0);
+    for stream in others {
+        stream.write_all(&Request::localize(&query).bytes()).expect("written");
+    }
+    // Two of them wait; which ones is chance.
+    let refused = |asked: &[TcpStream]| asked.iter().filter(|stream| has_come(stream)).count();
+    eventually("refusals", || refused(&asked) >= 21);
+    all_are_in(&server, 1, 2);
+    assert_eq!(refused(&asked), 21);
+    gate.open();
+    let responses: Vec<Response> = asked.iter_mut().map(Response::read).collect();
+    assert_eq!(responses.iter().filter(|r| r.status == 200).count(), 3);
+    for response in responses.iter().filter(|r| r.status != 200) {
+        assert_eq!((response.status, response.problem().as_str()), (503, "queue-full"));
         assert!(response.header("retry-after").is_some());
     }
     // The same bytes again, now that there is room.
@@ -213,9 +223,12 @@ fn a_full_queue_refuses_and_what_was_accepted_is_answered() {
 fn what_takes_too_long_is_told() {
     let files = Files::new();
     let mut options = files.open_options();
-    options.timeouts.localize = Duration::from_millis(1);
-    options.localize.pose.fixed_hypotheses = Some(3000);
-    let server = Running::start(options);
-    let response = server.localize(&files.place.sealed(&truth()), "");
+    options.timeouts.localize = 10 * SECOND;
+    options.localize.pose.fixed_hypotheses = Some(usize::MAX);
+    let server = Running::start_paused(options);
+    let mut stream = connect(server.address);
+    stream.write_all(&Request::localize(&files.place.sealed(&truth())).bytes()).expect("written");
+    server.pass_until(SECOND, "an answer", || has_come(&stream));
+    let response = Response::read(&mut stream);
     assert_eq!((response.status, response.problem().as_str()), (504, "timed-out"));
 }

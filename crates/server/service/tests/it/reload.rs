@@ -2,11 +2,15 @@
 
 use super::common;
 
+use std::cell::Cell;
 use std::fs;
+use std::io::Write as _;
+use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
-use common::http::Request;
+use common::gate::{Gate, all_are_in};
+use common::http::{Request, Response, connect};
 use common::{Files, OPERATOR, PHONE, Running, eventually, tokens_file, truth};
 
 fn images(server: &Running) -> u64 {
@@ -133,7 +137,6 @@ fn tokens_without_a_valid_file_hold_for_their_time_only() {
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
     options.stale_tokens = Duration::ZERO;
-    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
     let server = Running::start(options);
     let admin = server.listening.admin.expect("a listener");
     assert_eq!(server.get("/v1/maps", PHONE).status, 200);
@@ -154,31 +157,26 @@ fn a_token_is_withdrawn_under_any_load() {
     let files = Files::new();
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
-    options.localize.pose.fixed_hypotheses = Some(20_000);
-    options.timeouts.grace = Duration::from_millis(1);
+    (options.workers, options.queue) = (NonZeroUsize::MIN, NonZeroUsize::MIN.saturating_add(1));
+    let gate = Gate::before_the_map_of(&files, &mut options);
     let server = Running::start(options);
     let query = files.place.sealed(&truth());
-    let stop = AtomicBool::new(false);
-    std::thread::scope(|scope| {
-        for _ in 0..24 {
-            scope.spawn(|| {
-                while !stop.load(Ordering::Relaxed) {
-                    // Refused or given up in the end: that is not what this is about.
-                    let mut stream = common::http::connect(server.address);
-                    let _ = std::io::Write::write_all(
-                        &mut stream,
-                        &Request::localize(&query).token(OPERATOR).bytes(),
-                    );
-                    std::thread::sleep(Duration::from_millis(50));
-                }
-            });
-        }
-        eventually("work", || server.get("/metrics", OPERATOR).text().contains("veiloc_workers_busy "));
-        assert_eq!(server.get("/v1/maps", PHONE).status, 200);
-        fs::write(files.path("tokens"), tokens_file(&[(OPERATOR, "operator")])).expect("written");
-        eventually("the refusal", || server.get("/v1/maps", PHONE).status == 401);
-        stop.store(true, Ordering::Relaxed);
-    });
+    let ask = |busy: u32, queued: u32| {
+        let mut stream = connect(server.address);
+        stream.write_all(&Request::localize(&query).token(OPERATOR).bytes()).expect("written");
+        all_are_in(&server, busy, queued);
+        stream
+    };
+    let asked = [ask(1, 0), ask(1, 1)];
+    assert_eq!(server.localize(&query, OPERATOR).problem(), "queue-full");
+    assert_eq!(server.get("/v1/maps", PHONE).status, 200);
+    fs::write(files.path("tokens"), tokens_file(&[(OPERATOR, "operator")])).expect("written");
+    eventually("the refusal", || server.get("/v1/maps", PHONE).status == 401);
+    all_are_in(&server, 1, 1);
+    gate.open();
+    for mut stream in asked {
+        assert_eq!(Response::read(&mut stream).status, 200);
+    }
 }
 
 /// `cp new.vmap live.vmap`, a file cut short, and one written over with as many bytes: answers go on, and what is whole is
@@ -199,10 +197,14 @@ fn a_map_written_into_is_no_danger() {
             assert_eq!(server.localize(&query, PHONE).status, 200);
         }
     };
+    // Systems tell times of files in ticks, and a fast machine writes twice within one.
+    let hours = Cell::new(0);
     let in_place = |bytes: &[u8]| {
         let mut file = fs::File::options().write(true).open(&path).expect("the live file");
-        std::io::Write::write_all(&mut file, bytes).expect("written");
+        file.write_all(bytes).expect("written");
         file.set_len(bytes.len() as u64).expect("cut");
+        hours.set(hours.get() + 1);
+        file.set_modified(SystemTime::now() + hours.get() * common::HOUR).expect("a time of its own");
     };
     // As `cp` does it: the same file, cut to nothing and filled again.
     fs::write(&path, &new).expect("written");
@@ -239,7 +241,6 @@ fn one_broken_map_does_not_stop_the_others() {
         .maps
         .push(veiloc_service::MapSource { name: "broken".to_owned(), path: files.path("broken.vmap") });
     options.watch = Some(Duration::from_millis(10));
-    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
     let server = Running::start(options);
     let admin = server.listening.admin.expect("a listener");
     assert_eq!(server.listening.maps, ["place"]);

@@ -5,7 +5,7 @@ use super::common;
 use std::num::NonZeroU32;
 
 use common::http::{Request, Response};
-use common::{Files, OPERATOR, PHONE, Place, Running, pose, truth};
+use common::{Files, ManualClock, OPERATOR, PHONE, Place, Running, pose, truth};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld};
 use veiloc_localization::{LocalizeOptions, localize_rig};
 use veiloc_map::MapFile;
@@ -106,6 +106,7 @@ fn a_session_takes_as_much_of_the_allowance_as_its_images() {
     let mut options = files.options();
     options.rate.per_second = NonZeroU32::MIN;
     options.rate.burst = NonZeroU32::new(4).expect("not 0");
+    options.clock = ManualClock::new().clock();
     let server = Running::start(options);
     let message = session(&files.place);
     let bytes = message.encode();

@@ -7,63 +7,47 @@ use std::net::TcpStream;
 use std::num::NonZeroUsize;
 use std::time::Duration;
 
+use common::gate::{Gate, all_are_in};
 use common::http::{Request, Response, connect};
-use common::{Files, OPERATOR, Running, eventually, truth};
+use common::{Files, HOUR, Running, eventually, truth};
 
 #[test]
 fn accepted_requests_are_answered() {
     let files = Files::new();
     let mut options = files.open_options();
     options.workers = NonZeroUsize::MIN;
-    options.localize.pose.fixed_hypotheses = Some(1000);
+    let gate = Gate::before_the_map_of(&files, &mut options);
     let server = Running::start(options);
     let address = server.address;
     let query = files.place.sealed(&truth());
     let mut idle = connect(address);
-    std::thread::scope(|scope| {
-        let asked: Vec<_> = (0..8)
-            .map(|_| {
-                let query = &query;
-                scope.spawn(move || Request::localize(query).send(address))
-            })
-            .collect();
-        eventually("all eight are accepted", || {
-            let text = Request::get("/metrics").token(OPERATOR).send(address).text();
-            let value = |name: &str| -> u64 {
-                let line = text.lines().find_map(|l| l.strip_prefix(name)).expect("a gauge");
-                line.trim().parse().expect("a number")
-            };
-            let answered: u64 = text
-                .lines()
-                .find_map(|l| l.strip_prefix("veiloc_stage_seconds_count{stage=\"queue\"} "))
-                .map_or(0, |n| n.parse().expect("a number"));
-            value("veiloc_queue_length ") + value("veiloc_workers_busy ") + answered >= 8
-        });
-        let stopped = server.stop();
-        assert_eq!(stopped.given_up, 0, "no connection was given up");
-        assert!(stopped.answered <= 8 && !stopped.forced, "{stopped:?}");
-        for one in asked {
-            assert_eq!(one.join().expect("an answer").status, 200);
-        }
-    });
+    let mut asked: Vec<TcpStream> = (0..8).map(|_| connect(address)).collect();
+    for stream in &mut asked {
+        stream.write_all(&Request::localize(&query).bytes()).expect("written");
+    }
+    all_are_in(&server, 1, 7);
+    server.handle.stop();
+    gate.open();
+    let stopped = server.stop();
+    assert_eq!((stopped.answered, stopped.given_up, stopped.forced), (8, 0, false));
+    for mut stream in asked {
+        assert_eq!(Response::read(&mut stream).status, 200);
+    }
     // An idle connection was closed, and no new one is taken.
     assert!(Response::try_read(&mut idle).is_none());
     assert!(TcpStream::connect(address).is_err());
 }
 
 #[test]
-fn who_does_not_end_is_given_up() {
+fn connections_that_do_not_end_are_given_up() {
     let files = Files::new();
     let mut options = files.open_options();
-    options.timeouts.grace = Duration::from_millis(200);
+    options.timeouts.grace = Duration::ZERO;
     let server = Running::start(options);
     let request = Request::localize(&files.place.sealed(&truth())).bytes();
     let mut stream = connect(server.address);
     stream.write_all(&request[..request.len() / 2]).expect("written");
-    // The server has seen it: another connection is answered after it.
-    eventually("the connection", || {
-        Request::get("/metrics").send(server.address).text().contains("veiloc_connections 2")
-    });
+    eventually("the connection", || server.metric("veiloc_connections") == Some(1.0));
     assert_eq!(server.stop().given_up, 1);
 }
 
@@ -72,8 +56,7 @@ fn who_does_not_end_is_given_up() {
 fn readiness_ends_before_the_listener_does() {
     let files = Files::new();
     let mut options = files.open_options();
-    options.timeouts.drain = Duration::from_secs(3600);
-    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
+    options.timeouts.drain = HOUR;
     let server = Running::start(options);
     let (address, admin) = (server.address, server.listening.admin.expect("a listener"));
     let query = files.place.sealed(&truth());
@@ -92,8 +75,8 @@ fn readiness_ends_before_the_listener_does() {
     let last = ask(&Request::localize(&query)).expect("an answer");
     assert_eq!((last.status, last.header("connection")), (200, Some("close")));
     assert!(ask(&Request::get("/readyz")).is_none(), "a connection that is kept is closed in order");
-    eventually("connections that were answered are closed", || {
-        Request::get("/metrics").send(admin).text().contains("veiloc_connections 0\n")
+    eventually("an end of connections that were answered", || {
+        server.metric("veiloc_connections") == Some(0.0)
     });
     server.handle.stop_now();
     let stopped = server.stop();
@@ -112,20 +95,17 @@ fn what_never_ends_does_not_keep_it() {
         let mut options = files.open_options();
         options.workers = NonZeroUsize::MIN;
         options.localize.pose.fixed_hypotheses = Some(usize::MAX);
-        options.timeouts.localize = Duration::from_secs(3600);
-        options.timeouts.grace = Duration::from_secs(if forced { 3600 } else { 0 });
+        options.timeouts.grace = if forced { HOUR } else { Duration::ZERO };
         let server = Running::start(options);
         let mut stream = connect(server.address);
         stream.write_all(&Request::localize(&files.place.sealed(&truth())).bytes()).expect("written");
-        eventually("work", || server.get("/metrics", OPERATOR).text().contains("veiloc_workers_busy 1"));
+        eventually("work", || server.metric("veiloc_workers_busy") == Some(1.0));
         server.handle.stop();
         if forced {
             server.handle.stop_now();
         }
         let stopped = server.stop();
-        // The connection that asked for metrics may be closing still.
-        assert!((1..=2).contains(&stopped.given_up), "{}", stopped.given_up);
-        assert_eq!(stopped.forced, forced);
+        assert_eq!((stopped.given_up, stopped.forced), (1, forced));
         assert!(Response::try_read(&mut stream).is_none());
     }
 }

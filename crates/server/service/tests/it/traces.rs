@@ -128,6 +128,8 @@ fn spans_arrive_and_none_tells_of_a_query() {
     }
     // Nobody wants a trace of each probe.
     assert_eq!(server.get("/healthz", "").status, 200);
+    // The end of the service does not wait for a collector for long.
+    eventually("all spans", || collector.spans().len() >= 15);
     server.stop();
 
     let spans = collector.spans();
@@ -208,10 +210,12 @@ fn spans_arrive_and_none_tells_of_a_query() {
 fn a_collector_that_is_gone_holds_up_nobody() {
     let files = Files::new();
     let mut options = files.options();
-    options.admin = Some("127.0.0.1:0".parse().expect("an address"));
-    // Nobody listens on a port that was free a moment ago.
-    let port = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address").port();
-    options.otlp = Some(format!("http://127.0.0.1:{port}"));
+    // Bound and not listening: nobody else gets the port, and who connects is refused.
+    let socket = socket2::Socket::new(socket2::Domain::IPV4, socket2::Type::STREAM, None).expect("a socket");
+    let any: std::net::SocketAddr = "127.0.0.1:0".parse().expect("an address");
+    socket.bind(&any.into()).expect("a port");
+    let address = socket.local_addr().expect("bound").as_socket().expect("of TCP");
+    options.otlp = Some(format!("http://{address}"));
     let server = Running::start(options);
     let query = files.place.sealed(&truth());
     for _ in 0..5 {

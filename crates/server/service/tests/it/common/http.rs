@@ -64,6 +64,14 @@ pub fn connect(address: SocketAddr) -> TcpStream {
     stream
 }
 
+/// Whether an answer, or the end of the connection, has come.
+pub fn has_come(stream: &TcpStream) -> bool {
+    stream.set_nonblocking(true).expect("set");
+    let peeked = stream.peek(&mut [0]);
+    stream.set_nonblocking(false).expect("set");
+    !matches!(peeked, Err(e) if e.kind() == std::io::ErrorKind::WouldBlock)
+}
+
 /// A response as it was read.
 #[derive(Debug, Clone)]
 pub struct Response {

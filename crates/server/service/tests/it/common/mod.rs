@@ -1,17 +1,20 @@
 //! A place of random points, and a real server that serves it on a loopback port.
 #![allow(dead_code, unreachable_pub)] // each test program uses its own part
 
+pub mod alone;
+pub mod gate;
 pub mod http;
 pub mod mark;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc;
+use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::{ChaCha8Rng, ChaCha20Rng};
+use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::frames::World;
@@ -20,7 +23,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Ri
 use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_protocol::{Profile, SealedQuery};
-use veiloc_service::{Listening, MapSource, Server, ServerHandle, ServerOptions, Stopped};
+use veiloc_service::{Clock, Listening, MapSource, Server, ServerHandle, ServerOptions, Stopped, Timeouts};
 
 use http::{Request, Response};
 
@@ -141,6 +144,17 @@ impl Place {
         self.with_descriptors(|_| vec![200; 128], usize::MAX)
     }
 
+    /// A query for the map whose rows look each like a point elsewhere in the image: all match, and no pose agrees.
+    pub fn sealed_without_consensus(&self) -> Vec<u8> {
+        let own = self.features(&truth()).descriptors;
+        let count = own.len();
+        let row = |i: usize| {
+            let other = (i * 7919 + 13) % count;
+            own.as_bytes()[128 * other..128 * (other + 1)].to_vec()
+        };
+        self.with_descriptors(row, count)
+    }
+
     fn with_descriptors(&self, row: impl Fn(usize) -> Vec<u8>, most: usize) -> Vec<u8> {
         let mut features = self.features(&truth());
         features.keypoints.truncate(most);
@@ -207,10 +221,48 @@ impl Files {
         let source = MapSource { name: "place".to_owned(), path: self.path("place.vmap") };
         let mut options = ServerOptions::new(vec![source]);
         options.listen = vec!["127.0.0.1:0".parse().expect("an address")];
+        options.admin = Some("127.0.0.1:0".parse().expect("an address"));
         options.rate.per_second = 100_000.try_into().expect("not zero");
         options.rate.burst = 100_000.try_into().expect("not zero");
         options.watch = None;
+        options.timeouts = patient();
         options
+    }
+}
+
+/// Limits that no test reaches by being slow; one that is about a limit sets it, and lets time pass.
+pub fn patient() -> Timeouts {
+    Timeouts {
+        head: HOUR,
+        body: HOUR,
+        localize: HOUR,
+        write: HOUR,
+        unknown_life: HOUR,
+        life: HOUR,
+        drain: Duration::ZERO,
+        grace: Duration::from_secs(100),
+    }
+}
+
+pub const SECOND: Duration = Duration::from_secs(1);
+pub const HOUR: Duration = Duration::from_secs(3600);
+
+/// A clock for [`ServerOptions::clock`] that stands still until it is advanced.
+#[derive(Clone)]
+pub struct ManualClock(Arc<Mutex<Instant>>);
+
+impl ManualClock {
+    pub fn new() -> Self {
+        Self(Arc::new(Mutex::new(Instant::now())))
+    }
+
+    pub fn clock(&self) -> Clock {
+        let shown = self.0.clone();
+        Clock::new(move || *shown.lock().expect("not poisoned"))
+    }
+
+    pub fn advance(&self, time: Duration) {
+        *self.0.lock().expect("not poisoned") += time;
     }
 }
 
@@ -230,7 +282,17 @@ pub struct Running {
     pub address: SocketAddr,
     pub listening: Listening,
     pub handle: ServerHandle,
+    /// Of a server whose clock is paused.
+    time: Option<UnboundedSender<Passing>>,
     thread: Option<JoinHandle<Stopped>>,
+}
+
+/// What becomes of a clock that is paused.
+enum Passing {
+    /// So much time passes; then it is said.
+    Of(Duration, mpsc::Sender<()>),
+    /// From now on it goes by itself.
+    Resumed,
 }
 
 impl Running {
@@ -248,19 +310,90 @@ impl Running {
                 server.run().await
             })
         });
-        let (listening, handle) = receiver.recv().expect("the server starts");
-        Self {
-            address: listening.address().expect("a TCP listener"),
-            listening,
-            handle,
-            thread: Some(thread),
+        Self::of(receiver, None, thread)
+    }
+
+    /// A server for which time passes only when [`Self::pass`] says so, until it is stopped: no limit is reached by chance.
+    pub fn start_paused(options: ServerOptions) -> Self {
+        let (sender, receiver) = mpsc::channel();
+        let (time, mut passing) = unbounded_channel();
+        let thread = std::thread::spawn(move || {
+            let runtime =
+                tokio::runtime::Builder::new_current_thread().enable_all().start_paused(true).build();
+            runtime.expect("runtime").block_on(async {
+                // A paused clock leaps to the next timer when there is nothing to do, but not while something blocks.
+                let (blocking, released) = mpsc::channel::<()>();
+                tokio::task::spawn_blocking(move || released.recv());
+                let server = Server::bind(options).await.expect("a server");
+                sender.send((server.listening().clone(), server.handle())).expect("the test waits");
+                let mut running = std::pin::pin!(server.run());
+                loop {
+                    tokio::select! {
+                        stopped = &mut running => return stopped,
+                        Some(passing) = passing.recv() => match passing {
+                            Passing::Of(time, done) => {
+                                tokio::time::advance(time).await;
+                                done.send(()).expect("the test waits");
+                            }
+                            Passing::Resumed => break,
+                        },
+                    }
+                }
+                tokio::time::resume();
+                drop(blocking);
+                running.await
+            })
+        });
+        Self::of(receiver, Some(time), thread)
+    }
+
+    fn of(
+        started: mpsc::Receiver<(Listening, ServerHandle)>,
+        time: Option<UnboundedSender<Passing>>,
+        thread: JoinHandle<Stopped>,
+    ) -> Self {
+        let (listening, handle) = started.recv().expect("the server starts");
+        let address = listening.address().expect("a TCP listener");
+        Self { address, listening, handle, time, thread: Some(thread) }
+    }
+
+    /// Lets time pass for a server that was started paused.
+    pub fn pass(&self, time: Duration) {
+        let (done, passed) = mpsc::channel();
+        let clock = self.time.as_ref().expect("its clock is paused");
+        clock.send(Passing::Of(time, done)).expect("the server runs");
+        passed.recv().expect("the server runs");
+    }
+
+    /// Lets time pass, one step after another, until something is so.
+    pub fn pass_until(&self, step: Duration, what: &str, mut is_so: impl FnMut() -> bool) {
+        eventually(what, || {
+            is_so() || {
+                self.pass(step);
+                false
+            }
+        });
+    }
+
+    fn resume(&self) {
+        if let Some(clock) = &self.time {
+            // One that has ended needs no time.
+            let _ = clock.send(Passing::Resumed);
         }
     }
 
     /// Stops it and waits; how it ended.
     pub fn stop(mut self) -> Stopped {
         self.handle.stop();
+        self.resume();
         self.thread.take().expect("running").join().expect("the server ends")
+    }
+
+    /// What the metrics say of a series; `None` when it is not there. Needs a listener for the operator, whose connections are
+    /// not among those that are counted.
+    pub fn metric(&self, series: &str) -> Option<f64> {
+        let admin = self.listening.admin.expect("a listener for the operator");
+        value(&Request::get("/metrics").send(admin).text(), series)
     }
 
     pub fn get(&self, path: &str, token: &str) -> Response {
@@ -275,10 +408,17 @@ impl Running {
 impl Drop for Running {
     fn drop(&mut self) {
         self.handle.stop();
+        self.resume();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
     }
+}
+
+/// What a page of metrics says of a series; `None` when it is not there.
+pub fn value(text: &str, series: &str) -> Option<f64> {
+    let line = text.lines().find_map(|line| line.strip_prefix(series)?.strip_prefix(' '))?;
+    Some(line.parse().expect("a number"))
 }
 
 /// Waits until something is so; a test that waits in vain fails instead of hanging.
