@@ -1,13 +1,13 @@
 //! Asking one group, until somebody answers: the same question again when a member is slow, busy, gone or says nonsense.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::bus::{Bus, BusError, Subject};
 use bytes::Bytes;
 use futures_util::StreamExt as _;
 use futures_util::stream::FuturesUnordered;
 use std::num::NonZeroU64;
-use tokio::time::sleep_until;
+use tokio::time::{Instant, sleep_until};
 use veiloc_map::regions::ObjectId;
 use veiloc_service::Unanswered;
 use veiloc_service::telemetry::GatewayCounts;
@@ -80,7 +80,7 @@ impl Road<'_> {
                         pause *= 2;
                     }
                 },
-                () = sleep_until(next.into()), if sent < MOST_MESSAGES => {
+                () = sleep_until(next), if sent < MOST_MESSAGES => {
                     let now = Instant::now();
                     let is_second = !under_way.is_empty();
                     if !is_second || now >= last_resort || self.pace.may_send_second() {
@@ -93,7 +93,7 @@ impl Road<'_> {
                     next = now + gap;
                     gap *= 2;
                 }
-                () = sleep_until(ask.deadline.into()) => return Err(why),
+                () = sleep_until(ask.deadline) => return Err(why),
             }
         }
     }
@@ -152,5 +152,153 @@ impl Road<'_> {
         self.counts.message("answered");
         self.counts.road(took.saturating_sub(worked).saturating_sub(waited));
         Ok(said)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use veiloc_service::telemetry::{Metrics, MetricsOptions, Now};
+
+    use super::*;
+    use crate::gateway::pace::{LATEST, SOONEST, UNKNOWN};
+
+    const MINUTE: Duration = Duration::from_secs(60);
+
+    /// A group of members whose latencies the test chooses, asked by a clock that is paused.
+    struct Group {
+        bus: Bus,
+        group: (Subject, ObjectId),
+        counts: GatewayCounts,
+        pace: Pace,
+    }
+
+    impl Group {
+        fn new() -> Self {
+            let subject = Subject::new(["veiloc", "test", "region"]).expect("a subject");
+            Self {
+                bus: Bus::in_process(),
+                group: (subject, ObjectId::of(b"region")),
+                counts: GatewayCounts::default(),
+                pace: Pace::default(),
+            }
+        }
+
+        /// A member that answers after so long, or never; how often it was asked, and told that nobody waits.
+        async fn member(&self, latency: Option<Duration>) -> [Arc<AtomicUsize>; 2] {
+            let counts = [Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0))];
+            let mut membership = self.bus.join(&self.group.0).await.expect("joined");
+            let [asked, cancelled] = counts.clone();
+            tokio::spawn(async move {
+                while let Some(mut incoming) = membership.next().await {
+                    asked.fetch_add(1, Ordering::Relaxed);
+                    let cancelled = cancelled.clone();
+                    tokio::spawn(async move {
+                        let request = Request::decode(incoming.payload.clone()).expect("a request");
+                        tokio::select! {
+                            () = answered_after(latency) => {
+                                let said = Said::Regions(Vec::new());
+                                let (worked, waited) = (Duration::ZERO, Duration::ZERO);
+                                let reply = Reply { name: request.name, said, worked, waited };
+                                incoming.answer(reply.encode()).await.expect("sent");
+                            }
+                            () = incoming.cancelled() => {
+                                cancelled.fetch_add(1, Ordering::Relaxed);
+                            }
+                        }
+                    });
+                }
+            });
+            counts
+        }
+
+        /// What comes of a question, and after how long.
+        async fn ask(&self) -> (Result<Said, Unanswered>, Duration) {
+            let road = Road { bus: &self.bus, counts: &self.counts, pace: &self.pace };
+            let begun = Instant::now();
+            let wanted = Wanted::Search { globals: vec![Bytes::from_static(b"an image")] };
+            let ask = Ask { group: &self.group, name: [7; 16], wanted, deadline: begun + MINUTE };
+            (road.ask(&ask).await, begun.elapsed())
+        }
+
+        fn hedges(&self) -> u64 {
+            let metrics =
+                Metrics::new(&MetricsOptions { gateway: Some(&self.counts), ..MetricsOptions::default() });
+            let text = metrics.text(&Now::default());
+            let hedges = text.lines().find_map(|line| line.strip_prefix("veiloc_cluster_hedges_total "));
+            hedges.expect("it is counted").parse().expect("a count")
+        }
+    }
+
+    async fn answered_after(latency: Option<Duration>) {
+        match latency {
+            Some(latency) => tokio::time::sleep(latency).await,
+            None => std::future::pending().await,
+        }
+    }
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    fn sum(counts: &AtomicUsize) -> usize {
+        counts.load(Ordering::Relaxed)
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_second_member_is_asked_when_the_first_is_silent() {
+        let group = Group::new();
+        let [asked, _] = group.member(Some(ms(100))).await;
+        let [heard, cancelled] = group.member(None).await;
+        // Members take turns: the silent one is first each time, for the other one is second.
+        let mut times = Vec::new();
+        for _ in 0..4 {
+            let (said, time) = group.ask().await;
+            assert!(matches!(said, Ok(Said::Regions(_))));
+            times.push(time);
+        }
+        // Nothing is known the first time; then half as long again as the slowest of late.
+        assert_eq!(times, [UNKNOWN + ms(100), ms(250), ms(250), ms(250)]);
+        assert_eq!((sum(&heard), sum(&asked), group.hedges()), (4, 4, 4));
+        // Those who answer nobody are told, as soon as they get to run.
+        tokio::time::sleep(ms(1)).await;
+        assert_eq!(sum(&cancelled), 4);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn the_second_message_follows_the_latencies_of_late() {
+        for (latency, after) in [(ms(1), SOONEST), (ms(200), ms(300)), (Duration::from_secs(9), LATEST)] {
+            let group = Group::new();
+            (0..20).for_each(|_| group.pace.took(latency));
+            let [heard, _] = group.member(None).await;
+            let [asked, _] = group.member(Some(ms(5))).await;
+            while sum(&heard) == 0 {
+                let before = sum(&asked);
+                let (said, time) = group.ask().await;
+                assert!(said.is_ok() && sum(&asked) == before + 1);
+                assert_eq!(time, if sum(&heard) == 0 { ms(5) } else { after + ms(5) });
+            }
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_group_that_is_silent_is_waited_for_until_the_deadline() {
+        let group = Group::new();
+        let [heard, _] = group.member(None).await;
+        let (said, time) = group.ask().await;
+        assert!(matches!(said, Err(Unanswered::TimedOut)));
+        assert_eq!(time, MINUTE);
+        assert!((2..=MOST_MESSAGES).contains(&sum(&heard)), "{}", sum(&heard));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_empty_group_is_asked_again_and_reported() {
+        let group = Group::new();
+        let (said, time) = group.ask().await;
+        assert!(matches!(said, Err(Unanswered::Unreached { .. })));
+        // Pauses of 10, 20, … 640 ms between eight messages.
+        assert_eq!(time, PAUSE * 127);
     }
 }

@@ -8,11 +8,12 @@ mod choose;
 mod pace;
 
 use std::sync::{Arc, PoisonError, RwLock, Weak};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::bus::Bus;
 use bytes::Bytes;
 use futures_util::future::join_all;
+use tokio::time::Instant;
 use veiloc_map::regions::{ASKED, Folder, Manifest, ObjectId, RegionsError, rounds};
 use veiloc_protocol::{Answer, Profile};
 use veiloc_service::telemetry::GatewayCounts;

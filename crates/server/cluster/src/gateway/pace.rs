@@ -6,10 +6,10 @@ use std::time::Duration;
 /// Times that are remembered.
 const REMEMBERED: usize = 128;
 /// Before anything is known.
-const UNKNOWN: Duration = Duration::from_secs(2);
+pub(super) const UNKNOWN: Duration = Duration::from_secs(2);
 /// A second message is never sent sooner, nor later.
-const SOONEST: Duration = Duration::from_millis(20);
-const LATEST: Duration = Duration::from_secs(10);
+pub(super) const SOONEST: Duration = Duration::from_millis(20);
+pub(super) const LATEST: Duration = Duration::from_secs(10);
 
 /// Second messages that may be sent without first ones between them, and what a first one adds. With 64 in the place of 8, 70
 /// second messages went out for 109 queries on a busy machine (scripts/cluster_chaos.py).

@@ -48,3 +48,39 @@ impl Patience {
             .map_err(|_| StoreError::Stalled { address: address.to_owned(), seconds: self.stall.as_secs() })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use tokio::time::Instant;
+
+    use super::*;
+
+    fn stalled() -> StoreError {
+        StoreError::Stalled { address: "memory://maps".to_owned(), seconds: 60 }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn pauses_double_until_the_last_attempt() {
+        for (failures, attempts, waited_ms) in [(0, 1, 0), (1, 2, 500), (3, 4, 3500), (9, 4, 3500)] {
+            let (begun, tried) = (Instant::now(), Cell::new(0));
+            let done = Patience::default()
+                .attempt(async || {
+                    tried.set(tried.get() + 1);
+                    if tried.get() > failures { Ok(()) } else { Err(stalled()) }
+                })
+                .await;
+            assert_eq!((done.is_ok(), tried.get()), (failures < 4, attempts));
+            assert_eq!(begun.elapsed(), Duration::from_millis(waited_ms), "{failures} failures");
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_stalls_is_given_up() {
+        let begun = Instant::now();
+        let stalled = Patience::default().await_next(std::future::pending::<()>(), "memory://maps").await;
+        assert!(matches!(stalled, Err(StoreError::Stalled { seconds: 60, .. })));
+        assert_eq!(begun.elapsed(), Duration::from_secs(60));
+    }
+}

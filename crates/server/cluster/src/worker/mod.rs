@@ -12,10 +12,11 @@ use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Weak};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::bus::Bus;
 use tokio::sync::watch;
+use tokio::time::Instant;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
 use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef};

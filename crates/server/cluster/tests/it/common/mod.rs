@@ -25,6 +25,9 @@ use service::{Place, pose};
 
 pub const MAP: &str = "town";
 
+/// Longer than anything takes on any machine.
+pub const LONG: Duration = Duration::from_secs(120);
+
 /// How often machines look what is published: often, so that tests are short.
 const OFTEN: Duration = Duration::from_millis(20);
 
@@ -121,9 +124,14 @@ pub struct Machines {
 impl Machines {
     /// With workers for these shares.
     pub async fn start(town: &Town, bus: Bus, shares: &[&str]) -> Self {
+        Self::start_with(town, bus, shares.iter().map(|share| worker_options(share)).collect()).await
+    }
+
+    /// With workers that do as these options say.
+    pub async fn start_with(town: &Town, bus: Bus, all: Vec<WorkerOptions>) -> Self {
         let mut workers = Vec::new();
-        for share in shares {
-            workers.push(start_worker(town, &bus, share).await);
+        for options in all {
+            workers.push(start_worker(town, &bus, options).await);
         }
         let counts = GatewayCounts::default();
         let mut options = GatewayOptions::new(MAP);
@@ -135,7 +143,7 @@ impl Machines {
     }
 
     pub async fn add(&self, town: &Town, share: &str) {
-        let worker = start_worker(town, &self.bus, share).await;
+        let worker = start_worker(town, &self.bus, worker_options(share)).await;
         self.workers.lock().expect("whole").push(worker);
     }
 
@@ -157,7 +165,7 @@ impl Machines {
     }
 
     pub async fn ask(&self, bytes: &[u8]) -> Result<Answer, Unanswered> {
-        self.gateway.localize(self.question(bytes, Duration::from_secs(60))).await
+        self.gateway.localize(self.question(bytes, LONG)).await
     }
 
     /// A value of the gateway's metrics.
@@ -180,11 +188,16 @@ pub fn value(text: &str, what: &str) -> u64 {
     line.trim().parse().expect("a count")
 }
 
-async fn start_worker(town: &Town, bus: &Bus, share: &str) -> (WorkerHandle, JoinHandle<bool>) {
+/// Of a worker with two threads that takes this share.
+pub fn worker_options(share: &str) -> WorkerOptions {
     let mut options = WorkerOptions::new(MAP);
     options.share = share.parse::<Share>().expect("a share");
     options.threads = 2.try_into().expect("not zero");
-    (options.watch, options.grace) = (OFTEN, OFTEN * 10);
+    (options.watch, options.grace, options.finish) = (OFTEN, OFTEN * 10, LONG);
+    options
+}
+
+async fn start_worker(town: &Town, bus: &Bus, options: WorkerOptions) -> (WorkerHandle, JoinHandle<bool>) {
     let counts = WorkerCounts::new("test", 2, 32);
     let worker = Worker::start(bus.clone(), town.shelf(), options, counts).await.expect("a worker");
     (worker.handle(), tokio::spawn(worker.run()))

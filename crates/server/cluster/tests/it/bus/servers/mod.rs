@@ -15,6 +15,11 @@ pub(crate) struct Servers {
 impl Servers {
     /// So many, which know of each other, and take messages of so many bytes.
     pub(crate) fn start(count: usize, max_payload: usize) -> Self {
+        // A port that was free may be taken before its server has it.
+        (0..20).find_map(|_| Self::try_start(count, max_payload)).expect("free ports")
+    }
+
+    fn try_start(count: usize, max_payload: usize) -> Option<Self> {
         let folder = tempfile::tempdir().expect("temporary folder");
         std::fs::write(folder.path().join("nats.conf"), format!("max_payload: {max_payload}\n"))
             .expect("written");
@@ -26,8 +31,7 @@ impl Servers {
         drop(held);
         let mut servers = Self { folder, ports, running: Vec::new() };
         servers.running = (0..count).map(|i| servers.spawn(i)).collect();
-        (0..count).for_each(|i| servers.wait_for(i));
-        servers
+        (0..count).all(|i| servers.listens(i)).then_some(servers)
     }
 
     fn spawn(&self, i: usize) -> Child {
@@ -45,10 +49,14 @@ impl Servers {
         command.spawn().expect("nats-server runs (Debian: apt-get install nats-server)")
     }
 
-    fn wait_for(&self, i: usize) {
-        for _ in 0..600 {
+    /// Waits until it listens; whether it does, and has not ended instead.
+    fn listens(&mut self, i: usize) -> bool {
+        for _ in 0..2400 {
+            if self.running[i].try_wait().expect("a child").is_some() {
+                return false;
+            }
             if TcpStream::connect(("127.0.0.1", self.ports[i][0])).is_ok() {
-                return;
+                return true;
             }
             std::thread::sleep(Duration::from_millis(50));
         }
@@ -68,7 +76,7 @@ impl Servers {
 
     pub(crate) fn restart(&mut self, i: usize) {
         self.running[i] = self.spawn(i);
-        self.wait_for(i);
+        assert!(self.listens(i), "its ports are still its own");
     }
 }
 
