@@ -3,10 +3,7 @@
 #[cfg(feature = "rten")]
 mod exact;
 mod graph;
-#[cfg_attr(
-    not(feature = "rten"),
-    allow(dead_code, reason = "rten's graphs are changed before they are run")
-)]
+#[cfg_attr(not(feature = "rten"), allow(dead_code, reason = "rten's graphs are changed before they are run"))]
 mod nodes;
 #[cfg(feature = "rten")]
 mod one_channel;

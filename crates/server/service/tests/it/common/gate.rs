@@ -24,7 +24,7 @@ impl Gate {
         let description = Arc::new(Description { profile, images, points });
         let gate = Arc::new(Self { map, description, permits: Semaphore::new(0) });
         options.maps.clear();
-        options.elsewhere = vec![MapElsewhere { name: "place".to_owned(), held_by: gate.clone(), geo: None }];
+        options.elsewhere = vec![MapElsewhere { name: "place".to_owned(), held_by: gate.clone() }];
         gate
     }
 
