@@ -6,45 +6,59 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvalError {
-    /// A file could not be read or written.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// Which file.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// A file of problems or keypoints could not be read.
-    #[error(transparent)]
-    Dataset(#[from] veiloc_datasets::DatasetError),
+    // What was asked for.
     /// What was asked for makes no sense together.
     #[error("{0}")]
     Options(String),
+    /// Images are both learned from and judged by.
+    #[error(
+        "{images} images are among those learned from and among those judged by; give images of different places"
+    )]
+    SharedImages {
+        /// How many.
+        images: usize,
+    },
+    /// There is nothing to learn from, or nothing to choose the best step by.
+    #[error("there are no images to {0}; give some with keypoints")]
+    Nothing(&'static str),
+    /// No network takes places.
+    #[error("none of the networks takes places; train one with `veiloc train inversion`")]
+    NoNetwork,
+    /// Several networks would answer the same, and only one can.
+    #[error("two of the networks are given {0}; give one, and evaluate the other by itself")]
+    TwoNetworks(String),
+    /// A network that is given no places was to learn which places are wrong.
+    #[error(
+        "which places are wrong is learned by networks that are given places, and this one is given {sees}; use --sees places"
+    )]
+    NoPlaces {
+        /// What it is given.
+        sees: &'static str,
+    },
+    /// A network that sees lines was not told the scheme, or another was.
+    #[error("{found}: {expected}")]
+    Scheme {
+        /// What was given.
+        found: String,
+        /// What would do.
+        expected: &'static str,
+    },
+
+    // What was given.
     /// A data set is not whole.
     #[error("{0}")]
     DataSet(String),
-    /// Features of a query could not be extracted.
-    #[error(transparent)]
-    Extract(#[from] veiloc_obfuscation::ExtractError),
-    /// An image cannot be read, its features not be extracted, or the detector cannot run.
-    #[error(transparent)]
-    Features(#[from] veiloc_features::FeatureError),
-    /// The map could not be built or tested.
-    #[error(transparent)]
-    Mapping(#[from] veiloc_mapping::MappingError),
-    /// A map or model file could not be read or written.
-    #[error(transparent)]
-    Map(#[from] veiloc_map::MapError),
-    /// A map could not be cut into regions.
-    #[error(transparent)]
-    Regions(#[from] veiloc_map::regions::RegionsError),
-    /// An image could not be sealed.
-    #[error("{name}: {source}")]
-    Seal {
+    /// Descriptors are missing, or of another length than those learned from.
+    #[error(
+        "{image}: descriptors of {found} numbers where {expected} are expected; use the features it was trained with"
+    )]
+    Descriptors {
         /// The image.
-        name: String,
-        /// Why.
-        source: veiloc_obfuscation::SealError,
+        image: String,
+        /// Length of its descriptors; 0 where it has none.
+        found: usize,
+        /// Length that was learned.
+        expected: usize,
     },
     /// An image that is attacked by a server has no matches.
     #[error("{image}: no problem with matches has this name; the server's file must be of the same images")]
@@ -85,60 +99,17 @@ pub enum EvalError {
         /// How many images were tried.
         images: usize,
     },
-    /// Images are both learned from and judged by.
-    #[error(
-        "{images} images are among those learned from and among those judged by; give images of different places"
-    )]
-    SharedImages {
-        /// How many.
-        images: usize,
+    /// An image could not be sealed.
+    #[error("{name}: {source}")]
+    Seal {
+        /// The image.
+        name: String,
+        /// Why.
+        source: veiloc_obfuscation::SealError,
     },
     /// An image cannot be obfuscated under the scheme.
     #[error(transparent)]
     Obfuscate(#[from] veiloc_obfuscation::SealError),
-    /// Descriptors are missing, or of another length than those learned from.
-    #[error(
-        "{image}: descriptors of {found} numbers where {expected} are expected; use the features it was trained with"
-    )]
-    Descriptors {
-        /// The image.
-        image: String,
-        /// Length of its descriptors; 0 where it has none.
-        found: usize,
-        /// Length that was learned.
-        expected: usize,
-    },
-    /// There is nothing to learn from, or nothing to choose the best step by.
-    #[error("there are no images to {0}; give some with keypoints")]
-    Nothing(&'static str),
-    /// A contact sheet cannot be written.
-    #[error("the contact sheet cannot be written: {0}; show fewer images")]
-    Sheet(String),
-    /// No network takes places.
-    #[error("none of the networks takes places; train one with `veiloc train inversion`")]
-    NoNetwork,
-    /// Several networks would answer the same, and only one can.
-    #[error("two of the networks are given {0}; give one, and evaluate the other by itself")]
-    TwoNetworks(String),
-    /// A network that is given no places was to learn which places are wrong.
-    #[error(
-        "which places are wrong is learned by networks that are given places, and this one is given {sees}; use --sees places"
-    )]
-    NoPlaces {
-        /// What it is given.
-        sees: &'static str,
-    },
-    /// A network that sees lines was not told the scheme, or another was.
-    #[error("{found}: {expected}")]
-    Scheme {
-        /// What was given.
-        found: String,
-        /// What would do.
-        expected: &'static str,
-    },
-    /// An attack could not run, a network could not be trained or read, or an image could not be judged.
-    #[error(transparent)]
-    Attack(#[from] veiloc_attacks::AttackError),
     /// Not JSON, cut short, or of another form.
     #[error("this is no document of an evaluation: {0}")]
     Document(String),
@@ -184,4 +155,40 @@ pub enum EvalError {
         /// The row.
         row: String,
     },
+
+    // Files.
+    /// A file could not be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A contact sheet cannot be written.
+    #[error("the contact sheet cannot be written: {0}; show fewer images")]
+    Sheet(String),
+
+    // What crates below refused.
+    /// A file of problems or keypoints could not be read.
+    #[error(transparent)]
+    Dataset(#[from] veiloc_datasets::DatasetError),
+    /// Features of a query could not be extracted.
+    #[error(transparent)]
+    Extract(#[from] veiloc_obfuscation::ExtractError),
+    /// An image cannot be read, its features not be extracted, or the detector cannot run.
+    #[error(transparent)]
+    Features(#[from] veiloc_features::FeatureError),
+    /// The map could not be built or tested.
+    #[error(transparent)]
+    Mapping(#[from] veiloc_mapping::MappingError),
+    /// A map or model file could not be read or written.
+    #[error(transparent)]
+    Map(#[from] veiloc_map::MapError),
+    /// A map could not be cut into regions.
+    #[error(transparent)]
+    Regions(#[from] veiloc_map::regions::RegionsError),
+    /// An attack could not run, a network could not be trained or read, or an image could not be judged.
+    #[error(transparent)]
+    Attack(#[from] veiloc_attacks::AttackError),
 }
