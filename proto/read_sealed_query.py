@@ -1,4 +1,4 @@
-"""Reads a sealed query of version 1 to 4 with nothing but docs/wire-format.md and Python's standard library, and prints what it tells.
+"""Reads a sealed query with nothing but docs/wire-format.md and Python's standard library, and prints what it tells.
 
 python3 proto/read_sealed_query.py FILE.vquery [ROWS]
 
@@ -11,17 +11,13 @@ import math
 import struct
 import sys
 
-HEAD = [
+VERSION = 1
+NAMES = [
     "version", "profile_id", "scheme", "dividing_angle", "anchor_distance", "angle_bits", "camera_focal",
-    "camera_width", "camera_height", "rows",
+    "camera_width", "camera_height", "rows", "descriptor_name", "descriptor_dim", "descriptor_encoding",
+    "descriptor_norm", "positions", "descriptors", "global", "focal_known", "gravity", "layout", "turn_x",
+    "turn_y", "turn_z",
 ]
-NAMES = {
-    1: HEAD + ["descriptor_kind", "positions", "descriptors", "global"],
-    2: HEAD + ["descriptor_name", "descriptor_dim", "descriptor_encoding", "descriptor_norm"]
-    + ["positions", "descriptors", "global"],
-}
-NAMES[3] = NAMES[2] + ["focal_known", "gravity"]
-NAMES[4] = NAMES[3] + ["layout", "turn_x", "turn_y", "turn_z"]
 KNOWN = {1: "calibrated", 2: "from EXIF", 3: "unknown"}
 
 
@@ -39,10 +35,11 @@ def fields(data):
     """Field name -> number or bytes."""
     found, at = {}, 0
     (version,) = struct.unpack_from("<I", data, 1)
-    names = NAMES[version]
+    if version != VERSION:
+        raise ValueError(f"a sealed query of version {version}; this reader reads version {VERSION}")
     while at < len(data):
         key, at = varint(data, at)
-        name = names[(key >> 3) - 1]
+        name = NAMES[(key >> 3) - 1]
         if key & 7 == 5:
             (found[name],), at = struct.unpack_from("<I", data, at), at + 4
         elif key & 7 == 2:
@@ -102,7 +99,7 @@ def anchors(message):
 def rows(message):
     """What each row tells, as the document words it."""
     bits, scheme = message["angle_bits"], message["scheme"]
-    frames = anchors(message) if message["version"] == 4 else []
+    frames = anchors(message) if scheme == 4 else []
     width, height = 32 * message["camera_width"], 32 * message["camera_height"]
     packed, at = int.from_bytes(message["positions"], "big"), 8 * len(message["positions"])
 
@@ -114,30 +111,18 @@ def rows(message):
     def length():
         return (take(16) - 32768) / 4
 
-    def angle():
-        return (take(bits) + 0.5) * math.pi / 2**bits
-
     for _ in range(message["rows"]):
-        if frames:
+        if scheme in (1, 3):
+            yield length() + width / 2, length() + height / 2
+        elif scheme == 2:
+            theta, offset = (take(bits) + 0.5) * math.pi / 2**bits, length()
+            a, b = -math.sin(theta), math.cos(theta)
+            yield a, b, -offset - a * width / 2 - b * height / 2
+        else:
             d, zero, quarter = frames[take(1 if len(frames) == 2 else 2)]
             phi = (take(bits + 1) + 0.5) * math.pi / 2**bits
             inward = tuple(math.cos(phi) * a + math.sin(phi) * b for a, b in zip(zero, quarter))
             yield *cross(d, inward), *inward
-        elif scheme in (1, 3):
-            yield length() + width / 2, length() + height / 2
-        elif scheme == 2:
-            theta, offset = angle(), length()
-            a, b = -math.sin(theta), math.cos(theta)
-            yield a, b, -offset - a * width / 2 - b * height / 2
-        else:
-            second, phi = take(1), angle()
-            delta = math.radians(message["dividing_angle"] / 100)
-            sign = -1 if second else 1
-            d = sign * math.cos(delta), sign * math.sin(delta)
-            away = message["anchor_distance"] / 100 * height / 2
-            anchor = width / 2 - d[0] * away, height / 2 - d[1] * away
-            ray = d[0] * math.cos(phi) - d[1] * math.sin(phi), d[1] * math.cos(phi) + d[0] * math.sin(phi)
-            yield *anchor, *ray
 
 
 def down(code):
@@ -159,8 +144,8 @@ def main():
     for name, value in message.items():
         text = value.decode() if name == "descriptor_name" else None
         print(name, text or (value if isinstance(value, int) else f"{len(value)} bytes {value[:16].hex()}"))
-    print("focal", 2 ** (message["camera_focal"] / 4), KNOWN[message.get("focal_known", 1)])
-    if message.get("gravity"):
+    print("focal", 2 ** (message["camera_focal"] / 4), KNOWN[message["focal_known"]])
+    if message["gravity"]:
         print("down", *(f"{value:.9f}" for value in down(message["gravity"])))
     for index, row in enumerate(rows(message)):
         if index < (int(sys.argv[2]) if len(sys.argv) > 2 else 3) or index == message["rows"] - 1:

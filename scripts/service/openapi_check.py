@@ -134,12 +134,10 @@ def announced(checker, port, path, length, begun=b"", more=""):
 def provoke(checker, place, server):
     """One answer of each kind that a service in order gives, and of most refusals."""
     query, port = place.query, server.port
-    for form in ("application/json", PROTOBUF, f"{PROTOBUF};version=2",
-                 f"{PROTOBUF};version=3"):
+    for form in ("application/json", PROTOBUF):
         request(checker, port, "POST", LOCALIZE, query, "phone", content_type=PROTOBUF, accept=form)
     rig = rig_of(query)
-    for form in ("application/json", PROTOBUF, f"{PROTOBUF};version=2",
-                 f"{PROTOBUF};version=3"):
+    for form in ("application/json", PROTOBUF):
         request(checker, port, "POST", RIG, rig, "phone", content_type="application/octet-stream", accept=form)
     elsewhere = bytearray(query)
     elsewhere[8] ^= 1  # in the profile's id

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use crate::QueryError;
 
-/// How many bits an angle over the half circle has on the wire: 6 to 16. One over the whole circle has one more.
+/// How many bits an angle over the half circle has on the wire: 6 to 16. One over the whole circle, as in `dcl`, has one more.
 ///
 /// A code stands for the middle of its interval: `angle = (code + 1/2) · π / 2^bits`. Fewer bits put more pixels
 /// on the same line and cost accuracy of the pose; 12 bits are an error of at most 0.0004 rad, a fifth of a pixel

@@ -6,33 +6,6 @@ use std::fmt;
 
 use veiloc_geometry::nalgebra::Matrix3;
 
-/// How an answer is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum AnswerVersion {
-    /// Version 1: as long as what it says. A doubtful pose has the longer answer.
-    Plain,
-    /// Version 2: a whole number of [`Answer::PADDED_BYTES`], one for every answer our server gives.
-    Padded,
-    /// Version 3: as long as version 2, with how well the query fits ([`AnswerFit`]); the only one that can withhold a
-    /// pose.
-    #[default]
-    Full,
-}
-
-impl AnswerVersion {
-    /// All of them, oldest first.
-    pub const ALL: [Self; 3] = [Self::Plain, Self::Padded, Self::Full];
-
-    /// As it is written: 1, 2 or 3.
-    pub const fn number(self) -> u32 {
-        match self {
-            Self::Plain => 1,
-            Self::Padded => 2,
-            Self::Full => 3,
-        }
-    }
-}
-
 /// What an answer is worth. A query for which nothing was found gets no answer but a refusal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum AnswerState {
@@ -122,8 +95,8 @@ pub struct AnswerFit {
 }
 
 impl Answer {
-    /// An answer of version 2 or 3 has a whole number of times so many bytes. A trusted one, one with every doubt there
-    /// is, and one without a pose have this length.
+    /// An answer has a whole number of times so many bytes. A trusted one, one with every doubt there is, and one without
+    /// a pose have this length.
     pub const PADDED_BYTES: usize = 4096;
 
     /// What it is worth.

@@ -1,17 +1,21 @@
-//! Answers as bytes: the message `veiloc.v1.Answer` (`proto/veiloc/v1/answer.proto`), in three versions.
+//! Answers as bytes: the message `veiloc.v1.Answer` (`proto/veiloc/v1/answer.proto`).
 //!
-//! The second is filled up to a length that does not tell a trusted pose from a doubtful one; the third says more. Each
-//! version has one form only: what [`Answer::decode`] accepts, [`Answer::encode`] writes back byte for byte in the version
-//! it had.
+//! It is filled up to a length that does not tell a trusted pose from a doubtful one. It has one form only: what
+//! [`Answer::decode`] accepts, [`Answer::encode`] writes back byte for byte.
 
 use prost::Message;
 
 use crate::answer::{AnswerFit, AnswerPose};
-use crate::wire::{self, present};
-use crate::{Answer, AnswerDoubt, AnswerTimes, AnswerVersion, DoubtKind, QueryError};
+use crate::wire::{Format, present};
+use crate::{Answer, AnswerDoubt, AnswerTimes, DoubtKind, QueryError};
 
-/// Most bytes an answer may have: 59 numbers, some counts, room for a few doubts in words, and padding.
-const MAX_BYTES: usize = 16 * 1024;
+const FORMAT: Format = Format {
+    what: "answer",
+    // 59 numbers, some counts, room for a few doubts in words, and padding.
+    limit: 16 * 1024,
+    version: Answer::VERSION,
+    remedy: "update the app or the service, whichever is older",
+};
 
 /// Bytes around the padding: its key and a length of two bytes.
 const PADDING_HEAD: usize = 3;
@@ -68,32 +72,26 @@ struct DoubtMessage {
 }
 
 impl Answer {
-    /// As bytes: one `veiloc.v1.Answer` message. Versions 1 and 2 leave out [`Self::fit`], which they have no place for.
-    ///
-    /// # Errors
-    /// [`QueryError::Unsayable`] for an answer without a pose in version 1 or 2.
-    pub fn encode(&self, version: AnswerVersion) -> Result<Vec<u8>, QueryError> {
-        if self.pose.is_none() && version != AnswerVersion::Full {
-            let what = "an answer without its pose";
-            return Err(QueryError::Unsayable { what, version: version.number() });
-        }
-        let mut message = self.message(version);
-        if version != AnswerVersion::Plain {
-            let without = message.encoded_len() + PADDING_HEAD;
-            let whole = (without + LEAST_PADDING).next_multiple_of(Self::PADDED_BYTES);
-            message.padding = Some(vec![0; whole - without]);
-        }
-        Ok(message.encode_to_vec())
+    /// The version of the message.
+    pub const VERSION: u32 = 1;
+
+    /// As bytes: one `veiloc.v1.Answer` message.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut message = self.message();
+        let without = message.encoded_len() + PADDING_HEAD;
+        let whole = (without + LEAST_PADDING).next_multiple_of(Self::PADDED_BYTES);
+        message.padding = Some(vec![0; whole - without]);
+        message.encode_to_vec()
     }
 
-    fn message(&self, version: AnswerVersion) -> AnswerMessage {
+    /// All but the padding.
+    fn message(&self) -> AnswerMessage {
         let AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms } = self.times;
         let doubt = |d: &AnswerDoubt| DoubtMessage { kind: Some(d.kind.code()), text: Some(d.text.clone()) };
         let of_pose =
             |numbers: fn(&AnswerPose) -> Vec<f64>| self.pose.as_ref().map_or_else(Vec::new, numbers);
-        let fit = self.fit.filter(|_| version == AnswerVersion::Full);
         AnswerMessage {
-            version: Some(version.number()),
+            version: Some(Self::VERSION),
             rotation: of_pose(|pose| pose.rotation.to_vec()),
             translation: of_pose(|pose| pose.translation.to_vec()),
             center: of_pose(|pose| pose.center.to_vec()),
@@ -108,24 +106,24 @@ impl Answer {
             hypotheses: Some(self.hypotheses),
             milliseconds: vec![queue_ms, retrieve_ms, match_ms, pose_ms],
             padding: None,
-            noise_px: fit.map(|fit| fit.noise_px),
-            focal_scale: fit.map(|fit| fit.focal_scale),
+            noise_px: self.fit.map(|fit| fit.noise_px),
+            focal_scale: self.fit.map(|fit| fit.focal_scale),
         }
     }
 
-    /// From bytes of any version; whatever is accepted encodes, in its version, to the same bytes again.
+    /// From bytes; whatever is accepted encodes to the same bytes again.
     ///
     /// # Errors
     /// [`QueryError`] saying which field is wrong.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
-        let (message, version) = parse(bytes)?;
+        let message: AnswerMessage = FORMAT.message(bytes)?;
         let trusted = match present("trusted", message.trusted)? {
             0 => false,
             1 => true,
             value => return Err(QueryError::Field { field: "trusted", value, allowed: "0 or 1" }),
         };
-        // Withheld are doubtful poses, and only where there is a way to say so.
-        let withheld = version == AnswerVersion::Full && !trusted && message.rotation.is_empty();
+        // Only doubtful poses are withheld.
+        let withheld = !trusted && message.rotation.is_empty();
         let pose = if withheld { None } else { Some(pose(&message)?) };
         let [queue_ms, retrieve_ms, match_ms, pose_ms] =
             numbers("milliseconds", &message.milliseconds, |c| c.is_finite() && c >= 0.0)?;
@@ -150,8 +148,8 @@ impl Answer {
             hypotheses: present("hypotheses", message.hypotheses)?,
             times: AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms },
         };
-        if answer.encode(version)? != bytes {
-            return Err(QueryError::NotCanonical { what: "answer" });
+        if answer.encode() != bytes {
+            return Err(QueryError::NotCanonical { what: FORMAT.what });
         }
         Ok(answer)
     }
@@ -193,20 +191,6 @@ fn fit(noise_px: Option<f64>, focal_scale: Option<f64>) -> Result<Option<AnswerF
         noise_px: above_zero("noise_px", noise_px)?,
         focal_scale: above_zero("focal_scale", focal_scale)?,
     }))
-}
-
-/// Bounded size, a protobuf message, a version that is read here.
-fn parse(bytes: &[u8]) -> Result<(AnswerMessage, AnswerVersion), QueryError> {
-    let what = "answer";
-    if bytes.len() > MAX_BYTES {
-        return Err(QueryError::TooLong { what, bytes: bytes.len(), limit: MAX_BYTES });
-    }
-    let message: AnswerMessage = wire::message(what, bytes)?;
-    let found = present("version", message.version)?;
-    match AnswerVersion::ALL.into_iter().find(|version| version.number() == found) {
-        Some(version) => Ok((message, version)),
-        None => Err(QueryError::Version { what, found, supported: AnswerVersion::default().number() }),
-    }
 }
 
 fn doubt(message: DoubtMessage) -> Result<AnswerDoubt, QueryError> {

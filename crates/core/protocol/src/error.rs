@@ -27,16 +27,16 @@ pub enum QueryError {
         reason: String,
     },
     /// A version this program does not read.
-    #[error(
-        "{what} of version {found}, but this program reads versions up to {supported}; update the older side"
-    )]
+    #[error("{what} of version {found}, but this program reads version {supported}; {remedy}")]
     Version {
-        /// `sealed query` or `profile`.
+        /// `sealed query`, `profile` or `answer`.
         what: &'static str,
         /// The version told.
         found: u32,
-        /// The last version read here.
+        /// The one read here.
         supported: u32,
+        /// What to do.
+        remedy: &'static str,
     },
     /// A field that must be there is not.
     #[error("field {field} is missing; the file may be truncated or of another kind: seal it anew")]
@@ -72,21 +72,11 @@ pub enum QueryError {
         /// Its index.
         row: usize,
     },
-    /// Readable, but not written as this version writes it: unknown fields, another order, trailing data.
-    #[error(
-        "the {what} is not in the one form this version allows (unknown or repeated fields, or extra bytes)"
-    )]
+    /// Readable, but not written as it is written here: unknown fields, another order, trailing data.
+    #[error("the {what} is not in the one form that is allowed (unknown or repeated fields, or extra bytes)")]
     NotCanonical {
         /// `sealed query` or `profile`.
         what: &'static str,
-    },
-    /// Something an older version of a message has no place for.
-    #[error("version {version} cannot say {what}; leave that out, or update the other side")]
-    Unsayable {
-        /// What there is to say.
-        what: &'static str,
-        /// The version that cannot.
-        version: u32,
     },
     /// Global descriptor or vocabulary bytes were refused.
     #[error("the {what} is damaged: {reason}")]
@@ -183,8 +173,8 @@ impl QueryError {
                     "these bytes are not a {what}; they may be truncated or of another kind: seal it anew"
                 );
             }
-            Self::Version { what, supported, .. } => {
-                return format!("a {what} of an unknown version; versions up to {supported} are read");
+            Self::Version { what, supported, remedy, .. } => {
+                return format!("a {what} of an unknown version; version {supported} is read: {remedy}");
             }
             Self::Field { field, allowed, .. } => return format!("{field} must be {allowed}"),
             Self::Length { field, .. } => {
@@ -195,9 +185,7 @@ impl QueryError {
             Self::Descriptor { what, .. } => return format!("the {what} is damaged"),
             Self::Mismatch { what, .. } => return format!("{what}: not what the map asks for"),
             // Names only.
-            Self::Missing { .. } | Self::NotCanonical { .. } | Self::Unsayable { .. } => {
-                return self.to_string();
-            }
+            Self::Missing { .. } | Self::NotCanonical { .. } => return self.to_string(),
             Self::Row { .. } => {
                 "a row lies outside the image; the message was damaged or made by a faulty client"
             }
@@ -227,13 +215,17 @@ mod tests {
         let all = [
             QueryError::TooLong { what: "sealed query", bytes: number, limit: 5 },
             QueryError::Malformed { what: "profile", reason: text() },
-            QueryError::Version { what: "profile", found: number as u32, supported: 2 },
+            QueryError::Version {
+                what: "profile",
+                found: number as u32,
+                supported: 1,
+                remedy: "update the app",
+            },
             QueryError::Missing { field: "rows" },
             QueryError::Field { field: "rows", value: number as u32, allowed: "256" },
             QueryError::Length { field: "global", expected: number, actual: number },
             QueryError::Row { row: number },
             QueryError::NotCanonical { what: "profile" },
-            QueryError::Unsayable { what: "gravity", version: 1 },
             QueryError::Descriptor { what: "vocabulary", reason: text() },
             QueryError::Mismatch { what: "rows", expected: text(), actual: text() },
             QueryError::WrongProfile { query, map },

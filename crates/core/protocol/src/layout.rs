@@ -6,7 +6,7 @@ use veiloc_geometry::nalgebra::Rotation3;
 use veiloc_geometry::{Layout, Pencils, Pinhole};
 
 use crate::sector_layout::SectorLayout;
-use crate::{DualAnchors, LayoutTurn, QueryError};
+use crate::{LayoutTurn, QueryError};
 
 /// A layout of Dual Convergent Lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -68,12 +68,6 @@ impl HalvesLayout {
     /// Distance of the anchors from the centre in half image heights.
     pub fn s(self) -> f64 {
         f64::from(self.distance_code) / 100.0
-    }
-
-    /// The anchors for an image of this size, as versions 1 to 3 of the wire tell angles of lines.
-    pub fn anchors(self, width: u32, height: u32) -> DualAnchors {
-        DualAnchors::new(width, height, self.radians(), self.s())
-            .expect("both codes are in range, so s > 0 and finite")
     }
 
     fn radians(self) -> f64 {
@@ -148,18 +142,35 @@ mod tests {
 
     use super::*;
 
-    fn anchors(layout: DclLayout) -> DualAnchors {
-        let DclLayout::Halves(halves) = layout else { panic!("two halves") };
-        halves.anchors(640, 480)
-    }
-
     #[test]
     fn anchors_of_the_named_layouts() {
-        assert_eq!(anchors(DclLayout::VERTICAL), DualAnchors::vertical(640, 480));
-        let horizontal = anchors(DclLayout::HORIZONTAL);
-        assert_eq!(horizontal.position(Anchor::FIRST), Pixel::new(80.0, 240.0));
-        assert_eq!(horizontal.position(Anchor::SECOND), Pixel::new(560.0, 240.0));
-        assert_eq!(horizontal.anchor_of(Pixel::new(10.0, 470.0)), Anchor::FIRST);
+        let pencils = |layout: DclLayout| Pencils::of_image([640, 480], &layout.layout());
+        assert_eq!(pencils(DclLayout::VERTICAL), Pencils::paper(640, 480));
+        for (layout, anchors, pixels_of_first, pixels_of_second) in [
+            (
+                DclLayout::VERTICAL,
+                [(320.0, 0.0), (320.0, 480.0)],
+                [(10.0, 300.0), (320.0, 123.0)],
+                [(600.0, 300.0), (321.0, 470.0)],
+            ),
+            (
+                DclLayout::HORIZONTAL,
+                [(80.0, 240.0), (560.0, 240.0)],
+                [(10.0, 470.0), (630.0, 241.0)],
+                [(10.0, 10.0), (320.0, 239.0)],
+            ),
+        ] {
+            let pencils = pencils(layout);
+            for (anchor, (u, v)) in Anchor::BOTH.into_iter().zip(anchors) {
+                let found = pencils.position(anchor).expect("near the image");
+                assert!(found.distance(&Pixel::new(u, v)) < 1e-9, "{layout:?} {found:?}");
+            }
+            for (anchor, pixels) in Anchor::BOTH.into_iter().zip([pixels_of_first, pixels_of_second]) {
+                for (u, v) in pixels {
+                    assert_eq!(pencils.anchor_of(Pixel::new(u, v)), anchor, "{layout:?} {u} {v}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The sealed query, the device profile, and their versioned wire formats.
+//! The sealed query, the device profile, the answer, and their wire formats.
 //!
 //! This room is what both sides of the wire share: the device seals into it (`veiloc-obfuscation`), the server
 //! reads from it (`veiloc-localize`). It holds codes and turns codes into lines; nothing in it turns a keypoint
@@ -13,13 +13,14 @@
 //! - [`Hints`]: what a device says of its camera beside the rows, if it wants to.
 //! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
 //!
+//! Each message has one version; another one is refused with what to do about it ([`QueryError::Version`]).
 //! The bytes are described in `docs/wire-format.md` and `proto/veiloc/`, the reasons in `docs/privacy.md`.
 //!
 //! ```
 //! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 //! use veiloc_geometry::Anchor;
 //! use veiloc_protocol::{
-//!     AnchoredRow, AngleBits, AngleForm, CanonicalCamera, Hints, LayoutTurn, Profile, QueryParts, Rows, Scheme, SealedQuery,
+//!     AnchoredRow, AngleBits, CanonicalCamera, Hints, LayoutTurn, Profile, QueryParts, Rows, Scheme, SealedQuery,
 //! };
 //!
 //! // A server publishes its map's profile as bytes, a device reads it.
@@ -30,7 +31,7 @@
 //! // The device puts rows together: `veiloc_obfuscation::seal` makes them of keypoints, here are some made up.
 //! let bits = AngleBits::default();
 //! let scheme: Scheme = "dcl:paper".parse()?;
-//! let row = |i: u32| AnchoredRow::new(AngleForm::HalfCircle, bits, Anchor::BOTH[i as usize % 2], f64::from(i) / 100.0);
+//! let row = |i: u32| AnchoredRow::new(bits, Anchor::BOTH[i as usize % 2], f64::from(i) / 100.0);
 //! let parts = QueryParts {
 //!     camera: CanonicalCamera::from_codes(36, 20, 15)?, // 512 px, 640 x 480
 //!     scheme,
@@ -59,7 +60,6 @@ mod answer_wire;
 mod balance;
 mod bits;
 mod camera;
-mod dual_anchors;
 mod error;
 mod gravity;
 mod hints;
@@ -79,31 +79,26 @@ mod sector_layout;
 mod size_class;
 mod steps;
 mod turn;
-mod version;
 mod wire;
 
 pub use angle::AngleBits;
-pub use answer::{
-    Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerState, AnswerTimes, AnswerVersion, DoubtKind,
-};
+pub use answer::{Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerState, AnswerTimes, DoubtKind};
 pub use answer_document::{AnswerDocument, ConfidenceDocument, DoubtDocument, PoseDocument, StageDocument};
 pub use balance::{LEAST_A_SIDE, Lopsided};
 pub use camera::{CanonicalCamera, Window};
-pub use dual_anchors::DualAnchors;
 pub use error::QueryError;
 pub use gravity::CoarseGravity;
 pub use hints::{FocalKnowledge, Hints, UnknownKnowledge};
 pub use layout::{DclLayout, HalvesLayout};
 pub use observations::{AnchoredLine, Observations};
 pub use position_hint::PositionHint;
-pub use profile::{ExtractionLimits, Profile, Wish};
+pub use profile::{ExtractionLimits, Profile};
 pub use profile_id::ProfileId;
 pub use rig_message::{RigMessage, SealedFrame};
-pub use rows::{AnchoredRow, AngleForm, LineRow, PositionRow, Rows};
+pub use rows::{AnchoredRow, LineRow, PositionRow, Rows};
 pub use scheme::Scheme;
 pub use sealed::{QueryParts, SealedQuery};
 pub use sector_layout::SectorLayout;
 pub use size_class::SizeClass;
 pub use steps::Enough;
 pub use turn::LayoutTurn;
-pub use version::WireVersion;

@@ -4,7 +4,7 @@ use std::fmt;
 
 use veiloc_descriptor::{DescriptorKind, GlobalModel, Vocabulary};
 
-use crate::{AngleBits, ProfileId, QueryError, Scheme, WireVersion};
+use crate::{ProfileId, QueryError};
 
 /// How much to extract from an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -46,35 +46,16 @@ impl ExtractionLimits {
 /// What a device needs to seal for a map, and what a map was built with: which descriptors, which global descriptor,
 /// how many keypoints of how large an image.
 ///
-/// It says nothing of what is to happen to positions: that is the device's to decide. Profiles of version 1 hold a
-/// scheme and a number of angle bits, as the operator's wish ([`Self::wish`]); they are kept so that the profile has the
-/// same bytes and the same name, and obeyed by nobody.
+/// It says nothing of what is to happen to positions: that is the device's to decide.
 #[derive(Clone, PartialEq)]
 pub struct Profile {
-    pub(crate) form: Form,
     pub(crate) kind: DescriptorKind,
     pub(crate) limits: ExtractionLimits,
     pub(crate) global: GlobalModel,
 }
 
-/// The version, with what only that version has.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Form {
-    V1(Wish),
-    V2,
-}
-
-/// What the operator of a version 1 profile would like to happen to positions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Wish {
-    /// The scheme.
-    pub scheme: Scheme,
-    /// Bits of an angle.
-    pub angle_bits: AngleBits,
-}
-
 impl Profile {
-    /// A profile of version 2, with the default limits.
+    /// A profile with the default limits.
     ///
     /// # Errors
     /// [`QueryError::Mismatch`] when the vocabulary is one of other descriptors.
@@ -85,14 +66,14 @@ impl Profile {
                 expected: format!("{kind:?}"),
                 actual: format!("{:?}", vocabulary.kind()),
             }),
-            _ => Ok(Self { form: Form::V2, kind, limits: ExtractionLimits::default(), global }),
+            _ => Ok(Self { kind, limits: ExtractionLimits::default(), global }),
         }
     }
 
-    /// A profile of version 2 for the descriptors of a vocabulary, with the default limits.
+    /// A profile for the descriptors of a vocabulary, with the default limits.
     pub fn vlad(vocabulary: Vocabulary) -> Self {
-        let (form, kind, limits) = (Form::V2, vocabulary.kind(), ExtractionLimits::default());
-        Self { form, kind, limits, global: GlobalModel::Vlad(vocabulary) }
+        let (kind, limits) = (vocabulary.kind(), ExtractionLimits::default());
+        Self { kind, limits, global: GlobalModel::Vlad(vocabulary) }
     }
 
     /// The same with other limits.
@@ -102,35 +83,6 @@ impl Profile {
     pub fn with_limits(&self, limits: ExtractionLimits) -> Result<Self, QueryError> {
         limits.check()?;
         Ok(Self { limits, ..self.clone() })
-    }
-
-    /// The same in version 2, for a map that is written anew. Queries sealed with the version 1 profile stay good.
-    #[must_use]
-    pub fn to_v2(&self) -> Self {
-        Self { form: Form::V2, ..self.clone() }
-    }
-
-    /// The same in version 1, for programs that read no other; `None` when version 1 cannot say it: it knows RootSIFT
-    /// and vocabularies only.
-    pub fn to_v1(&self, wish: Wish) -> Option<Self> {
-        let expressible = self.kind.v1_code().is_some() && self.global.vocabulary().is_some();
-        expressible.then(|| Self { form: Form::V1(wish), ..self.clone() })
-    }
-
-    /// The version it is written in.
-    pub const fn version(&self) -> WireVersion {
-        match self.form {
-            Form::V1(_) => WireVersion::V1,
-            Form::V2 => WireVersion::V2,
-        }
-    }
-
-    /// What the operator would like to happen to positions; version 1 only, and no device needs to care.
-    pub const fn wish(&self) -> Option<Wish> {
-        match self.form {
-            Form::V1(wish) => Some(wish),
-            Form::V2 => None,
-        }
     }
 
     /// How much to extract.
@@ -156,16 +108,6 @@ impl Profile {
     /// The name of this profile: a hash of its bytes.
     pub fn id(&self) -> ProfileId {
         ProfileId::of(&self.encode())
-    }
-
-    /// The name that a query of this version, scheme and number of angle bits bears when it was sealed for this map;
-    /// `None` when no query of that version can be.
-    pub(crate) fn id_for(&self, version: WireVersion, wish: Wish) -> Option<ProfileId> {
-        let form = match version {
-            WireVersion::V1 => Form::V1(wish),
-            WireVersion::V2 | WireVersion::V3 | WireVersion::V4 => Form::V2,
-        };
-        self.encode_as(form).map(|bytes| ProfileId::of(&bytes))
     }
 }
 

@@ -1,93 +1,57 @@
-//! Profiles as bytes, in both versions. Equal profiles have equal bytes, and nothing else is read.
+//! Profiles as bytes. Equal profiles have equal bytes, and nothing else is read.
 
 use prost::Message;
 use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalModel, NamedGlobal, Vocabulary};
 
-use crate::profile::{Form, Wish};
-use crate::wire::{KindFields, ProfileMessage, ProfileMessageV2, message, present, refused, version_of};
-use crate::{AngleBits, ExtractionLimits, Profile, QueryError, Scheme, WireVersion};
+use crate::wire::{Format, KindFields, ProfileMessage, present, refused};
+use crate::{ExtractionLimits, Profile, QueryError};
 
-/// Most bytes a profile may have: the largest vocabulary and the fields around it.
-const MAX_BYTES: usize = GlobalModel::MAX_LEN + 4096;
-const WHAT: &str = "profile";
+const FORMAT: Format = Format {
+    what: "profile",
+    // The largest vocabulary and the fields around it.
+    limit: GlobalModel::MAX_LEN + 4096,
+    version: Profile::VERSION,
+    remedy: "fetch the profile again, and where it stays of that version update the app or the service, \
+             whichever is older",
+};
 
 impl Profile {
-    /// As bytes: one `veiloc.v1.Profile` or `veiloc.v2.Profile` message, in the version it was made in.
+    /// The version of the message.
+    pub const VERSION: u32 = 1;
+
+    /// As bytes: one `veiloc.v1.Profile` message.
     pub fn encode(&self) -> Vec<u8> {
-        self.encode_as(self.form).expect("what was made in version 1 can be said in version 1")
-    }
-
-    /// `None` when that version cannot say it.
-    pub(crate) fn encode_as(&self, form: Form) -> Option<Vec<u8>> {
+        let kind = KindFields::of(self.kind);
         let words = self.vocabulary().map(|vocabulary| vocabulary.words().as_bytes().to_vec());
-        let (max_keypoints, max_image_side) =
-            (Some(self.limits.max_keypoints), Some(self.limits.max_image_side));
-        match form {
-            Form::V1(Wish { scheme, angle_bits }) => {
-                let (scheme, angle, distance) = scheme.codes();
-                let message = ProfileMessage {
-                    version: Some(WireVersion::V1.number()),
-                    scheme: Some(scheme),
-                    dividing_angle: Some(angle),
-                    anchor_distance: Some(distance),
-                    angle_bits: Some(angle_bits.get().into()),
-                    descriptor_kind: Some(self.kind.v1_code()?),
-                    max_keypoints,
-                    max_image_side,
-                    vocabulary: Some(words?),
-                };
-                Some(message.encode_to_vec())
-            }
-            Form::V2 => {
-                let kind = KindFields::of(self.kind);
-                let message = ProfileMessageV2 {
-                    version: Some(WireVersion::V2.number()),
-                    descriptor_name: Some(kind.name),
-                    descriptor_dim: Some(kind.dim),
-                    descriptor_encoding: Some(kind.encoding),
-                    descriptor_norm: Some(kind.norm),
-                    max_keypoints,
-                    max_image_side,
-                    global_name: Some(self.global.name().to_owned()),
-                    global_codes: Some(self.global.global_len() as u32),
-                    vocabulary: Some(words.unwrap_or_default()),
-                };
-                Some(message.encode_to_vec())
-            }
-        }
+        let message = ProfileMessage {
+            version: Some(Self::VERSION),
+            descriptor_name: Some(kind.name),
+            descriptor_dim: Some(kind.dim),
+            descriptor_encoding: Some(kind.encoding),
+            descriptor_norm: Some(kind.norm),
+            max_keypoints: Some(self.limits.max_keypoints),
+            max_image_side: Some(self.limits.max_image_side),
+            global_name: Some(self.global.name().to_owned()),
+            global_codes: Some(self.global.global_len() as u32),
+            vocabulary: Some(words.unwrap_or_default()),
+        };
+        message.encode_to_vec()
     }
 
-    /// From bytes of either version; whatever is accepted encodes to the same bytes again.
+    /// From bytes; whatever is accepted encodes to the same bytes again.
     ///
     /// # Errors
     /// [`QueryError`] saying which field is wrong.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
-        let profile = match version_of(WHAT, bytes, MAX_BYTES, &WireVersion::OF_PROFILES)? {
-            WireVersion::V1 => version_1(message(WHAT, bytes)?)?,
-            WireVersion::V2 | WireVersion::V3 | WireVersion::V4 => version_2(message(WHAT, bytes)?)?,
-        };
+        let profile = read(FORMAT.message(bytes)?)?;
         if profile.encode() != bytes {
-            return Err(QueryError::NotCanonical { what: WHAT });
+            return Err(QueryError::NotCanonical { what: FORMAT.what });
         }
         Ok(profile)
     }
 }
 
-fn version_1(message: ProfileMessage) -> Result<Profile, QueryError> {
-    let scheme = Scheme::from_codes(
-        present("scheme", message.scheme)?,
-        present("dividing_angle", message.dividing_angle)?,
-        present("anchor_distance", message.anchor_distance)?,
-    )?;
-    let angle_bits = AngleBits::from_wire(present("angle_bits", message.angle_bits)?)?;
-    let kind = kind_of_version_1(present("descriptor_kind", message.descriptor_kind)?)?;
-    let limits = limits(message.max_keypoints, message.max_image_side)?;
-    let vocabulary = vocabulary(kind, present("vocabulary", message.vocabulary)?)?;
-    let profile = Profile::vlad(vocabulary).with_limits(limits)?;
-    Ok(Profile { form: Form::V1(Wish { scheme, angle_bits }), ..profile })
-}
-
-fn version_2(message: ProfileMessageV2) -> Result<Profile, QueryError> {
+fn read(message: ProfileMessage) -> Result<Profile, QueryError> {
     let kind = KindFields {
         name: present("descriptor_name", message.descriptor_name)?,
         dim: present("descriptor_dim", message.descriptor_dim)?,
@@ -117,12 +81,4 @@ fn limits(max_keypoints: Option<u32>, max_image_side: Option<u32>) -> Result<Ext
 
 fn vocabulary(kind: DescriptorKind, words: Vec<u8>) -> Result<Vocabulary, QueryError> {
     Descriptors::new(kind, words).and_then(Vocabulary::new).map_err(|e| refused("vocabulary", &e))
-}
-
-pub(crate) fn kind_of_version_1(code: u32) -> Result<DescriptorKind, QueryError> {
-    DescriptorKind::from_v1_code(code).ok_or(QueryError::Field {
-        field: "descriptor_kind",
-        value: code,
-        allowed: "1 (RootSIFT)",
-    })
 }

@@ -20,6 +20,9 @@ use crate::{QueryError, SealedQuery};
 
 const WHAT: &str = "session";
 const MAGIC: &[u8] = b"vqrig1\n";
+/// What messages of every version begin with; digits and a line's end follow.
+const ANY_VERSION: &[u8] = b"vqrig";
+const VERSION: u32 = 1;
 
 /// A sealed query and where on its rig, the device, the image was taken.
 #[derive(Clone)]
@@ -81,11 +84,19 @@ impl RigMessage {
     /// Reads the bytes; they must hold nothing else.
     ///
     /// # Errors
-    /// [`QueryError`]: no such message, one cut short, another number of frames, a pose or a deviation that is none, or what
+    /// [`QueryError`]: no such message, one of another version, one cut short, another number of frames, a pose or a deviation that is none, or what
     /// [`SealedQuery::decode`] says of a frame.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
         let malformed = |reason: String| QueryError::Malformed { what: WHAT, reason };
-        let mut rest = bytes.strip_prefix(MAGIC).ok_or_else(|| malformed("another beginning".to_owned()))?;
+        let mut rest = bytes.strip_prefix(MAGIC).ok_or_else(|| match version_of(bytes) {
+            Some(found) => QueryError::Version {
+                what: WHAT,
+                found,
+                supported: VERSION,
+                remedy: "update the app that sealed it or the program that reads it, whichever is older",
+            },
+            None => malformed("another beginning".to_owned()),
+        })?;
         let count = take(&mut rest, 1).map_or(0, |byte| byte[0]);
         if !(1..=Self::MOST_FRAMES).contains(&usize::from(count)) {
             return Err(QueryError::Field { field: "frames", value: count.into(), allowed: "1 to 32" });
@@ -111,6 +122,12 @@ impl RigMessage {
         }
         if rest.is_empty() { Ok(Self { frames }) } else { Err(QueryError::NotCanonical { what: WHAT }) }
     }
+}
+
+/// The version that the first line names.
+fn version_of(bytes: &[u8]) -> Option<u32> {
+    let line = bytes.strip_prefix(ANY_VERSION)?.split(|byte| *byte == b'\n').next()?;
+    std::str::from_utf8(line).ok()?.parse().ok()
 }
 
 fn take<'a>(rest: &mut &'a [u8], count: usize) -> Option<&'a [u8]> {

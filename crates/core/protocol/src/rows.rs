@@ -6,13 +6,10 @@
 use std::f64::consts::FRAC_PI_2;
 
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_geometry::{Anchor, Pencils, Pinhole, Pixel, PixelLine};
+use veiloc_geometry::{Anchor, Pinhole, Pixel, PixelLine};
 
 use crate::bits::{BitReader, BitWriter};
-use crate::{
-    AnchoredLine, AngleBits, DclLayout, HalvesLayout, LayoutTurn, Observations, QueryError, Scheme,
-    WireVersion,
-};
+use crate::{AnchoredLine, AngleBits, LayoutTurn, Observations, QueryError, Scheme};
 
 /// Steps of a length per pixel.
 const STEPS_PER_PIXEL: f64 = 4.0;
@@ -65,53 +62,8 @@ impl LineRow {
     }
 }
 
-/// How the rows of `dcl` tell angles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AngleForm {
-    /// Versions 1 to 3: of half-lines in the image, over the half circle ([`crate::DualAnchors::angle_of`]).
-    HalfCircle,
-    /// Version 4: of half-planes about the anchor's direction, over the whole circle ([`Pencils::angle_of`]).
-    Circle,
-}
-
-impl AngleForm {
-    /// What it takes to tell this layout: two halves that are fixed in the image need no more than the half circle.
-    pub fn needed(layout: DclLayout, turn: LayoutTurn) -> Self {
-        match layout {
-            DclLayout::Halves(_) if turn.is_none() => Self::HalfCircle,
-            DclLayout::Halves(_) | DclLayout::Sectors(_) => Self::Circle,
-        }
-    }
-
-    /// The same of a scheme; those without anchors need no more than the half circle, unless something is turned.
-    pub fn of_scheme(scheme: Scheme, turn: LayoutTurn) -> Self {
-        match scheme {
-            Scheme::Dcl(layout) => Self::needed(layout, turn),
-            Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation if turn.is_none() => {
-                Self::HalfCircle
-            }
-            Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation => Self::Circle,
-        }
-    }
-
-    /// Of queries of this version.
-    pub const fn of(version: WireVersion) -> Self {
-        match version {
-            WireVersion::V1 | WireVersion::V2 | WireVersion::V3 => Self::HalfCircle,
-            WireVersion::V4 => Self::Circle,
-        }
-    }
-
-    /// Bits of an angle.
-    const fn bits(self, bits: AngleBits) -> u32 {
-        match self {
-            Self::HalfCircle => bits.get() as u32,
-            Self::Circle => bits.get() as u32 + 1,
-        }
-    }
-}
-
-/// Row of `dcl`: the anchor, and the angle at it.
+/// Row of `dcl`: the anchor, and the angle of a half-plane about its direction, over the whole circle
+/// ([`Pencils::angle_of`](veiloc_geometry::Pencils::angle_of)).
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct AnchoredRow {
     anchor: Anchor,
@@ -119,14 +71,15 @@ pub struct AnchoredRow {
 }
 
 impl AnchoredRow {
-    /// The row of a line of an anchor with this angle, in either form.
-    pub fn new(form: AngleForm, bits: AngleBits, anchor: Anchor, angle: f64) -> Self {
-        let angle = match form {
-            AngleForm::HalfCircle => bits.code_of(angle).into(),
-            AngleForm::Circle => bits.code_on_circle(angle),
-        };
-        Self { anchor, angle }
+    /// The row of a line of an anchor with this angle, radians of any turn.
+    pub fn new(bits: AngleBits, anchor: Anchor, angle: f64) -> Self {
+        Self { anchor, angle: bits.code_on_circle(angle) }
     }
+}
+
+/// Bits of an angle over the whole circle.
+const fn circle_bits(bits: AngleBits) -> u32 {
+    bits.get() as u32 + 1
 }
 
 /// Bits that tell one of so many anchors.
@@ -199,11 +152,10 @@ impl Rows {
 
     /// What the rows tell about an image of this camera. `None` when they are not of that scheme, or it is no camera.
     ///
-    /// `turn`: how the layout of `dcl` is turned against the camera; angles of half-lines need one that is not.
+    /// `turn`: how the layout of `dcl` is turned against the camera.
     pub fn observations(
         &self,
         scheme: Scheme,
-        form: AngleForm,
         bits: AngleBits,
         camera: &Pinhole,
         turn: LayoutTurn,
@@ -225,20 +177,11 @@ impl Rows {
             }
             (Self::Dcl(rows), Scheme::Dcl(layout)) => {
                 let pencils = layout.pencils(camera, turn)?;
-                let lines = match (form, layout) {
-                    (AngleForm::HalfCircle, DclLayout::Halves(halves)) if turn.is_none() => {
-                        of_half_lines(rows, halves, bits, &pencils)
-                    }
-                    (AngleForm::HalfCircle, _) => return None,
-                    (AngleForm::Circle, _) => {
-                        let line = |row: &AnchoredRow| AnchoredLine {
-                            anchor: row.anchor,
-                            angle: bits.angle_on_circle(row.angle),
-                        };
-                        rows.iter().map(line).collect()
-                    }
+                let line = |row: &AnchoredRow| AnchoredLine {
+                    anchor: row.anchor,
+                    angle: bits.angle_on_circle(row.angle),
                 };
-                Observations::Anchored { pencils, lines }
+                Observations::Anchored { pencils, lines: rows.iter().map(line).collect() }
             }
             (Self::Points(_) | Self::RandomLines(_) | Self::CoordinatePermutation(_) | Self::Dcl(_), _) => {
                 return None;
@@ -247,17 +190,17 @@ impl Rows {
     }
 
     /// Bits of one row.
-    pub(crate) fn bits_per_row(scheme: Scheme, form: AngleForm, bits: AngleBits) -> u32 {
+    pub(crate) fn bits_per_row(scheme: Scheme, bits: AngleBits) -> u32 {
         match scheme {
             Scheme::Points | Scheme::CoordinatePermutation => 2 * LENGTH_BITS,
             Scheme::RandomLines => u32::from(bits.get()) + LENGTH_BITS,
-            Scheme::Dcl(layout) => anchor_bits(layout.anchors()) + form.bits(bits),
+            Scheme::Dcl(layout) => anchor_bits(layout.anchors()) + circle_bits(bits),
         }
     }
 
     /// One after another, most significant bit first. The number of rows is a multiple of eight in every size
     /// class, so no byte is left half full.
-    pub(crate) fn pack(&self, scheme: Scheme, form: AngleForm, bits: AngleBits) -> Vec<u8> {
+    pub(crate) fn pack(&self, scheme: Scheme, bits: AngleBits) -> Vec<u8> {
         let angle_bits = u32::from(bits.get());
         let mut writer = BitWriter::with_capacity(self.len() * 4);
         match self {
@@ -274,10 +217,10 @@ impl Rows {
                 }
             }
             Self::Dcl(rows) => {
-                let of_row = Self::bits_per_row(scheme, form, bits);
+                let of_anchor = Self::bits_per_row(scheme, bits) - circle_bits(bits);
                 for row in rows {
-                    writer.write(row.anchor.index() as u32, of_row - form.bits(bits));
-                    writer.write(row.angle, form.bits(bits));
+                    writer.write(row.anchor.index() as u32, of_anchor);
+                    writer.write(row.angle, circle_bits(bits));
                 }
             }
         }
@@ -285,13 +228,7 @@ impl Rows {
     }
 
     /// Reads `count` rows from bytes whose length the caller has checked.
-    pub(crate) fn unpack(
-        scheme: Scheme,
-        form: AngleForm,
-        bits: AngleBits,
-        count: usize,
-        bytes: &[u8],
-    ) -> Self {
+    pub(crate) fn unpack(scheme: Scheme, bits: AngleBits, count: usize, bytes: &[u8]) -> Self {
         let angle_bits = u32::from(bits.get());
         let mut reader = BitReader::new(bytes);
         let mut position =
@@ -312,7 +249,7 @@ impl Rows {
                 let mut row = || AnchoredRow {
                     anchor: Anchor::new(reader.read(anchor_bits(layout.anchors())) as usize)
                         .expect("two bits tell four anchors"),
-                    angle: reader.read(form.bits(bits)),
+                    angle: reader.read(circle_bits(bits)),
                 };
                 Self::Dcl((0..count).map(|_| row()).collect())
             }
@@ -323,7 +260,6 @@ impl Rows {
     pub(crate) fn check(
         &self,
         scheme: Scheme,
-        form: AngleForm,
         bits: AngleBits,
         camera: &Pinhole,
         turn: LayoutTurn,
@@ -344,40 +280,16 @@ impl Rows {
             Self::Dcl(rows) => {
                 let Scheme::Dcl(layout) = scheme else { return Err(QueryError::Row { row: 0 }) };
                 let pencils = layout.pencils(camera, turn).ok_or(QueryError::Row { row: 0 })?;
-                let possible = |row: &AnchoredRow| match form {
-                    AngleForm::HalfCircle => {
-                        row.angle < bits.levels() && row.anchor.index() < layout.anchors()
-                    }
-                    AngleForm::Circle => {
-                        row.angle < bits.levels_of_circle()
-                            && row.anchor.index() < layout.anchors()
-                            && pencils.line(row.anchor, bits.angle_on_circle(row.angle)).is_some()
-                    }
+                let possible = |row: &AnchoredRow| {
+                    row.angle < bits.levels_of_circle()
+                        && row.anchor.index() < layout.anchors()
+                        && pencils.line(row.anchor, bits.angle_on_circle(row.angle)).is_some()
                 };
                 rows.iter().position(|row| !possible(row))
             }
         };
         bad.map_or(Ok(()), |row| Err(QueryError::Row { row }))
     }
-}
-
-/// Lines told by angles in the image.
-fn of_half_lines(
-    rows: &[AnchoredRow],
-    halves: HalvesLayout,
-    bits: AngleBits,
-    pencils: &Pencils,
-) -> Vec<AnchoredLine> {
-    let [width, height] = pencils.size();
-    let anchors = halves.anchors(width as u32, height as u32);
-    let line = |&AnchoredRow { anchor, angle }: &AnchoredRow| {
-        // Any pixel of the half-line has the angle of its half-plane.
-        let (start, direction) =
-            (anchors.position(anchor), anchors.ray_direction(anchor, bits.angle_of(angle as u16)));
-        let ahead = start.vector() + direction * height;
-        AnchoredLine { anchor, angle: pencils.angle_of(anchor, Pixel::new(ahead.x, ahead.y)) }
-    };
-    rows.iter().map(line).collect()
 }
 
 /// Nearest code of a length, pixels.

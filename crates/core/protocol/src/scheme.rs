@@ -91,22 +91,18 @@ impl Scheme {
         }
     }
 
-    /// The reverse, of version 4: `layout` are the bytes of a layout of sectors, empty where it has two halves.
+    /// The reverse: `layout` are the bytes of a layout of sectors, empty where there is none.
     pub(crate) fn with_layout(
         scheme: u32,
         angle: u32,
         distance: u32,
         layout: &[u8],
     ) -> Result<Self, QueryError> {
-        if scheme != 4 {
-            return Err(QueryError::Field {
-                field: "scheme",
-                value: scheme,
-                allowed: "4 (dcl) in version 4",
-            });
-        }
         if layout.is_empty() {
             return Self::from_codes(scheme, angle, distance);
+        }
+        if scheme != 4 {
+            return Err(QueryError::Length { field: "layout", expected: 0, actual: layout.len() });
         }
         for (field, value) in [("dividing_angle", angle), ("anchor_distance", distance)] {
             if value != 0 {
@@ -116,7 +112,7 @@ impl Scheme {
         SectorLayout::unpack(layout).map(|sectors| Self::Dcl(DclLayout::Sectors(sectors)))
     }
 
-    pub(crate) fn from_codes(scheme: u32, angle: u32, distance: u32) -> Result<Self, QueryError> {
+    fn from_codes(scheme: u32, angle: u32, distance: u32) -> Result<Self, QueryError> {
         let found = match scheme {
             1 => Self::Points,
             2 => Self::RandomLines,
@@ -267,7 +263,7 @@ mod tests {
             let scheme: Scheme = text.parse().expect("a layout");
             let ((a, b, c), bytes) = (scheme.codes(), scheme.layout_bytes());
             assert_eq!(Scheme::with_layout(a, b, c, &bytes).expect("own codes"), scheme);
-            assert!(Scheme::with_layout(1, 0, 0, &[]).is_err());
+            assert!(bytes.is_empty() || Scheme::with_layout(1, 0, 0, &bytes).is_err());
             assert!(bytes.is_empty() || Scheme::with_layout(a, 1, c, &bytes).is_err());
         }
         for (a, b, c) in [(0, 0, 0), (5, 0, 0), (1, 1, 0), (2, 0, 1), (4, 0, 0), (4, 18_000, 100)] {

@@ -3,10 +3,9 @@
 use veiloc_descriptor::{DescriptorView, Descriptors, GlobalDescriptor};
 use veiloc_geometry::Pinhole;
 
-use crate::profile::Wish;
 use crate::{
-    AngleBits, AngleForm, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Observations,
-    Profile, ProfileId, QueryError, Rows, Scheme, SizeClass, WireVersion,
+    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Observations, Profile,
+    ProfileId, QueryError, Rows, Scheme, SizeClass,
 };
 
 /// What a device sends to be localized.
@@ -20,7 +19,6 @@ use crate::{
 /// the same bytes again: a message has no second form in which something could hide.
 #[derive(Clone, PartialEq)]
 pub struct SealedQuery {
-    pub(crate) version: WireVersion,
     pub(crate) scheme: Scheme,
     pub(crate) angle_bits: AngleBits,
     pub(crate) camera: CanonicalCamera,
@@ -54,7 +52,7 @@ pub struct QueryParts {
 }
 
 impl SealedQuery {
-    /// Puts a query together from obfuscated rows, in [`Self::version_for`].
+    /// Puts a query together from obfuscated rows.
     ///
     /// The order of the rows and the making of the codes are the caller's duty (rules L2, L3, L9); clients use
     /// `veiloc_obfuscation::seal`. With a vocabulary the global descriptor is made here, from the descriptors that are
@@ -63,8 +61,7 @@ impl SealedQuery {
     /// # Errors
     /// [`QueryError::Mismatch`] when rows are not of the scheme, when descriptors or global descriptor are not the
     /// profile's, when there are not as many descriptors as rows, or when that number is no [`SizeClass`];
-    /// [`QueryError::Row`] for a row outside the image; [`QueryError::Unsayable`] for gravity, a focal length that is not
-    /// calibrated, or a layout of sectors or of a session, with a profile of version 1.
+    /// [`QueryError::Row`] for a row outside the image; [`QueryError::Field`] for a turn under another scheme than `dcl`.
     pub fn new(profile: &Profile, parts: QueryParts) -> Result<Self, QueryError> {
         let QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global, hints, turn } = parts;
         let mismatch =
@@ -82,10 +79,10 @@ impl SealedQuery {
         if SizeClass::from_rows(rows.len()).is_none() {
             return Err(mismatch("rows", "a size class".to_owned(), rows.len().to_string()));
         }
-        let version = Self::version_for(profile, scheme, turn)?;
+        turn.check(scheme)?;
         // The global descriptor is made of what is sent, to the bit.
         let descriptors = descriptors.settled();
-        rows.check(scheme, AngleForm::of(version), angle_bits, &camera.pinhole(), turn)?;
+        rows.check(scheme, angle_bits, &camera.pinhole(), turn)?;
         let model = profile.global_model();
         let told = image_global.as_ref().map_or_else(|| "none".to_owned(), |g| format!("{} codes", g.len()));
         let global = match (model.of_rows(descriptors.view()), image_global) {
@@ -99,52 +96,8 @@ impl SealedQuery {
                 return Err(mismatch("global descriptor of the image", expected, told));
             }
         };
-        sayable(hints, version)?;
-        let profile_id = profile
-            .id_for(version, Wish { scheme, angle_bits })
-            .expect("a profile can be written in its own version");
-        Ok(Self { version, scheme, angle_bits, camera, rows, descriptors, global, profile_id, hints, turn })
-    }
-
-    /// The version that queries sealed with a profile are written in: version 1 with one of version 1, because whoever gave it
-    /// may read nothing else; with one of version 2 version 4 where it takes that to say the layout, and version 3 otherwise.
-    ///
-    /// # Errors
-    /// [`QueryError::Unsayable`] for a layout that version 1 has no place for.
-    pub fn version_for(
-        profile: &Profile,
-        scheme: Scheme,
-        turn: LayoutTurn,
-    ) -> Result<WireVersion, QueryError> {
-        let is_plain = AngleForm::of_scheme(scheme, turn) == AngleForm::HalfCircle;
-        match (profile.version(), is_plain) {
-            (WireVersion::V1, true) => Ok(WireVersion::V1),
-            (WireVersion::V1, false) => {
-                let what = "this layout; seal as dcl:paper, each image for itself";
-                Err(QueryError::Unsayable { what, version: 1 })
-            }
-            (WireVersion::V2 | WireVersion::V3 | WireVersion::V4, true) => Ok(WireVersion::V3),
-            (WireVersion::V2 | WireVersion::V3 | WireVersion::V4, false) => Ok(WireVersion::V4),
-        }
-    }
-
-    /// The same query in version 2, for services that read no newer one. It is still one seal of one image: rows and
-    /// descriptors are the very same (rule L7).
-    ///
-    /// # Errors
-    /// [`QueryError::Unsayable`] when it is of version 1, or says what version 2 has no place for.
-    pub fn in_version_2(self) -> Result<Self, QueryError> {
-        sayable(self.hints, WireVersion::V2)?;
-        match self.version {
-            WireVersion::V1 => Err(QueryError::Unsayable { what: "the profile of version 1", version: 2 }),
-            WireVersion::V2 | WireVersion::V3 => Ok(Self { version: WireVersion::V2, ..self }),
-            WireVersion::V4 => Err(QueryError::Unsayable { what: "this layout", version: 2 }),
-        }
-    }
-
-    /// The version it is written in.
-    pub const fn version(&self) -> WireVersion {
-        self.version
+        let profile_id = profile.id();
+        Ok(Self { scheme, angle_bits, camera, rows, descriptors, global, profile_id, hints, turn })
     }
 
     /// How positions were obfuscated.
@@ -182,7 +135,7 @@ impl SealedQuery {
         self.descriptors.view()
     }
 
-    /// How well the focal length of [`Self::camera`] is known. Versions 1 and 2 do not say: those were calibrated.
+    /// How well the focal length of [`Self::camera`] is known.
     pub const fn focal_known(&self) -> FocalKnowledge {
         self.hints.focal
     }
@@ -210,27 +163,8 @@ impl SealedQuery {
     /// What is known of each row's position.
     pub fn observations(&self) -> Observations {
         self.rows
-            .observations(
-                self.scheme,
-                AngleForm::of(self.version),
-                self.angle_bits,
-                &self.camera.pinhole(),
-                self.turn,
-            )
+            .observations(self.scheme, self.angle_bits, &self.camera.pinhole(), self.turn)
             .expect("the constructors refuse rows of another scheme")
-    }
-}
-
-/// Whether a version has a place for what a device says of its camera.
-fn sayable(hints: Hints, version: WireVersion) -> Result<(), QueryError> {
-    let refused = |what| Err(QueryError::Unsayable { what, version: version.number() });
-    match (version, hints) {
-        (WireVersion::V3 | WireVersion::V4, _) => Ok(()),
-        (_, Hints { gravity: Some(_), .. }) => refused("which way is down"),
-        (_, Hints { focal: FocalKnowledge::Calibrated, .. }) => Ok(()),
-        (_, Hints { focal: FocalKnowledge::Exif | FocalKnowledge::Unknown, .. }) => {
-            refused("that a focal length is not calibrated")
-        }
     }
 }
 

@@ -4,7 +4,7 @@ use prost::Message;
 
 use veiloc_descriptor::{DescriptorError, DescriptorKind, Encoding};
 
-use crate::{QueryError, WireVersion};
+use crate::QueryError;
 
 /// What all messages begin with.
 #[derive(Clone, PartialEq, Message)]
@@ -16,63 +16,6 @@ pub(crate) struct VersionMessage {
 #[derive(Clone, PartialEq, Message)]
 #[prost(skip_debug)]
 pub(crate) struct SealedQueryMessage {
-    #[prost(fixed32, optional, tag = "1")]
-    pub version: Option<u32>,
-    #[prost(bytes = "vec", optional, tag = "2")]
-    pub profile_id: Option<Vec<u8>>,
-    #[prost(fixed32, optional, tag = "3")]
-    pub scheme: Option<u32>,
-    #[prost(fixed32, optional, tag = "4")]
-    pub dividing_angle: Option<u32>,
-    #[prost(fixed32, optional, tag = "5")]
-    pub anchor_distance: Option<u32>,
-    #[prost(fixed32, optional, tag = "6")]
-    pub angle_bits: Option<u32>,
-    #[prost(fixed32, optional, tag = "7")]
-    pub camera_focal: Option<u32>,
-    #[prost(fixed32, optional, tag = "8")]
-    pub camera_width: Option<u32>,
-    #[prost(fixed32, optional, tag = "9")]
-    pub camera_height: Option<u32>,
-    #[prost(fixed32, optional, tag = "10")]
-    pub rows: Option<u32>,
-    #[prost(fixed32, optional, tag = "11")]
-    pub descriptor_kind: Option<u32>,
-    #[prost(bytes = "vec", optional, tag = "12")]
-    pub positions: Option<Vec<u8>>,
-    #[prost(bytes = "vec", optional, tag = "13")]
-    pub descriptors: Option<Vec<u8>>,
-    #[prost(bytes = "vec", optional, tag = "14")]
-    pub global: Option<Vec<u8>>,
-}
-
-#[derive(Clone, PartialEq, Message)]
-#[prost(skip_debug)]
-pub(crate) struct ProfileMessage {
-    #[prost(fixed32, optional, tag = "1")]
-    pub version: Option<u32>,
-    #[prost(fixed32, optional, tag = "2")]
-    pub scheme: Option<u32>,
-    #[prost(fixed32, optional, tag = "3")]
-    pub dividing_angle: Option<u32>,
-    #[prost(fixed32, optional, tag = "4")]
-    pub anchor_distance: Option<u32>,
-    #[prost(fixed32, optional, tag = "5")]
-    pub angle_bits: Option<u32>,
-    #[prost(fixed32, optional, tag = "6")]
-    pub descriptor_kind: Option<u32>,
-    #[prost(fixed32, optional, tag = "7")]
-    pub max_keypoints: Option<u32>,
-    #[prost(fixed32, optional, tag = "8")]
-    pub max_image_side: Option<u32>,
-    #[prost(bytes = "vec", optional, tag = "9")]
-    pub vocabulary: Option<Vec<u8>>,
-}
-
-/// Version 4, version 3, which lacks the last four fields, and version 2, which lacks two more.
-#[derive(Clone, PartialEq, Message)]
-#[prost(skip_debug)]
-pub(crate) struct SealedQueryMessageV4 {
     #[prost(fixed32, optional, tag = "1")]
     pub version: Option<u32>,
     #[prost(bytes = "vec", optional, tag = "2")]
@@ -123,7 +66,7 @@ pub(crate) struct SealedQueryMessageV4 {
 
 #[derive(Clone, PartialEq, Message)]
 #[prost(skip_debug)]
-pub(crate) struct ProfileMessageV2 {
+pub(crate) struct ProfileMessage {
     #[prost(fixed32, optional, tag = "1")]
     pub version: Option<u32>,
     #[prost(string, optional, tag = "2")]
@@ -146,7 +89,7 @@ pub(crate) struct ProfileMessageV2 {
     pub vocabulary: Option<Vec<u8>>,
 }
 
-/// A descriptor kind as version 2 tells it.
+/// A descriptor kind as the messages tell it.
 pub(crate) struct KindFields {
     pub(crate) name: String,
     pub(crate) dim: u32,
@@ -191,24 +134,36 @@ pub(crate) fn refused(what: &'static str, error: &DescriptorError) -> QueryError
     QueryError::Descriptor { what, reason: error.to_string() }
 }
 
-/// The first step of strict reading: bounded size, a protobuf message, a known version.
-pub(crate) fn version_of(
-    what: &'static str,
-    bytes: &[u8],
-    limit: usize,
-    versions: &[WireVersion],
-) -> Result<WireVersion, QueryError> {
-    if bytes.len() > limit {
-        return Err(QueryError::TooLong { what, bytes: bytes.len(), limit });
+/// What a kind of message is called, how long it may be, and which version of it is read here.
+#[derive(Clone, Copy)]
+pub(crate) struct Format {
+    pub(crate) what: &'static str,
+    /// Bytes.
+    pub(crate) limit: usize,
+    pub(crate) version: u32,
+    /// What to do about a message of another version.
+    pub(crate) remedy: &'static str,
+}
+
+impl Format {
+    /// The first step of strict reading: bounded size, a protobuf message, the version that is read here.
+    ///
+    /// The version is read alone first: a message of another one may have other types in its fields.
+    pub(crate) fn message<M: Message + Default>(&self, bytes: &[u8]) -> Result<M, QueryError> {
+        let &Self { what, limit, version, remedy } = self;
+        if bytes.len() > limit {
+            return Err(QueryError::TooLong { what, bytes: bytes.len(), limit });
+        }
+        let found = present("version", message::<VersionMessage>(what, bytes)?.version)?;
+        if found != version {
+            return Err(QueryError::Version { what, found, supported: version, remedy });
+        }
+        message(what, bytes)
     }
-    let found = present("version", message::<VersionMessage>(what, bytes)?.version)?;
-    let supported = versions.iter().map(|version| version.number()).max().unwrap_or_default();
-    let known = versions.iter().copied().find(|known| known.number() == found);
-    known.ok_or(QueryError::Version { what, found, supported })
 }
 
 /// Bytes as a protobuf message.
-pub(crate) fn message<M: Message + Default>(what: &'static str, bytes: &[u8]) -> Result<M, QueryError> {
+fn message<M: Message + Default>(what: &'static str, bytes: &[u8]) -> Result<M, QueryError> {
     M::decode(bytes).map_err(|e| QueryError::Malformed { what, reason: e.to_string() })
 }
 

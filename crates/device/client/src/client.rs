@@ -14,12 +14,9 @@ use crate::{ClientError, ClientOptions, LocalizeRequest};
 const MAX_PROFILE: u64 = 2 << 20;
 /// Most bytes of an answer or a refusal.
 const MAX_ANSWER: u64 = 64 << 10;
-/// What a sealed query is sent as, and what the queries of a session are.
-const QUERY: &str = "application/x-protobuf";
+/// What a sealed query is sent as and an answer wanted in, and what the queries of a session are.
+const PROTOBUF: &str = "application/x-protobuf";
 const SESSION: &str = "application/octet-stream";
-/// Answers of one length, whatever they say; from an older service those it has.
-const ACCEPT: &str =
-    "application/x-protobuf;version=3, application/x-protobuf;version=2;q=0.8, application/x-protobuf;q=0.5";
 
 /// A service, and who asks it. Calls block; one client may be used by several threads.
 pub struct Client {
@@ -42,8 +39,6 @@ impl Client {
     }
 
     /// The current profile of a map: the kept one when the service says that it still is.
-    ///
-    /// What a profile of version 1 wishes to happen to positions is obeyed by nobody; whoever seals chooses.
     ///
     /// # Errors
     /// [`ClientError`]: the map's name, a refusal, the network, or bytes that are no profile.
@@ -91,7 +86,7 @@ impl Client {
     ) -> Result<Answer, ClientError> {
         let url = self.transport.address().of_map(map, "localize")?;
         query.check_sides()?;
-        self.ask(&url, QUERY, &query.encode(), request)
+        self.ask(&url, PROTOBUF, &query.encode(), request)
     }
 
     /// The pose of a device that took several images and measured how it moved between them: the answer's pose is that of
@@ -129,7 +124,7 @@ impl Client {
     ) -> Result<Answer, ClientError> {
         let mut headers = request.headers();
         headers.push(("content-type", content_type.to_owned()));
-        let reply = self.transport.post(url, ACCEPT, &headers, body, MAX_ANSWER)?;
+        let reply = self.transport.post(url, PROTOBUF, &headers, body, MAX_ANSWER)?;
         if reply.status != 200 {
             return Err(refused(&reply));
         }
@@ -153,7 +148,7 @@ impl fmt::Debug for Client {
 /// Whether a reply says of itself that it is protobuf: a page of a hotel's network does not.
 fn check_type(reply: &Reply) -> Result<(), String> {
     let name = reply.content_type.split(';').next().unwrap_or_default().trim();
-    if name.eq_ignore_ascii_case("application/x-protobuf") {
+    if name.eq_ignore_ascii_case(PROTOBUF) {
         return Ok(());
     }
     Err(format!("it is {:?}, not protobuf; perhaps another service answered", printable(name)))

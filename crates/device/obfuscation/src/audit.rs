@@ -7,7 +7,7 @@ use rand::{CryptoRng, Rng};
 use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
 use veiloc_geometry::{Intrinsics, Pinhole, Pixel};
-use veiloc_protocol::{AngleBits, AngleForm, LayoutTurn, Observations, Profile, Scheme, SealedQuery};
+use veiloc_protocol::{AngleBits, LayoutTurn, Observations, Profile, Scheme, SealedQuery};
 
 use crate::decoy;
 use crate::places::{Places, dither};
@@ -121,10 +121,7 @@ pub fn obfuscate_points(
         other => other,
     })?;
     let rows = select(&rows, places.of.iter().copied());
-    let form = AngleForm::of_scheme(*scheme, turn);
-    Ok(rows
-        .observations(*scheme, form, angle_bits, &camera, turn)
-        .expect("the rows were lifted under this scheme"))
+    Ok(rows.observations(*scheme, angle_bits, &camera, turn).expect("the rows were lifted under this scheme"))
 }
 
 /// Decoys as [`crate::seal`] invents them beside rows with these keypoints and descriptors, `count` of each. For

@@ -146,7 +146,7 @@ pub(crate) fn seal_frame<T>(
             if of.all(|anchor| Some(anchor) == first) {
                 return Err(SealError::OneSided { keypoints: usable.len() });
             }
-            (dcl.rows(&dithered, &told), told)
+            (dcl.rows(&told), told)
         }
         None => (lift(&dithered, &pinhole, scheme, angle_bits, rng)?, Vec::new()),
     };

@@ -6,7 +6,7 @@
 use bytes::Bytes;
 use prost::Message;
 use veiloc_map::regions::ObjectId;
-use veiloc_protocol::{Answer, AnswerVersion, PositionHint};
+use veiloc_protocol::{Answer, PositionHint};
 use veiloc_service::{Kind, NoPose, Unanswered};
 
 use std::num::NonZeroU64;
@@ -287,10 +287,7 @@ impl Reply {
                 frame.regions = candidates.iter().map(|candidate| candidate.region).collect();
                 frame.held = candidates.iter().map(|candidate| candidate.held).collect();
             }
-            // Every answer can be said in the newest version.
-            Said::Pose(answer) => {
-                frame.answer = answer.encode(AnswerVersion::Full).unwrap_or_default().into();
-            }
+            Said::Pose(answer) => frame.answer = answer.encode().into(),
             Said::Unanswered(Unanswered::Busy { retry_after } | Unanswered::Unreached { retry_after })
             | Said::Elsewhere(Why::Busy { retry_after }) => {
                 frame.retry_after =

@@ -263,7 +263,7 @@ impl IntoResponse for Problem {
         }
         response.extensions_mut().insert(ProblemKind(kind));
         response.extensions_mut().insert(Arc::new(document));
-        response.extensions_mut().insert(Hidden::Body);
+        response.extensions_mut().insert(Hidden);
         response
     }
 }

@@ -126,10 +126,7 @@ pub fn remove(
             let views: Vec<DescriptorView<'_>> =
                 staying.iter().map(|i| model.images[*i].descriptors.view()).collect();
             let vocabulary = learn(&views, &settings, progress)?;
-            let old = &model.profile;
-            let new = Profile::vlad(vocabulary).with_limits(old.limits())?;
-            // Devices that know version 1 only go on being served.
-            Some(old.wish().and_then(|wish| new.to_v1(wish)).unwrap_or(new))
+            Some(Profile::vlad(vocabulary).with_limits(model.profile.limits())?)
         }
     };
 

@@ -2,11 +2,11 @@
 
 use super::common;
 
-use veiloc_protocol::{Answer, AnswerDocument, AnswerVersion};
+use veiloc_protocol::{Answer, AnswerDocument};
 
 #[test]
 fn a_document_tells_what_the_answer_tells() {
-    let answer: Answer = common::answer_in(AnswerVersion::Full, 5, 2);
+    let answer: Answer = common::answer_with_fit(5, 2);
     let pose = answer.pose.expect("a pose");
     let document = serde_json::to_value(AnswerDocument::new("lobby", &answer)).expect("JSON");
     assert_eq!(document["version"], 1);
@@ -38,7 +38,7 @@ fn a_document_tells_what_the_answer_tells() {
 /// A pose that is withheld is not there at all; everything else is.
 #[test]
 fn a_withheld_pose_is_absent() {
-    let answer = common::answer_in(AnswerVersion::Full, 5, 1);
+    let answer = common::answer_with_fit(5, 1);
     let fields = |answer: &Answer| -> Vec<String> {
         let document = serde_json::to_value(AnswerDocument::new("lobby", answer)).expect("JSON");
         document.as_object().expect("fields").keys().cloned().collect()

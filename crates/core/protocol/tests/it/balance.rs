@@ -3,8 +3,8 @@
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
 use veiloc_protocol::{
-    AnchoredRow, AngleBits, AngleForm, CanonicalCamera, Hints, LEAST_A_SIDE, LayoutTurn, LineRow, Lopsided,
-    Profile, QueryParts, Rows, SealedQuery,
+    AnchoredRow, AngleBits, CanonicalCamera, Hints, LEAST_A_SIDE, LayoutTurn, LineRow, Lopsided, Profile,
+    QueryParts, Rows, SealedQuery,
 };
 
 fn query(scheme: &str, rows: Rows) -> SealedQuery {
@@ -29,14 +29,7 @@ fn query(scheme: &str, rows: Rows) -> SealedQuery {
 /// So many rows of the second anchor, the others of the first.
 fn dcl(second: usize) -> SealedQuery {
     let bits = AngleBits::default();
-    let row = |i| {
-        AnchoredRow::new(
-            AngleForm::HalfCircle,
-            bits,
-            if i < second { Anchor::SECOND } else { Anchor::FIRST },
-            1.0,
-        )
-    };
+    let row = |i| AnchoredRow::new(bits, if i < second { Anchor::SECOND } else { Anchor::FIRST }, 1.0);
     query("dcl", Rows::Dcl((0..256).map(row).collect()))
 }
 

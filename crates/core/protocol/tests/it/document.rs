@@ -5,6 +5,7 @@ use super::common;
 use std::f64::consts::PI;
 
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+use veiloc_geometry::nalgebra::Vector3;
 use veiloc_protocol::{
     AngleBits, CanonicalCamera, DclLayout, Hints, LayoutTurn, Observations, Profile, QueryParts, Rows,
     Scheme, SealedQuery, SizeClass,
@@ -12,7 +13,7 @@ use veiloc_protocol::{
 
 /// Length of a sealed query for a vocabulary of 64 words, by making one.
 fn length(scheme: Scheme, class: SizeClass) -> usize {
-    let small = common::query_with(&common::profile_v2(), scheme, AngleBits::default(), class.rows(), 1);
+    let small = common::query_with(&common::profile(), scheme, AngleBits::default(), class.rows(), 1);
     // The messages of the tests have a global descriptor of 4 words: 60 words are missing, and the prefix that tells
     // the length of the field has two bytes for 512 bytes as for 8192.
     small.encode().len() + 60 * 128
@@ -93,8 +94,8 @@ fn dumped(section: &str) -> Vec<(usize, Vec<u8>, usize, String)> {
 fn the_dump_of_a_query_is_what_the_reader_reads() {
     let document = document();
     let (_, section) = document.split_once("### A query, byte by byte").expect("the section");
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/v3-exif-gravity.vquery");
-    assert!(section.contains("crates/core/protocol/tests/data/v3-exif-gravity.vquery"));
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/exif-gravity.vquery");
+    assert!(section.contains("crates/core/protocol/tests/data/exif-gravity.vquery"));
     let file = std::fs::read(path).expect("the known answer");
     let fields = dumped(section);
 
@@ -116,7 +117,7 @@ fn the_dump_of_a_query_is_what_the_reader_reads() {
     let gravity = query.gravity().expect("it is told");
     let fixed = |name: &str, value: u32| (name.to_owned(), value);
     let numbers = [
-        fixed("version", 3),
+        fixed("version", 1),
         fixed("scheme", 4),
         fixed("dividing_angle", angle),
         fixed("anchor_distance", distance),
@@ -149,7 +150,7 @@ fn the_dump_of_a_query_is_what_the_reader_reads() {
     );
     assert_eq!(said_of("profile_id").1, query.profile_id().to_string());
     assert_eq!(said_of("descriptor_name").1, kind.name());
-    assert_eq!(said_of("positions").1, format!("{} bytes", 256 * 13 / 8));
+    assert_eq!(said_of("positions").1, format!("{} bytes", 256 * 14 / 8));
     assert_eq!(said_of("descriptors").1, format!("{} bytes", query.descriptors().as_bytes().len()));
     assert_eq!(said_of("global").1, format!("{} bytes", 4 * 128));
 
@@ -168,22 +169,24 @@ fn the_dump_of_a_query_is_what_the_reader_reads() {
         let said = said.strip_prefix(&format!("row {row}: anchor ")).expect("in order");
         let (anchor, code) = said.split_once(", angle ").expect("both");
         let code: f64 = code.parse().expect("a number");
-        let line = pencils.along(lines[row].anchor, lines[row].angle).expect("it meets the image");
-        // Of 480 rows of pixels, s = 1: anchors in the middle of the top and of the bottom edge, e towards the centre.
-        let (anchor_v, e) = if anchor == "0" { (0.0, [0.0, 1.0]) } else { (480.0, [0.0, -1.0]) };
+        // 480 rows of pixels, s = 1, 512 pixels of focal length; e is the direction of sight.
+        let down = if anchor == "0" { -240.0 / 512.0 } else { 240.0 / 512.0 };
+        let d = Vector3::new(0.0, down, 1.0).normalize();
+        let zero = (Vector3::z() - d * d.z).normalize();
         let (sin, cos) = ((code + 0.5) * PI / 4096.0).sin_cos();
-        let direction = [e[0] * cos - e[1] * sin, e[1] * cos + e[0] * sin];
-        for (found, expected) in [
-            (line.origin.u, 320.0),
-            (line.origin.v, anchor_v),
-            (line.direction.x, direction[0]),
-            (line.direction.y, direction[1]),
-        ] {
-            assert!((found - expected).abs() < 1e-9, "row {row}: {found} and not {expected}");
-        }
+        let inward = zero * cos + d.cross(&zero) * sin;
+        let [found_d, found_zero, found_quarter] = pencils.frame(lines[row].anchor);
+        let (found_sin, found_cos) = lines[row].angle.sin_cos();
+        assert!((found_d - d).norm() < 1e-9, "row {row}: {found_d} and not {d}");
+        let found = found_zero * found_cos + found_quarter * found_sin;
+        assert!((found - inward).norm() < 1e-9, "row {row}: {found} and not {inward}");
         if row == 0 {
-            let told = format!("`({:.6}, {:.6})`", direction[0], direction[1]).replace('-', "−");
-            assert!(section.contains(&told), "{told}");
+            for v in [d, inward] {
+                let told = format!("`({:.6}, {:.6}, {:.6})`", v.x, v.y, v.z).replace('-', "−");
+                assert!(section.contains(&told), "{told}");
+            }
+            let bits = format!("`{anchor} {code:013b}`", code = code as u32);
+            assert!(section.contains(&bits), "{bits}");
             assert!(section.contains(&format!("`φ = {} · π / 4096`", code + 0.5)));
         }
     }

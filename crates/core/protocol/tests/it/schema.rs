@@ -3,7 +3,7 @@
 use super::common;
 
 use prost_reflect::prost::Message;
-use prost_reflect::{DescriptorPool, DynamicMessage, Value};
+use prost_reflect::{DescriptorPool, DynamicMessage};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_protocol::{
     AngleBits, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Profile, Scheme, SealedQuery,
@@ -11,14 +11,7 @@ use veiloc_protocol::{
 
 fn pool() -> DescriptorPool {
     let proto = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../proto");
-    let files = [
-        "veiloc/v1/sealed_query.proto",
-        "veiloc/v1/profile.proto",
-        "veiloc/v2/sealed_query.proto",
-        "veiloc/v2/profile.proto",
-        "veiloc/v3/sealed_query.proto",
-        "veiloc/v4/sealed_query.proto",
-    ];
+    let files = ["veiloc/v1/sealed_query.proto", "veiloc/v1/profile.proto"];
     let set = protox::compile(files, [proto]).expect("the schema compiles");
     DescriptorPool::from_file_descriptor_set(set).expect("the schema is complete")
 }
@@ -56,7 +49,8 @@ fn sealed_queries_are_what_the_schema_says() {
                 ("camera_width", 20),
                 ("camera_height", 15),
                 ("rows", 256),
-                ("descriptor_kind", 1),
+                ("descriptor_dim", 128),
+                ("turn_x", 0),
             ];
             for (field, value) in expected {
                 assert_eq!(number(&message, field), value, "{field} of {scheme}");
@@ -70,49 +64,25 @@ fn sealed_queries_are_what_the_schema_says() {
     }
 }
 
-#[test]
-fn profiles_are_what_the_schema_says() {
-    let profile = common::profile(Scheme::default(), AngleBits::default());
-    let message = reread("veiloc.v1.Profile", &profile.encode());
-    for (field, value) in [
-        ("version", 1),
-        ("scheme", 4),
-        ("dividing_angle", 9000),
-        ("anchor_distance", 100),
-        ("angle_bits", 12),
-        ("descriptor_kind", 1),
-        ("max_keypoints", 2048),
-        ("max_image_side", 1600),
-    ] {
-        assert_eq!(number(&message, field), value, "{field}");
-    }
-    let vocabulary = message.get_field_by_name("vocabulary").expect("in the schema");
-    assert_eq!(
-        vocabulary.as_ref(),
-        &Value::Bytes(profile.vocabulary().expect("VLAD").words().as_bytes().to_vec().into())
-    );
-    assert_eq!(Profile::decode(&message.encode_to_vec()).expect("unchanged"), profile);
-}
-
 fn text(message: &DynamicMessage, field: &str) -> String {
     let value = message.get_field_by_name(field).unwrap_or_else(|| panic!("{field}"));
     value.as_str().expect("text").to_owned()
 }
 
 #[test]
-fn version_2_is_what_its_schema_says() {
+fn kinds_and_hints_are_what_the_schema_says() {
     for (profile, name, dim, encoding, norm, global, codes) in [
-        (common::profile_v2(), "sift", 128, 1, 512, "vlad", 512),
+        (common::profile(), "sift", 128, 1, 512, "vlad", 512),
         (common::own_profile(), "own-kind", 48, 2, 300, "own-global", 40),
         (common::compact_profile(), "compact", 64, 3, 374, "vlad", 256),
     ] {
-        let message = reread("veiloc.v2.Profile", &profile.encode());
+        let message = reread("veiloc.v1.Profile", &profile.encode());
         assert_eq!(
             (text(&message, "descriptor_name"), text(&message, "global_name")),
             (name.into(), global.into())
         );
         for (field, value) in [
-            ("version", 2),
+            ("version", 1),
             ("descriptor_dim", dim),
             ("descriptor_encoding", encoding),
             ("descriptor_norm", norm),
@@ -128,19 +98,13 @@ fn version_2_is_what_its_schema_says() {
         let gravity = CoarseGravity::new([0.0, 1.0, 0.25], 4.0).expect("a direction");
         let hints = Hints { focal: FocalKnowledge::Exif, gravity: Some(gravity) };
         let query = common::query_saying(hints, &profile, scheme, AngleBits::default(), 512, 5);
-        let message = reread("veiloc.v3.SealedQuery", &query.encode());
+        let message = reread("veiloc.v1.SealedQuery", &query.encode());
         // (0, 0.8, 0.2) on the octahedron: cells 128 and 230; class 3, as 4 degrees are half a degree times 2^3.
         assert_eq!(number(&message, "focal_known"), 2);
         assert_eq!(number(&message, "gravity"), 1 + (3 * 256 + 128) * 256 + 230);
-        assert_eq!(number(&message, "version"), 3);
-        assert_eq!(SealedQuery::decode(&message.encode_to_vec()).expect("unchanged"), query);
-
-        let query = common::query_with(&profile, scheme, AngleBits::default(), 512, 5);
-        let query = common::in_version_2(query);
-        let message = reread("veiloc.v2.SealedQuery", &query.encode());
         assert_eq!(text(&message, "descriptor_name"), name);
         for (field, value) in [
-            ("version", 2),
+            ("version", 1),
             ("scheme", 4),
             ("dividing_angle", 0),
             ("anchor_distance", 200),
@@ -162,16 +126,16 @@ fn version_2_is_what_its_schema_says() {
 }
 
 #[test]
-fn version_4_is_what_its_schema_says() {
+fn layouts_and_turns_are_what_the_schema_says() {
     let turn = LayoutTurn::new(&Rotation3::from_scaled_axis(Vector3::new(0.5, -0.25, 0.0))).expect("finite");
     for (scheme, turn, distance, layout, code) in [
         ("dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0", LayoutTurn::default(), 0, 26, 0),
         ("dcl:horizontal,s=2", turn, 200, 0, 500_000),
     ] {
         let scheme: Scheme = scheme.parse().expect("a scheme");
-        let query = common::query_turned(turn, &common::profile_v2(), scheme, 5);
-        let message = reread("veiloc.v4.SealedQuery", &query.encode());
-        for (field, value) in [("version", 4), ("scheme", 4), ("anchor_distance", distance), ("turn_x", code)]
+        let query = common::query_turned(turn, &common::profile(), scheme, 5);
+        let message = reread("veiloc.v1.SealedQuery", &query.encode());
+        for (field, value) in [("version", 1), ("scheme", 4), ("anchor_distance", distance), ("turn_x", code)]
         {
             assert_eq!(number(&message, field), value, "{field}");
         }
@@ -201,26 +165,6 @@ fn the_schema_has_these_fields_and_no_more() {
             "camera_width",
             "camera_height",
             "rows",
-            "descriptor_kind",
-            "positions",
-            "descriptors",
-            "global",
-        ]
-    );
-    assert_eq!(names("veiloc.v1.Profile").len(), 9);
-    assert_eq!(
-        names("veiloc.v2.SealedQuery"),
-        [
-            "version",
-            "profile_id",
-            "scheme",
-            "dividing_angle",
-            "anchor_distance",
-            "angle_bits",
-            "camera_focal",
-            "camera_width",
-            "camera_height",
-            "rows",
             "descriptor_name",
             "descriptor_dim",
             "descriptor_encoding",
@@ -228,17 +172,17 @@ fn the_schema_has_these_fields_and_no_more() {
             "positions",
             "descriptors",
             "global",
+            "focal_known",
+            "gravity",
+            "layout",
+            "turn_x",
+            "turn_y",
+            "turn_z",
         ]
     );
-    let mut v3 = names("veiloc.v2.SealedQuery");
-    v3.extend(["focal_known".to_owned(), "gravity".to_owned()]);
-    assert_eq!(names("veiloc.v3.SealedQuery"), v3);
-    let mut v4 = v3;
-    v4.extend(["layout", "turn_x", "turn_y", "turn_z"].map(str::to_owned));
-    assert_eq!(names("veiloc.v4.SealedQuery"), v4);
     // No scheme and no angle bits: an operator has no field to wish for less protection in.
     assert_eq!(
-        names("veiloc.v2.Profile"),
+        names("veiloc.v1.Profile"),
         [
             "version",
             "descriptor_name",

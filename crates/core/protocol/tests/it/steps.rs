@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{own_profile, profile, profile_v2, profiles, query_with};
+use common::{own_profile, profile, profiles, query_with};
 use veiloc_protocol::{AngleBits, Observations, Profile, QueryError, Scheme, SealedQuery, SizeClass};
 
 const SCHEMES: [&str; 4] = ["points", "random-lines", "coordinate-permutation", "dcl"];
@@ -29,7 +29,7 @@ fn begins(all: &Observations, first: &Observations) -> bool {
 fn l7_steps_are_beginnings_of_one_seal() {
     for scheme in SCHEMES {
         let scheme_of: Scheme = scheme.parse().expect("a scheme");
-        for profile in profiles(scheme_of, AngleBits::default()) {
+        for profile in profiles() {
             let whole = query(&profile, scheme, 2048);
             let sizes: Vec<usize> = whole.step_sizes().map(SizeClass::rows).collect();
             assert_eq!(sizes, [256, 512, 1024, 2048]);
@@ -56,7 +56,7 @@ fn l7_steps_are_beginnings_of_one_seal() {
 /// The global descriptor of all rows would tell of those that are not sent.
 #[test]
 fn the_global_descriptor_knows_the_sent_rows_alone() {
-    let profile = profile_v2();
+    let profile = profile();
     let whole = query(&profile, "dcl", 1024);
     let step = whole.first_rows(SizeClass::Rows256, &profile).expect("it has as many");
     let of_rows = profile.global_model().of_rows(step.descriptors()).expect("a vocabulary");
@@ -70,12 +70,9 @@ fn the_global_descriptor_knows_the_sent_rows_alone() {
 
 #[test]
 fn what_is_no_step_is_refused() {
-    let whole = query(&profile_v2(), "dcl", 512);
-    let refused = whole.first_rows(SizeClass::Rows1024, &profile_v2()).expect_err("too few");
+    let whole = query(&profile(), "dcl", 512);
+    let refused = whole.first_rows(SizeClass::Rows1024, &profile()).expect_err("too few");
     assert!(matches!(refused, QueryError::Mismatch { what: "rows", .. }), "{refused}");
     let refused = whole.first_rows(SizeClass::Rows256, &own_profile()).expect_err("another profile");
     assert!(matches!(refused, QueryError::WrongProfile { .. }), "{refused}");
-    // Version 1 names the scheme in the profile's name, and is read for ever.
-    let old = profile("dcl".parse().expect("a scheme"), AngleBits::default());
-    assert_eq!(query(&old, "dcl", 512).first_rows(SizeClass::Rows256, &old).expect("version 1").len(), 256);
 }

@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use common::{Service, known, problem, protobuf, query, quick, recording, reply};
 use veiloc_client::{Answer, AnswerState, Client, ClientError, LocalizeRequest, Profile};
-use veiloc_protocol::AnswerVersion;
 
 fn bad_answer(replies: Vec<Vec<u8>>) -> String {
     let service = Service::saying(replies);
@@ -18,7 +17,7 @@ fn bad_answer(replies: Vec<Vec<u8>>) -> String {
 
 #[test]
 fn answers_that_are_none_are_refused() {
-    let good = known("v2.answer");
+    let good = known("without-fit.answer");
     let html = reply("200 OK", &[("content-type", "text/html\u{1b}[2J")], b"<h1>Welcome to the hotel</h1>");
     assert!(
         bad_answer(vec![reply("200 OK", &[("content-type", "text/html")], b"<h1>Hotel</h1>")])
@@ -70,10 +69,9 @@ fn words_of_the_service_are_fit_for_a_screen() {
     let error = service.client().localize("place", &query()).expect_err("refused");
     assert!(error.to_string().len() < 600, "{} characters", error.to_string().len());
 
-    let mut answer = Answer::decode(&known("v2.answer")).expect("version 2");
+    let mut answer = Answer::decode(&known("without-fit.answer")).expect("a known answer");
     answer.doubts[0].text = "\u{1b}[31mno\u{9b}2J\u{2066}doubt\n".to_owned();
-    let service =
-        Service::saying(vec![protobuf(&answer.encode(AnswerVersion::Padded).expect("it has a pose"))]);
+    let service = Service::saying(vec![protobuf(&answer.encode())]);
     let told = service.client().localize("place", &query()).expect("an answer");
     assert_eq!(told.doubts[0].text, "[31mno2Jdoubt");
 }
@@ -82,7 +80,7 @@ fn words_of_the_service_are_fit_for_a_screen() {
 fn a_retry_after_that_is_nonsense_is_no_reason_to_wait() {
     for nonsense in ["-1", "soon", "1e9", "99999999999999999999999999"] {
         let busy = problem("503 Busy", "queue-full", &[("retry-after", nonsense)]);
-        let service = Service::saying(vec![busy, protobuf(&known("v2.answer"))]);
+        let service = Service::saying(vec![busy, protobuf(&known("without-fit.answer"))]);
         let (options, pauses) = recording();
         let client = Client::new(&service.url, None, options).expect("a client");
         client.localize("place", &query()).expect("after a short pause");
@@ -93,8 +91,8 @@ fn a_retry_after_that_is_nonsense_is_no_reason_to_wait() {
 #[test]
 fn profiles_are_kept_and_confirmed_and_never_believed() {
     let folder = tempfile::tempdir().expect("temporary folder");
-    let good = known("v1.profile");
-    let profile = Profile::decode(&good).expect("version 1");
+    let good = known("sift.profile");
+    let profile = Profile::decode(&good).expect("a known answer");
     let mut options = quick();
     options.cache = Some(folder.path().to_owned());
     options.retry.retries = 0;
@@ -133,9 +131,12 @@ fn profiles_are_kept_and_confirmed_and_never_believed() {
 #[test]
 fn wishes_go_along_and_are_kept_here_too() {
     let busy = problem("503 Busy", "queue-full", &[("retry-after", "0")]);
-    // Version 2 of the answer, as an older service gives it, whatever was wished.
-    let service =
-        Service::saying(vec![busy, protobuf(&known("v2.answer")), protobuf(&known("v3-withheld.answer"))]);
+    // A pose that was not wished, as a service gives it that knows nothing of the wish.
+    let service = Service::saying(vec![
+        busy,
+        protobuf(&known("without-fit.answer")),
+        protobuf(&known("withheld.answer")),
+    ]);
     let client = service.client();
     let mut request = LocalizeRequest::default();
     request.trusted_only = true;
@@ -152,7 +153,7 @@ fn wishes_go_along_and_are_kept_here_too() {
     }
     assert_eq!((asked.len(), asked[0].body == asked[2].body), (3, true));
 
-    let service = Service::saying(vec![protobuf(&known("v3.answer"))]);
+    let service = Service::saying(vec![protobuf(&known("doubtful.answer"))]);
     let told = service.client().localize("place", &query()).expect("an answer");
     assert!(told.pose.is_some() && told.fit.is_some());
     assert!(!service.asked()[0].head.contains("veiloc-"), "nothing is said that nobody said");

@@ -9,9 +9,7 @@ use veiloc_client::{
 };
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
-use veiloc_protocol::{
-    AnchoredRow, AngleBits, AngleForm, AnswerVersion, CanonicalCamera, Hints, LayoutTurn, QueryParts, Rows,
-};
+use veiloc_protocol::{AnchoredRow, AngleBits, CanonicalCamera, Hints, LayoutTurn, QueryParts, Rows};
 
 fn profile(word: u8) -> Profile {
     let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![word; 128]);
@@ -23,7 +21,7 @@ fn query(blank: usize) -> SealedQuery {
     let bits = AngleBits::default();
     let row = |i: usize| {
         let anchor = if i < blank { Anchor::FIRST } else { Anchor::BOTH[i % 2] };
-        AnchoredRow::new(AngleForm::HalfCircle, bits, anchor, 0.003 * i as f64)
+        AnchoredRow::new(bits, anchor, 0.003 * i as f64)
     };
     let descriptors = (0..1024 * 128).map(|i: usize| (i / 128 % 251) as u8).collect();
     let parts = QueryParts {
@@ -41,13 +39,13 @@ fn query(blank: usize) -> SealedQuery {
 
 /// An answer with a pose of this deviation along each axis.
 fn answer(trusted: bool, sd: f64) -> Vec<u8> {
-    let mut answer = Answer::decode(&known("v2.answer")).expect("a known answer");
+    let mut answer = Answer::decode(&known("without-fit.answer")).expect("a known answer");
     answer.trusted = trusted;
     let doubt = answer.doubts.first().cloned();
     answer.doubts = if trusted { Vec::new() } else { doubt.into_iter().collect() };
     let pose = answer.pose.as_mut().expect("a pose");
     pose.center_covariance = [[sd * sd, 0.0, 0.0], [0.0, sd * sd, 0.0], [0.0, 0.0, sd * sd]];
-    protobuf(&answer.encode(AnswerVersion::Padded).expect("version 2 can say it"))
+    protobuf(&answer.encode())
 }
 
 fn ask(client: &Client, query: &SealedQuery, enough: Enough) -> Result<ProgressiveAnswer, ClientError> {

@@ -16,8 +16,8 @@ fn a_retry_sends_the_same_bytes() {
         problem("429 Slow down", "rate-limited", &[("retry-after", "0")]),
         reply("504 Late", &[], b""),
         // Breaks off in the middle of its answer.
-        protobuf(&known("v2.answer"))[..3000].to_vec(),
-        protobuf(&known("v2.answer")),
+        protobuf(&known("without-fit.answer"))[..3000].to_vec(),
+        protobuf(&known("without-fit.answer")),
     ]);
     let notices = Arc::new(Mutex::new(Vec::new()));
     let kept = notices.clone();
@@ -32,12 +32,12 @@ fn a_retry_sends_the_same_bytes() {
     let asked = service.asked();
     assert_eq!(asked.len(), 6);
     assert!(asked.iter().all(|request| *request == asked[0]), "the same in head and body");
-    assert!(asked[0].body == known("v1-dcl.vquery"), "the query as it was sealed");
+    assert!(asked[0].body == known("dcl.vquery"), "the query as it was sealed");
     for part in [
         "post /v1/maps/place/localize http/1.1\r\n",
         "content-type: application/x-protobuf\r\n",
         "authorization: bearer the-token\r\n",
-        "accept: application/x-protobuf;version=3, application/x-protobuf;version=2;q=0.8, application/x-protobuf;q=0.5\r\n",
+        "accept: application/x-protobuf\r\n",
     ] {
         assert!(asked[0].head.contains(part), "{part} is not in {}", asked[0].head);
     }
@@ -55,9 +55,9 @@ fn a_retry_sends_the_same_bytes() {
     assert!(reasons[3].contains("504"), "{reasons:?}");
 
     // A second call with the same query sends the same bytes, too.
-    let later = Service::saying(vec![protobuf(&known("v1.answer"))]);
+    let later = Service::saying(vec![protobuf(&known("without-fit.answer"))]);
     let query = query();
-    assert_eq!(later.client().localize("place", &query).expect("an older service"), answer);
+    assert_eq!(later.client().localize("place", &query).expect("an answer"), answer);
     assert!(later.asked()[0].body == asked[0].body);
 }
 
@@ -74,10 +74,10 @@ fn what_will_not_change_is_not_sent_again() {
         ("500 No", "broken"),
         ("307 Elsewhere", ""),
     ] {
-        let elsewhere = Service::saying(vec![protobuf(&known("v2.answer"))]);
+        let elsewhere = Service::saying(vec![protobuf(&known("without-fit.answer"))]);
         let service = Service::saying(vec![
             problem(status, name, &[("location", &elsewhere.url), ("retry-after", "0")]),
-            protobuf(&known("v2.answer")),
+            protobuf(&known("without-fit.answer")),
         ]);
         let error = service.client().localize("place", &query()).expect_err(name);
         assert_eq!(service.asked().len(), 1, "{status} {name}");
@@ -153,7 +153,7 @@ fn a_session_is_sent_as_it_was_sealed_and_again_as_it_was_sent() {
     let session = |frames: i32| RigMessage { frames: (0..frames).map(frame).collect() };
     let service = Service::saying(vec![
         problem("429 Slow down", "rate-limited", &[("retry-after", "0")]),
-        protobuf(&known("v2.answer")),
+        protobuf(&known("without-fit.answer")),
     ]);
     let request = LocalizeRequest::default();
     let answer = service.client().localize_rig("place", &session(3), &request).expect("at last");

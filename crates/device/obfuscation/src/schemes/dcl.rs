@@ -16,7 +16,7 @@
 //! `‖x − a‖` (rule L1). The wire rounds the angle (rule L2); in a session it is told on a grid before (rule L10).
 
 use veiloc_geometry::{Anchor, Pencils, Pinhole, Pixel};
-use veiloc_protocol::{AnchoredRow, AngleBits, AngleForm, DclLayout, DualAnchors, LayoutTurn, Rows};
+use veiloc_protocol::{AnchoredRow, AngleBits, DclLayout, LayoutTurn, Rows};
 
 use crate::grid::AngleGrid;
 use crate::rule::FrameRule;
@@ -37,31 +37,16 @@ pub(crate) struct DclLift<'a> {
     pencils: Pencils,
     grid: Option<&'a AngleGrid>,
     bits: AngleBits,
-    form: AngleForm,
-    /// How angles are told over the half circle.
-    half_lines: Option<DualAnchors>,
-    height: f64,
 }
 
 impl<'a> DclLift<'a> {
     pub(crate) fn new(layout: DclLayout, camera: &Pinhole, rule: &'a FrameRule, bits: AngleBits) -> Self {
-        let form = AngleForm::needed(layout, rule.turn);
-        let half_lines = match (form, layout) {
-            (AngleForm::HalfCircle, DclLayout::Halves(halves)) => {
-                Some(halves.anchors(camera.width, camera.height))
-            }
-            _ => None,
-        };
-        let pencils = pencils(layout, camera, rule.turn);
-        Self { pencils, grid: rule.grid.as_ref(), bits, form, half_lines, height: f64::from(camera.height) }
+        Self { pencils: pencils(layout, camera, rule.turn), grid: rule.grid.as_ref(), bits }
     }
 
     /// What is said of a position.
     fn told(&self, pixel: Pixel) -> Told {
-        let anchor = match &self.half_lines {
-            Some(anchors) => anchors.anchor_of(pixel),
-            None => self.pencils.anchor_of(pixel),
-        };
+        let anchor = self.pencils.anchor_of(pixel);
         let angle = self.pencils.angle_of(anchor, pixel);
         Told { anchor, angle: self.grid.map_or(angle, |grid| grid.middle(anchor, angle)) }
     }
@@ -71,9 +56,9 @@ impl<'a> DclLift<'a> {
         dithered.iter().map(|pixel| self.told(*pixel)).collect()
     }
 
-    /// The rows that say `told` of these positions. `[N]` both.
-    pub(crate) fn rows(&self, dithered: &[Pixel], told: &[Told]) -> Rows {
-        Rows::Dcl(dithered.iter().zip(told).map(|(pixel, told)| self.row(*pixel, *told)).collect())
+    /// The rows that say it. `[N]`
+    pub(crate) fn rows(&self, told: &[Told]) -> Rows {
+        Rows::Dcl(told.iter().map(|told| AnchoredRow::new(self.bits, told.anchor, told.angle)).collect())
     }
 
     /// Whether a position is far enough from all anchors, and from borders of sectors by `band` radians about their axis.
@@ -81,20 +66,6 @@ impl<'a> DclLift<'a> {
         let pencils = &self.pencils;
         pencils.anchors().all(|anchor| pencils.distance(anchor, pixel) > ANCHOR_CLEARANCE)
             && (band <= 0.0 || pencils.clearance(pixel) >= band * pencils.camera().mean_focal())
-    }
-
-    /// The row that says it. `pixel`: some pixel that was told so.
-    fn row(&self, pixel: Pixel, Told { anchor, angle }: Told) -> AnchoredRow {
-        let angle = match &self.half_lines {
-            Some(anchors) => {
-                // Any pixel of the half-plane has the angle of its half-line.
-                let own = self.told(pixel) == Told { anchor, angle } && self.grid.is_none();
-                let line = if own { None } else { self.pencils.along(anchor, angle) };
-                anchors.angle_of(anchor, line.map_or(pixel, |line| line.at(self.height)))
-            }
-            None => angle,
-        };
-        AnchoredRow::new(self.form, self.bits, anchor, angle)
     }
 }
 

@@ -44,7 +44,7 @@ pub(crate) fn lift<R: Rng + ?Sized>(
         Scheme::Dcl(layout) => {
             let rule = FrameRule::default();
             let dcl = DclLift::new(layout, camera, &rule, bits);
-            Ok(dcl.rows(dithered, &dcl.told_of_all(dithered)))
+            Ok(dcl.rows(&dcl.told_of_all(dithered)))
         }
     }
 }

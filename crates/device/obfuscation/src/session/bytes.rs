@@ -30,8 +30,8 @@ pub enum SessionBytesError {
     /// Something else.
     #[error("this is no session of veiloc")]
     Other,
-    /// Written by a newer or unknown version of this library.
-    #[error("a session of version {found}; this version reads {VERSION}")]
+    /// Of another version of the format.
+    #[error("a session of version {found}, but this program reads version {VERSION}; begin a new session")]
     Version {
         /// The one it has.
         found: u32,

@@ -6,14 +6,14 @@ use super::common;
 use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use common::{angles, camera, correlation, features_at, options, profile, rng, uniform_pixels};
+use common::{ImageAnchors, angles, camera, correlation, features_at, options, profile, rng, uniform_pixels};
 use rand::Rng;
 use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
 use veiloc_geometry::{Anchor, Intrinsics, Pixel, PixelLine};
 use veiloc_obfuscation::{SealError, SealOptions, obfuscate_points, seal, seal_with_truth};
 use veiloc_protocol::{
-    AngleBits, CanonicalCamera, CoarseGravity, DualAnchors, FocalKnowledge, Observations, Scheme, SizeClass,
+    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Observations, Scheme, SizeClass,
 };
 
 const LINE_SCHEMES: [&str; 3] = ["random-lines", "coordinate-permutation", "dcl"];
@@ -22,7 +22,7 @@ const LINE_SCHEMES: [&str; 3] = ["random-lines", "coordinate-permutation", "dcl"
 /// whose norm is that distance.
 #[test]
 fn l1_a_line_tells_no_distance_from_its_anchor() {
-    let anchors = DualAnchors::vertical(640, 480);
+    let anchors = ImageAnchors::new(640, 480);
     let mut rng = rng(1);
     // Any radius at any angle, so that the two are independent.
     let pixels: Vec<Pixel> = (0..4096)
@@ -59,8 +59,8 @@ fn l1_a_line_tells_no_distance_from_its_anchor() {
     assert!(correlation(&leak) > 0.999, "the measure does not see the leak");
     assert!(correlation(&sent).abs() < 0.06, "{}", correlation(&sent));
 
-    // And there is nothing else in the message than anchor and angle: 13 bits a row, all of them accounted for.
-    assert_eq!(common::bytes_of_field(&query.encode(), common::POSITIONS).len(), 4096 * 13 / 8);
+    // And there is nothing else in the message than anchor and angle: 14 bits a row, all of them accounted for.
+    assert_eq!(common::bytes_of_field(&query.encode(), common::POSITIONS).len(), 4096 * 14 / 8);
     for ((anchor, angle), pixel) in angles(&query.observations()).iter().zip(&truth.pixels) {
         let anchor = Anchor::BOTH[*anchor];
         let dither = (0.71 / radius(*pixel)).min(1.0).asin();
@@ -73,7 +73,7 @@ fn l1_a_line_tells_no_distance_from_its_anchor() {
 #[test]
 fn l2_an_angle_names_no_pixel() {
     let small: Intrinsics = "SIMPLE_PINHOLE,160,128,128,80,64".parse().expect("valid");
-    let anchors = DualAnchors::vertical(160, 128);
+    let anchors = ImageAnchors::new(160, 128);
     let mut rng = rng(2);
     let lattice: Vec<Pixel> =
         (0..160 * 128).map(|i| Pixel::new(f64::from(i % 160) + 0.5, f64::from(i / 160) + 0.5)).collect();

@@ -6,7 +6,6 @@ use super::common;
 use common::*;
 use veiloc_geometry::{Anchor, Intrinsics, Pixel};
 use veiloc_obfuscation::seal;
-use veiloc_protocol::DualAnchors;
 
 /// Images of each lens.
 const IMAGES: u64 = 250;
@@ -56,7 +55,7 @@ fn sent(lens: &Intrinsics, seed: u64) -> [f64; 2] {
 
 /// The same of a camera that covers all that the lens shows.
 fn uncut(lens: &Intrinsics, seed: u64) -> [f64; 2] {
-    let anchors = DualAnchors::vertical(640, 480);
+    let anchors = ImageAnchors::new(640, 480);
     let ladder: Intrinsics = "SIMPLE_PINHOLE,640,480,512,320,240".parse().expect("valid");
     let angle = |p: Pixel| {
         let seen = ladder.pinhole().project(lens.unproject(p).expect("a ray"));

@@ -66,6 +66,7 @@ fn what_is_no_session_is_refused() {
     let mut newer = bytes.clone();
     newer[8] = 2;
     assert_eq!(Session::from_bytes(&newer), Err(SessionBytesError::Version { found: 2 }));
+    assert!(SessionBytesError::Version { found: 2 }.to_string().contains("begin a new session"));
 }
 
 #[test]

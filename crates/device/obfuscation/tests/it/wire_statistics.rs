@@ -6,11 +6,11 @@
 
 use super::common;
 
-use common::{angles, camera, correlation, features_at, options, profile, rng, uniform_pixels};
+use common::{ImageAnchors, camera, correlation, features_at, options, profile, rng, uniform_pixels};
 use rand::Rng;
 use veiloc_geometry::{Anchor, Pixel};
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
-use veiloc_protocol::{DualAnchors, Observations, SealedQuery};
+use veiloc_protocol::{Observations, SealedQuery};
 
 const ROWS: usize = 256;
 
@@ -64,7 +64,7 @@ fn other_set_with_equal_codes(
 /// so they are identically distributed, and nobody who sees them can tell one set from the other.
 #[test]
 fn sets_with_equal_codes_give_equal_bytes() {
-    let anchors = DualAnchors::vertical(640, 480);
+    let anchors = ImageAnchors::new(640, 480);
     for scheme in ["dcl", "random-lines"] {
         let mut total = 0;
         for pair in 0..40 {
@@ -106,7 +106,7 @@ struct Row {
 
 /// A message taken apart, so that leaks can be put into it.
 struct Message {
-    /// 13 bits a row, the anchor first.
+    /// 14 bits a row, the anchor first.
     positions: Vec<u16>,
     descriptors: Vec<[u8; 128]>,
     radius: Vec<f64>,
@@ -120,14 +120,15 @@ impl Message {
             common::bytes_of_field(&bytes, common::DESCRIPTORS),
         );
         let bit = |i: usize| u16::from(packed[i / 8] >> (7 - i % 8) & 1);
-        let row = |r: usize| (0..13).fold(0, |code, i| code << 1 | bit(13 * r + i));
-        let anchors = DualAnchors::vertical(640, 480);
+        let row = |r: usize| (0..14).fold(0, |code, i| code << 1 | bit(14 * r + i));
+        let anchors = ImageAnchors::new(640, 480);
         let positions: Vec<u16> = (0..query.len()).map(row).collect();
         // The bits are read as the document says; that they are what the library reads is checked here.
-        for (code, (anchor, angle)) in positions.iter().zip(angles(&query.observations())) {
-            assert_eq!(usize::from(code >> 12), anchor);
-            let expected = (f64::from(code & 0xFFF) + 0.5) * std::f64::consts::PI / 4096.0;
-            assert!((expected - angle).abs() < 1e-9);
+        let Observations::Anchored { lines, .. } = query.observations() else { panic!("dcl") };
+        for (code, line) in positions.iter().zip(lines) {
+            assert_eq!(usize::from(code >> 13), line.anchor.index());
+            let expected = (f64::from(code & 0x1FFF) + 0.5) * std::f64::consts::PI / 4096.0;
+            assert!((expected - line.angle).abs() < 1e-9);
         }
         Self {
             positions,
@@ -144,7 +145,7 @@ impl Message {
         let n = self.radius.len();
         let row = |r: usize| {
             let code = self.positions[r];
-            let angle = f64::from(code & 0xFFF);
+            let angle = f64::from(code & 0x1FFF);
             let before = self.positions[(r + n - 1) % n];
             let mut measures = vec![
                 ("row", 0, r as f64),
@@ -158,7 +159,7 @@ impl Message {
             for low in 1..=8 {
                 measures.push(("lowest bits", low, f64::from(code & ((1 << low) - 1))));
             }
-            for bit in 0..13 {
+            for bit in 0..14 {
                 measures.push(("position bit", bit, f64::from(code >> bit & 1)));
             }
             let d = &self.descriptors[r];
@@ -179,7 +180,7 @@ impl Message {
 /// Keypoints whose distance from their anchor owes nothing to their angle there, as in no image: so whatever goes
 /// with the distance is a leak, and not geometry.
 fn free_radii(seed: u64) -> Vec<Pixel> {
-    let anchors = DualAnchors::vertical(640, 480);
+    let anchors = ImageAnchors::new(640, 480);
     let mut rng = rng(seed);
     (0..ROWS)
         .map(|i| {

@@ -17,7 +17,7 @@ use tokio::sync::oneshot;
 use veiloc_geometry::Point3;
 use veiloc_localization::{LocalizeOptions, StageTimes};
 use veiloc_pose::{PositionPrior, Stop};
-use veiloc_protocol::{AnswerDocument, AnswerState, AnswerTimes, AnswerVersion};
+use veiloc_protocol::{AnswerDocument, AnswerState, AnswerTimes};
 
 use super::accept::Form;
 use super::admit::{admit, wanted};
@@ -37,7 +37,7 @@ use crate::tokens::Caller;
 
 /// Where a sealed query was taken.
 ///
-/// The body is one `SealedQuery` message of `veiloc.v1`, `v2` or `v3`. After 408, 429, 503 or 504 the same bytes may be sent
+/// The body is one `veiloc.v1.SealedQuery` message. After 408, 429, 503 or 504 the same bytes may be sent
 /// again; the image must not be sealed a second time.
 #[utoipa::path(post, path = "/v1/maps/{name}/localize", security(("token" = [])),
     params(
@@ -53,8 +53,6 @@ use crate::tokens::Caller;
         (status = 200, description = "The pose, in the form that `Accept` asks for", content(
             (AnswerDocument = "application/json"),
             (Vec<u8> = "application/x-protobuf"),
-            (Vec<u8> = "application/x-protobuf;version=2"),
-            (Vec<u8> = "application/x-protobuf;version=3"),
         )),
 ))]
 pub(super) async fn localize(
@@ -120,7 +118,7 @@ fn welcome(
         return Err(Problem::MediaType);
     }
     let wishes = Wishes::read(headers)?;
-    let form = Form::negotiate(headers, Form::offered(wishes.trusted_only));
+    let form = Form::negotiate(headers);
     trail.about(hosted.name.as_str().into());
     Ok(Request { caller, hosted, form, wishes })
 }
@@ -161,18 +159,12 @@ async fn answer(
     }
 
     let answer = if wishes.trusted_only { answer.trusted_only() } else { answer };
-    let (body, hidden) = match form {
-        Form::Protobuf(version) => {
-            let hidden = match version {
-                AnswerVersion::Plain => Hidden::Head,
-                AnswerVersion::Padded | AnswerVersion::Full => Hidden::Body,
-            };
-            (answer.encode(version).map_err(|_| Problem::Broken)?, hidden)
-        }
-        Form::Json => (json(&AnswerDocument::new(&hosted.name, &answer))?, Hidden::Body),
+    let body = match form {
+        Form::Protobuf => answer.encode(),
+        Form::Json => json(&AnswerDocument::new(&hosted.name, &answer))?,
     };
     let mut response = ([(CONTENT_TYPE, form.content_type())], body).into_response();
-    response.extensions_mut().insert(hidden);
+    response.extensions_mut().insert(Hidden);
     Ok(response)
 }
 

@@ -34,8 +34,6 @@ use crate::telemetry::Trail;
         (status = 200, description = "The pose, in the form that `Accept` asks for", content(
             (AnswerDocument = "application/json"),
             (Vec<u8> = "application/x-protobuf"),
-            (Vec<u8> = "application/x-protobuf;version=2"),
-            (Vec<u8> = "application/x-protobuf;version=3"),
         )),
 ))]
 pub(super) async fn localize_rig(

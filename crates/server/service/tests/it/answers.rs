@@ -57,18 +57,9 @@ fn a_sealed_query_gets_the_pose_the_library_finds() {
     // The ± is one number, however it is asked for.
     assert!((told.position_sd() / expected.confidence.center_sd - 1.0).abs() < 1e-9);
 
-    // Version 3 says how well the query fits, and JSON tells the same, but for the times.
-    let response = Request::localize(&query)
-        .token(PHONE)
-        .header("accept", "application/x-protobuf;version=3")
-        .send(server.address);
-    assert_eq!(response.header("content-type"), Some("application/x-protobuf;version=3"));
-    let full = Answer::decode(&response.body).expect("an answer");
-    let fit = full.fit.expect("version 3 tells");
+    // It says how well the query fits, and JSON tells the same, but for the times.
+    let fit = answer.fit.expect("it is told");
     assert_eq!((fit.noise_px, fit.focal_scale), (expected.noise_px, expected.focal_scale));
-    let times = answer.times;
-    assert_eq!(Answer { fit: None, times, ..full.clone() }, answer);
-    let answer = full;
     let response = server.localize(&query, PHONE);
     assert_eq!((response.status, response.header("content-type")), (200, Some("application/json")));
     let mut told = response.json();
@@ -84,7 +75,7 @@ fn a_sealed_query_gets_the_pose_the_library_finds() {
     assert_eq!(told, same);
 }
 
-/// A doubtful pose is told with its doubts, and withheld from who asked for trusted ones only, in every form that can.
+/// A doubtful pose is told with its doubts, and withheld from who asked for trusted ones only, in every form.
 #[test]
 fn doubtful_poses_are_withheld_when_asked() {
     let files = Files::new();
@@ -103,13 +94,9 @@ fn doubtful_poses_are_withheld_when_asked() {
         for field in ["cam_from_world", "center", "covariance", "center_covariance", "position_sd"] {
             assert_eq!(told.get(field).is_some(), has_pose, "{field}: {told}");
         }
-        let told = ask(&doubtful, "application/x-protobuf;version=3", only);
+        let told = ask(&doubtful, "application/x-protobuf", only);
         let told = Answer::decode(&told.body).expect("an answer");
         assert_eq!((told.pose.is_some(), told.trusted, told.doubts.is_empty()), (has_pose, false, false));
-        // Versions that cannot leave a pose out are not used for it.
-        let told = ask(&doubtful, "application/x-protobuf;version=2", only);
-        let form = if has_pose { "application/x-protobuf;version=2" } else { "application/json" };
-        assert_eq!(told.header("content-type"), Some(form));
         // Trusted ones are told in any case.
         assert!(ask(&trusted, "application/json", only).json()["center"].is_array());
     }
@@ -143,7 +130,7 @@ fn a_place_nearby_goes_along_with_one_request() {
     let expected = localize(&sealed, &map, &options).expect("localized");
     let near = format!("{},{},{},0.5", center.coords.x, center.coords.y, center.coords.z);
     let told = Request::localize(&query)
-        .header("accept", "application/x-protobuf;version=3")
+        .header("accept", "application/x-protobuf")
         .header("veiloc-near", &near)
         .send(server.address);
     let told = Answer::decode(&told.body).expect("an answer").pose.expect("a pose");

@@ -9,17 +9,20 @@ use common::{Files, PHONE, Running, truth};
 const NUMBER: u32 = 1_515_852_340;
 const WORD: &str = "XqZvKwJyQx";
 
-/// A whole query of version 1, made by an earlier program for another map.
+/// A whole query for another map.
 fn known_query() -> Vec<u8> {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../core/protocol/tests/data/v1-dcl.vquery");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../core/protocol/tests/data/dcl.vquery");
     std::fs::read(path).expect("the known answer")
 }
 
 /// The query with `NUMBER` in one field after another.
 fn with_a_wrong_number() -> Vec<(String, Vec<u8>)> {
     let query = known_query();
-    // Version, then the id of the profile (18 bytes with key and length), then nine numbers of five bytes.
-    let offsets = std::iter::once((1, 0)).chain((3..=11).map(|field| (field, 23 + 5 * (field - 3))));
+    // Version, then the id of the profile (18 bytes with key and length), then eight numbers of five bytes, the kind's name
+    // (6 bytes) and three more.
+    let offsets = std::iter::once((1, 0))
+        .chain((3..=10).map(|field| (field, 23 + 5 * (field - 3))))
+        .chain((12..=14).map(|field| (field, 69 + 5 * (field - 12))));
     let wrong = |(field, at): (usize, usize)| {
         assert_eq!(usize::from(query[at]), field << 3 | 5, "field {field} is a fixed32 there");
         let mut bytes = query.clone();
@@ -47,7 +50,7 @@ fn nothing_that_was_sent_comes_back() {
         ("a word", localize(WORD.as_bytes())),
         ("a key of protobuf", localize(&[&[0xFD, 0xFF, 0xFF, 0xFF, 0x0F][..], WORD.as_bytes()].concat())),
         ("another map's query", localize(&whole)),
-        ("rows of another length", localize(&with_word(78))),
+        ("rows of another length", localize(&with_word(90))),
         ("a longer descriptor", localize(&with_word(global))),
         ("a field more", localize(&with_word(whole.len()))),
         ("a name of a map", post(&format!("/v1/maps/{WORD}/localize"))),

@@ -18,12 +18,7 @@ use veiloc_protocol::Answer;
 use veiloc_service::{ServerOptions, TlsFiles};
 
 /// Everything a reply may be asked for in.
-const FORMS: [&str; 4] = [
-    "application/json",
-    "application/x-protobuf;version=3",
-    "application/x-protobuf;version=2",
-    "application/x-protobuf",
-];
+const FORMS: [&str; 2] = ["application/json", "application/x-protobuf"];
 
 /// Requests that get a pose which is trusted, one which is not, and each refusal that a query can get.
 struct Cases {
@@ -116,7 +111,7 @@ fn all_replies_to_queries_have_one_length() {
         let cases = Cases::new(form);
         let server = Running::start(cases.options());
         let mut ids = BTreeSet::new();
-        let mut lengths: BTreeMap<(usize, bool), Vec<String>> = BTreeMap::new();
+        let mut lengths: BTreeMap<usize, Vec<String>> = BTreeMap::new();
         for (what, request) in cases.requests {
             let bytes = bytes_of(server.address, request);
             assert_eq!(kind_of(&bytes), what, "{form}");
@@ -124,13 +119,10 @@ fn all_replies_to_queries_have_one_length() {
             assert!(head.contains("no-transform"), "{head}");
             let id = head.split("veiloc-request-id: ").nth(1).and_then(|rest| rest.get(..32)).expect("an id");
             assert!(ids.insert(id.to_owned()), "{id} comes twice");
-            // Answers of version 1 cannot be as long as refusals: their bodies have no room.
-            let plain = head.contains("content-type: application/x-protobuf\r\n");
-            assert!(plain || body.len() == Answer::PADDED_BYTES, "{form}, {what}: {} bytes", body.len());
-            lengths.entry((bytes.len(), plain)).or_default().push(what.to_owned());
+            assert_eq!(body.len(), Answer::PADDED_BYTES, "{form}, {what}");
+            lengths.entry(bytes.len()).or_default().push(what.to_owned());
         }
-        let kinds = if form == FORMS[4] { 2 } else { 1 };
-        assert_eq!(lengths.len(), kinds, "{form}: {lengths:?}");
+        assert_eq!(lengths.len(), 1, "{form}: {lengths:?}");
     }
 }
 

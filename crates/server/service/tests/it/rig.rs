@@ -44,7 +44,7 @@ fn a_session_gets_the_pose_the_library_finds() {
     let read = RigMessage::decode(&bytes).expect("own bytes");
     assert!(read.encode().len() == bytes.len() && read.frames.len() == 3);
     let expected = localize_rig(&read.frames, &map, &LocalizeOptions::default()).expect("localized");
-    let response = ask(&server, &bytes, "application/x-protobuf;version=3");
+    let response = ask(&server, &bytes, "application/x-protobuf");
     assert_eq!(response.status, 200, "{}", response.text());
     assert_eq!(response.body.len(), Answer::PADDED_BYTES);
     let answer = Answer::decode(&response.body).expect("an answer");

@@ -74,7 +74,7 @@ impl DeviceArgs {
         self.gravity
     }
 
-    /// Ready to seal with. Warns when positions are sent, and says when a profile wishes for another scheme.
+    /// Ready to seal with. Warns when positions are sent.
     pub(crate) fn options(&self, profile: &Profile, ui: &Ui) -> Result<SealOptions, Failure> {
         let options = match self.scheme {
             Scheme::Points => {
@@ -88,9 +88,6 @@ impl DeviceArgs {
                 SealOptions::new(self.scheme)?
             }
         };
-        if let Some(wish) = profile.wish().filter(|wish| wish.scheme != self.scheme) {
-            ui.say(format!("the profile asks for the scheme {}; {} is used", wish.scheme, self.scheme));
-        }
         let extractors = self.features.extractors(profile)?.sealing();
         let options = options.with_gravity(self.gravity).with_extractors(extractors);
         let options = self.consent.consented(options, &self.features.models(), profile, ui)?;

@@ -5,7 +5,7 @@ use super::common;
 use common::{CAMERA, MAP_VIEWS, Place, QUERIES, keys, place};
 use serde_json::{Value, json};
 use veiloc_geometry::CameraFromWorld;
-use veiloc_protocol::{AngleBits, Profile, Scheme, SealedQuery, WireVersion, Wish};
+use veiloc_protocol::SealedQuery;
 
 /// Rotation (degrees) and translation (map units) between the pose of a document and the true one.
 fn pose_error(document: &Value, truth: &CameraFromWorld) -> (f64, f64) {
@@ -124,31 +124,15 @@ fn coordinate_permutation_is_sealed_and_read() {
 }
 
 #[test]
-fn the_device_chooses_the_scheme_whatever_the_profile_says() {
+fn the_device_chooses_the_scheme() {
     let place = place();
     let said = |scheme: &str, out: &str| place.seal("query-0.png", scheme, out).stderr;
     assert!(said("", "chosen.vquery").contains("sent as dcl"));
     assert!(said("random-lines", "chosen.vquery").contains("sent as random-lines"));
     let warned = said("points", "chosen.vquery");
     assert!(warned.contains("WARNING") && warned.contains("position of every keypoint is sent"), "{warned}");
-
-    // A profile of version 1, which is of RootSIFT, that asks for positions: told in one line, and not obeyed.
-    let build = "map build --posed posed --images images --list map.txt --features sift -o sift.vmap";
-    place.run(build).succeeded();
-    place.run("map profile sift.vmap -o sift.vprofile").succeeded();
-    let profile = Profile::decode(&place.read("sift.vprofile")).expect("a profile");
-    let wish = Wish { scheme: Scheme::Points, angle_bits: AngleBits::default() };
-    place.write("greedy.vprofile", profile.to_v1(wish).expect("RootSIFT and VLAD").encode());
-    let seal = format!("seal images/query-0.png --camera {CAMERA} --profile greedy.vprofile");
-    let run = place.run(&format!("{seal} -o greedy.vquery")).succeeded();
-    assert!(run.stderr.contains("the profile asks for the scheme points; dcl is used"), "{run}");
-    assert!(!run.stderr.contains("WARNING"), "{run}");
-    let query = SealedQuery::decode(&place.read("greedy.vquery")).expect("a query");
-    assert_eq!((query.scheme(), query.version()), (Scheme::default(), WireVersion::V1));
-    // The map, whose profile is version 2, takes the query of version 1.
-    let document = place.run("localize --map sift.vmap greedy.vquery --json").succeeded().json();
-    assert_eq!(document["localized"], 1);
-    let quiet = place.run(&format!("--quiet {seal} --scheme points -o greedy.vquery")).succeeded();
+    let seal = format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile");
+    let quiet = place.run(&format!("--quiet {seal} --scheme points -o chosen.vquery")).succeeded();
     assert!(quiet.stderr.contains("WARNING"), "quiet is no reason not to warn: {quiet}");
 }
 
@@ -246,7 +230,7 @@ fn info_tells_what_is_in_the_map() {
     );
     assert_eq!(info["version"], 1);
     assert_eq!(info["file"], "place.vmap");
-    assert_eq!(info["format_version"], 2);
+    assert_eq!(info["format_version"], 1);
     assert_eq!(info["images"], MAP_VIEWS);
     assert_eq!(info["cameras"], 1);
     assert_eq!((&info["descriptors"], &info["global"]), (&json!("compact"), &json!("vlad")));

@@ -9,9 +9,9 @@ use veiloc_descriptor::{
 use veiloc_geometry::Anchor;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_protocol::{
-    AnchoredRow, AngleBits, AngleForm, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes,
-    AnswerVersion, CanonicalCamera, CoarseGravity, DoubtKind, FocalKnowledge, Hints, LayoutTurn, LineRow,
-    PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery, WireVersion, Wish,
+    AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, CanonicalCamera,
+    CoarseGravity, DoubtKind, FocalKnowledge, Hints, LayoutTurn, LineRow, PositionRow, Profile, QueryParts,
+    Rows, Scheme, SealedQuery,
 };
 
 /// Numbers straight from the generator, so that the known answers do not depend on how a library draws ranges.
@@ -38,13 +38,8 @@ pub(crate) fn vocabulary(draw: &mut Draw) -> Vocabulary {
     Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).and_then(Vocabulary::new).expect("four whole words")
 }
 
-/// RootSIFT and a vocabulary of four words, version 1.
-pub(crate) fn profile(scheme: Scheme, angle_bits: AngleBits) -> Profile {
-    profile_v2().to_v1(Wish { scheme, angle_bits }).expect("version 1 knows RootSIFT")
-}
-
-/// The same in version 2.
-pub(crate) fn profile_v2() -> Profile {
+/// RootSIFT and a vocabulary of four words.
+pub(crate) fn profile() -> Profile {
     Profile::vlad(vocabulary(&mut Draw::new(7)))
 }
 
@@ -55,9 +50,9 @@ pub(crate) fn own_profile() -> Profile {
     Profile::new(kind, GlobalModel::Named(global)).expect("no vocabulary to disagree with")
 }
 
-/// Sealed with a version 1 profile of this scheme.
+/// Sealed with [`profile`].
 pub(crate) fn query(scheme: Scheme, bits: AngleBits, count: usize, seed: u64) -> SealedQuery {
-    query_with(&profile(scheme, bits), scheme, bits, count, seed)
+    query_with(&profile(), scheme, bits, count, seed)
 }
 
 /// Compact descriptors, two numbers a byte, and a vocabulary of four words.
@@ -68,9 +63,9 @@ pub(crate) fn compact_profile() -> Profile {
     Profile::vlad(Descriptors::new(kind, words).and_then(Vocabulary::new).expect("four whole words"))
 }
 
-/// Every profile that tests seal with: of both versions, and with descriptors version 1 does not know.
-pub(crate) fn profiles(scheme: Scheme, bits: AngleBits) -> [Profile; 4] {
-    [profile(scheme, bits), profile_v2(), own_profile(), compact_profile()]
+/// Every profile that tests seal with.
+pub(crate) fn profiles() -> [Profile; 3] {
+    [profile(), own_profile(), compact_profile()]
 }
 
 pub(crate) fn query_with(
@@ -128,14 +123,10 @@ fn query_made(
             Rows::RandomLines((0..count).map(|_| line(&mut draw)).collect())
         }
         Scheme::Dcl(layout) => {
-            let form = AngleForm::needed(layout, turn);
             let row = |draw: &mut Draw| {
                 let anchor = Anchor::new(draw.below(layout.anchors() as u32) as usize).expect("one of few");
-                let angle = match form {
-                    AngleForm::HalfCircle => bits.angle_of(draw.below(bits.levels()) as u16),
-                    AngleForm::Circle => bits.angle_on_circle(draw.below(bits.levels_of_circle())),
-                };
-                AnchoredRow::new(form, bits, anchor, angle)
+                let angle = bits.angle_on_circle(draw.below(bits.levels_of_circle()));
+                AnchoredRow::new(bits, anchor, angle)
             };
             Rows::Dcl((0..count).map(|_| row(&mut draw)).collect())
         }
@@ -154,58 +145,44 @@ fn query_made(
 /// The known-answer files without their endings, and what is in them.
 pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
     let schemes = ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:angle=30,s=2"];
-    let of = |version: WireVersion, name: &str| {
+    let of = |name: &str| {
         let bits = AngleBits::new(if name == "dcl:angle=30,s=2" { 10 } else { 12 }).expect("allowed");
         let scheme: Scheme = name.parse().expect("a scheme");
-        let query = match version {
-            WireVersion::V1 => query_with(&profile(scheme, bits), scheme, bits, 256, 1),
-            WireVersion::V2 => in_version_2(query_with(&profile_v2(), scheme, bits, 256, 1)),
-            WireVersion::V3 | WireVersion::V4 => query_with(&profile_v2(), scheme, bits, 256, 1),
-        };
-        (format!("v{}-{}", version.number(), name.replace([':', '=', ','], "-")), query)
+        (name.replace([':', '=', ','], "-"), query(scheme, bits, 256, 1))
     };
-    let older = [WireVersion::V1, WireVersion::V2, WireVersion::V3];
-    let mut all: Vec<_> = older.iter().flat_map(|v| schemes.map(|name| of(*v, name))).collect();
+    let mut all: Vec<_> = schemes.into_iter().map(of).collect();
     let dcl = |profile: &Profile, hints| {
         query_saying(hints, profile, Scheme::default(), AngleBits::default(), 256, 1)
     };
-    all.push(("v2-own-kind".to_owned(), in_version_2(dcl(&own_profile(), Hints::default()))));
+    all.push(("own-kind".to_owned(), dcl(&own_profile(), Hints::default())));
     let gravity = |down, sd| Some(CoarseGravity::new(down, sd).expect("a direction"));
     for (name, focal, gravity) in [
-        ("v3-exif-gravity", FocalKnowledge::Exif, gravity([0.3, 9.5, -2.0], 1.0)),
-        ("v3-unknown-gravity", FocalKnowledge::Unknown, gravity([-0.9, 0.1, -0.4], 5.0)),
+        ("exif-gravity", FocalKnowledge::Exif, gravity([0.3, 9.5, -2.0], 1.0)),
+        ("unknown-gravity", FocalKnowledge::Unknown, gravity([-0.9, 0.1, -0.4], 5.0)),
     ] {
-        all.push((name.to_owned(), dcl(&profile_v2(), Hints { focal, gravity })));
+        all.push((name.to_owned(), dcl(&profile(), Hints { focal, gravity })));
     }
-    all.push(("v3-own-kind".to_owned(), dcl(&own_profile(), Hints::default())));
-    let paper = || "dcl:paper".parse().expect("a layout");
     let turn =
         LayoutTurn::new(&Rotation3::from_scaled_axis(Vector3::new(0.125, -0.5, 0.0625))).expect("finite");
     for (name, scheme, turn) in [
-        ("v4-stripes", "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0", LayoutTurn::default()),
+        ("stripes", "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0", LayoutTurn::default()),
         (
-            "v4-board",
+            "board",
             "dcl:axis=90,sectors=21,shift=0.5,across=0/12/0.25,anchors=@90+@0+0/-20",
             LayoutTurn::default(),
         ),
-        ("v4-session", "dcl:axis=115,sectors=22,anchors=0.23/-0.33+-0.88/-0.47", turn),
+        ("session", "dcl:axis=115,sectors=22,anchors=0.23/-0.33+-0.88/-0.47", turn),
+        ("session-halves", "dcl:paper", turn),
     ] {
         let scheme = scheme.parse().expect("a layout");
-        all.push((name.to_owned(), query_turned(turn, &profile_v2(), scheme, 1)));
+        all.push((name.to_owned(), query_turned(turn, &profile(), scheme, 1)));
     }
-    all.push(("v4-halves".to_owned(), query_turned(turn, &profile_v2(), paper(), 1)));
     all
 }
 
-/// As an earlier program wrote it.
-pub(crate) fn in_version_2(query: SealedQuery) -> SealedQuery {
-    query.in_version_2().expect("it says nothing that version 2 cannot")
-}
-
-/// The profiles they were sealed with, `v1.profile` with the scheme `dcl`.
-pub(crate) fn known_profiles() -> [(&'static str, Profile); 3] {
-    let v1 = profile(Scheme::default(), AngleBits::default());
-    [("v1", v1), ("v2", profile_v2()), ("v2-own-kind", own_profile())]
+/// The profiles they were sealed with.
+pub(crate) fn known_profiles() -> [(&'static str, Profile); 2] {
+    [("sift", profile()), ("own-kind", own_profile())]
 }
 
 /// An answer of numbers that are exact in binary, so that nothing depends on rounding.
@@ -239,18 +216,14 @@ pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
     }
 }
 
-/// The same as this version can say it: from version 3 on with how well the query fits.
-pub(crate) fn answer_in(version: AnswerVersion, seed: u64, doubts: usize) -> Answer {
-    let fit = AnswerFit { noise_px: 0.75, focal_scale: 1.03125 };
-    let fit = (version == AnswerVersion::Full).then_some(fit);
-    Answer { fit, ..answer(seed, doubts) }
+/// The same with how well the query fits.
+pub(crate) fn answer_with_fit(seed: u64, doubts: usize) -> Answer {
+    Answer { fit: Some(AnswerFit { noise_px: 0.75, focal_scale: 1.03125 }), ..answer(seed, doubts) }
 }
 
-/// The known answers without their endings: one of each version, and one whose pose is withheld.
-pub(crate) fn known_replies() -> Vec<(String, AnswerVersion, Answer)> {
-    let of = |v: AnswerVersion| (format!("v{}", v.number()), v, answer_in(v, 1, 2));
-    let mut all: Vec<_> = AnswerVersion::ALL.into_iter().map(of).collect();
-    let last = AnswerVersion::Full;
-    all.push(("v3-withheld".to_owned(), last, answer_in(last, 1, 2).trusted_only()));
-    all
+/// The known answers without their endings: of a service that does not tell how well a query fits, of one that does, and
+/// one whose pose is withheld.
+pub(crate) fn known_replies() -> [(&'static str, Answer); 3] {
+    let doubtful = answer_with_fit(1, 2);
+    [("without-fit", answer(1, 2)), ("doubtful", doubtful.clone()), ("withheld", doubtful.trusted_only())]
 }

@@ -101,12 +101,12 @@ pub fn problem(status: &str, name: &str, headers: &[(&str, &str)]) -> Vec<u8> {
     reply(status, headers, (body + &" ".repeat(500)).as_bytes())
 }
 
-/// A file of known answers of the wire format, which every version reads.
+/// A file of known answers of the wire format.
 pub fn known(name: &str) -> Vec<u8> {
     let path = format!("{}/../../core/protocol/tests/data/{name}", env!("CARGO_MANIFEST_DIR"));
     std::fs::read(path).expect("the known answer")
 }
 
 pub fn query() -> SealedQuery {
-    SealedQuery::decode(&known("v1-dcl.vquery")).expect("version 1")
+    SealedQuery::decode(&known("dcl.vquery")).expect("a known answer")
 }

@@ -5,9 +5,10 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{Features, Keypoint};
-use veiloc_geometry::{Intrinsics, Pixel};
+use veiloc_geometry::nalgebra::Vector2;
+use veiloc_geometry::{Anchor, Intrinsics, Pixel};
 use veiloc_obfuscation::SealOptions;
-use veiloc_protocol::{AnchoredLine, DualAnchors, Observations, Profile, Scheme};
+use veiloc_protocol::{AnchoredLine, Observations, Profile, Scheme};
 
 pub(crate) fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
@@ -72,12 +73,58 @@ pub(crate) fn correlation(pairs: &[(f64, f64)]) -> f64 {
     sxy / (sxx * syy).sqrt()
 }
 
-/// `(anchor index, angle)` of each row of a dcl query of the default layout, the angle as the wire tells it.
+/// The paper's layout in the image alone, as the paper draws it and apart from how the library computes it: vertical midline,
+/// the first anchor in the middle of the top edge for what is left of the line, the second in the middle of the bottom edge.
+pub(crate) struct ImageAnchors {
+    size: [f64; 2],
+}
+
+impl ImageAnchors {
+    pub(crate) fn new(width: u32, height: u32) -> Self {
+        Self { size: [width, height].map(f64::from) }
+    }
+
+    pub(crate) fn position(&self, anchor: Anchor) -> Pixel {
+        let [width, height] = self.size;
+        Pixel::new(width / 2.0, if anchor == Anchor::FIRST { 0.0 } else { height })
+    }
+
+    /// Distance from the dividing line, positive on the first anchor's side.
+    pub(crate) fn signed_side(&self, pixel: Pixel) -> f64 {
+        self.size[0] / 2.0 - pixel.u
+    }
+
+    pub(crate) fn anchor_of(&self, pixel: Pixel) -> Anchor {
+        if self.signed_side(pixel) >= 0.0 { Anchor::FIRST } else { Anchor::SECOND }
+    }
+
+    /// The angle in `[0, π]` at the anchor, from the direction towards the centre, turning into the anchor's own side.
+    pub(crate) fn angle_of(&self, anchor: Anchor, pixel: Pixel) -> f64 {
+        let from = self.position(anchor);
+        let (toward, own) = self.axes(anchor);
+        let x = Vector2::new(pixel.u - from.u, pixel.v - from.v);
+        own.dot(&x).max(0.0).atan2(toward.dot(&x))
+    }
+
+    /// Unit direction of the half-line with this angle.
+    pub(crate) fn ray_direction(&self, anchor: Anchor, angle: f64) -> Vector2<f64> {
+        let (toward, own) = self.axes(anchor);
+        toward * angle.cos() + own * angle.sin()
+    }
+
+    /// Towards the centre, and into the own side.
+    fn axes(&self, anchor: Anchor) -> (Vector2<f64>, Vector2<f64>) {
+        let sign = if anchor == Anchor::FIRST { 1.0 } else { -1.0 };
+        (Vector2::new(0.0, sign), Vector2::new(-sign, 0.0))
+    }
+}
+
+/// `(anchor index, angle)` of each row of a dcl query of the default layout, the angle as [`ImageAnchors::angle_of`].
 pub(crate) fn angles(observations: &Observations) -> Vec<(usize, f64)> {
     match observations {
         Observations::Anchored { pencils, lines } => {
             let [width, height] = pencils.size().map(|side| side as u32);
-            let anchors = DualAnchors::vertical(width, height);
+            let anchors = ImageAnchors::new(width, height);
             let angle = |l: &AnchoredLine| {
                 let line = pencils.along(l.anchor, l.angle).expect("it meets the image");
                 anchors.angle_of(l.anchor, line.at(100.0))
@@ -88,7 +135,7 @@ pub(crate) fn angles(observations: &Observations) -> Vec<(usize, f64)> {
     }
 }
 
-/// Field numbers of a sealed query, version 2.
+/// Field numbers of a sealed query.
 pub(crate) const POSITIONS: usize = 15;
 pub(crate) const DESCRIPTORS: usize = 16;
 
