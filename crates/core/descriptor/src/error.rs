@@ -66,18 +66,14 @@ pub enum DescriptorError {
     #[error("not a vocabulary: the first bytes are not its mark")]
     NotAVocabulary,
     /// The vocabulary is of a version this program does not know.
-    #[error("vocabulary version {found}; this program reads versions up to {supported}")]
+    #[error(
+        "vocabulary of version {found}, but this program reads version {supported}; train it again with this program"
+    )]
     VocabularyVersion {
         /// The version found.
         found: u32,
-        /// The last one that is read.
+        /// The one that is read.
         supported: u32,
-    },
-    /// The vocabulary is for descriptors this program does not know.
-    #[error("vocabulary for descriptors of unknown kind {code}")]
-    UnknownKind {
-        /// The kind's number.
-        code: u32,
     },
     /// A vocabulary's bytes were cut short, or something follows them.
     #[error("a vocabulary of {expected} bytes was announced, {found} are there")]

@@ -124,19 +124,6 @@ impl DescriptorKind {
         self.norm as u32
     }
 
-    /// The number in version 1 of files and messages, which know built-in kinds only.
-    pub fn v1_code(self) -> Option<u32> {
-        (self == Self::ROOT_SIFT).then_some(1)
-    }
-
-    /// The kind with this number in version 1; `None` for any other number.
-    pub const fn from_v1_code(code: u32) -> Option<Self> {
-        match code {
-            1 => Some(Self::ROOT_SIFT),
-            _ => None,
-        }
-    }
-
     /// For files and messages: name padded with zeros `[32]`, then little endian `u16` dim, `u8` encoding (0 unsigned,
     /// 1 signed, 2 coarse), `u8` 0, `u16` norm, `u16` 0.
     pub fn to_bytes(self) -> [u8; Self::BYTES] {
@@ -296,12 +283,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn root_sift_is_what_version_1_calls_1() {
+    fn root_sift_is_called_sift() {
         let kind = DescriptorKind::ROOT_SIFT;
         assert_eq!((kind.name(), kind.dim(), kind.norm()), ("sift", 128, 512));
-        assert_eq!(kind.v1_code(), Some(1));
-        assert_eq!(DescriptorKind::from_v1_code(1), Some(kind));
-        assert_eq!(DescriptorKind::from_v1_code(2), None);
         assert_eq!(kind.same_point_distance(), 200 * 200);
         assert!(kind.can_be_blended());
         let mut bytes = [0; 40];
@@ -313,7 +297,7 @@ mod tests {
     #[test]
     fn a_kind_of_ones_own_gets_general_figures() {
         let kind = DescriptorKind::new("superpoint", 256, Encoding::Signed, 512).expect("a kind");
-        assert_eq!((kind.v1_code(), kind.can_be_blended()), (None, true));
+        assert!(kind.can_be_blended());
         assert_ne!(kind.match_prior(), DescriptorKind::ROOT_SIFT.match_prior());
         let middle = |prior: MatchPrior| -prior.full.offset / prior.full.ratio;
         let (own, sift) = (middle(kind.match_prior()), middle(DescriptorKind::ROOT_SIFT.match_prior()));

@@ -130,20 +130,12 @@ impl Vocabulary {
         residuals
     }
 
-    /// Its bytes, for a file or a message: the mark `VLAD`, then as little-endian `u32` the version, and
-    /// - in version 1 the descriptor kind's number and K,
-    /// - in version 2 K and the kind `[40]` (see [`DescriptorKind::to_bytes`]),
-    ///
-    /// then the words `[K, dim]`. Kinds that have a number are written in version 1.
+    /// Its bytes, for a file: the mark `VLAD`, then as little-endian `u32` the version, 1, and K, then the kind `[40]` (see
+    /// [`DescriptorKind::to_bytes`]), then the words `[K, dim]`.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = MARK.to_vec();
-        let count = self.len() as u32;
-        if let Some(code) = self.kind().v1_code() {
-            bytes.extend([VERSION_1, code, count].into_iter().flat_map(u32::to_le_bytes));
-        } else {
-            bytes.extend([VERSION_2, count].into_iter().flat_map(u32::to_le_bytes));
-            bytes.extend(self.kind().to_bytes());
-        }
+        bytes.extend([VERSION, self.len() as u32].into_iter().flat_map(u32::to_le_bytes));
+        bytes.extend(self.kind().to_bytes());
         bytes.extend_from_slice(self.words.as_bytes());
         bytes
     }
@@ -157,29 +149,17 @@ impl Vocabulary {
             return Err(DescriptorError::NotAVocabulary);
         }
         let too_short = |expected| DescriptorError::VocabularyLength { expected, found: bytes.len() };
-        let (header, words) = bytes.split_first_chunk::<HEADER>().ok_or_else(|| too_short(HEADER))?;
-        let number =
-            |at: usize| u32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
-        let (kind, count, words) = match number(4) {
-            VERSION_1 => {
-                let code = number(8);
-                let kind = DescriptorKind::from_v1_code(code).ok_or(DescriptorError::UnknownKind { code })?;
-                (kind, number(12), words)
-            }
-            VERSION_2 => {
-                let after = &bytes[HEADER - 4..];
-                let (kind, words) = after
-                    .split_first_chunk::<{ DescriptorKind::BYTES }>()
-                    .ok_or_else(|| too_short(HEADER - 4 + DescriptorKind::BYTES))?;
-                let kind = DescriptorKind::from_bytes(kind)?;
-                if let Some(code) = kind.v1_code() {
-                    return Err(DescriptorError::UnknownKind { code }); // has a form of its own in version 1
-                }
-                (kind, number(8), words)
-            }
-            found => return Err(DescriptorError::VocabularyVersion { found, supported: VERSION_2 }),
-        };
-        let count = count as usize;
+        let cut = || too_short(HEADER + DescriptorKind::BYTES);
+        let rest = bytes.get(MARK.len()..).ok_or_else(cut)?;
+        let (version, rest) = rest.split_first_chunk().ok_or_else(cut)?;
+        let found = u32::from_le_bytes(*version);
+        if found != VERSION {
+            return Err(DescriptorError::VocabularyVersion { found, supported: VERSION });
+        }
+        let (count, rest) = rest.split_first_chunk().ok_or_else(cut)?;
+        let (kind, words) = rest.split_first_chunk::<{ DescriptorKind::BYTES }>().ok_or_else(cut)?;
+        let kind = DescriptorKind::from_bytes(kind)?;
+        let count = u32::from_le_bytes(*count) as usize;
         check_word_count(count)?;
         if words.len() != count * kind.dim() {
             return Err(too_short(bytes.len() - words.len() + count * kind.dim()));
@@ -196,10 +176,9 @@ fn check_word_count(words: usize) -> Result<(), DescriptorError> {
 }
 
 pub(crate) const MARK: &[u8; 4] = b"VLAD";
-const VERSION_1: u32 = 1;
-const VERSION_2: u32 = 2;
-/// Mark and three numbers, which both versions are longer than.
-const HEADER: usize = 16;
+const VERSION: u32 = 1;
+/// Mark, version and K.
+const HEADER: usize = 12;
 
 #[cfg(test)]
 mod tests;

@@ -179,33 +179,23 @@ fn the_order_of_descriptors_does_not_matter() {
 fn bytes_are_pinned() {
     let words = Descriptors::new(DescriptorKind::ROOT_SIFT, (0..=255).collect()).unwrap();
     let bytes = Vocabulary::new(words).unwrap().to_bytes();
-    assert_eq!(&bytes[..16], b"VLAD\x01\0\0\0\x01\0\0\0\x02\0\0\0");
-    assert_eq!(&bytes[16..], (0..=255).collect::<Vec<u8>>());
-}
-
-/// A vocabulary of a kind that version 1 has no number for.
-fn of_own_kind() -> Vocabulary {
-    let kind = DescriptorKind::new("own", 3, crate::Encoding::Signed, 100).unwrap();
-    Vocabulary::new(Descriptors::new(kind, vec![1, 2, 3, 4, 5, 6]).unwrap()).unwrap()
+    assert_eq!(&bytes[..12], b"VLAD\x01\0\0\0\x02\0\0\0");
+    assert_eq!(bytes[12..52], DescriptorKind::ROOT_SIFT.to_bytes());
+    assert_eq!(&bytes[52..], (0..=255).collect::<Vec<u8>>());
 }
 
 #[test]
-fn kinds_without_a_number_are_written_in_version_2() {
-    let vocabulary = of_own_kind();
+fn the_kind_of_the_words_comes_back() {
+    let kind = DescriptorKind::new("own", 3, crate::Encoding::Signed, 100).unwrap();
+    let vocabulary = Vocabulary::new(Descriptors::new(kind, vec![1, 2, 3, 4, 5, 6]).unwrap()).unwrap();
     let bytes = vocabulary.to_bytes();
-    assert_eq!(&bytes[..12], b"VLAD\x02\0\0\0\x02\0\0\0");
-    assert_eq!(bytes[12..52], vocabulary.kind().to_bytes());
+    assert_eq!(bytes[12..52], kind.to_bytes());
     assert_eq!(bytes[52..], [1, 2, 3, 4, 5, 6]);
     assert_eq!(Vocabulary::from_bytes(&bytes).unwrap(), vocabulary);
     for cut in 0..bytes.len() {
         assert!(Vocabulary::from_bytes(&bytes[..cut]).is_err(), "{cut}");
     }
     assert!(Vocabulary::from_bytes(&[&bytes[..], &[0]].concat()).is_err());
-    // RootSIFT has a form in version 1, so it has none here.
-    let mut sift = bytes[..12].to_vec();
-    sift.extend(DescriptorKind::ROOT_SIFT.to_bytes());
-    sift.extend([0; 256]);
-    assert_eq!(Vocabulary::from_bytes(&sift).unwrap_err(), DescriptorError::UnknownKind { code: 1 });
 }
 
 #[test]
@@ -217,11 +207,15 @@ fn damaged_bytes_are_refused_by_name() {
         Vocabulary::from_bytes(&bytes).unwrap_err()
     };
     assert_eq!(refused(0, b'X'), DescriptorError::NotAVocabulary);
-    assert_eq!(refused(4, 3), DescriptorError::VocabularyVersion { found: 3, supported: 2 });
-    assert_eq!(refused(8, 99), DescriptorError::UnknownKind { code: 99 });
-    assert_eq!(refused(12, 0), DescriptorError::WordCount { words: 0, max: Vocabulary::MAX_LEN });
-    assert_eq!(refused(12, 4), DescriptorError::VocabularyLength { expected: 528, found: 400 });
-    assert_eq!(refused(15, 255), DescriptorError::WordCount { words: 0xff00_0003, max: Vocabulary::MAX_LEN });
+    for found in [0, 2] {
+        let error = refused(4, found);
+        assert_eq!(error, DescriptorError::VocabularyVersion { found: found.into(), supported: 1 });
+        assert!(error.to_string().contains("train it again"), "{error}");
+    }
+    assert_eq!(refused(12, 0), DescriptorError::Name);
+    assert_eq!(refused(8, 0), DescriptorError::WordCount { words: 0, max: Vocabulary::MAX_LEN });
+    assert_eq!(refused(8, 4), DescriptorError::VocabularyLength { expected: 564, found: 436 });
+    assert_eq!(refused(11, 255), DescriptorError::WordCount { words: 0xff00_0003, max: Vocabulary::MAX_LEN });
 }
 
 proptest! {
@@ -245,5 +239,7 @@ proptest! {
         let _ = Vocabulary::from_bytes(&bytes);
         let with_mark = [b"VLAD\x01\0\0\0\x01\0\0\0", &bytes[..]].concat();
         let _ = Vocabulary::from_bytes(&with_mark);
+        let with_kind = [&with_mark[..12], &DescriptorKind::ROOT_SIFT.to_bytes(), &bytes].concat();
+        let _ = Vocabulary::from_bytes(&with_kind);
     }
 }
