@@ -16,7 +16,7 @@ mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap,tokens,settings,man
 cp ../crates/core/protocol/tests/data/*.vquery "$corpus/sealed_query/"
 cp ../crates/core/protocol/tests/data/*.profile "$corpus/profile/"
 cp ../crates/core/protocol/tests/data/*.answer "$corpus/answer/"
-cp ../crates/server/map/tests/data/map-v*.bin "$corpus/map_file/"
+cp ../crates/server/map/tests/data/map*.bin "$corpus/map_file/"
 cp ../crates/server/service/tests/data/auth/*.tokens "$corpus/tokens/"
 cp ../crates/server/map/tests/data/regions/manifest/*.json "$corpus/manifest/"
 cp ../crates/server/map/tests/data/regions/index/*.index "$corpus/index/"

@@ -83,16 +83,16 @@ pub enum MapError {
     },
     /// The file is a map of another version of the format.
     #[error(
-        "{}: map format version {found}, this program reads versions 1 to {supported}; {}",
-        path.display(),
-        if found > supported { "use a newer veiloc" } else { "build the map again with this veiloc" }
+        "{}: map format version {found}, but this program reads version {supported}; build the map again with this \
+         program, or use the one that wrote it",
+        path.display()
     )]
     Version {
         /// Which file.
         path: PathBuf,
         /// Its version.
         found: u32,
-        /// The newest version this program reads.
+        /// The version this program reads.
         supported: u32,
     },
     /// The file has a part that this program does not know.

@@ -35,7 +35,8 @@ impl Pointer {
             serde_json::from_slice(bytes).map_err(|error| format!("no pointer: {error}"))?;
         if version != VERSION {
             return Err(format!(
-                "a pointer of version {version}, where this program reads {VERSION}: use a newer veiloc"
+                "a pointer of version {version}, but this program reads version {VERSION}: publish the map again with this \
+                 program, or use the one that published it"
             ));
         }
         let pointer: Self = serde_json::from_slice(bytes).map_err(|error| format!("no pointer: {error}"))?;

@@ -14,8 +14,8 @@ compile_error!(
     "map files are little-endian and are used as they lie on disk; big-endian machines are not supported"
 );
 
-/// The version of the format that this program writes. It reads all from 1 on.
-pub const FORMAT_VERSION: u32 = 2;
+/// The version of the format that this program writes and reads.
+pub const FORMAT_VERSION: u32 = 1;
 
 /// The first bytes of every map.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VEILMAP";
@@ -41,17 +41,16 @@ pub(super) enum Section {
     Globals = 9,
     Points = 10,
     Observations = 11,
-    /// From version 2 on.
     Building = 12,
-    /// From version 2 on, where there was one.
+    /// Where there was one.
     SelfTest = 13,
-    /// From version 2 on, where somebody knows it.
+    /// Where somebody knows it.
     Down = 14,
-    /// From version 2 on, in maps that were compressed.
+    /// In maps that were compressed.
     Compressed = 15,
-    /// From version 2 on, in maps that are a part of a larger one.
+    /// In maps that are a part of a larger one.
     Region = 16,
-    /// From version 2 on, in the place of what sections 6 to 11 hold in other maps, which are then empty.
+    /// In the place of what sections 6 to 11 hold in other maps, which are then empty.
     Packed = 17,
 }
 
@@ -77,25 +76,14 @@ impl Section {
         Self::Packed,
     ];
 
-    /// The sections a file of this version must have, in order.
-    pub(super) const fn of_version(version: u32) -> &'static [Self] {
-        match version {
-            1 => Self::ALL.split_at(11).0,
-            _ => Self::ALL.split_at(12).0,
-        }
-    }
+    /// The sections a file must have, in order; it may have the others.
+    pub(super) const REQUIRED: &[Self] = Self::ALL.split_at(12).0;
 
-    /// What a file may have from version 2 on.
-    pub(super) const OPTIONAL: &[Self] =
-        &[Self::SelfTest, Self::Down, Self::Compressed, Self::Region, Self::Packed];
-
-    /// Whether these are the sections of a file of this version: all that it must have, and what it may have, in order.
-    pub(super) fn fit(version: u32, codes: impl Iterator<Item = u32> + Clone) -> bool {
-        let (must, may) = (Self::of_version(version), if version > 1 { Self::OPTIONAL } else { &[] });
-        let among = |code: u32, sections: &[Self]| sections.iter().any(|s| *s as u32 == code);
+    /// Whether these are the sections of a file: all that it must have, and what it may have, in order.
+    pub(super) fn fit(codes: impl Iterator<Item = u32> + Clone) -> bool {
         let is_there = |s: &Self| codes.clone().any(|code| code == *s as u32);
-        let known = codes.clone().all(|code| among(code, must) || among(code, may));
-        known && must.iter().all(is_there) && codes.clone().is_sorted_by(|a, b| a < b)
+        let known = codes.clone().all(|code| Self::from_code(code).is_some());
+        known && Self::REQUIRED.iter().all(is_there) && codes.clone().is_sorted_by(|a, b| a < b)
     }
 
     /// Whether a packed map has its content in [`Self::Packed`].

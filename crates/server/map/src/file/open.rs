@@ -82,11 +82,11 @@ impl MapFile {
 
     fn of_bytes(bytes: MappedFile, path: &Path) -> Result<Self, MapError> {
         let parser = Parser { path, bytes: &bytes };
-        let (version, sections) = parser.sections()?;
+        let sections = parser.sections()?;
         if sections[Section::Packed as usize - 1].is_some() {
             let file = Self::of_model(&parser.unpacked(&sections)?)
                 .map_err(|e| parser.wrong(Section::Packed.name(), &e.to_string()))?;
-            return Ok(Self { path: path.to_owned(), file_bytes: bytes.len() as u64, version, ..file });
+            return Ok(Self { path: path.to_owned(), file_bytes: bytes.len() as u64, ..file });
         }
         let parts = parser.parts(&sections)?;
         let Parts { profile, settings, cameras, images, self_test, down, compressed, region, large } = parts;
@@ -94,7 +94,6 @@ impl MapFile {
             path: path.to_owned(),
             file_bytes: bytes.len() as u64,
             bytes,
-            version,
             profile,
             settings,
             cameras,
@@ -132,19 +131,19 @@ pub(super) struct Parser<'a> {
 }
 
 impl<'a> Parser<'a> {
-    /// The version of the file and the bytes of its sections, checksums verified.
-    fn sections(&self) -> Result<(u32, Sections), MapError> {
+    /// The bytes of the file's sections, checksums verified.
+    fn sections(&self) -> Result<Sections, MapError> {
         let path = || self.path.to_owned();
         let actual = self.bytes.len() as u64;
         let damaged = |section: &'static str| MapError::Checksum { path: path(), section };
         if self.bytes.len() < MAGIC.len() || !self.bytes.starts_with(&MAGIC) {
             return Err(MapError::NotAMap { path: path() });
         }
-        let smallest = size_of::<Header>() + Section::of_version(1).len() * size_of::<Entry>();
+        let smallest = size_of::<Header>() + Section::REQUIRED.len() * size_of::<Entry>();
         let too_short =
             |expected: usize| MapError::Length { path: path(), actual, expected: expected as u64 };
         let (header, rest) = Header::read_from_prefix(self.bytes).map_err(|_| too_short(smallest))?;
-        if !(1..=FORMAT_VERSION).contains(&header.version) {
+        if header.version != FORMAT_VERSION {
             return Err(MapError::Version { path: path(), found: header.version, supported: FORMAT_VERSION });
         }
         // At most so many sections: a number beyond memory is a number beyond the file.
@@ -162,11 +161,8 @@ impl<'a> Parser<'a> {
         if let Some(unknown) = table.iter().find(|e| Section::from_code(e.code).is_none()) {
             return Err(MapError::UnknownSection { path: path(), code: unknown.code });
         }
-        if !Section::fit(header.version, table.iter().map(|e| e.code)) || header.reserved != [0; 4] {
-            return Err(wrong(format!(
-                "not the sections of version {}, or reserved bytes in use",
-                header.version
-            )));
+        if !Section::fit(table.iter().map(|e| e.code)) || header.reserved != [0; 4] {
+            return Err(wrong("not the sections of a map, or reserved bytes in use".to_owned()));
         }
         let mut ranges = Sections::default();
         let mut end = head;
@@ -188,13 +184,13 @@ impl<'a> Parser<'a> {
         if end as u64 != actual {
             return Err(wrong("bytes behind the last section".to_owned()));
         }
-        Ok((header.version, ranges))
+        Ok(ranges)
     }
 
     fn parts(&self, sections: &Sections) -> Result<Parts, MapError> {
         let range = |section: Section| sections[section as usize - 1].clone().unwrap_or_default();
         let profile = self.profile(sections)?;
-        let settings = self.settings(sections, &profile)?;
+        let settings = self.settings(sections)?;
         let cameras = self.cameras(self.records(&range(Section::Cameras), Section::Cameras)?)?;
         let keypoints: &[[f32; 2]] = self.records(&range(Section::Keypoints), Section::Keypoints)?;
         let links: &[u32] = self.records(&range(Section::KeypointPoints), Section::KeypointPoints)?;
@@ -281,38 +277,23 @@ impl<'a> Parser<'a> {
         std::str::from_utf8(&self.bytes[range]).map_err(|_| self.wrong(Section::Names.name(), "not UTF-8"))
     }
 
-    /// Of version 1, the words are those of the profile and the rest defaults.
-    pub(super) fn settings(&self, sections: &Sections, profile: &Profile) -> Result<BuildSettings, MapError> {
-        let range = |section: Section| sections[section as usize - 1].clone();
-        let extraction: &SettingsRecord =
-            self.record(&range(Section::Settings).unwrap_or_default(), Section::Settings)?;
-        let extraction = ExtractionLimits {
-            max_keypoints: extraction.max_keypoints,
-            max_image_side: extraction.max_image_side,
-        };
-        let default = BuildSettings::default();
-        let settings = match range(Section::Building) {
-            None => BuildSettings {
-                extraction,
-                vocabulary_words: profile
-                    .vocabulary()
-                    .map_or(default.vocabulary_words, |v| v.len().min(512) as u32),
-                ..default
+    pub(super) fn settings(&self, sections: &Sections) -> Result<BuildSettings, MapError> {
+        let range = |section: Section| sections[section as usize - 1].clone().unwrap_or_default();
+        let extraction: &SettingsRecord = self.record(&range(Section::Settings), Section::Settings)?;
+        let record: &BuildingRecord = self.record(&range(Section::Building), Section::Building)?;
+        let settings = BuildSettings {
+            extraction: ExtractionLimits {
+                max_keypoints: extraction.max_keypoints,
+                max_image_side: extraction.max_image_side,
             },
-            Some(range) => {
-                let record: &BuildingRecord = self.record(&range, Section::Building)?;
-                BuildSettings {
-                    extraction,
-                    vocabulary_words: record.vocabulary_words,
-                    pairs_per_image: record.pairs_per_image,
-                    min_track_length: record.min_track_length,
-                    max_ratio: record.max_ratio,
-                    max_epipolar_error_px: record.max_epipolar_error_px,
-                    max_reprojection_error_px: record.max_reprojection_error_px,
-                    min_triangulation_angle_deg: record.min_triangulation_angle_deg,
-                    seed: record.seed,
-                }
-            }
+            vocabulary_words: record.vocabulary_words,
+            pairs_per_image: record.pairs_per_image,
+            min_track_length: record.min_track_length,
+            max_ratio: record.max_ratio,
+            max_epipolar_error_px: record.max_epipolar_error_px,
+            max_reprojection_error_px: record.max_reprojection_error_px,
+            min_triangulation_angle_deg: record.min_triangulation_angle_deg,
+            seed: record.seed,
         };
         settings.check().map_err(|e| self.wrong(Section::Settings.name(), &e.to_string()))?;
         Ok(settings)

@@ -19,7 +19,7 @@ impl Parser<'_> {
         }
         let bytes = &self.bytes[range(Section::Packed)];
         let profile = self.profile(sections)?;
-        let settings = self.settings(sections, &profile)?;
+        let settings = self.settings(sections)?;
         let cameras = self.cameras(self.records(&range(Section::Cameras), Section::Cameras)?)?;
         let keypoints = packed::keypoint_count(bytes).map_err(wrong)?;
         let records: &[ImageRecord] = self.records(&range(Section::Images), Section::Images)?;

@@ -29,7 +29,6 @@ pub struct MapFile {
     /// Length of the file; that of `bytes`, unless it is packed.
     pub(super) file_bytes: u64,
     pub(super) profile: Profile,
-    pub(super) version: u32,
     pub(super) settings: BuildSettings,
     pub(super) cameras: Vec<Intrinsics>,
     pub(super) images: Vec<ImageEntry>,
@@ -90,12 +89,7 @@ impl MapFile {
         &self.profile
     }
 
-    /// Version of the format of the file.
-    pub const fn format_version(&self) -> u32 {
-        self.version
-    }
-
-    /// How the map was built. A file of version 1 says only what was extracted; the rest are defaults.
+    /// How the map was built.
     pub const fn settings(&self) -> &BuildSettings {
         &self.settings
     }

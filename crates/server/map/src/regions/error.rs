@@ -56,7 +56,11 @@ pub enum RegionsError {
         reason: String,
     },
     /// An index was written by a newer program.
-    #[error("{}: index version {found}, this program reads {supported}; use a newer veiloc", path.display())]
+    #[error(
+        "{}: index version {found}, but this program reads version {supported}; publish the map again with this program, or \
+         use the one that published it",
+        path.display()
+    )]
     IndexVersion {
         /// Which file.
         path: PathBuf,
@@ -110,7 +114,10 @@ pub enum ManifestError {
     #[error("not a manifest of regions: {0}; `veiloc map split` makes one")]
     Json(#[from] serde_json::Error),
     /// Of a version that this program does not know.
-    #[error("manifest version {found}, this program reads {supported}; use a newer veiloc")]
+    #[error(
+        "manifest version {found}, but this program reads version {supported}; publish the map again with this program, or \
+         use the one that published it"
+    )]
     Version {
         /// Its version.
         found: u32,

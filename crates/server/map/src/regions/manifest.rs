@@ -242,11 +242,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_newer_is_called_newer() {
+    fn another_version_says_what_to_do() {
         let text = String::from_utf8(manifest().encode()).unwrap();
         let newer = text.replacen("\"version\": 1", "\"parents\": [], \"version\": 2", 1);
         let error = Manifest::decode(newer.as_bytes()).unwrap_err();
         assert!(matches!(error, ManifestError::Version { found: 2, supported: 1 }), "{error}");
+        assert!(error.to_string().contains("publish the map again"), "{error}");
         let unknown = text.replacen("\"map\"", "\"more\": 1, \"map\"", 1);
         assert!(matches!(Manifest::decode(unknown.as_bytes()), Err(ManifestError::Json(_))));
     }

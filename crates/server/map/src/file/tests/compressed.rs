@@ -1,8 +1,6 @@
 //! The section of compressed maps: known answer, and forged records.
 
-use std::path::PathBuf;
-
-use super::{forged, open_bytes, sample};
+use super::{forged, known_answer, open_bytes, sample};
 use crate::file::layout::Section;
 use crate::file::write::to_bytes;
 use crate::{Compressed, MapError, MapFile, MapModel, MapView, PointId, Remembered};
@@ -28,10 +26,9 @@ pub(super) fn small(seed: u64) -> MapModel {
     MapModel { compressed: Some(compressed(model.points.len())), down, ..model }
 }
 
-/// A compressed map of version 2 must load for ever, and be written the same for ever.
 #[test]
 fn known_answer_of_compressed() {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/map-v2-compressed.bin");
+    let path = known_answer("map-compressed");
     let model = small(7);
     if std::env::var_os("VEILOC_BLESS").is_some() {
         std::fs::write(&path, to_bytes(&model)).unwrap();

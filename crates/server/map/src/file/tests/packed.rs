@@ -1,8 +1,6 @@
 //! Packed maps: known answer, what is lost, and forged records.
 
-use std::path::PathBuf;
-
-use super::{compressed::small, forged, open_bytes};
+use super::{compressed::small, forged, known_answer, open_bytes};
 use crate::file::layout::Section;
 use crate::file::write::to_bytes;
 use crate::{MapError, MapFile, MapModel, Observation};
@@ -34,10 +32,9 @@ fn packed(seed: u64) -> MapModel {
     model
 }
 
-/// A packed map of version 2 must load for ever, and be written the same for ever.
 #[test]
 fn known_answer_of_packed() {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/map-v2-packed.bin");
+    let path = known_answer("map-packed");
     let model = packed(7);
     if std::env::var_os("VEILOC_BLESS").is_some() {
         std::fs::write(&path, to_bytes(&model)).unwrap();

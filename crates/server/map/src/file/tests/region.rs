@@ -1,9 +1,7 @@
 //! The section of regions: known answer, forged records, and what a region has of the whole map.
 
-use std::path::PathBuf;
-
 use super::compressed::small;
-use super::{forged, open_bytes, sample};
+use super::{forged, known_answer, open_bytes, sample};
 use crate::file::layout::Section;
 use crate::file::write::to_bytes;
 use crate::{MapError, MapFile, MapModel, MapView, PointId, Region, RegionImage};
@@ -18,10 +16,9 @@ pub(super) fn part(seed: u64) -> MapModel {
     MapModel { region: Some(region()), ..small(seed) }
 }
 
-/// A region of version 2 must load for ever, and be written the same for ever.
 #[test]
 fn known_answer_of_a_region() {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/map-v2-region.bin");
+    let path = known_answer("map-region");
     let model = part(7);
     if std::env::var_os("VEILOC_BLESS").is_some() {
         std::fs::write(&path, to_bytes(&model)).unwrap();

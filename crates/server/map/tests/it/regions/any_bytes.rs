@@ -1,5 +1,5 @@
 //! Manifests and indexes, damaged in every way: refused, or something that holds together. The properties are the fuzzer's;
-//! and the known answers of both, which must load for ever.
+//! and the known answers of both.
 #![allow(missing_docs, unreachable_pub, dead_code, reason = "shared with fuzz/")]
 
 use super::common;
@@ -12,7 +12,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use veiloc_map::MapMemory;
-use veiloc_map::regions::{Folder, FolderWriter, Index, MANIFEST_FILE, Manifest, SplitOptions, cut};
+use veiloc_map::regions::{
+    Folder, FolderWriter, Index, MANIFEST_FILE, Manifest, RegionsError, SplitOptions, cut,
+};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/regions").join(name)
@@ -28,17 +30,30 @@ fn known_answers() {
     let entries = regions.iter().map(|region| writer.region(region).expect("a region")).collect();
     let manifest = writer.finish(&regions, entries).expect("a manifest");
     let index = Folder::open(folder.path()).expect("regions").path_of(&manifest.index.sha256);
-    let files = [(folder.path().join(MANIFEST_FILE), "manifest/v1.json"), (index, "index/v1.index")];
+    let files =
+        [(folder.path().join(MANIFEST_FILE), "manifest/two-rooms.json"), (index, "index/two-rooms.index")];
     for (written, known) in files {
         if std::env::var_os("VEILOC_BLESS").is_some() {
             fs::copy(&written, data(known)).expect("blessed");
         }
         assert_eq!(fs::read(&written).expect("written"), fs::read(data(known)).expect("known"), "{known}");
     }
-    let known = fs::read(data("manifest/v1.json")).expect("known");
+    let known = fs::read(data("manifest/two-rooms.json")).expect("known");
     assert_eq!(Manifest::decode(&known).expect("a manifest"), manifest);
-    let index = Index::open(&data("index/v1.index"), MapMemory::Mapped).expect("an index");
+    let index = Index::open(&data("index/two-rooms.index"), MapMemory::Mapped).expect("an index");
     assert_eq!((index.image_count(), index.region_count()), (16, manifest.regions.len()));
+}
+
+#[test]
+fn an_index_of_another_version_says_what_to_do() {
+    let mut bytes = fs::read(data("index/two-rooms.index")).expect("known");
+    bytes[8..12].copy_from_slice(&2_u32.to_le_bytes());
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("index");
+    fs::write(&path, bytes).expect("room");
+    let error = Index::open(&path, MapMemory::Copied).expect_err("another version");
+    assert!(matches!(error, RegionsError::IndexVersion { found: 2, supported: 1, .. }), "{error}");
+    assert!(error.to_string().contains("publish the map again"), "{error}");
 }
 
 #[test]

@@ -140,7 +140,7 @@ fn facts(map: &MapFile, path: &Path) -> Info {
         version: 1,
         file: path.display().to_string(),
         bytes,
-        format_version: map.format_version(),
+        format_version: veiloc_map::FORMAT_VERSION,
         images: map.image_count(),
         cameras: map.camera_count(),
         keypoints: (0..map.image_count()).map(|i| map.image(i).keypoints().len()).sum(),
