@@ -3,10 +3,10 @@
 use super::common;
 
 use std::fs;
-use std::process::Child;
-use std::time::{Duration, Instant};
+use std::io::{BufRead as _, BufReader};
 
 use common::{MAP_VIEWS, Place, place};
+use veiloc_map::MapLock;
 
 const BUILD: &str = "map build --posed posed --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024 \
                      -o live/place.vmap";
@@ -32,16 +32,25 @@ fn old_map_is_untouched(place: &Place, old: &[u8], when: &str) {
     }
 }
 
-/// Starts the build, kills it when `when` says so, and tells whether it was still running.
-fn killed(place: &Place, when: impl Fn(&mut Child) -> bool) -> bool {
+/// Starts the build, and kills it when its log has a line that begins so.
+fn killed_in(place: &Place, stage: &str) {
     let mut child = place.command(BUILD).spawn().expect("the binary runs");
-    while !when(&mut child) {
-        std::thread::sleep(Duration::from_micros(200));
-    }
-    let running = child.try_wait().expect("a child").is_none();
+    let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.starts_with(stage)), "it came to {stage}");
+    assert!(child.try_wait().expect("a child").is_none(), "it cannot end without the lock");
     child.kill().expect("killed");
     child.wait().expect("ended");
-    running
+}
+
+/// Starts the build, and kills it when another file shows up beside the map.
+fn killed_while_writing(place: &Place) {
+    let mut child = place.command(BUILD).spawn().expect("the binary runs");
+    let is_writing = || names(place).iter().any(|name| name.ends_with(".partial"));
+    while !is_writing() && child.try_wait().expect("a child").is_none() {
+        std::thread::yield_now();
+    }
+    child.kill().expect("killed");
+    child.wait().expect("ended");
 }
 
 #[test]
@@ -53,29 +62,20 @@ fn a_killed_build_leaves_the_old_map() {
     let small = BUILD.replace("map.txt", "three.txt");
     place.run(&small).succeeded();
     let old = place.read("live/place.vmap");
-    let started = Instant::now();
     place.run(&BUILD.replace("live/", "")).succeeded();
-    let whole = started.elapsed();
 
-    // At times spread over the build.
-    let mut kills = 0;
-    for share in [0.02, 0.3, 0.6, 0.8] {
-        let delay = whole.mul_f64(share);
-        let start = Instant::now();
-        if killed(place, |_| start.elapsed() >= delay) {
-            kills += 1;
-            old_map_is_untouched(place, &old, &format!("killed after {delay:?} of {whole:?}"));
-        } else {
-            // A machine that became faster meanwhile finished: put the old map back.
-            place.write("live/place.vmap", &old);
-        }
+    // In one stage after another. While the lock is held here, no build gets as far as replacing the map.
+    let lock = MapLock::acquire(&place.path("live/place.vmap")).expect("nobody else holds it");
+    for stage in ["Extracting features", "Matching pairs", "Triangulating points", "Testing the map"] {
+        killed_in(place, stage);
+        old_map_is_untouched(place, &old, stage);
     }
-    assert!(kills >= 2, "only {kills} builds were still running when they were to be killed");
+    drop(lock);
 
-    // In the very moment of writing: as soon as another file shows up beside the map.
+    // In the very moment of writing.
     let mut caught = 0;
     for _ in 0..3 {
-        killed(place, |child| names(place).len() > 1 || child.try_wait().is_ok_and(|s| s.is_some()));
+        killed_while_writing(place);
         if place.read("live/place.vmap") == old {
             caught += 1;
             old_map_is_untouched(place, &old, "killed while writing");

@@ -6,8 +6,9 @@ use super::common;
 mod http;
 
 use std::fs;
-use std::io::{BufRead as _, BufReader, Lines, Write as _};
+use std::io::{BufRead as _, BufReader, Lines, Read, Write};
 use std::net::{SocketAddr, TcpListener};
+use std::os::unix::net::UnixStream;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -40,7 +41,7 @@ impl Service {
     /// With a log that is read as far as the line that tells where it listens, and no further.
     fn start_unread(place: &Place, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
         let mut child = place
-            .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 {arguments}"))
+            .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 --unknown-life 3600 --connection-life 3600 {arguments}"))
             .spawn()
             .expect("the binary runs");
         let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
@@ -266,8 +267,7 @@ fn what_would_be_a_mistake_is_refused() {
         assert!(run.code == Some(code) && run.stderr.contains(part), "{part}: {run}");
     }
     // Nobody there.
-    let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
-    let run = place.run(&format!("{} --retries 1", send("query-0.png", &format!("http://{free}"))));
+    let run = place.run(&format!("{} --retries 1", send("query-0.png", "http://127.0.0.1:1")));
     assert!(run.code == Some(1) && run.stderr.contains("sending the same bytes again"), "{run}");
     assert!(run.stderr.contains("that the service runs"), "{run}");
 }
@@ -361,17 +361,21 @@ fn signals_stop_and_reload() {
     assert_eq!(status.code(), Some(0), "{}", service.log());
 }
 
+/// What a client may speak through.
+trait Stream: Read + Write {}
+
+impl<S: Read + Write> Stream for S {}
+
 /// A pipe that nobody reads, a reader that has gone, a disk that is full: requests are answered, and SIGTERM ends it.
 #[test]
 fn a_log_that_cannot_be_written_stops_nothing() {
     let place = place();
-    let answered = |address: SocketAddr| {
-        let mut stream = http::connect(address);
+    let answered = |stream: &mut dyn Stream| {
         let request = http::Request::get("/v1/maps").bytes();
         // Some ten times what a pipe holds.
         for _ in 0..6000 {
             stream.write_all(&request).expect("written");
-            assert_eq!(http::Response::read(&mut stream).status, 200);
+            assert_eq!(http::Response::read(&mut &mut *stream).status, 200);
         }
     };
     let end = |mut service: Service| {
@@ -379,29 +383,29 @@ fn a_log_that_cannot_be_written_stops_nothing() {
         assert_eq!(service.child.wait().expect("ended").code(), Some(0));
     };
     let (service, unread) = Service::start_unread(place, "--map place=place.vmap --rate 1000000");
-    answered(service.address);
+    answered(&mut http::connect(service.address));
     end(service);
     drop(unread);
     let (service, gone) = Service::start_unread(place, "--map place=place.vmap --rate 1000000");
     drop(gone);
-    answered(service.address);
+    answered(&mut http::connect(service.address));
     end(service);
     if let Ok(full) = fs::File::options().write(true).open("/dev/full") {
-        let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
-        let command =
-            format!("serve --map place=place.vmap --listen {free} --admin-listen 127.0.0.1:0 --rate 1000000");
-        let child = place.command(&command).stderr(Stdio::from(full)).spawn().expect("the binary runs");
-        let service = Service {
-            child,
-            url: format!("http://{free}"),
-            address: free,
-            log: Arc::default(),
-            reader: None,
+        // Nobody can be told a port: so a socket.
+        let command = "serve --map place=place.vmap --listen unix:full.sock --admin-listen 127.0.0.1:0 \
+                       --unknown-life 3600 --connection-life 3600 --rate 1000000";
+        let child = place.command(command).stderr(Stdio::from(full)).spawn().expect("the binary runs");
+        let nowhere = SocketAddr::from(([127, 0, 0, 1], 0));
+        let service =
+            Service { child, url: String::new(), address: nowhere, log: Arc::default(), reader: None };
+        let mut stream = loop {
+            match UnixStream::connect(place.path("full.sock")) {
+                Ok(stream) => break stream,
+                Err(_) => std::thread::sleep(std::time::Duration::from_millis(10)),
+            }
         };
-        while std::net::TcpStream::connect(free).is_err() {
-            std::thread::sleep(std::time::Duration::from_millis(10));
-        }
-        answered(free);
+        answered(&mut stream);
+        drop(stream);
         end(service);
     }
 }
@@ -410,22 +414,29 @@ fn a_log_that_cannot_be_written_stops_nothing() {
 #[test]
 fn a_log_of_json_holds_nothing_else() {
     let place = place();
-    let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
     for (arguments, code) in [("", 0), (" --map place=none.vmap", 1)] {
         let maps = if arguments.is_empty() { " --map place=place.vmap" } else { arguments };
         let command =
-            format!("serve --listen {free} --admin-listen 127.0.0.1:0 --drain-delay 0 --log-json{maps}");
+            format!("serve --listen 127.0.0.1:0 --admin-listen 127.0.0.1:0 --drain-delay 0 --log-json{maps}");
         let mut child = place.command(&command).spawn().expect("the binary runs");
+        let mut all = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
+        let mut lines = Vec::new();
         if code == 0 {
-            while std::net::TcpStream::connect(free).is_err() {
-                std::thread::sleep(std::time::Duration::from_millis(10));
-            }
-            assert_eq!(http::Request::get("/v1/maps").send(free).status, 200);
+            let address: SocketAddr = loop {
+                let line = all.next().expect("it starts");
+                let address = line.split_once("serving place on http://").map(|(_, rest)| {
+                    rest.chars().take_while(|c| c.is_ascii_digit() || ".:".contains(*c)).collect::<String>()
+                });
+                lines.push(line);
+                if let Some(address) = address {
+                    break address.parse().expect("an address");
+                }
+            };
+            assert_eq!(http::Request::get("/v1/maps").send(address).status, 200);
             let status = Command::new("kill").args(["-TERM", &child.id().to_string()]).status();
             assert!(status.expect("kill runs").success());
         }
-        let lines = BufReader::new(child.stderr.take().expect("piped")).lines();
-        let lines: Vec<String> = lines.map_while(Result::ok).collect();
+        lines.extend(all);
         assert_eq!(child.wait().expect("ended").code(), Some(code), "{lines:?}");
         assert!(!lines.is_empty());
         for line in &lines {
