@@ -17,6 +17,7 @@ mod intrinsics;
 mod line;
 pub mod pencils;
 mod pixel;
+pub mod statistics;
 
 pub use camera_model::{CameraModel, IntrinsicsError};
 pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3};

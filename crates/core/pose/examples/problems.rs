@@ -21,6 +21,7 @@ use rand_chacha::ChaCha8Rng;
 use support::{Failure, Query, obfuscate, read};
 use veiloc_descriptor::DescriptorKind;
 use veiloc_geometry::frames::World;
+use veiloc_geometry::statistics::upper_median;
 use veiloc_geometry::{Pixel, PlanePoint, Point3};
 use veiloc_pose::prior::{PriorModel, match_probability, probability};
 use veiloc_pose::{AnchoredSolver, PoseOptions, PoseProblem, ScoreKind, estimate_pose, refine_pose};
@@ -167,6 +168,5 @@ fn geometric_mean(values: &[f64]) -> f64 {
 }
 
 fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+    upper_median(values).unwrap_or(f64::NAN)
 }

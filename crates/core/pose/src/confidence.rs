@@ -21,6 +21,7 @@ use std::fmt;
 
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3};
+use veiloc_geometry::statistics::upper_median;
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
 use crate::likelihood::{Correspondences, Matches, Symmetric6};
@@ -314,7 +315,7 @@ pub(crate) fn free_direction(
 fn typical_distance(matches: &Matches<'_>, pose: &CameraFromWorld, inliers: &[usize]) -> f64 {
     let mut distances: Vec<f64> =
         inliers.iter().map(|&i| (pose.rotation() * matches.points[i] + pose.translation()).norm()).collect();
-    median(&mut distances)
+    upper_median(&mut distances).unwrap_or(f64::NAN)
 }
 
 /// The anchor with most distinct keypoints among the inliers, the first of equals; how many it has, and how many all others.
@@ -379,9 +380,4 @@ fn log_region<'a>(points: impl Iterator<Item = &'a Vector3<f64>> + Clone) -> f64
     // A flat scene is looked at from somewhere: no side shorter than half the longest.
     let longest = extents.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     extents.iter().map(|e| e.max(0.5 * longest).ln()).sum()
-}
-
-pub(crate) fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() { f64::NAN } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }

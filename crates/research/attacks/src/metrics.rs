@@ -1,6 +1,7 @@
 //! How far off recovered keypoints are.
 
 use veiloc_geometry::Pixel;
+use veiloc_geometry::statistics::upper_median;
 
 /// Distance of each recovered keypoint from the true one, pixels. Infinite where either is not finite.
 pub fn errors_px(recovered: impl IntoIterator<Item = Pixel>, truth: &[Pixel]) -> Vec<f64> {
@@ -55,10 +56,9 @@ impl ErrorSummary {
     }
 }
 
-/// The middle value, of an even number the upper of the two, 0 of none: the median where a scale is wanted.
+/// The upper median, 0 of none: where a scale is wanted.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+    upper_median(&mut values).unwrap_or(0.0)
 }
 
 /// How many bits an attack tells about a keypoint beyond the prior guess, on average.

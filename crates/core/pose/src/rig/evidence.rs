@@ -18,12 +18,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use veiloc_geometry::deviations::rotation_sd_degrees;
 use veiloc_geometry::nalgebra::{Matrix6, Vector3, Vector6};
+use veiloc_geometry::statistics::upper_median;
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
 use super::joint::Poses;
 use super::odometry::{Pull, Tie};
 use crate::confidence::{
-    Confidence, LEAST_MARGIN, free_direction, gains, least_log_evidence, log_det, log_poses, median,
+    Confidence, LEAST_MARGIN, free_direction, gains, least_log_evidence, log_det, log_poses,
 };
 use crate::likelihood::{
     Beliefs, Correspondences, Estimated, Matches, Symmetric6, inverse_or_infinite, with_shift,
@@ -264,7 +265,7 @@ impl Verdict {
             center_sd_relative: 0.0,
             held_relative: 0.0,
             held_rotation_deg: rotation_sd_degrees(&self.by_matches),
-            distance: median(&mut distances),
+            distance: upper_median(&mut distances).unwrap_or(f64::NAN),
             rotation_sd_deg: 0.0,
             other_focal: None,
             sides: sides(witnesses),

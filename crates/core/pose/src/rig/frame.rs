@@ -1,9 +1,9 @@
 //! One frame of a rig, ready to be searched.
 
 use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::statistics::upper_median;
 
 use super::RigFrame;
-use crate::confidence::median;
 use crate::error::PoseError;
 use crate::likelihood::{
     Beliefs, Correspondences, FocalKnowledge, Matches, Scale, System, log_farthest, median_point,
@@ -49,7 +49,7 @@ pub(super) fn scene_size(matches: &Matches<'_>, frame: &RigFrame) -> f64 {
         let center = median_point(&matches.points);
         matches.points.iter().map(|p| (p - center).norm()).collect()
     };
-    median(&mut distances)
+    upper_median(&mut distances).unwrap_or(f64::NAN)
 }
 
 impl<'a> Frame<'a> {

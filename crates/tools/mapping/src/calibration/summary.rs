@@ -1,5 +1,6 @@
 //! From the trials of a scheme to what is said of it.
 
+use veiloc_geometry::statistics::upper_median;
 use veiloc_map::{ABSOLUTE, Calibration, Coverage, LEVELS, RELATIVE, SchemeTest};
 use veiloc_protocol::Scheme;
 
@@ -61,8 +62,7 @@ fn coverage(distances: impl Iterator<Item = Option<Distances>>) -> Coverage {
 
 /// Upper median; infinite of nothing.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::INFINITY)
+    upper_median(&mut values).unwrap_or(f64::INFINITY)
 }
 
 /// Parts of the trials in cross-validation.
