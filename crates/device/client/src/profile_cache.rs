@@ -34,5 +34,5 @@ pub(crate) fn keep(file: &Path, bytes: &[u8], options: &ClientOptions) {
 
 /// SHA-256 in hexadecimal.
 pub(crate) fn hash(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
+    hex::encode(Sha256::digest(bytes))
 }

@@ -21,21 +21,14 @@ impl TokenKey {
 
     /// The hash of a token in hexadecimal, 64 digits in either case; `None` for anything else.
     pub fn of_hex(hex: &str) -> Option<Self> {
-        let hex = hex.as_bytes();
-        let digit = |c: u8| (c as char).to_digit(16).map(|value| value as u8);
         let mut digest = [0; 32];
-        if hex.len() != 64 {
-            return None;
-        }
-        for (byte, pair) in digest.iter_mut().zip(hex.chunks_exact(2)) {
-            *byte = digit(pair[0])? << 4 | digit(pair[1])?;
-        }
+        hex::decode_to_slice(hex, &mut digest).ok()?;
         Some(Self(digest))
     }
 
     /// All 64 digits: for the file of tokens, and for nothing else.
     pub(crate) fn hex(&self) -> String {
-        self.0.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"))
+        hex::encode(self.0)
     }
 
     /// The first eight digits: enough to tell which line is meant, nothing to try tokens with.

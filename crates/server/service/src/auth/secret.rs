@@ -10,7 +10,7 @@ pub struct Secret(String);
 impl Secret {
     /// Of 32 bytes that the caller drew from the system's generator.
     pub fn of_random(bytes: [u8; 32]) -> Self {
-        Self(bytes.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}")))
+        Self(hex::encode(bytes))
     }
 
     /// The token itself, 64 hexadecimal digits. Whoever calls this shows it to the one it is for, and to nobody else.

@@ -14,8 +14,7 @@ impl Content {
     /// Takes the bytes, and names them.
     pub fn new(bytes: impl Into<Bytes>) -> Self {
         let bytes = bytes.into();
-        let hash = Sha256::digest(&bytes);
-        let hash = hash.iter().fold(String::new(), |text, byte| text + &format!("{byte:02x}"));
+        let hash = hex::encode(Sha256::digest(&bytes));
         Self { bytes, hash }
     }
 

@@ -1,7 +1,5 @@
 //! A hash of what something is computed from.
 
-use std::fmt::Write as _;
-
 use sha2::{Digest as _, Sha256};
 
 /// A hash of what something is computed from; the version of this program is part of it.
@@ -45,9 +43,6 @@ impl Key {
 
     /// The hash, written out.
     pub fn hex(self) -> String {
-        self.digest().iter().fold(String::new(), |mut hex, byte| {
-            write!(hex, "{byte:02x}").expect("a string takes all that is written to it");
-            hex
-        })
+        hex::encode(self.digest())
     }
 }
