@@ -4,7 +4,7 @@
 //! [`MapModel::self_test`], as `veiloc map build` does it; without it answers have the covariances of other maps.
 //!
 //! [`build`], [`add`], [`remove`] make and change a map, [`write_map`] and [`MapFile`] keep it, [`localize`] asks it. The
-//! HTTP service itself is the crate `veiloc-server`. Building a map extracts features, of map images; localizing depends on
+//! HTTP service itself is the crate `veiloc-service`. Building a map extracts features, of map images; localizing depends on
 //! nothing that could name a keypoint of a query.
 
 pub use veiloc_features::{Extractor, Extractors, Progress};

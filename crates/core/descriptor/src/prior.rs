@@ -1,4 +1,4 @@
-//! What speaks for a match of a kind before geometry is asked, as numbers; `veiloc-robust` computes with them.
+//! What speaks for a match of a kind before geometry is asked, as numbers; `veiloc-pose` computes with them.
 
 /// Coefficients of a logistic: `logit γ = offset + a · ratio + b · ln(votes) + c · ln(track length)`.
 #[derive(Debug, Clone, Copy, PartialEq)]

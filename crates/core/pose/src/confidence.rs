@@ -3,7 +3,7 @@
 //! # Evidence
 //! For one pose, the matches of a keypoint explain what was observed better than "all of them are wrong" by the factor
 //! `1 − Σ γᵢ + Σ γᵢ ρᵢ`, with `γᵢ` the prior of match `i` and `ρᵢ` how much likelier its observation is when right than
-//! when wrong (`veiloc-likelihood`). Of one keypoint's matches at most one is right, and [`crate::PoseProblem::keypoints`] says which
+//! when wrong (`veiloc_pose::likelihood`). Of one keypoint's matches at most one is right, and [`crate::PoseProblem::keypoints`] says which
 //! are one keypoint's. The product over keypoints, integrated over all poses that might have been (any orientation,
 //! anywhere in the mapped region) by Laplace's approximation, is the Bayes factor of "taken here" against "taken
 //! elsewhere":

@@ -8,7 +8,7 @@
 //! | lines of any direction | six lines, `p6lp` | four lines, `u4lp` |
 //! | anchored lines | five lines of one anchor and a vote of the other's ([`AnchoredSolver::RadialVote`]), five and one (`p6lp_dual_radial`), or any six (`p6lp`) | four lines, `u4lp` |
 //!
-//! Hypotheses are compared by the likelihood of what was observed ([`ScoreKind::Likelihood`]; `veiloc-likelihood` states it for
+//! Hypotheses are compared by the likelihood of what was observed ([`ScoreKind::Likelihood`]; `veiloc_pose::likelihood` states it for
 //! all three, and so that schemes can be compared fairly it is one formula), optimised locally and refined on the same
 //! objective, at the noise that the inliers show. What each match is worth before geometry is asked comes from [`prior`].
 //! The plain MSAC score, the paper's recipe, has a false optimum on anchored lines, with the scene projected onto an

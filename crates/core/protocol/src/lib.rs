@@ -1,7 +1,7 @@
 //! The sealed query, the device profile, the answer, and their wire formats.
 //!
 //! This room is what both sides of the wire share: the device seals into it (`veiloc-obfuscation`), the server
-//! reads from it (`veiloc-localize`). It holds codes and turns codes into lines; nothing in it turns a keypoint
+//! reads from it (`veiloc-localization`). It holds codes and turns codes into lines; nothing in it turns a keypoint
 //! into a code, and for the line schemes no type in it has a field that could hold a keypoint.
 //!
 //! - [`Scheme`]: what happens to keypoint positions; [`DclLayout`]: where Dual Convergent Lines puts its anchors;

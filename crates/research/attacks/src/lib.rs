@@ -9,12 +9,12 @@
 //! - [`prior_only`]: the best guess that uses no neighbours at all, and [`Density::guess`], the same with a density
 //!   of keypoints learned from other images;
 //! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's (networks that learn them,
-//!   and positions, are in the crate `veiloc-outsider`);
+//!   and positions, are in the crate `veiloc_attacks::learned`);
 //! - [`transfer`](transfer()): positions and neighbours taken over from map images with similar descriptors;
 //! - [`server_side()`], [`iterative`], [`guided_transfer`]: what a server can do that has found the pose, and so
 //!   knows the keypoints that matched its map.
 //!
-//! Several queries of one place put together are attacked in the crate `veiloc-sightings`.
+//! Several queries of one place put together are attacked in the crate `veiloc_attacks::multi_view`.
 //!
 //! A large recovery error alone is not privacy: an attack that errs by 300 px where guessing errs by 90 px has only
 //! shown that it is a bad attack. So an attack is always reported beside the guess ([`bits_over_prior`]).

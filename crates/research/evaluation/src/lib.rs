@@ -6,9 +6,9 @@
 //! - [`stress`]: the same place with queries in the dark, moved, half hidden, small, few keypoints, or a sparse map.
 //! - [`negatives`]: images of elsewhere, which must not be found in a map.
 //! - [`evaluate_rig`]: the same for sessions of several images with simulated odometry.
-//! - [`make_problems`]: problems for the pose engine alone, which `veiloc-poses` measures.
+//! - [`make_problems`]: problems for the pose engine alone, which `veiloc_evaluation::pose` measures.
 //!
-//! What is counted, the JSON documents and the tables for people are in `veiloc-results`.
+//! What is counted, the JSON documents and the tables for people are in `veiloc_evaluation::results`.
 #![forbid(unsafe_code)]
 
 pub mod audit;

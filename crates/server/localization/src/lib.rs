@@ -1,7 +1,7 @@
 //! Sealed query and map to camera pose: the server's main job.
 //!
 //! Three stages, each in its file: [`retrieval`] picks the map images that look like the query, [`matching`] pairs
-//! the query's descriptors with the map points those images see, and the robust estimator of `veiloc-robust` solves
+//! the query's descriptors with the map points those images see, and the robust estimator of `veiloc-pose` solves
 //! for the pose from what the query tells about positions: lines, not points.
 //!
 //! **Invariant, tested by `cargo xtask tidy`:** this crate depends neither on `veiloc-features` nor on
@@ -10,7 +10,7 @@
 //! [`localize`] is the door: an opened map (`veiloc_map::MapFile`), a decoded query and [`LocalizeOptions`] in, a
 //! [`Localization`] out, which counts rows of the query and says whether to trust it. `tests/synthetic.rs` walks the
 //! whole road, map included. [`match_query`] is its first half, up to what the estimator is
-//! given. [`localize_rig`] takes the queries of a session with their relative poses. Who has matches of their own begins at [`observe_matches`] and goes on to `veiloc-robust`.
+//! given. [`localize_rig`] takes the queries of a session with their relative poses. Who has matches of their own begins at [`observe_matches`] and goes on to `veiloc-pose`.
 //!
 //! # Example
 //! Rows keep their identity on the way to the estimator, also where one is sent as two lines or has two map points:

@@ -1,7 +1,7 @@
 //! How well a map localizes its own images, and what follows for the covariances of its answers.
 //!
 //! A self-test localizes images of the map as if they were queries, each left out of the map meanwhile. Its poses are
-//! compared with those that the map was built with. It is run by `veiloc-selftest`; here is what it came to, because it is
+//! compared with those that the map was built with. It is run by `veiloc_mapping::calibration`; here is what it came to, because it is
 //! kept in the map's file and used where queries are answered.
 
 use veiloc_protocol::Scheme;

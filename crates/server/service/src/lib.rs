@@ -37,7 +37,7 @@
 //! # How a request goes
 //! Who asks is checked first, then how often, then what is sent, and only then is anything computed: a request that is
 //! refused costs nearly nothing. Localization is work for the processor, so it is done by a fixed number of threads
-//! behind a fair queue of fixed length (`pool.rs`, `veiloc-admission`); what does not fit, or would not be done in time, is told at once
+//! behind a fair queue of fixed length (`pool.rs`, `veiloc_service::queue`); what does not fit, or would not be done in time, is told at once
 //! and with the time to come back.
 //!
 //! # What is never told

@@ -1,4 +1,4 @@
-//! Who asks: bearer tokens by the list of the file (`veiloc-access`), each with its own allowance.
+//! Who asks: bearer tokens by the list of the file (`veiloc_service::auth`), each with its own allowance.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -106,7 +106,7 @@ pub(crate) fn seconds_up(wait: Duration) -> NonZeroU64 {
 pub(crate) enum Callers {
     /// Everybody, with one allowance for all.
     Anyone(Arc<Caller>),
-    /// Who has one of these tokens, found by its hash. Why the time this takes tells nobody anything: `veiloc-access`.
+    /// Who has one of these tokens, found by its hash. Why the time this takes tells nobody anything: `veiloc_service::auth`.
     Tokens(HashMap<TokenKey, Arc<Caller>>),
     /// Nobody, for want of a valid file of tokens.
     Closed,

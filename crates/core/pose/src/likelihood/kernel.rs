@@ -1,6 +1,6 @@
 //! The score of a pose over all correspondences, fast: what a search spends its time in.
 //!
-//! Correspondences are laid out for `veiloc-kernels`: single precision, world points centred before they are rounded,
+//! Correspondences are laid out for `veiloc-simd`: single precision, world points centred before they are rounded,
 //! pixels relative to the principal point; what is lost is far below a hundredth of a pixel. The readable twin is
 //! [`Matches::log_likelihood_ratio`], which the tests hold this against.
 

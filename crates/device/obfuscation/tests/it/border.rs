@@ -154,7 +154,7 @@ fn border_bits(rows: &[Row]) -> [f64; 2] {
     [mean(&|_| true), mean(&|row| row.near)]
 }
 
-/// `cargo test -p veiloc-obfuscation --test border -- --nocapture` prints the figures.
+/// `cargo test -p veiloc-obfuscation --test it border -- --nocapture` prints the figures.
 #[real_data_test]
 fn l11_descriptors_do_not_tell_the_border(data: &Path) {
     let paths = images(data);

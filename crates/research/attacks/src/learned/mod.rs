@@ -6,7 +6,7 @@
 //! - [`positions`]: end to end, from all rows of a query, descriptors and lines, to where on its line each keypoint
 //!   lies.
 //!
-//! Both are trained on the CPU by the engine of `veiloc-training`, with derivatives by hand: equal seeds give equal
+//! Both are trained on the CPU by the engine of `veiloc_attacks::training`, with derivatives by hand: equal seeds give equal
 //! networks, whatever the number of threads, and a training that was interrupted goes on as if it had not been
 //! ([`TrainingState`]). Decision 0021 says why no library does this.
 #![forbid(unsafe_code)]

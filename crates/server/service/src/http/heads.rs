@@ -4,7 +4,7 @@
 //! is to be of one length nothing is remembered (every value is marked as sensitive, RFC 7541, 7.1.3), its length is worked
 //! out, and the header `padding` fills it up. A status that is not in the standard's table cannot be marked: it takes four or
 //! five bytes the first time on a connection and one from then on, which is counted along.
-//! `veiloc-server`'s `tests/http2.rs` measures it on the wire.
+//! `veiloc-service`'s `tests/http2.rs` measures it on the wire.
 
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};

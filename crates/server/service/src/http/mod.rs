@@ -7,7 +7,7 @@
 //!   how long anything may take, [`Ending`] that the service is about to stop.
 //! - [`HeadBytes`]: how long the head of a response is to be on the wire of HTTP/2 (rule L12).
 //!
-//! Who is let in, and who has to make room, is `veiloc-admission`'s; what is answered is `veiloc-server`'s.
+//! Who is let in, and who has to make room, is `veiloc_service::queue`'s; what is answered is `veiloc-service`'s.
 #![forbid(unsafe_code)]
 
 mod address;

@@ -4,7 +4,7 @@
 //! - [`FairQueue`]: whose work is done next, so that who sends much waits longer and nobody else does.
 //! - [`Throttle`]: which log lines are written one by one and which are summed up.
 //!
-//! Nothing here reads a clock, so all of it is tested without one. `veiloc-server` is the user.
+//! Nothing here reads a clock, so all of it is tested without one. `veiloc-service` is the user.
 //!
 //! ```
 //! use std::num::NonZeroUsize;

@@ -16,7 +16,7 @@ fn overlap(a: [f32; 4], b: &[f64]) -> f64 {
 }
 
 /// Decoders of JPEG differ by a gray level here and there, and a network in whole numbers rounds what it sees: the most that scores
-/// differ by is 0.10, the least overlap 0.89. With `ConvInteger` as rten has it (`networks/src/onnx/exact.rs`) they differ by 0.27, and two trains
+/// differ by is 0.10, the least overlap 0.89. With `ConvInteger` as rten has it (`features/src/learned/onnx/exact.rs`) they differ by 0.27, and two trains
 /// are not found.
 #[real_data_test]
 fn boxes_are_those_of_another_runtime(data: &Path) {

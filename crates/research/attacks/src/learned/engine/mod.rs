@@ -1,4 +1,4 @@
-//! What networks over sets of keypoints are made of, beside the layers of `veiloc-training`: attention and its softmax,
+//! What networks over sets of keypoints are made of, beside the layers of `veiloc_attacks::training`: attention and its softmax,
 //! dropout, with their derivatives by hand, on the CPU, in `f32`.
 //!
 //! A keypoint is a **column** of a matrix. Nothing here draws numbers but [`dropout`], from a generator that is passed in; no

@@ -1,5 +1,5 @@
 //! What an evaluation keeps in a folder, so that an interruption loses no finished query and nothing is computed twice:
-//! the map, the features of its images and the matches of their pairs (`veiloc-keeping`), the results of queries.
+//! the map, the features of its images and the matches of their pairs (`veiloc_mapping::build_cache`), the results of queries.
 //!
 //! Everything is found by a hash of what it was computed from: the bytes of the images, cameras and poses, the options, what
 //! the extractor makes of an image, the version of this program. So a folder may serve several evaluations, and what no
