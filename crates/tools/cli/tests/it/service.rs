@@ -313,7 +313,7 @@ fn a_retry_sends_the_same_bytes() {
                 line.clear();
             }
             let mut body = vec![0; length];
-            std::io::Read::read_exact(&mut reader, &mut body).expect("a body");
+            Read::read_exact(&mut reader, &mut body).expect("a body");
             let (status, answer): (&str, &[u8]) = if posted {
                 bodies.push(body);
                 (answers[bodies.len() - 1], b"")
