@@ -10,7 +10,6 @@ use std::num::NonZeroUsize;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll};
-use std::time::Duration;
 
 use bytes::Bytes;
 use common::gate::{Gate, all_are_in};
@@ -145,7 +144,7 @@ const GOAWAY: u8 = 7;
 fn run(test: impl Future<Output = ()>) {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     runtime.expect("a runtime").block_on(async {
-        tokio::time::timeout(Duration::from_secs(300), test).await.expect("an end");
+        tokio::time::timeout(HOUR, test).await.expect("an end");
     });
 }
 

@@ -29,7 +29,7 @@ pub const MAP: &str = "town";
 pub const LONG: Duration = Duration::from_secs(120);
 
 /// How often machines look what is published: often, so that tests are short.
-const OFTEN: Duration = Duration::from_millis(20);
+pub const OFTEN: Duration = Duration::from_millis(20);
 
 pub struct Town {
     folder: tempfile::TempDir,

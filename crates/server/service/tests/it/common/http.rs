@@ -60,7 +60,7 @@ impl Request {
 /// A connection on which waiting for ever is a failure.
 pub fn connect(address: SocketAddr) -> TcpStream {
     let stream = TcpStream::connect(address).expect("the server listens");
-    stream.set_read_timeout(Some(Duration::from_secs(120))).expect("set");
+    stream.set_read_timeout(Some(Duration::from_secs(600))).expect("set");
     stream
 }
 
