@@ -19,9 +19,9 @@
 #![forbid(unsafe_code)]
 
 mod connections;
-mod queue;
+mod fair_queue;
 mod throttle;
 
 pub use connections::{Connections, Entry, Guest, Limits, Place};
-pub use queue::FairQueue;
+pub use fair_queue::FairQueue;
 pub use throttle::{Kind, Throttle};
