@@ -142,7 +142,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("image", type=Path)
     parser.add_argument("--extract", required=True, help="the example `extract` of veiloc-features")
-    parser.add_argument("--layers", required=True, help="the example `layers` of veiloc_features::learned, built with ONNX Runtime")
+    parser.add_argument("--layers", required=True, help="the example `layers` of veiloc-features, built with ONNX Runtime")
     parser.add_argument("--weights", type=Path, required=True, help="folder of the network files")
     parser.add_argument("--features", default="sift,xfeat,alike-t,alike,superpoint")
     parser.add_argument("--keypoints", type=int, default=2048)

@@ -218,7 +218,7 @@ def main() -> None:
         job = jobs.add_parser(name)
         job.add_argument("--weights", type=Path, required=True, help="folder of the network files")
         if name == "measure":
-            job.add_argument("--globals", type=Path, required=True, help="the example `globals` of veiloc_features::learned")
+            job.add_argument("--globals", type=Path, required=True, help="the example `globals` of veiloc-features")
             job.add_argument("--data", type=Path, required=True, help="folder of the real images")
             job.add_argument("--folder", type=Path, required=True, help="where vectors are kept")
             job.add_argument("--photos", type=int, default=720)

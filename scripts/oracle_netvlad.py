@@ -169,7 +169,7 @@ def main() -> None:
     jobs = parser.add_subparsers(dest="job", required=True)
     jobs.add_parser("write")
     job = jobs.add_parser("compare")
-    job.add_argument("--globals", type=Path, required=True, help="the example `globals` of veiloc_features::learned")
+    job.add_argument("--globals", type=Path, required=True, help="the example `globals` of veiloc-features")
     job.add_argument("--image", type=Path, required=True)
     job.add_argument("--folder", type=Path, help="where the file of weights is made, and kept")
     args = parser.parse_args()

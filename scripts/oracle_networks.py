@@ -359,7 +359,7 @@ def main() -> None:
         job = jobs.add_parser(name)
         job.add_argument("--weights", type=Path, required=True, help="folder of the network files")
         if name == "compare":
-            job.add_argument("--layers", type=Path, required=True, help="the example `layers` of veiloc_features::learned")
+            job.add_argument("--layers", type=Path, required=True, help="the example `layers` of veiloc-features")
     args = parser.parse_args()
     write(args.weights) if args.job == "write" else compare(args)
 

@@ -73,7 +73,9 @@ mod tests {
 
     fn faults(files: &[(&str, &str)]) -> Vec<String> {
         let mut faults = Vec::new();
-        files.iter().for_each(|(name, text)| check_file(name, text, &mut faults));
+        for (name, text) in files {
+            check_file(name, text, &mut faults);
+        }
         faults
     }
 

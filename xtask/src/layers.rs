@@ -66,8 +66,8 @@ fn judge(crates: &BTreeMap<String, Crate>, faults: &mut Vec<String>) {
             for next in crates.get(&at).into_iter().flat_map(|c| &c.dependencies) {
                 let Some(reached) = crates.get(next).filter(|_| seen.insert(next.clone())) else { continue };
                 let path = format!("{path} -> {next}");
-                let is_forbidden = |f: &&str| **f == reached.folder || next == &format!("veiloc-{f}");
-                if forbidden.iter().any(|f| is_forbidden(&f)) {
+                let is_forbidden = |f: &&str| *f == reached.folder || next == &format!("veiloc-{f}");
+                if forbidden.iter().any(is_forbidden) {
                     faults.push(format!(
                         "{path}: crates/{} may not reach crates/{}",
                         from.folder, reached.folder
@@ -85,8 +85,11 @@ mod tests {
 
     use super::*;
 
-    fn faults(packages: &[(&str, &str, &[(&str, Option<&str>)])]) -> Vec<String> {
-        let package = |(folder, name, dependencies): &(&str, &str, &[(&str, Option<&str>)])| {
+    /// Folder and name of a crate, with names and kinds of its dependencies.
+    type Package<'a> = (&'a str, &'a str, &'a [(&'a str, Option<&'a str>)]);
+
+    fn faults(packages: &[Package<'_>]) -> Vec<String> {
+        let package = |(folder, name, dependencies): &Package<'_>| {
             let dependencies: Vec<Value> = dependencies
                 .iter()
                 .map(|(n, kind)| json!({"name": format!("veiloc-{n}"), "kind": kind}))

@@ -21,7 +21,9 @@ fn main() -> ExitCode {
     match tidy(root) {
         Ok(faults) if faults.is_empty() => ExitCode::SUCCESS,
         Ok(faults) => {
-            faults.iter().for_each(|fault| say(fault));
+            for fault in &faults {
+                say(fault);
+            }
             say(&format!("{} faults", faults.len()));
             ExitCode::FAILURE
         }

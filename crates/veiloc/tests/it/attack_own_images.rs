@@ -2,13 +2,14 @@
 
 #[path = "../../examples/attack_own_images.rs"]
 #[expect(dead_code, reason = "its own main is not called")]
-mod attack_own_images;
+#[expect(clippy::duplicate_mod, reason = "each example has the module beside it")]
+mod example;
 
 use veiloc::audit::Attack;
 
 #[test]
 fn own_images_are_attacked_beside_the_guess() {
-    let document = attack_own_images::run(Vec::new()).expect("it runs");
+    let document = example::run(Vec::new()).expect("it runs");
     let median = |attack: Attack| {
         let row = document.attacks.iter().find(|r| r.scheme == "dcl" && r.attack == attack);
         row.expect("it ran").median_px

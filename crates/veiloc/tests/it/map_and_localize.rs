@@ -2,11 +2,12 @@
 
 #[path = "../../examples/map_and_localize.rs"]
 #[expect(dead_code, reason = "its own main is not called")]
-mod map_and_localize;
+#[expect(clippy::duplicate_mod, reason = "each example has the module beside it")]
+mod example;
 
 #[test]
 fn a_place_is_mapped_and_its_queries_are_found() {
-    let errors = map_and_localize::run().expect("it runs");
+    let errors = example::run().expect("it runs");
     assert_eq!(errors.len(), 3);
     assert!(errors.iter().all(|metres| *metres < 0.02), "{errors:?}");
 }

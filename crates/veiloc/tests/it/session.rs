@@ -2,11 +2,12 @@
 
 #[path = "../../examples/session.rs"]
 #[expect(dead_code, reason = "its own main is not called")]
-mod session;
+#[expect(clippy::duplicate_mod, reason = "each example has the module beside it")]
+mod example;
 
 #[test]
 fn images_of_a_session_are_found() {
-    let errors = session::run().expect("it runs");
+    let errors = example::run().expect("it runs");
     assert_eq!(errors.len(), 3);
     assert!(errors.iter().all(|metres| *metres < 0.05), "{errors:?}");
 }

@@ -10,10 +10,10 @@
 
 mod boxes;
 mod classes;
-mod detector;
+mod detect;
 mod hider;
 mod letterbox;
 
 pub use boxes::Detection;
-pub use detector::Detector;
+pub use detect::Detector;
 pub use hider::{Hidden, HideOptions, Hider};

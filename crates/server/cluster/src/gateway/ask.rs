@@ -170,7 +170,7 @@ mod tests {
     /// A group of members whose latencies the test chooses, asked by a clock that is paused.
     struct Group {
         bus: Bus,
-        group: (Subject, ObjectId),
+        region: (Subject, ObjectId),
         counts: GatewayCounts,
         pace: Pace,
     }
@@ -180,7 +180,7 @@ mod tests {
             let subject = Subject::new(["veiloc", "test", "region"]).expect("a subject");
             Self {
                 bus: Bus::in_process(),
-                group: (subject, ObjectId::of(b"region")),
+                region: (subject, ObjectId::of(b"region")),
                 counts: GatewayCounts::default(),
                 pace: Pace::default(),
             }
@@ -189,7 +189,7 @@ mod tests {
         /// A member that answers after so long, or never; how often it was asked, and told that nobody waits.
         async fn member(&self, latency: Option<Duration>) -> [Arc<AtomicUsize>; 2] {
             let counts = [Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0))];
-            let mut membership = self.bus.join(&self.group.0).await.expect("joined");
+            let mut membership = self.bus.join(&self.region.0).await.expect("joined");
             let [asked, cancelled] = counts.clone();
             tokio::spawn(async move {
                 while let Some(mut incoming) = membership.next().await {
@@ -219,7 +219,7 @@ mod tests {
             let road = Road { bus: &self.bus, counts: &self.counts, pace: &self.pace };
             let begun = Instant::now();
             let wanted = Wanted::Search { globals: vec![Bytes::from_static(b"an image")] };
-            let ask = Ask { group: &self.group, name: [7; 16], wanted, deadline: begun + MINUTE };
+            let ask = Ask { group: &self.region, name: [7; 16], wanted, deadline: begun + MINUTE };
             (road.ask(&ask).await, begun.elapsed())
         }
 

@@ -68,7 +68,7 @@ pub struct PageFile {
 
 impl Page {
     /// The name of the folder that lies beside the program.
-    pub const FOLDER: &str = "veiloc_service::web_page";
+    pub const FOLDER: &str = "veiloc-page";
 
     /// Reads a folder, without folders in it.
     ///

@@ -101,7 +101,7 @@ fn doubtful_poses_are_withheld_when_asked() {
         assert!(ask(&trusted, "application/json", only).json()["center"].is_array());
     }
     let told = server.get("/metrics", OPERATOR).text();
-    assert!(told.contains("outcome=\"doubtful\"} 6"), "withheld or not: {told}");
+    assert!(told.contains("outcome=\"doubtful\"} 4"), "withheld or not: {told}");
     assert_eq!(ask(&trusted, "application/json", "please").problem(), "bad-option");
 }
 

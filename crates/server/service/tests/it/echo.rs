@@ -65,7 +65,7 @@ fn nothing_that_was_sent_comes_back() {
         ("an authorization", Request::localize(&query).header("authorization", &format!("Basic {WORD}"))),
         ("a media type", post("/v1/maps/place/localize").header("content-type", &format!("{WORD}/{NUMBER}"))),
         ("a wish", localize(&whole).header("accept", &format!("application/json;x={WORD}"))),
-        ("a wish alone", localize(&query).header("accept", &format!("{WORD}/*"))),
+        ("a wish alone", localize(&whole).header("accept", &format!("{WORD}/*"))),
         ("a place", localize(&whole).header("veiloc-near", &format!("{NUMBER},{NUMBER},{WORD},1"))),
         ("an option", localize(&whole).header("veiloc-trusted-only", WORD)),
         ("other headers", localize(&whole).header(WORD, WORD).header("cookie", WORD).header("origin", WORD)),

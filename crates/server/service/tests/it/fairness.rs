@@ -106,7 +106,7 @@ fn queries_that_would_be_late_are_refused() {
     let (gate, clock) = (Gate::before_the_map_of(&files, &mut options), ManualClock::new());
     options.clock = clock.clock();
     // A query takes an hour. Behind half a one and a whole one it would end ten seconds late.
-    options.timeouts.localize = HOUR + HOUR / 2 - 10 * SECOND;
+    options.timeouts.localize = (HOUR + HOUR / 2).saturating_sub(10 * SECOND);
     let server = Running::start_paused(options);
     let query = files.place.sealed(&truth());
     let request = Request::localize(&query).token(PHONE);

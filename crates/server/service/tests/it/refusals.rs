@@ -138,10 +138,10 @@ fn slow_clients_are_cut_off() {
             let next = rest.next().expect("it ends before all is written");
             let open: Vec<&mut TcpStream> = slow.iter_mut().filter(|stream| !has_come(stream)).collect();
             let all_ended = open.is_empty();
-            open.into_iter().for_each(|stream| {
+            for stream in open {
                 // One that has just ended takes nothing.
                 let _ = stream.write_all(&[*next]);
-            });
+            }
             all_ended
         });
         for mut stream in slow {

@@ -35,7 +35,7 @@ pub(crate) struct Args {
     /// Serve a page with the hidden views instead of a report, until Ctrl-C. Default: a report.
     #[arg(long, conflicts_with = "json")]
     page: bool,
-    /// The page's files, as bindings/web/build.sh makes them. Default: the folder veiloc_service::web_page beside the program.
+    /// The page's files, as bindings/web/build.sh makes them. Default: the folder veiloc-page beside the program.
     #[arg(long, requires = "page", value_name = "DIR")]
     page_folder: Option<PathBuf>,
     /// Where to serve the page: this machine, and a port (0 for any free one).

@@ -157,7 +157,7 @@ pub(crate) struct Args {
     /// Serve a page at `/` that shows what leaves a device and where it is. Default: no page.
     #[arg(long)]
     page: bool,
-    /// The page's files, as bindings/web/build.sh makes them. Default: the folder veiloc_service::web_page beside the program.
+    /// The page's files, as bindings/web/build.sh makes them. Default: the folder veiloc-page beside the program.
     #[arg(long, requires = "page", value_name = "DIR")]
     page_folder: Option<PathBuf>,
     /// Most points of a map that the page shows to whoever may ask for the map: they tell what the place looks like.

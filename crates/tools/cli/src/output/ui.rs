@@ -41,6 +41,7 @@ impl Ui {
     }
 
     /// Something that went wrong, but does not end the work.
+    #[expect(clippy::unused_self, reason = "all that is printed is printed by one value")]
     pub(crate) fn complain(&self, text: impl std::fmt::Display) {
         tell(text);
     }
@@ -84,6 +85,7 @@ impl Ui {
     }
 
     /// What went wrong, with the remedy.
+    #[expect(clippy::unused_self, reason = "all that is printed is printed by one value")]
     pub(crate) fn failure(&self, failure: &Failure) {
         match failure {
             Failure::Refused { report } | Failure::Output { report } => tell(format_args!("{report:?}")),

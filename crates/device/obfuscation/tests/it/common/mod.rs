@@ -101,19 +101,20 @@ impl ImageAnchors {
     /// The angle in `[0, π]` at the anchor, from the direction towards the centre, turning into the anchor's own side.
     pub(crate) fn angle_of(&self, anchor: Anchor, pixel: Pixel) -> f64 {
         let from = self.position(anchor);
-        let (toward, own) = self.axes(anchor);
+        let (toward, own) = Self::axes(anchor);
         let x = Vector2::new(pixel.u - from.u, pixel.v - from.v);
         own.dot(&x).max(0.0).atan2(toward.dot(&x))
     }
 
     /// Unit direction of the half-line with this angle.
+    #[expect(clippy::unused_self, reason = "it is an angle of these anchors")]
     pub(crate) fn ray_direction(&self, anchor: Anchor, angle: f64) -> Vector2<f64> {
-        let (toward, own) = self.axes(anchor);
+        let (toward, own) = Self::axes(anchor);
         toward * angle.cos() + own * angle.sin()
     }
 
     /// Towards the centre, and into the own side.
-    fn axes(&self, anchor: Anchor) -> (Vector2<f64>, Vector2<f64>) {
+    fn axes(anchor: Anchor) -> (Vector2<f64>, Vector2<f64>) {
         let sign = if anchor == Anchor::FIRST { 1.0 } else { -1.0 };
         (Vector2::new(0.0, sign), Vector2::new(-sign, 0.0))
     }

@@ -29,7 +29,7 @@ const REFUSALS: [(u16, &str); 14] = [
 fn refusals_of(path: &str) -> &'static [u16] {
     match path {
         "/v1/maps/{name}/localize" | "/v1/maps/{name}/localize-rig" => {
-            &[400, 401, 404, 405, 406, 408, 409, 413, 415, 422, 429, 500, 503, 504]
+            &[400, 401, 404, 405, 408, 409, 413, 415, 422, 429, 500, 503, 504]
         }
         "/v1/maps/{name}/profile" => &[401, 404, 405, 429, 503],
         "/v1/maps" => &[401, 405, 429, 500, 503],

@@ -104,7 +104,7 @@ pub(super) fn document(traces: &[Trace], version: &str) -> Value {
     let spans: Vec<Value> = traces.iter().flat_map(Trace::all_spans).collect();
     json!({"resourceSpans": [{
         "resource": {"attributes": [text("service.name", "veiloc"), text("service.version", version)]},
-        "scopeSpans": [{"scope": {"name": "veiloc-service", "version": version}, "spans": spans}],
+        "scopeSpans": [{"scope": {"name": "veiloc-server", "version": version}, "spans": spans}],
     }]})
 }
 
