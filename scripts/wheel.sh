@@ -4,8 +4,7 @@
 #     scripts/wheel.sh [DIR]        the wheel stays in DIR (default: wheels beside the builds)
 #
 # It imports, its program says its version, and examples/python/map_and_localize.py maps a rendered room and localizes views of it.
-# CI tries a wheel of the profile that it tests with (`.ci/run python`): this one takes as long as all crates with link-time
-# optimization do.
+# CI tries a wheel of the profile that it tests with (`.ci/run python`): this one takes as long as all crates do.
 set -euo pipefail
 here="$(cd "$(dirname "$0")/.." && pwd)"
 wheels="$(realpath -m "${1:-${CARGO_TARGET_DIR:-$here/target}/wheels}")"
