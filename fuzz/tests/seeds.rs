@@ -5,11 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use veiloc_service::auth::TokenList;
 use veiloc_fuzz::damage::Numbers;
+use veiloc_map::regions::{Index, Manifest};
 use veiloc_map::{MapFile, MapMemory};
 use veiloc_protocol::{Answer, Profile, SealedQuery};
-use veiloc_map::regions::{Index, Manifest};
+use veiloc_service::auth::TokenList;
 
 /// Damaged inputs for each target; fewer where they take longer than [`LONGEST`], but never fewer than a tenth.
 const DAMAGED: usize = 3000;

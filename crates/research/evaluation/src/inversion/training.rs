@@ -23,7 +23,7 @@ use veiloc_attacks::training::{
 ///
 /// # Errors
 /// [`EvalError::Nothing`] where there is nothing to learn from or to judge by, [`EvalError::Obfuscate`] when an image
-/// cannot be obfuscated, and those of [`veiloc_attacks::training::AttackError`].
+/// cannot be obfuscated, and those of [`veiloc_attacks::AttackError`].
 pub fn train(
     training: &[Example],
     validation: &[Example],
