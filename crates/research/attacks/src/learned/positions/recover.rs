@@ -26,7 +26,7 @@ pub struct Estimate {
 /// Where the network puts each keypoint, `[N]`, from all that was sent of an image of `width` by `height` pixels.
 ///
 /// # Errors
-/// [`AttackError::Attack`] when there is not one descriptor for each observation, or they are of another dimension than
+/// an [`AttackError`] when there is not one descriptor for each observation, or they are of another dimension than
 /// those learned from, [`AttackError::Scheme`] when a row was not sent under the network's scheme.
 pub fn recover(
     network: &PositionNetwork,

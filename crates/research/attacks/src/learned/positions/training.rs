@@ -27,9 +27,9 @@ const BINS: usize = 64;
 /// is said about an unseen place must be measured on a third one, as the step was chosen on these.
 ///
 /// # Errors
-/// [`AttackError::Option`](crate::training::AttackError::Option) for options that make no sense, [`AttackError::Attack`] when there is nothing to learn or
+/// [`AttackError::Option`] for options that make no sense, an [`AttackError`] when there is nothing to learn or
 /// judge, or descriptors differ in dimension, [`AttackError::Seal`] when an image cannot be obfuscated,
-/// [`AttackError::Diverged`](crate::training::AttackError::Diverged) when the loss is no number any more, [`AttackError::OtherTraining`](crate::training::AttackError::OtherTraining) when the earlier
+/// [`AttackError::Diverged`] when the loss is no number any more, [`AttackError::OtherTraining`] when the earlier
 /// training was another one.
 pub fn train(
     training: &[KnownImage],
