@@ -1,6 +1,6 @@
 //! What a camera pose costs: correspondences, their likelihood and its derivatives, covariance.
 //!
-//! This room looks at one pose at a time and searches for none; `veiloc-pose` does. A [`PoseProblem`] is what is known,
+//! This module looks at one pose at a time and searches for none; `veiloc-pose` does. A [`PoseProblem`] is what is known,
 //! [`Matches`] are its correspondences with what each is worth (the likelihood is stated there), [`Kernel`] is the fast sum
 //! over all of them, [`refine`] and [`descend`] go downhill from a start, [`ZoomObjective`] does so with the focal length as
 //! a seventh number, and [`Estimated`] says how firmly the end is held.

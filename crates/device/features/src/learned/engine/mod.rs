@@ -35,23 +35,27 @@ impl Engine {
     }
 
     /// Reads an ONNX model; what is wrong with it, or with the engine, in words.
+    #[cfg_attr(
+        not(any(feature = "rten", feature = "onnxruntime")),
+        expect(unused_variables, reason = "no engine reads it")
+    )]
     pub(crate) fn load(self, onnx: Vec<u8>) -> Result<Box<dyn Run>, String> {
         match self {
             #[cfg(feature = "rten")]
             Self::Rten => Ok(Box::new(rten::Rten::load(onnx)?)),
             #[cfg(not(feature = "rten"))]
-            Self::Rten => Err(absent(&onnx, "networks (rten)", "networks")),
+            Self::Rten => Err(absent("networks (rten)", "networks")),
             #[cfg(feature = "onnxruntime")]
             Self::OnnxRuntime => Ok(Box::new(onnxruntime::OnnxRuntime::load(onnx)?)),
             #[cfg(not(feature = "onnxruntime"))]
-            Self::OnnxRuntime => Err(absent(&onnx, "ONNX Runtime", "onnxruntime")),
+            Self::OnnxRuntime => Err(absent("ONNX Runtime", "onnxruntime")),
         }
     }
 }
 
 /// What a program without an engine says of it.
 #[cfg(not(all(feature = "rten", feature = "onnxruntime")))]
-fn absent(_: &[u8], engine: &str, feature: &str) -> String {
+fn absent(engine: &str, feature: &str) -> String {
     format!("this program was built without {engine}; build it with `--features {feature}`")
 }
 
