@@ -5,14 +5,13 @@ use std::path::Path;
 
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
-use veiloc_client::{ClientError, Refusal, SealError, SealImageError, SessionBytesError, SessionFileError};
+use veiloc_client::{ClientError, Refusal, SealError};
 use veiloc_datasets::DatasetError;
 use veiloc_features::FeatureError;
 use veiloc_geometry::IntrinsicsError;
 use veiloc_localization::LocalizeError;
 use veiloc_map::MapError;
 use veiloc_mapping::MappingError;
-use veiloc_obfuscation::ExtractError;
 use veiloc_pose::PoseError;
 use veiloc_protocol::QueryError;
 
@@ -127,7 +126,13 @@ impl From<QueryError> for Fault {
 
 impl From<SealError> for Fault {
     fn from(error: SealError) -> Self {
-        Self(python::QueryError::new_err(error.to_string()))
+        match error {
+            error @ SealError::Image(_) => Self::image(error),
+            error @ (SealError::NotASession
+            | SealError::SessionVersion { .. }
+            | SealError::SessionDamaged { .. }) => Self::other(error),
+            error => Self(python::QueryError::new_err(error.to_string())),
+        }
     }
 }
 
@@ -140,37 +145,6 @@ impl From<FeatureError> for Fault {
 impl From<DatasetError> for Fault {
     fn from(error: DatasetError) -> Self {
         Self::image(error)
-    }
-}
-
-impl From<ExtractError> for Fault {
-    fn from(error: ExtractError) -> Self {
-        match error {
-            ExtractError::Profile(error) => error.into(),
-            error => Self::image(error),
-        }
-    }
-}
-
-impl From<SealImageError> for Fault {
-    fn from(error: SealImageError) -> Self {
-        match error {
-            SealImageError::Extract(error) => error.into(),
-            SealImageError::Session(error) => error.into(),
-            error @ SealImageError::Seal { .. } => Self(python::QueryError::new_err(error.to_string())),
-        }
-    }
-}
-
-impl From<SessionFileError> for Fault {
-    fn from(error: SessionFileError) -> Self {
-        Self::other(error)
-    }
-}
-
-impl From<SessionBytesError> for Fault {
-    fn from(error: SessionBytesError) -> Self {
-        Self::other(error)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use veiloc_attacks::AttackError;
 use veiloc_features::FeatureError;
-use veiloc_obfuscation::{ExtractError, SealError, SessionAnchorsError, SessionBytesError};
+use veiloc_obfuscation::{SealError, SessionAnchorsError};
 use veiloc_protocol::{Lopsided, QueryError};
 
 /// Why a call gives nothing.
@@ -41,10 +41,7 @@ pub enum WebError {
         /// What is wrong.
         reason: String,
     },
-    /// The image cannot be extracted from.
-    #[error(transparent)]
-    Image(#[from] FeatureError),
-    /// The image cannot be sealed.
+    /// The image cannot be extracted from or sealed, or bytes are no session.
     #[error(transparent)]
     Seal(#[from] SealError),
     /// A query that could not fix a pose.
@@ -56,9 +53,6 @@ pub enum WebError {
     /// Anchors that cannot be tied so.
     #[error(transparent)]
     Anchors(#[from] SessionAnchorsError),
-    /// Bytes that are no session.
-    #[error(transparent)]
-    Session(#[from] SessionBytesError),
     /// An attack that cannot run.
     #[error(transparent)]
     Attack(#[from] AttackError),
@@ -73,24 +67,22 @@ impl WebError {
             Self::Profile(_) => "profile",
             Self::Camera { .. } => "camera",
             Self::Option { .. } | Self::Anchors(_) => "option",
-            Self::Image(_) => "image",
+            Self::Seal(SealError::Image(_)) => "image",
+            Self::Seal(
+                SealError::NotASession | SealError::SessionVersion { .. } | SealError::SessionDamaged { .. },
+            ) => "session",
             Self::Seal(SealError::TooManyStarts { .. }) => "too-many-starts",
             Self::Seal(SealError::TurnedAway { .. }) => "turned-away",
             Self::Seal(_) => "seal",
             Self::Lopsided(_) => "lopsided",
             Self::Query(_) => "query",
-            Self::Session(_) => "session",
             Self::Attack(_) => "attack",
         }
     }
 }
 
-impl From<ExtractError> for WebError {
-    fn from(error: ExtractError) -> Self {
-        match error {
-            ExtractError::Image(error) => Self::Image(error),
-            ExtractError::Profile(error) => Self::Seal(error),
-            other => Self::Option { name: "image", reason: other.to_string() },
-        }
+impl From<FeatureError> for WebError {
+    fn from(error: FeatureError) -> Self {
+        Self::Seal(error.into())
     }
 }

@@ -6,16 +6,16 @@
 //! all the same, is in `docs/privacy.md`.
 
 pub use veiloc_client::{
-    Client, ClientError, ClientOptions, LocalizeRequest, Notice, Refusal, RetryPolicy, SealImageError,
-    SealedImage, SessionFile, SessionFileError, printable, seal_image,
+    Client, ClientError, ClientOptions, LocalizeRequest, Notice, Refusal, RetryPolicy, SealedImage,
+    SessionFile, printable, seal_image,
 };
 pub use veiloc_features::{
     Extractor, Extractors, FeatureError, Features, GlobalExtractor, GrayImage, Image, Keypoint, SharedGlobal,
     Sift, SiftOptions, load_gray,
 };
 pub use veiloc_obfuscation::{
-    DeviceLimits, ExtractError, KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors,
-    SessionBytesError, SessionOptions, device_rng, extract, extract_loaded, extract_with, seal,
+    DeviceLimits, KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors, SessionOptions,
+    device_rng, extract, extract_loaded, extract_with, seal,
 };
 pub use veiloc_protocol::{
     Answer, AnswerDocument, AnswerPose, CoarseGravity, FocalKnowledge, PositionHint, Profile, QueryError,

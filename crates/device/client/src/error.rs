@@ -1,13 +1,17 @@
-//! Why there is no pose, by what an app does about it.
+//! Why an image was not sealed, or there is no pose, by what an app does about it.
 
+use std::io;
+use std::path::PathBuf;
 use std::time::Duration;
 
+use veiloc_obfuscation::SealError;
 use veiloc_protocol::{Lopsided, QueryError, RigMessage};
 
 use crate::Refusal;
 
-/// Why there is no profile or no pose.
+/// Why an image was not sealed, or there is no profile or no pose.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ClientError {
     /// The address of the service cannot be used.
     #[error("{address}: {reason}")]
@@ -82,6 +86,45 @@ pub enum ClientError {
         what: &'static str,
         /// What is wrong with it.
         reason: String,
+    },
+    /// Nothing could be extracted from an image.
+    #[error(transparent)]
+    Extract(#[from] SealError),
+    /// What was extracted from an image could not be sealed.
+    #[error("{}: {source}", path.display())]
+    Seal {
+        /// The image.
+        path: PathBuf,
+        /// What is wrong.
+        source: SealError,
+    },
+    /// The file of a session cannot be read or written, so no frame of it may be sent.
+    #[error("{}: {source}", path.display())]
+    SessionIo {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// Another program has the file of the session open.
+    #[error("{}: another program seals with this session; its frames must know of each other", path.display())]
+    SessionBusy {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file is no session, or damaged, or of another version.
+    #[error("{}: {source}", path.display())]
+    SessionBytes {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: SealError,
+    },
+    /// The session was begun with other options.
+    #[error("{}: the session was begun with other options (anchors, band or cells)", path.display())]
+    SessionOptions {
+        /// The file.
+        path: PathBuf,
     },
 }
 

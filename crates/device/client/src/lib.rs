@@ -77,7 +77,6 @@ mod refusal;
 mod replace;
 mod request;
 mod seal;
-mod session_error;
 mod session_file;
 mod transport;
 
@@ -87,14 +86,12 @@ pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy, Sleep};
 pub use progressive::{ProgressiveAnswer, Step, StepOutcome};
 pub use refusal::{Refusal, printable};
 pub use request::LocalizeRequest;
-pub use seal::{SealImageError, SealedImage, seal_image, seal_masked};
-pub use session_error::SessionFileError;
+pub use seal::{SealedImage, seal_image, seal_masked};
 pub use session_file::SessionFile;
 pub use veiloc_features::{Mask, load_mask};
 pub use veiloc_geometry::{CameraFromRig, Intrinsics};
 pub use veiloc_obfuscation::{
-    KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors, SessionBytesError,
-    SessionOptions,
+    KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors, SessionOptions,
 };
 pub use veiloc_protocol::{
     Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, Enough, FocalKnowledge,

@@ -1,13 +1,13 @@
 //! From an image's file to the sealed query: the one place of this crate that seals.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use veiloc_features::{Features, Mask};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{ExtractError, SealError, SealOptions, device_rng, extract, extract_masked, seal};
+use veiloc_obfuscation::{SealOptions, device_rng, extract, extract_masked, seal};
 use veiloc_protocol::{Profile, SealedQuery};
 
-use crate::SessionFileError;
+use crate::ClientError;
 
 /// An image, sealed.
 #[derive(Debug)]
@@ -16,25 +16,6 @@ pub struct SealedImage {
     pub query: SealedQuery,
     /// Keypoints found in the image; the query may hold fewer.
     pub keypoints: usize,
-}
-
-/// Why an image was not sealed.
-#[derive(Debug, thiserror::Error)]
-pub enum SealImageError {
-    /// Nothing could be extracted from it.
-    #[error(transparent)]
-    Extract(#[from] ExtractError),
-    /// What was extracted could not be sealed.
-    #[error("{}: {source}", path.display())]
-    Seal {
-        /// The image.
-        path: PathBuf,
-        /// What is wrong.
-        source: SealError,
-    },
-    /// The session it is a frame of could not be kept, so it must not be sent.
-    #[error(transparent)]
-    Session(#[from] SessionFileError),
 }
 
 /// Seals an image, JPEG or PNG, for the map of a profile, with random numbers of the operating system.
@@ -48,14 +29,14 @@ pub enum SealImageError {
 /// [`Session`](veiloc_obfuscation::Session): anchors of two images sealed here cross in what both show (rule L10).
 ///
 /// # Errors
-/// [`SealImageError`]: a file that is no image, a camera that is not this image's, too little texture, a profile that asks for
+/// [`ClientError`]: a file that is no image, a camera that is not this image's, too little texture, a profile that asks for
 /// more than the device gives.
 pub fn seal_image(
     image: &Path,
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
-) -> Result<SealedImage, SealImageError> {
+) -> Result<SealedImage, ClientError> {
     seal_extracted(image, extract(image, camera, profile, options)?, profile, options)
 }
 
@@ -70,7 +51,7 @@ pub fn seal_masked(
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
-) -> Result<SealedImage, SealImageError> {
+) -> Result<SealedImage, ClientError> {
     seal_extracted(image, extract_masked(image, mask, camera, profile, options)?, profile, options)
 }
 
@@ -79,8 +60,8 @@ fn seal_extracted(
     (features, camera): (Features, Intrinsics),
     profile: &Profile,
     options: &SealOptions,
-) -> Result<SealedImage, SealImageError> {
-    let refused = |source| SealImageError::Seal { path: image.to_owned(), source };
+) -> Result<SealedImage, ClientError> {
+    let refused = |source| ClientError::Seal { path: image.to_owned(), source };
     let keypoints = features.keypoints.len();
     let mut rng = device_rng().map_err(refused)?;
     let query = seal(features, &camera, profile, options, &mut rng).map_err(refused)?;

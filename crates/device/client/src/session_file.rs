@@ -12,7 +12,7 @@ use veiloc_obfuscation::{
 use veiloc_protocol::Profile;
 
 use crate::replace::replace;
-use crate::{SealImageError, SealedImage, SessionFileError};
+use crate::{ClientError, SealedImage};
 
 /// Most bytes of a session file: those of the most that is remembered, of the longest descriptors.
 const MOST_BYTES: u64 = 8 << 20;
@@ -38,18 +38,18 @@ impl SessionFile {
     /// `None` takes it as it is, and begins one as [`SessionOptions::default`].
     ///
     /// # Errors
-    /// [`SessionFileError`].
-    pub fn open(path: &Path, options: Option<SessionOptions>) -> Result<Self, SessionFileError> {
+    /// [`ClientError`].
+    pub fn open(path: &Path, options: Option<SessionOptions>) -> Result<Self, ClientError> {
         let path = path.to_owned();
-        let io = |source| SessionFileError::Io { path: path.clone(), source };
+        let io = |source| ClientError::SessionIo { path: path.clone(), source };
         let lock = lock(&path).map_err(io)?;
-        let Some(lock) = lock else { return Err(SessionFileError::Busy { path }) };
+        let Some(lock) = lock else { return Err(ClientError::SessionBusy { path }) };
         let session = match read(&path) {
             Ok(bytes) => {
                 let session = Session::from_bytes(&bytes)
-                    .map_err(|source| SessionFileError::Bytes { path: path.clone(), source })?;
+                    .map_err(|source| ClientError::SessionBytes { path: path.clone(), source })?;
                 if options.is_some_and(|options| options != *session.options()) {
-                    return Err(SessionFileError::Options { path });
+                    return Err(ClientError::SessionOptions { path });
                 }
                 session
             }
@@ -72,7 +72,7 @@ impl SessionFile {
     /// `held`: how the device held the camera when it took the image.
     ///
     /// # Errors
-    /// [`SealImageError`]; nothing of the session changes then, here and in the file.
+    /// [`ClientError`]; nothing of the session changes then, here and in the file.
     pub fn seal_image(
         &mut self,
         image: &Path,
@@ -80,7 +80,7 @@ impl SessionFile {
         profile: &Profile,
         options: &SealOptions,
         held: &Orientation,
-    ) -> Result<SealedImage, SealImageError> {
+    ) -> Result<SealedImage, ClientError> {
         self.seal_extracted(image, extract(image, camera, profile, options)?, profile, options, held)
     }
 
@@ -96,7 +96,7 @@ impl SessionFile {
         profile: &Profile,
         options: &SealOptions,
         held: &Orientation,
-    ) -> Result<SealedImage, SealImageError> {
+    ) -> Result<SealedImage, ClientError> {
         let extracted = extract_masked(image, mask, camera, profile, options)?;
         self.seal_extracted(image, extracted, profile, options, held)
     }
@@ -108,14 +108,14 @@ impl SessionFile {
         profile: &Profile,
         options: &SealOptions,
         held: &Orientation,
-    ) -> Result<SealedImage, SealImageError> {
-        let refused = |source| SealImageError::Seal { path: image.to_owned(), source };
+    ) -> Result<SealedImage, ClientError> {
+        let refused = |source| ClientError::Seal { path: image.to_owned(), source };
         let keypoints = features.keypoints.len();
         let mut rng = device_rng().map_err(refused)?;
         let mut next = self.session.clone();
         let query = next.seal(features, &camera, profile, options, held, &mut rng).map_err(refused)?;
         replace(&self.path, &next.to_bytes())
-            .map_err(|source| SessionFileError::Io { path: self.path.clone(), source })?;
+            .map_err(|source| ClientError::SessionIo { path: self.path.clone(), source })?;
         self.session = next;
         Ok(SealedImage { query, keypoints })
     }

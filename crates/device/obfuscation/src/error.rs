@@ -1,9 +1,10 @@
-//! Why an image could not be sealed, and what to do about it.
+//! Why nothing could be extracted from an image, or it could not be sealed, and what to do about it.
 
+use veiloc_features::FeatureError;
 use veiloc_protocol::QueryError;
 
 /// Why nothing was sealed. Holds counts and indices, never positions.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SealError {
     /// A keypoint whose position is not a number.
@@ -132,6 +133,26 @@ pub enum SealError {
         /// What the system said.
         reason: String,
     },
+    /// Bytes that are no session.
+    #[error("this is no session of veiloc")]
+    NotASession,
+    /// A session of another version of the format.
+    #[error("a session of version {found}, but this program reads version {supported}; begin a new session")]
+    SessionVersion {
+        /// The one it has.
+        found: u32,
+        /// The one this program reads.
+        supported: u32,
+    },
+    /// A session that was cut off, changed, or put together by somebody else.
+    #[error("the session is damaged ({what})")]
+    SessionDamaged {
+        /// Where.
+        what: &'static str,
+    },
+    /// The file is no image that can be read, it is not of the camera's size, or no extractor makes what is asked for.
+    #[error(transparent)]
+    Image(#[from] FeatureError),
     /// Camera, profile and features do not go together.
     #[error(transparent)]
     Query(#[from] QueryError),

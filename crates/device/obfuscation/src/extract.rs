@@ -2,25 +2,11 @@
 
 use std::path::Path;
 
-use veiloc_features::{
-    ExtractedImage, Extractor, Extractors, FeatureError, Features, Image, Limits, Mask, load_gray,
-};
+use veiloc_features::{ExtractedImage, Extractor, Extractors, Features, Image, Limits, Mask, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_protocol::Profile;
 
 use crate::{SealError, SealOptions};
-
-/// Why nothing was extracted.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ExtractError {
-    /// The file is no image that can be read, it is not of the camera's size, or no extractor makes what is asked for.
-    #[error(transparent)]
-    Image(#[from] FeatureError),
-    /// The profile asks for more than this device gives.
-    #[error(transparent)]
-    Profile(#[from] SealError),
-}
 
 /// Features of an image as the profile asks for them, within what the device allows, with the global descriptor of the image where
 /// the owner consented to it, and the camera of the image they are in: an image larger than the limit is made smaller first, and its camera with it.
@@ -29,14 +15,14 @@ pub enum ExtractError {
 /// extractor keypoints that look over the border are left out.
 ///
 /// # Errors
-/// [`ExtractError`] when the file is no image, or not of the camera's size, or the profile asks for features or limits
+/// [`SealError`] when the file is no image, or not of the camera's size, or the profile asks for features or limits
 /// this device does not have.
 pub fn extract(
     path: &Path,
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
-) -> Result<(Features, Intrinsics), ExtractError> {
+) -> Result<(Features, Intrinsics), SealError> {
     extract_with(options.extractors(), path, camera, profile, options)
 }
 
@@ -51,7 +37,7 @@ pub fn extract_masked(
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
-) -> Result<(Features, Intrinsics), ExtractError> {
+) -> Result<(Features, Intrinsics), SealError> {
     let image = Image::from(load_gray(path)?).without(mask)?;
     extract_loaded(image, path, camera, profile, options)
 }
@@ -66,7 +52,7 @@ pub fn extract_with(
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
-) -> Result<(Features, Intrinsics), ExtractError> {
+) -> Result<(Features, Intrinsics), SealError> {
     let (extractor, limits) = asked(extractors, profile, options)?;
     extract_by(extractor, limits, Image::from(load_gray(path)?), path, camera, profile, options)
 }
@@ -82,7 +68,7 @@ pub fn extract_loaded(
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
-) -> Result<(Features, Intrinsics), ExtractError> {
+) -> Result<(Features, Intrinsics), SealError> {
     let (extractor, limits) = asked(options.extractors(), profile, options)?;
     extract_by(extractor, limits, image, path, camera, profile, options)
 }
@@ -95,7 +81,7 @@ fn extract_by(
     camera: &Intrinsics,
     profile: &Profile,
     options: &SealOptions,
-) -> Result<(Features, Intrinsics), ExtractError> {
+) -> Result<(Features, Intrinsics), SealError> {
     let size = Some((camera.width, camera.height));
     // Of the image as it is seen here, without what masks hide (rules L13 and L14).
     let global = options.image_global(profile)?.map(|own| own.describe(&image)).transpose()?;
@@ -118,7 +104,7 @@ fn asked<'a>(
     extractors: &'a Extractors,
     profile: &Profile,
     options: &SealOptions,
-) -> Result<(&'a dyn Extractor, Limits), ExtractError> {
+) -> Result<(&'a dyn Extractor, Limits), SealError> {
     let bounded = options.bounded(profile)?;
     let extractor = extractors.of_kind(profile.descriptor_kind())?;
     // Some show the border, or lie beyond the window and are dropped when they are sealed (rule L11): without spare

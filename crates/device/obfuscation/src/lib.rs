@@ -54,10 +54,8 @@ mod session;
 pub use audit::{SealTruth, obfuscate_points, seal_with_truth};
 pub use camera::KnownCamera;
 pub use error::SealError;
-pub use extract::{ExtractError, extract, extract_loaded, extract_masked, extract_with};
+pub use extract::{extract, extract_loaded, extract_masked, extract_with};
 pub use options::{DeviceLimits, SealOptions};
 pub use rng::device_rng;
 pub use seal::seal;
-pub use session::{
-    Orientation, Session, SessionAnchors, SessionAnchorsError, SessionBytesError, SessionOptions,
-};
+pub use session::{Orientation, Session, SessionAnchors, SessionAnchorsError, SessionOptions};

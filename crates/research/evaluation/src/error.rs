@@ -107,7 +107,7 @@ pub enum EvalError {
         /// Why.
         source: veiloc_obfuscation::SealError,
     },
-    /// An image cannot be obfuscated under the scheme.
+    /// Nothing can be extracted from an image, or it cannot be obfuscated under the scheme.
     #[error(transparent)]
     Obfuscate(#[from] veiloc_obfuscation::SealError),
     /// Not JSON, cut short, or of another form.
@@ -173,9 +173,6 @@ pub enum EvalError {
     /// A file of problems or keypoints could not be read.
     #[error(transparent)]
     Dataset(#[from] veiloc_datasets::DatasetError),
-    /// Features of a query could not be extracted.
-    #[error(transparent)]
-    Extract(#[from] veiloc_obfuscation::ExtractError),
     /// An image cannot be read, its features not be extracted, or the detector cannot run.
     #[error(transparent)]
     Features(#[from] veiloc_features::FeatureError),
@@ -185,9 +182,6 @@ pub enum EvalError {
     /// A map or model file could not be read or written.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),
-    /// A map could not be cut into regions.
-    #[error(transparent)]
-    Regions(#[from] veiloc_map::regions::RegionsError),
     /// An attack could not run, a network could not be trained or read, or an image could not be judged.
     #[error(transparent)]
     Attack(#[from] veiloc_attacks::AttackError),

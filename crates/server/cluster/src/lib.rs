@@ -32,5 +32,5 @@ mod worker;
 pub use error::ClusterError;
 pub use gateway::{Gateway, GatewayOptions};
 pub use share::Share;
-pub use shelf::{Fetching, FolderShelf, Published, Shelf, ShelfError, StoreShelf};
+pub use shelf::{Fetching, FolderShelf, Published, Shelf, StoreShelf};
 pub use worker::{Worker, WorkerHandle, WorkerOptions};

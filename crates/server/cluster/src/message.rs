@@ -1,8 +1,9 @@
 //! What gateway and workers say to each other: small frames around bytes that a device or the service itself wrote.
 //!
 //! Both ends are the operator's own machines, and still nothing is believed: lengths, names and numbers are checked, and a
-//! frame that is not right is a [`MessageError`] that names the field. Frames are protobuf; `docs/cluster.md` lists the fields.
+//! frame that is not right is a [`ClusterError`] that names the field. Frames are protobuf; `docs/cluster.md` lists the fields.
 
+use crate::ClusterError;
 use bytes::Bytes;
 use prost::Message;
 use veiloc_map::regions::ObjectId;
@@ -23,32 +24,6 @@ pub const REPLY_BYTES: usize = 5120;
 
 /// Seconds that a reply may ask to wait.
 const LONGEST_WAIT: u32 = 60;
-
-/// Why a frame is none.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum MessageError {
-    /// No protobuf, or of other fields.
-    #[error("not a frame of this cluster")]
-    Malformed,
-    /// Written by a newer program.
-    #[error(
-        "a frame of version {found}, this program reads {VERSION}; use one version of veiloc in a cluster"
-    )]
-    Version {
-        /// Its version.
-        found: u32,
-    },
-    /// A field that is not what it may be.
-    #[error("the field {field} of a frame is not what it may be")]
-    Field {
-        /// Which.
-        field: &'static str,
-    },
-    /// An answer to another question.
-    #[error("a reply to another request")]
-    OtherRequest,
-}
 
 /// The name of a request: the one of its log line.
 pub type RequestName = [u8; 16];
@@ -238,11 +213,11 @@ impl Request {
     /// From bytes; what is sealed in it is not looked at.
     ///
     /// # Errors
-    /// [`MessageError`] naming what is wrong.
-    pub fn decode(bytes: Bytes) -> Result<Self, MessageError> {
-        let frame = RequestFrame::decode(bytes).map_err(|_| MessageError::Malformed)?;
+    /// [`ClusterError`] naming what is wrong.
+    pub fn decode(bytes: Bytes) -> Result<Self, ClusterError> {
+        let frame = RequestFrame::decode(bytes).map_err(|_| ClusterError::Frame)?;
         check_version(frame.version)?;
-        let field = |field| MessageError::Field { field };
+        let field = |field| ClusterError::FrameField { field };
         let object: [u8; 32] = frame.object.as_ref().try_into().map_err(|_| field("object"))?;
         let near = match frame.near[..] {
             [] => None,
@@ -306,13 +281,13 @@ impl Reply {
     /// From bytes, as the reply to the request of this name.
     ///
     /// # Errors
-    /// [`MessageError`] naming what is wrong.
-    pub fn decode(bytes: Bytes, asked: &RequestName) -> Result<Self, MessageError> {
-        let frame = ReplyFrame::decode(bytes).map_err(|_| MessageError::Malformed)?;
+    /// [`ClusterError`] naming what is wrong.
+    pub fn decode(bytes: Bytes, asked: &RequestName) -> Result<Self, ClusterError> {
+        let frame = ReplyFrame::decode(bytes).map_err(|_| ClusterError::Frame)?;
         check_version(frame.version)?;
         let name = name(&frame.name)?;
         if name != *asked {
-            return Err(MessageError::OtherRequest);
+            return Err(ClusterError::OtherRequest);
         }
         let (worked, waited) =
             (Duration::from_micros(frame.worked_us), Duration::from_micros(frame.waited_us));
@@ -320,12 +295,12 @@ impl Reply {
     }
 }
 
-fn check_version(found: u32) -> Result<(), MessageError> {
-    if found == VERSION { Ok(()) } else { Err(MessageError::Version { found }) }
+fn check_version(found: u32) -> Result<(), ClusterError> {
+    if found == VERSION { Ok(()) } else { Err(ClusterError::FrameVersion { found }) }
 }
 
-fn name(bytes: &Bytes) -> Result<RequestName, MessageError> {
-    bytes.as_ref().try_into().map_err(|_| MessageError::Field { field: "name" })
+fn name(bytes: &Bytes) -> Result<RequestName, ClusterError> {
+    bytes.as_ref().try_into().map_err(|_| ClusterError::FrameField { field: "name" })
 }
 
 const HERE: u32 = 0;
@@ -361,8 +336,8 @@ const fn code_of(said: &Said) -> u32 {
     }
 }
 
-fn said(frame: ReplyFrame) -> Result<Said, MessageError> {
-    let field = |field| MessageError::Field { field };
+fn said(frame: ReplyFrame) -> Result<Said, ClusterError> {
+    let field = |field| ClusterError::FrameField { field };
     let retry_after = || {
         let seconds = NonZeroU64::new(frame.retry_after.into()).filter(|n| n.get() <= LONGEST_WAIT.into());
         seconds.ok_or(field("retry_after"))

@@ -1,8 +1,9 @@
 //! Whether everything that a manifest names is held by somebody.
 
+use crate::ClusterError;
 use std::time::Duration;
 
-use crate::bus::{Bus, BusError, Subject};
+use crate::bus::{Bus, Subject};
 use futures_util::StreamExt as _;
 use futures_util::stream;
 use veiloc_map::regions::{Manifest, ObjectId};
@@ -25,7 +26,7 @@ pub(crate) struct Groups {
 }
 
 impl Groups {
-    pub(crate) fn of(manifest: &Manifest) -> Result<Self, BusError> {
+    pub(crate) fn of(manifest: &Manifest) -> Result<Self, ClusterError> {
         let map = &manifest.map;
         let index = manifest.index.sha256;
         let regions = manifest.regions.iter().map(|region| region.sha256);
@@ -33,7 +34,7 @@ impl Groups {
             index: (subjects::of_index(map, &index)?, index),
             regions: regions
                 .map(|region| Ok((subjects::of_region(map, &region)?, region)))
-                .collect::<Result<_, BusError>>()?,
+                .collect::<Result<_, ClusterError>>()?,
         })
     }
 

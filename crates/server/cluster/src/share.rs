@@ -5,7 +5,7 @@ use std::fmt;
 use std::num::NonZeroUsize;
 use std::str::FromStr;
 
-use crate::error::ClusterError;
+use crate::ClusterError;
 
 /// A share of the regions of a map. Together the workers of a cluster must take all; several may take the same.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -5,13 +5,15 @@
 
 mod store;
 
+use crate::ClusterError;
 use std::collections::BTreeSet;
 use std::future::Future;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
 
-use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef, RegionsError, verify_file};
+use veiloc_map::MapError;
+use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef, verify_file};
 
 pub use store::StoreShelf;
 
@@ -32,27 +34,7 @@ impl Published {
 }
 
 /// What a shelf is about to say.
-pub type Fetching<'a, T> = Pin<Box<dyn Future<Output = Result<T, ShelfError>> + Send + 'a>>;
-
-/// Why nothing came from a shelf.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ShelfError {
-    /// There is no such map.
-    #[error("no map {map:?} is published at {place}; publish one with `veiloc map publish`")]
-    NoMap {
-        /// Its name.
-        map: String,
-        /// Where it was looked for.
-        place: String,
-    },
-    /// What is there is not what it should be, or cannot be read.
-    #[error(transparent)]
-    Regions(#[from] RegionsError),
-    /// The store itself.
-    #[error("{0}")]
-    Store(Box<dyn std::error::Error + Send + Sync>),
-}
+pub type Fetching<'a, T> = Pin<Box<dyn Future<Output = Result<T, ClusterError>> + Send + 'a>>;
 
 /// Where maps are published.
 pub trait Shelf: Send + Sync {
@@ -86,10 +68,10 @@ impl Shelf for FolderShelf {
         Box::pin(async move {
             let found = Folder::open(&self.folder);
             let other =
-                || ShelfError::NoMap { map: map.to_owned(), place: self.folder.display().to_string() };
+                || ClusterError::NoMap { map: map.to_owned(), place: self.folder.display().to_string() };
             match found {
                 Ok(folder) if folder.manifest().map == map => Ok(Published::of(folder.manifest().clone())),
-                Ok(_) | Err(RegionsError::NoRegions { .. }) => Err(other()),
+                Ok(_) | Err(MapError::NoRegions { .. }) => Err(other()),
                 Err(error) => Err(error.into()),
             }
         })
@@ -97,7 +79,7 @@ impl Shelf for FolderShelf {
 
     fn bring(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
         Box::pin(async move {
-            let anywhere = || -> Result<(), RegionsError> {
+            let anywhere = || -> Result<(), MapError> {
                 let manifest = Folder::open(&self.folder)?;
                 objects.iter().try_for_each(|object| verify_file(&manifest.path_of(&object.sha256), object))
             };

@@ -60,7 +60,7 @@ mod settings;
 
 pub use compressed::{Compressed, Remembered};
 pub use down::{Down, DownError};
-pub use error::{MapError, Place, Record};
+pub use error::{ManifestError, MapError, Place, Record};
 pub use file::{
     Evidence, FORMAT_VERSION, ImageView, MapFile, MapLock, MapMemory, MapView, PointWithout, Without,
     byte_count, write,

@@ -7,6 +7,7 @@
 //! landmarks (u32), and if there are any the descriptor kind, then of each direction (3 × f64), anchor (u8), angle (f64), start, frame
 //! (u32), and their descriptors; SHA-256 of all before.
 
+use crate::SealError;
 use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::Anchor;
@@ -22,27 +23,6 @@ const VERSION: u32 = 1;
 const SUM: usize = 32;
 /// Stands for any number of starts.
 const ANY: u32 = u32::MAX;
-
-/// Why bytes are no session.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum SessionBytesError {
-    /// Something else.
-    #[error("this is no session of veiloc")]
-    Other,
-    /// Of another version of the format.
-    #[error("a session of version {found}, but this program reads version {VERSION}; begin a new session")]
-    Version {
-        /// The one it has.
-        found: u32,
-    },
-    /// Cut off, changed, or put together by somebody else.
-    #[error("the session is damaged ({what})")]
-    Damaged {
-        /// Where.
-        what: &'static str,
-    },
-}
 
 impl Session {
     /// All of it, its secrets too: for the device's own disk, readable by nobody else.
@@ -97,17 +77,17 @@ impl Session {
     /// The reverse.
     ///
     /// # Errors
-    /// [`SessionBytesError`] for anything but what [`Self::to_bytes`] wrote.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SessionBytesError> {
+    /// [`SealError`] for anything but what [`Self::to_bytes`] wrote.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SealError> {
         let mut reader = Reader(bytes);
-        if reader.bytes(MAGIC.len()) != Ok(MAGIC.as_slice()) {
-            return Err(SessionBytesError::Other);
+        if reader.bytes(MAGIC.len()).ok() != Some(MAGIC.as_slice()) {
+            return Err(SealError::NotASession);
         }
         let version = reader.word()?;
         if version != VERSION {
-            return Err(SessionBytesError::Version { found: version });
+            return Err(SealError::SessionVersion { found: version, supported: VERSION });
         }
-        let damaged = |what| SessionBytesError::Damaged { what };
+        let damaged = |what| SealError::SessionDamaged { what };
         let (body, sum) = bytes.split_last_chunk::<SUM>().ok_or(damaged("length"))?;
         if Sha256::digest(body).as_slice() != sum {
             return Err(damaged("checksum"));
@@ -176,49 +156,49 @@ impl Writer {
 struct Reader<'a>(&'a [u8]);
 
 impl<'a> Reader<'a> {
-    fn bytes(&mut self, count: usize) -> Result<&'a [u8], SessionBytesError> {
+    fn bytes(&mut self, count: usize) -> Result<&'a [u8], SealError> {
         let (head, rest) =
-            self.0.split_at_checked(count).ok_or(SessionBytesError::Damaged { what: "length" })?;
+            self.0.split_at_checked(count).ok_or(SealError::SessionDamaged { what: "length" })?;
         self.0 = rest;
         Ok(head)
     }
 
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], SessionBytesError> {
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], SealError> {
         let mut array = [0; N];
         array.copy_from_slice(self.bytes(N)?);
         Ok(array)
     }
 
-    fn byte(&mut self) -> Result<u8, SessionBytesError> {
+    fn byte(&mut self) -> Result<u8, SealError> {
         Ok(self.array::<1>()?[0])
     }
 
-    fn flag(&mut self) -> Result<bool, SessionBytesError> {
+    fn flag(&mut self) -> Result<bool, SealError> {
         match self.byte()? {
             0 => Ok(false),
             1 => Ok(true),
-            _ => Err(SessionBytesError::Damaged { what: "flag" }),
+            _ => Err(SealError::SessionDamaged { what: "flag" }),
         }
     }
 
-    fn word(&mut self) -> Result<u32, SessionBytesError> {
+    fn word(&mut self) -> Result<u32, SealError> {
         Ok(u32::from_le_bytes(self.array()?))
     }
 
     /// Finite ones.
-    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], SessionBytesError> {
+    fn numbers<const N: usize>(&mut self) -> Result<[f64; N], SealError> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
             *number = f64::from_le_bytes(self.array()?);
             if !number.is_finite() {
-                return Err(SessionBytesError::Damaged { what: "number" });
+                return Err(SealError::SessionDamaged { what: "number" });
             }
         }
         Ok(numbers)
     }
 
-    fn start(&mut self) -> Result<Start, SessionBytesError> {
-        let damaged = |what| SessionBytesError::Damaged { what };
+    fn start(&mut self) -> Result<Start, SealError> {
+        let damaged = |what| SealError::SessionDamaged { what };
         let length = usize::from(u16::from_le_bytes(self.array()?));
         let text = std::str::from_utf8(self.bytes(length)?).map_err(|_| damaged("scheme"))?;
         let scheme = text.parse().map_err(|_| damaged("scheme"))?;
@@ -239,8 +219,8 @@ impl<'a> Reader<'a> {
     }
 
     /// `anchors`: how many the layout has.
-    fn memory(&mut self, anchors: usize, starts: u32) -> Result<Memory, SessionBytesError> {
-        let damaged = || SessionBytesError::Damaged { what: "landmarks" };
+    fn memory(&mut self, anchors: usize, starts: u32) -> Result<Memory, SealError> {
+        let damaged = || SealError::SessionDamaged { what: "landmarks" };
         let count = self.word()? as usize;
         if count == 0 {
             return Ok(Memory::default());

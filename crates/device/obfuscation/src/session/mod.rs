@@ -35,7 +35,6 @@ use veiloc_geometry::Intrinsics;
 use veiloc_geometry::nalgebra::Rotation3;
 use veiloc_protocol::{CanonicalCamera, Profile, Scheme, SealedQuery};
 
-pub use bytes::SessionBytesError;
 pub use options::{SessionAnchors, SessionAnchorsError, SessionOptions};
 pub use orientation::Orientation;
 

@@ -5,7 +5,7 @@ use super::common;
 use common::{camera, features_at, options, profile, random_descriptors, rng, uniform_pixels};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding, GlobalModel, NamedGlobal, Vocabulary};
 use veiloc_features::{Image, load_gray};
-use veiloc_obfuscation::{DeviceLimits, ExtractError, SealError, SealOptions, extract, extract_loaded, seal};
+use veiloc_obfuscation::{DeviceLimits, SealError, SealOptions, extract, extract_loaded, seal};
 use veiloc_protocol::{AngleBits, ExtractionLimits, Observations, Profile, Scheme, SealedQuery};
 
 fn sealed(profile: &Profile, options: &SealOptions, count: usize) -> Result<SealedQuery, SealError> {
@@ -14,6 +14,11 @@ fn sealed(profile: &Profile, options: &SealOptions, count: usize) -> Result<Seal
 
 fn limits(max_keypoints: u32, max_image_side: u32) -> ExtractionLimits {
     ExtractionLimits { max_keypoints, max_image_side }
+}
+
+/// What a refusal says.
+fn said<T: std::fmt::Debug>(refused: Result<T, SealError>) -> String {
+    refused.expect_err("refused").to_string()
 }
 
 /// A profile has no field for it (`the_schema_has_these_fields_and_no_more`): a device that says nothing sends `dcl` with 12
@@ -33,7 +38,7 @@ fn no_profile_chooses_a_scheme_or_the_bits_of_an_angle() {
 
 #[test]
 fn points_must_be_asked_for_by_name() {
-    assert_eq!(SealOptions::new(Scheme::Points), Err(SealError::Unprotected));
+    assert!(matches!(SealOptions::new(Scheme::Points), Err(SealError::Unprotected)));
     assert!(SealOptions::default().scheme().hides_positions());
     let query = sealed(&profile(), &SealOptions::unprotected_points(), 300).expect("sealed");
     assert_eq!(query.scheme(), Scheme::Points, "the explicit word works");
@@ -87,7 +92,7 @@ fn the_vocabulary_is_bounded_by_the_device() {
     assert!(sealed(&profile(512), &SealOptions::default(), 300).is_ok());
     let huge = profile(Vocabulary::MAX_LEN);
     let refused = SealError::VocabularyTooLarge { words: 8192, allowed: 512 };
-    assert_eq!(sealed(&huge, &SealOptions::default(), 300), Err(refused));
+    assert_eq!(said(sealed(&huge, &SealOptions::default(), 300)), refused.to_string());
     let own = DeviceLimits { max_vocabulary_words: 8192, ..DeviceLimits::default() };
     assert!(sealed(&huge, &SealOptions::default().with_limits(own), 300).is_ok(), "the device's own word");
 }
@@ -98,7 +103,7 @@ fn a_global_descriptor_of_the_image_is_refused() {
     let global = GlobalModel::Named(NamedGlobal::new("all-of-it", 16_384).expect("a model"));
     let hostile = Profile::new(DescriptorKind::ROOT_SIFT, global).expect("a profile");
     let refused = SealError::GlobalOfImage { name: "all-of-it".to_owned(), codes: 16_384 };
-    assert_eq!(sealed(&hostile, &SealOptions::default(), 300), Err(refused));
+    assert_eq!(said(sealed(&hostile, &SealOptions::default(), 300)), refused.to_string());
 }
 
 /// Descriptors nobody here makes: an error that names what there is, before the image is read.
@@ -113,7 +118,7 @@ fn an_unknown_kind_is_an_error() {
     assert!(text.contains("everything") && text.contains("there are: sift"), "{text}");
     assert!(matches!(sealed(&hostile, &SealOptions::default(), 300), Err(SealError::Query(_))));
     let missing = extract("no-such-file.png".as_ref(), &camera, &profile(), &SealOptions::default());
-    assert!(matches!(missing, Err(ExtractError::Image(_))), "{missing:?}");
+    assert!(matches!(missing, Err(SealError::Image(_))), "{missing:?}");
 }
 
 /// Other kinds get decoys too, made of the rows that are sent and never copies; a kind of too few numbers, and too few
@@ -158,9 +163,9 @@ fn decoys_of_other_kinds_are_no_copies() {
     };
     assert!(median(false) / median(true) > 0.6, "{} {}", median(false), median(true));
 
-    let too_few = |kind: &str, keypoints| SealError::NoDecoys { kind: kind.to_owned(), keypoints };
-    assert_eq!(sealed(64, 2).map(|q| q.0), Err(too_few("own", 2)));
-    assert_eq!(sealed(8, 60).map(|q| q.0), Err(too_few("own", 60)), "none of so short a vector");
+    let too_few = |keypoints| SealError::NoDecoys { kind: "own".to_owned(), keypoints }.to_string();
+    assert_eq!(said(sealed(64, 2)), too_few(2));
+    assert_eq!(said(sealed(8, 60)), too_few(60), "none of so short a vector");
     assert!(sealed(8, 300).is_ok(), "and none needed");
 }
 

@@ -10,7 +10,7 @@ use rand::Rng;
 use veiloc_features::{Extractor, FeatureError, Features, Image, Limits, Mask, Sift, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{
-    ExtractError, Orientation, SealOptions, Session, SessionOptions, extract, extract_masked, seal,
+    Orientation, SealError, SealOptions, Session, SessionOptions, extract, extract_masked, seal,
 };
 use veiloc_protocol::{ExtractionLimits, Profile};
 use veiloc_testdata::real_data_test;
@@ -154,9 +154,7 @@ fn a_mask_of_another_size_is_refused() {
     let image = scene(folder.path(), 2);
     let turned = Mask::new(480, 640, |x, _| x < 10).expect("a part of it");
     let refused = extract_masked(&image, &turned, &camera(), &profile(), &SealOptions::default());
-    let Err(ExtractError::Image(error @ FeatureError::MaskSize { .. })) = refused else {
-        panic!("{refused:?}")
-    };
+    let Err(SealError::Image(error @ FeatureError::MaskSize { .. })) = refused else { panic!("{refused:?}") };
     assert!(error.to_string().contains("480x640") && error.to_string().contains("640x480"), "{error}");
 }
 

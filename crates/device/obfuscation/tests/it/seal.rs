@@ -73,23 +73,23 @@ fn images_that_cannot_be_sealed_are_refused_with_a_reason() {
         seal(features_at(pixels, 3), &camera(), &profile(), &options(scheme), &mut rng(3)).map(|q| q.len())
     };
     for scheme in SCHEMES {
-        assert_eq!(seal_at(&[], scheme), Err(SealError::NoKeypoints { extracted: 0 }));
+        assert!(matches!(seal_at(&[], scheme), Err(SealError::NoKeypoints { extracted: 0 })));
         // Outside the image: not the camera of these keypoints.
         let outside = [Pixel::new(-50.0, 10.0), Pixel::new(10.0, 1000.0)];
-        assert_eq!(seal_at(&outside, scheme), Err(SealError::NoKeypoints { extracted: 2 }));
+        assert!(matches!(seal_at(&outside, scheme), Err(SealError::NoKeypoints { extracted: 2 })));
     }
     let left: Vec<Pixel> = uniform_pixels(100, 3).iter().map(|p| Pixel::new(p.u / 3.0, p.v)).collect();
-    assert_eq!(seal_at(&left, "dcl"), Err(SealError::OneSided { keypoints: 100 }));
-    assert_eq!(seal_at(&left, "dcl:horizontal"), Ok(256), "the remedy of the error works");
-    assert_eq!(seal_at(&left, "random-lines"), Ok(256));
+    assert!(matches!(seal_at(&left, "dcl"), Err(SealError::OneSided { keypoints: 100 })));
+    assert_eq!(seal_at(&left, "dcl:horizontal").ok(), Some(256), "the remedy of the error works");
+    assert_eq!(seal_at(&left, "random-lines").ok(), Some(256));
     // Both sides, but one of them only within a pixel of its anchor.
     let near: Vec<Pixel> = left.iter().copied().chain([Pixel::new(320.5, 479.9)]).collect();
-    assert_eq!(seal_at(&near, "dcl"), Err(SealError::OneSided { keypoints: 100 }));
+    assert!(matches!(seal_at(&near, "dcl"), Err(SealError::OneSided { keypoints: 100 })));
 
     let mut unpaired = features_at(&left, 3);
     unpaired.keypoints.pop();
     let error = seal(unpaired, &camera(), &profile(), &options("dcl"), &mut rng(3)).expect_err("unpaired");
-    assert_eq!(error, SealError::Unpaired { keypoints: 99, descriptors: 100 });
+    assert!(matches!(error, SealError::Unpaired { keypoints: 99, descriptors: 100 }));
 
     let absurd: Intrinsics = "SIMPLE_PINHOLE,640,480,2,320,240".parse().expect("a number");
     let error =
@@ -172,8 +172,8 @@ fn bare_points_keep_their_order_and_share_lines() {
         let points = [points[0], points[0], p];
         obfuscate_points(&points, 640, 480, &Scheme::Points, AngleBits::default(), &mut rng(5))
     };
-    assert_eq!(bad(Pixel::new(0.0, f64::INFINITY)), Err(SealError::NotFinite { index: 2 }));
-    assert_eq!(bad(Pixel::new(0.0, 1e6)), Err(SealError::TooFar { index: 2 }));
+    assert!(matches!(bad(Pixel::new(0.0, f64::INFINITY)), Err(SealError::NotFinite { index: 2 })));
+    assert!(matches!(bad(Pixel::new(0.0, 1e6)), Err(SealError::TooFar { index: 2 })));
 }
 
 /// Coordinate permutation hides which coordinate is true, and leaves neither position.

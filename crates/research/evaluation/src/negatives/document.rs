@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use veiloc_obfuscation::{ExtractError, SealError};
+use veiloc_obfuscation::SealError;
 use veiloc_pose::State;
 use veiloc_protocol::Scheme;
 
@@ -21,7 +21,7 @@ pub struct Negatives {
     pub queries: Vec<Negative>,
     /// Images that could not be read or are not of their camera's size: name, and why. They count nowhere.
     #[serde(skip)]
-    pub unread: Vec<(String, ExtractError)>,
+    pub unread: Vec<(String, SealError)>,
 }
 
 /// All images under one scheme.

@@ -16,7 +16,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{ExtractError, SealOptions, extract_loaded};
+use veiloc_obfuscation::{SealError, SealOptions, extract_loaded};
 use veiloc_protocol::Scheme;
 
 use crate::error::EvalError;
@@ -88,7 +88,7 @@ pub fn evaluate_negatives(
         progress.advance(1);
         answers
     };
-    let each: Vec<Result<Vec<Negative>, ExtractError>> = evaluation.images.par_iter().map(one).collect();
+    let each: Vec<Result<Vec<Negative>, SealError>> = evaluation.images.par_iter().map(one).collect();
     progress.finish();
     let mut queries = Vec::new();
     let mut unread = Vec::new();
@@ -111,7 +111,7 @@ fn answers(
     map: &MapFile,
     image: &NegativeImage,
     evaluation: &NegativesEvaluation,
-) -> Result<Vec<Negative>, ExtractError> {
+) -> Result<Vec<Negative>, SealError> {
     let loaded = Image::from(load_gray(&image.path)?);
     let (known, source) = camera_of(image.camera.as_ref(), &image.path)?;
     let profile = map.profile();

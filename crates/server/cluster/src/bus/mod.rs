@@ -5,8 +5,8 @@
 //! - [`Membership`]: what is asked of a member, until it leaves.
 //!
 //! # What is promised
-//! A request goes to **at most one** member. It is answered, or it ends with a [`BusError`] that says whether there was
-//! nobody ([`BusError::Nobody`], known at once) or nobody answered in time ([`BusError::TimedOut`]); a member that dies
+//! A request goes to **at most one** member. It is answered, or it ends with a [`ClusterError`] that says whether there was
+//! nobody ([`ClusterError::Nobody`], known at once) or nobody answered in time ([`ClusterError::TimedOut`]); a member that dies
 //! looks like the second. Whoever needs an answer sends the same bytes again. Nothing is stored: a message that nobody
 //! waits for is gone.
 //!
@@ -17,14 +17,14 @@
 //!
 //! ```
 //! use std::time::Duration;
-//! use veiloc_cluster::bus::{Bus, BusError, Subject};
+//! use veiloc_cluster::bus::{Bus, Subject};
 //!
 //! # let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
 //! # runtime.block_on(async {
 //! let bus = Bus::in_process();
 //! let subject = Subject::new(["greeting", "en"])?;
 //! let nobody = bus.request(&subject, "hello".into(), Duration::from_secs(1)).await;
-//! assert!(matches!(nobody, Err(BusError::Nobody { .. })));
+//! assert!(matches!(nobody, Err(ClusterError::Nobody { .. })));
 //!
 //! let mut member = bus.join(&subject).await?;
 //! tokio::spawn(async move {
@@ -34,24 +34,23 @@
 //! });
 //! let reply = bus.request(&subject, "hello".into(), Duration::from_secs(5)).await?;
 //! assert_eq!(&reply[..], b"good day");
-//! # Ok::<(), BusError>(())
+//! # Ok::<(), ClusterError>(())
 //! # })?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 #![forbid(unsafe_code)]
 
-mod error;
 mod nats;
 mod open;
 mod process;
 mod subject;
 
+use crate::ClusterError;
 use std::fmt;
 use std::time::Duration;
 
 use bytes::Bytes;
 
-pub use error::BusError;
 pub use nats::NatsOptions;
 pub use subject::{BadWord, Subject};
 
@@ -77,9 +76,9 @@ impl Bus {
     /// Over NATS. Once connected it stays so by itself: a server that goes is exchanged for another one.
     ///
     /// # Errors
-    /// [`BusError`]: an address that is none, files that cannot be read, no server that answers, or one that takes only
+    /// [`ClusterError`]: an address that is none, files that cannot be read, no server that answers, or one that takes only
     /// shorter messages than are needed.
-    pub async fn nats(options: &NatsOptions) -> Result<Self, BusError> {
+    pub async fn nats(options: &NatsOptions) -> Result<Self, ClusterError> {
         Nats::connect(options).await.map(|nats| Self(Road::Nats(nats)))
     }
 
@@ -109,13 +108,13 @@ impl Bus {
     /// Asks one member of the subject's group.
     ///
     /// # Errors
-    /// [`BusError`]: nobody is there, nobody answered in time, or the message is too long.
+    /// [`ClusterError`]: nobody is there, nobody answered in time, or the message is too long.
     pub async fn request(
         &self,
         subject: &Subject,
         payload: Bytes,
         within: Duration,
-    ) -> Result<Bytes, BusError> {
+    ) -> Result<Bytes, ClusterError> {
         self.ask(subject, payload, within, false).await
     }
 
@@ -129,7 +128,7 @@ impl Bus {
         subject: &Subject,
         payload: Bytes,
         within: Duration,
-    ) -> Result<Bytes, BusError> {
+    ) -> Result<Bytes, ClusterError> {
         self.ask(subject, payload, within, true).await
     }
 
@@ -139,10 +138,10 @@ impl Bus {
         payload: Bytes,
         within: Duration,
         cancellable: bool,
-    ) -> Result<Bytes, BusError> {
+    ) -> Result<Bytes, ClusterError> {
         let longest = self.max_payload();
         if payload.len() > longest {
-            return Err(BusError::TooLong { bytes: payload.len(), longest });
+            return Err(ClusterError::MessageTooLong { bytes: payload.len(), longest });
         }
         let answered = async {
             match &self.0 {
@@ -150,15 +149,15 @@ impl Bus {
                 Road::Process(process) => process.request(subject, payload).await,
             }
         };
-        let timed_out = || BusError::TimedOut { subject: subject.clone(), within };
+        let timed_out = || ClusterError::TimedOut { subject: subject.clone(), within };
         tokio::time::timeout(within, answered).await.map_err(|_| timed_out())?
     }
 
     /// Becomes a member of the subject's group; what is asked of it from then on is in the [`Membership`].
     ///
     /// # Errors
-    /// [`BusError::Closed`]: the connection is gone for good.
-    pub async fn join(&self, subject: &Subject) -> Result<Membership, BusError> {
+    /// [`ClusterError::BusClosed`]: the connection is gone for good.
+    pub async fn join(&self, subject: &Subject) -> Result<Membership, ClusterError> {
         Ok(Membership(match &self.0 {
             Road::Nats(nats) => Member::Nats(nats.join(subject).await?),
             Road::Process(process) => Member::Process(process.join(subject)),
@@ -236,8 +235,8 @@ impl Incoming {
     /// Answers it. Whether anybody still waits is not known.
     ///
     /// # Errors
-    /// [`BusError`]: the answer is too long, or the connection is gone for good.
-    pub async fn answer(self, payload: Bytes) -> Result<(), BusError> {
+    /// [`ClusterError`]: the answer is too long, or the connection is gone for good.
+    pub async fn answer(self, payload: Bytes) -> Result<(), ClusterError> {
         match self.to {
             Reply::Nats(reply) => reply.send(payload).await,
             Reply::Process(reply) => reply.send(payload),

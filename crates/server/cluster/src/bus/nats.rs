@@ -20,7 +20,7 @@ use bytes::Bytes;
 use futures_util::StreamExt as _;
 use tokio::sync::{mpsc, oneshot};
 
-use crate::bus::error::BusError;
+use crate::ClusterError;
 use crate::bus::open::Open;
 use crate::bus::subject::Subject;
 
@@ -102,24 +102,24 @@ struct Login {
 
 impl Login {
     /// That of the first address which names one: the library does not look there.
-    fn of(servers: &[ServerAddr]) -> Result<Option<Self>, BusError> {
+    fn of(servers: &[ServerAddr]) -> Result<Option<Self>, ClusterError> {
         let named = servers.iter().find_map(|server| Some((server.username()?, server.password())));
         let Some((user, password)) = named else { return Ok(None) };
         let Some(password) = password else {
-            return Err(BusError::Login { reason: "the password is missing" });
+            return Err(ClusterError::Login { reason: "the password is missing" });
         };
         // A user is part of a subject, and escapes in addresses are not read.
         let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
         if user.is_empty() || !user.chars().all(is_plain) {
-            return Err(BusError::Login {
+            return Err(ClusterError::Login {
                 reason: "its user has other characters than letters, digits, _ and -",
             });
         }
         if password.contains('%') {
-            return Err(BusError::Login { reason: "its password has an escape (%), which is not read" });
+            return Err(ClusterError::Login { reason: "its password has an escape (%), which is not read" });
         }
         if password == MASK {
-            return Err(BusError::Login {
+            return Err(ClusterError::Login {
                 reason: "the password is the `***` that --print-config prints in place of one; write the real one there",
             });
         }
@@ -169,11 +169,13 @@ impl Drop for Aborted {
 }
 
 impl Nats {
-    pub(crate) async fn connect(options: &NatsOptions) -> Result<Self, BusError> {
+    pub(crate) async fn connect(options: &NatsOptions) -> Result<Self, ClusterError> {
         let servers: Vec<ServerAddr> = options
             .servers
             .iter()
-            .map(|text| text.parse().map_err(|_| BusError::Address { address: without_password(text) }))
+            .map(|text| {
+                text.parse().map_err(|_| ClusterError::BusAddress { address: without_password(text) })
+            })
             .collect::<Result<_, _>>()?;
         let mut connect = options.connect_options();
         if let Some(login) = Login::of(&servers)? {
@@ -181,18 +183,18 @@ impl Nats {
             connect = connect.user_and_password(login.user, login.password).custom_inbox_prefix(inbox);
         }
         if let Some(path) = &options.credentials {
-            let wrong = |e: std::io::Error| BusError::Credentials {
+            let wrong = |e: std::io::Error| ClusterError::Credentials {
                 path: path.display().to_string(),
                 reason: e.to_string(),
             };
             connect = connect.credentials_file(path).await.map_err(wrong)?;
         }
         let names = || options.servers.iter().map(|s| without_password(s)).collect::<Vec<_>>().join(", ");
-        let wrong = |reason: String| BusError::Connect { servers: names(), reason };
+        let wrong = |reason: String| ClusterError::Connect { servers: names(), reason };
         let client = connect.connect(servers).await.map_err(|e| wrong(e.to_string()))?;
         let longest = client.server_info().max_payload;
         if longest < options.needed_payload {
-            return Err(BusError::SmallPayload { longest, needed: options.needed_payload });
+            return Err(ClusterError::SmallPayload { longest, needed: options.needed_payload });
         }
         let inbox = client.new_inbox();
         let replies = client.subscribe(format!("{inbox}.*")).await.map_err(|e| wrong(e.to_string()))?;
@@ -222,7 +224,7 @@ impl Nats {
         subject: &Subject,
         payload: Bytes,
         cancellable: bool,
-    ) -> Result<Bytes, BusError> {
+    ) -> Result<Bytes, ClusterError> {
         let connection = &*self.0;
         let number = connection.next.fetch_add(1, Ordering::Relaxed);
         let (reply, answer) = oneshot::channel();
@@ -231,23 +233,23 @@ impl Nats {
         let cancel = cancellable.then(|| (subject.of_cancels(), to.clone()));
         let _forgotten = Forgotten { connection, number, cancel };
         let sent = connection.client.publish_with_reply(subject.as_str().to_owned(), to, payload).await;
-        sent.map_err(|_| BusError::Closed)?;
+        sent.map_err(|_| ClusterError::BusClosed)?;
         match answer.await {
             Ok(Ok(bytes)) => Ok(bytes),
-            Ok(Err(Nobody)) => Err(BusError::Nobody { subject: subject.clone() }),
-            Err(_) => Err(BusError::Closed),
+            Ok(Err(Nobody)) => Err(ClusterError::Nobody { subject: subject.clone() }),
+            Err(_) => Err(ClusterError::BusClosed),
         }
     }
 
-    pub(crate) async fn join(&self, subject: &Subject) -> Result<Membership, BusError> {
+    pub(crate) async fn join(&self, subject: &Subject) -> Result<Membership, ClusterError> {
         let client = self.0.client.clone();
         let joined = client.queue_subscribe(subject.as_str().to_owned(), GROUP.to_owned()).await;
-        let asked = joined.map_err(|_| BusError::Closed)?;
-        let cancels = client.subscribe(subject.of_cancels()).await.map_err(|_| BusError::Closed)?;
+        let asked = joined.map_err(|_| ClusterError::BusClosed)?;
+        let cancels = client.subscribe(subject.of_cancels()).await.map_err(|_| ClusterError::BusClosed)?;
         let open = Arc::new(Open::default());
         let cancels = Aborted(tokio::spawn(hear_cancels(cancels, open.clone())));
         // The server knows of it before anything is said of it.
-        client.flush().await.map_err(|_| BusError::Closed)?;
+        client.flush().await.map_err(|_| ClusterError::BusClosed)?;
         Ok(Membership { client, asked, open, _cancels: cancels })
     }
 }
@@ -345,12 +347,12 @@ impl Reply {
         }
     }
 
-    pub(crate) async fn send(self, payload: Bytes) -> Result<(), BusError> {
+    pub(crate) async fn send(self, payload: Bytes) -> Result<(), ClusterError> {
         let longest = self.client.server_info().max_payload;
         if payload.len() > longest {
-            return Err(BusError::TooLong { bytes: payload.len(), longest });
+            return Err(ClusterError::MessageTooLong { bytes: payload.len(), longest });
         }
-        self.client.publish(self.to.clone(), payload).await.map_err(|_| BusError::Closed)
+        self.client.publish(self.to.clone(), payload).await.map_err(|_| ClusterError::BusClosed)
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use bytes::Bytes;
 use tokio::sync::{mpsc, oneshot};
 
-use crate::bus::error::BusError;
+use crate::ClusterError;
 use crate::bus::subject::Subject;
 
 /// Requests that may wait for one member; more are as lost as those of a member that is too slow for its connection.
@@ -45,13 +45,13 @@ impl Process {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    pub(crate) async fn request(&self, subject: &Subject, payload: Bytes) -> Result<Bytes, BusError> {
+    pub(crate) async fn request(&self, subject: &Subject, payload: Bytes) -> Result<Bytes, ClusterError> {
         let (reply, answer) = oneshot::channel();
         {
             let mut groups = self.groups();
             let group = groups.groups.get_mut(subject).filter(|group| !group.places.is_empty());
             let Group { places, turn } =
-                group.ok_or_else(|| BusError::Nobody { subject: subject.clone() })?;
+                group.ok_or_else(|| ClusterError::Nobody { subject: subject.clone() })?;
             *turn = turn.wrapping_add(1);
             // One that cannot take it loses it, as a slow connection would.
             let _ = places[*turn % places.len()].ask.try_send((payload, Reply(reply)));
@@ -111,9 +111,9 @@ impl Reply {
         self.0.closed().await;
     }
 
-    pub(crate) fn send(self, payload: Bytes) -> Result<(), BusError> {
+    pub(crate) fn send(self, payload: Bytes) -> Result<(), ClusterError> {
         if payload.len() > Process::MAX_PAYLOAD {
-            return Err(BusError::TooLong { bytes: payload.len(), longest: Process::MAX_PAYLOAD });
+            return Err(ClusterError::MessageTooLong { bytes: payload.len(), longest: Process::MAX_PAYLOAD });
         }
         // Whoever asked may have given up.
         let _ = self.0.send(payload);

@@ -1,8 +1,9 @@
 //! Asking one group, until somebody answers: the same question again when a member is slow, busy, gone or says nonsense.
 
+use crate::ClusterError;
 use std::time::Duration;
 
-use crate::bus::{Bus, BusError, Subject};
+use crate::bus::{Bus, Subject};
 use bytes::Bytes;
 use futures_util::StreamExt as _;
 use futures_util::stream::FuturesUnordered;
@@ -127,8 +128,8 @@ impl Road<'_> {
         let request = Request { name: ask.name, object: *object, within, wanted: ask.wanted.clone() };
         let sent = self.bus.request_cancellable(subject, request.encode(), within).await;
         let reply: Bytes = sent.map_err(|error| match error {
-            BusError::Nobody { .. } => Failed::Nobody,
-            BusError::TimedOut { .. } => Failed::NoReply,
+            ClusterError::Nobody { .. } => Failed::Nobody,
+            ClusterError::TimedOut { .. } => Failed::NoReply,
             _ => Failed::Closed,
         })?;
         let Reply { said, worked, waited, .. } = Reply::decode(reply, &ask.name).map_err(|error| {

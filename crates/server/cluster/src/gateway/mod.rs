@@ -14,17 +14,18 @@ use crate::bus::Bus;
 use bytes::Bytes;
 use futures_util::future::join_all;
 use tokio::time::Instant;
-use veiloc_map::regions::{ASKED, Folder, Manifest, ObjectId, RegionsError, rounds};
+use veiloc_map::MapError;
+use veiloc_map::regions::{ASKED, Folder, Manifest, ObjectId, rounds};
 use veiloc_protocol::{Answer, Profile};
 use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{Answering, Description, Elsewhere, Question, Unanswered};
 
 use self::ask::{Ask, Road};
 use self::pace::Pace;
-use crate::error::ClusterError;
+use crate::ClusterError;
 use crate::message::{Candidate, FRAME_BYTES, Said, Wanted};
 use crate::reach::Groups;
-use crate::shelf::{Shelf, ShelfError};
+use crate::shelf::Shelf;
 
 /// What a gateway does.
 #[derive(Debug, Clone)]
@@ -156,7 +157,7 @@ impl Inner {
         let object = manifest.profile;
         let folder = self.shelf.bring(vec![object]).await?;
         let path = Folder::of(manifest.clone(), &folder).path_of(&object.sha256);
-        let io = |source| ShelfError::from(RegionsError::Io { path: path.clone(), source });
+        let io = |source| ClusterError::from(MapError::Io { path: path.clone(), source });
         let bytes = std::fs::read(&path).map_err(io)?;
         let wrong = |source| ClusterError::Profile { object: object.sha256, source };
         let profile = Profile::decode(&bytes).map_err(wrong)?;

@@ -7,14 +7,14 @@ use object_store::ObjectStore;
 use object_store::local::LocalFileSystem;
 use url::Url;
 
-use crate::object_store::error::StoreError;
+use crate::ClusterError;
 
 /// Storage, and where in it.
 pub(crate) type Place = (Arc<dyn ObjectStore>, object_store::path::Path);
 
 /// What a URL names; a path is a folder. With `make`, a folder is made where there is none.
-pub(crate) fn place_of(url: &str, make: bool) -> Result<Place, StoreError> {
-    let wrong = |reason: String| StoreError::Address { url: without_login(url), reason };
+pub(crate) fn place_of(url: &str, make: bool) -> Result<Place, ClusterError> {
+    let wrong = |reason: String| ClusterError::StorageAddress { url: without_login(url), reason };
     if !url.contains("://") {
         return folder(Path::new(url), make);
     }
@@ -37,7 +37,7 @@ pub(crate) fn place_of(url: &str, make: bool) -> Result<Place, StoreError> {
             )
         }
         "s3" | "gs" | "az" => cloud(&parsed).map_err(|error| match error {
-            Some(source) => StoreError::Storage { address: url.to_owned(), source: Box::new(source) },
+            Some(source) => ClusterError::Storage { address: url.to_owned(), source: Box::new(source) },
             None => wrong(
                 "this program was built without storage of clouds; build it with `--features clouds`"
                     .to_owned(),
@@ -57,15 +57,15 @@ fn without_login(url: &str) -> String {
 
 const FORMS: &str = "a path, file:///PATH, s3://BUCKET/PATH, gs://BUCKET/PATH or az://CONTAINER/PATH";
 
-fn folder(path: &Path, make: bool) -> Result<Place, StoreError> {
+fn folder(path: &Path, make: bool) -> Result<Place, ClusterError> {
     if make {
-        std::fs::create_dir_all(path).map_err(StoreError::io(path))?;
+        std::fs::create_dir_all(path).map_err(ClusterError::io(path))?;
     }
-    let metadata = std::fs::metadata(path).map_err(StoreError::io(path))?;
+    let metadata = std::fs::metadata(path).map_err(ClusterError::io(path))?;
     if !metadata.is_dir() {
-        return Err(StoreError::io(path)(std::io::Error::from(std::io::ErrorKind::NotADirectory)));
+        return Err(ClusterError::io(path)(std::io::Error::from(std::io::ErrorKind::NotADirectory)));
     }
-    let store = LocalFileSystem::new_with_prefix(path).map_err(|source| StoreError::Storage {
+    let store = LocalFileSystem::new_with_prefix(path).map_err(|source| ClusterError::Storage {
         address: path.display().to_string(),
         source: Box::new(source),
     })?;
@@ -144,7 +144,7 @@ mod tests {
         ] {
             let error = place_of(url, false).expect_err(url);
             assert!(
-                matches!(error, StoreError::Address { .. }) && error.to_string().contains(expected),
+                matches!(error, ClusterError::StorageAddress { .. }) && error.to_string().contains(expected),
                 "{error}"
             );
             assert!(!error.to_string().contains("secret"), "{error}");
@@ -160,12 +160,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a b/maps");
         let text = path.to_str().unwrap();
-        assert!(matches!(place_of(text, false), Err(StoreError::Io { .. })));
+        assert!(matches!(place_of(text, false), Err(ClusterError::Io { .. })));
         place_of(text, true).unwrap();
         place_of(text, false).unwrap();
         place_of(Url::from_file_path(&path).unwrap().as_str(), false).unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, "").unwrap();
-        assert!(matches!(place_of(file.to_str().unwrap(), false), Err(StoreError::Io { .. })));
+        assert!(matches!(place_of(file.to_str().unwrap(), false), Err(ClusterError::Io { .. })));
     }
 }

@@ -9,12 +9,13 @@ use std::time::{Duration, SystemTime};
 use futures_util::StreamExt as _;
 use sha2::{Digest as _, Sha256};
 use tokio::io::AsyncWriteExt as _;
+use veiloc_map::MapError;
 use veiloc_map::is_map_name;
 use veiloc_map::regions::{
-    Folder, MOST_MANIFEST_BYTES, Manifest, OBJECTS_FOLDER, ObjectId, ObjectRef, RegionsError, verify_file,
+    Folder, MOST_MANIFEST_BYTES, Manifest, OBJECTS_FOLDER, ObjectId, ObjectRef, verify_file,
 };
 
-use crate::object_store::error::StoreError;
+use crate::ClusterError;
 use crate::object_store::pointer::Pointer;
 use crate::object_store::storage::{AGAIN, Storage};
 
@@ -50,19 +51,19 @@ impl Cache {
     /// A cache in this folder, which is made where there is none, of so many bytes of objects at most.
     ///
     /// # Errors
-    /// [`StoreError::Io`] when it cannot be made.
-    pub fn open(folder: &Path, most_bytes: u64) -> Result<Self, StoreError> {
+    /// [`ClusterError::Io`] when it cannot be made.
+    pub fn open(folder: &Path, most_bytes: u64) -> Result<Self, ClusterError> {
         for part in [OBJECTS_FOLDER, MANIFESTS_FOLDER, POINTERS_FOLDER] {
             let path = folder.join(part);
-            fs::create_dir_all(&path).map_err(StoreError::io(&path))?;
+            fs::create_dir_all(&path).map_err(ClusterError::io(&path))?;
         }
         Ok(Self { folder: folder.to_owned(), most_bytes })
     }
 
     /// Without manifests and without bounds.
-    pub(crate) fn open_objects(folder: &Path) -> Result<Self, StoreError> {
+    pub(crate) fn open_objects(folder: &Path) -> Result<Self, ClusterError> {
         let path = folder.join(OBJECTS_FOLDER);
-        fs::create_dir_all(&path).map_err(StoreError::io(&path))?;
+        fs::create_dir_all(&path).map_err(ClusterError::io(&path))?;
         Ok(Self { folder: folder.to_owned(), most_bytes: u64::MAX })
     }
 
@@ -74,8 +75,13 @@ impl Cache {
     /// The manifest of a map that has this id: from here, or fetched.
     ///
     /// # Errors
-    /// As [`Storage::manifest`], and [`StoreError::Io`].
-    pub async fn manifest(&self, storage: &Storage, map: &str, id: ObjectId) -> Result<Manifest, StoreError> {
+    /// As [`Storage::manifest`], and [`ClusterError::Io`].
+    pub async fn manifest(
+        &self,
+        storage: &Storage,
+        map: &str,
+        id: ObjectId,
+    ) -> Result<Manifest, ClusterError> {
         let path = self.folder.join(MANIFESTS_FOLDER).join(format!("{id}.json"));
         // One that is longer than any, or is damaged, is as good as none.
         let is_short = fs::metadata(&path).is_ok_and(|m| m.len() <= MOST_MANIFEST_BYTES as u64);
@@ -85,18 +91,18 @@ impl Cache {
             return Ok(manifest);
         }
         let manifest = storage.manifest(map, id).await?;
-        veiloc_map::atomic_file::write_whole(&path, &manifest.encode()).map_err(StoreError::io(&path))?;
+        veiloc_map::atomic_file::write_whole(&path, &manifest.encode()).map_err(ClusterError::io(&path))?;
         Ok(manifest)
     }
 
     /// Remembers that this manifest of a map was the current one.
     ///
     /// # Errors
-    /// [`StoreError::Io`].
-    pub fn remember(&self, map: &str, id: ObjectId) -> Result<(), StoreError> {
+    /// [`ClusterError::Io`].
+    pub fn remember(&self, map: &str, id: ObjectId) -> Result<(), ClusterError> {
         let path = self.pointer(map);
         veiloc_map::atomic_file::write_whole(&path, &Pointer::new(map, id).encode())
-            .map_err(StoreError::io(&path))
+            .map_err(ClusterError::io(&path))
     }
 
     /// What was remembered last of a map: what to begin with while storage cannot be reached.
@@ -112,10 +118,10 @@ impl Cache {
     /// Where an object lies here, verified; fetched where it does not yet, or is damaged.
     ///
     /// # Errors
-    /// [`StoreError::Object`] when storage has something else under this name, [`StoreError::NotThere`],
-    /// [`StoreError::CacheTooSmall`] when it alone is more than the cache may hold, [`StoreError::Storage`],
-    /// [`StoreError::Io`].
-    pub async fn object(&self, storage: &Storage, object: &ObjectRef) -> Result<PathBuf, StoreError> {
+    /// [`ClusterError::Object`] when storage has something else under this name, [`ClusterError::NotThere`],
+    /// [`ClusterError::CacheTooSmall`] when it alone is more than the cache may hold, [`ClusterError::Storage`],
+    /// [`ClusterError::Io`].
+    pub async fn object(&self, storage: &Storage, object: &ObjectRef) -> Result<PathBuf, ClusterError> {
         Ok(self.object_of(storage, object).await?.0)
     }
 
@@ -124,7 +130,7 @@ impl Cache {
         &self,
         storage: &Storage,
         object: &ObjectRef,
-    ) -> Result<(PathBuf, bool), StoreError> {
+    ) -> Result<(PathBuf, bool), ClusterError> {
         self.check_room(object.bytes)?;
         let path = self.folder.join(OBJECTS_FOLDER).join(object.sha256.to_string());
         if self.has(&path, object).await? {
@@ -138,31 +144,31 @@ impl Cache {
     /// downloads that died left behind. Whoever has a file open keeps it.
     ///
     /// # Errors
-    /// [`StoreError::Io`] when the folder cannot be read.
-    pub fn trim(&self, needed: &BTreeSet<ObjectId>) -> Result<Trimmed, StoreError> {
+    /// [`ClusterError::Io`] when the folder cannot be read.
+    pub fn trim(&self, needed: &BTreeSet<ObjectId>) -> Result<Trimmed, ClusterError> {
         self.trim_to(needed, self.most_bytes)
     }
 
     /// The same before these objects are fetched, so that they and what is there are together no more than there may be.
     ///
     /// # Errors
-    /// [`StoreError::Io`] when the folder cannot be read.
+    /// [`ClusterError::Io`] when the folder cannot be read.
     pub fn make_room(
         &self,
         objects: &[ObjectRef],
         needed: &BTreeSet<ObjectId>,
-    ) -> Result<Trimmed, StoreError> {
+    ) -> Result<Trimmed, ClusterError> {
         let folder = self.folder.join(OBJECTS_FOLDER);
         let is_missing = |object: &&ObjectRef| !folder.join(object.sha256.to_string()).exists();
         let coming: u64 = objects.iter().filter(is_missing).map(|object| object.bytes).sum();
         self.trim_to(needed, self.most_bytes.saturating_sub(coming))
     }
 
-    fn trim_to(&self, needed: &BTreeSet<ObjectId>, most_bytes: u64) -> Result<Trimmed, StoreError> {
+    fn trim_to(&self, needed: &BTreeSet<ObjectId>, most_bytes: u64) -> Result<Trimmed, ClusterError> {
         let folder = self.folder.join(OBJECTS_FOLDER);
         let mut others = Vec::new();
         let mut trimmed = Trimmed::default();
-        for entry in fs::read_dir(&folder).map_err(StoreError::io(&folder))?.flatten() {
+        for entry in fs::read_dir(&folder).map_err(ClusterError::io(&folder))?.flatten() {
             let Ok(metadata) = entry.metadata() else { continue };
             let name = entry.file_name();
             let Some(name) = name.to_str() else { continue };
@@ -192,16 +198,16 @@ impl Cache {
     /// Whether the cache may hold so many bytes together.
     ///
     /// # Errors
-    /// [`StoreError::CacheTooSmall`].
-    pub fn check_room(&self, needed: u64) -> Result<(), StoreError> {
+    /// [`ClusterError::CacheTooSmall`].
+    pub fn check_room(&self, needed: u64) -> Result<(), ClusterError> {
         if needed <= self.most_bytes {
             return Ok(());
         }
-        Err(StoreError::CacheTooSmall { path: self.folder.clone(), needed, most: self.most_bytes })
+        Err(ClusterError::CacheTooSmall { path: self.folder.clone(), needed, most: self.most_bytes })
     }
 
     /// Whether the object is there and sound; it counts as used then. One that is damaged is removed.
-    async fn has(&self, path: &Path, object: &ObjectRef) -> Result<bool, StoreError> {
+    async fn has(&self, path: &Path, object: &ObjectRef) -> Result<bool, ClusterError> {
         let verified = {
             let (path, object) = (path.to_owned(), *object);
             tokio::task::spawn_blocking(move || {
@@ -218,34 +224,34 @@ impl Cache {
         };
         match verified {
             Ok(Ok(())) => Ok(true),
-            Ok(Err(RegionsError::Object { .. })) => {
-                fs::remove_file(path).or_else(gone_is_gone).map_err(StoreError::io(path))?;
+            Ok(Err(MapError::Object { .. })) => {
+                fs::remove_file(path).or_else(gone_is_gone).map_err(ClusterError::io(path))?;
                 Ok(false)
             }
-            Ok(Err(RegionsError::Io { source, .. })) if source.kind() == std::io::ErrorKind::NotFound => {
+            Ok(Err(MapError::Io { source, .. })) if source.kind() == std::io::ErrorKind::NotFound => {
                 Ok(false)
             }
             Ok(Err(error)) => Err(error.into()),
-            Err(_) => Err(StoreError::io(path)(std::io::Error::other("reading it was broken off"))),
+            Err(_) => Err(ClusterError::io(path)(std::io::Error::other("reading it was broken off"))),
         }
     }
 
-    async fn fetch(&self, storage: &Storage, object: &ObjectRef, path: &Path) -> Result<(), StoreError> {
+    async fn fetch(&self, storage: &Storage, object: &ObjectRef, path: &Path) -> Result<(), ClusterError> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let partial = format!(".{}.{}-{count}{PARTIAL}", object.sha256, std::process::id());
         let partial = Partial(path.with_file_name(partial));
         self.download(storage, object, &partial.0).await?;
-        fs::rename(&partial.0, path).map_err(StoreError::io(path))
+        fs::rename(&partial.0, path).map_err(ClusterError::io(path))
     }
 
     /// Writes the object there; anything but the object is an error.
-    async fn download(&self, storage: &Storage, object: &ObjectRef, to: &Path) -> Result<(), StoreError> {
+    async fn download(&self, storage: &Storage, object: &ObjectRef, to: &Path) -> Result<(), ClusterError> {
         let entry = storage.object_entry(object.sha256);
         let wrong =
-            |found: String| StoreError::Object { address: entry.address.clone(), expected: *object, found };
+            |found: String| ClusterError::Object { address: entry.address.clone(), expected: *object, found };
         let mut pieces = storage.read(&entry, AGAIN).await?;
-        let mut file = tokio::fs::File::create_new(to).await.map_err(StoreError::io(to))?;
+        let mut file = tokio::fs::File::create_new(to).await.map_err(ClusterError::io(to))?;
         let (mut hash, mut length) = (Sha256::new(), 0_u64);
         while let Some(piece) = storage.patience.await_next(pieces.next(), &entry.address).await? {
             let piece = piece.map_err(|source| entry.error(source, AGAIN))?;
@@ -254,7 +260,7 @@ impl Cache {
                 return Err(wrong(format!("more than {} bytes", object.bytes)));
             }
             hash.update(&piece);
-            file.write_all(&piece).await.map_err(StoreError::io(to))?;
+            file.write_all(&piece).await.map_err(ClusterError::io(to))?;
         }
         if length != object.bytes {
             return Err(wrong(format!("{length} bytes")));
@@ -264,8 +270,8 @@ impl Cache {
             return Err(wrong(format!("the object {found}")));
         }
         // The last write is told by `flush` alone: `sync_all` forgets that it failed, on a full disk for example.
-        file.flush().await.map_err(StoreError::io(to))?;
-        file.sync_all().await.map_err(StoreError::io(to))
+        file.flush().await.map_err(ClusterError::io(to))?;
+        file.sync_all().await.map_err(ClusterError::io(to))
     }
 }
 

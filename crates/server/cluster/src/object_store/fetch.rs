@@ -4,8 +4,8 @@ use std::path::Path;
 
 use veiloc_map::regions::{MANIFEST_FILE, ObjectId};
 
+use crate::ClusterError;
 use crate::object_store::cache::Cache;
-use crate::object_store::error::StoreError;
 use crate::object_store::publish::Watch;
 use crate::object_store::storage::Storage;
 
@@ -36,7 +36,7 @@ pub async fn fetch_folder(
     id: ObjectId,
     folder: &Path,
     watch: Watch<'_>,
-) -> Result<Fetched, StoreError> {
+) -> Result<Fetched, ClusterError> {
     let manifest = storage.manifest(map, id).await?;
     let cache = Cache::open_objects(folder)?;
     let total = manifest.byte_count();
@@ -54,6 +54,6 @@ pub async fn fetch_folder(
         watch(result.fetched_bytes + result.there_bytes, total);
     }
     let path = folder.join(MANIFEST_FILE);
-    veiloc_map::atomic_file::write_whole(&path, &manifest.encode()).map_err(StoreError::io(&path))?;
+    veiloc_map::atomic_file::write_whole(&path, &manifest.encode()).map_err(ClusterError::io(&path))?;
     Ok(result)
 }

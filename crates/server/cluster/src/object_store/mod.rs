@@ -18,7 +18,7 @@
 //!
 //! # Example
 //! ```
-//! # async fn run(url: &str) -> Result<(), veiloc_cluster::object_store::StoreError> {
+//! # async fn run(url: &str) -> Result<(), veiloc_cluster::ClusterError> {
 //! use veiloc_cluster::object_store::{Cache, Storage};
 //!
 //! let storage = Storage::open(url)?;
@@ -34,16 +34,14 @@
 
 mod address;
 mod cache;
-mod error;
 mod fetch;
 mod pointer;
 mod publish;
-mod refusal;
+pub(crate) mod refusal;
 mod retry;
 mod storage;
 
 pub use cache::{Cache, Trimmed};
-pub use error::StoreError;
 pub use fetch::{Fetched, fetch_folder};
 pub use pointer::Pointer;
 pub use publish::{Published, Watch};

@@ -8,7 +8,7 @@ use object_store::{ObjectStoreExt as _, PutPayload};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use veiloc_map::regions::{Folder, ObjectId, ObjectRef, verify_file};
 
-use crate::object_store::error::StoreError;
+use crate::ClusterError;
 use crate::object_store::pointer::Pointer;
 use crate::object_store::storage::{Entry, Storage};
 
@@ -45,13 +45,13 @@ impl Storage {
     /// before it is sent. Nothing is removed: readers may be using what an older manifest names.
     ///
     /// # Errors
-    /// [`StoreError::Regions`] when a file of the folder is damaged or missing, [`StoreError::Storage`]; what was current
+    /// [`ClusterError::Map`] when a file of the folder is damaged or missing, [`ClusterError::Storage`]; what was current
     /// before is then current still.
-    pub async fn publish(&self, folder: &Folder, watch: Watch<'_>) -> Result<Published, StoreError> {
+    pub async fn publish(&self, folder: &Folder, watch: Watch<'_>) -> Result<Published, ClusterError> {
         let manifest = folder.manifest();
         let (id, total) = (manifest.id(), manifest.byte_count());
         let done = AtomicU64::new(0);
-        let one = async |object: ObjectRef| -> Result<(ObjectRef, bool), StoreError> {
+        let one = async |object: ObjectRef| -> Result<(ObjectRef, bool), ClusterError> {
             let is_new = self.patience.attempt(async || self.object(folder, &object).await).await?;
             watch(done.fetch_add(object.bytes, Ordering::Relaxed) + object.bytes, total);
             Ok((object, is_new))
@@ -73,7 +73,7 @@ impl Storage {
     }
 
     /// Whether it had to be sent.
-    async fn object(&self, folder: &Folder, object: &ObjectRef) -> Result<bool, StoreError> {
+    async fn object(&self, folder: &Folder, object: &ObjectRef) -> Result<bool, ClusterError> {
         let entry = self.object_entry(object.sha256);
         match self.patience.await_next(self.store.head(&entry.location), &entry.address).await? {
             Ok(there) if there.size == object.bytes => return Ok(false),
@@ -86,16 +86,16 @@ impl Storage {
             tokio::task::spawn_blocking(move || verify_file(&path, &object)).await
         };
         verified.map_err(|error| entry.error(error.into(), MEANWHILE))??;
-        let mut file = tokio::fs::File::open(&path).await.map_err(StoreError::io(&path))?;
+        let mut file = tokio::fs::File::open(&path).await.map_err(ClusterError::io(&path))?;
         let mut writer = BufWriter::with_capacity(self.store.clone(), entry.location.clone(), PART);
         let mut piece = vec![0; 1 << 18];
         let mut left = object.bytes;
         while left > 0 {
             let most = usize::try_from(left).unwrap_or(usize::MAX).min(piece.len());
-            let read = file.read(&mut piece[..most]).await.map_err(StoreError::io(&path))?;
+            let read = file.read(&mut piece[..most]).await.map_err(ClusterError::io(&path))?;
             if read == 0 {
                 let ended = std::io::Error::from(std::io::ErrorKind::UnexpectedEof);
-                return Err(StoreError::io(&path)(ended));
+                return Err(ClusterError::io(&path)(ended));
             }
             let written = self.patience.await_next(writer.write_all(&piece[..read]), &entry.address).await?;
             written.map_err(|error| entry.error(cause_of(error), MEANWHILE))?;
@@ -106,7 +106,7 @@ impl Storage {
         Ok(true)
     }
 
-    async fn put(&self, entry: &Entry, bytes: Vec<u8>) -> Result<(), StoreError> {
+    async fn put(&self, entry: &Entry, bytes: Vec<u8>) -> Result<(), ClusterError> {
         let put = async || {
             let payload = PutPayload::from(bytes.clone());
             let answer =

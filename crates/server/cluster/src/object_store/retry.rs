@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::object_store::error::StoreError;
+use crate::ClusterError;
 
 /// How often, how long between, and how long nothing may come.
 #[derive(Debug, Clone, Copy)]
@@ -24,8 +24,8 @@ impl Patience {
     /// The first success, or the last failure.
     pub(crate) async fn attempt<T>(
         &self,
-        act: impl AsyncFn() -> Result<T, StoreError>,
-    ) -> Result<T, StoreError> {
+        act: impl AsyncFn() -> Result<T, ClusterError>,
+    ) -> Result<T, ClusterError> {
         let mut pause = self.pause;
         for _ in 1..self.attempts {
             match act().await {
@@ -42,10 +42,10 @@ impl Patience {
         &self,
         next: impl Future<Output = T>,
         address: &str,
-    ) -> Result<T, StoreError> {
+    ) -> Result<T, ClusterError> {
         tokio::time::timeout(self.stall, next)
             .await
-            .map_err(|_| StoreError::Stalled { address: address.to_owned(), seconds: self.stall.as_secs() })
+            .map_err(|_| ClusterError::Stalled { address: address.to_owned(), seconds: self.stall.as_secs() })
     }
 }
 
@@ -57,8 +57,8 @@ mod tests {
 
     use super::*;
 
-    fn stalled() -> StoreError {
-        StoreError::Stalled { address: "memory://maps".to_owned(), seconds: 60 }
+    fn stalled() -> ClusterError {
+        ClusterError::Stalled { address: "memory://maps".to_owned(), seconds: 60 }
     }
 
     #[tokio::test(start_paused = true)]
@@ -80,7 +80,7 @@ mod tests {
     async fn what_stalls_is_given_up() {
         let begun = Instant::now();
         let stalled = Patience::default().await_next(std::future::pending::<()>(), "memory://maps").await;
-        assert!(matches!(stalled, Err(StoreError::Stalled { seconds: 60, .. })));
+        assert!(matches!(stalled, Err(ClusterError::Stalled { seconds: 60, .. })));
         assert_eq!(begun.elapsed(), Duration::from_secs(60));
     }
 }

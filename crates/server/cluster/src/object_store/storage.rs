@@ -6,10 +6,11 @@ use futures_util::StreamExt as _;
 use object_store::path::Path as Location;
 use object_store::{ObjectStore, ObjectStoreExt as _};
 use veiloc_map::is_map_name;
-use veiloc_map::regions::{MOST_MANIFEST_BYTES, Manifest, ManifestError, ObjectId, RegionsError};
+use veiloc_map::regions::{MOST_MANIFEST_BYTES, Manifest, ObjectId};
+use veiloc_map::{ManifestError, MapError};
 
+use crate::ClusterError;
 use crate::object_store::address::place_of;
-use crate::object_store::error::StoreError;
 use crate::object_store::pointer::Pointer;
 use crate::object_store::refusal::{Refusal, refusal_of};
 use crate::object_store::retry::Patience;
@@ -28,9 +29,9 @@ impl Storage {
     /// `AZURE_…`). Nothing is asked yet.
     ///
     /// # Errors
-    /// [`StoreError::Address`] when it names no storage that this program knows, [`StoreError::Io`] when there is no such
-    /// folder, [`StoreError::Storage`] when settings of a cloud are missing or wrong.
-    pub fn open(url: &str) -> Result<Self, StoreError> {
+    /// [`ClusterError::StorageAddress`] when it names no storage that this program knows, [`ClusterError::Io`] when there is no such
+    /// folder, [`ClusterError::Storage`] when settings of a cloud are missing or wrong.
+    pub fn open(url: &str) -> Result<Self, ClusterError> {
         let (store, root) = place_of(url, false)?;
         Ok(Self::of(store, root, url))
     }
@@ -39,7 +40,7 @@ impl Storage {
     ///
     /// # Errors
     /// As [`Self::open`].
-    pub fn create(url: &str) -> Result<Self, StoreError> {
+    pub fn create(url: &str) -> Result<Self, ClusterError> {
         let (store, root) = place_of(url, true)?;
         Ok(Self::of(store, root, url))
     }
@@ -68,24 +69,24 @@ impl Storage {
     /// The id of the current manifest of a map.
     ///
     /// # Errors
-    /// [`StoreError::NotThere`] when the map was not published, [`StoreError::Pointer`], [`StoreError::Storage`].
-    pub async fn current(&self, map: &str) -> Result<ObjectId, StoreError> {
+    /// [`ClusterError::NotThere`] when the map was not published, [`ClusterError::Pointer`], [`ClusterError::Storage`].
+    pub async fn current(&self, map: &str) -> Result<ObjectId, ClusterError> {
         let entry = self.pointer(map)?;
         let remedy = "publish the map first with `veiloc map publish`, and look whether this is its name";
         let bytes = self.small(&entry, Pointer::MOST_BYTES, remedy).await?;
         let pointer = Pointer::decode(&bytes, map)
-            .map_err(|reason| StoreError::Pointer { address: entry.address.clone(), reason })?;
+            .map_err(|reason| ClusterError::Pointer { address: entry.address.clone(), reason })?;
         Ok(pointer.manifest)
     }
 
     /// The manifest of this map that has this id.
     ///
     /// # Errors
-    /// [`StoreError::NotThere`], [`StoreError::Manifest`] when it is wrong or another one, [`StoreError::Storage`].
-    pub async fn manifest(&self, map: &str, id: ObjectId) -> Result<Manifest, StoreError> {
+    /// [`ClusterError::NotThere`], [`ClusterError::Manifest`] when it is wrong or another one, [`ClusterError::Storage`].
+    pub async fn manifest(&self, map: &str, id: ObjectId) -> Result<Manifest, ClusterError> {
         let entry = self.manifest_entry(id);
         let bytes = self.small(&entry, MOST_MANIFEST_BYTES as u64, AGAIN).await?;
-        let wrong = |source| StoreError::Manifest { address: entry.address.clone(), source };
+        let wrong = |source| ClusterError::Manifest { address: entry.address.clone(), source };
         let manifest = Manifest::decode_as(&bytes, id).map_err(wrong)?;
         if manifest.map != map {
             return Err(wrong(ManifestError::OtherMap { expected: map.to_owned(), found: manifest.map }));
@@ -93,9 +94,9 @@ impl Storage {
         Ok(manifest)
     }
 
-    pub(crate) fn pointer(&self, map: &str) -> Result<Entry, StoreError> {
+    pub(crate) fn pointer(&self, map: &str) -> Result<Entry, ClusterError> {
         if !is_map_name(map) {
-            return Err(RegionsError::Name { name: map.to_owned() }.into());
+            return Err(MapError::Name { name: map.to_owned() }.into());
         }
         Ok(self.entry(&[&format!("{map}.json")]))
     }
@@ -114,14 +115,14 @@ impl Storage {
     }
 
     /// All of something small; what is longer is not read to its end.
-    async fn small(&self, entry: &Entry, most: u64, remedy: &'static str) -> Result<Vec<u8>, StoreError> {
+    async fn small(&self, entry: &Entry, most: u64, remedy: &'static str) -> Result<Vec<u8>, ClusterError> {
         let read = async || {
             let mut bytes = Vec::new();
             let mut pieces = self.read(entry, remedy).await?;
             while let Some(piece) = self.patience.await_next(pieces.next(), &entry.address).await? {
                 bytes.extend_from_slice(&piece.map_err(|source| entry.error(source, remedy))?);
                 if bytes.len() as u64 > most {
-                    return Err(StoreError::TooLong { address: entry.address.clone(), most });
+                    return Err(ClusterError::ObjectTooLong { address: entry.address.clone(), most });
                 }
             }
             Ok(bytes)
@@ -134,7 +135,7 @@ impl Storage {
         &self,
         entry: &Entry,
         remedy: &'static str,
-    ) -> Result<futures_util::stream::BoxStream<'static, object_store::Result<bytes::Bytes>>, StoreError>
+    ) -> Result<futures_util::stream::BoxStream<'static, object_store::Result<bytes::Bytes>>, ClusterError>
     {
         let asked = self.store.get(&entry.location);
         let answer = self.patience.await_next(asked, &entry.address).await?;
@@ -150,14 +151,14 @@ pub(crate) struct Entry {
 }
 
 impl Entry {
-    pub(crate) fn error(&self, source: object_store::Error, remedy: &'static str) -> StoreError {
+    pub(crate) fn error(&self, source: object_store::Error, remedy: &'static str) -> ClusterError {
         let address = self.address.clone();
         if let Some(Refusal { why, remedy, said }) = refusal_of(&address, &source) {
-            return StoreError::Refused { address, why, remedy, said };
+            return ClusterError::StorageRefused { address, why, remedy, said };
         }
         match source {
-            object_store::Error::NotFound { .. } => StoreError::NotThere { address, remedy },
-            source => StoreError::Storage { address, source: Box::new(source) },
+            object_store::Error::NotFound { .. } => ClusterError::NotThere { address, remedy },
+            source => ClusterError::Storage { address, source: Box::new(source) },
         }
     }
 }

@@ -1,14 +1,15 @@
 //! A shelf in object storage, with what was fetched on the local disk.
 
+use crate::ClusterError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::object_store::{Cache, Storage, StoreError};
+use crate::object_store::{Cache, Storage};
 use tokio::runtime::Handle;
 use veiloc_map::regions::{ObjectId, ObjectRef};
 
-use super::{Fetching, Published, Shelf, ShelfError};
+use super::{Fetching, Published, Shelf};
 
 /// Maps that were published to object storage.
 #[derive(Debug, Clone)]
@@ -29,18 +30,18 @@ impl StoreShelf {
     /// Of this storage, with a cache in this folder of so many bytes at most.
     ///
     /// # Errors
-    /// [`ShelfError::Store`]: no such storage, or the folder cannot be made.
-    pub fn open(url: &str, cache: &Path, most_bytes: u64) -> Result<Self, ShelfError> {
-        Self::of(Storage::open(url).map_err(ShelfError::of)?, cache, most_bytes)
+    /// [`ClusterError`]: no such storage, or the folder cannot be made.
+    pub fn open(url: &str, cache: &Path, most_bytes: u64) -> Result<Self, ClusterError> {
+        Self::of(Storage::open(url)?, cache, most_bytes)
     }
 
     /// The same of storage of your own.
     ///
     /// # Errors
-    /// [`ShelfError::Store`]: the folder cannot be made.
-    pub fn of(storage: Storage, cache: &Path, most_bytes: u64) -> Result<Self, ShelfError> {
+    /// [`ClusterError`]: the folder cannot be made.
+    pub fn of(storage: Storage, cache: &Path, most_bytes: u64) -> Result<Self, ClusterError> {
         let folder = cache.to_owned();
-        let cache = Cache::open(cache, most_bytes).map_err(ShelfError::of)?;
+        let cache = Cache::open(cache, most_bytes)?;
         Ok(Self(Arc::new(Inner { storage, cache, folder, latest: Mutex::default(), kept: Mutex::default() })))
     }
 }
@@ -50,7 +51,7 @@ impl Inner {
         self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    async fn current(&self, map: &str) -> Result<Arc<Published>, StoreError> {
+    async fn current(&self, map: &str) -> Result<Arc<Published>, ClusterError> {
         let id = match self.storage.current(map).await {
             Ok(id) => id,
             Err(error) if error.may_pass() => self.last(map).ok_or(error)?,
@@ -77,7 +78,7 @@ impl Inner {
         Some(id)
     }
 
-    async fn bring(&self, objects: &[ObjectRef]) -> Result<PathBuf, StoreError> {
+    async fn bring(&self, objects: &[ObjectRef]) -> Result<PathBuf, ClusterError> {
         self.cache.check_room(objects.iter().map(|object| object.bytes).sum())?;
         let mut needed = self.kept.lock().unwrap_or_else(PoisonError::into_inner).clone();
         needed.extend(objects.iter().map(|object| object.sha256));
@@ -89,19 +90,13 @@ impl Inner {
     }
 }
 
-impl ShelfError {
-    fn of(error: StoreError) -> Self {
-        Self::Store(Box::new(error))
-    }
-}
-
 /// Does what storage takes time for on a thread of its own: its futures belong to one thread.
 async fn apart<T: Send + 'static>(
-    work: impl AsyncFnOnce() -> Result<T, StoreError> + Send + 'static,
-) -> Result<T, ShelfError> {
+    work: impl AsyncFnOnce() -> Result<T, ClusterError> + Send + 'static,
+) -> Result<T, ClusterError> {
     let runtime = Handle::current();
     match tokio::task::spawn_blocking(move || runtime.block_on(work())).await {
-        Ok(done) => done.map_err(ShelfError::of),
+        Ok(done) => done,
         Err(panic) => std::panic::resume_unwind(panic.into_panic()),
     }
 }

@@ -26,7 +26,7 @@ use veiloc_service::telemetry::{WorkerCounts, WorkerNow};
 use self::bench::Bench;
 use self::content::Content;
 use self::seat::Seat;
-use crate::error::ClusterError;
+use crate::ClusterError;
 use crate::reach::Groups;
 use crate::share::Share;
 use crate::shelf::Shelf;

@@ -466,7 +466,7 @@ async fn a_new_manifest_takes_over_without_a_lost_query() {
         let left =
             || futures_util::FutureExt::now_or_never(bus.request(&old, "".into(), Duration::from_secs(9)));
         assert!(left().is_none(), "not before its time");
-        let is_left = || matches!(left(), Some(Err(veiloc_cluster::bus::BusError::Nobody { .. })));
+        let is_left = || matches!(left(), Some(Err(veiloc_cluster::ClusterError::Nobody { .. })));
         pass_until(Duration::from_secs(60), "nobody", is_left).await;
     }
     stop.store(true, Ordering::Relaxed);

@@ -12,10 +12,10 @@ use crate::{MapFile, MapMemory, Region};
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
-use crate::regions::error::{ManifestError, RegionsError};
 use crate::regions::index::Index;
 use crate::regions::manifest::{MOST_MANIFEST_BYTES, Manifest, RegionEntry};
 use crate::regions::object::{ObjectId, ObjectRef};
+use crate::{ManifestError, MapError};
 
 /// Name of the manifest in its folder.
 pub const MANIFEST_FILE: &str = "manifest.json";
@@ -39,15 +39,15 @@ impl<'a> FolderWriter<'a> {
     /// For the regions of a map of this name. Waits for another program that writes the folder; makes it where it is not.
     ///
     /// # Errors
-    /// [`RegionsError::Name`], or [`RegionsError::Io`] when the folder cannot be made or written into.
-    pub fn begin(map: &'a MapFile, name: &'a str, folder: &Path) -> Result<Self, RegionsError> {
+    /// [`MapError::Name`], or [`MapError::Io`] when the folder cannot be made or written into.
+    pub fn begin(map: &'a MapFile, name: &'a str, folder: &Path) -> Result<Self, MapError> {
         if !is_map_name(name) {
-            return Err(RegionsError::Name { name: name.to_owned() });
+            return Err(MapError::Name { name: name.to_owned() });
         }
         let objects = folder.join(OBJECTS_FOLDER);
-        fs::create_dir_all(&objects).map_err(RegionsError::io(&objects))?;
+        fs::create_dir_all(&objects).map_err(MapError::io(&objects))?;
         let manifest = folder.join(MANIFEST_FILE);
-        let lock = TargetLock::acquire(&manifest).map_err(RegionsError::io(&manifest))?;
+        let lock = TargetLock::acquire(&manifest).map_err(MapError::io(&manifest))?;
         Ok(Self { map, name, folder: folder.to_owned(), lock })
     }
 
@@ -56,8 +56,8 @@ impl<'a> FolderWriter<'a> {
     /// Takes the memory of the region twice.
     ///
     /// # Errors
-    /// [`RegionsError::Map`] when the map has no such region, [`RegionsError::Io`] when it cannot be written.
-    pub fn region(&self, region: &Region) -> Result<RegionEntry, RegionsError> {
+    /// [`MapError::Map`] when the map has no such region, [`MapError::Io`] when it cannot be written.
+    pub fn region(&self, region: &Region) -> Result<RegionEntry, MapError> {
         let model = self.map.region(region.clone())?;
         let file = MapFile::of_model(&model)?;
         let (centre, radius) = self.place_of(region);
@@ -77,8 +77,8 @@ impl<'a> FolderWriter<'a> {
     /// [`Self::region`] gave of `regions`, in their order.
     ///
     /// # Errors
-    /// [`RegionsError::Manifest`] when they do not hold together, [`RegionsError::Io`].
-    pub fn finish(self, regions: &[Region], entries: Vec<RegionEntry>) -> Result<Manifest, RegionsError> {
+    /// [`MapError::Manifest`] when they do not hold together, [`MapError::Io`].
+    pub fn finish(self, regions: &[Region], entries: Vec<RegionEntry>) -> Result<Manifest, MapError> {
         let path = self.folder.join(MANIFEST_FILE);
         let profile = self.object(&self.map.profile().encode())?;
         let index = self.object(&Index::encode(self.map, regions))?;
@@ -87,15 +87,15 @@ impl<'a> FolderWriter<'a> {
             .map_err(|source| manifest_error(&path, source))?;
         let bytes = manifest.encode();
         replace_file(&self.lock, Readers::AsBefore, |out| out.write_all(&bytes))
-            .map_err(RegionsError::io(&path))?;
+            .map_err(MapError::io(&path))?;
         self.remove_others(&manifest);
         Ok(manifest)
     }
 
-    fn object(&self, bytes: &[u8]) -> Result<ObjectRef, RegionsError> {
+    fn object(&self, bytes: &[u8]) -> Result<ObjectRef, MapError> {
         let object = ObjectRef::of(bytes);
         let path = path_in(&self.folder, &object.sha256);
-        write_whole(&path, bytes).map_err(RegionsError::io(&path))?;
+        write_whole(&path, bytes).map_err(MapError::io(&path))?;
         Ok(object)
     }
 
@@ -136,18 +136,18 @@ impl Folder {
     /// Opens a folder that [`FolderWriter`] wrote; reads its manifest alone.
     ///
     /// # Errors
-    /// [`RegionsError::NoRegions`] when there is none, [`RegionsError::Manifest`] when it is wrong, [`RegionsError::Io`].
-    pub fn open(folder: &Path) -> Result<Self, RegionsError> {
+    /// [`MapError::NoRegions`] when there is none, [`MapError::Manifest`] when it is wrong, [`MapError::Io`].
+    pub fn open(folder: &Path) -> Result<Self, MapError> {
         let path = folder.join(MANIFEST_FILE);
         let file = match fs::File::open(&path) {
             Ok(file) => file,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                return Err(RegionsError::NoRegions { path });
+                return Err(MapError::NoRegions { path });
             }
-            Err(source) => return Err(RegionsError::Io { path, source }),
+            Err(source) => return Err(MapError::Io { path, source }),
         };
         let mut bytes = Vec::new();
-        file.take(MOST_MANIFEST_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(RegionsError::io(&path))?;
+        file.take(MOST_MANIFEST_BYTES as u64 + 1).read_to_end(&mut bytes).map_err(MapError::io(&path))?;
         let manifest = Manifest::decode(&bytes).map_err(|source| manifest_error(&path, source))?;
         Ok(Self { folder: folder.to_owned(), manifest })
     }
@@ -170,8 +170,8 @@ impl Folder {
     /// Opens the index, and holds it against the manifest.
     ///
     /// # Errors
-    /// As [`Index::open`], and [`RegionsError::Mismatch`].
-    pub fn open_index(&self, memory: MapMemory) -> Result<Index, RegionsError> {
+    /// As [`Index::open`], and [`MapError::Mismatch`].
+    pub fn open_index(&self, memory: MapMemory) -> Result<Index, MapError> {
         let path = self.path_of(&self.manifest.index.sha256);
         let index = Index::open(&path, memory)?;
         let profile = &self.manifest.profile.sha256.as_bytes()[..16];
@@ -184,9 +184,9 @@ impl Folder {
     /// Opens a region, by its number in the manifest, and holds it against the manifest.
     ///
     /// # Errors
-    /// [`RegionsError::Map`] when it is no map, [`RegionsError::Mismatch`] when it is another region's or there is none of
+    /// [`MapError::Map`] when it is no map, [`MapError::Mismatch`] when it is another region's or there is none of
     /// this number.
-    pub fn open_region(&self, number: usize, memory: MapMemory) -> Result<MapFile, RegionsError> {
+    pub fn open_region(&self, number: usize, memory: MapMemory) -> Result<MapFile, MapError> {
         let Some(entry) = self.manifest.regions.get(number) else {
             let path = self.folder.join(MANIFEST_FILE);
             return Err(mismatch(&path, &format!("no region {number} of {}", self.manifest.regions.len())));
@@ -211,10 +211,10 @@ fn path_in(folder: &Path, object: &ObjectId) -> PathBuf {
     folder.join(OBJECTS_FOLDER).join(OsStr::new(&object.to_string()))
 }
 
-fn manifest_error(path: &Path, source: ManifestError) -> RegionsError {
-    RegionsError::Manifest { from: path.display().to_string(), source }
+fn manifest_error(path: &Path, source: ManifestError) -> MapError {
+    MapError::Manifest { from: path.display().to_string(), source }
 }
 
-fn mismatch(path: &Path, reason: &str) -> RegionsError {
-    RegionsError::Mismatch { path: path.to_owned(), reason: reason.to_owned() }
+fn mismatch(path: &Path, reason: &str) -> MapError {
+    MapError::Mismatch { path: path.to_owned(), reason: reason.to_owned() }
 }

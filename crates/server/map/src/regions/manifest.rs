@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
-use crate::regions::error::ManifestError;
+use crate::ManifestError;
 use crate::regions::object::{ObjectId, ObjectRef};
 
 /// The version of the manifest that this program writes and reads.

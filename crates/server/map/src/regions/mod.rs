@@ -26,12 +26,11 @@
 //! let best = index.rank(&of_query(), 10)[0].region;
 //! let region = folder.open_region(best, MapMemory::Mapped)?;
 //! println!("{} images", region.image_count());
-//! # Ok::<(), veiloc_map::regions::RegionsError>(())
+//! # Ok::<(), veiloc_map::MapError>(())
 //! ```
 #![forbid(unsafe_code)]
 
 mod cut;
-mod error;
 mod folder;
 mod index;
 mod manifest;
@@ -40,7 +39,6 @@ mod rounds;
 mod verify;
 
 pub use cut::{SplitOptions, cut};
-pub use error::{ManifestError, RegionsError};
 pub use folder::{Folder, FolderWriter, MANIFEST_FILE, OBJECTS_FOLDER};
 pub use index::{INDEX_VERSION, Index, Ranked};
 pub use manifest::{MANIFEST_VERSION, MOST_MANIFEST_BYTES, MOST_OBJECT_BYTES, Manifest, RegionEntry};

@@ -6,16 +6,16 @@ use std::path::Path;
 
 use sha2::{Digest as _, Sha256};
 
-use crate::regions::error::RegionsError;
+use crate::MapError;
 use crate::regions::object::{ObjectId, ObjectRef};
 
 /// Whether the file at `path` is this object, reading no more of it than the object has.
 ///
 /// # Errors
-/// [`RegionsError::Io`] when it cannot be read, [`RegionsError::Object`] when it is another one.
-pub fn verify_file(path: &Path, object: &ObjectRef) -> Result<(), RegionsError> {
-    let io = |source| RegionsError::Io { path: path.to_owned(), source };
-    let wrong = |found: String| RegionsError::Object { path: path.to_owned(), expected: *object, found };
+/// [`MapError::Io`] when it cannot be read, [`MapError::Object`] when it is another one.
+pub fn verify_file(path: &Path, object: &ObjectRef) -> Result<(), MapError> {
+    let io = |source| MapError::Io { path: path.to_owned(), source };
+    let wrong = |found: String| MapError::Object { path: path.to_owned(), expected: *object, found };
     let mut file = File::open(path).map_err(io)?;
     let actual = file.metadata().map_err(io)?.len();
     if actual != object.bytes {
@@ -54,10 +54,10 @@ mod tests {
         let mut other = bytes.clone();
         other[500_000] ^= 1;
         for wrong in [&other[..], &bytes[1..], b""] {
-            assert!(matches!(is(wrong), Err(RegionsError::Object { .. })));
+            assert!(matches!(is(wrong), Err(MapError::Object { .. })));
         }
         std::fs::remove_file(&path).unwrap();
-        assert!(matches!(verify_file(&path, &object), Err(RegionsError::Io { .. })));
+        assert!(matches!(verify_file(&path, &object), Err(MapError::Io { .. })));
         std::fs::write(&path, b"").unwrap();
         verify_file(&path, &ObjectRef::of(b"")).unwrap();
     }

@@ -60,7 +60,7 @@ impl ClusterArgs {
             name: name.to_owned(),
             needed_payload: NEEDED_PAYLOAD,
         };
-        Ok(Bus::nats(&options).await?)
+        Bus::nats(&options).await
     }
 }
 

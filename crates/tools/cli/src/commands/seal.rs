@@ -4,7 +4,7 @@ mod batch;
 
 use std::path::{Path, PathBuf};
 
-use veiloc_client::{Mask, Orientation, SealImageError, SealedImage, SessionFile, seal_image, seal_masked};
+use veiloc_client::{ClientError, Mask, Orientation, SealedImage, SessionFile, seal_image, seal_masked};
 use veiloc_features::FeatureError;
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::SealOptions;
@@ -127,9 +127,9 @@ pub(crate) fn seal_one(
             let (bytes, sent) = (query.encode(), query.len());
             Ok(Ok(Sealed { focal: known.focal, camera: *camera, bytes, found: keypoints, sent }))
         }
-        Err(SealImageError::Extract(error)) => Ok(Err(fault_of(&error))),
-        Err(SealImageError::Seal { source, .. }) => Ok(Err(Fault::new(FaultKind::Unfit, source))),
-        Err(SealImageError::Session(error)) => Err(session_args::failure(&error)),
+        Err(ClientError::Extract(error)) => Ok(Err(fault_of(&error))),
+        Err(ClientError::Seal { source, .. }) => Ok(Err(Fault::new(FaultKind::Unfit, source))),
+        Err(error) => Err(session_args::failure(&error)),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use veiloc_client::{Orientation, SessionAnchors, SessionFile, SessionFileError, SessionOptions};
+use veiloc_client::{ClientError, Orientation, SessionAnchors, SessionFile, SessionOptions};
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3};
 use veiloc_protocol::CoarseGravity;
 
@@ -77,13 +77,15 @@ impl SessionArgs {
 }
 
 /// What is wrong with a session's file, with a remedy.
-pub(crate) fn failure(error: &SessionFileError) -> Failure {
+pub(crate) fn failure(error: &ClientError) -> Failure {
     let help = match error {
-        SessionFileError::Busy { .. } => "wait until the other program has ended",
-        SessionFileError::Bytes { .. } => {
+        ClientError::SessionBusy { .. } => "wait until the other program has ended",
+        ClientError::SessionBytes { .. } => {
             "begin another session with another file, at another place: nobody knows any more what this one told"
         }
-        SessionFileError::Options { .. } => "leave out --anchors, or begin another session with another file",
+        ClientError::SessionOptions { .. } => {
+            "leave out --anchors, or begin another session with another file"
+        }
         _ => "check that the folder is there, and that the file may be read and written",
     };
     Failure::with_help(error, help)

@@ -18,7 +18,7 @@ pub(crate) enum DemoError {
     Place(String),
     /// Features of a view could not be extracted.
     #[error(transparent)]
-    Extract(#[from] veiloc_obfuscation::ExtractError),
+    Extract(#[from] veiloc_obfuscation::SealError),
     /// A view could not be sealed.
     #[error("{name}: {source}")]
     Seal {

@@ -10,7 +10,8 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use servers::Servers;
-use veiloc_cluster::bus::{Bus, BusError, NatsOptions, Subject};
+use veiloc_cluster::ClusterError;
+use veiloc_cluster::bus::{Bus, NatsOptions, Subject};
 
 const LONG: Duration = Duration::from_secs(60);
 
@@ -32,7 +33,7 @@ async fn echo(bus: &Bus, subject: &Subject, name: &'static str) -> tokio::task::
 async fn all_laws(bus: &Bus) {
     let one = subject("one");
     let nobody = bus.request(&one, "x".into(), LONG).await;
-    assert!(matches!(nobody, Err(BusError::Nobody { subject }) if subject == one));
+    assert!(matches!(nobody, Err(ClusterError::Nobody { subject }) if subject == one));
 
     // Each request goes to one member, and all members get some.
     let (first, second) = (echo(bus, &one, "a").await, echo(bus, &one, "b").await);
@@ -78,7 +79,7 @@ async fn all_laws(bus: &Bus) {
     assert!(leaving.next().await.is_none());
     drop(leaving);
     let gone = bus.request(&two, "after".into(), LONG).await;
-    assert!(matches!(gone, Err(BusError::Nobody { .. })), "{gone:?}");
+    assert!(matches!(gone, Err(ClusterError::Nobody { .. })), "{gone:?}");
 
     // A member that says nothing is nobody's answer; its late word goes to nobody else.
     let three = subject("three");
@@ -87,7 +88,7 @@ async fn all_laws(bus: &Bus) {
     // On a slow machine time may be over before the request is on its way.
     let incoming = loop {
         let timed_out = bus.request(&three, "x".into(), short).await;
-        assert!(matches!(timed_out, Err(BusError::TimedOut { within, .. }) if within == short));
+        assert!(matches!(timed_out, Err(ClusterError::TimedOut { within, .. }) if within == short));
         if let Ok(incoming) = tokio::time::timeout(short, silent.next()).await {
             break incoming.expect("asked");
         }
@@ -161,7 +162,7 @@ async fn all_laws(bus: &Bus) {
         assert!(reply[2..] == message, "{length} bytes");
     }
     let too_long = bus.request(&four, vec![0; longest + 1].into(), LONG).await;
-    assert!(matches!(too_long, Err(BusError::TooLong { bytes, .. }) if bytes == longest + 1));
+    assert!(matches!(too_long, Err(ClusterError::MessageTooLong { bytes, .. }) if bytes == longest + 1));
     member.abort();
 }
 
@@ -183,7 +184,10 @@ async fn messages_that_are_needed_must_fit() {
     let servers = Servers::start(1, 1 << 20);
     let options = NatsOptions { needed_payload: 4 << 20, ..servers.options() };
     let refused = Bus::nats(&options).await.expect_err("too small");
-    assert!(matches!(refused, BusError::SmallPayload { longest: 1_048_576, needed: 4_194_304 }), "{refused}");
+    assert!(
+        matches!(refused, ClusterError::SmallPayload { longest: 1_048_576, needed: 4_194_304 }),
+        "{refused}"
+    );
     assert!(refused.to_string().contains("max_payload: 4194304"));
 }
 

@@ -12,8 +12,10 @@ use common::{Fault, nobody, regions, run, storage};
 use object_store::ObjectStoreExt as _;
 use object_store::memory::InMemory;
 use object_store::path::Path as Location;
-use veiloc_cluster::object_store::{Cache, Pointer, StoreError};
-use veiloc_map::regions::{Folder, ManifestError, OBJECTS_FOLDER, ObjectId, ObjectRef};
+use veiloc_cluster::ClusterError;
+use veiloc_cluster::object_store::{Cache, Pointer};
+use veiloc_map::ManifestError;
+use veiloc_map::regions::{Folder, OBJECTS_FOLDER, ObjectId, ObjectRef};
 
 /// A map of two rooms in storage.
 fn published() -> (Arc<InMemory>, Folder, tempfile::TempDir) {
@@ -51,15 +53,15 @@ fn wrong_objects_are_refused_and_leave_nothing() {
     for wrong in [&other[..], &good[..good.len() - 1], &longer[..], b""] {
         put(&memory, &name, wrong);
         let refused = run(cache.object(&storage(&memory, Fault::None), &object)).expect_err("wrong bytes");
-        assert!(matches!(refused, StoreError::Object { .. }), "{refused}");
+        assert!(matches!(refused, ClusterError::Object { .. }), "{refused}");
         assert!(refused.to_string().contains("memory://maps/objects/"), "{refused}");
         assert_eq!(files(&objects), [] as [String; 0]);
     }
     put(&memory, &name, good.clone());
     for (fault, is_right) in [
-        (Fault::Endless, (|e| matches!(e, StoreError::Object { .. })) as fn(&StoreError) -> bool),
-        (Fault::Stalls, |e| matches!(e, StoreError::Stalled { .. })),
-        (Fault::First(9), |e| matches!(e, StoreError::Storage { .. })),
+        (Fault::Endless, (|e| matches!(e, ClusterError::Object { .. })) as fn(&ClusterError) -> bool),
+        (Fault::Stalls, |e| matches!(e, ClusterError::Stalled { .. })),
+        (Fault::First(9), |e| matches!(e, ClusterError::Storage { .. })),
     ] {
         let refused = run(cache.object(&storage(&memory, fault), &object)).expect_err("no end");
         assert!(is_right(&refused), "{fault:?}: {refused}");
@@ -67,7 +69,7 @@ fn wrong_objects_are_refused_and_leave_nothing() {
     }
     let missing = ObjectRef::of(b"never published");
     let refused = run(cache.object(&storage(&memory, Fault::None), &missing)).expect_err("not there");
-    assert!(matches!(refused, StoreError::NotThere { .. }), "{refused}");
+    assert!(matches!(refused, ClusterError::NotThere { .. }), "{refused}");
     let path = run(cache.object(&storage(&memory, Fault::None), &object)).expect("sound again");
     assert_eq!(fs::read(path).expect("bytes"), good);
     drop(from);
@@ -114,19 +116,19 @@ fn pointers_and_manifests_lead_nowhere_else() {
     ] {
         put(&memory, "maps/rooms.json", wrong);
         let refused = run(reader().current("rooms")).expect_err("no pointer");
-        assert!(matches!(refused, StoreError::Pointer { .. }), "{refused}");
+        assert!(matches!(refused, ClusterError::Pointer { .. }), "{refused}");
     }
     put(&memory, "maps/rooms.json", vec![b' '; 5000]);
-    assert!(matches!(run(reader().current("rooms")), Err(StoreError::TooLong { most: 4096, .. })));
+    assert!(matches!(run(reader().current("rooms")), Err(ClusterError::ObjectTooLong { most: 4096, .. })));
     let endless = run(storage(&memory, Fault::Endless).current("rooms"));
-    assert!(matches!(endless, Err(StoreError::TooLong { .. })), "{endless:?}");
+    assert!(matches!(endless, Err(ClusterError::ObjectTooLong { .. })), "{endless:?}");
     for name in ["../rooms", "a/b", "", ".."] {
-        assert!(matches!(run(reader().current(name)), Err(StoreError::Regions(_))), "{name}");
+        assert!(matches!(run(reader().current(name)), Err(ClusterError::Map(_))), "{name}");
     }
 
     let manifest = run(reader().manifest("hall", id));
     assert!(
-        matches!(&manifest, Err(StoreError::Manifest { source: ManifestError::OtherMap { .. }, .. })),
+        matches!(&manifest, Err(ClusterError::Manifest { source: ManifestError::OtherMap { .. }, .. })),
         "{manifest:?}"
     );
     // Another manifest under this id, and one that names a way out.
@@ -135,7 +137,7 @@ fn pointers_and_manifests_lead_nowhere_else() {
     put(&memory, &format!("maps/manifests/{id}.json"), own.replace("rooms", "other"));
     let other = run(reader().manifest("rooms", id));
     assert!(
-        matches!(&other, Err(StoreError::Manifest { source: ManifestError::OtherId { .. }, .. })),
+        matches!(&other, Err(ClusterError::Manifest { source: ManifestError::OtherId { .. }, .. })),
         "{other:?}"
     );
     let way_out = own.replace(&region, "../../x");
@@ -143,7 +145,7 @@ fn pointers_and_manifests_lead_nowhere_else() {
     put(&memory, &format!("maps/manifests/{named}.json"), way_out);
     let refused = run(reader().manifest("rooms", named));
     assert!(
-        matches!(&refused, Err(StoreError::Manifest { source: ManifestError::Json(_), .. })),
+        matches!(&refused, Err(ClusterError::Manifest { source: ManifestError::Json(_), .. })),
         "{refused:?}"
     );
 }
@@ -157,7 +159,7 @@ fn the_cache_stays_within_its_bounds() {
     let largest = objects.iter().map(|o| o.bytes).max().expect("some");
     let cache = Cache::open(to.path(), largest * 2).expect("a cache");
     let huge = ObjectRef { bytes: 1 << 40, ..objects[0] };
-    assert!(matches!(run(cache.object(&reader, &huge)), Err(StoreError::CacheTooSmall { .. })));
+    assert!(matches!(run(cache.object(&reader, &huge)), Err(ClusterError::CacheTooSmall { .. })));
     let hour = |hours: u64| SystemTime::now() - Duration::from_secs(3600 * hours);
     for (age, object) in (0..).zip(&objects) {
         let path = run(cache.object(&reader, object)).expect("fetched");

@@ -7,7 +7,8 @@ use std::sync::Arc;
 
 use common::{Fault, nobody, regions, run, storage};
 use object_store::memory::InMemory;
-use veiloc_cluster::object_store::{Storage, StoreError, fetch_folder};
+use veiloc_cluster::ClusterError;
+use veiloc_cluster::object_store::{Storage, fetch_folder};
 use veiloc_map::regions::{Folder, MANIFEST_FILE, ObjectId};
 
 #[test]
@@ -19,7 +20,7 @@ fn a_folder_comes_back_as_it_was() {
     let storage = Storage::create(url).expect("a folder");
     let (manifest, id) = (folder.manifest(), folder.manifest().id());
     let count = manifest.objects().count();
-    assert!(matches!(run(storage.current("rooms")), Err(StoreError::NotThere { .. })));
+    assert!(matches!(run(storage.current("rooms")), Err(ClusterError::NotThere { .. })));
 
     let told = std::sync::Mutex::new(Vec::new());
     let watch = |done, total| told.lock().expect("alone").push((done, total));
@@ -95,7 +96,7 @@ fn what_passes_is_tried_again_and_what_does_not_is_told() {
         let reader = storage(&memory, fault);
         let fetched = run(fetch_folder(&reader, "rooms", id, to.path(), &nobody));
         assert_eq!(fetched.is_ok(), is_well, "{fetched:?}");
-        assert!(is_well || matches!(fetched, Err(StoreError::Storage { .. })));
+        assert!(is_well || matches!(fetched, Err(ClusterError::Storage { .. })));
     }
 }
 
@@ -115,9 +116,9 @@ fn what_is_damaged_is_not_published() {
             None => fs::remove_file(&path).expect("removed"),
         }
         let refused = run(storage.publish(&folder, &nobody)).expect_err("damaged");
-        assert!(matches!(refused, StoreError::Regions(_)), "{refused}");
+        assert!(matches!(refused, ClusterError::Map(_)), "{refused}");
         assert!(refused.to_string().contains(path.to_str().expect("text")), "{refused}");
-        assert!(matches!(run(storage.current("rooms")), Err(StoreError::NotThere { .. })));
+        assert!(matches!(run(storage.current("rooms")), Err(ClusterError::NotThere { .. })));
     }
     fs::write(&path, &bytes).expect("mended");
     run(storage.publish(&folder, &nobody)).expect("published");

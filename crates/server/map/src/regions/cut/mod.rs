@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use self::bisect::Cutter;
 use self::covisibility::Covisibility;
 use self::overlap::beside;
-use crate::regions::error::RegionsError;
+use crate::MapError;
 
 /// How a map is cut.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,8 +53,8 @@ impl SplitOptions {
     }
 
     /// Images in the core of a region at most.
-    fn core(&self) -> Result<usize, RegionsError> {
-        let refuse = |reason: String| Err(RegionsError::Cut { reason });
+    fn core(&self) -> Result<usize, MapError> {
+        let refuse = |reason: String| Err(MapError::Cut { reason });
         if self.images == 0 {
             return refuse("regions of no image; ask for one at least".to_owned());
         }
@@ -70,10 +70,10 @@ impl SplitOptions {
 /// image. Depends on map and options alone.
 ///
 /// # Errors
-/// [`RegionsError::Cut`] when the map has no image or is a region itself, or when nothing can be cut so.
-pub fn cut(map: &MapFile, options: &SplitOptions) -> Result<Vec<Region>, RegionsError> {
+/// [`MapError::Cut`] when the map has no image or is a region itself, or when nothing can be cut so.
+pub fn cut(map: &MapFile, options: &SplitOptions) -> Result<Vec<Region>, MapError> {
     let core = options.core()?;
-    let refuse = |reason: &str| Err(RegionsError::Cut { reason: reason.to_owned() });
+    let refuse = |reason: &str| Err(MapError::Cut { reason: reason.to_owned() });
     if map.part_of().is_some() {
         return refuse("it is a region of a larger map; cut the whole map");
     }

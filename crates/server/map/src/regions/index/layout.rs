@@ -16,7 +16,7 @@ use veiloc_protocol::ProfileId;
 use xxhash_rust::xxh3::Xxh3;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
-use crate::regions::error::RegionsError;
+use crate::MapError;
 
 /// The version of the index that this program writes and reads.
 pub const INDEX_VERSION: u32 = 1;
@@ -63,11 +63,11 @@ pub(super) enum Fault {
 }
 
 impl Fault {
-    pub(super) fn at(self, path: &Path) -> RegionsError {
+    pub(super) fn at(self, path: &Path) -> MapError {
         let path = path.to_owned();
         match self {
-            Self::Version(found) => RegionsError::IndexVersion { path, found, supported: INDEX_VERSION },
-            Self::Other(reason) => RegionsError::Index { path, reason },
+            Self::Version(found) => MapError::IndexVersion { path, found, supported: INDEX_VERSION },
+            Self::Other(reason) => MapError::Index { path, reason },
         }
     }
 }

@@ -16,7 +16,7 @@ use zerocopy::FromBytes as _;
 
 pub use self::layout::INDEX_VERSION;
 use self::layout::Layout;
-use crate::regions::error::RegionsError;
+use crate::MapError;
 
 /// An index in a file, opened.
 ///
@@ -45,13 +45,13 @@ impl Index {
     /// Opens an index. With [`MapMemory::Mapped`] the file must not be written into while it is open.
     ///
     /// # Errors
-    /// [`RegionsError::Io`], [`RegionsError::IndexVersion`], or [`RegionsError::Index`] naming what is wrong with it.
-    pub fn open(path: &Path, memory: MapMemory) -> Result<Self, RegionsError> {
+    /// [`MapError::Io`], [`MapError::IndexVersion`], or [`MapError::Index`] naming what is wrong with it.
+    pub fn open(path: &Path, memory: MapMemory) -> Result<Self, MapError> {
         let bytes = match memory {
             MapMemory::Copied => MappedFile::copied(path),
             MapMemory::Mapped => MappedFile::open(path),
         };
-        let bytes = bytes.map_err(RegionsError::io(path))?;
+        let bytes = bytes.map_err(MapError::io(path))?;
         let layout = Layout::of(&bytes).map_err(|fault| fault.at(path))?;
         Ok(Self { path: path.to_owned(), bytes, layout, signs: OnceLock::new() })
     }

@@ -11,10 +11,9 @@ mod properties;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use veiloc_map::MapError;
 use veiloc_map::MapMemory;
-use veiloc_map::regions::{
-    Folder, FolderWriter, Index, MANIFEST_FILE, Manifest, RegionsError, SplitOptions, cut,
-};
+use veiloc_map::regions::{Folder, FolderWriter, Index, MANIFEST_FILE, Manifest, SplitOptions, cut};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/regions").join(name)
@@ -52,7 +51,7 @@ fn an_index_of_another_version_says_what_to_do() {
     let path = folder.path().join("index");
     fs::write(&path, bytes).expect("room");
     let error = Index::open(&path, MapMemory::Copied).expect_err("another version");
-    assert!(matches!(error, RegionsError::IndexVersion { found: 2, supported: 1, .. }), "{error}");
+    assert!(matches!(error, MapError::IndexVersion { found: 2, supported: 1, .. }), "{error}");
     assert!(error.to_string().contains("publish the map again"), "{error}");
 }
 

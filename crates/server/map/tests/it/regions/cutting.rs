@@ -10,9 +10,9 @@ use common::{file, rooms};
 use proptest::prelude::*;
 use veiloc_descriptor::GlobalDescriptor;
 use veiloc_map::regions::{
-    Folder, FolderWriter, MANIFEST_FILE, Manifest, ManifestError, OBJECTS_FOLDER, ObjectId, RegionsError,
-    SplitOptions, cut, verify_file,
+    Folder, FolderWriter, MANIFEST_FILE, Manifest, OBJECTS_FOLDER, ObjectId, SplitOptions, cut, verify_file,
 };
+use veiloc_map::{ManifestError, MapError};
 use veiloc_map::{MapFile, MapMemory, Region};
 
 fn options(images: usize, overlap: f64) -> SplitOptions {
@@ -94,7 +94,7 @@ fn a_map_that_is_small_enough_is_one_region() {
 fn what_cannot_be_cut_is_refused() {
     let map = file(&rooms(1, 8));
     for wrong in [options(0, 0.3), options(5, -0.1), options(5, 0.91), options(5, f64::NAN)] {
-        assert!(matches!(cut(&map, &wrong), Err(RegionsError::Cut { .. })), "{wrong:?}");
+        assert!(matches!(cut(&map, &wrong), Err(MapError::Cut { .. })), "{wrong:?}");
     }
     let regions = cut(&map, &options(4, 0.3)).expect("regions");
     let region = file(&map.region(regions[0].clone()).expect("a region"));
@@ -166,7 +166,7 @@ fn regions_and_index_say_the_same() {
             assert_eq!(index.global(image), map.image(image).global());
         }
     }
-    assert!(matches!(open.open_region(regions.len(), MapMemory::Copied), Err(RegionsError::Mismatch { .. })));
+    assert!(matches!(open.open_region(regions.len(), MapMemory::Copied), Err(MapError::Mismatch { .. })));
 }
 
 #[test]
@@ -212,16 +212,16 @@ fn what_does_not_belong_together_is_refused() {
     let refused = |number| open.open_region(number, MapMemory::Copied).expect_err("another file");
     // A region in the place of another, a map that is none, and no map at all.
     fs::copy(path(1), path(0)).expect("a copy");
-    assert!(matches!(verify_file(&path(0), &manifest.regions[0].object()), Err(RegionsError::Object { .. })));
+    assert!(matches!(verify_file(&path(0), &manifest.regions[0].object()), Err(MapError::Object { .. })));
     if manifest.regions[0].images != manifest.regions[1].images
         || manifest.regions[0].points != manifest.regions[1].points
     {
-        assert!(matches!(refused(0), RegionsError::Mismatch { .. }));
+        assert!(matches!(refused(0), MapError::Mismatch { .. }));
     }
     fs::write(path(0), map.as_bytes()).expect("written");
     assert!(refused(0).to_string().contains("no region"));
     fs::write(path(0), b"nothing").expect("written");
-    assert!(matches!(refused(0), RegionsError::Map(_)));
+    assert!(matches!(refused(0), MapError::Length { .. } | MapError::NotAMap { .. }));
     fs::write(path(0), good).expect("written");
     open.open_region(0, MapMemory::Copied).expect("as it was");
 
@@ -229,12 +229,12 @@ fn what_does_not_belong_together_is_refused() {
     let of_other = write(&file(&rooms(1, 15)), "rooms", &options(10, 0.3), other.path());
     let index = other.path().join(OBJECTS_FOLDER).join(of_other.index.sha256.to_string());
     fs::copy(index, open.path_of(&manifest.index.sha256)).expect("a copy");
-    assert!(matches!(open.open_index(MapMemory::Copied), Err(RegionsError::Mismatch { .. })));
+    assert!(matches!(open.open_index(MapMemory::Copied), Err(MapError::Mismatch { .. })));
 
-    assert!(matches!(FolderWriter::begin(&map, "../x", folder.path()), Err(RegionsError::Name { .. })));
+    assert!(matches!(FolderWriter::begin(&map, "../x", folder.path()), Err(MapError::Name { .. })));
     let empty = tempfile::tempdir().expect("a folder");
-    assert!(matches!(Folder::open(empty.path()), Err(RegionsError::NoRegions { .. })));
+    assert!(matches!(Folder::open(empty.path()), Err(MapError::NoRegions { .. })));
     fs::write(empty.path().join(MANIFEST_FILE), b"{}").expect("written");
     let wrong = Folder::open(empty.path()).expect_err("no manifest");
-    assert!(matches!(wrong, RegionsError::Manifest { source: ManifestError::Json(_), .. }), "{wrong}");
+    assert!(matches!(wrong, MapError::Manifest { source: ManifestError::Json(_), .. }), "{wrong}");
 }

@@ -107,11 +107,8 @@ pub(super) fn failure(error: ClientError) -> Failure {
             "give a token with --token-file or in VEILOC_TOKEN"
         }
         ClientError::BadAnswer { .. } => "check the address; a service of another kind may be there",
-        ClientError::MapName { .. }
-        | ClientError::Lopsided(_)
-        | ClientError::Frames { .. }
-        | ClientError::NotOfProfile(_)
-        | ClientError::Refused(_) => {
+        // The message says all: a name, a query or an image that is refused.
+        _ => {
             return Failure::refused(error);
         }
     };

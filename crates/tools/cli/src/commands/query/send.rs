@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use serde::Serialize;
 use veiloc_client::{
-    Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, SealImageError, Step,
-    seal_image, seal_masked,
+    Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, Step, seal_image,
+    seal_masked,
 };
 use veiloc_features::FeatureError;
 
@@ -142,8 +142,8 @@ fn send(image: &Path, args: &Args, request: &LocalizeRequest, ui: &Arc<Ui>) -> R
         (None, None) => seal_image(image, intrinsics, &profile, &options),
     };
     let sealed = sealed.map_err(|error| match error {
-        SealImageError::Session(error) => session_args::failure(&error),
-        error => error.into(),
+        error @ (ClientError::Extract(_) | ClientError::Seal { .. }) => Failure::from(error),
+        error => session_args::failure(&error),
     })?;
     let of_image = options.image_global(&profile)?;
     let beside =
