@@ -1,15 +1,25 @@
-//! Fixtures of tests that cost time: made once, kept on disk beside the builds, shared by all processes.
+//! What tests of several crates share: a place of random points ([`RandomPlace`]), a map of rooms ([`rooms`]), EXIF made by hand
+//! ([`exif`]), and fixtures on disk ([`fixture`]).
+//!
+//! Fixtures are what costs time: made once, kept on disk beside the builds, shared by all processes.
 //!
 //! A fixture is a folder. It is made under a lock, beside its place, and renamed when it is whole, so that of many processes that
 //! want it one makes it and the others wait. It is kept under a key of what it is made of: the test program itself (a change of the
 //! code makes it anew), and files that are named.
 #![forbid(unsafe_code)]
 
+pub mod exif;
+mod random_place;
+mod rooms;
+
 use std::fs::{self, File};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
+
+pub use random_place::{RandomPlace, pose_in_place};
+pub use rooms::rooms;
 
 /// How long fixtures of an earlier key stay: another test program may be at work with them.
 const KEPT: Duration = Duration::from_secs(24 * 3600);

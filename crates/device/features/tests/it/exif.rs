@@ -1,14 +1,14 @@
 //! Cameras from EXIF: what real cameras write, what cannot be used, and bytes from anybody.
 
-use super::common::exif as made;
 use image::DynamicImage;
-use made::Field::{Long, Rational, Short};
-use made::{
+use veiloc_features::{FeatureError, exif_camera, guessed_camera};
+use veiloc_geometry::Intrinsics;
+use veiloc_testing::exif as made;
+use veiloc_testing::exif::Field::{Long, Rational, Short};
+use veiloc_testing::exif::{
     DIGITAL_ZOOM, FOCAL_35MM, FOCAL_LENGTH, Field, ORIENTATION, PIXEL_X, PIXEL_Y, PLANE_UNIT,
     PLANE_X_RESOLUTION,
 };
-use veiloc_features::{FeatureError, exif_camera, guessed_camera};
-use veiloc_geometry::Intrinsics;
 
 fn camera_of(name: &str, size: (u32, u32), metadata: Option<Vec<u8>>) -> Result<Intrinsics, FeatureError> {
     let folder = tempfile::tempdir().expect("temporary folder");

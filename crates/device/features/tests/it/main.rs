@@ -2,7 +2,6 @@
 
 mod bad_input;
 mod blobs;
-mod common;
 mod detector;
 mod exif;
 mod learned;

@@ -3,7 +3,7 @@
 
 use super::common;
 
-use common::{Place, open, options, pose};
+use common::{open, options};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_features::Features;
@@ -14,6 +14,7 @@ use veiloc_map::{Down, MapFile, MapModel};
 use veiloc_obfuscation::seal;
 use veiloc_pose::State;
 use veiloc_protocol::{CoarseGravity, SealedQuery};
+use veiloc_testing::pose_in_place;
 
 const SCHEMES: [&str; 3] = ["points", "random-lines", "dcl"];
 
@@ -21,7 +22,7 @@ const SCHEMES: [&str; 3] = ["points", "random-lines", "dcl"];
 const DOWN: [f64; 3] = [0.1, 0.9, -0.2];
 
 fn map(down: Option<Down>) -> MapFile {
-    open(&MapModel { down, ..Place::new(1).map() })
+    open(&MapModel { down, ..common::place(1).map(8) })
 }
 
 fn down() -> Down {
@@ -37,7 +38,7 @@ fn felt(truth: &CameraFromWorld, degrees: f64, sd_deg: f64) -> CoarseGravity {
 }
 
 fn sealed(scheme: &str, features: Features, gravity: Option<CoarseGravity>) -> SealedQuery {
-    let place = Place::new(1);
+    let place = common::place(1);
     let options = options(scheme).with_gravity(gravity);
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let query = seal(features, &place.camera, &place.profile, &options, &mut rng).expect("sealed");
@@ -50,7 +51,7 @@ fn found(query: &SealedQuery, map: &MapFile) -> Option<Localization> {
 
 #[test]
 fn what_became_of_it_is_said() {
-    let truth = pose(0.13, 0.2);
+    let truth = pose_in_place(0.13, 0.2);
     let told = Some(felt(&truth, 0.0, 1.0));
     for (told, down, used) in [
         (None, None, GravityUse::NotTold),
@@ -58,7 +59,7 @@ fn what_became_of_it_is_said() {
         (told, None, GravityUse::MapDoesNotKnow),
         (told, Some(down()), GravityUse::Used),
     ] {
-        let query = sealed("dcl", Place::new(1).query(&truth), told);
+        let query = sealed("dcl", common::place(1).features(&truth), told);
         let found = found(&query, &map(down)).expect("localized");
         assert_eq!(found.gravity, used);
         assert_eq!(found.state, State::Trusted);
@@ -69,17 +70,19 @@ fn what_became_of_it_is_said() {
 /// A map that does not know which way is down answers a query with gravity as one without.
 #[test]
 fn without_down_in_the_map_nothing_changes() {
-    let truth = pose(0.13, 0.2);
+    let truth = pose_in_place(0.13, 0.2);
     let map = map(None);
     let pose_of = |told| {
-        found(&sealed("dcl", Place::new(1).query(&truth), told), &map).expect("localized").cam_from_world
+        found(&sealed("dcl", common::place(1).features(&truth), told), &map)
+            .expect("localized")
+            .cam_from_world
     };
     assert_eq!(pose_of(None), pose_of(Some(felt(&truth, 30.0, 0.5))));
 }
 
 /// Few, and moved by some pixels: what a dark or half-hidden image leaves.
 fn poor(truth: &CameraFromWorld, seed: usize) -> Features {
-    let all = Place::new(1).query(truth);
+    let all = common::place(1).features(truth);
     let kept: Vec<usize> = (0..all.keypoints.len()).filter(|i| (i * 7 + seed).is_multiple_of(19)).collect();
     let mut few = Features {
         keypoints: kept.iter().map(|i| all.keypoints[*i]).collect(),
@@ -100,7 +103,7 @@ fn little_is_seen_and_gravity_holds_the_camera_upright() {
     for scheme in ["random-lines", "dcl"] {
         let (mut with, mut without) = (0.0, 0.0);
         for seed in 0..12 {
-            let truth = pose(0.02 * seed as f64, 0.1);
+            let truth = pose_in_place(0.02 * seed as f64, 0.1);
             let tilt = |told| {
                 let found = found(&sealed(scheme, poor(&truth, seed), told), &map).expect("localized");
                 let down = Vector3::from(DOWN);
@@ -119,7 +122,7 @@ fn a_wrong_direction_makes_no_wrong_pose_trusted() {
     let mut trusted = 0;
     for scheme in SCHEMES {
         for seed in 0..4 {
-            let truth = pose(0.02 * seed as f64, 0.1);
+            let truth = pose_in_place(0.02 * seed as f64, 0.1);
             let without = found(&sealed(scheme, poor(&truth, seed), None), &map);
             for degrees in [5.0, 30.0, 120.0] {
                 for sd_deg in [0.5, 2.0] {

@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{Place, open, options, pose};
+use common::{open, options};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_geometry::Rigid3;
@@ -10,17 +10,18 @@ use veiloc_localization::{LocalizeError, LocalizeOptions, localize, localize_rig
 use veiloc_map::{BuildSettings, MapModel, MapPoint};
 use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_protocol::{SealedFrame, SealedQuery};
+use veiloc_testing::pose_in_place;
 
 #[test]
 fn a_session_gives_one_pose_and_refuses_what_is_no_session() {
-    let place = Place::new(1);
-    let map = open(&place.map());
-    let truth = pose(0.13, 0.2);
+    let place = common::place(1);
+    let map = open(&place.map(8));
+    let truth = pose_in_place(0.13, 0.2);
     // The first frame is the rig's; the device turned and moved between the others.
     let sealed = |scheme: &str, k: u64| {
-        let cam = pose(0.13 - 0.1 * k as f64, 0.2 + 0.15 * k as f64);
+        let cam = pose_in_place(0.13 - 0.1 * k as f64, 0.2 + 0.15 * k as f64);
         let mut rng = ChaCha20Rng::seed_from_u64(30 + k);
-        let query = seal(place.query(&cam), &place.camera, &place.profile, &options(scheme), &mut rng);
+        let query = seal(place.features(&cam), &place.camera, &place.profile, &options(scheme), &mut rng);
         SealedFrame {
             query: query.expect("sealed"),
             cam_from_rig: Rigid3::new(
@@ -44,7 +45,7 @@ fn a_session_gives_one_pose_and_refuses_what_is_no_session() {
     }
     let none = localize_rig(&[], &map, &LocalizeOptions::default()).expect_err("no frame");
     assert!(none.to_string().contains("rig without frames"), "{none}");
-    let other = open(&Place::new(2).map());
+    let other = open(&common::place(2).map(8));
     let frames = [sealed("dcl", 0), sealed("dcl", 1)];
     let wrong = localize_rig(&frames, &other, &LocalizeOptions::default()).expect_err("another map");
     assert!(wrong.to_string().starts_with("frame 0: "), "{wrong}");
@@ -52,9 +53,9 @@ fn a_session_gives_one_pose_and_refuses_what_is_no_session() {
 
 #[test]
 fn every_scheme_finds_the_camera() {
-    let place = Place::new(1);
-    let map = open(&place.map());
-    let truth = pose(0.13, 0.2);
+    let place = common::place(1);
+    let map = open(&place.map(8));
+    let truth = pose_in_place(0.13, 0.2);
     for (scheme, bound) in [
         ("points", 0.01),
         ("random-lines", 0.02),
@@ -65,7 +66,7 @@ fn every_scheme_finds_the_camera() {
         let mut rng = ChaCha20Rng::seed_from_u64(3);
         let options = options(scheme);
         let sealed =
-            seal(place.query(&truth), &place.camera, &place.profile, &options, &mut rng).expect("sealed");
+            seal(place.features(&truth), &place.camera, &place.profile, &options, &mut rng).expect("sealed");
         let received = SealedQuery::decode(&sealed.encode()).expect("decodes");
         let found = localize(&received, &map, &LocalizeOptions::default()).expect("localized");
         let error = found.cam_from_world.translation_error(&truth);
@@ -80,8 +81,8 @@ fn every_scheme_finds_the_camera() {
 #[test]
 fn rows_are_counted_whatever_number_of_points_they_are_matched_to() {
     // Every map point twice, each seen by half of the images, as unfinished tracks leave them: a row has two pairs.
-    let place = Place::new(1);
-    let whole = place.map();
+    let place = common::place(1);
+    let whole = place.map(8);
     let mut halves = whole.clone();
     halves.points = whole
         .points
@@ -96,8 +97,14 @@ fn rows_are_counted_whatever_number_of_points_they_are_matched_to() {
     for scheme in ["points", "coordinate-permutation", "dcl"] {
         let options = options(scheme);
         let mut rng = ChaCha20Rng::seed_from_u64(3);
-        let sealed = seal(place.query(&pose(0.13, 0.2)), &place.camera, &place.profile, &options, &mut rng)
-            .expect("sealed");
+        let sealed = seal(
+            place.features(&pose_in_place(0.13, 0.2)),
+            &place.camera,
+            &place.profile,
+            &options,
+            &mut rng,
+        )
+        .expect("sealed");
         let [once, twice] = [&whole, &halves]
             .map(|map| localize(&sealed, &open(map), &LocalizeOptions::default()).expect("localized"));
         assert!(once.inliers <= once.matches && once.matches <= once.pairs, "{scheme}");
@@ -113,12 +120,17 @@ fn rows_are_counted_whatever_number_of_points_they_are_matched_to() {
 
 #[test]
 fn a_query_for_another_map_is_refused() {
-    let (place, other) = (Place::new(1), Place::new(2));
-    let map = open(&place.map());
+    let (place, other) = (common::place(1), common::place(2));
+    let map = open(&place.map(8));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let sealed =
-        seal(other.query(&pose(0.0, 0.0)), &other.camera, &other.profile, &SealOptions::default(), &mut rng)
-            .expect("sealed");
+    let sealed = seal(
+        other.features(&pose_in_place(0.0, 0.0)),
+        &other.camera,
+        &other.profile,
+        &SealOptions::default(),
+        &mut rng,
+    )
+    .expect("sealed");
     let refused = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("another profile");
     assert!(matches!(refused, LocalizeError::WrongProfile { .. }), "{refused}");
     assert!(refused.to_string().contains("veiloc map profile"), "{refused}");
@@ -127,13 +139,13 @@ fn a_query_for_another_map_is_refused() {
 #[test]
 fn a_place_never_mapped_is_not_found() {
     // The same vocabulary, but points of another place: matches exist, a pose must not.
-    let place = Place::new(1);
-    let map = open(&place.map());
-    let mut negative = Place::new(2);
+    let place = common::place(1);
+    let map = open(&place.map(8));
+    let mut negative = common::place(2);
     negative.profile = place.profile.clone();
     let mut rng = ChaCha20Rng::seed_from_u64(3);
     let options = SealOptions::unprotected_points();
-    let query = negative.query(&pose(0.0, 0.0));
+    let query = negative.features(&pose_in_place(0.0, 0.0));
     let sealed = seal(query, &negative.camera, &place.profile, &options, &mut rng).expect("sealed");
     let lost = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing agrees");
     assert!(matches!(lost, LocalizeError::NoPose { .. }), "{lost}");
@@ -141,12 +153,17 @@ fn a_place_never_mapped_is_not_found() {
 
 #[test]
 fn an_empty_map_says_so() {
-    let place = Place::new(1);
+    let place = common::place(1);
     let map = open(&MapModel::empty(place.profile.clone(), BuildSettings::default()));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let sealed =
-        seal(place.query(&pose(0.0, 0.0)), &place.camera, &place.profile, &SealOptions::default(), &mut rng)
-            .expect("sealed");
+    let sealed = seal(
+        place.features(&pose_in_place(0.0, 0.0)),
+        &place.camera,
+        &place.profile,
+        &SealOptions::default(),
+        &mut rng,
+    )
+    .expect("sealed");
     let refused = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing to find");
     assert!(matches!(refused, LocalizeError::EmptyMap), "{refused}");
 }

@@ -1,12 +1,11 @@
 //! Where the camera of an image comes from, and what is said of it and of gravity.
 
 use super::common;
-#[path = "../../../../device/features/tests/it/common/exif.rs"]
-mod made;
 
 use common::{CAMERA, Place, place};
 use made::Field::Short;
 use veiloc_protocol::{FocalKnowledge, SealedQuery};
+use veiloc_testing::exif as made;
 
 /// An image of the place with EXIF that has the focal length, and a word that must not get out.
 fn with_exif(place: &Place, name: &str, fields: &[made::Field]) {

@@ -2,7 +2,6 @@
 //! and the known answers of both.
 #![allow(missing_docs, unreachable_pub, dead_code, reason = "shared with fuzz/")]
 
-use super::common;
 #[path = "../../../../../../fuzz/src/damage.rs"]
 mod damage;
 #[path = "../../../../../../fuzz/src/regions.rs"]
@@ -22,7 +21,7 @@ fn data(name: &str) -> PathBuf {
 /// A map of two rooms, cut, whose manifest and index are the known answers.
 #[test]
 fn known_answers() {
-    let map = common::file(&common::rooms(2, 8));
+    let map = veiloc_map::MapFile::of_model(&veiloc_testing::rooms(2, 8)).expect("a map");
     let folder = tempfile::tempdir().expect("a folder");
     let regions = cut(&map, &SplitOptions::default().with_images(6)).expect("regions");
     let writer = FolderWriter::begin(&map, "two-rooms", folder.path()).expect("a folder");

@@ -1,19 +1,20 @@
 //! A map is cut: every image in one core, regions of bounded size, rooms kept apart, equal maps to equal bytes.
 
-use super::common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use common::{file, rooms};
 use proptest::prelude::*;
 use veiloc_descriptor::GlobalDescriptor;
 use veiloc_map::regions::{
     Folder, FolderWriter, MANIFEST_FILE, Manifest, OBJECTS_FOLDER, ObjectId, SplitOptions, cut, verify_file,
 };
-use veiloc_map::{ManifestError, MapError};
-use veiloc_map::{MapFile, MapMemory, Region};
+use veiloc_map::{ManifestError, MapError, MapFile, MapMemory, MapModel, Region};
+use veiloc_testing::rooms;
+
+fn file(model: &MapModel) -> MapFile {
+    MapFile::of_model(model).expect("a map")
+}
 
 fn options(images: usize, overlap: f64) -> SplitOptions {
     SplitOptions::default().with_images(images).with_overlap(overlap)

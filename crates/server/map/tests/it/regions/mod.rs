@@ -1,5 +1,4 @@
 //! Tests of `regions`.
 
 mod any_bytes;
-mod common;
 mod cutting;

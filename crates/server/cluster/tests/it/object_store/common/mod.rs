@@ -1,9 +1,6 @@
 //! A small map, cut and published, and storage that does not do what it should.
 #![allow(dead_code, unreachable_pub, reason = "a module of each test program, which takes what it needs")]
 
-#[path = "../../../../../map/tests/it/regions/common/mod.rs"]
-mod rooms;
-
 use std::fmt;
 use std::future::Future;
 use std::ops::Range;
@@ -23,11 +20,12 @@ use object_store::{
     ObjectStore, PutMultipartOptions, PutOptions, PutPayload, PutResult, Result,
 };
 use veiloc_cluster::object_store::Storage;
+use veiloc_map::MapFile;
 use veiloc_map::regions::{Folder, FolderWriter, SplitOptions, cut};
 
 /// Regions of a map of two rooms of so many images each, in a folder.
 pub fn regions(images: u32, folder: &Path) -> Folder {
-    let map = rooms::file(&rooms::rooms(2, images));
+    let map = MapFile::of_model(&veiloc_testing::rooms(2, images)).expect("a map");
     let regions = cut(&map, &SplitOptions::default().with_images(6)).expect("regions");
     let writer = FolderWriter::begin(&map, "rooms", folder).expect("a folder");
     let entries = regions.iter().map(|region| writer.region(region).expect("a region")).collect();

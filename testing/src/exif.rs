@@ -1,5 +1,4 @@
 //! EXIF made by hand: a TIFF header and two directories, little endian.
-#![allow(dead_code, unreachable_pub)] // each test program uses its own part
 
 use std::path::Path;
 
@@ -10,18 +9,29 @@ use image::{DynamicImage, ImageEncoder as _};
 /// A field: its tag and value.
 #[derive(Debug, Clone, Copy)]
 pub enum Field {
+    /// 16 bits.
     Short(u16, u16),
+    /// 32 bits.
     Long(u16, u32),
+    /// A fraction of two numbers of 32 bits.
     Rational(u16, u32, u32),
 }
 
+/// How the image is to be turned.
 pub const ORIENTATION: u16 = 0x0112;
+/// Focal length, millimetres.
 pub const FOCAL_LENGTH: u16 = 0x920A;
+/// Width of the image.
 pub const PIXEL_X: u16 = 0xA002;
+/// Height of the image.
 pub const PIXEL_Y: u16 = 0xA003;
+/// Pixels of the sensor a unit of length.
 pub const PLANE_X_RESOLUTION: u16 = 0xA20E;
+/// The unit of that length.
 pub const PLANE_UNIT: u16 = 0xA210;
+/// Digital zoom.
 pub const DIGITAL_ZOOM: u16 = 0xA404;
+/// Focal length as of 35 mm film, millimetres.
 pub const FOCAL_35MM: u16 = 0xA405;
 
 /// The bytes behind the marker of the segment.

@@ -1,10 +1,9 @@
 //! A map of rooms: images in a row, each of which sees the points before it.
-#![allow(dead_code, unreachable_pub, reason = "a module of each test program, which takes what it needs")]
 
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Pixel, PlanePoint, Point3};
-use veiloc_map::{BuildSettings, MapFile, MapImage, MapModel, MapPoint, Observation};
+use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
 use veiloc_protocol::Profile;
 
 /// Points that are seen by each image at most.
@@ -64,8 +63,4 @@ pub fn rooms(rooms: u32, images: u32) -> MapModel {
     }
     model.link_keypoints();
     model
-}
-
-pub fn file(model: &MapModel) -> MapFile {
-    MapFile::of_model(model).expect("a map")
 }

@@ -1,3 +1,0 @@
-//! Set-up that several tests share.
-
-pub mod exif;

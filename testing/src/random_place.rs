@@ -1,0 +1,119 @@
+//! A place of random points with random descriptors, seen exactly: the whole server side without an image.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+use veiloc_features::{Features, Keypoint};
+use veiloc_geometry::frames::World;
+use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
+use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
+use veiloc_protocol::Profile;
+
+/// Points with descriptors, in a box 6 wide, 4 high and from 4 to 9 before the cameras, and the camera that sees them.
+pub struct RandomPlace {
+    /// The camera of all images.
+    pub camera: Intrinsics,
+    /// What its maps ask of devices: VLAD.
+    pub profile: Profile,
+    points: Vec<Point3<World>>,
+    descriptors: Vec<[u8; 128]>,
+}
+
+impl RandomPlace {
+    /// With this many points, words of the vocabulary, and camera (as [`Intrinsics`] are written).
+    ///
+    /// # Panics
+    /// When there are fewer points than words, or the camera is none.
+    pub fn new(seed: u64, points: usize, words: usize, camera: &str) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut within = |a: f64| rng.random_range(-a..a);
+        let places = (0..points).map(|_| Point3::new(within(3.0), within(2.0), 6.5 + within(2.5))).collect();
+        let descriptors: Vec<[u8; 128]> =
+            (0..points).map(|_| std::array::from_fn(|_| rng.random_range(0..120))).collect();
+        let rows = Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors.concat()).expect("whole rows");
+        let vocabulary = Vocabulary::train(rows.view(), words, &mut rng).expect("enough samples");
+        let camera = camera.parse().expect("a camera");
+        Self { camera, profile: Profile::vlad(vocabulary), points: places, descriptors }
+    }
+
+    /// What a camera sees: point and pixel.
+    fn seen(&self, pose: &CameraFromWorld) -> Vec<(usize, Pixel)> {
+        let size = [self.camera.width, self.camera.height].map(f64::from);
+        let inside = |p: &Pixel| p.u > 0.0 && p.v > 0.0 && p.u < size[0] && p.v < size[1];
+        (0..self.points.len())
+            .filter_map(|i| {
+                let plane = PlanePoint::from_camera_point(&pose.transform(&self.points[i]))?;
+                Some((i, self.camera.project(plane))).filter(|(_, p)| inside(p))
+            })
+            .collect()
+    }
+
+    /// Descriptors of these points as one image shows them.
+    fn observed(&self, seen: &[(usize, Pixel)], rng: &mut impl Rng) -> Descriptors {
+        let bytes = seen.iter().flat_map(|(p, _)| {
+            let noise: [u8; 128] = std::array::from_fn(|_| rng.random_range(0..12));
+            std::array::from_fn::<u8, 128, _>(|i| self.descriptors[*p][i].saturating_add(noise[i]))
+        });
+        Descriptors::new(DescriptorKind::ROOT_SIFT, bytes.collect()).expect("whole rows")
+    }
+
+    /// A map of this many images, at most ten, in a row and looking along `z`, and of the points that two of them see.
+    ///
+    /// # Panics
+    /// Never.
+    pub fn map(&self, images: u32) -> MapModel {
+        let mut rng = ChaCha8Rng::seed_from_u64(99);
+        let mut model = MapModel::empty(self.profile.clone(), BuildSettings::default());
+        model.cameras.push(self.camera);
+        let mut tracks = vec![Vec::new(); self.points.len()];
+        for i in 0..images {
+            let pose = pose_in_place(f64::from(i) * 0.1 - 0.05 * f64::from(images), f64::from(i % 3) * 0.3);
+            let seen = self.seen(&pose);
+            let descriptors = self.observed(&seen, &mut rng);
+            for (keypoint, (point, _)) in seen.iter().enumerate() {
+                tracks[*point].push(Observation { image: i, keypoint: keypoint as u32 });
+            }
+            model.images.push(MapImage {
+                name: format!("{i}.jpg"),
+                camera: 0,
+                cam_from_world: pose,
+                keypoints: seen.iter().map(|(_, p)| [p.u as f32, p.v as f32]).collect(),
+                global: self.profile.global_model().of_rows(descriptors.view()).expect("VLAD"),
+                descriptors,
+                point_of_keypoint: vec![None; seen.len()],
+            });
+        }
+        for (position, track) in self.points.iter().zip(tracks) {
+            if track.len() >= 2 {
+                model.points.push(MapPoint { position: *position, track, error: 0.5 });
+            }
+        }
+        model.link_keypoints();
+        model
+    }
+
+    /// What a device extracts of an image taken from this pose.
+    ///
+    /// # Panics
+    /// Never.
+    pub fn features(&self, pose: &CameraFromWorld) -> Features {
+        let seen = self.seen(pose);
+        let keypoint = |(i, (_, pixel)): (usize, &(usize, Pixel))| Keypoint {
+            pixel: *pixel,
+            scale: 2.0,
+            orientation: 0.0,
+            response: 1.0 / (1.0 + i as f32),
+        };
+        Features {
+            keypoints: seen.iter().enumerate().map(keypoint).collect(),
+            descriptors: self.observed(&seen, &mut ChaCha8Rng::seed_from_u64(5)),
+            global: None,
+        }
+    }
+}
+
+/// Looking along `z`, turned (radians) and moved to the side.
+pub fn pose_in_place(yaw: f64, shift: f64) -> CameraFromWorld {
+    Rigid3::new(Rotation3::from_scaled_axis(Vector3::new(0.05, yaw, -0.02)), Vector3::new(shift, 0.1, 0.4))
+}
