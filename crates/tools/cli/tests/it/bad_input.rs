@@ -488,6 +488,8 @@ fn problems() {
 #[test]
 fn usage() {
     let place = place();
+    // Where sealed queries would go.
+    place.write("bad/placeholder", []);
     let camera = |camera: &str| seal_with("images/query-0.png", camera, "place.vprofile", "");
     let option = |more: &str| seal_with("images/query-0.png", CAMERA, "place.vprofile", more);
     place.seal("query-0.png", "dcl", "usage.vquery");
@@ -574,6 +576,8 @@ fn outputs() {
 #[test]
 fn long_names_stay_whole() {
     let place = place();
+    // Where sealed queries would go.
+    place.write("bad/placeholder", []);
     let name = format!("bad/{}/{}.vmap", "a-long-folder-name-with-hyphens".repeat(3), "and-a-file".repeat(6));
     let run = place.run(&format!("map info {name}"));
     assert!(run.code == Some(1) && run.stderr.contains(&name), "{run}");
