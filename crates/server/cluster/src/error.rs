@@ -55,7 +55,7 @@ pub enum ClusterError {
     System {
         /// What was asked for.
         what: &'static str,
-        /// What it said.
+        /// What it reported.
         source: std::io::Error,
     },
 
@@ -104,7 +104,7 @@ pub enum ClusterError {
     Connect {
         /// Their addresses, without passwords.
         servers: String,
-        /// What was said.
+        /// What was reported.
         reason: String,
     },
     /// An address that is none.
@@ -141,7 +141,7 @@ pub enum ClusterError {
         reason: String,
     },
     /// Storage refused for a reason that stays.
-    #[error("{address}: {why} ({said}); {remedy}")]
+    #[error("{address}: {why} ({reported}); {remedy}")]
     StorageRefused {
         /// Of what.
         address: String,
@@ -149,15 +149,15 @@ pub enum ClusterError {
         why: &'static str,
         /// What to do.
         remedy: &'static str,
-        /// What it said.
-        said: String,
+        /// What it reported.
+        reported: String,
     },
-    /// Storage could not be reached, or said what is not known.
+    /// Storage could not be reached, or reported an unknown error.
     #[error("{address}: {source}{}", hint_of(address, source))]
     Storage {
         /// Of what.
         address: String,
-        /// What it said.
+        /// What it reported.
         source: Box<object_store::Error>,
     },
     /// There is no such thing in storage.
@@ -229,7 +229,7 @@ pub enum ClusterError {
     Io {
         /// Which file.
         path: PathBuf,
-        /// What the system said.
+        /// What the system reported.
         source: std::io::Error,
     },
     /// No protobuf, or of other fields.
@@ -255,7 +255,7 @@ pub enum ClusterError {
     OtherRequest,
 }
 
-/// What to do about what the system said, where it is not plain from that.
+/// What to do about a system error whose message does not say it.
 fn remedy_of(source: &std::io::Error) -> &'static str {
     match source.kind() {
         std::io::ErrorKind::StorageFull | std::io::ErrorKind::QuotaExceeded => {

@@ -3,12 +3,12 @@
 //! ```text
 //! device ── HTTP ── gateway ──┬── index group ── which regions?
 //!                             └── region groups ── the sealed query, as it came ── pose
-//!                 bus: NATS, or one process        shelf: where maps are published
+//!                 bus: NATS, or one process        source: where maps are published
 //! ```
 //! - [`Gateway`]: asks for poses in the place of a map in memory; `veiloc_service` takes it as
 //!   [`veiloc_service::MapElsewhere`], and does all that HTTP needs.
 //! - [`Worker`]: holds a [`Share`] of a map's regions, each verified, and answers for them.
-//! - [`Shelf`]: where both look what is published.
+//! - [`ManifestSource`]: where both look what is published.
 //! - [`message`]: what they say to each other.
 //!
 //! What is sent is what the device sealed, byte for byte, also when it is sent to a second worker or once more (rule L7): two
@@ -21,16 +21,16 @@
 pub mod bus;
 mod error;
 mod gateway;
+mod manifest_source;
 pub mod message;
 pub mod object_store;
-mod reach;
+mod reachability;
 mod share;
-mod shelf;
 mod subjects;
 mod worker;
 
 pub use error::ClusterError;
 pub use gateway::{Gateway, GatewayOptions};
+pub use manifest_source::{Fetching, FolderSource, ManifestSource, ObjectStoreSource, Published};
 pub use share::Share;
-pub use shelf::{Fetching, FolderShelf, Published, Shelf, StoreShelf};
 pub use worker::{Worker, WorkerHandle, WorkerOptions};

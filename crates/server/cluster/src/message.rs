@@ -1,7 +1,7 @@
-//! What gateway and workers say to each other: small frames around bytes that a device or the service itself wrote.
+//! Messages between gateway and workers: small frames around bytes that a device or the service wrote.
 //!
-//! Both ends are the operator's own machines, and still nothing is believed: lengths, names and numbers are checked, and a
-//! frame that is not right is a [`ClusterError`] that names the field. Frames are protobuf; `docs/cluster.md` lists the fields.
+//! Both ends are the operator's own machines. Nothing is trusted all the same: lengths, names and numbers are checked, and an
+//! invalid frame gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/cluster.md` lists the fields.
 
 use crate::ClusterError;
 use bytes::Bytes;
@@ -28,25 +28,25 @@ const LONGEST_WAIT: u32 = 60;
 /// The name of a request: the one of its log line.
 pub type RequestName = [u8; 16];
 
-/// What a worker is asked.
+/// A request to a worker.
 #[derive(Clone, PartialEq)]
 pub struct Request {
-    /// Which request of the gateway's it belongs to.
+    /// The name of the gateway's request that it is part of.
     pub name: RequestName,
-    /// The region or index that is asked: whoever does not hold this very one says so.
+    /// The region or index to use; a worker that holds another one refuses ([`Why::NotHeld`]).
     pub object: ObjectId,
-    /// How long an answer may take from when it arrives; clocks of machines are not compared.
+    /// Time allowed for the answer, from the arrival of the request (machines' clocks are not compared).
     pub within: Duration,
-    /// What is wanted.
+    /// The task.
     pub wanted: Wanted,
 }
 
-/// What is wanted of a worker.
+/// The task of a request.
 #[derive(Clone, PartialEq)]
 pub enum Wanted {
-    /// To say that it is there.
+    /// A sign of life.
     Ping,
-    /// The regions to ask, of an index: for the global descriptors of the images.
+    /// Retrieval in an index: the regions to ask, for the global descriptors of the images.
     Search {
         /// Codes of each, at least one.
         globals: Vec<Bytes>,
@@ -77,31 +77,31 @@ impl std::fmt::Debug for Request {
     }
 }
 
-/// What a worker says.
+/// The reply of a worker.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reply {
     /// The request's name.
     pub name: RequestName,
-    /// What it says.
-    pub said: Said,
-    /// How long it worked.
+    /// The result.
+    pub outcome: Outcome,
+    /// Time spent working.
     pub worked: Duration,
-    /// How long the request waited for that.
+    /// Time spent in the queue.
     pub waited: Duration,
 }
 
-/// What a worker can say.
+/// The result of a request.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Said {
-    /// It is there.
+pub enum Outcome {
+    /// The reply to [`Wanted::Ping`].
     Here,
-    /// The regions that hold most of what looks like the images, best first.
+    /// The regions that hold most of the retrieved images, best first.
     Regions(Vec<Candidate>),
-    /// The pose, whole.
+    /// The complete answer.
     Pose(Box<Answer>),
     /// There is no pose, or there will be none; asking another worker of the group would give the same.
     Unanswered(Unanswered),
-    /// Not now, not here: another worker of the group may.
+    /// This worker cannot answer; another worker of the group may.
     Elsewhere(Why),
 }
 
@@ -160,7 +160,7 @@ struct ReplyFrame {
     #[prost(bytes = "bytes", tag = "2")]
     name: Bytes,
     #[prost(fixed32, tag = "3")]
-    said: u32,
+    outcome: u32,
     #[prost(fixed32, tag = "4")]
     retry_after: u32,
     #[prost(fixed64, tag = "5")]
@@ -247,30 +247,30 @@ impl Request {
 impl Reply {
     /// As bytes. All replies about a query are equally long.
     pub fn encode(&self) -> Bytes {
-        let code = code_of(&self.said);
+        let code = code_of(&self.outcome);
         let micros = |time: Duration| u64::try_from(time.as_micros()).unwrap_or(u64::MAX);
         let mut frame = ReplyFrame {
             version: VERSION,
             name: Bytes::copy_from_slice(&self.name),
-            said: code,
+            outcome: code,
             worked_us: micros(self.worked),
             waited_us: micros(self.waited),
             ..ReplyFrame::default()
         };
-        match &self.said {
-            Said::Regions(candidates) => {
+        match &self.outcome {
+            Outcome::Regions(candidates) => {
                 frame.regions = candidates.iter().map(|candidate| candidate.region).collect();
                 frame.held = candidates.iter().map(|candidate| candidate.held).collect();
             }
-            Said::Pose(answer) => frame.answer = answer.encode().into(),
-            Said::Unanswered(Unanswered::Busy { retry_after } | Unanswered::Unreached { retry_after })
-            | Said::Elsewhere(Why::Busy { retry_after }) => {
+            Outcome::Pose(answer) => frame.answer = answer.encode().into(),
+            Outcome::Unanswered(Unanswered::Busy { retry_after } | Unanswered::Unreached { retry_after })
+            | Outcome::Elsewhere(Why::Busy { retry_after }) => {
                 frame.retry_after =
                     u32::try_from(retry_after.get()).unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT);
             }
-            Said::Here | Said::Unanswered(_) | Said::Elsewhere(_) => {}
+            Outcome::Here | Outcome::Unanswered(_) | Outcome::Elsewhere(_) => {}
         }
-        if !matches!(self.said, Said::Here | Said::Regions(_)) {
+        if !matches!(self.outcome, Outcome::Here | Outcome::Regions(_)) {
             // Tag and length of the padding are three bytes where the whole is between 128 and 16384 bytes.
             let left = REPLY_BYTES.saturating_sub(frame.encoded_len() + 3);
             frame.padding = vec![0; left].into();
@@ -291,7 +291,7 @@ impl Reply {
         }
         let (worked, waited) =
             (Duration::from_micros(frame.worked_us), Duration::from_micros(frame.waited_us));
-        Ok(Self { name, said: said(frame)?, worked, waited })
+        Ok(Self { name, outcome: said(frame)?, worked, waited })
     }
 }
 
@@ -307,13 +307,13 @@ const HERE: u32 = 0;
 const REGIONS: u32 = 1;
 const POSE: u32 = 2;
 
-/// Everything else that can be said: each has one number for ever.
-const fn code_of(said: &Said) -> u32 {
-    match said {
-        Said::Here => HERE,
-        Said::Regions(_) => REGIONS,
-        Said::Pose(_) => POSE,
-        Said::Unanswered(why) => match why {
+/// Every outcome has one number, which never changes.
+const fn code_of(outcome: &Outcome) -> u32 {
+    match outcome {
+        Outcome::Here => HERE,
+        Outcome::Regions(_) => REGIONS,
+        Outcome::Pose(_) => POSE,
+        Outcome::Unanswered(why) => match why {
             Unanswered::WrongProfile => 16,
             Unanswered::EmptyMap => 17,
             Unanswered::NoPose(NoPose::Unsupported) => 18,
@@ -325,7 +325,7 @@ const fn code_of(said: &Said) -> u32 {
             Unanswered::TimedOut => 24,
             Unanswered::Broken => 25,
         },
-        Said::Elsewhere(why) => match why {
+        Outcome::Elsewhere(why) => match why {
             Why::Busy { .. } => 32,
             Why::AtIt => 33,
             Why::Leaving => 34,
@@ -336,38 +336,38 @@ const fn code_of(said: &Said) -> u32 {
     }
 }
 
-fn said(frame: ReplyFrame) -> Result<Said, ClusterError> {
+fn said(frame: ReplyFrame) -> Result<Outcome, ClusterError> {
     let field = |field| ClusterError::FrameField { field };
     let retry_after = || {
         let seconds = NonZeroU64::new(frame.retry_after.into()).filter(|n| n.get() <= LONGEST_WAIT.into());
         seconds.ok_or(field("retry_after"))
     };
-    Ok(match frame.said {
-        HERE => Said::Here,
+    Ok(match frame.outcome {
+        HERE => Outcome::Here,
         REGIONS => {
             if frame.regions.len() != frame.held.len() || frame.regions.len() > MOST_REGIONS {
                 return Err(field("regions"));
             }
             let both = frame.regions.iter().zip(&frame.held);
-            Said::Regions(both.map(|(region, held)| Candidate { region: *region, held: *held }).collect())
+            Outcome::Regions(both.map(|(region, held)| Candidate { region: *region, held: *held }).collect())
         }
-        POSE => Said::Pose(Box::new(Answer::decode(&frame.answer).map_err(|_| field("answer"))?)),
-        16 => Said::Unanswered(Unanswered::WrongProfile),
-        17 => Said::Unanswered(Unanswered::EmptyMap),
-        18 => Said::Unanswered(Unanswered::NoPose(NoPose::Unsupported)),
-        19 => Said::Unanswered(Unanswered::NoPose(NoPose::OneSided)),
-        20 => Said::Unanswered(Unanswered::NoPose(NoPose::TooFew)),
-        21 => Said::Unanswered(Unanswered::Stopped),
-        22 => Said::Unanswered(Unanswered::Busy { retry_after: retry_after()? }),
-        23 => Said::Unanswered(Unanswered::Unreached { retry_after: retry_after()? }),
-        24 => Said::Unanswered(Unanswered::TimedOut),
-        25 => Said::Unanswered(Unanswered::Broken),
-        32 => Said::Elsewhere(Why::Busy { retry_after: retry_after()? }),
-        33 => Said::Elsewhere(Why::AtIt),
-        34 => Said::Elsewhere(Why::Leaving),
-        35 => Said::Elsewhere(Why::NotHeld),
-        36 => Said::Elsewhere(Why::Unread),
-        37 => Said::Elsewhere(Why::Broken),
+        POSE => Outcome::Pose(Box::new(Answer::decode(&frame.answer).map_err(|_| field("answer"))?)),
+        16 => Outcome::Unanswered(Unanswered::WrongProfile),
+        17 => Outcome::Unanswered(Unanswered::EmptyMap),
+        18 => Outcome::Unanswered(Unanswered::NoPose(NoPose::Unsupported)),
+        19 => Outcome::Unanswered(Unanswered::NoPose(NoPose::OneSided)),
+        20 => Outcome::Unanswered(Unanswered::NoPose(NoPose::TooFew)),
+        21 => Outcome::Unanswered(Unanswered::Stopped),
+        22 => Outcome::Unanswered(Unanswered::Busy { retry_after: retry_after()? }),
+        23 => Outcome::Unanswered(Unanswered::Unreached { retry_after: retry_after()? }),
+        24 => Outcome::Unanswered(Unanswered::TimedOut),
+        25 => Outcome::Unanswered(Unanswered::Broken),
+        32 => Outcome::Elsewhere(Why::Busy { retry_after: retry_after()? }),
+        33 => Outcome::Elsewhere(Why::AtIt),
+        34 => Outcome::Elsewhere(Why::Leaving),
+        35 => Outcome::Elsewhere(Why::NotHeld),
+        36 => Outcome::Elsewhere(Why::Unread),
+        37 => Outcome::Elsewhere(Why::Broken),
         _ => return Err(field("said")),
     })
 }

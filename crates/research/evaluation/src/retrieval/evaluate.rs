@@ -1,6 +1,8 @@
 //! Every query sought among so many images, by comparing all and through the index.
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::io::{self, BufWriter, Write as _};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -25,6 +27,8 @@ pub struct SearchEvaluation {
     pub retrieve: usize,
     /// Seed of what is drawn.
     pub seed: u64,
+    /// A folder for `searched.npy` and `queries.npy`: the global descriptors, int8, a row an image, for other indexes.
+    pub save: Option<PathBuf>,
 }
 
 /// One way to search so many images.
@@ -98,6 +102,13 @@ pub fn evaluate_search(
         progress.advance(1);
         progress.finish();
     }
+    if let Some(folder) = &evaluation.save {
+        let rows: Vec<i8> = queries.iter().flat_map(GlobalDescriptor::as_codes).copied().collect();
+        for (name, values) in [("searched.npy", &all[..largest * codes]), ("queries.npy", &rows)] {
+            let path = folder.join(name);
+            save_npy(&path, values, codes).map_err(|source| EvalError::Io { path, source })?;
+        }
+    }
     let mut rows = Vec::new();
     progress.start("Searching", evaluation.sizes.len());
     for images in &evaluation.sizes {
@@ -107,6 +118,24 @@ pub fn evaluate_search(
     }
     progress.finish();
     Ok(rows)
+}
+
+/// Writes `[N, columns]` as NumPy does: version 1.0 of its format, a header of a multiple of 64 bytes, then the rows.
+fn save_npy(path: &Path, values: &[i8], columns: usize) -> io::Result<()> {
+    let shape = format!(
+        "{{'descr': '|i1', 'fortran_order': False, 'shape': ({}, {columns}), }}",
+        values.len() / columns
+    );
+    // Ten bytes before it and a line feed after it.
+    let header = format!("{shape}{}\n", " ".repeat(63 - (shape.len() + 10) % 64));
+    let mut file = BufWriter::new(File::create(path)?);
+    file.write_all(b"\x93NUMPY\x01\x00")?;
+    file.write_all(&(header.len() as u16).to_le_bytes())?;
+    file.write_all(header.as_bytes())?;
+    for part in values.chunks(1 << 16) {
+        file.write_all(&part.iter().map(|value| *value as u8).collect::<Vec<u8>>())?;
+    }
+    file.flush()
 }
 
 /// Codes of one word.

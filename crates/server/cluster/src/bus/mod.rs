@@ -10,10 +10,10 @@
 //! looks like the second. Whoever needs an answer sends the same bytes again. Nothing is stored: a message that nobody
 //! waits for is gone.
 //!
-//! Who no longer waits may say so ([`Bus::request_cancellable`]), and then the member that was asked hears of it
-//! ([`Incoming::cancelled`]): at best. It is said once, to nobody else, and nobody else can say it.
+//! A requester that stops waiting may cancel its request ([`Bus::request_cancellable`]). The member that received it is then
+//! notified ([`Incoming::cancelled`]), best effort and once. Only the requester can cancel.
 //!
-//! This room knows nothing of maps or queries.
+//! This module does not depend on maps or queries.
 //!
 //! ```
 //! use std::time::Duration;
@@ -98,7 +98,7 @@ impl Bus {
         }
     }
 
-    /// Waits until what was said so far has left this machine, no longer than a few seconds.
+    /// Waits until all messages so far have left this machine, at most a few seconds.
     pub async fn flush(&self) {
         if let Road::Nats(nats) = &self.0 {
             nats.flush().await;
@@ -223,8 +223,8 @@ enum Reply {
 }
 
 impl Incoming {
-    /// Returns when who asked waits no more and has said so; never, when nothing of that kind is heard. After it returned it
-    /// is not to be asked again.
+    /// Returns when the requester has cancelled; never, when no cancel message arrives. Must not be awaited again after it
+    /// returned.
     pub async fn cancelled(&mut self) {
         match &mut self.to {
             Reply::Nats(reply) => reply.cancelled().await,

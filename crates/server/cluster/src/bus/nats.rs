@@ -3,9 +3,9 @@
 //! The inbox is ours and not the library's: the library keeps a note of each request until its reply comes, and of those
 //! whose member died none ever does.
 //!
-//! Who no longer waits says so on the group's subject and `.cancel`, where all members listen: which of them was asked nobody
-//! knows. What is said is the inbox that the reply would have come to, which two know, who asked and who was asked; so nobody
-//! can cancel what another one asked for, though he may speak there.
+//! A cancel message is published on the group's subject with the suffix `.cancel`, to which all members subscribe, because the
+//! gateway does not know which member received the request. It carries the reply inbox of the request. Only the gateway and the
+//! worker that received the request know this inbox, so a third party that may publish there cannot cancel anything.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -27,7 +27,7 @@ use crate::bus::subject::Subject;
 /// All members of a subject are in the queue group of this name.
 const GROUP: &str = "members";
 
-/// What is no longer waited for and was not said yet; more is not said at all.
+/// Cancel messages that wait to be published; further ones are dropped.
 const UNSAID: usize = 1024;
 
 /// How to reach NATS.
@@ -141,7 +141,7 @@ struct Connection {
     _tasks: [Aborted; 2],
 }
 
-/// To be said: on which subject, and to which inbox no reply is wanted any more.
+/// A cancel message to publish: the subject, and the inbox that needs no reply any more.
 type Cancel = (String, String);
 
 type Replied = Result<Bytes, Nobody>;
@@ -248,13 +248,13 @@ impl Nats {
         let cancels = client.subscribe(subject.of_cancels()).await.map_err(|_| ClusterError::BusClosed)?;
         let open = Arc::new(Open::default());
         let cancels = Aborted(tokio::spawn(hear_cancels(cancels, open.clone())));
-        // The server knows of it before anything is said of it.
+        // The NATS server has the subscription before the membership is announced.
         client.flush().await.map_err(|_| ClusterError::BusClosed)?;
         Ok(Membership { client, asked, open, _cancels: cancels })
     }
 }
 
-/// Who no longer waits is forgotten, answered or not; if not, it is said where it may be.
+/// Removes a waiting request, and publishes a cancel message if it was not answered and may be cancelled.
 struct Forgotten<'a> {
     connection: &'a Connection,
     number: u64,

@@ -29,7 +29,7 @@ impl Open {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A question came. Its receiver gets word when nobody waits for the answer, at once where that was said before.
+    /// A request arrived. The receiver is notified when it is cancelled, at once if the cancel message arrived earlier.
     pub(crate) fn asked(&self, inbox: &str) -> oneshot::Receiver<()> {
         let (cancel, cancelled) = oneshot::channel();
         let mut both = self.both();

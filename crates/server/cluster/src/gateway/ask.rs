@@ -13,8 +13,8 @@ use veiloc_map::regions::ObjectId;
 use veiloc_service::Unanswered;
 use veiloc_service::telemetry::GatewayCounts;
 
-use super::pace::Pace;
-use crate::message::{Reply, Request, RequestName, Said, Wanted, Why};
+use super::latency_tracker::LatencyTracker;
+use crate::message::{Outcome, Reply, Request, RequestName, Wanted, Why};
 
 /// Messages to one group for one question.
 const MOST_MESSAGES: usize = 8;
@@ -29,10 +29,10 @@ const LAST_RESORT: u32 = 4;
 const COME_BACK: NonZeroU64 = NonZeroU64::MIN;
 
 /// What all questions of a gateway share.
-pub(crate) struct Road<'a> {
+pub(crate) struct Route<'a> {
     pub(crate) bus: &'a Bus,
     pub(crate) counts: &'a GatewayCounts,
-    pub(crate) pace: &'a Pace,
+    pub(crate) latency: &'a LatencyTracker,
 }
 
 /// A question to one group.
@@ -52,24 +52,24 @@ enum Failed {
     Closed,
 }
 
-impl Road<'_> {
+impl Route<'_> {
     /// What the group says: regions or a pose, or why there is none.
-    pub(crate) async fn ask(&self, ask: &Ask<'_>) -> Result<Said, Unanswered> {
+    pub(crate) async fn ask(&self, ask: &Ask<'_>) -> Result<Outcome, Unanswered> {
         let begun = Instant::now();
         let time = ask.deadline.saturating_duration_since(begun);
         let last_resort = begun + time / LAST_RESORT;
-        let (mut gap, mut pause) = (self.pace.second_after(), PAUSE);
+        let (mut gap, mut pause) = (self.latency.hedge_after(), PAUSE);
         let (mut sent, mut next) = (0, begun);
         let mut under_way = FuturesUnordered::new();
         let mut why = Unanswered::TimedOut;
-        self.pace.first();
+        self.latency.record_request();
         loop {
             tokio::select! {
                 Some(end) = under_way.next(), if !under_way.is_empty() => match end {
-                    Ok(said) => {
+                    Ok(outcome) => {
                         // Dropped with the question, which whoever is at them is told.
                         (0..under_way.len()).for_each(|_| self.counts.message("not-needed"));
-                        return Ok(said);
+                        return Ok(outcome);
                     }
                     Err(failed) => {
                         why = self.of_failed(failed);
@@ -84,7 +84,7 @@ impl Road<'_> {
                 () = sleep_until(next), if sent < MOST_MESSAGES => {
                     let now = Instant::now();
                     let is_second = !under_way.is_empty();
-                    if !is_second || now >= last_resort || self.pace.may_send_second() {
+                    if !is_second || now >= last_resort || self.latency.may_hedge() {
                         if is_second {
                             self.counts.hedged();
                         }
@@ -121,7 +121,7 @@ impl Road<'_> {
     }
 
     /// One message, and what becomes of it.
-    async fn send(&self, ask: &Ask<'_>) -> Result<Said, Failed> {
+    async fn send(&self, ask: &Ask<'_>) -> Result<Outcome, Failed> {
         let begun = Instant::now();
         let (subject, object) = ask.group;
         let within = ask.deadline.saturating_duration_since(begun);
@@ -132,27 +132,27 @@ impl Road<'_> {
             ClusterError::TimedOut { .. } => Failed::NoReply,
             _ => Failed::Closed,
         })?;
-        let Reply { said, worked, waited, .. } = Reply::decode(reply, &ask.name).map_err(|error| {
+        let Reply { outcome, worked, waited, .. } = Reply::decode(reply, &ask.name).map_err(|error| {
             tracing::warn!(%error, %subject, "a worker's reply was not understood");
             Failed::BadReply
         })?;
-        let fits = match (&said, &ask.wanted) {
-            (Said::Elsewhere(why), _) => return Err(Failed::TurnedAway(*why)),
+        let fits = match (&outcome, &ask.wanted) {
+            (Outcome::Elsewhere(why), _) => return Err(Failed::TurnedAway(*why)),
             // Given up there and not here: somebody else goes on.
-            (Said::Unanswered(Unanswered::Stopped), _) => return Err(Failed::TurnedAway(Why::Leaving)),
-            (Said::Unanswered(_), Wanted::Search { .. } | Wanted::Pose { .. }) => true,
-            (Said::Regions(_), Wanted::Search { .. }) => true,
-            (Said::Pose(_), Wanted::Pose { .. }) => true,
+            (Outcome::Unanswered(Unanswered::Stopped), _) => return Err(Failed::TurnedAway(Why::Leaving)),
+            (Outcome::Unanswered(_), Wanted::Search { .. } | Wanted::Pose { .. }) => true,
+            (Outcome::Regions(_), Wanted::Search { .. }) => true,
+            (Outcome::Pose(_), Wanted::Pose { .. }) => true,
             _ => false,
         };
         if !fits {
             return Err(Failed::BadReply);
         }
         let took = begun.elapsed();
-        self.pace.took(took);
+        self.latency.record(took);
         self.counts.message("answered");
         self.counts.road(took.saturating_sub(worked).saturating_sub(waited));
-        Ok(said)
+        Ok(outcome)
     }
 }
 
@@ -164,7 +164,7 @@ mod tests {
     use veiloc_service::telemetry::{Metrics, MetricsOptions, Now};
 
     use super::*;
-    use crate::gateway::pace::{LATEST, SOONEST, UNKNOWN};
+    use crate::gateway::latency_tracker::{LATEST, SOONEST, UNKNOWN};
 
     const MINUTE: Duration = Duration::from_secs(60);
 
@@ -173,7 +173,7 @@ mod tests {
         bus: Bus,
         region: (Subject, ObjectId),
         counts: GatewayCounts,
-        pace: Pace,
+        latency: LatencyTracker,
     }
 
     impl Group {
@@ -183,7 +183,7 @@ mod tests {
                 bus: Bus::in_process(),
                 region: (subject, ObjectId::of(b"region")),
                 counts: GatewayCounts::default(),
-                pace: Pace::default(),
+                latency: LatencyTracker::default(),
             }
         }
 
@@ -200,9 +200,9 @@ mod tests {
                         let request = Request::decode(incoming.payload.clone()).expect("a request");
                         tokio::select! {
                             () = answered_after(latency) => {
-                                let said = Said::Regions(Vec::new());
+                                let outcome = Outcome::Regions(Vec::new());
                                 let (worked, waited) = (Duration::ZERO, Duration::ZERO);
-                                let reply = Reply { name: request.name, said, worked, waited };
+                                let reply = Reply { name: request.name, outcome, worked, waited };
                                 incoming.answer(reply.encode()).await.expect("sent");
                             }
                             () = incoming.cancelled() => {
@@ -216,12 +216,12 @@ mod tests {
         }
 
         /// What comes of a question, and after how long.
-        async fn ask(&self) -> (Result<Said, Unanswered>, Duration) {
-            let road = Road { bus: &self.bus, counts: &self.counts, pace: &self.pace };
+        async fn ask(&self) -> (Result<Outcome, Unanswered>, Duration) {
+            let route = Route { bus: &self.bus, counts: &self.counts, latency: &self.latency };
             let begun = Instant::now();
             let wanted = Wanted::Search { globals: vec![Bytes::from_static(b"an image")] };
             let ask = Ask { group: &self.region, name: [7; 16], wanted, deadline: begun + MINUTE };
-            (road.ask(&ask).await, begun.elapsed())
+            (route.ask(&ask).await, begun.elapsed())
         }
 
         fn hedges(&self) -> u64 {
@@ -256,8 +256,8 @@ mod tests {
         // Members take turns: the silent one is first each time, for the other one is second.
         let mut times = Vec::new();
         for _ in 0..4 {
-            let (said, time) = group.ask().await;
-            assert!(matches!(said, Ok(Said::Regions(_))));
+            let (outcome, time) = group.ask().await;
+            assert!(matches!(outcome, Ok(Outcome::Regions(_))));
             times.push(time);
         }
         // Nothing is known the first time; then half as long again as the slowest of late.
@@ -272,13 +272,13 @@ mod tests {
     async fn the_second_message_follows_the_latencies_of_late() {
         for (latency, after) in [(ms(1), SOONEST), (ms(200), ms(300)), (Duration::from_secs(9), LATEST)] {
             let group = Group::new();
-            (0..20).for_each(|_| group.pace.took(latency));
+            (0..20).for_each(|_| group.latency.record(latency));
             let [heard, _] = group.member(None).await;
             let [asked, _] = group.member(Some(ms(5))).await;
             while sum(&heard) == 0 {
                 let before = sum(&asked);
-                let (said, time) = group.ask().await;
-                assert!(said.is_ok() && sum(&asked) == before + 1);
+                let (outcome, time) = group.ask().await;
+                assert!(outcome.is_ok() && sum(&asked) == before + 1);
                 assert_eq!(time, if sum(&heard) == 0 { ms(5) } else { after + ms(5) });
             }
         }
@@ -288,8 +288,8 @@ mod tests {
     async fn a_group_that_is_silent_is_waited_for_until_the_deadline() {
         let group = Group::new();
         let [heard, _] = group.member(None).await;
-        let (said, time) = group.ask().await;
-        assert!(matches!(said, Err(Unanswered::TimedOut)));
+        let (outcome, time) = group.ask().await;
+        assert!(matches!(outcome, Err(Unanswered::TimedOut)));
         assert_eq!(time, MINUTE);
         assert!((2..=MOST_MESSAGES).contains(&sum(&heard)), "{}", sum(&heard));
     }
@@ -297,8 +297,8 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn an_empty_group_is_asked_again_and_reported() {
         let group = Group::new();
-        let (said, time) = group.ask().await;
-        assert!(matches!(said, Err(Unanswered::Unreached { .. })));
+        let (outcome, time) = group.ask().await;
+        assert!(matches!(outcome, Err(Unanswered::Unreached { .. })));
         // Pauses of 10, 20, … 640 ms between eight messages.
         assert_eq!(time, PAUSE * 127);
     }

@@ -6,7 +6,7 @@ use veiloc_service::Unanswered;
 
 /// What is told of what the regions gave: the trusted pose with most evidence, else the doubtful one, else why there is none.
 ///
-/// A region that could not be asked may have been the right one: then it is said to come back, and not that there is no pose.
+/// A region that could not be asked may have been the right one: then the client is asked to try again, instead of being told that there is no pose.
 pub(crate) fn best(given: Vec<Result<Answer, Unanswered>>) -> Result<Answer, Unanswered> {
     let mut best: Option<Answer> = None;
     let mut why: Option<Unanswered> = None;

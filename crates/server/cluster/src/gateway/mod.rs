@@ -5,7 +5,7 @@
 
 mod ask;
 mod choose;
-mod pace;
+mod latency_tracker;
 
 use std::sync::{Arc, PoisonError, RwLock, Weak};
 use std::time::Duration;
@@ -20,12 +20,12 @@ use veiloc_protocol::{Answer, Profile};
 use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{Answering, Description, Elsewhere, Question, Unanswered};
 
-use self::ask::{Ask, Road};
-use self::pace::Pace;
+use self::ask::{Ask, Route};
+use self::latency_tracker::LatencyTracker;
 use crate::ClusterError;
-use crate::message::{Candidate, FRAME_BYTES, Said, Wanted};
-use crate::reach::Groups;
-use crate::shelf::Shelf;
+use crate::manifest_source::ManifestSource;
+use crate::message::{Candidate, FRAME_BYTES, Outcome, Wanted};
+use crate::reachability::Groups;
 
 /// What a gateway does.
 #[derive(Debug, Clone)]
@@ -52,17 +52,17 @@ pub struct Gateway(Arc<Inner>);
 
 struct Inner {
     bus: Bus,
-    shelf: Arc<dyn Shelf>,
+    source: Arc<dyn ManifestSource>,
     options: GatewayOptions,
     counts: GatewayCounts,
     /// What is asked by now.
-    current: RwLock<Option<Arc<Edition>>>,
-    searches: Pace,
-    poses: Pace,
+    current: RwLock<Option<Arc<ActiveManifest>>>,
+    searches: LatencyTracker,
+    poses: LatencyTracker,
 }
 
 /// A manifest that is asked by.
-struct Edition {
+struct ActiveManifest {
     id: ObjectId,
     groups: Groups,
     description: Arc<Description>,
@@ -75,18 +75,18 @@ impl Gateway {
     /// [`ClusterError`]: nothing is published, or it is not what it should be.
     pub async fn start(
         bus: Bus,
-        shelf: Arc<dyn Shelf>,
+        source: Arc<dyn ManifestSource>,
         options: GatewayOptions,
         counts: GatewayCounts,
     ) -> Result<Self, ClusterError> {
         let gateway = Self(Arc::new(Inner {
             bus,
-            shelf,
+            source,
             options,
             counts,
             current: RwLock::default(),
-            searches: Pace::default(),
-            poses: Pace::default(),
+            searches: LatencyTracker::default(),
+            poses: LatencyTracker::default(),
         }));
         gateway.0.follow().await?;
         tokio::spawn(follow(Arc::downgrade(&gateway.0), gateway.0.options.watch));
@@ -95,13 +95,13 @@ impl Gateway {
 
     /// The id of the manifest that it asks by, if there is one whose regions are all held.
     pub fn manifest(&self) -> Option<ObjectId> {
-        self.0.current().map(|edition| edition.id)
+        self.0.current().map(|active| active.id)
     }
 }
 
 impl Elsewhere for Gateway {
     fn describe(&self) -> Option<Arc<Description>> {
-        self.0.current().map(|edition| edition.description.clone())
+        self.0.current().map(|active| active.description.clone())
     }
 
     fn longest(&self) -> usize {
@@ -125,15 +125,15 @@ async fn follow(gateway: Weak<Inner>, every: Duration) {
 }
 
 impl Inner {
-    fn current(&self) -> Option<Arc<Edition>> {
+    fn current(&self) -> Option<Arc<ActiveManifest>> {
         self.current.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Asks by what is published, if it is another manifest than before and somebody holds all of it.
     async fn follow(&self) -> Result<(), ClusterError> {
-        let published = self.shelf.current(&self.options.map).await?;
+        let published = self.source.current(&self.options.map).await?;
         let (id, manifest, known) = (published.id, &published.manifest, self.current());
-        if known.as_ref().is_some_and(|edition| edition.id == id) {
+        if known.as_ref().is_some_and(|active| active.id == id) {
             return Ok(());
         }
         let groups = Groups::of(manifest)?;
@@ -145,8 +145,8 @@ impl Inner {
             tracing::warn!(map, manifest = %id, unreached, all, "not asked by this manifest until all of it is held");
             return Ok(());
         }
-        let edition = Edition { id, groups, description: Arc::new(self.describe(manifest).await?) };
-        *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(edition));
+        let active = ActiveManifest { id, groups, description: Arc::new(self.describe(manifest).await?) };
+        *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(active));
         self.counts.whole(true);
         self.counts.edition();
         tracing::info!(map, manifest = %id, regions = manifest.regions.len(), "asking by this manifest");
@@ -155,7 +155,7 @@ impl Inner {
 
     async fn describe(&self, manifest: &Manifest) -> Result<Description, ClusterError> {
         let object = manifest.profile;
-        let folder = self.shelf.bring(vec![object]).await?;
+        let folder = self.source.fetch(vec![object]).await?;
         let path = Folder::of(manifest.clone(), &folder).path_of(&object.sha256);
         let io = |source| ClusterError::from(MapError::Io { path: path.clone(), source });
         let bytes = std::fs::read(&path).map_err(io)?;
@@ -168,30 +168,30 @@ impl Inner {
         let deadline = Instant::now() + question.within;
         let query = Query::of(&question, deadline);
         let nobody = Unanswered::Unreached { retry_after: std::num::NonZeroU64::MIN };
-        let mut edition = self.current().ok_or(nobody)?;
+        let mut active = self.current().ok_or(nobody)?;
         loop {
             // Sealed for another profile: no worker need see it.
-            let profile = &edition.description.profile;
+            let profile = &active.description.profile;
             if question.asked.queries().any(|sealed| profile.check(sealed).is_err()) {
                 return Err(Unanswered::WrongProfile);
             }
-            let result = self.ask_in(&edition, &query).await;
+            let result = self.ask_in(&active, &query).await;
             // Nobody is left of an old manifest: as if the query had come now.
             match (&result, self.current()) {
-                (Err(Unanswered::Unreached { .. }), Some(now)) if now.id != edition.id => edition = now,
+                (Err(Unanswered::Unreached { .. }), Some(now)) if now.id != active.id => active = now,
                 _ => return result,
             }
         }
     }
 
     /// Asks the regions of this manifest.
-    async fn ask_in(&self, edition: &Edition, query: &Query) -> Result<Answer, Unanswered> {
-        let candidates = self.search(edition, query).await?;
+    async fn ask_in(&self, active: &ActiveManifest, query: &Query) -> Result<Answer, Unanswered> {
+        let candidates = self.search(active, query).await?;
         let ranked = candidates.iter().map(|one| (one.region as usize, one.held as usize));
         let (mut given, mut asked) = (Vec::new(), 0);
         for round in rounds(ranked, self.options.regions) {
             asked += round.len();
-            given.extend(join_all(round.into_iter().map(|region| self.pose(edition, query, region))).await);
+            given.extend(join_all(round.into_iter().map(|region| self.pose(active, query, region))).await);
             if given.iter().any(|given| matches!(given, Ok(answer) if answer.trusted)) {
                 break;
             }
@@ -200,23 +200,28 @@ impl Inner {
         choose::best(given)
     }
 
-    async fn search(&self, edition: &Edition, query: &Query) -> Result<Vec<Candidate>, Unanswered> {
+    async fn search(&self, active: &ActiveManifest, query: &Query) -> Result<Vec<Candidate>, Unanswered> {
         let wanted = Wanted::Search { globals: query.globals.clone() };
-        match self.ask(&edition.groups.index, query, wanted, &self.searches).await? {
-            Said::Regions(candidates) => Ok(candidates),
-            Said::Unanswered(why) => Err(why),
-            Said::Here | Said::Pose(_) | Said::Elsewhere(_) => Err(Unanswered::Broken),
+        match self.ask(&active.groups.index, query, wanted, &self.searches).await? {
+            Outcome::Regions(candidates) => Ok(candidates),
+            Outcome::Unanswered(why) => Err(why),
+            Outcome::Here | Outcome::Pose(_) | Outcome::Elsewhere(_) => Err(Unanswered::Broken),
         }
     }
 
-    async fn pose(&self, edition: &Edition, query: &Query, region: usize) -> Result<Answer, Unanswered> {
+    async fn pose(
+        &self,
+        active: &ActiveManifest,
+        query: &Query,
+        region: usize,
+    ) -> Result<Answer, Unanswered> {
         // An index that was verified names regions of its manifest.
-        let group = edition.groups.regions.get(region).ok_or(Unanswered::Broken)?;
+        let group = active.groups.regions.get(region).ok_or(Unanswered::Broken)?;
         let wanted = query.pose.clone();
         match self.ask(group, query, wanted, &self.poses).await? {
-            Said::Pose(answer) => Ok(*answer),
-            Said::Unanswered(why) => Err(why),
-            Said::Here | Said::Regions(_) | Said::Elsewhere(_) => Err(Unanswered::Broken),
+            Outcome::Pose(answer) => Ok(*answer),
+            Outcome::Unanswered(why) => Err(why),
+            Outcome::Here | Outcome::Regions(_) | Outcome::Elsewhere(_) => Err(Unanswered::Broken),
         }
     }
 
@@ -225,10 +230,10 @@ impl Inner {
         group: &(crate::bus::Subject, ObjectId),
         query: &Query,
         wanted: Wanted,
-        pace: &Pace,
-    ) -> Result<Said, Unanswered> {
-        let road = Road { bus: &self.bus, counts: &self.counts, pace };
-        road.ask(&Ask { group, name: query.name, wanted, deadline: query.deadline }).await
+        latency: &LatencyTracker,
+    ) -> Result<Outcome, Unanswered> {
+        let route = Route { bus: &self.bus, counts: &self.counts, latency };
+        route.ask(&Ask { group, name: query.name, wanted, deadline: query.deadline }).await
     }
 }
 

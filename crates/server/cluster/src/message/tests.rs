@@ -36,12 +36,12 @@ fn answer() -> Answer {
     }
 }
 
-fn all_said() -> Vec<Said> {
+fn all_said() -> Vec<Outcome> {
     let retry_after = NonZeroU64::new(7).expect("not zero");
     let mut all = vec![
-        Said::Here,
-        Said::Regions(vec![Candidate { region: 4, held: 10 }, Candidate { region: 0, held: 3 }]),
-        Said::Pose(Box::new(answer())),
+        Outcome::Here,
+        Outcome::Regions(vec![Candidate { region: 4, held: 10 }, Candidate { region: 0, held: 3 }]),
+        Outcome::Pose(Box::new(answer())),
     ];
     let why = [
         Unanswered::WrongProfile,
@@ -57,13 +57,13 @@ fn all_said() -> Vec<Said> {
     ];
     let busy = Why::Busy { retry_after };
     let elsewhere = [busy, Why::AtIt, Why::Leaving, Why::NotHeld, Why::Unread, Why::Broken];
-    all.extend(why.map(Said::Unanswered));
-    all.extend(elsewhere.map(Said::Elsewhere));
+    all.extend(why.map(Outcome::Unanswered));
+    all.extend(elsewhere.map(Outcome::Elsewhere));
     all
 }
 
-fn reply(said: Said) -> Reply {
-    Reply { name: NAME, said, worked: Duration::from_micros(31_415), waited: Duration::from_micros(9) }
+fn reply(outcome: Outcome) -> Reply {
+    Reply { name: NAME, outcome, worked: Duration::from_micros(31_415), waited: Duration::from_micros(9) }
 }
 
 #[test]
@@ -85,11 +85,11 @@ fn requests_are_read_as_they_were_written() {
 
 #[test]
 fn replies_are_read_as_they_were_written_and_tell_nothing_by_their_length() {
-    for said in all_said() {
-        let reply = reply(said);
+    for outcome in all_said() {
+        let reply = reply(outcome);
         let bytes = reply.encode();
-        if matches!(reply.said, Said::Pose(_) | Said::Unanswered(_) | Said::Elsewhere(_)) {
-            assert_eq!(bytes.len(), REPLY_BYTES, "{:?}", reply.said);
+        if matches!(reply.outcome, Outcome::Pose(_) | Outcome::Unanswered(_) | Outcome::Elsewhere(_)) {
+            assert_eq!(bytes.len(), REPLY_BYTES, "{:?}", reply.outcome);
         }
         assert_eq!(Reply::decode(bytes.clone(), &NAME).expect("read"), reply);
         assert!(matches!(Reply::decode(bytes, &[8; 16]), Err(ClusterError::OtherRequest)));
@@ -116,21 +116,21 @@ fn a_frame_that_is_not_right_names_its_field() {
     assert_eq!(request(&|f| f.near = vec![1.0, 2.0, 3.0, 0.0]), field("near"));
 
     let reply = |change: &dyn Fn(&mut ReplyFrame)| {
-        let good = reply(Said::Pose(Box::new(answer()))).encode();
+        let good = reply(Outcome::Pose(Box::new(answer()))).encode();
         let mut frame = ReplyFrame::decode(good).expect("a frame");
         change(&mut frame);
         Reply::decode(frame.encode_to_vec().into(), &NAME).expect_err("refused").to_string()
     };
     assert_eq!(reply(&|f| f.version = 0), ClusterError::FrameVersion { found: 0 }.to_string());
     assert_eq!(reply(&|f| f.name = Bytes::new()), field("name"));
-    assert_eq!(reply(&|f| f.said = 99), field("said"));
+    assert_eq!(reply(&|f| f.outcome = 99), field("said"));
     assert_eq!(reply(&|f| f.answer = f.answer.slice(1..)), field("answer"));
-    assert_eq!(reply(&|f| f.said = 22), field("retry_after"));
-    assert_eq!(reply(&|f| (f.said, f.retry_after) = (32, 61)), field("retry_after"));
-    assert_eq!(reply(&|f| (f.said, f.regions) = (REGIONS, vec![1])), field("regions"));
+    assert_eq!(reply(&|f| f.outcome = 22), field("retry_after"));
+    assert_eq!(reply(&|f| (f.outcome, f.retry_after) = (32, 61)), field("retry_after"));
+    assert_eq!(reply(&|f| (f.outcome, f.regions) = (REGIONS, vec![1])), field("regions"));
     let many = vec![0; MOST_REGIONS + 1];
     assert_eq!(
-        reply(&|f| (f.said, f.regions, f.held) = (REGIONS, many.clone(), many.clone())),
+        reply(&|f| (f.outcome, f.regions, f.held) = (REGIONS, many.clone(), many.clone())),
         field("regions")
     );
 }
@@ -149,8 +149,8 @@ proptest! {
     fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..200), cut in 0_usize..6000, flip in 0_usize..6000) {
         drop(Request::decode(bytes.clone().into()));
         drop(Reply::decode(bytes.into(), &NAME));
-        for said in all_said() {
-            let mut bytes = reply(said).encode().to_vec();
+        for outcome in all_said() {
+            let mut bytes = reply(outcome).encode().to_vec();
             bytes.truncate(cut.max(1));
             let place = flip % bytes.len();
             bytes[place] ^= 1 << (flip % 8);

@@ -2,7 +2,7 @@
 
 use object_store::Error;
 
-/// What to do about what storage said, for the place that an address names.
+/// What to do about what storage reported, for the place that an address names.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Refusal {
     /// In the words of whoever runs this program.
@@ -10,7 +10,7 @@ pub(crate) struct Refusal {
     /// Settings to look at, and more.
     pub(crate) remedy: &'static str,
     /// In the storage's words.
-    pub(crate) said: String,
+    pub(crate) reported: String,
 }
 
 /// Why storage refused, where that is known and the same would be refused again; `address` says of which kind it is.
@@ -42,12 +42,12 @@ pub(crate) fn refusal_of(address: &str, error: &Error) -> Option<Refusal> {
         }
         _ => return None,
     };
-    let said = match (code, message) {
+    let reported = match (code, message) {
         (Some(code), Some(message)) => format!("{code}: {message}"),
         // A reader of one line is not helped by a document.
         _ => text.lines().next().unwrap_or_default().to_owned(),
     };
-    Some(Refusal { why, remedy, said })
+    Some(Refusal { why, remedy, reported })
 }
 
 /// What stands in the first element of this name.
@@ -75,15 +75,15 @@ fn credentials(address: &str) -> &'static str {
 /// What may help where storage of a cloud was not reached, or not understood.
 pub(crate) fn hint_of(address: &str, error: &Error) -> &'static str {
     let Error::Generic { .. } = error else { return "" };
-    let said = error.to_string();
+    let reported = error.to_string();
     // Who finds no credentials asks the machine's own cloud for them.
     let asks_its_cloud = ["/latest/api/token", "/latest/meta-data", "metadata.google", "/metadata/identity"];
     match address.split("://").next() {
-        Some("s3") if asks_its_cloud.iter().any(|known| said.contains(known)) => {
+        Some("s3") if asks_its_cloud.iter().any(|known| reported.contains(known)) => {
             "; no credentials were found: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
         }
         Some("s3") => "; look whether the storage answers there (AWS_ENDPOINT, AWS_REGION), and try again",
-        Some("gs" | "az") if asks_its_cloud.iter().any(|known| said.contains(known)) => {
+        Some("gs" | "az") if asks_its_cloud.iter().any(|known| reported.contains(known)) => {
             "; no credentials were found: set those of the cloud in the environment (GOOGLE_…, AZURE_…)"
         }
         Some("gs" | "az") => "; look whether the storage answers there, and try again",
@@ -95,7 +95,7 @@ pub(crate) fn hint_of(address: &str, error: &Error) -> &'static str {
 mod tests {
     use super::*;
 
-    fn said(body: &str) -> Error {
+    fn reported(body: &str) -> Error {
         Error::Generic { store: "S3", source: body.to_owned().into() }
     }
 
@@ -113,10 +113,10 @@ mod tests {
             ("403: <Error><Code>RequestTimeTooSkewed</Code></Error>", "set it"),
             ("404: <Error><Code>NoSuchBucket</Code></Error>", "name in the URL"),
         ] {
-            let refusal = refusal_of(s3, &said(body)).expect(body);
+            let refusal = refusal_of(s3, &reported(body)).expect(body);
             assert!(refusal.remedy.contains(remedy), "{body}: {refusal:?}");
             assert!(
-                !body.contains("Message") || refusal.said == "InvalidAccessKeyId: No such key.",
+                !body.contains("Message") || refusal.reported == "InvalidAccessKeyId: No such key.",
                 "{refusal:?}"
             );
         }
@@ -127,13 +127,13 @@ mod tests {
             assert!(refusal_of(address, &denied).expect("known").remedy.contains(setting), "{address}");
         }
         for passes in ["503: <Error><Code>SlowDown</Code></Error>", "500", "connection reset"] {
-            assert_eq!(refusal_of(s3, &said(passes)), None, "{passes}");
+            assert_eq!(refusal_of(s3, &reported(passes)), None, "{passes}");
         }
     }
 
     #[test]
     fn who_has_no_credentials_is_told_so() {
-        let hint = |address: &str, body: &str| hint_of(address, &said(body));
+        let hint = |address: &str, body: &str| hint_of(address, &reported(body));
         assert!(
             hint("s3://maps", "PUT http://169.254.169.254/latest/api/token: timed out")
                 .contains("AWS_ACCESS_KEY_ID")

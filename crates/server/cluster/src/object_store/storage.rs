@@ -153,8 +153,8 @@ pub(crate) struct Entry {
 impl Entry {
     pub(crate) fn error(&self, source: object_store::Error, remedy: &'static str) -> ClusterError {
         let address = self.address.clone();
-        if let Some(Refusal { why, remedy, said }) = refusal_of(&address, &source) {
-            return ClusterError::StorageRefused { address, why, remedy, said };
+        if let Some(Refusal { why, remedy, reported }) = refusal_of(&address, &source) {
+            return ClusterError::StorageRefused { address, why, remedy, reported };
         }
         match source {
             object_store::Error::NotFound { .. } => ClusterError::NotThere { address, remedy },

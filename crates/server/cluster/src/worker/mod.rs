@@ -4,9 +4,9 @@
 //! manifest needs is loaded and joined first; what it does not name any more is left when all of the new one is held by
 //! somebody, and a grace after that, so that no gateway is left alone with the old one.
 
-mod bench;
 mod content;
-mod seat;
+mod executor;
+mod subscription;
 
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -23,13 +23,13 @@ use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef};
 use veiloc_service::labour::{Probed, Told};
 use veiloc_service::telemetry::{WorkerCounts, WorkerNow};
 
-use self::bench::Bench;
 use self::content::Content;
-use self::seat::Seat;
+use self::executor::Executor;
+use self::subscription::Subscription;
 use crate::ClusterError;
-use crate::reach::Groups;
+use crate::manifest_source::ManifestSource;
+use crate::reachability::Groups;
 use crate::share::Share;
-use crate::shelf::Shelf;
 use crate::subjects;
 
 /// What a worker does.
@@ -80,11 +80,11 @@ impl WorkerOptions {
 /// A worker that has joined its groups.
 pub struct Worker {
     bus: Bus,
-    shelf: Arc<dyn Shelf>,
+    source: Arc<dyn ManifestSource>,
     options: WorkerOptions,
-    bench: Arc<Bench>,
+    executor: Arc<Executor>,
     counts: Arc<WorkerCounts>,
-    seats: BTreeMap<ObjectId, Seat>,
+    subscriptions: BTreeMap<ObjectId, Subscription>,
     /// The manifest that holds, and its groups.
     current: Option<(ObjectId, Groups)>,
     /// When what is no longer published is left.
@@ -118,7 +118,7 @@ async fn reached(phase: &mut watch::Receiver<Phase>, least: Phase) {
 pub struct WorkerHandle {
     stop: watch::Sender<Phase>,
     state: Arc<State>,
-    bench: Weak<Bench>,
+    executor: Weak<Executor>,
     bus: Bus,
     counts: Arc<WorkerCounts>,
 }
@@ -150,7 +150,7 @@ impl Probed for WorkerHandle {
     }
 
     fn metrics(&self) -> String {
-        let (queued, busy) = self.bench.upgrade().map_or((0, 0), |bench| bench.load());
+        let (queued, busy) = self.executor.upgrade().map_or((0, 0), |executor| executor.load());
         let held = self.state.held.load(Ordering::Relaxed);
         self.counts.text(&WorkerNow { queued, busy, held, ready: self.ready().is_ok() })
     }
@@ -170,19 +170,20 @@ impl Worker {
     /// [`ClusterError`]: nothing is published, something cannot be fetched or is not what it should be, or the bus is gone.
     pub async fn start(
         bus: Bus,
-        shelf: Arc<dyn Shelf>,
+        source: Arc<dyn ManifestSource>,
         options: WorkerOptions,
         counts: Arc<WorkerCounts>,
     ) -> Result<Self, ClusterError> {
-        let bench = Bench::start(options.threads, options.queue, options.localize.clone(), counts.clone());
-        let bench = bench.map_err(|source| ClusterError::System { what: "threads", source })?;
+        let executor =
+            Executor::start(options.threads, options.queue, options.localize.clone(), counts.clone());
+        let executor = executor.map_err(|source| ClusterError::System { what: "threads", source })?;
         let mut worker = Self {
             bus,
-            shelf,
+            source,
             options,
-            bench: Arc::new(bench),
+            executor: Arc::new(executor),
             counts,
-            seats: BTreeMap::new(),
+            subscriptions: BTreeMap::new(),
             current: None,
             leave_at: None,
             state: Arc::default(),
@@ -197,7 +198,7 @@ impl Worker {
         WorkerHandle {
             stop: self.stop.clone(),
             state: self.state.clone(),
-            bench: Arc::downgrade(&self.bench),
+            executor: Arc::downgrade(&self.executor),
             bus: self.bus.clone(),
             counts: self.counts.clone(),
         }
@@ -205,7 +206,7 @@ impl Worker {
 
     /// Regions and indexes that it holds.
     pub fn held(&self) -> usize {
-        self.seats.len()
+        self.subscriptions.len()
     }
 
     /// Answers until it is told to stop, then leaves its groups and finishes what it was asked. Whether it could.
@@ -230,9 +231,9 @@ impl Worker {
                 () = reached(&mut phase, Phase::Leaving) => break,
             }
         }
-        let seats = std::mem::take(&mut self.seats);
+        let subscriptions = std::mem::take(&mut self.subscriptions);
         self.state.held.store(0, Ordering::Relaxed);
-        let all = futures_util::future::join_all(seats.into_values().map(Seat::leave));
+        let all = futures_util::future::join_all(subscriptions.into_values().map(Subscription::leave));
         let finished = tokio::select! {
             _ = all => true,
             () = tokio::time::sleep(self.options.finish) => false,
@@ -240,29 +241,29 @@ impl Worker {
         };
         self.bus.flush().await;
         if finished {
-            let bench = self.bench.clone();
+            let executor = self.executor.clone();
             // Nothing is queued any more: the threads end at once.
-            let _ = tokio::task::spawn_blocking(move || bench.finish()).await;
+            let _ = tokio::task::spawn_blocking(move || executor.finish()).await;
         }
         finished
     }
 
     /// Looks at what is published, and takes and leaves accordingly.
     async fn follow(&mut self) -> Result<(), ClusterError> {
-        let published = self.shelf.current(&self.options.map).await?;
+        let published = self.source.current(&self.options.map).await?;
         let (id, manifest) = (published.id, &published.manifest);
         let wanted = self.wanted(manifest);
         let is_new = self.current.as_ref().is_none_or(|(known, _)| *known != id);
-        if is_new || wanted.iter().any(|(object, _)| !self.seats.contains_key(&object.sha256)) {
+        if is_new || wanted.iter().any(|(object, _)| !self.subscriptions.contains_key(&object.sha256)) {
             self.take(manifest, &wanted).await?;
             self.current = Some((id, Groups::of(manifest)?));
             self.leave_at = None;
             if is_new {
-                tracing::info!(map = manifest.map, manifest = %id, held = self.seats.len(), "manifest taken");
+                tracing::info!(map = manifest.map, manifest = %id, held = self.subscriptions.len(), "manifest taken");
             }
         }
         self.leave_what_is_not(&wanted).await;
-        self.state.held.store(self.seats.len(), Ordering::Relaxed);
+        self.state.held.store(self.subscriptions.len(), Ordering::Relaxed);
         Ok(())
     }
 
@@ -280,9 +281,9 @@ impl Worker {
         manifest: &Manifest,
         wanted: &[(ObjectRef, Option<usize>)],
     ) -> Result<(), ClusterError> {
-        let missing = wanted.iter().filter(|(object, _)| !self.seats.contains_key(&object.sha256));
+        let missing = wanted.iter().filter(|(object, _)| !self.subscriptions.contains_key(&object.sha256));
         let missing: Vec<(ObjectRef, Option<usize>)> = missing.copied().collect();
-        let folder = self.shelf.bring(missing.iter().map(|(object, _)| *object).collect()).await?;
+        let folder = self.source.fetch(missing.iter().map(|(object, _)| *object).collect()).await?;
         let folder = Folder::of(manifest.clone(), &folder);
         for (object, number) in missing {
             let (folder, memory) = (folder.clone(), self.options.memory);
@@ -300,17 +301,17 @@ impl Worker {
                 None => subjects::of_index(&manifest.map, &object.sha256)?,
             };
             let membership = self.bus.join(&subject).await?;
-            let seat = Seat::take(self.bench.clone(), object.sha256, content, membership);
-            self.seats.insert(object.sha256, seat);
+            let subscription = Subscription::take(self.executor.clone(), object.sha256, content, membership);
+            self.subscriptions.insert(object.sha256, subscription);
         }
-        self.shelf.keep(&self.seats.keys().copied().collect());
+        self.source.retain(&self.subscriptions.keys().copied().collect());
         Ok(())
     }
 
     /// Leaves what is not wanted, once all that is published can be reached, and a grace after that.
     async fn leave_what_is_not(&mut self, wanted: &[(ObjectRef, Option<usize>)]) {
         let wanted = |id: &ObjectId| wanted.iter().any(|(object, _)| object.sha256 == *id);
-        let old: Vec<ObjectId> = self.seats.keys().filter(|id| !wanted(id)).copied().collect();
+        let old: Vec<ObjectId> = self.subscriptions.keys().filter(|id| !wanted(id)).copied().collect();
         let Some((_, groups)) = self.current.as_ref().filter(|_| !old.is_empty()) else { return };
         match self.leave_at {
             None => {
@@ -320,13 +321,13 @@ impl Worker {
             }
             Some(at) if Instant::now() >= at => {
                 for id in old {
-                    if let Some(seat) = self.seats.remove(&id) {
+                    if let Some(subscription) = self.subscriptions.remove(&id) {
                         // What it was asked before is answered meanwhile.
-                        tokio::spawn(seat.leave());
+                        tokio::spawn(subscription.leave());
                     }
                 }
                 self.leave_at = None;
-                tracing::info!(held = self.seats.len(), "what is no longer published was left");
+                tracing::info!(held = self.subscriptions.len(), "what is no longer published was left");
             }
             Some(_) => {}
         }

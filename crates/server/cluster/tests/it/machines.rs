@@ -14,8 +14,8 @@ use common::{
 use tokio::runtime::Handle;
 use tokio::task::JoinHandle;
 use veiloc_cluster::bus::Bus;
-use veiloc_cluster::message::{Reply, Request, Said, Wanted, Why};
-use veiloc_cluster::{Gateway, GatewayOptions, StoreShelf, Worker, WorkerOptions};
+use veiloc_cluster::message::{Outcome, Reply, Request, Wanted, Why};
+use veiloc_cluster::{Gateway, GatewayOptions, ObjectStoreSource, Worker, WorkerOptions};
 use veiloc_service::labour::Probed as _;
 use veiloc_service::{
     Asked, Elsewhere as _, Kind, MapElsewhere, NoPose, Question, ServerOptions, Unanswered,
@@ -32,8 +32,8 @@ fn hold_the_clock() -> std::sync::mpsc::Sender<()> {
 }
 
 /// A worker's reply to this request.
-fn reply(request: &Request, said: Said) -> bytes::Bytes {
-    Reply { name: request.name, said, worked: Duration::ZERO, waited: Duration::ZERO }.encode()
+fn reply(request: &Request, outcome: Outcome) -> bytes::Bytes {
+    Reply { name: request.name, outcome, worked: Duration::ZERO, waited: Duration::ZERO }.encode()
 }
 
 /// Lets time pass, one step after another, until something is so.
@@ -51,14 +51,14 @@ async fn pass_until(step: Duration, what: &str, mut is_so: impl FnMut() -> bool)
 }
 
 /// Asks the worker that holds region 0, beside the gateway.
-fn ask_worker(town: &Town, machines: &Machines, name: u8, body: &[u8]) -> JoinHandle<Said> {
+fn ask_worker(town: &Town, machines: &Machines, name: u8, body: &[u8]) -> JoinHandle<Outcome> {
     let wanted = Wanted::Pose { kind: Kind::Query, body: body.to_vec().into(), near: None };
     let object = town.folder().manifest().regions[0].sha256;
     let request = Request { name: [name; 16], object, within: LONG, wanted };
     let (bus, subject) = (machines.bus.clone(), town.subject(0));
     tokio::spawn(async move {
         let reply = bus.request_cancellable(&subject, request.encode(), LONG).await;
-        Reply::decode(reply.expect("a reply"), &request.name).expect("understood").said
+        Reply::decode(reply.expect("a reply"), &request.name).expect("understood").outcome
     })
 }
 
@@ -196,7 +196,7 @@ async fn a_silent_member_is_asked_around() {
     }
 }
 
-/// A new map of which something is gone is not taken by half: all goes by the old one, which is said, until it is whole.
+/// A new map of which something is gone is not taken by half: all goes by the old one, which is outcome, until it is whole.
 #[tokio::test(flavor = "multi_thread")]
 async fn an_object_that_vanishes_holds_up_the_new_map_and_no_query() {
     let town = Town::new(5);
@@ -240,11 +240,11 @@ async fn machines_start_with_what_they_had_while_the_storage_is_away() {
         let published = veiloc_cluster::object_store::Storage::create(url).expect("a folder");
         Handle::current().block_on(published.publish(&town.folder(), &|_, _| ())).expect("published");
     });
-    let shelf = |cache: &Path| Arc::new(StoreShelf::of(storage(), cache, 1 << 30).expect("a cache"));
+    let source = |cache: &Path| Arc::new(ObjectStoreSource::of(storage(), cache, 1 << 30).expect("a cache"));
     let bus = Bus::in_process();
     let worker = async |cache: &Path| {
         let counts = veiloc_service::telemetry::WorkerCounts::new("test", 2, 32);
-        Worker::start(bus.clone(), shelf(cache), WorkerOptions::new(MAP), counts).await
+        Worker::start(bus.clone(), source(cache), WorkerOptions::new(MAP), counts).await
     };
     let held = worker(&cache).await.expect("a worker").held();
     let pointer = store.join(format!("{MAP}.json"));
@@ -257,7 +257,7 @@ async fn machines_start_with_what_they_had_while_the_storage_is_away() {
     let again = worker(&cache).await.expect("a worker");
     assert_eq!(again.held(), held);
     let counts = veiloc_service::telemetry::GatewayCounts::default();
-    let gateway = Gateway::start(bus.clone(), shelf(&cache), GatewayOptions::new(MAP), counts).await;
+    let gateway = Gateway::start(bus.clone(), source(&cache), GatewayOptions::new(MAP), counts).await;
     assert_eq!(gateway.expect("a gateway").manifest(), Some(town.folder().manifest().id()));
     assert!(worker(&folder.path().join("another cache")).await.is_err(), "who never had it");
 }
@@ -290,11 +290,11 @@ async fn abandoned_work_is_dropped_and_counted() {
     waiting.iter().for_each(JoinHandle::abort);
     eventually("an end of those that wait", || cancelled() == [u64::from(WAITING) - 1, 0]).await;
     at_work.iter().for_each(JoinHandle::abort);
-    assert!(matches!(kept.await.expect("it ends"), Said::Pose(_)));
+    assert!(matches!(kept.await.expect("it ends"), Outcome::Pose(_)));
     eventually("an end of those at work", || cancelled() == [u64::from(WAITING) - 1, 2] && is(0, 0)).await;
     assert_eq!(answered(), before + 1);
     // The next ones are answered as if nothing had been.
-    assert!(matches!(ask(99, &query).await.expect("it ends"), Said::Pose(_)));
+    assert!(matches!(ask(99, &query).await.expect("it ends"), Outcome::Pose(_)));
 }
 
 /// The sealed bytes are what the device sent, to every member that sees them, however often.
@@ -331,10 +331,10 @@ async fn who_talks_nonsense_is_asked_around_and_alone_is_not_believed() {
         ("much", |_| vec![0; 8 << 20].into()),
         ("another request's", |request| {
             let other = Request { name: [9; 16], ..request.clone() };
-            reply(&other, Said::Unanswered(Unanswered::NoPose(NoPose::TooFew)))
+            reply(&other, Outcome::Unanswered(Unanswered::NoPose(NoPose::TooFew)))
         }),
-        ("what was not asked", |request| reply(request, Said::Here)),
-        ("regions", |request| reply(request, Said::Regions(Vec::new()))),
+        ("what was not asked", |request| reply(request, Outcome::Here)),
+        ("regions", |request| reply(request, Outcome::Regions(Vec::new()))),
     ];
     for (what, nonsense) in all {
         let bus = Bus::in_process();
@@ -378,7 +378,7 @@ async fn who_is_told_to_go_elsewhere_goes_and_is_told_the_reason_when_there_is_n
         let machines = Machines::start(&town, bus.clone(), &["all", INDEX_ALONE]).await;
         let busy = impostor(&bus, &town.subject(0), move |incoming| async move {
             let request = understood(&incoming);
-            incoming.answer(reply(&request, Said::Elsewhere(why))).await.expect("sent");
+            incoming.answer(reply(&request, Outcome::Elsewhere(why))).await.expect("sent");
         })
         .await;
         for _ in 0..4 {
@@ -515,11 +515,11 @@ async fn a_worker_that_is_at_it_says_so_and_goes_on() {
     eventually("a queue", || is("veiloc_queue_length", 1)).await;
     for _ in 0..2 {
         let twin = ask(5, &query).await.expect("it ends");
-        assert!(matches!(twin, Said::Elsewhere(Why::AtIt)), "{twin:?}");
+        assert!(matches!(twin, Outcome::Elsewhere(Why::AtIt)), "{twin:?}");
     }
     at_work.iter().for_each(JoinHandle::abort);
-    assert!(matches!(first.await.expect("it ends"), Said::Pose(_)));
-    assert!(matches!(ask(5, &query).await.expect("it ends"), Said::Pose(_)), "not at it any more");
+    assert!(matches!(first.await.expect("it ends"), Outcome::Pose(_)));
+    assert!(matches!(ask(5, &query).await.expect("it ends"), Outcome::Pose(_)), "not at it any more");
 }
 
 #[tokio::test(flavor = "multi_thread")]

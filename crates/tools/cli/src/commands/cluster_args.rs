@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use veiloc_cluster::bus::{Bus, NatsOptions};
-use veiloc_cluster::{ClusterError, StoreShelf};
+use veiloc_cluster::{ClusterError, ObjectStoreSource};
 use veiloc_map::is_map_name;
 
 use crate::args::localization_args::positive;
@@ -37,7 +37,7 @@ pub(crate) struct ClusterArgs {
 
 impl ClusterArgs {
     /// Where maps are published.
-    pub(crate) fn shelf(&self) -> Result<Arc<StoreShelf>, Failure> {
+    pub(crate) fn source(&self) -> Result<Arc<ObjectStoreSource>, Failure> {
         let Some(store) = &self.store else {
             return Err(Failure::with_help(
                 "a cluster needs the place where maps are published",
@@ -48,7 +48,7 @@ impl ClusterArgs {
             Failure::with_help("there is no folder for what is fetched", "name one with --cache")
         })?;
         let most_bytes = (self.cache_gb * 1e9) as u64;
-        Ok(Arc::new(StoreShelf::open(store, &cache, most_bytes)?))
+        Ok(Arc::new(ObjectStoreSource::open(store, &cache, most_bytes)?))
     }
 
     /// Connects to the servers at these addresses, with commas between them.

@@ -271,14 +271,14 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
 #[cfg(feature = "cluster")]
 async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerOptions, Failure> {
     let Some(servers) = &args.cluster else { return Ok(options) };
-    let shelf = args.machines.shelf()?;
+    let source = args.machines.source()?;
     let bus = args.machines.bus(servers, "veiloc gateway").await?;
     let counts = GatewayCounts::default();
     for name in &args.cluster_maps {
         let mut gateway = GatewayOptions::new(name);
         gateway.regions = args.cluster_regions.get();
         gateway.watch = Duration::from_secs_f64(args.watch.min(86_400.0));
-        let gateway = Gateway::start(bus.clone(), shelf.clone(), gateway, counts.clone()).await?;
+        let gateway = Gateway::start(bus.clone(), source.clone(), gateway, counts.clone()).await?;
         options.elsewhere.push(MapElsewhere { name: name.clone(), held_by: Arc::new(gateway) });
     }
     options.gateway = Some(counts);

@@ -105,14 +105,14 @@ pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
 }
 
 fn work(args: &Args, voice: &Voice) -> Outcome {
-    let shelf = args.cluster.shelf()?;
+    let source = args.cluster.source()?;
     let options = options(args);
     let counts = WorkerCounts::new(env!("CARGO_PKG_VERSION"), options.threads.get(), options.queue.get());
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     own_process();
     let finished = runtime.block_on(async {
         let bus = args.cluster.bus(given(args.nats.as_ref()), "veiloc worker").await?;
-        let worker = Worker::start(bus, shelf, options, counts).await?;
+        let worker = Worker::start(bus, source, options, counts).await?;
         let handle = worker.handle();
         let end = watch::Sender::new(false);
         let (admin, answering) = probes(Arc::new(handle.clone()), args.admin_listen, end.subscribe()).await?;

@@ -24,8 +24,8 @@ async fn echo(bus: &Bus, subject: &Subject, name: &'static str) -> tokio::task::
     let mut membership = bus.join(subject).await.expect("joined");
     tokio::spawn(async move {
         while let Some(incoming) = membership.next().await {
-            let said = [name.as_bytes(), b" ", &incoming.payload].concat();
-            incoming.answer(said.into()).await.expect("sent");
+            let outcome = [name.as_bytes(), b" ", &incoming.payload].concat();
+            incoming.answer(outcome.into()).await.expect("sent");
         }
     })
 }

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use tokio::task::JoinHandle;
 use veiloc_cluster::bus::{Bus, Incoming, Subject};
-use veiloc_cluster::{FolderShelf, Gateway, GatewayOptions, Share, Worker, WorkerHandle, WorkerOptions};
+use veiloc_cluster::{FolderSource, Gateway, GatewayOptions, Share, Worker, WorkerHandle, WorkerOptions};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::regions::{Folder, FolderWriter, Manifest, SplitOptions, cut};
@@ -86,8 +86,8 @@ impl Town {
         Folder::open(&self.regions()).expect("published")
     }
 
-    pub fn shelf(&self) -> Arc<FolderShelf> {
-        Arc::new(FolderShelf::new(&self.regions()))
+    pub fn source(&self) -> Arc<FolderSource> {
+        Arc::new(FolderSource::new(&self.regions()))
     }
 
     /// Where region 0 is asked.
@@ -137,7 +137,7 @@ impl Machines {
         let mut options = GatewayOptions::new(MAP);
         options.watch = OFTEN;
         let gateway =
-            Gateway::start(bus.clone(), town.shelf(), options, counts.clone()).await.expect("a gateway");
+            Gateway::start(bus.clone(), town.source(), options, counts.clone()).await.expect("a gateway");
         let ids = RequestIds::start().expect("randomness");
         Self { bus, gateway, counts, ids, workers: Mutex::new(workers) }
     }
@@ -199,7 +199,7 @@ pub fn worker_options(share: &str) -> WorkerOptions {
 
 async fn start_worker(town: &Town, bus: &Bus, options: WorkerOptions) -> (WorkerHandle, JoinHandle<bool>) {
     let counts = WorkerCounts::new("test", 2, 32);
-    let worker = Worker::start(bus.clone(), town.shelf(), options, counts).await.expect("a worker");
+    let worker = Worker::start(bus.clone(), town.source(), options, counts).await.expect("a worker");
     (worker.handle(), tokio::spawn(worker.run()))
 }
 

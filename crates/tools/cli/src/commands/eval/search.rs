@@ -43,6 +43,10 @@ pub(crate) struct Args {
     /// Seed of the global descriptors that are drawn.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
+    /// Folder for the global descriptors as NumPy files, for a comparison with other indexes (`scripts/bench_search.py`):
+    /// `searched.npy` of the largest size and `queries.npy`, int8, a row an image.
+    #[arg(long, value_name = "DIR")]
+    save: Option<PathBuf>,
     #[command(flatten)]
     features: MapFeatureArgs,
     #[command(flatten)]
@@ -86,6 +90,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         sizes: args.sizes.clone(),
         retrieve: args.retrieve as usize,
         seed: args.seed,
+        save: args.save.clone(),
     };
     let rows = evaluate_search(&map, extractor, &evaluation, &Stages::new(ui))?;
     let text = table(&rows);

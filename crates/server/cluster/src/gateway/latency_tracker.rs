@@ -16,9 +16,9 @@ pub(super) const LATEST: Duration = Duration::from_secs(10);
 const MOST_SPARE: f64 = 8.0;
 const EARNED: f64 = 0.1;
 
-/// The pace of one kind of work.
+/// The latency of one kind of work.
 #[derive(Debug, Default)]
-pub(crate) struct Pace(Mutex<Known>);
+pub(crate) struct LatencyTracker(Mutex<Known>);
 
 #[derive(Debug)]
 struct Known {
@@ -34,13 +34,13 @@ impl Default for Known {
     }
 }
 
-impl Pace {
+impl LatencyTracker {
     fn known(&self) -> MutexGuard<'_, Known> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// A worker took so long.
-    pub(crate) fn took(&self, time: Duration) {
+    pub(crate) fn record(&self, time: Duration) {
         let mut known = self.known();
         let place = known.next;
         if known.times.len() < REMEMBERED {
@@ -52,7 +52,7 @@ impl Pace {
     }
 
     /// When to ask a second worker: half as long again as nineteen of twenty take.
-    pub(crate) fn second_after(&self) -> Duration {
+    pub(crate) fn hedge_after(&self) -> Duration {
         let mut times = self.known().times.clone();
         if times.is_empty() {
             return UNKNOWN;
@@ -63,14 +63,14 @@ impl Pace {
     }
 
     /// A first message is sent.
-    pub(crate) fn first(&self) {
+    pub(crate) fn record_request(&self) {
         let mut known = self.known();
         known.spare = (known.spare + EARNED).min(MOST_SPARE);
     }
 
     /// Whether a second one may be: one for ten first ones in the long run, so that workers who are slow because there is
     /// much to do do not get twice as much.
-    pub(crate) fn may_send_second(&self) -> bool {
+    pub(crate) fn may_hedge(&self) -> bool {
         let mut known = self.known();
         let may = known.spare >= 1.0;
         if may {
@@ -86,31 +86,31 @@ mod tests {
 
     #[test]
     fn a_second_worker_is_asked_when_nearly_all_would_have_answered() {
-        let pace = Pace::default();
-        assert_eq!(pace.second_after(), UNKNOWN);
+        let latency = LatencyTracker::default();
+        assert_eq!(latency.hedge_after(), UNKNOWN);
         for ms in (1..=100).rev() {
-            pace.took(Duration::from_millis(ms));
+            latency.record(Duration::from_millis(ms));
         }
-        assert_eq!(pace.second_after(), Duration::from_millis(96 * 3 / 2));
+        assert_eq!(latency.hedge_after(), Duration::from_millis(96 * 3 / 2));
         for _ in 0..REMEMBERED {
-            pace.took(Duration::from_micros(10));
+            latency.record(Duration::from_micros(10));
         }
-        assert_eq!(pace.second_after(), SOONEST, "old times are forgotten");
+        assert_eq!(latency.hedge_after(), SOONEST, "old times are forgotten");
         for _ in 0..REMEMBERED {
-            pace.took(Duration::from_secs(20));
+            latency.record(Duration::from_secs(20));
         }
-        assert_eq!(pace.second_after(), LATEST);
+        assert_eq!(latency.hedge_after(), LATEST);
     }
 
     #[test]
     fn second_messages_are_a_tenth_in_the_long_run() {
-        let pace = Pace::default();
-        let burst = (0..1000).filter(|_| pace.may_send_second()).count();
+        let latency = LatencyTracker::default();
+        let burst = (0..1000).filter(|_| latency.may_hedge()).count();
         assert_eq!(burst, 8);
         let more = (0..1000)
             .filter(|_| {
-                pace.first();
-                pace.may_send_second()
+                latency.record_request();
+                latency.may_hedge()
             })
             .count();
         assert!((98..=100).contains(&more), "{more}");

@@ -8,7 +8,7 @@ use futures_util::StreamExt as _;
 use futures_util::stream;
 use veiloc_map::regions::{Manifest, ObjectId};
 
-use crate::message::{Reply, Request, Said, Wanted};
+use crate::message::{Outcome, Reply, Request, Wanted};
 use crate::subjects;
 
 /// How long somebody may take to say that it is there, and how many are asked at a time.
@@ -49,5 +49,7 @@ impl Groups {
 async fn is_held(bus: Bus, subject: Subject, object: ObjectId) -> bool {
     let ping = Request { name: NO_REQUEST, object, within: PATIENCE, wanted: Wanted::Ping };
     let reply = bus.request(&subject, ping.encode(), PATIENCE).await;
-    reply.is_ok_and(|bytes| matches!(Reply::decode(bytes, &NO_REQUEST), Ok(Reply { said: Said::Here, .. })))
+    reply.is_ok_and(|bytes| {
+        matches!(Reply::decode(bytes, &NO_REQUEST), Ok(Reply { outcome: Outcome::Here, .. }))
+    })
 }

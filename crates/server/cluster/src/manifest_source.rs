@@ -1,9 +1,9 @@
 //! Where maps are published: what a machine of a cluster needs of it, and a folder that does for one.
 //!
-//! A [`Shelf`] says which manifest of a map holds now, and brings objects to the local disk. What it brings has been
+//! A [`ManifestSource`] says which manifest of a map holds now, and brings objects to the local disk. What it brings has been
 //! verified: an object is named by the SHA-256 of its bytes.
 
-mod store;
+mod object_store;
 
 use crate::ClusterError;
 use std::collections::BTreeSet;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 use veiloc_map::MapError;
 use veiloc_map::regions::{Folder, Manifest, ObjectId, ObjectRef, verify_file};
 
-pub use store::StoreShelf;
+pub use object_store::ObjectStoreSource;
 
 /// What is published of a map.
 #[derive(Debug)]
@@ -33,37 +33,37 @@ impl Published {
     }
 }
 
-/// What a shelf is about to say.
+/// The future result of a source.
 pub type Fetching<'a, T> = Pin<Box<dyn Future<Output = Result<T, ClusterError>> + Send + 'a>>;
 
 /// Where maps are published.
-pub trait Shelf: Send + Sync {
+pub trait ManifestSource: Send + Sync {
     /// The manifest that holds now for the map of this name.
     fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>>;
 
     /// Brings these objects, each verified, to a folder in which [`Folder::of`] finds them; those that are there stay.
-    fn bring(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf>;
+    fn fetch(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf>;
 
     /// Of what was brought these objects are needed; others may go when there is little room.
-    fn keep(&self, needed: &BTreeSet<ObjectId>) {
+    fn retain(&self, needed: &BTreeSet<ObjectId>) {
         let _ = needed;
     }
 }
 
 /// A folder as `veiloc map split` writes it: one map, nothing to be brought. For tests and machines that share a disk.
 #[derive(Debug, Clone)]
-pub struct FolderShelf {
+pub struct FolderSource {
     folder: PathBuf,
 }
 
-impl FolderShelf {
+impl FolderSource {
     /// Of this folder.
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
 }
 
-impl Shelf for FolderShelf {
+impl ManifestSource for FolderSource {
     fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>> {
         Box::pin(async move {
             let found = Folder::open(&self.folder);
@@ -77,7 +77,7 @@ impl Shelf for FolderShelf {
         })
     }
 
-    fn bring(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
+    fn fetch(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
         Box::pin(async move {
             let anywhere = || -> Result<(), MapError> {
                 let manifest = Folder::open(&self.folder)?;

@@ -18,13 +18,13 @@ use veiloc_service::telemetry::{RequestId, WorkerCounts};
 use veiloc_service::{Asked, Clock, Found, Kind, Unanswered};
 
 use super::content::Content;
-use crate::message::{Candidate, MOST_REGIONS, Request, RequestName, Said, Wanted, Why};
+use crate::message::{Candidate, MOST_REGIONS, Outcome, Request, RequestName, Wanted, Why};
 
 /// Bytes of a query for each of its rows, about: what a job costs is told before the query is read.
 const ROW_BYTES: usize = 132;
 
-/// What threads and seats share.
-pub(crate) struct Bench {
+/// What threads and subscriptions share.
+pub(crate) struct Executor {
     /// For poses.
     pool: Pool,
     /// For searches: they take less than a millisecond in a town, and must not wait behind poses.
@@ -37,19 +37,19 @@ pub(crate) struct Bench {
 
 /// What came of a request.
 pub(crate) struct Done {
-    pub(crate) said: Said,
+    pub(crate) outcome: Outcome,
     pub(crate) worked: Duration,
     pub(crate) waited: Duration,
 }
 
 impl Done {
-    /// Said without work.
-    pub(crate) const fn at_once(said: Said) -> Self {
-        Self { said, worked: Duration::ZERO, waited: Duration::ZERO }
+    /// Outcome without work.
+    pub(crate) const fn at_once(outcome: Outcome) -> Self {
+        Self { outcome, worked: Duration::ZERO, waited: Duration::ZERO }
     }
 }
 
-impl Bench {
+impl Executor {
     pub(crate) fn start(
         threads: NonZeroUsize,
         queue: NonZeroUsize,
@@ -77,14 +77,14 @@ impl Bench {
     }
 
     /// Counts a reply.
-    pub(crate) fn said(&self, said: &Said) {
-        self.counts.said(match said {
-            Said::Here | Said::Regions(_) | Said::Pose(_) => "answered",
-            Said::Unanswered(_) => "unanswered",
-            Said::Elsewhere(Why::Busy { .. } | Why::Leaving) => "busy",
-            Said::Elsewhere(Why::AtIt) => "twin",
-            Said::Elsewhere(Why::NotHeld | Why::Unread) => "unread",
-            Said::Elsewhere(Why::Broken) => "broken",
+    pub(crate) fn said(&self, outcome: &Outcome) {
+        self.counts.said(match outcome {
+            Outcome::Here | Outcome::Regions(_) | Outcome::Pose(_) => "answered",
+            Outcome::Unanswered(_) => "unanswered",
+            Outcome::Elsewhere(Why::Busy { .. } | Why::Leaving) => "busy",
+            Outcome::Elsewhere(Why::AtIt) => "twin",
+            Outcome::Elsewhere(Why::NotHeld | Why::Unread) => "unread",
+            Outcome::Elsewhere(Why::Broken) => "broken",
         });
     }
 
@@ -94,7 +94,7 @@ impl Bench {
         match wanted {
             Wanted::Ping => {
                 self.counts.asked("ping");
-                Done::at_once(Said::Here)
+                Done::at_once(Outcome::Here)
             }
             Wanted::Search { globals } => {
                 self.counts.asked("search");
@@ -102,7 +102,7 @@ impl Bench {
                 let retrieve = self.localize.retrieve;
                 let order = Order { who: None, rows: 0, limit: within };
                 self.queued(&self.searches, name, order, Stop::default(), move || {
-                    let Content::Index(index) = &*content else { return Said::Elsewhere(Why::NotHeld) };
+                    let Content::Index(index) = &*content else { return Outcome::Elsewhere(Why::NotHeld) };
                     search(index, &globals, retrieve)
                 })
                 .await
@@ -110,7 +110,7 @@ impl Bench {
             Wanted::Pose { kind, body, near } => {
                 self.counts.asked("pose");
                 let Some(_here) = AtIt::begin(self, name, object) else {
-                    return Done::at_once(Said::Elsewhere(Why::AtIt));
+                    return Done::at_once(Outcome::Elsewhere(Why::AtIt));
                 };
                 let order = Order { who: None, rows: body.len() / ROW_BYTES, limit: within };
                 let mut options = self.localize.clone();
@@ -118,7 +118,7 @@ impl Bench {
                 let stop = options.pose.stop.clone();
                 let content = content.clone();
                 self.queued(&self.pool, name, order, stop, move || {
-                    let Content::Region(map) = &*content else { return Said::Elsewhere(Why::NotHeld) };
+                    let Content::Region(map) = &*content else { return Outcome::Elsewhere(Why::NotHeld) };
                     pose(map, kind, &body, near, options)
                 })
                 .await
@@ -133,7 +133,7 @@ impl Bench {
         name: RequestName,
         order: Order,
         stop: Stop,
-        work: impl FnOnce() -> Said + Send + 'static,
+        work: impl FnOnce() -> Outcome + Send + 'static,
     ) -> Done {
         let counts = self.counts.clone();
         let begun = Arc::new(AtomicBool::new(false));
@@ -141,18 +141,18 @@ impl Bench {
         let job = move |waited: Duration| {
             begun.store(true, Ordering::Relaxed);
             let started = Instant::now();
-            let said = during(RequestId::from_bytes(name), work);
+            let outcome = during(RequestId::from_bytes(name), work);
             let worked = started.elapsed();
             counts.worked(worked);
             // Times of an answer are those of the worker: the gateway adds its own.
-            Done { said: with_wait(said, waited), worked, waited }
+            Done { outcome: with_wait(outcome, waited), worked, waited }
         };
         let limit = order.limit;
         let result = match pool.submit(order, job) {
             Ok(result) => result,
             Err(refused) => {
                 job_of.ended = true;
-                return Done::at_once(Said::Elsewhere(match refused {
+                return Done::at_once(Outcome::Elsewhere(match refused {
                     Refused::Full { retry_after } | Refused::Late { retry_after } => {
                         Why::Busy { retry_after }
                     }
@@ -166,9 +166,9 @@ impl Bench {
             Ok(Ok(done)) => done,
             Ok(Err(_)) => {
                 tracing::error!("localization broke; this is a bug in veiloc, the line before says where");
-                Done::at_once(Said::Elsewhere(Why::Broken))
+                Done::at_once(Outcome::Elsewhere(Why::Broken))
             }
-            Err(_) => Done::at_once(Said::Unanswered(Unanswered::TimedOut)),
+            Err(_) => Done::at_once(Outcome::Unanswered(Unanswered::TimedOut)),
         }
     }
 
@@ -200,42 +200,42 @@ const SEARCHES: NonZeroUsize = NonZeroUsize::MIN.saturating_add(255);
 
 /// Marks a request as ours until it is dropped.
 struct AtIt<'a> {
-    bench: &'a Bench,
+    executor: &'a Executor,
     request: (RequestName, ObjectId),
 }
 
 impl<'a> AtIt<'a> {
     /// `None` when it is already.
-    fn begin(bench: &'a Bench, name: RequestName, object: ObjectId) -> Option<Self> {
+    fn begin(executor: &'a Executor, name: RequestName, object: ObjectId) -> Option<Self> {
         let request = (name, object);
-        let is_first = bench.at_it().insert(request);
+        let is_first = executor.at_it().insert(request);
         // Made only then: dropping one takes the mark away.
-        is_first.then(|| Self { bench, request })
+        is_first.then(|| Self { executor, request })
     }
 }
 
 impl Drop for AtIt<'_> {
     fn drop(&mut self) {
-        self.bench.at_it().remove(&self.request);
+        self.executor.at_it().remove(&self.request);
     }
 }
 
-fn with_wait(said: Said, waited: Duration) -> Said {
-    match said {
-        Said::Pose(mut answer) => {
+fn with_wait(outcome: Outcome, waited: Duration) -> Outcome {
+    match outcome {
+        Outcome::Pose(mut answer) => {
             answer.times.queue_ms = waited.as_secs_f64() * 1e3;
-            Said::Pose(answer)
+            Outcome::Pose(answer)
         }
         other => other,
     }
 }
 
 /// The regions to ask for these images: of several, what they hold for all of them together.
-fn search(index: &Index, globals: &[Bytes], retrieve: usize) -> Said {
+fn search(index: &Index, globals: &[Bytes], retrieve: usize) -> Outcome {
     let mut together: Vec<Candidate> = Vec::new();
     for codes in globals {
         if codes.len() != index.global_len() {
-            return Said::Unanswered(Unanswered::WrongProfile);
+            return Outcome::Unanswered(Unanswered::WrongProfile);
         }
         let global = GlobalDescriptor::new(codes.iter().map(|code| code.cast_signed()).collect());
         for ranked in index.rank(&global, retrieve) {
@@ -249,7 +249,7 @@ fn search(index: &Index, globals: &[Bytes], retrieve: usize) -> Said {
     // Stable: of equals the one that one image ranked first.
     together.sort_by_key(|candidate| std::cmp::Reverse(candidate.held));
     together.truncate(MOST_REGIONS);
-    Said::Regions(together)
+    Outcome::Regions(together)
 }
 
 fn pose(
@@ -258,15 +258,15 @@ fn pose(
     body: &[u8],
     near: Option<PositionHint>,
     mut options: LocalizeOptions,
-) -> Said {
+) -> Outcome {
     // The gateway has read it; what cannot be read here is no sealed query of this version.
-    let Ok(asked) = Asked::decode(kind, body) else { return Said::Elsewhere(Why::Unread) };
+    let Ok(asked) = Asked::decode(kind, body) else { return Outcome::Elsewhere(Why::Unread) };
     if let Some(near) = near {
         let [x, y, z] = near.center();
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
     }
     match asked.localize(map, &options, 0.0) {
-        Ok(Found { answer, .. }) => Said::Pose(Box::new(answer)),
-        Err(why) => Said::Unanswered(why),
+        Ok(Found { answer, .. }) => Outcome::Pose(Box::new(answer)),
+        Err(why) => Outcome::Unanswered(why),
     }
 }

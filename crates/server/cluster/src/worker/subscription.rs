@@ -7,27 +7,27 @@ use tokio::sync::watch;
 use tokio::task::{JoinHandle, JoinSet};
 use veiloc_map::regions::ObjectId;
 
-use super::bench::{Bench, Done};
 use super::content::Content;
-use crate::message::{Reply, Request, Said, Why};
+use super::executor::{Done, Executor};
+use crate::message::{Outcome, Reply, Request, Why};
 
 /// An object that is held, and the task that answers for it.
-pub(crate) struct Seat {
+pub(crate) struct Subscription {
     leave: watch::Sender<bool>,
     answering: JoinHandle<()>,
 }
 
-impl Seat {
+impl Subscription {
     /// Answers what is asked of a member that holds this object.
     pub(crate) fn take(
-        bench: Arc<Bench>,
+        executor: Arc<Executor>,
         object: ObjectId,
         content: Content,
         membership: Membership,
     ) -> Self {
         let (leave, left) = watch::channel(false);
-        let desk = Arc::new(Desk { bench, object, content: Arc::new(content) });
-        Self { leave, answering: tokio::spawn(answer_all(desk, membership, left)) }
+        let responder = Arc::new(Responder { executor, object, content: Arc::new(content) });
+        Self { leave, answering: tokio::spawn(answer_all(responder, membership, left)) }
     }
 
     /// Leaves the group; what was asked before is answered. Returns when it is.
@@ -38,20 +38,20 @@ impl Seat {
     }
 }
 
-struct Desk {
-    bench: Arc<Bench>,
+struct Responder {
+    executor: Arc<Executor>,
     object: ObjectId,
     content: Arc<Content>,
 }
 
-async fn answer_all(desk: Arc<Desk>, mut membership: Membership, mut leave: watch::Receiver<bool>) {
+async fn answer_all(responder: Arc<Responder>, mut membership: Membership, mut leave: watch::Receiver<bool>) {
     let mut answering = JoinSet::new();
     let mut left = false;
     loop {
         tokio::select! {
             incoming = membership.next() => match incoming {
                 Some(incoming) => {
-                    answering.spawn(answer(desk.clone(), incoming));
+                    answering.spawn(answer(responder.clone(), incoming));
                 }
                 None => break,
             },
@@ -71,26 +71,26 @@ async fn told(leave: &mut watch::Receiver<bool>) {
     let _ = leave.wait_for(|leave| *leave).await;
 }
 
-async fn answer(desk: Arc<Desk>, mut incoming: Incoming) {
+async fn answer(responder: Arc<Responder>, mut incoming: Incoming) {
     let (name, done) = match Request::decode(incoming.payload.clone()) {
-        Ok(request) if request.object == desk.object => {
+        Ok(request) if request.object == responder.object => {
             let name = request.name;
             tokio::select! {
                 biased;
-                done = desk.bench.work(request, &desk.content) => (name, done),
+                done = responder.executor.work(request, &responder.content) => (name, done),
                 // Another copy was answered first, the device has left, or time is over: nobody waits for a reply.
                 () = incoming.cancelled() => return,
             }
         }
-        Ok(request) => (request.name, Done::at_once(Said::Elsewhere(Why::NotHeld))),
+        Ok(request) => (request.name, Done::at_once(Outcome::Elsewhere(Why::NotHeld))),
         Err(error) => {
             tracing::warn!(%error, "a request was not understood");
-            ([0; 16], Done::at_once(Said::Elsewhere(Why::Unread)))
+            ([0; 16], Done::at_once(Outcome::Elsewhere(Why::Unread)))
         }
     };
-    desk.bench.said(&done.said);
-    let Done { said, worked, waited } = done;
-    if let Err(error) = incoming.answer(Reply { name, said, worked, waited }.encode()).await {
+    responder.executor.said(&done.outcome);
+    let Done { outcome, worked, waited } = done;
+    if let Err(error) = incoming.answer(Reply { name, outcome, worked, waited }.encode()).await {
         tracing::warn!(%error, "a reply could not be sent");
     }
 }

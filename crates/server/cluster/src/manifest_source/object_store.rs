@@ -1,4 +1,4 @@
-//! A shelf in object storage, with what was fetched on the local disk.
+//! A source in object storage, with what was fetched on the local disk.
 
 use crate::ClusterError;
 use std::collections::{BTreeMap, BTreeSet};
@@ -9,11 +9,11 @@ use crate::object_store::{Cache, Storage};
 use tokio::runtime::Handle;
 use veiloc_map::regions::{ObjectId, ObjectRef};
 
-use super::{Fetching, Published, Shelf};
+use super::{Fetching, ManifestSource, Published};
 
 /// Maps that were published to object storage.
 #[derive(Debug, Clone)]
-pub struct StoreShelf(Arc<Inner>);
+pub struct ObjectStoreSource(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
@@ -22,11 +22,11 @@ struct Inner {
     folder: PathBuf,
     /// What was published last, by the name of the map: its manifest is not read again.
     latest: Mutex<BTreeMap<String, Arc<Published>>>,
-    /// What [`Shelf::keep`] was told last.
+    /// What [`ManifestSource::keep`] was told last.
     kept: Mutex<BTreeSet<ObjectId>>,
 }
 
-impl StoreShelf {
+impl ObjectStoreSource {
     /// Of this storage, with a cache in this folder of so many bytes at most.
     ///
     /// # Errors
@@ -78,7 +78,7 @@ impl Inner {
         Some(id)
     }
 
-    async fn bring(&self, objects: &[ObjectRef]) -> Result<PathBuf, ClusterError> {
+    async fn fetch(&self, objects: &[ObjectRef]) -> Result<PathBuf, ClusterError> {
         self.cache.check_room(objects.iter().map(|object| object.bytes).sum())?;
         let mut needed = self.kept.lock().unwrap_or_else(PoisonError::into_inner).clone();
         needed.extend(objects.iter().map(|object| object.sha256));
@@ -101,18 +101,18 @@ async fn apart<T: Send + 'static>(
     }
 }
 
-impl Shelf for StoreShelf {
+impl ManifestSource for ObjectStoreSource {
     fn current<'a>(&'a self, map: &'a str) -> Fetching<'a, Arc<Published>> {
         let (inner, map) = (self.0.clone(), map.to_owned());
         Box::pin(apart(async move || inner.current(&map).await))
     }
 
-    fn bring(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
+    fn fetch(&self, objects: Vec<ObjectRef>) -> Fetching<'_, PathBuf> {
         let inner = self.0.clone();
-        Box::pin(apart(async move || inner.bring(&objects).await))
+        Box::pin(apart(async move || inner.fetch(&objects).await))
     }
 
-    fn keep(&self, needed: &BTreeSet<ObjectId>) {
+    fn retain(&self, needed: &BTreeSet<ObjectId>) {
         self.0.kept.lock().unwrap_or_else(PoisonError::into_inner).clone_from(needed);
         // A cache that grew too large is told of, and no reason to stop answering.
         if let Err(error) = self.0.cache.trim(needed) {
