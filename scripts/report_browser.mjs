@@ -3,12 +3,13 @@
 //     node scripts/report_browser.mjs --tools DIR --out DIR PAGE.html…
 //
 // `--tools`: a folder in which playwright-core is installed (`npm install --prefix DIR playwright-core`); `--chromium`: the browser
-// (default /usr/bin/chromium). Screenshots go to `--out`. What is held of every page:
+// (default /usr/bin/chromium). Screenshots go to `--out`. Checked of every page:
 //
 // 1. Nothing is asked of any network, nothing is written to the console, nothing breaks the page's own policy.
-// 2. The page is no wider than the window; headings are in order; images and controls have names; text stands out (WCAG AA).
-// 3. Of pages with a place, it is drawn: not blank, another when dragged, by keys, by touch; the query chosen from the list is told.
-// 4. Without scripts the place from above stands there instead, and every section with it.
+// 2. The page is no wider than the window, and no higher than 20 000 pixels; headings are in order; images and controls have names;
+//    text stands out (WCAG AA).
+// 3. On pages with a scene, it is drawn: not blank, another when dragged, by keys, by touch; a chosen query is described.
+// 4. Without scripts the scene from above stands there instead, and every section with it.
 import { createRequire } from "node:module";
 import { mkdirSync, readFileSync } from "node:fs";
 import path from "node:path";
@@ -83,12 +84,12 @@ function canvasState(canvas) {
   return { hash, colors: colors.size };
 }
 
-/** The place: drawn, turned by everything that turns it, and its queries told. */
-async function turnPlace(page, context, { at, file, touch }) {
+/** The scene: drawn, turned by everything that turns it, and its queries described. */
+async function turnScene(page, context, { at, file, touch }) {
   const canvas = page.locator(".space canvas").first();
   await canvas.scrollIntoViewIfNeeded();
   const first = await canvas.evaluate(canvasState);
-  check(`${at}: the place is drawn`, first.colors > 50, `${first.colors} colours`);
+  check(`${at}: the scene is drawn`, first.colors > 50, `${first.colors} colours`);
   const box = await canvas.boundingBox();
   const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
   let last = first;
@@ -108,10 +109,10 @@ async function turnPlace(page, context, { at, file, touch }) {
   const query = page.locator(".space select[data-part=query]").first();
   const names = await query.locator("option").allTextContents();
   await query.selectOption({ index: 1 });
-  check(`${at}: a chosen query is told`, (await page.locator(".told").first().textContent()).startsWith(`${names[1]} · `));
+  check(`${at}: a chosen query is described`, (await page.locator(".status").first().textContent()).startsWith(`${names[1]} · `));
   await page.locator(".space").first().screenshot({ path: path.join(out, `${file}-query.png`) });
   await page.locator(".space button[data-part=reset]").first().click();
-  await page.locator(".space").first().screenshot({ path: path.join(out, `${file}-place.png`) });
+  await page.locator(".space").first().screenshot({ path: path.join(out, `${file}-scene.png`) });
 }
 
 const browser = await chromium.launch({ executablePath: given.chromium, args: ["--no-sandbox"] });
@@ -129,14 +130,16 @@ for (const file of pages) {
     page.on("pageerror", (error) => said.push(String(error)));
     page.on("request", (request) => { if (request.url() !== address && !request.url().startsWith("data:")) asked.push(request.url()); });
     await page.goto(address);
+    const high = await page.evaluate(() => document.documentElement.scrollHeight);
+    check(`${at}: ${high} pixels high`, high < 20_000);
     for (const details of await page.locator("details").all()) await details.evaluate((e) => { e.open = true; });
     const found = await page.evaluate(faults);
     check(`${at}: a sound document`, found.length === 0, found.slice(0, 6).join("; "));
     const images = await page.locator("img").evaluateAll((all) => all.map((e) => e.alt.trim() !== "" && e.complete && e.naturalWidth > 0));
     check(`${at}: ${images.length} images are shown and named`, images.every(Boolean));
-    if (await page.locator(".space canvas").count()) await turnPlace(page, context, { at, file: `${label}-${name}`, touch: view.hasTouch });
+    if (await page.locator(".space canvas").count()) await turnScene(page, context, { at, file: `${label}-${name}`, touch: view.hasTouch });
     for (const details of await page.locator("details").all()) await details.evaluate((e, open) => { e.open = open; }, false);
-    const one = page.locator("details.query").first();
+    const one = page.locator("details.fold").first();
     if (await one.count()) { await one.evaluate((e) => { e.open = true; }); await one.screenshot({ path: path.join(out, `${label}-${name}-details.png`) }); }
     await page.screenshot({ path: path.join(out, `${label}-${name}.png`), fullPage: true });
     check(`${at}: the console is empty`, said.length === 0, said.slice(0, 3).join("; "));
@@ -147,7 +150,7 @@ for (const file of pages) {
   const page = await context.newPage();
   await page.goto(address);
   if (await page.locator(".space").count()) {
-    check(`${label} without scripts: the place from above`, await page.locator(".flat svg[role=img]").first().isVisible());
+    check(`${label} without scripts: the scene from above`, await page.locator(".flat svg[role=img]").first().isVisible());
     check(`${label} without scripts: no dead controls`, !(await page.locator(".live").first().isVisible()));
   } else {
     check(`${label} without scripts: its tables`, await page.locator("table").first().isVisible());

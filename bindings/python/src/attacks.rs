@@ -104,7 +104,7 @@ pub(crate) fn attack<'py>(
     document(py, text)
 }
 
-/// Attacks what would be sent of images, and says in words what that means.
+/// Attacks what would be sent of images, and finds the strongest attack on each scheme.
 ///
 /// Args:
 ///     images, attacks, schemes, features, max_keypoints, max_image_side, seed, progress: as of `attack`; the default attacks
@@ -112,7 +112,7 @@ pub(crate) fn attack<'py>(
 ///     synthetic: keypoints of the paper's synthetic scene, 0 for none.
 ///
 /// Returns:
-///     The document of `veiloc audit --json`; `conclusion` is its sentences.
+///     The document of `veiloc audit --json`; `strongest` of a part has the strongest attacks.
 ///
 /// Raises:
 ///     As `attack`.

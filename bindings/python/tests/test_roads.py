@@ -183,6 +183,6 @@ def test_attacks_tell_what_leaks(rendered):
     with pytest.raises(veiloc.InputError, match="no attack"):
         veiloc.attack([image], attacks=["guessing"])
     told = veiloc.audit([image], **asked)
-    assert told["command"] == "audit" and told["conclusion"]
+    assert told["command"] == "audit" and told["inputs"]["strongest"]
     with pytest.raises(veiloc.ImageError):
         veiloc.attack([rendered.images / "none.png"])

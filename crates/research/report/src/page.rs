@@ -1,122 +1,182 @@
-//! The demo's page: a query on its way, stage by stage as the pipeline runs, and at each stage what became of all.
+//! The page that every report is: head, notices, large numbers, contents, sections, footer.
+//!
+//! Its content security policy keeps a browser from fetching anything, and from running any script but the one of the page.
 
-use std::fmt::Write as _;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use maud::{Markup, PreEscaped, html};
+use sha2::{Digest as _, Sha256};
 
-use crate::attacked;
-use crate::data::{Report, SeenQuery};
-use crate::embed::data_address;
-use crate::format::{escape, scheme_words};
-use crate::run::{QueryDrawing, figure, overview, place_title, places, queries_section};
-use crate::sent::{self, dots};
-use crate::shell::{self, Section, cards, details};
-use crate::tables;
+/// How pages look, and the charts in them.
+const STYLE: &str = concat!(include_str!("style.css"), include_str!("chart.css"));
+/// Turns the scene.
+const SCRIPT: &str = include_str!("space/space.js");
 
-/// The page: one HTML document. Lists that are empty are left out, numbers that are missing are said to be.
-pub fn html(report: &Report) -> String {
-    let run = &report.run;
-    let section = |id, title: &str, body| Section { id, title: title.to_owned(), body };
-    let seen = report.seen.as_ref();
-    let drawing = run.drawings.first();
-    let sections = [
-        section("image", "1. The image", seen.map(image).unwrap_or_default()),
-        section("keypoints", "2. Keypoints", seen.map(keypoints).unwrap_or_default()),
-        section("lines", "3. Lines, sealed", drawing.map(lines).unwrap_or_default()),
-        section("matched", "4. Matched to the map", drawing.map(matched).unwrap_or_default()),
-        section("pose", "5. The pose", pose(report)),
-        section("attacks", "6. What attackers get", attacks(report)),
-        section("queries", "Queries, worst first", queries_section(run)),
-        details(&run.details),
-    ];
-    shell::page(&run.title, &run.lead, &cards(&run.cards), &sections)
+/// A large number with its meaning.
+#[derive(Debug, Clone, Default)]
+pub struct Card {
+    /// With its unit, `"1.2 cm"`.
+    pub value: String,
+    /// What it is, a few words.
+    pub label: String,
+    /// One sentence for laypeople.
+    pub note: String,
 }
 
-fn image(seen: &SeenQuery) -> String {
-    let (w, h) = seen.image.dimensions();
-    let Some(address) = data_address(&seen.image) else { return String::new() };
-    format!(
-        "<div class=\"see\"><figure><svg viewBox=\"0 0 {w} {h}\" role=\"img\" aria-label=\"What the camera saw\">\
-         <image id=\"seen\" width=\"{w}\" height=\"{h}\" href=\"{address}\"/></svg><figcaption><b>What the camera saw.</b> Query \
-         {}.</figcaption></figure><div><p><b>On the device.</b> This image is never sent. The stages below follow it: what the \
-         device makes of it, what crosses the network, what the server does with that, and what somebody gets who attacks \
-         it.</p></div></div>",
-        escape(&seen.name),
-    )
+/// A report as a page.
+#[derive(Default)]
+pub(crate) struct Page<'a> {
+    /// Heading and browser title.
+    pub(crate) title: &'a str,
+    /// One or two sentences below it.
+    pub(crate) lead: &'a str,
+    /// What a reader must know of this file before passing it on.
+    pub(crate) notices: Vec<Markup>,
+    pub(crate) cards: &'a [Card],
+    /// Sections without a body are left out.
+    pub(crate) sections: Vec<Section>,
+    /// Name and value of what a repetition needs.
+    pub(crate) facts: &'a [(String, String)],
 }
 
-fn keypoints(seen: &SeenQuery) -> String {
-    let (w, h) = seen.image.dimensions();
-    if w == 0 || h == 0 {
-        return String::new();
+/// A section of a page.
+pub(crate) struct Section {
+    /// Its anchor.
+    id: &'static str,
+    title: String,
+    body: Markup,
+}
+
+impl Section {
+    pub(crate) fn new(id: &'static str, title: impl Into<String>, body: Markup) -> Self {
+        Self { id, title: title.into(), body }
     }
-    let points = dots(seen.keypoints.iter().copied());
-    format!(
-        "<div class=\"see\"><figure><svg viewBox=\"0 0 {w} {h}\" role=\"img\" aria-label=\"Image with keypoints\">\
-         <use href=\"#seen\"/><path class=\"dot keypoint\" d=\"{points}\"/><path class=\"dot keypoint2\" d=\"{points}\"/></svg>\
-         <figcaption><b>{} keypoints.</b></figcaption></figure><div><p><b>On the device.</b> A keypoint is a place in an image that \
-         can be found again in other images. Each comes with a descriptor, a fingerprint of what the place looks like.</p><p>Where \
-         keypoints are known, an image can be drawn from them: their positions are what a scheme must hide.</p></div></div>",
-        seen.keypoints.len(),
-    )
 }
 
-fn lines(drawing: &QueryDrawing) -> String {
-    if drawing.sent.is_empty() {
-        return String::new();
-    }
-    let mut out = String::from(
-        "<p><b>What crosses the network.</b> All that the server gets about positions, under each scheme. Rows are shuffled, and \
-         some schemes add decoys.</p><div class=\"four\">",
-    );
-    for sent in &drawing.sent {
-        let (name, what) = scheme_words(&sent.scheme);
-        let (drawn, remark) = sent::sent(&sent.sent, sent.size);
-        let (w, h) = sent.size;
-        let _ = write!(
-            out,
-            "<figure><svg viewBox=\"{}\" role=\"img\" aria-label=\"What is sent under {name}\"><rect class=\"frame\" \
-             width=\"{w}\" height=\"{h}\"/>{drawn}</svg><figcaption><b>{name}.</b> {what} {remark}</figcaption></figure>",
-            sent::view_box(sent.size),
+impl Page<'_> {
+    /// The page as one HTML document.
+    pub(crate) fn html(mut self) -> String {
+        self.sections.push(Section::new("repeat", "To repeat this", facts(self.facts)));
+        self.sections.retain(|section| !section.body.0.is_empty());
+        let has_script = self.sections.iter().any(|section| section.body.0.contains("<canvas"));
+        let policy = format!(
+            "default-src 'none'; img-src data:; style-src {}; script-src {}; base-uri 'none'; form-action 'none'",
+            hash(STYLE),
+            if has_script { hash(SCRIPT) } else { "'none'".to_owned() },
         );
+        let page = html! {
+            (maud::DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta http-equiv="Content-Security-Policy" content=(policy);
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    meta name="referrer" content="no-referrer";
+                    title { (self.title) }
+                    style { (PreEscaped(STYLE)) }
+                }
+                body {
+                    main {
+                        h1 { (self.title) }
+                        p.lead { (self.lead) }
+                        @for notice in &self.notices { p.private { (notice) } }
+                        (cards(self.cards))
+                        @if self.sections.len() > 1 {
+                            nav aria-label="Contents" {
+                                ol { @for section in &self.sections { li { a href={ "#" (section.id) } { (section.title) } } } }
+                            }
+                        }
+                        @for section in &self.sections {
+                            section id=(section.id) { h2 { (section.title) } (section.body) }
+                        }
+                        footer { "Written by veiloc. This file is complete: it needs no network." }
+                    }
+                    @if has_script { script { (PreEscaped(SCRIPT)) } }
+                }
+            }
+        };
+        page.into_string()
     }
-    out + "</div>"
 }
 
-fn matched(drawing: &QueryDrawing) -> String {
-    if drawing.sent.is_empty() {
-        return String::new();
+fn cards(cards: &[Card]) -> Markup {
+    html! {
+        @if !cards.is_empty() {
+            div.cards {
+                @for card in cards {
+                    div.card { b { (card.value) } span { (card.label) } small { (card.note) } }
+                }
+            }
+        }
     }
-    let mut out = String::from(
-        "<p><b>On the server.</b> Descriptors are matched to those of map points. A pose makes some of the matches agree (green) and \
-         not others (orange); the dots are where it puts the map points of agreeing rows, which is what a server knows of the \
-         image that has found the pose.</p><div class=\"four\">",
-    );
-    for sent in &drawing.sent {
-        out.push_str(&figure(sent, ""));
-    }
-    out + "</div>"
 }
 
-fn pose(report: &Report) -> String {
-    let (space, tables) = (places(&report.run), overview(&report.run));
-    if space.is_empty() {
-        return tables;
+/// Names and values.
+pub(crate) fn facts(facts: &[(String, String)]) -> Markup {
+    html! {
+        @if !facts.is_empty() {
+            dl { @for (name, value) in facts { dt { (name) } dd { (value) } } }
+        }
     }
-    let title = place_title(&report.run);
-    format!("<h3>{title}</h3>{space}<h3>How well cameras are found</h3>{tables}")
 }
 
-fn attacks(report: &Report) -> String {
-    let (figures, table) = (attacked::figures(&report.attacked), tables::attacks(&report.attacks));
-    if figures.is_empty() && table.is_empty() {
-        return String::new();
+/// What is shown on request.
+pub(crate) fn fold(summary: &str, open: bool, body: &Markup) -> Markup {
+    html! {
+        @if !body.0.is_empty() { details.fold open[open] { summary { h3 { (summary) } } (body) } }
     }
-    format!(
-        "<p>The attacker sees what the server sees and tries to put every keypoint back into the image. Each attack stands \
-         beside the guess, which uses nothing but the single line: an attack is only worth something where it beats the guess. One \
-         succeeds that puts half of the keypoints to within 10 px, tells something with a median under three quarters of the \
-         guess's, and fails otherwise. \
-         Attacks that an oracle told which keypoints are neighbours show what that knowledge would be worth; nobody is known to \
-         have it. What attackers get without it is in docs/audit.md.</p>{figures}{}",
-        if table.is_empty() { String::new() } else { format!("<h3>All attacks on all queries</h3>{table}") }
-    )
+}
+
+/// A picture with its caption.
+pub(crate) fn figure(picture: &Markup, caption: &Markup) -> Markup {
+    html! { figure { (picture) figcaption { (caption) } } }
+}
+
+/// A legend: for each entry a mark of this class and its meaning.
+pub(crate) fn legend(entries: &[(&str, &str)]) -> Markup {
+    html! {
+        ul.legend {
+            @for (class, meaning) in entries {
+                li {
+                    svg viewBox="0 0 12 12" aria-hidden="true" {
+                        @if class.contains("line") { path class=(class) d="M1 11L11 1" {} }
+                        @else if class.contains("camera") { path class=(class) d="M2 11L6 1L10 11Z" {} }
+                        @else if class.contains("cross") { path class=(class) d="M2 2L10 10M10 2L2 10" {} }
+                        @else { path class=(class) d="M6 6h0" {} }
+                    }
+                    (meaning)
+                }
+            }
+        }
+    }
+}
+
+/// How a policy names a style or a script.
+fn hash(text: &str) -> String {
+    format!("'sha256-{}'", STANDARD.encode(Sha256::digest(text)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_policy_names_a_text_as_browsers_do() {
+        // The example of the recommendation, Content Security Policy Level 2, section 4.2.5.
+        assert_eq!(hash("alert('Hello, world.');"), "'sha256-qznLcsROx4GACP2dm0UCKCzCG+HiZ1guq6ZZDob/Tng='");
+    }
+
+    #[test]
+    fn empty_sections_are_left_out_and_text_is_no_markup() {
+        let section = |id, body: &str| Section::new(id, format!("<{id}>"), html! { (body) });
+        let page = Page {
+            title: "<script>alert(1)</script>",
+            sections: vec![section("a", "x"), section("b", ""), section("c", "y")],
+            ..Page::default()
+        };
+        let text = page.html();
+        assert!(text.contains("<h2>&lt;a&gt;</h2>") && text.contains("href=\"#c\""));
+        assert!(!text.contains("id=\"b\"") && !text.contains("href=\"#b\""));
+        assert!(!text.contains("<script") && text.contains("script-src 'none'"), "nothing runs");
+    }
 }

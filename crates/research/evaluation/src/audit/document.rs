@@ -99,15 +99,16 @@ pub struct AttackSummary {
 }
 
 impl AttackDocument {
-    /// Whether an attack was told the true neighbours by an oracle: what nobody gets who exists.
-    pub fn is_told(&self, attack: Attack) -> bool {
+    /// Whether an oracle gave the attack the true neighbours, which no real attacker has.
+    pub fn uses_oracle(&self, attack: Attack) -> bool {
         self.neighbours == Neighbours::Oracle && attack.needs.neighbours
     }
 
-    /// Whether there are attacks of both kinds, told and not, beside the guess.
+    /// Whether there are attacks with an oracle and others, beside the baseline.
     pub(crate) fn has_both(&self) -> bool {
-        let any =
-            |told| self.attacks.iter().any(|a| a.attack != Attack::PRIOR && self.is_told(a.attack) == told);
+        let any = |oracle| {
+            self.attacks.iter().any(|a| a.attack != Attack::PRIOR && self.uses_oracle(a.attack) == oracle)
+        };
         any(true) && any(false)
     }
 }
@@ -115,11 +116,11 @@ impl AttackDocument {
 /// The attacks as a table for people: those that need no oracle first, the others below with the guess once more.
 pub fn attacks_table(document: &AttackDocument) -> String {
     let tables = if document.has_both() {
-        let told = |a: &AttackSummary| document.is_told(a.attack);
+        let oracle = |a: &AttackSummary| document.uses_oracle(a.attack);
         format!(
             "{}\nTold the true neighbours by an oracle, which nobody is\n{}",
-            rows(document.attacks.iter().filter(|a| !told(a))),
-            rows(document.attacks.iter().filter(|a| told(a) || a.attack == Attack::PRIOR))
+            rows(document.attacks.iter().filter(|a| !oracle(a))),
+            rows(document.attacks.iter().filter(|a| oracle(a) || a.attack == Attack::PRIOR))
         )
     } else {
         rows(document.attacks.iter())

@@ -1,7 +1,7 @@
-//! What sealed queries leak: attacks on every scheme, each beside the guess, and what they found, in words and figures.
+//! What sealed queries leak: attacks on every scheme, each beside the prior-only baseline.
 //!
 //! - [`evaluate_attacks`] runs attacks (the table [`ATTACKS`]) on files of keypoints; [`AttackDocument`] is what they found.
-//! - [`run_audit`] does so for an audit: with everything a page draws, and conclusions in sentences.
+//! - [`run_audit`] does so for an audit: with the strongest attack on each scheme, and the positions that a report draws.
 //! - [`training`]: the networks of an outsider who learns.
 //!
 //! Nothing here is for devices or servers: it knows the truth, to judge attacks by.
@@ -10,8 +10,9 @@
 mod attacks;
 mod attempt;
 mod document;
-mod findings;
+mod gallery;
 mod gate;
+mod image_audit;
 mod neighbours;
 mod observer;
 mod options;
@@ -21,16 +22,15 @@ mod rows;
 mod run;
 mod server;
 mod sightings;
+mod strongest;
 pub mod training;
 mod view;
 
 pub use attacks::{ATTACKS, Attack, Needs, UnknownAttack};
 pub use attempt::{Answers, Attempt};
 pub use document::{AttackDocument, AttackSummary, ServerSummary, attacks_table};
-pub use findings::{
-    Audit, AuditDocument, AuditOptions, AuditPart, Gallery, Part, Sentence, Shown, ShownAttack, ShownScheme,
-    Spread, base_share, capital, conclusion, count, findings, needs, percent, px, run_audit, scheme_words,
-};
+pub use gallery::{Gallery, RowErrors, ShownAttack, ShownImage, ShownScheme};
+pub use image_audit::{Audit, AuditDocument, AuditOptions, AuditPart, run_audit};
 pub use neighbours::{NeighbourSource, Neighbours};
 pub use observer::{AttackObserver, AttackTrial, ImageGroup, Stage};
 pub use options::{AttackEvaluation, Measured, ServerKnowledge};
@@ -38,3 +38,4 @@ pub use outsider::TrainedPositions;
 pub use private::person;
 pub use run::{attack_groups, evaluate_attacks};
 pub use sightings::FrameChoice;
+pub use strongest::{StrongestAttacks, strongest_table};

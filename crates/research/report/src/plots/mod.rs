@@ -1,38 +1,167 @@
-//! Documents of evaluations as SVG.
+//! Documents of evaluations as charts, each an SVG file.
 
-mod bound;
-mod errors;
-mod layouts;
-mod times;
 mod training;
 
-pub use bound::plot as bound;
-pub use errors::{ErrorAxis, plot as errors};
-pub use layouts::plot as layouts;
-pub use times::plot as times;
-pub use training::{course, plot as training, positions};
+use veiloc_evaluation::pose::crb::{BoundCell, BoundEvaluation};
+use veiloc_evaluation::privacy::layouts::{LayoutRow, LayoutsDocument};
+use veiloc_evaluation::results::tables::{ErrorCurve, TableData};
 
-use plotters::style::RGBColor;
+use crate::chart::{Axis, Chart, Mark, Series, stacked_bars, standalone};
+use crate::numbers::LengthUnit;
 
-/// Distinct in print and for the colour-blind (Okabe and Ito).
-pub(crate) const COLORS: [RGBColor; 4] =
-    [RGBColor(0, 114, 178), RGBColor(230, 159, 0), RGBColor(0, 158, 115), RGBColor(204, 121, 167)];
+pub use training::{course, positions, training};
 
-/// Why a plot could not be drawn.
-pub(crate) type Fault = Box<dyn std::error::Error + Send + Sync>;
+/// The document holds nothing to draw.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("there is nothing to draw: the document has {0}")]
+pub struct PlotError(&'static str);
 
-/// The drawing's errors borrow nothing, but their type does not say so.
-pub(crate) fn fault(error: impl std::fmt::Display) -> Fault {
-    error.to_string().into()
+/// Which error is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorAxis {
+    /// Of the position, map units.
+    Position,
+    /// Of the orientation, degrees.
+    Orientation,
 }
 
-/// Why a document could not be drawn.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum PlotError {
-    /// It holds nothing to draw.
-    #[error("{0}")]
-    Nothing(&'static str),
-    /// The drawing failed.
-    #[error("the plot could not be drawn: {0}")]
-    Failed(String),
+/// Errors of poses as curves: the share of queries within a bound, a panel a scene, a curve a scheme.
+///
+/// # Errors
+/// [`PlotError`] when no query is judged.
+pub fn errors(data: &TableData, axis: ErrorAxis) -> Result<String, PlotError> {
+    let charts = error_charts(data, axis, LengthUnit::Map);
+    if charts.is_empty() {
+        return Err(PlotError("no query with a known pose"));
+    }
+    Ok(standalone(&charts.iter().map(Chart::svg).collect::<Vec<_>>()))
+}
+
+/// A chart a scene.
+pub(crate) fn error_charts(data: &TableData, axis: ErrorAxis, unit: LengthUnit) -> Vec<Chart> {
+    let mut scenes: Vec<(String, Vec<ErrorCurve>)> = Vec::new();
+    for curve in data.error_curves() {
+        match scenes.iter_mut().find(|(scene, _)| *scene == curve.place) {
+            Some((_, curves)) => curves.push(curve),
+            None => scenes.push((curve.place.clone(), vec![curve])),
+        }
+    }
+    let (what, bound) = match (axis, unit) {
+        (ErrorAxis::Orientation, _) => ("Orientation", "error, degrees"),
+        (ErrorAxis::Position, LengthUnit::Map) => ("Position", "error, map units"),
+        (ErrorAxis::Position, LengthUnit::Metres) => ("Position", "error, m"),
+    };
+    let chart = |(scene, curves): &(String, Vec<ErrorCurve>)| {
+        let error = |e: &(f64, f64)| if axis == ErrorAxis::Position { e.0 } else { e.1 };
+        let errors: Vec<Vec<f64>> = curves.iter().map(|c| c.errors.iter().map(error).collect()).collect();
+        let series =
+            curves.iter().zip(&errors).map(|(curve, errors)| (curve.row.as_str(), false, errors.as_slice()));
+        Chart::cumulative(&format!("{what}, {scene}"), bound, &series.collect::<Vec<_>>())
+    };
+    scenes.iter().map(chart).collect()
+}
+
+/// Median time of each stage of a query, one after another, a bar a scheme.
+///
+/// # Errors
+/// [`PlotError`] when the document has no times.
+pub fn times(data: &TableData) -> Result<String, PlotError> {
+    let rows = data.stage_times();
+    if rows.iter().all(|(_, stages)| stages.is_empty()) {
+        return Err(PlotError("no times"));
+    }
+    Ok(standalone(&[stacked_bars("Time of a query, median of each stage", "ms", &rows)]))
+}
+
+/// Median translation error over the Cramér–Rao bound by noise, a panel a scene and share of outliers, a curve a scheme.
+///
+/// # Errors
+/// [`PlotError`] when there is no cell.
+pub fn bound(document: &BoundEvaluation) -> Result<String, PlotError> {
+    /// Larger ratios are drawn on the upper edge.
+    const HIGHEST: f64 = 2.0;
+    /// The ratio that the project aims to stay below.
+    const AIM: f64 = 1.15;
+    let noise = 1.08 * document.cells.iter().map(|cell| cell.noise_px).fold(0.1, f64::max);
+    let panel = |cell: &BoundCell| format!("{}, {:.0} % outliers", cell.scene, 100.0 * cell.outlier_share);
+    let of_panel = |title: &String| {
+        let cells: Vec<&BoundCell> = document.cells.iter().filter(|cell| panel(cell) == *title).collect();
+        let of_scheme = |scheme: &String| {
+            let own = cells.iter().filter(|cell| cell.scheme == *scheme);
+            let mut points: Vec<(f64, f64)> =
+                own.filter_map(|cell| Some((cell.noise_px, cell.translation_ratio?))).collect();
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            Series { name: scheme.clone(), mark: Mark::DottedLine, points }
+        };
+        let level = |at: f64| Series {
+            name: String::new(),
+            mark: Mark::Baseline,
+            points: vec![(0.0, at), (noise, at)],
+        };
+        let schemes = distinct(cells.iter().map(|cell| cell.scheme.clone()));
+        Chart {
+            title: title.clone(),
+            x: Axis::linear("noise of a keypoint, px", 0.0, noise),
+            y: Axis::linear("error / bound", 0.8, HIGHEST),
+            series: [level(1.0), level(AIM)].into_iter().chain(schemes.iter().map(of_scheme)).collect(),
+        }
+        .svg()
+    };
+    let panels = distinct(document.cells.iter().map(panel));
+    if panels.is_empty() {
+        return Err(PlotError("no cell"));
+    }
+    Ok(standalone(&panels.iter().map(of_panel).collect::<Vec<_>>()))
+}
+
+/// What is drawn upwards of layouts.
+type LayoutPanel = (&'static str, fn(&LayoutRow) -> Option<f64>);
+
+/// Layouts: what the strongest realistic adversary gains, and the error of the baseline, over the error of poses. Each layout is
+/// a dot, numbered as in the table; layouts that lose poses have no error and are left out.
+///
+/// # Errors
+/// [`PlotError`] when no layout has an error.
+pub fn layouts(document: &LayoutsDocument) -> Result<String, PlotError> {
+    const PANELS: [LayoutPanel; 3] = [
+        ("strongest realistic adversary, bits", LayoutRow::worst_realistic),
+        ("learned neighbours, bits", |row| row.bits.get("outsider-statistic").copied()),
+        ("error of the baseline, px", |row| row.prior_mean_px),
+    ];
+    let panel = |(title, of): &LayoutPanel| {
+        let dot = |row: &LayoutRow| Some((row.error_over_points?, of(row)?));
+        let dots: Vec<Option<(f64, f64)>> = document.rows.iter().map(dot).collect();
+        let ends = |of: fn(&(f64, f64)) -> f64| {
+            let values = dots.iter().flatten().map(of);
+            let (low, high) =
+                values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            let margin = 0.1 * (high - low).max(0.1);
+            (low - margin, high + margin)
+        };
+        let ((left, right), (low, high)) = (ends(|d| d.0), ends(|d| d.1));
+        // A layout without an error keeps its number, and lies outside.
+        let points = dots.iter().map(|dot| dot.unwrap_or((f64::NAN, f64::NAN))).collect();
+        dots.iter().any(Option::is_some).then(|| {
+            Chart {
+                title: (*title).to_owned(),
+                x: Axis::linear("error of poses over that of points", left, right),
+                y: Axis::linear("", low, high),
+                series: vec![Series { name: String::new(), mark: Mark::NumberedDots, points }],
+            }
+            .svg()
+        })
+    };
+    let drawn: Vec<_> = PANELS.iter().filter_map(panel).collect();
+    if drawn.is_empty() { Err(PlotError("no layout with an error")) } else { Ok(standalone(&drawn)) }
+}
+
+/// Values in the order in which they first appear.
+fn distinct(values: impl Iterator<Item = String>) -> Vec<String> {
+    let mut found: Vec<String> = Vec::new();
+    for value in values {
+        if !found.contains(&value) {
+            found.push(value);
+        }
+    }
+    found
 }

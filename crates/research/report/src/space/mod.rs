@@ -1,22 +1,20 @@
-//! The place in 3D: what the page's script turns, and what stands there without it.
+//! The scene in 3D: what the page's script turns, and the view from above that stands there without scripts.
 
 mod payload;
 
-use std::fmt::Write as _;
-
+use maud::{Markup, PreEscaped, html};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::Vector3;
 
-use crate::format::escape;
-use crate::run::{PlaceView, QueryOutcome};
-use crate::top_view::{self, TopCamera, TopView, TopViewRow};
+use crate::localization::{QueryOutcome, SceneView};
+use crate::numbers::LengthUnit;
+use crate::top_view::{self, TopView};
 use payload::payload;
 
-/// A row of the table, as far as the drawing goes.
+/// The queries of one method.
 pub(crate) struct SpaceRow<'a> {
-    /// What it is called.
+    /// Name of the method.
     pub(crate) name: String,
-    /// Its queries.
     pub(crate) outcomes: Vec<&'a QueryOutcome>,
 }
 
@@ -27,84 +25,82 @@ pub(crate) struct Budget {
     pub(crate) queries: usize,
 }
 
-/// The drawing of a place with its controls; nothing when there is nothing finite to show. `index` tells it from others on the
-/// page, `id_of` is where on the page a query is drawn. The first row is shown first.
+/// The drawing of a scene with its controls; nothing when there is nothing finite to show. `index` tells it from others on the
+/// page, `anchor` is where on the page a query is drawn. The first row is shown first.
 pub(crate) fn figure(
-    place: &PlaceView,
+    scene: &SceneView,
     rows: &[SpaceRow<'_>],
     index: usize,
     budget: Budget,
-    id_of: &dyn Fn(&str) -> Option<String>,
-) -> String {
-    let up = up_of(place);
-    let right = right_of(place, up);
-    let flat = top_view::figures(&TopView {
-        id: format!("ground-{index}"),
-        points: &place.points,
-        right: right.into(),
-        up: up.cross(&right).into(),
-        mapping: &place.mapping,
-        rows: rows.iter().map(top_row).collect(),
-    });
-    if flat.is_empty() {
-        return String::new();
+    unit: LengthUnit,
+    anchor: &dyn Fn(&str) -> Option<String>,
+) -> Markup {
+    let up = up_of(scene);
+    let right = right_of(scene, up);
+    let view = TopView { points: &scene.points, right, up: up.cross(&right), cameras: &scene.cameras };
+    let flat = top_view::figures(&view, &format!("ground-{index}"), rows, unit);
+    if flat.0.is_empty() {
+        return flat;
     }
-    let drawn = payload(place, rows, up, budget, id_of);
-    let mut options = String::new();
-    for (at, row) in rows.iter().enumerate() {
-        let _ = write!(options, "<option value=\"{at}\">{}</option>", escape(&row.name));
-    }
-    let mut queries = String::from("<option value=\"-1\">none</option>");
-    for (at, name) in drawn.queries.iter().enumerate() {
-        let _ = write!(queries, "<option value=\"{at}\">{}</option>", escape(name));
-    }
-    let mut times = String::new();
-    for by in [1, 3, 10, 30, 100] {
-        let chosen = if by == drawn.times { " selected" } else { "" };
-        let words = if by == 1 { "as it is".to_owned() } else { format!("{by} times as large") };
-        let _ = write!(times, "<option value=\"{by}\"{chosen}>{words}</option>");
-    }
+    let drawn = payload(scene, rows, up, budget, unit, anchor);
+    let label = format!("The scene {} in 3D: map points, cameras and estimated poses", scene.name);
     let button = |part: &str, label: &str, sign: &str| {
-        format!(
-            "<button type=\"button\" data-part=\"{part}\" aria-label=\"{label}\" title=\"{label}\">{sign}</button>"
-        )
+        html! { button type="button" data-part=(part) aria-label=(label) title=(label) { (sign) } }
     };
-    let of_place = if place.name.is_empty() { String::new() } else { format!(" {}", escape(&place.name)) };
-    format!(
-        "<div class=\"space\"><div class=\"live\" hidden><canvas data-part=\"canvas\" tabindex=\"0\" role=\"application\" \
-         aria-label=\"The place{of_place} in 3D: map points, cameras and estimated poses\" aria-describedby=\"keys-{index}\">\
-         </canvas><div class=\"controls\"><span class=\"buttons\">{}{}{}{}{}{}</span>\
-         <label>Scheme <select data-part=\"row\">{options}</select></label>\
-         <label>Query <select data-part=\"query\">{queries}</select></label>\
-         <label>± drawn <select data-part=\"times\">{times}</select></label>\
-         <label><input type=\"checkbox\" data-part=\"points\" checked> points</label>\
-         <label><input type=\"checkbox\" data-part=\"map\" checked> map cameras</label>\
-         <label><input type=\"checkbox\" data-part=\"sd\" checked> ±</label></div>\
-         <p class=\"told\" data-part=\"told\" aria-live=\"polite\"></p><p class=\"note\" id=\"keys-{index}\">Drag to turn, with shift \
-         or two fingers to move, pinch to zoom; click it and the wheel zooms. Keys: arrows turn, with shift move, + and − \
-         zoom, 0 starts again. {}</p></div><div class=\"flat\">{flat}</div>\
-         <script type=\"application/json\" data-part=\"data\">{}</script></div>",
-        button("left", "Turn left", "↺"),
-        button("right", "Turn right", "↻"),
-        button("in", "Zoom in", "+"),
-        button("out", "Zoom out", "−"),
-        button("above", "From above", "⊤"),
-        button("reset", "Start again", "⌂"),
-        drawn.remark,
-        drawn.json,
-    )
+    let checkbox = |part: &str, label: &str| {
+        html! { label { input type="checkbox" data-part=(part) checked; " " (label) } }
+    };
+    let keys = format!("keys-{index}");
+    html! {
+        div.space {
+            div.live hidden {
+                canvas data-part="canvas" tabindex="0" role="application" aria-label=(label) aria-describedby=(keys) {}
+                div.controls {
+                    span.buttons {
+                        (button("left", "Turn left", "↺")) (button("right", "Turn right", "↻"))
+                        (button("in", "Zoom in", "+")) (button("out", "Zoom out", "−"))
+                        (button("above", "From above", "⊤")) (button("reset", "Start again", "⌂"))
+                    }
+                    label {
+                        "Scheme "
+                        select data-part="row" { @for (at, row) in rows.iter().enumerate() { option value=(at) { (row.name) } } }
+                    }
+                    label {
+                        "Query "
+                        select data-part="query" {
+                            option value="-1" { "none" }
+                            @for (at, name) in drawn.queries.iter().enumerate() { option value=(at) { (name) } }
+                        }
+                    }
+                    label {
+                        "± drawn "
+                        select data-part="times" {
+                            @for times in [1, 3, 10, 30, 100] {
+                                option value=(times) selected[times == drawn.times] {
+                                    @if times == 1 { "as it is" } @else { (times) " times as large" }
+                                }
+                            }
+                        }
+                    }
+                    (checkbox("points", "points")) (checkbox("map", "map cameras")) (checkbox("sd", "±"))
+                }
+                p.status data-part="status" aria-live="polite" {}
+                p.note id=(keys) {
+                    "Drag to turn, with shift or two fingers to move, pinch to zoom; after a click the wheel zooms. Keys: arrows \
+                     turn, with shift they move, + and − zoom, 0 starts again. " (drawn.remark)
+                }
+            }
+            div.flat { (flat) }
+            script type="application/json" data-part="data" { (PreEscaped(drawn.json)) }
+        }
+    }
 }
 
-fn top_row(row: &SpaceRow<'_>) -> TopViewRow {
-    let camera = |q: &&QueryOutcome| TopCamera { truth: q.truth, estimate: q.estimate, state: q.state };
-    TopViewRow { name: row.name.clone(), cameras: row.outcomes.iter().map(camera).collect() }
-}
-
-/// What is up: what the place says, or what its images have up on the whole.
-fn up_of(place: &PlaceView) -> Vector3<f64> {
-    let up = place.up.map_or_else(
+/// What is up: what the scene says, or the mean of what its images have up.
+fn up_of(scene: &SceneView) -> Vector3<f64> {
+    let up = scene.up.map_or_else(
         || {
-            let poses = place.mapping.iter().filter(|pose| pose.is_finite());
+            let poses = scene.cameras.iter().filter(|pose| pose.is_finite());
             poses.map(|pose| -(pose.rotation().inverse() * Vector3::y())).sum()
         },
         Vector3::from,
@@ -112,9 +108,9 @@ fn up_of(place: &PlaceView) -> Vector3<f64> {
     up.try_normalize(1e-9).unwrap_or_else(Vector3::z)
 }
 
-/// Where the place is longest, seen from above: that lies level on the page.
-fn right_of(place: &PlaceView, up: Vector3<f64>) -> Vector3<f64> {
-    let centers = place.mapping.iter().filter(|pose| pose.is_finite()).map(CameraFromWorld::center);
+/// Where the scene is longest, seen from above: that lies level on the page.
+fn right_of(scene: &SceneView, up: Vector3<f64>) -> Vector3<f64> {
+    let centers = scene.cameras.iter().filter(|pose| pose.is_finite()).map(CameraFromWorld::center);
     let centers: Vec<Vector3<f64>> = centers.map(|center| center.coords).collect();
     let side = if up.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() };
     let a = (side - up * up.dot(&side)).try_normalize(1e-9).unwrap_or_else(Vector3::x);

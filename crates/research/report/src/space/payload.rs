@@ -1,73 +1,73 @@
-//! What the script draws: points on a grid of 16 bits, poses as numbers, names.
-
-use std::fmt::Write as _;
+//! What the script draws, as JSON: points on a grid of 16 bits, poses as numbers, names.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
 use veiloc_evaluation::results::metrics::median;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_pose::State;
 
 use super::{Budget, SpaceRow};
-use crate::run::{PlaceView, QueryOutcome};
+use crate::localization::{QueryOutcome, SceneView};
+use crate::numbers::LengthUnit;
 
 /// Cameras of the map drawn at most.
 const MOST_CAMERAS: usize = 600;
 
 /// What is drawn.
 pub(super) struct Payload {
-    /// For the script.
+    /// For the script; cannot end the element it stands in.
     pub(super) json: String,
     /// Names of the drawn queries.
     pub(super) queries: Vec<String>,
-    /// By how much ± is drawn too large at first, so that it is seen.
+    /// By how much ± is enlarged at first, so that it is seen.
     pub(super) times: u32,
     /// What is left out, a sentence or two; empty when nothing is.
     pub(super) remark: String,
 }
 
 pub(super) fn payload(
-    place: &PlaceView,
+    scene: &SceneView,
     rows: &[SpaceRow<'_>],
     up: Vector3<f64>,
     budget: Budget,
-    id_of: &dyn Fn(&str) -> Option<String>,
+    unit: LengthUnit,
+    anchor: &dyn Fn(&str) -> Option<String>,
 ) -> Payload {
-    let finite: Vec<&[f64; 3]> = place.points.iter().filter(|p| p.iter().all(|x| x.is_finite())).collect();
+    let finite: Vec<&[f64; 3]> = scene.points.iter().filter(|p| p.iter().all(|x| x.is_finite())).collect();
     let every = finite.len().div_ceil(budget.points.max(1)).max(1);
     let points: Vec<&[f64; 3]> = finite.iter().copied().step_by(every).collect();
     let (low, step, codes) = on_grid(&points);
     let digits = digits(step);
-    let cameras: Vec<&CameraFromWorld> = place.mapping.iter().filter(|pose| pose.is_finite()).collect();
+    let cameras: Vec<&CameraFromWorld> = scene.cameras.iter().filter(|pose| pose.is_finite()).collect();
     let every_camera = cameras.len().div_ceil(MOST_CAMERAS).max(1);
-    let mapped: Vec<String> =
+    let drawn_cameras: Vec<Value> =
         cameras.iter().step_by(every_camera).map(|pose| camera(Some(pose), digits)).collect();
-    let (names, queries) = queries(rows, budget, digits, id_of);
-    let row_names: Vec<String> = rows.iter().map(|row| text(&row.name)).collect();
-    let json = format!(
-        "{{\"low\":[{}],\"step\":{step:e},\"points\":\"{}\",\"up\":[{:.6},{:.6},{:.6}],\"rows\":[{}],\"map\":[{}],\"queries\":[{}]}}",
-        low.map(|x| format!("{x:e}")).join(","),
-        STANDARD.encode(codes),
-        up.x,
-        up.y,
-        up.z,
-        row_names.join(","),
-        mapped.join(","),
-        queries.join(","),
-    );
+    let (names, queries) = queries(rows, budget, digits, anchor);
+    let json = json!({
+        "low": low,
+        "step": step,
+        "points": STANDARD.encode(codes),
+        "up": [up.x, up.y, up.z],
+        "metres": unit == LengthUnit::Metres,
+        "rows": rows.iter().map(|row| &row.name).collect::<Vec<_>>(),
+        "map": drawn_cameras,
+        "queries": queries,
+    });
     let asked = rows.iter().map(|row| row.outcomes.len()).max().unwrap_or(0);
-    let mut remark = String::new();
-    if every > 1 {
-        let _ = write!(remark, "{} of {} map points are drawn. ", points.len(), finite.len());
+    let left_out = [
+        (every > 1, format!("{} of {} map points are drawn. ", points.len(), finite.len())),
+        (every_camera > 1, format!("One camera of the map in {every_camera} is drawn. ")),
+        (names.len() < asked, format!("{} of {asked} queries are drawn. ", names.len())),
+    ];
+    Payload {
+        // A name could otherwise end the script element.
+        json: json.to_string().replace('<', "\\u003c"),
+        queries: names,
+        times: times(rows, 65_535.0 * step),
+        remark: left_out.into_iter().filter(|(is_so, _)| *is_so).map(|(_, text)| text).collect(),
     }
-    if every_camera > 1 {
-        let _ = write!(remark, "One camera of the map in {every_camera} is drawn. ");
-    }
-    if names.len() < asked {
-        let _ = write!(remark, "{} of {asked} queries are drawn. ", names.len());
-    }
-    Payload { json, queries: names, times: times(rows, 65_535.0 * step), remark }
 }
 
 /// Every query once, with its pose in every row.
@@ -75,13 +75,13 @@ fn queries(
     rows: &[SpaceRow<'_>],
     budget: Budget,
     digits: usize,
-    id_of: &dyn Fn(&str) -> Option<String>,
-) -> (Vec<String>, Vec<String>) {
+    anchor: &dyn Fn(&str) -> Option<String>,
+) -> (Vec<String>, Vec<Value>) {
     let most = rows.iter().max_by_key(|row| row.outcomes.len());
     let all = most.map_or(&[][..], |row| &row.outcomes);
     let every = all.len().div_ceil(budget.queries.max(1)).max(1);
     // What is drawn elsewhere on the page is drawn here too.
-    let chosen = all.iter().enumerate().filter(|(at, q)| at % every == 0 || id_of(&q.name).is_some());
+    let chosen = all.iter().enumerate().filter(|(at, q)| at % every == 0 || anchor(&q.name).is_some());
     let mut names = Vec::new();
     let mut entries = Vec::new();
     // Rows mostly hold the queries in one order: the search begins where the last ended.
@@ -90,68 +90,56 @@ fn queries(
         let mut found = Vec::new();
         for (at, row) in rows.iter().enumerate() {
             let len = row.outcomes.len();
-            let place =
-                (0..len).map(|i| (cursors[at] + i) % len).find(|i| row.outcomes[*i].name == query.name);
-            if let Some(place) = place {
-                cursors[at] = place;
-                found.push(estimate(at, row.outcomes[place], digits));
+            let own = (0..len).map(|i| (cursors[at] + i) % len).find(|i| row.outcomes[*i].name == query.name);
+            if let Some(own) = own {
+                cursors[at] = own;
+                found.push(estimate(at, row.outcomes[own], digits));
             }
         }
-        let truth = query.truth.filter(CameraFromWorld::is_finite);
-        let id = id_of(&query.name).map_or_else(|| "null".to_owned(), |id| text(&id));
-        entries.push(format!(
-            "{{\"n\":{},\"t\":{},\"id\":{id},\"e\":[{}]}}",
-            text(&query.name),
-            camera(truth.as_ref(), digits),
-            found.join(",")
-        ));
+        let truth = camera(query.truth.as_ref(), digits);
+        entries.push(json!({ "n": query.name, "t": truth, "id": anchor(&query.name), "e": found }));
         names.push(query.name.clone());
     }
     (names, entries)
 }
 
 /// Row, pose, ±, state (0: none, 1: doubtful, 2: trusted or not asked), errors.
-fn estimate(row: usize, query: &QueryOutcome, digits: usize) -> String {
+fn estimate(row: usize, query: &QueryOutcome, digits: usize) -> Value {
     let pose = query.estimate.filter(CameraFromWorld::is_finite);
     let kind = match (pose, query.state) {
         (None, _) | (_, Some(State::NotFound)) => 0,
         (_, Some(State::Doubtful)) => 1,
         _ => 2,
     };
-    format!(
-        "[{row},{},{},{kind},{},{}]",
+    // JSON has no number that is not finite: it becomes null.
+    json!([
+        row,
         camera(pose.as_ref(), digits),
-        number(query.position_sd),
-        number(query.position_error),
-        number(query.rotation_error_deg),
-    )
+        query.position_sd,
+        kind,
+        query.position_error,
+        query.rotation_error_deg
+    ])
 }
 
-/// Centre and world-to-camera turn: `[x, y, z, qw, qx, qy, qz]`.
-fn camera(pose: Option<&CameraFromWorld>, digits: usize) -> String {
-    let Some(pose) = pose else { return "null".to_owned() };
+/// Centre and world-to-camera rotation: `[x, y, z, qw, qx, qy, qz]`.
+fn camera(pose: Option<&CameraFromWorld>, digits: usize) -> Value {
+    let Some(pose) = pose.filter(|pose| pose.is_finite()) else { return Value::Null };
     let (c, [w, x, y, z]) = (pose.center().coords, pose.quaternion());
-    format!("[{:.digits$},{:.digits$},{:.digits$},{w:.5},{x:.5},{y:.5},{z:.5}]", c.x, c.y, c.z)
-}
-
-/// Four digits; what is none is null.
-fn number(value: Option<f64>) -> String {
-    value.filter(|v| v.is_finite()).map_or_else(|| "null".to_owned(), |v| format!("{v:.3e}"))
-}
-
-/// A text that stands between quotes in JSON and cannot end the element it stands in.
-fn text(value: &str) -> String {
-    let mut out = String::from("\"");
-    for c in value.chars() {
-        match c {
-            '"' | '\\' => out.extend(['\\', c]),
-            '<' | '>' | '&' | '\u{2028}' | '\u{2029}' | '\0'..='\u{1f}' => {
-                let _ = write!(out, "\\u{:04x}", u32::from(c));
-            }
-            c => out.push(c),
-        }
-    }
-    out + "\""
+    let rounded = |value: f64, digits: usize| {
+        let scale = 10f64.powi(digits as i32);
+        (value * scale).round() / scale
+    };
+    let turn = [w, x, y, z].map(|q| rounded(q, 5));
+    json!([
+        rounded(c.x, digits),
+        rounded(c.y, digits),
+        rounded(c.z, digits),
+        turn[0],
+        turn[1],
+        turn[2],
+        turn[3]
+    ])
 }
 
 /// The corner of the points, the step of the grid, and the points on it: three numbers of 16 bits each, low byte first. Points
@@ -174,12 +162,12 @@ fn on_grid(points: &[&[f64; 3]]) -> ([f64; 3], f64, Vec<u8>) {
     (low, step, codes.collect())
 }
 
-/// Digits behind the point that tell places a tenth of a grid step apart.
+/// Digits behind the point that resolve a tenth of a grid step.
 fn digits(step: f64) -> usize {
     (-step.log10()).ceil().clamp(0.0, 12.0) as usize + 1
 }
 
-/// A median ± is seen when it is a hundredth of the place.
+/// A median ± is seen when it is a hundredth of the scene.
 fn times(rows: &[SpaceRow<'_>], extent: f64) -> u32 {
     let sds: Vec<f64> = rows.iter().flat_map(|row| &row.outcomes).filter_map(|q| q.position_sd).collect();
     let wanted = 0.01 * extent / median(&sds);
@@ -192,7 +180,17 @@ mod tests {
 
     #[test]
     fn names_cannot_end_the_element() {
-        assert_eq!(text("a\"\\</script>\n&"), "\"a\\\"\\\\\\u003c/script\\u003e\\u000a\\u0026\"");
+        let query =
+            QueryOutcome { name: "</script>".into(), position_sd: Some(f64::NAN), ..QueryOutcome::default() };
+        let rows = [SpaceRow { name: "<b>".into(), outcomes: vec![&query] }];
+        let budget = Budget { points: 9, queries: 9 };
+        let drawn = payload(&SceneView::default(), &rows, Vector3::z(), budget, LengthUnit::Map, &|_| None);
+        assert!(!drawn.json.contains('<') && drawn.json.contains("\\u003c/script>"), "{}", drawn.json);
+        let read: Value = serde_json::from_str(&drawn.json).expect("JSON");
+        assert_eq!(
+            (&read["queries"][0]["n"], &read["queries"][0]["e"][0][2]),
+            (&"</script>".into(), &Value::Null)
+        );
     }
 
     #[test]

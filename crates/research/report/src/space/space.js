@@ -1,5 +1,5 @@
-// The place in 3D on a canvas: points, cameras, poses with their deviations; turned by mouse, touch and keyboard. Asks nobody
-// for anything: what is drawn stands in the page beside it.
+// The scene in 3D on a canvas: points, cameras, poses with their deviations; turned by mouse, touch and keyboard. It requests
+// nothing: its data is in the page.
 "use strict";
 (() => {
   const NEAR = 1e-3;
@@ -11,8 +11,9 @@
   const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((x) => x / n); };
   const along = (p, d, s) => [p[0] + s * d[0], p[1] + s * d[1], p[2] + s * d[2]];
 
-  /** A length for people, as the tables write it. */
-  const length = (m) => m === null ? "–" : m < 0.01 ? `${(1e3 * m).toFixed(1)} mm` : m < 1 ? `${(100 * m).toFixed(1)} cm` : `${m.toFixed(2)} m`;
+  /** A length for people, as the tables write it: three significant digits. */
+  const digits = (x) => String(Number(x.toPrecision(3)));
+  const length = (x, metres) => !metres ? `${digits(x)} map units` : x < 0.01 ? `${digits(1e3 * x)} mm` : x < 1 ? `${digits(100 * x)} cm` : `${digits(x)} m`;
 
   /** Points, [n][3], of 16 bits an axis. */
   function points(data) {
@@ -23,7 +24,7 @@
     return out;
   }
 
-  /** Centre, axes and corners of a camera: [x, y, z, qw, qx, qy, qz], centre and world-to-camera turn. */
+  /** Centre and axes of a camera: [x, y, z, qw, qx, qy, qz], centre and world-to-camera rotation. */
   function camera(c) {
     const [x, y, z, w, i, j, k] = c;
     return {
@@ -44,7 +45,7 @@
       const find = (name) => root.querySelector(`[data-part="${name}"]`);
       this.data = JSON.parse(find("data").textContent);
       this.canvas = find("canvas");
-      this.told = find("told");
+      this.status = find("status");
       this.pen = this.canvas.getContext("2d");
       this.cloud = points(this.data);
       this.mapped = this.data.map.map(camera);
@@ -61,7 +62,7 @@
       this.resize();
     }
 
-    /** Axes of the place, its middle and its size. */
+    /** Axes of the scene, its middle and its size. */
     frame() {
       const up = unit(this.data.up);
       const side = Math.abs(up[0]) < 0.8 ? [1, 0, 0] : [0, 1, 0];
@@ -138,7 +139,7 @@
       click("in", () => this.zoom(0.8)); click("out", () => this.zoom(1.25));
       click("left", () => this.turn(0.26, 0)); click("right", () => this.turn(-0.26, 0));
       click("reset", () => { this.choose(-1); this.reset(); }); click("above", () => this.above());
-      for (const part of [this.row, this.times, ...Object.values(this.shown)]) part.addEventListener("change", () => { this.tell(); again(); });
+      for (const part of [this.row, this.times, ...Object.values(this.shown)]) part.addEventListener("change", () => { this.describe(); again(); });
       this.query.addEventListener("change", () => { this.choose(Number(this.query.value)); again(); });
       new ResizeObserver(() => this.resize()).observe(canvas);
       matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.resize());
@@ -158,21 +159,21 @@
       const q = this.queries[index];
       const cam = q && (q.truth || (this.found(q) || {}).at);
       if (cam) { this.target = along(cam.center, cam.front, 0.12 * this.size); this.away = Math.min(this.away, 0.9 * this.size); }
-      this.tell();
+      this.describe();
     }
 
     found(q) { const row = Number(this.row.value); return q.found.find((f) => f.row === row); }
 
-    tell() {
+    describe() {
       const q = this.queries[this.chosen];
-      this.told.textContent = "";
+      this.status.textContent = "";
       if (!q) return;
       const f = this.found(q), name = this.data.rows[Number(this.row.value)];
-      const sd = f && f.sd !== null ? ` ± ${length(f.sd)}` : "";
-      const off = f && f.off !== null ? ` ${length(f.off)}${f.turn === null ? "" : ` and ${f.turn.toFixed(2)}°`} from the true pose,` : "";
+      const sd = f && f.sd !== null ? ` ± ${length(f.sd, this.data.metres)}` : "";
+      const off = f && f.off !== null ? ` ${length(f.off, this.data.metres)}${f.turn === null ? "" : ` and ${f.turn.toFixed(2)}°`} from the true pose,` : "";
       const words = !f ? "not asked" : !f.at ? "no pose" : `${KINDS[f.kind]},${off}${sd ? ` position${sd}` : ""}`.replace(/,$/, "");
-      this.told.append(`${q.n} · ${name}: ${words}. `);
-      if (q.id) { const a = document.createElement("a"); a.href = `#${q.id}`; a.textContent = "Its lines"; a.addEventListener("click", () => { document.getElementById(q.id).open = true; }); this.told.append(a); }
+      this.status.append(`${q.n} · ${name}: ${words}. `);
+      if (q.id) { const a = document.createElement("a"); a.href = `#${q.id}`; a.textContent = "Its lines"; a.addEventListener("click", () => { document.getElementById(q.id).open = true; }); this.status.append(a); }
     }
 
     /** The camera nearest to a click, if one is near. */
@@ -316,14 +317,14 @@
     /** A bar of a round length, as it is at the middle of the drawing. */
     bar() {
       const wanted = 110 * this.ratio * this.away / this.focal, power = 10 ** Math.floor(Math.log10(wanted));
-      const metres = [5, 2, 1].map((m) => m * power).find((m) => m <= wanted) || power;
-      const long = metres * this.focal / this.away, x = 16 * this.ratio, y = this.canvas.height - 16 * this.ratio, end = 4 * this.ratio;
+      const long = [5, 2, 1].map((m) => m * power).find((m) => m <= wanted) || power;
+      const wide = long * this.focal / this.away, x = 16 * this.ratio, y = this.canvas.height - 16 * this.ratio, end = 4 * this.ratio;
       this.stroke([[x, y - end], [x, y + end]], this.ink.truth, 1.2);
-      this.stroke([[x, y], [x + long, y]], this.ink.truth, 1.2);
-      this.stroke([[x + long, y - end], [x + long, y + end]], this.ink.truth, 1.2);
+      this.stroke([[x, y], [x + wide, y]], this.ink.truth, 1.2);
+      this.stroke([[x + wide, y - end], [x + wide, y + end]], this.ink.truth, 1.2);
       this.pen.font = `${12 * this.ratio}px system-ui, sans-serif`;
       this.pen.fillStyle = this.ink.truth;
-      this.pen.fillText(length(metres).replace(/\.0+ /, " "), x + long + 7 * this.ratio, y + 4 * this.ratio);
+      this.pen.fillText(length(long, this.data.metres), x + wide + 7 * this.ratio, y + 4 * this.ratio);
     }
   }
 

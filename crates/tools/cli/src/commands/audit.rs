@@ -1,15 +1,18 @@
-//! `veiloc audit`: what attackers would get out of one's own images, as a page with a conclusion.
+//! `veiloc audit`: what attackers recover of one's own images, as a report.
 
 mod inputs;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use veiloc_evaluation::audit::{Attack, AttackEvaluation, Audit, AuditOptions, attacks_table, run_audit};
+use veiloc_evaluation::audit::{
+    Attack, AttackEvaluation, Audit, AuditOptions, attacks_table, run_audit, strongest_table,
+};
 use veiloc_protocol::ExtractionLimits;
 use veiloc_report::audit_page;
 
 use crate::commands::attack::AdversaryArgs;
+use crate::commands::eval::html;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::feature_args::ImageFeatureArgs;
 use crate::files;
@@ -22,7 +25,7 @@ use inputs::Inputs;
 /// Attack what would be sent of your images, and write a report on it.
 ///
 /// Reads images (their keypoints are extracted here) or files of keypoints, obfuscates the keypoints as a device
-/// would, attacks them by every attack under every scheme, and writes one HTML page: a conclusion in sentences, all
+/// would, attacks them by every attack under every scheme, and writes one HTML page: the strongest attack on each scheme, all
 /// figures, true and recovered keypoints drawn over the images. Nothing is sent anywhere. The page holds the
 /// images and the positions of their keypoints, so it is for whoever owns them.
 #[derive(clap::Args)]
@@ -95,30 +98,23 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let file_of = |group, index| (!args.no_images).then(|| inputs.file_of(group, index)).flatten();
     let audit = run_audit(&options, &file_of, &bars)?;
-    let page = audit_page(&audit, &options);
-    files::write(&report, page.as_bytes())?;
     tell(args, &audit, ui)?;
-    ui.say(format!(
-        "\nReport: {} ({:.1} MB; open it in a browser). Done in {:.0} s.",
-        report.display(),
-        page.len() as f64 / 1e6,
-        started.elapsed().as_secs_f64()
-    ));
+    html::write_page(&report, &audit_page(&audit, &options), ui)?;
+    ui.say(format!("done in {:.0} s", started.elapsed().as_secs_f64()));
     Ok(Exit::Success)
 }
 
-/// Conclusion and tables to stdout, or the document with the others on stderr.
+/// The tables to stdout, or the document with the others on stderr.
 fn tell(args: &Args, audit: &Audit, ui: &Ui) -> Result<(), Failure> {
-    let mut text = String::new();
     let document = &audit.document;
-    if let Some(part) = document.inputs.as_ref().or(document.synthetic.as_ref()) {
-        text += &attacks_table(&part.attacks);
-        text.push('\n');
-    }
-    for sentence in &document.conclusion {
-        text.push_str(sentence);
-        text.push_str("\n\n");
-    }
+    let part = document.inputs.as_ref().or(document.synthetic.as_ref());
+    let text = part.map_or_else(String::new, |part| {
+        format!(
+            "{}\nThe strongest attack on each scheme\n{}",
+            attacks_table(&part.attacks),
+            strongest_table(&part.attacks)
+        )
+    });
     args.json.print(&text, document, ui)
 }
 

@@ -79,7 +79,7 @@ pub(crate) fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result
     };
     let page = page::page(&found, options, progress)?;
     let report = options.out.join("report.html");
-    std::fs::write(&report, veiloc_report::html(&page))
+    std::fs::write(&report, veiloc_report::demo_page(&page))
         .map_err(|source| DemoError::Io { path: report.clone(), source })?;
     let document = DemoDocument { evaluation: result, attacks: attacked.document };
     Ok(Demo { document, report })

@@ -7,7 +7,10 @@ use veiloc_map::MapFile;
 use veiloc_evaluation::audit::Attack;
 use veiloc_evaluation::results::tables::TableData;
 use veiloc_evaluation::results::{Evaluation, SchemeSummary};
-use veiloc_report::{Card, PlaceView, QueryDrawing, Report, RunReport, SeenQuery, worst_first};
+use veiloc_report::{
+    Card, DemoReport, LengthUnit, LocalizationReport, QueryDrawing, SceneView, SeenQuery, significant,
+    worst_first,
+};
 
 use crate::demo::attack::Attacked;
 use crate::demo::error::DemoError;
@@ -30,42 +33,41 @@ pub(crate) fn page(
     found: &Found<'_>,
     options: &DemoOptions,
     progress: &dyn Progress,
-) -> Result<Report, DemoError> {
+) -> Result<DemoReport, DemoError> {
     let Found { place, map, asked, evaluation, attacked } = found;
-    let mut run = RunReport {
+    let mut run = LocalizationReport {
         title: "veiloc demo".to_owned(),
         lead: format!(
-            "A room that nobody has photographed was rendered from {} places and turned into a map. Then {} hidden views \
-             asked where they were taken, without sending their image or where their keypoints are.",
+            "A rendered room was mapped from {} views. Then {} hidden views were localized in the map, without sending their images or \
+             the positions of their keypoints.",
             place.map_list.len(),
             place.query_list.len()
         ),
         cards: cards(evaluation, attacked),
-        details: details(evaluation, options),
-        ..RunReport::default()
+        unit: LengthUnit::Metres,
+        facts: facts(evaluation, options),
+        ..LocalizationReport::default()
     };
-    let rows = evaluation.schemes.iter().map(|row| (None, row));
+    let methods = evaluation.schemes.iter().map(|row| (None, row));
     let queries = evaluation.queries.iter().map(|query| (None, query));
-    let view = PlaceView { up: Some([0.0, 0.0, 1.0]), ..PlaceView::of_map("", map) };
-    run.add_place(view, rows, queries, &|name| place.pose_of(name));
+    let view = SceneView { up: Some([0.0, 0.0, 1.0]), ..SceneView::of_map("", map) };
+    run.add_scene(view, methods, queries, &|name| place.pose_of(name));
     let json = serde_json::to_string(evaluation).unwrap_or_default();
-    if let Ok(data) = TableData::parse(&json) {
-        run.add_figures(&data);
-    }
+    run.data = TableData::parse(&json).ok();
     let shown = place.query_list.first().cloned();
     let mut names: Vec<String> = shown.into_iter().collect();
-    for (_, name) in worst_first(&run.rows, &run.outcomes).into_iter().take(DRAWN) {
+    for (_, name) in worst_first(&run.methods, &run.outcomes).into_iter().take(DRAWN) {
         if !names.contains(&name) {
             names.push(name);
         }
     }
     let drawn = drawn_queries(asked, map, &names, progress)?;
     run.drawings = drawn.iter().map(|query| QueryDrawing::of(query, 0, map, true)).collect();
-    Ok(Report {
+    Ok(DemoReport {
         run,
         seen: drawn.first().map(seen).transpose()?,
-        attacked: attacked.drawn.clone(),
-        attacks: attacked.document.attacks.clone(),
+        attacked: attacked.shown.clone(),
+        attacks: attacked.document.clone(),
     })
 }
 
@@ -87,7 +89,9 @@ fn cards(evaluation: &Evaluation, attacked: &Attacked) -> Vec<Card> {
             note: "The server saw lines, never keypoints.".to_owned(),
         });
         cards.push(Card {
-            value: dcl.median_translation.map_or("—".to_owned(), |t| format!("{:.1} cm", 100.0 * t)),
+            value: dcl
+                .median_translation
+                .map_or("–".to_owned(), |t| format!("{} cm", significant(100.0 * t))),
             label: "median error of the position".to_owned(),
             note: "Half of the views were placed better than this, in a room of several metres.".to_owned(),
         });
@@ -98,15 +102,15 @@ fn cards(evaluation: &Evaluation, attacked: &Attacked) -> Vec<Card> {
     for (scheme, attack, label) in [
         ("random-lines", Attack::CLOSED_FORM, "the paper's attack on random lines"),
         ("dcl", Attack::CLOSED_FORM, "the paper's attack on dcl"),
-        ("dcl", Attack::GRAPH, "our attack on dcl, told all neighbours"),
+        ("dcl", Attack::GRAPH, "our attack on dcl, given all neighbours"),
     ] {
-        if let (Some(row), Some(guess)) = (attack_on(scheme, attack), attack_on(scheme, Attack::PRIOR)) {
+        if let (Some(row), Some(baseline)) = (attack_on(scheme, attack), attack_on(scheme, Attack::PRIOR)) {
             cards.push(Card {
                 value: format!("{:.0} px", row.median_px),
                 label: format!("median error, {label}"),
                 note: format!(
-                    "Guessing without any attack gives {:.0} px; an attack counts by what it gains over that.",
-                    guess.median_px
+                    "The prior-only baseline, without any attack, has {:.0} px.",
+                    baseline.median_px
                 ),
             });
         }
@@ -114,20 +118,20 @@ fn cards(evaluation: &Evaluation, attacked: &Attacked) -> Vec<Card> {
     cards
 }
 
-fn details(evaluation: &Evaluation, options: &DemoOptions) -> Vec<(String, String)> {
-    let mut details = vec![
+fn facts(evaluation: &Evaluation, options: &DemoOptions) -> Vec<(String, String)> {
+    let mut facts = vec![
         ("Command".to_owned(), format!("veiloc demo --seed {}", options.seed)),
         ("Version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
     ];
     if let Some(map) = &evaluation.map {
-        details.push((
+        facts.push((
             "Map".to_owned(),
             format!("{} images, {} points, {:.1} MB", map.images, map.points, map.bytes as f64 / 1e6),
         ));
-        details.push((
+        facts.push((
             "Map build".to_owned(),
             format!("{:.2} s an image", map.build_seconds / map.images.max(1) as f64),
         ));
     }
-    details
+    facts
 }

@@ -11,7 +11,7 @@ const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt
 /// A report, and what every one of them holds.
 fn page(place: &Place, name: &str) -> String {
     let page = String::from_utf8(place.read(name)).expect("UTF-8");
-    assert!(page.starts_with("<!doctype html>") && page.ends_with("</html>\n"), "{name}");
+    assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>"), "{name}");
     assert!(
         page.contains("Content-Security-Policy\" content=\"default-src 'none'; img-src data:;"),
         "{name}"
@@ -22,7 +22,7 @@ fn page(place: &Place, name: &str) -> String {
     }
     assert!(
         page.contains("data-part=\"canvas\"") && page.contains("\"points\":\""),
-        "{name}: no place in 3D"
+        "{name}: no scene in 3D"
     );
     page
 }
@@ -52,17 +52,19 @@ fn a_scene_is_reported_and_its_document_stays_as_it_is() {
     assert!(run.stderr.contains("report: scene.html"), "{run}");
     assert_eq!(document(place, "without.json"), document(place, "with.json"));
     let text = page(place, "scene.html");
-    assert_eq!(text.matches("<details class=\"query\" id=\"query-").count(), 3);
+    assert_eq!(text.matches("<details class=\"fold\" id=\"query-").count(), 3);
     assert_eq!(text.matches("data:image/jpeg").count(), 3);
     assert!(text.contains("contains 3 images of queries"));
-    // Rows of points and of half-lines, some of which agree; one line is the legend's.
-    assert_eq!(text.matches("class=\"line agrees\" d=\"M").count(), 3 + 1);
-    assert_eq!(text.matches("class=\"dot agrees\" d=\"M").count(), 3);
+    // Rows of points and of half-lines, some of them inliers; one line is the legend's.
+    assert_eq!(text.matches("class=\"line inlier\" d=\"M").count(), 3 + 1);
+    assert_eq!(text.matches("class=\"dot inlier\" d=\"M").count(), 3);
+    // The unit of a model is unknown.
+    assert!(text.contains("map units") && !text.contains(" cm<"));
 
     let few = "--report few.html --report-queries 1 --report-without-images";
     place.run(&format!("{SCENE} {few}")).succeeded();
     let text = page(place, "few.html");
-    assert_eq!(text.matches("<details class=\"query\" id=\"query-").count(), 1);
+    assert_eq!(text.matches("<details class=\"fold\" id=\"query-").count(), 1);
     assert!(!text.contains("data:image") && text.contains("The images are left out of this file"));
     assert!(text.contains("Queries that are not drawn"));
 
@@ -83,8 +85,8 @@ fn a_data_set_is_reported_place_by_place() {
         .run(&format!("eval 7scenes --root 7s --poses depth {few} --report 7s.html --report-queries 2"))
         .succeeded();
     let text = page(place, "7s.html");
-    assert_eq!(text.matches("<details class=\"query\" id=\"query-").count(), 2);
-    assert!(text.contains("frame-0000"));
+    assert_eq!(text.matches("<details class=\"fold\" id=\"query-").count(), 2);
+    assert!(text.contains("frame-0000") && text.contains("5 cm, 5°"), "7Scenes is in metres");
 }
 
 #[test]
@@ -97,8 +99,9 @@ fn localized_queries_are_reported_with_their_images_where_those_are_named() {
     place.run(&format!("{queries} --report plain.html")).succeeded();
     let text = page(place, "plain.html");
     assert!(text.contains("contains no images") && !text.contains("data:image"));
-    assert_eq!(text.matches("class=\"line agrees\" d=\"M").count(), 3 + 1);
+    assert_eq!(text.matches("class=\"line inlier\" d=\"M").count(), 3 + 1);
     assert!(text.contains("3 sealed queries localized") && text.contains("± "));
+    assert!(text.contains("map units") && text.contains("veiloc localize --map place.vmap"), "its command");
     place
         .run(&format!("{queries} --report images.html --report-images images --report-queries 2"))
         .succeeded();

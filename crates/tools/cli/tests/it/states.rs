@@ -62,7 +62,7 @@ fn every_state_has_its_word_and_its_code() {
         assert!(text.stdout.contains(&format!("  {state} ")), "{text}");
         if let Some(sd) = query["position_sd"].as_f64() {
             assert_eq!(query["position_sd"], query["confidence"]["center_sd"], "one definition");
-            assert!(text.stdout.contains(&format!("± {sd:.4}")), "{sd}: {text}");
+            assert!(text.stdout.contains(&format!("± {}", veiloc_report::significant(sd))), "{sd}: {text}");
             assert!(query["noise_px"].as_f64().is_some_and(|noise| noise > 0.0), "{run}");
             assert!(query["focal_scale"].as_f64().is_some_and(|scale| scale > 0.0), "{run}");
         }

@@ -1,4 +1,4 @@
-//! `--report FILE` of evaluations: what is collected while they run, and the page.
+//! `--report FILE` of evaluations: collects while they run, and writes the report.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,9 @@ use veiloc_evaluation::results::{QueryResult, SchemeSummary};
 use veiloc_evaluation::{DrawnQuery, SceneEvaluation, drawn_queries};
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use veiloc_map::MapFile;
-use veiloc_report::{PlaceView, QueryDrawing, RunReport, run_page, worst_first};
+use veiloc_report::{
+    LengthUnit, LocalizationReport, QueryDrawing, SceneView, localization_page, worst_first,
+};
 
 use crate::commands::audit::command_line;
 use crate::exit::Failure;
@@ -28,17 +30,17 @@ pub(super) struct HtmlArgs {
 }
 
 impl HtmlArgs {
-    /// A report of so many places; none when none is asked for.
-    pub(super) fn begin(&self, places: usize) -> Result<Option<HtmlReport>, Failure> {
+    /// A report of so many scenes, lengths in this unit; none when none is asked for.
+    pub(super) fn begin(&self, scenes: usize, unit: LengthUnit) -> Result<Option<HtmlReport>, Failure> {
         let Some(path) = self.report.file.clone() else { return Ok(None) };
         let folder = tempfile::tempdir().map_err(|e| Failure::output(std::env::temp_dir().display(), &e))?;
-        let each = usize::from(self.report.queries).div_ceil(places.max(1));
+        let each = usize::from(self.report.queries).div_ceil(scenes.max(1));
         Ok(Some(HtmlReport {
             path,
             each,
             images: !self.report_without_images,
             folder,
-            run: RunReport::default(),
+            run: LocalizationReport { unit, ..LocalizationReport::default() },
         }))
     }
 }
@@ -46,12 +48,12 @@ impl HtmlArgs {
 /// A report that is being filled.
 pub(super) struct HtmlReport {
     path: PathBuf,
-    /// Queries drawn of a place.
+    /// Queries drawn of a scene.
     each: usize,
     images: bool,
     /// Holds maps until they are drawn, where nobody wants to keep them.
     folder: TempDir,
-    run: RunReport,
+    run: LocalizationReport,
 }
 
 impl HtmlReport {
@@ -60,40 +62,40 @@ impl HtmlReport {
         evaluation.keep_map.get_or_insert_with(|| self.folder.path().join("place.vmap"));
     }
 
-    /// Adds a place that was evaluated: its part of the document, and drawings of its worst queries.
+    /// Adds a scene that was evaluated: its part of the document, and drawings of its worst queries.
     pub(super) fn add<'a>(
         &mut self,
         name: &str,
         evaluation: &SceneEvaluation,
-        rows: impl IntoIterator<Item = (Option<&'a str>, &'a SchemeSummary)>,
+        methods: impl IntoIterator<Item = (Option<&'a str>, &'a SchemeSummary)>,
         queries: impl IntoIterator<Item = (Option<&'a str>, &'a QueryResult)>,
         ui: &Ui,
     ) -> Result<(), Failure> {
         let Some(path) = &evaluation.keep_map else { return Ok(()) };
         let map = MapFile::open(path)?;
-        let place = self.run.places.len();
+        let scene = self.run.scenes.len();
         let judged = |query: &str| evaluation.query_list.iter().any(|name| name == query);
         let truth =
             |query: &str| evaluation.posed.get(query).filter(|_| judged(query)).map(|i| i.cam_from_world);
-        self.run.add_place(PlaceView::of_map(name, &map), rows, queries, &truth);
-        let worst = worst_first(&self.run.rows, &self.run.outcomes).into_iter();
+        self.run.add_scene(SceneView::of_map(name, &map), methods, queries, &truth);
+        let worst = worst_first(&self.run.methods, &self.run.outcomes).into_iter();
         let names: Vec<String> =
-            worst.filter(|(at, _)| *at == place).map(|(_, name)| name).take(self.each).collect();
+            worst.filter(|(at, _)| *at == scene).map(|(_, name)| name).take(self.each).collect();
         for drawn in drawn_queries(evaluation, &map, &names, &Stages::new(ui))? {
-            self.add_deviations(place, &drawn);
-            self.run.drawings.push(QueryDrawing::of(&drawn, place, &map, self.images));
+            self.add_deviations(scene, &drawn);
+            self.run.drawings.push(QueryDrawing::of(&drawn, scene, &map, self.images));
         }
         Ok(())
     }
 
-    /// What drawing a query told beside the document: the ± of poses that nobody judges, and what speaks against poses.
-    fn add_deviations(&mut self, place: usize, drawn: &DrawnQuery) {
-        let RunReport { rows, outcomes, .. } = &mut self.run;
+    /// Adds what the document lacks: the ± of poses without a known truth, and what speaks against poses.
+    fn add_deviations(&mut self, scene: usize, drawn: &DrawnQuery) {
+        let LocalizationReport { methods, outcomes, .. } = &mut self.run;
         for sent in &drawn.sent {
             let (scheme, Some(found)) = (sent.scheme.to_string(), &sent.found) else { continue };
             let first = outcomes.iter_mut().find(|outcome| {
-                let row = &rows[outcome.row];
-                row.place == place && row.scheme == scheme && outcome.name == drawn.name
+                let method = &methods[outcome.method];
+                method.scene == scene && method.scheme == scheme && outcome.name == drawn.name
             });
             let Some(outcome) = first.filter(|outcome| outcome.estimate.is_some()) else { continue };
             outcome.position_sd = outcome.position_sd.or(Some(position_sd(&found.covariance)));
@@ -106,54 +108,52 @@ impl HtmlReport {
         }
     }
 
-    /// Writes the page. `json`: the document, for curves and bars.
+    /// Writes the report. `json`: the document, for curves.
     pub(super) fn write(
         mut self,
         title: &str,
         json: &str,
-        details: Vec<(String, String)>,
+        facts: Vec<(String, String)>,
         ui: &Ui,
     ) -> Result<(), Failure> {
         let run = &mut self.run;
-        let (queries, places) = (worst_first(&run.rows, &run.outcomes).len(), run.places.len());
+        let (queries, scenes) = (worst_first(&run.methods, &run.outcomes).len(), run.scenes.len());
         title.clone_into(&mut run.title);
         run.lead = format!(
-            "{queries} queries of {} were sealed under every scheme, sent as they would be to a server, and localized in {}. The \
-             server saw lines and descriptors, neither images nor keypoints.",
-            if places > 1 { format!("{places} places") } else { "one place".to_owned() },
-            if places > 1 { "the maps of their places" } else { "its map" },
+            "{queries} queries of {} were sealed under every scheme, sent as to a server, and localized in {}. The server saw lines \
+             and descriptors, neither images nor keypoints.",
+            if scenes > 1 { format!("{scenes} scenes") } else { "one scene".to_owned() },
+            if scenes > 1 { "the maps of their scenes" } else { "its map" },
         );
         let images = run.drawings.iter().filter(|drawing| drawing.image.is_some()).count();
-        run.remarks.push(match images {
+        run.notices.push(match images {
             0 => "The images are left out of this file; lines and map points are in it.".to_owned(),
             n => format!(
                 "This file contains {n} images of queries, whole, also what masks hide. They were put in on this device and sent \
                  nowhere; who gets the file gets them. --report-without-images leaves them out."
             ),
         });
-        if let Ok(data) = TableData::parse(json) {
-            run.add_figures(&data);
-        }
+        run.data = TableData::parse(json).ok();
         run.add_cards();
-        run.details = details;
-        run.details.push(("Lengths".to_owned(), "map units, written as metres".to_owned()));
-        write_page(&self.path, &run_page(run), ui)
+        run.facts = facts;
+        write_page(&self.path, &localization_page(run), ui)
     }
 }
 
 /// Writes a page and says where.
-pub(super) fn write_page(path: &Path, page: &str, ui: &Ui) -> Result<(), Failure> {
+pub(crate) fn write_page(path: &Path, page: &str, ui: &Ui) -> Result<(), Failure> {
     files::write(path, page.as_bytes())?;
     let megabytes = page.len() as f64 / 1e6;
     ui.say(format!("report: {} ({megabytes:.1} MB; open it in a browser)", path.display()));
     Ok(())
 }
 
-/// Facts for whoever repeats a run.
-pub(super) fn details(seed: u64) -> Vec<(String, String)> {
-    vec![
+/// What a repetition of a run needs.
+pub(crate) fn facts(seed: Option<u64>) -> Vec<(String, String)> {
+    let seed = seed.map(|seed| ("Seed".to_owned(), seed.to_string()));
+    let run = [
         ("Command".to_owned(), command_line()),
         ("Version".to_owned(), format!("veiloc {}", env!("CARGO_PKG_VERSION"))),
-        ("Seed".to_owned(), seed.to_string()),
-    ]
+    ];
+    run.into_iter().chain(seed).collect()
 }

@@ -20,7 +20,7 @@ use crate::lists;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-use super::{html, inversion_report};
+use super::html;
 
 /// Images made of what attacks recover from queries of every scheme, and how alike they are to those they were made of.
 ///
@@ -150,7 +150,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         ui.say(format!("{}: {}", path.display(), sheet.columns.join(" | ")));
     }
     if let Some(path) = &args.report {
-        let page = inversion_page(&inversion_report::report(&document, &sheets, html::details(args.seed)));
+        let page = inversion_page(&document, &sheets, &html::facts(Some(args.seed)));
         html::write_page(path, &page, ui)?;
     }
     args.json.print(&evaluation_table(&document), &document, ui)?;

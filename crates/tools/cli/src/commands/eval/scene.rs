@@ -6,6 +6,7 @@ use veiloc_evaluation::road::Sending;
 use veiloc_evaluation::{Negatives, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 use veiloc_map::regions::SplitOptions;
+use veiloc_report::LengthUnit;
 
 use crate::commands::eval::html::{self, HtmlArgs};
 use crate::commands::eval::place::{GravityArgs, PlaceArgs};
@@ -160,7 +161,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         sending: args.progressive.enough().map_or(Sending::Whole, Sending::Progressive),
         ..args.scene.evaluation()?
     };
-    let report = args.html.begin(1)?;
+    let report = args.html.begin(1, LengthUnit::Map)?;
     if let Some(report) = &report {
         report.keep_map(&mut evaluation);
     }
@@ -187,11 +188,11 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         }
     }
     if let Some(mut report) = report {
-        let rows = result.schemes.iter().map(|row| (None, row));
+        let methods = result.schemes.iter().map(|row| (None, row));
         let queries = result.queries.iter().map(|query| (None, query));
-        report.add("", &evaluation, rows, queries, ui)?;
+        report.add("", &evaluation, methods, queries, ui)?;
         let title = format!("Localization in {}", result.data.join(", "));
-        report.write(&title, &serde_json::to_string(&result)?, html::details(evaluation.seed), ui)?;
+        report.write(&title, &serde_json::to_string(&result)?, html::facts(Some(evaluation.seed)), ui)?;
     }
     args.scene.report.finish(&result, ui)
 }

@@ -6,6 +6,7 @@ use serde::Serialize;
 use veiloc_evaluation::results::PoseDocument;
 use veiloc_localization::{GravityUse, Localization, LocalizeError};
 use veiloc_pose::{Confidence, State};
+use veiloc_report::significant;
 
 use crate::items::Fault;
 
@@ -251,8 +252,9 @@ pub(super) fn table(document: &Document) -> String {
                 let total: f64 = q.ms.values().sum();
                 writeln!(
                     text,
-                    "{:<width$}  {state:<9}  at ({x:.3}, {y:.3}, {z:.3}) ± {sd:.4}  {} of {} matches agree  {total:.0} ms{}",
+                    "{:<width$}  {state:<9}  at ({x:.3}, {y:.3}, {z:.3}) ± {}  {} of {} matches agree  {total:.0} ms{}",
                     q.file,
+                    significant(sd),
                     q.inliers,
                     q.matches,
                     if q.trusted { String::new() } else { format!("  {}", q.doubts.join("; ")) },

@@ -8,13 +8,14 @@ use veiloc_map::MapFile;
 use veiloc_pose::State;
 use veiloc_protocol::SealedQuery;
 use veiloc_report::{
-    PlaceView, QueryDrawing, QueryOutcome, RunReport, RunRow, SentDrawing, run_page, worst_first,
+    LocalizationReport, Method, QueryDrawing, QueryOutcome, SceneView, SentDrawing, localization_page,
+    worst_first,
 };
 
 use super::document::{Document, Query, Status, name_of};
 use crate::args::report_args::ReportFileArgs;
+use crate::commands::eval::html;
 use crate::exit::Failure;
-use crate::files;
 use crate::ui::Ui;
 
 /// The report, and where the images of its queries are.
@@ -50,7 +51,7 @@ impl ReportArgs {
     ) -> Result<(), Failure> {
         let Some(path) = &self.report.file else { return Ok(()) };
         let mut run = filled(document, sealed, map);
-        let worst = worst_first(&run.rows, &run.outcomes).into_iter().take(self.report.queries.into());
+        let worst = worst_first(&run.methods, &run.outcomes).into_iter().take(self.report.queries.into());
         for (_, name) in worst {
             let of_name = document.queries.iter().zip(sealed).find(|(query, _)| query.file == name);
             let Some((query, Some(sealed))) = of_name else { continue };
@@ -58,37 +59,31 @@ impl ReportArgs {
             let found = localize(sealed, map, options).ok().filter(|_| query.status == Status::Localized);
             let sent = SentDrawing::of(sealed, found.as_ref(), map);
             let image = self.report_images.as_deref().and_then(|folder| image_of(folder, Path::new(&name)));
-            run.drawings.push(QueryDrawing { place: 0, name, image, sent: vec![sent] });
+            let drawing = QueryDrawing { scene: 0, name, image, is_undistorted: false, sent: vec![sent] };
+            run.drawings.push(drawing);
         }
         let images = run.drawings.iter().filter(|drawing| drawing.image.is_some()).count();
-        run.remarks.push(match images {
+        run.notices.push(match images {
             0 => "This file contains no images, only what was sent. --report-images names the folder of those that were sealed."
                 .to_owned(),
             n => format!(
                 "This file contains {n} images of queries. They were put in on this device and sent nowhere; who gets the file gets \
-                 them. The lens is not undone in them, for a sealed query does not tell it, so lines may lie beside what they run through."
+                 them. Their lens distortion is not removed, for a sealed query does not hold it, so lines may lie beside their keypoints."
             ),
         });
-        let page = run_page(&run);
-        files::write(path, page.as_bytes())?;
-        ui.say(format!(
-            "report: {} ({:.1} MB; open it in a browser)",
-            path.display(),
-            page.len() as f64 / 1e6
-        ));
-        Ok(())
+        html::write_page(path, &localization_page(&run), ui)
     }
 }
 
-/// The tables of the report, and the place.
-fn filled(document: &Document, sealed: &[Option<SealedQuery>], map: &MapFile) -> RunReport {
+/// The tables of the report, and the scene.
+fn filled(document: &Document, sealed: &[Option<SealedQuery>], map: &MapFile) -> LocalizationReport {
     let answered: Vec<(&Query, Option<&SealedQuery>)> = document
         .queries
         .iter()
         .zip(sealed.iter().map(Option::as_ref))
         .filter(|(q, _)| q.status != Status::Failed)
         .collect();
-    let mut run = RunReport {
+    let mut run = LocalizationReport {
         title: "Where the queries were taken".to_owned(),
         lead: format!(
             "{} sealed queries localized in {}: {} have a pose.",
@@ -96,34 +91,29 @@ fn filled(document: &Document, sealed: &[Option<SealedQuery>], map: &MapFile) ->
             document.map,
             document.localized
         ),
-        places: vec![PlaceView::of_map("", map)],
-        details: vec![
-            (
-                "Map".to_owned(),
-                format!("{}: {} images, {} points", document.map, map.image_count(), map.point_count()),
-            ),
-            ("Version".to_owned(), format!("veiloc {}", env!("CARGO_PKG_VERSION"))),
-            ("Lengths".to_owned(), "map units, written as metres".to_owned()),
-        ],
-        ..RunReport::default()
+        scenes: vec![SceneView::of_map("", map)],
+        facts: html::facts(None),
+        ..LocalizationReport::default()
     };
+    let size = format!("{}: {} images, {} points", document.map, map.image_count(), map.point_count());
+    run.facts.push(("Map".to_owned(), size));
     for (query, sealed) in answered {
         let scheme = sealed.map(|sealed| sealed.scheme().to_string()).unwrap_or_default();
-        let row = run.rows.iter().position(|row| row.scheme == scheme).unwrap_or_else(|| {
-            run.rows.push(RunRow { scheme, ..RunRow::default() });
-            run.rows.len() - 1
+        let method = run.methods.iter().position(|method| method.scheme == scheme).unwrap_or_else(|| {
+            run.methods.push(Method { scheme, ..Method::default() });
+            run.methods.len() - 1
         });
-        run.outcomes.push(outcome(query, sealed, row));
+        run.outcomes.push(outcome(query, sealed, method));
     }
     run.add_cards();
     run
 }
 
-fn outcome(query: &Query, sealed: Option<&SealedQuery>, row: usize) -> QueryOutcome {
+fn outcome(query: &Query, sealed: Option<&SealedQuery>, method: usize) -> QueryOutcome {
     let error = query.error.as_ref().map(|error| error.message().to_owned());
     let doubts = (!query.doubts.is_empty()).then(|| query.doubts.join("; "));
     QueryOutcome {
-        row,
+        method,
         name: query.file.clone(),
         estimate: query.cam_from_world.as_ref().and_then(veiloc_evaluation::results::PoseDocument::pose),
         state: State::ALL.into_iter().find(|state| name_of(*state) == query.state),

@@ -10,6 +10,7 @@ use veiloc_localization::{LocalizeError, LocalizeOptions, RigLocalization, local
 use veiloc_map::MapFile;
 use veiloc_pose::State;
 use veiloc_protocol::SealedFrame;
+use veiloc_report::significant;
 
 use super::document::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
 use crate::commands::rig_file;
@@ -200,8 +201,9 @@ fn text(document: &RigDocument) -> String {
             let doubts =
                 if document.trusted { String::new() } else { format!("  {}", document.doubts.join("; ")) };
             format!(
-                "{}  {state}  at ({x:.3}, {y:.3}, {z:.3}) ± {sd:.4}  {total:.0} ms{doubts}\n",
-                document.rig
+                "{}  {state}  at ({x:.3}, {y:.3}, {z:.3}) ± {}  {total:.0} ms{doubts}\n",
+                document.rig,
+                significant(sd)
             )
         }
         (None, error) => {

@@ -9,6 +9,7 @@ use veiloc_client::{
     seal_masked,
 };
 use veiloc_features::FeatureError;
+use veiloc_report::significant;
 
 use super::connection::{Connection, failure};
 use super::session;
@@ -190,7 +191,7 @@ fn line(answer: &Answer) -> String {
         || "its pose is withheld".to_owned(),
         |pose| {
             let [x, y, z] = pose.center;
-            format!("at ({x:.3}, {y:.3}, {z:.3}) ± {:.4}", pose.position_sd())
+            format!("at ({x:.3}, {y:.3}, {z:.3}) ± {}", significant(pose.position_sd()))
         },
     );
     let doubts: Vec<&str> = answer.doubts.iter().map(|doubt| doubt.text.as_str()).collect();

@@ -9,6 +9,7 @@ use veiloc_evaluation::results::{
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 use veiloc_map::{PosedImage, PosedImages};
 use veiloc_pose::{AnchoredSolver, ScoreKind};
+use veiloc_report::LengthUnit;
 
 use super::options::{DataSetArgs, cores};
 use crate::commands::eval::html;
@@ -47,7 +48,7 @@ pub(in crate::commands::eval) fn evaluate(
         schemes: Vec::new(),
         queries: Vec::new(),
     };
-    let mut report = args.html.begin(places.len())?;
+    let mut report = args.html.begin(places.len(), LengthUnit::Metres)?;
     let mut attacked = None;
     for place in &places {
         place.remarks.iter().for_each(|remark| ui.complain(format!("{}: {remark}", place.name)));
@@ -76,7 +77,7 @@ pub(in crate::commands::eval) fn evaluate(
     let json = serde_json::to_string(&document)?;
     if let Some(report) = report {
         let title = format!("veiloc {}", data_set.command);
-        report.write(&title, &json, html::details(document.seed), ui)?;
+        report.write(&title, &json, html::facts(Some(document.seed)), ui)?;
     }
     let judged = TableData::parse(&json);
     let text = if let Ok(data) = &judged {

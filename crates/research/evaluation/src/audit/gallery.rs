@@ -1,0 +1,250 @@
+//! The positions that a report draws, collected while the attacks run.
+
+use image::RgbImage;
+use veiloc_attacks::{NeighbourLists, Observation};
+use veiloc_geometry::Pixel;
+use veiloc_protocol::{Observations, Scheme};
+
+use crate::audit::{Attack, AttackObserver, AttackTrial};
+
+/// Errors of single keypoints of all images, and the positions of the keypoints of the first images.
+#[derive(Debug, Clone, Default)]
+pub struct Gallery {
+    /// Images whose positions are kept, at most.
+    pub most_shown: usize,
+    /// Errors of each row of the document, in its order.
+    pub errors: Vec<RowErrors>,
+    /// The images whose positions are kept.
+    pub shown: Vec<ShownImage>,
+    /// Keypoints of all images.
+    pub keypoints: usize,
+    /// Group and index in it of the image being attacked.
+    at: Option<(usize, usize)>,
+    /// True neighbours in it.
+    near: Option<NeighbourLists>,
+    last: Option<(Scheme, Attack, f64)>,
+    first: Option<(Scheme, Attack, f64)>,
+}
+
+/// Errors of one attack on one scheme, all images.
+#[derive(Debug, Clone)]
+pub struct RowErrors {
+    /// Obfuscation scheme.
+    pub scheme: String,
+    /// Attack.
+    pub attack: Attack,
+    /// Percent of the neighbours that were replaced at random.
+    pub corrupt: f64,
+    /// Pixels, unsorted.
+    pub errors: Vec<f64>,
+    /// Relative error of the offsets to neighbouring keypoints, as [`bending`]; unsorted.
+    pub bending: Vec<f64>,
+}
+
+/// One image, and what the attacks recovered of it.
+#[derive(Debug, Clone)]
+pub struct ShownImage {
+    /// Group in the document's `data`, and index in the group.
+    pub at: (usize, usize),
+    /// Name of the image.
+    pub name: String,
+    /// Width and height, pixels.
+    pub size: (u32, u32),
+    /// `[N]`, its keypoints, pixels.
+    pub truth: Vec<Pixel>,
+    /// One entry a scheme.
+    pub schemes: Vec<ShownScheme>,
+    /// The image itself, of this size; `None` where it is not shown.
+    pub photograph: Option<RgbImage>,
+}
+
+/// The image under one scheme.
+#[derive(Debug, Clone)]
+pub struct ShownScheme {
+    /// Obfuscation scheme.
+    pub scheme: Scheme,
+    /// What was sent.
+    pub sent: Observations,
+    /// Standard deviation of where each line crosses those of its neighbours, pixels along the line.
+    pub crossings: Vec<f64>,
+    /// Attacks at the first share of replaced neighbours.
+    pub attacks: Vec<ShownAttack>,
+}
+
+/// One attack's answers.
+#[derive(Debug, Clone)]
+pub struct ShownAttack {
+    /// Attack.
+    pub attack: Attack,
+    /// `[N]`, where it puts the keypoints, pixels.
+    pub answers: Vec<Pixel>,
+    /// `[N]`, pixels.
+    pub errors: Vec<f64>,
+}
+
+impl Gallery {
+    /// Keeps the positions of the first images.
+    pub fn keeping(most_shown: usize) -> Self {
+        Self { most_shown, ..Self::default() }
+    }
+
+    fn begin(&mut self, trial: &AttackTrial<'_>) {
+        let index = match self.at {
+            Some((group, index)) if group == trial.group => index + 1,
+            _ => 0,
+        };
+        self.at = Some((trial.group, index));
+        self.keypoints += trial.image.keypoints.len();
+        self.near = Some(NeighbourLists::nearest(&trial.image.keypoints, ARRANGED));
+        if self.shown.len() < self.most_shown {
+            self.shown.push(ShownImage {
+                at: (trial.group, index),
+                name: trial.image.name.clone(),
+                size: (trial.image.width, trial.image.height),
+                truth: trial.image.keypoints.clone(),
+                schemes: Vec::new(),
+                photograph: None,
+            });
+        }
+    }
+
+    fn keep(&mut self, trial: &AttackTrial<'_>) {
+        let Some(shown) = self.shown.last_mut().filter(|shown| Some(shown.at) == self.at) else { return };
+        if shown.schemes.last().is_none_or(|s| s.scheme != trial.scheme) {
+            shown.schemes.push(ShownScheme {
+                scheme: trial.scheme,
+                sent: trial.sent.clone(),
+                crossings: crossing_spread(trial.observations, trial.neighbours),
+                attacks: Vec::new(),
+            });
+        }
+        let Some(scheme) = shown.schemes.last_mut() else { return };
+        if scheme.attacks.iter().all(|a| a.attack != trial.attack) {
+            scheme.attacks.push(ShownAttack {
+                attack: trial.attack,
+                answers: trial.answers.to_vec(),
+                errors: trial.errors.to_vec(),
+            });
+        }
+    }
+}
+
+impl AttackObserver for Gallery {
+    fn saw(&mut self, trial: &AttackTrial<'_>) {
+        // Rows come in the same order for every image: the first row again is the next image.
+        let row = (trial.scheme, trial.attack, trial.corrupt);
+        if self.last.is_none() || self.first == Some(row) {
+            self.begin(trial);
+        }
+        self.first.get_or_insert(row);
+        self.last = Some(row);
+        self.keep(trial);
+        let (scheme, attack) = (trial.scheme.to_string(), trial.attack);
+        let same =
+            |s: &&mut RowErrors| s.scheme == scheme && s.attack == attack && s.corrupt == trial.corrupt;
+        let bent = self.near.as_ref().map(|near| bending(&trial.image.keypoints, trial.answers, near));
+        let bent = bent.unwrap_or_default();
+        if let Some(row) = self.errors.iter_mut().find(same) {
+            row.errors.extend_from_slice(trial.errors);
+            row.bending.extend_from_slice(&bent);
+        } else {
+            let errors = trial.errors.to_vec();
+            self.errors.push(RowErrors { scheme, attack, corrupt: trial.corrupt, errors, bending: bent });
+        }
+    }
+}
+
+/// Neighbours whose offsets are compared.
+const ARRANGED: usize = 8;
+
+/// Relative error of the offsets to neighbouring keypoints: the median, over the true neighbours of a keypoint, of the error
+/// of the offset over its length. 0 where all are moved together, 1 where all coincide; infinite without an answer or
+/// neighbours.
+///
+/// An error in pixels does not show that a layout is right but shifted or bent, from which an image can still be drawn.
+fn bending(truth: &[Pixel], answers: &[Pixel], near: &NeighbourLists) -> Vec<f64> {
+    let of = |i: usize| {
+        let mut off: Vec<f64> = near
+            .of(i)
+            .iter()
+            .map(|&j| {
+                let (true_offset, offset) = (
+                    truth[j as usize].vector() - truth[i].vector(),
+                    answers[j as usize].vector() - answers[i].vector(),
+                );
+                let share = (offset - true_offset).norm() / true_offset.norm().max(1.0);
+                if share.is_nan() { f64::INFINITY } else { share }
+            })
+            .collect();
+        off.sort_unstable_by(f64::total_cmp);
+        off.get(off.len() / 2).copied().unwrap_or(f64::INFINITY)
+    };
+    (0..truth.len().min(answers.len()).min(near.len())).map(of).collect()
+}
+
+/// The paper's Fig. 4 (d): for each line `i` the standard deviation, over its neighbours `j`, of the position `t_ij`
+/// along it at which the two lines cross, pixels. Parallel neighbours do not count; `NaN` where none is left.
+///
+/// Of two candidate lines the first is taken for both.
+fn crossing_spread(observations: &[Observation], neighbours: &NeighbourLists) -> Vec<f64> {
+    let line = |i: usize| observations.get(i).and_then(|o| o.lines()[0]);
+    let spread = |i: usize| {
+        let own = line(i)?;
+        let along: Vec<f64> = neighbours
+            .of(i)
+            .iter()
+            .filter_map(|&j| own.intersection(&line(j as usize)?))
+            .map(|p| p.vector().dot(&own.direction()))
+            .collect();
+        let n = along.len() as f64;
+        let mean = along.iter().sum::<f64>() / n;
+        Some((along.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / n).sqrt())
+    };
+    (0..observations.len().min(neighbours.len())).map(|i| spread(i).unwrap_or(f64::NAN)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use veiloc_geometry::{Pencils, PixelLine};
+
+    use super::*;
+
+    #[test]
+    fn what_is_moved_together_is_not_bent() {
+        let truth: Vec<Pixel> =
+            (0..100).map(|i| Pixel::new(f64::from(i % 10) * 20.0, f64::from(i / 10) * 20.0)).collect();
+        let near = NeighbourLists::nearest(&truth, ARRANGED);
+        let bent = |to: fn(&Pixel) -> Pixel| {
+            let answers: Vec<Pixel> = truth.iter().map(to).collect();
+            bending(&truth, &answers, &near)
+        };
+        assert!(bent(|p| Pixel::new(p.u + 300.0, p.v - 50.0)).iter().all(|b| *b < 1e-9));
+        assert!(bent(|_| Pixel::new(320.0, 0.0)).iter().all(|b| (b - 1.0).abs() < 1e-9));
+        assert!(bent(|p| Pixel::new(1.2 * p.u, 1.2 * p.v)).iter().all(|b| (b - 0.2).abs() < 1e-9));
+        assert!(bent(|_| Pixel::new(f64::NAN, 0.0)).iter().all(|b| b.is_infinite()));
+    }
+
+    #[test]
+    fn lines_of_one_anchor_cross_in_one_place_and_others_do_not() {
+        let pencils = Pencils::paper(640, 480);
+        let ray = |u: f64, v: f64| {
+            let p = Pixel::new(u, v);
+            let anchor = pencils.anchor_of(p);
+            Observation::anchored(&pencils, anchor, pencils.angle_of(anchor, p))
+        };
+        let sent = [ray(100.0, 200.0), ray(120.0, 220.0), ray(90.0, 260.0), ray(330.0, 240.0)];
+        let lists = NeighbourLists::from_lists(&[vec![1, 2], vec![1], vec![0, 3], vec![]]).expect("lists");
+        let spread = crossing_spread(&sent, &lists);
+        // The last two cross at the anchor (320, 0) and at (340.98859, -23.72624).
+        assert!(spread[0] < 1e-6 && (spread[2] - 15.838681).abs() < 1e-5, "{spread:?}");
+        assert!(
+            spread[1].is_nan() && spread[3].is_nan(),
+            "itself is parallel, nobody is nothing: {spread:?}"
+        );
+        // By hand: a horizontal line, crossed at u = 0 and u = 10.
+        let level = |u: f64, angle: f64| Observation::Line(PixelLine::through(Pixel::new(u, 5.0), angle));
+        let sent = [level(3.0, 0.0), level(0.0, 1.0), level(10.0, 2.0)];
+        let lists = NeighbourLists::from_lists(&[vec![1, 2], vec![], vec![]]).expect("lists");
+        assert!((crossing_spread(&sent, &lists)[0] - 5.0).abs() < 1e-9);
+    }
+}

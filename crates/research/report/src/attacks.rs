@@ -1,0 +1,267 @@
+//! What attacks recover: the strongest on each scheme, all of them, curves of errors, and the figures of one image.
+
+use maud::{Markup, html};
+use veiloc_evaluation::audit::{
+    Attack, AttackDocument, AttackSummary, Gallery, Neighbours, ShownImage, StrongestAttacks,
+};
+
+use crate::chart::{Axis, Chart, Mark, Series};
+use crate::drawing::{AttackFigures, error_legend};
+use crate::numbers::{capital, milliseconds, percent, pixels, scheme_name};
+use crate::page::{facts, figure};
+use crate::table::{Cell, Table, bar, cell, number, words};
+
+/// An attack that puts half of the keypoints to within so many pixels has recovered them.
+const RECOVERED_PX: f64 = 10.0;
+/// An attack with a median error under so much of the baseline's has narrowed positions down.
+const NARROWED: f64 = 0.75;
+
+/// Schemes in the order of the document.
+pub(crate) fn schemes(document: &AttackDocument) -> Vec<&str> {
+    let baselines = document.attacks.iter().filter(|row| row.attack == Attack::PRIOR);
+    baselines.map(|row| row.scheme.as_str()).collect()
+}
+
+/// The strongest attacks on each scheme, and how to read them.
+pub(crate) fn summary(document: &AttackDocument) -> Markup {
+    let columns = vec![
+        words("Scheme"),
+        words("Attacker"),
+        words("Strongest attack"),
+        words("Result"),
+        number("Median\nerror"),
+        number("Within\n10 px"),
+        number("Bits beyond\nthe baseline"),
+    ];
+    let mut table = Table::new("The strongest attack on each scheme", columns);
+    for (index, StrongestAttacks { scheme, without_oracle, with_oracle }) in
+        document.strongest().iter().enumerate()
+    {
+        let Some(baseline) = document.row(scheme, Attack::PRIOR) else { continue };
+        let attackers = [
+            ("without an oracle", *without_oracle),
+            ("given the true neighbours", *with_oracle),
+            ("prior-only baseline", Some(Attack::PRIOR)),
+        ];
+        let mut is_first = true;
+        for (attacker, attack) in attackers {
+            let Some(row) = attack.and_then(|attack| document.row(scheme, attack)) else { continue };
+            let is_baseline = row.attack == Attack::PRIOR;
+            let cells = vec![
+                cell(attacker.to_owned()),
+                cell(Some(capital(row.attack.words)).filter(|_| !is_baseline)),
+                Some(result(row, baseline)).filter(|_| !is_baseline),
+                cell(pixels(row.median_px)),
+                Some(html! { (percent(row.under_10px)) (bar(row.under_10px)) }),
+                bits(row),
+            ];
+            let head = html! { @if is_first { (scheme_name(scheme)) small { (scheme) } } };
+            table.push(row_class(is_baseline, is_first && index > 0), head, cells);
+            is_first = false;
+        }
+    }
+    html! {
+        p {
+            "The table has, for each scheme, the strongest attack that a real attacker can run, the strongest one to which an \
+             oracle gives the true nearest neighbours of each keypoint, which no real attacker has, and the prior-only baseline, \
+             the best answer from the single line alone. Positions are recovered when half of the keypoints come out within \
+             10 px of the truth, and narrowed down when the median error is under three quarters of the baseline's."
+        }
+        (table.html())
+        p {
+            "Read it so: a scheme protects against an attack as far as the attack is no better than the baseline. One bit halves \
+             the error, on average over keypoints; a negative number is worse than the baseline. A large error shows that this \
+             attack fails, not that every attack fails. Only positions are attacked here: descriptors are sent under every scheme."
+        }
+    }
+}
+
+fn result(row: &AttackSummary, baseline: &AttackSummary) -> Markup {
+    let (class, words) = match row.median_px {
+        error if error < RECOVERED_PX => ("result recovered", "recovered"),
+        error if error < NARROWED * baseline.median_px => ("result narrowed", "narrowed down"),
+        _ => ("result protected", "no better"),
+    };
+    html! { span class=(class) { (words) } }
+}
+
+const fn row_class(is_baseline: bool, begins_group: bool) -> &'static str {
+    match (is_baseline, begins_group) {
+        (true, true) => "baseline group",
+        (true, false) => "baseline",
+        (false, true) => "group",
+        (false, false) => "",
+    }
+}
+
+fn bits(row: &AttackSummary) -> Cell {
+    let is_known = row.attack != Attack::PRIOR && row.bits_over_prior.is_finite();
+    cell(is_known.then(|| format!("{:+.2}", row.bits_over_prior)))
+}
+
+/// All attacks on all schemes; of each scheme first those without an oracle. `bending`: of the document's rows, may be empty.
+pub(crate) fn table(document: &AttackDocument, bending: &[f64]) -> Markup {
+    let columns = vec![
+        words("Scheme"),
+        words("Attack"),
+        words("Given by an\noracle"),
+        number("Neighbours\nreplaced"),
+        number("Mean\nerror"),
+        number("Median\nerror"),
+        number("Within\n5 px"),
+        number("Within\n10 px"),
+        number("Within\n30 px"),
+        number("Bits beyond\nthe baseline"),
+        number("Error of\noffsets"),
+        number("Images"),
+        number("Time an\nimage"),
+    ];
+    let mut table = Table::new("Every attack on every scheme", columns);
+    let schemes = schemes(document);
+    let mut rows: Vec<(usize, &AttackSummary)> = document.attacks.iter().enumerate().collect();
+    rows.sort_by_key(|(_, row)| {
+        (schemes.iter().position(|scheme| *scheme == row.scheme), document.uses_oracle(row.attack))
+    });
+    let images = rows.iter().map(|(_, row)| row.images).max();
+    let images_differ = rows.iter().any(|(_, row)| Some(row.images) != images);
+    let mut last = None;
+    for (index, row) in rows {
+        let is_first = last != Some(&row.scheme);
+        let is_baseline = row.attack == Attack::PRIOR;
+        let share = |share: f64| Some(html! { span.leak[!is_baseline && share >= 0.5] { (percent(share)) } });
+        let cells = vec![
+            cell(capital(row.attack.words)),
+            cell(document.uses_oracle(row.attack).then(|| "neighbours".to_owned())),
+            cell((row.corrupt > 0.0).then(|| format!("{:.0} %", row.corrupt))),
+            cell(pixels(row.mean_px)),
+            cell(pixels(row.median_px)),
+            share(row.under_5px),
+            share(row.under_10px),
+            share(row.under_30px),
+            bits(row),
+            cell(bending.get(index).filter(|bent| bent.is_finite()).map(|bent| percent(*bent))),
+            cell(images_differ.then(|| row.images.to_string())),
+            cell(milliseconds(row.ms)),
+        ];
+        let head = html! { @if is_first { (scheme_name(&row.scheme)) small { (row.scheme) } } };
+        table.push(row_class(is_baseline, is_first && last.is_some()), head, cells);
+        last = Some(&row.scheme);
+    }
+    html! {
+        (table.html())
+        p.note {
+            "Red: at least half of the keypoints. "
+            @if !bending.is_empty() {
+                "Error of offsets: the median error of the offset from a keypoint to a neighbour, over its length; where it is small \
+                 and the error in pixels large, the layout is right, but shifted or bent. "
+            }
+        }
+    }
+}
+
+/// What each attack of a document needs beside the query.
+pub(crate) fn needs(document: &AttackDocument) -> Markup {
+    let mut attacks: Vec<Attack> = Vec::new();
+    for row in &document.attacks {
+        if !attacks.contains(&row.attack) {
+            attacks.push(row.attack);
+        }
+    }
+    let entry = |attack: &Attack| {
+        let neighbours = match document.neighbours {
+            Neighbours::Oracle => {
+                format!("the true {} nearest keypoints of each, from an oracle", document.k)
+            }
+            Neighbours::Predicted => "neighbours predicted from descriptors".to_owned(),
+            Neighbours::Network => "neighbours predicted from descriptors by a network".to_owned(),
+            Neighbours::Transferred => "neighbours in the images of a map".to_owned(),
+        };
+        let needs = match (attack.holds, attack.needs.neighbours) {
+            ("", false) => "nothing else".to_owned(),
+            ("", true) => neighbours,
+            (holds, false) => holds.to_owned(),
+            (holds, true) => format!("{holds}, and {neighbours}"),
+        };
+        (attack.name.to_owned(), format!("{}. Needs: {needs}.", capital(attack.words)))
+    };
+    facts(&attacks.iter().map(entry).collect::<Vec<_>>())
+}
+
+/// Curves of the errors of all attacks, a chart a scheme; and of the median error by the share of replaced neighbours.
+pub(crate) fn error_curves(document: &AttackDocument, gallery: &Gallery) -> Markup {
+    let least = document.least_replaced_percent();
+    let of_scheme = |scheme: &&str| {
+        let shown = gallery
+            .errors
+            .iter()
+            .filter(|row| row.scheme == **scheme && (!row.attack.needs.neighbours || row.corrupt <= least));
+        let series: Vec<(&str, bool, &[f64])> =
+            shown.map(|row| (row.attack.name, row.attack == Attack::PRIOR, row.errors.as_slice())).collect();
+        Chart::cumulative(&scheme_name(scheme), "error of a recovered keypoint, px", &series)
+    };
+    let schemes = schemes(document);
+    html! {
+        div.row {
+            @for scheme in &schemes { figure { (of_scheme(scheme).svg()) } }
+            @for scheme in &schemes {
+                @if let Some(chart) = by_replaced_neighbours(document, scheme) {
+                    (figure(&chart.svg(), &html! { "A share of the neighbours is replaced by keypoints drawn at random." }))
+                }
+            }
+        }
+    }
+}
+
+/// `None` where no attack ran at two shares.
+fn by_replaced_neighbours(document: &AttackDocument, scheme: &str) -> Option<Chart> {
+    let rows: Vec<&AttackSummary> = document.attacks.iter().filter(|row| row.scheme == scheme).collect();
+    let most = rows.iter().map(|row| row.corrupt).fold(0.0, f64::max);
+    let mut series: Vec<Series> = Vec::new();
+    for row in rows.iter().filter(|row| row.attack.needs.neighbours) {
+        let point = (row.corrupt, row.median_px);
+        match series.iter_mut().find(|known| known.name == row.attack.name) {
+            Some(known) => known.points.push(point),
+            None => series.push(Series {
+                name: row.attack.name.to_owned(),
+                mark: Mark::DottedLine,
+                points: vec![point],
+            }),
+        }
+    }
+    series.retain(|series| series.points.len() > 1);
+    for series in &mut series {
+        series.points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    }
+    if series.is_empty() || most <= 0.0 {
+        return None;
+    }
+    if let Some(baseline) = rows.iter().find(|row| row.attack == Attack::PRIOR) {
+        let points = vec![(0.0, baseline.median_px), (most, baseline.median_px)];
+        series.push(Series { name: Attack::PRIOR.name.to_owned(), mark: Mark::Baseline, points });
+    }
+    Some(Chart {
+        title: scheme_name(scheme),
+        x: Axis::linear("neighbours replaced at random, %", 0.0, most),
+        y: Axis::logarithmic("median error, px", 0.5, 1000.0),
+        series,
+    })
+}
+
+/// One image under every scheme and attack, in small figures. `id` tells it from others on the page.
+pub(crate) fn gallery(shown: &ShownImage, document: &AttackDocument, id: &str) -> Markup {
+    let figures = AttackFigures::new(shown, id);
+    html! {
+        (figures.shared())
+        (error_legend())
+        @for scheme in &shown.schemes {
+            h4 { (scheme_name(&scheme.scheme.to_string())) }
+            div.gallery {
+                (figures.sent(scheme, "As sent."))
+                @for attack in &scheme.attacks {
+                    @let oracle = if document.uses_oracle(attack.attack) { " (given the true neighbours)" } else { "" };
+                    (figures.recovered(attack, &format!("{}{oracle}.", capital(attack.attack.words))))
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! The report of `veiloc audit`: what attackers get out of what is sent, for operators, developers and reviewers.
+
+use maud::{Markup, html};
+use veiloc_evaluation::audit::{
+    Attack, Audit, AuditOptions, AuditPart, Gallery, ShownAttack, ShownImage, ShownScheme,
+};
+use veiloc_protocol::Scheme;
+
+use crate::attacks::{error_curves, gallery, needs, schemes, summary, table};
+use crate::drawing::{AttackFigures, error_legend};
+use crate::numbers::{capital, count, scheme_name};
+use crate::page::{Page, Section, fold};
+
+/// Keypoints of the paper's synthetic scene, and how many of them its attack had under 30 px.
+const PAPER_KEYPOINTS: usize = 1500;
+const PAPER_UNDER_30: usize = 8;
+
+/// The report as one HTML document. `options`: what the audit was run with.
+pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
+    let inputs = audit.document.inputs.as_ref().zip(audit.inputs.as_ref());
+    let synthetic = audit.document.synthetic.as_ref().zip(audit.synthetic.as_ref());
+    let Some((main, shown)) = inputs.or(synthetic) else { return Page::default().html() };
+    let scene_is_main = inputs.is_none();
+    let attacks = &main.attacks;
+    let images = attacks.attacks.iter().map(|row| row.images).max().unwrap_or(0);
+    let lead = format!(
+        "{} with {}{} obfuscated as a device does it under {}, attacked, and compared with the truth.",
+        count(images, "image"),
+        count(main.keypoints, "keypoint"),
+        if !scene_is_main && synthetic.is_some() { ", and the paper's synthetic scene," } else { "" },
+        count(schemes(attacks).len(), "scheme"),
+    );
+    let page = Page {
+        title: "What an attacker gets out of sealed queries",
+        lead: &lead,
+        notices: inputs.and_then(|(_, gallery)| notice(gallery)).into_iter().collect(),
+        sections: vec![
+            Section::new("strongest", "The strongest attack on each scheme", summary(attacks)),
+            Section::new("errors", "Errors of all keypoints", curves_and_table(main, shown)),
+            Section::new("images", "True and recovered keypoints", images_of(inputs)),
+            Section::new("scene", "The paper's synthetic scene", synthetic_scene(synthetic, scene_is_main)),
+        ],
+        facts: &run_facts(main, options, audit.seconds),
+        ..Page::default()
+    };
+    page.html()
+}
+
+/// Who gets the file gets what is in it.
+fn notice(gallery: &Gallery) -> Option<Markup> {
+    let has_photographs = gallery.shown.iter().any(|shown| shown.photograph.is_some());
+    let holds = match (gallery.shown.is_empty(), has_photographs) {
+        // Figures alone hold no single keypoint.
+        (true, _) => return None,
+        (_, true) => "the photographs and the true positions of their keypoints",
+        (_, false) => "true positions of keypoints, which the schemes hide",
+    };
+    Some(html! {
+        b { "This file contains " (holds) "." } " Nothing was sent anywhere to make it; who passes it on passes them on."
+        @if has_photographs { " " code { "--no-images" } " leaves the photographs out." }
+    })
+}
+
+fn curves_and_table(part: &AuditPart, gallery: &Gallery) -> Markup {
+    html! {
+        p {
+            "Every curve is one attack: the share of keypoints that it recovers to within an error. An attack whose curve runs along \
+             the dashed baseline adds nothing to the single line."
+        }
+        (error_curves(&part.attacks, gallery))
+        (fold("Table: every attack on every scheme", false, &table(&part.attacks, &part.bending)))
+        (fold("The attacks, and what each needs beside the query", false, &needs(&part.attacks)))
+    }
+}
+
+fn images_of(part: Option<(&AuditPart, &Gallery)>) -> Markup {
+    let Some((part, found)) = part else { return html! {} };
+    html! {
+        @for (index, shown) in found.shown.iter().enumerate() {
+            (fold(&shown.name, index == 0, &html! { (gallery(shown, &part.attacks, &format!("image-{index}"))) }))
+        }
+    }
+}
+
+/// The paper's Fig. 4 and Fig. 5 on evenly spread keypoints. `is_main`: its tables are those of the page.
+fn synthetic_scene(part: Option<(&AuditPart, &Gallery)>, is_main: bool) -> Markup {
+    let Some((part, found)) = part else { return html! {} };
+    let Some(shown) = found.shown.first() else { return html! {} };
+    let figures = AttackFigures::new(shown, "scene");
+    let (n, (w, h)) = (shown.truth.len(), shown.size);
+    let dcl = shown.schemes.iter().find(|scheme| matches!(scheme.scheme, Scheme::Dcl(_)));
+    html! {
+        p {
+            (n) " keypoints spread evenly over " (w) " × " (h) " pixels"
+            @if n != PAPER_KEYPOINTS { " (the paper: " (PAPER_KEYPOINTS) ")" }
+            "; neighbours are the true ones."
+        }
+        (figures.shared())
+        @if let Some(dcl) = dcl { (fold(&format!("Fig. 4: {} under the paper's attack", dcl.scheme), is_main, &fig_4(&figures, dcl))) }
+        (fold("Fig. 5: recovered keypoints", false, &fig_5(&figures, shown)))
+        @if !is_main {
+            (fold("Table: the strongest attack on each scheme", false, &summary(&part.attacks)))
+            (fold("Table: every attack on every scheme of the scene", false, &table(&part.attacks, &part.bending)))
+        }
+    }
+}
+
+fn fig_4(figures: &AttackFigures<'_>, dcl: &ShownScheme) -> Markup {
+    let attack = dcl.attacks.iter().find(|attack| attack.attack == Attack::CLOSED_FORM);
+    let under = |attack: &ShownAttack| attack.errors.iter().filter(|error| **error < 30.0).count();
+    html! {
+        (error_legend())
+        div.gallery {
+            (figures.sent(dcl, "(a) As sent."))
+            @if let Some(attack) = attack {
+                (figures.recovered(attack, "(b) Recovered."))
+                (figures.error_map(attack, "(c) Error map."))
+            }
+            (figures.crossings(dcl, "(d) Standard deviation of where a line crosses those of its neighbours."))
+        }
+        @if let Some(attack) = attack {
+            p.note {
+                "The paper counts " (PAPER_UNDER_30) " of its " (PAPER_KEYPOINTS) " keypoints under 30 px in its error map (c). Here \
+                 its attack has " (under(attack)) " of " (attack.errors.len()) "."
+            }
+        }
+    }
+}
+
+fn fig_5(figures: &AttackFigures<'_>, shown: &ShownImage) -> Markup {
+    let mut kinds: Vec<Attack> = Vec::new();
+    for attack in shown.schemes.iter().flat_map(|scheme| &scheme.attacks) {
+        if attack.attack != Attack::PRIOR && !kinds.contains(&attack.attack) {
+            kinds.push(attack.attack);
+        }
+    }
+    html! {
+        (error_legend())
+        div.gallery { (figures.original()) }
+        @for kind in kinds {
+            h4 { (capital(kind.words)) }
+            div.gallery {
+                @for scheme in &shown.schemes {
+                    @if let Some(attack) = scheme.attacks.iter().find(|attack| attack.attack == kind) {
+                        (figures.recovered(attack, &format!("{}.", scheme_name(&scheme.scheme.to_string()))))
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn run_facts(part: &AuditPart, options: &AuditOptions, seconds: f64) -> Vec<(String, String)> {
+    let attacks = &part.attacks;
+    let facts = [
+        ("Command", options.command.clone()),
+        ("Version", format!("veiloc {}", env!("CARGO_PKG_VERSION"))),
+        ("Seed", options.evaluation.seed.to_string()),
+        ("Data", attacks.data.join(", ")),
+        ("Neighbours", format!("{}, {} a keypoint", attacks.neighbours, attacks.k)),
+        ("Angles", format!("{} bits", options.evaluation.angle_bits.get())),
+        ("Time", format!("{seconds:.0} s")),
+    ];
+    facts.map(|(name, value)| (name.to_owned(), value)).into()
+}

@@ -1,0 +1,354 @@
+//! The report of `veiloc eval inversion`: the paper's Table 1, and each image beside what a network made of its descriptors.
+
+use maud::{Markup, html};
+use veiloc_evaluation::inversion::evaluation::{
+    EvaluationDocument, NetworkRow, RebuiltRow, Sheet, SummaryRow, Tile,
+};
+
+use crate::images::lossless_address;
+use crate::numbers::{capital, count, percent, pixels, scheme_name};
+use crate::page::{Card, Page, Section, figure, fold};
+use crate::table::{Cell, Table, cell, number, words};
+
+/// A column of the table: its head, and what a row has in it.
+type Measure = (&'static str, fn(&SummaryRow, &[SummaryRow]) -> Cell);
+
+/// The columns of numbers. One in which no row has a value is left out.
+const MEASURES: [Measure; 8] = [
+    ("Mean error\nof positions", |row, _| cell(row.mean_px.map(pixels))),
+    ("PSNR", |row, _| cell(format!("{:.2} dB", row.psnr))),
+    ("SSIM", |row, _| cell(format!("{:.3}", row.ssim))),
+    ("LPIPS", |row, _| cell(row.lpips.map(|v| format!("{v:.3}")))),
+    ("Feature\ndistance", |row, _| cell(row.feature_distance.map(|v| format!("{v:.3}")))),
+    ("Objects\nfound again", |row, _| cell(found_again(row.objects_found, row.objects))),
+    ("Wrong positions\ntold apart (AUC)", |row, _| cell(row.told_apart.map(|v| format!("{v:.2}")))),
+    ("Share of the\nkeypoints' gain", |row, rows| cell(gain(rows, row).map(percent))),
+];
+
+/// The report as one HTML document. The second sheet is a view twice as wide and high; `facts`: what a repetition needs.
+pub fn inversion_page(
+    document: &EvaluationDocument,
+    [sheet, wide]: &[Sheet; 2],
+    facts: &[(String, String)],
+) -> String {
+    let images = count(document.images, "image");
+    let lead = format!(
+        "{images} went through a network that draws images from descriptors: with the true keypoints, with what attacks recover \
+         from what is sent under each scheme, and with nothing.",
+    );
+    let columns =
+        [words("Scheme"), words("Attack")].into_iter().chain(MEASURES.map(|(name, _)| number(name)));
+    let mut table = Table::new("Images made of what attacks recover", columns.collect());
+    let mut last = None;
+    for row in &document.summary {
+        let is_first = last != Some(&row.scheme);
+        let class = match (row.scheme.as_str(), is_first && last.is_some()) {
+            ("nothing", _) => "baseline group",
+            (_, true) => "group",
+            (_, false) => "",
+        };
+        let mut cells = vec![cell(attack_words(row.attack, row.by.as_deref()))];
+        cells.extend(MEASURES.map(|(_, of)| of(row, &document.summary)));
+        table.push(class, html! { @if is_first { (given(&row.scheme)) } }, cells);
+        last = Some(&row.scheme);
+    }
+    let has_rows = !document.summary.is_empty();
+    let means = html! {
+        @if has_rows {
+            p { "Means over " (images) ", on the grids of the networks." }
+            (table.html())
+            @for network in &document.networks { p.note { (network_words(network)) } }
+        }
+    };
+    let page = Page {
+        title: "Images made from queries",
+        lead: &lead,
+        notices: if sheet.rows.is_empty() { Vec::new() } else { vec![notice()] },
+        cards: &cards(&document.summary),
+        sections: vec![
+            Section::new("table", "Table 1: images made of what attacks recover", means),
+            Section::new("images", "Image by image", gallery(document, sheet, "")),
+            Section::new(
+                "wide",
+                "In a view twice as wide and high",
+                gallery(document, wide, "twice the view of "),
+            ),
+            Section::new("read", "How to read this", how_to_read()),
+        ],
+        facts,
+    };
+    page.html()
+}
+
+/// Who gets the file gets the images.
+fn notice() -> Markup {
+    html! {
+        b { "This file contains images" } ": the originals, made small, and what was made of their descriptors. It is for their owner. \
+         Nothing was sent anywhere to make it; think of the people and places in them before you pass it on. "
+        code { "--shown 0" } " leaves the images out."
+    }
+}
+
+fn cards(rows: &[SummaryRow]) -> Vec<Card> {
+    let card = |row: &SummaryRow, label: &str, note: String| Card {
+        value: format!("{:.2} dB", row.psnr),
+        label: label.to_owned(),
+        note,
+    };
+    let of = |scheme: &str| rows.iter().find(|row| row.scheme == scheme);
+    let needs_no_oracle = |row: &&SummaryRow| ["guess", "realistic", "lines"].contains(&row.attack);
+    let best = rows.iter().filter(needs_no_oracle).max_by(|a, b| a.psnr.total_cmp(&b.psnr));
+    let keypoints =
+        of("points").map(|row| card(row, "True keypoints", "The network's own limit, by PSNR.".to_owned()));
+    let best = best.map(|row| {
+        let attack = attack_words(row.attack, row.by.as_deref()).to_lowercase();
+        card(row, "Strongest attack without an oracle", format!("{}: {attack}.", given(&row.scheme)))
+    });
+    let nothing = of("nothing")
+        .map(|row| card(row, "No descriptor", "What the network answers without any input.".to_owned()));
+    [keypoints, best, nothing].into_iter().flatten().collect()
+}
+
+/// What the network was given, for people.
+fn given(scheme: &str) -> String {
+    match scheme {
+        "bag" => "Descriptors alone".to_owned(),
+        "nothing" => "Nothing".to_owned(),
+        scheme => scheme_name(scheme),
+    }
+}
+
+/// An attack's name for people.
+fn attack_words(attack: &str, by: Option<&str>) -> String {
+    let words = match attack {
+        "none" => "none needed",
+        "guess" => "prior-only baseline",
+        "closed-form" => "closed form, given the true neighbours",
+        "graph" => "graph, given the true neighbours",
+        "realistic" => "strongest without an oracle",
+        "lines" => "none: lines as they are sent",
+        other => other,
+    };
+    capital(&by.map_or_else(|| words.to_owned(), |by| format!("{words} ({by})")))
+}
+
+fn network_words(of: &NetworkRow) -> String {
+    let form = if of.form == "invsfm" { "Three U-Nets in a row (InvSfM)" } else { "U-Net" };
+    format!(
+        "{form}, given {}: {} channels, {} levels, {} cells on the longer side, {} parameters.",
+        of.sees, of.width, of.depth, of.side, of.parameters
+    )
+}
+
+fn found_again(found: Option<usize>, all: Option<usize>) -> Option<String> {
+    found.zip(all).map(|(found, all)| format!("{found} of {all}"))
+}
+
+/// What share of the gain of true keypoints over nothing a row has, by PSNR; `None` without both of these rows.
+fn gain(rows: &[SummaryRow], row: &SummaryRow) -> Option<f64> {
+    let psnr = |scheme: &str| rows.iter().find(|row| row.scheme == scheme).map(|row| row.psnr);
+    let (least, most) = (psnr("nothing")?, psnr("points")?);
+    // A network that learned nothing gains nothing.
+    (most - least > 0.1).then(|| (row.psnr - least) / (most - least))
+}
+
+/// Each image of a sheet with what was made of it.
+fn gallery(document: &EvaluationDocument, sheet: &Sheet, view: &str) -> Markup {
+    // Rows stand by column, and within it in the order of the images.
+    let own = |column: usize, image: usize| document.rows.get(column * document.images + image);
+    let column =
+        |name: &str| document.summary.iter().position(|row| format!("{} {}", row.scheme, row.attack) == name);
+    let tiles = |index: usize, name: &str, tiles: &[Tile]| {
+        html! {
+            div.tiles {
+                @for (tile, title) in tiles.iter().zip(&sheet.columns) {
+                    (tile_figure(&format!("{view}{name}"), tile, column(title).and_then(|column| own(column, index))))
+                }
+            }
+        }
+    };
+    html! {
+        @if !sheet.rows.is_empty() {
+            p {
+                "The original on the grid of the network, then what was made of it, with the scores of each image. Boxes are objects \
+                 that a detector finds, where one was given."
+            }
+            @for (index, row) in sheet.rows.iter().enumerate() {
+                @let name = own(0, index).map_or("image", |row| row.image.as_str());
+                (fold(name, index == 0 && view.is_empty(), &tiles(index, name, row)))
+            }
+        }
+    }
+}
+
+fn tile_figure(name: &str, tile: &Tile, row: Option<&RebuiltRow>) -> Markup {
+    let drawn = tile.drawn();
+    let (width, height) = (drawn.width(), drawn.height());
+    let Some(address) = lossless_address([width, height], drawn.data()) else { return html! {} };
+    let what = row.map_or_else(|| "Original".to_owned(), |row| given(&row.scheme));
+    let attack =
+        row.filter(|row| row.attack != "none").map(|row| format!(" {}.", attack_words(row.attack, None)));
+    let attack = attack.unwrap_or_default();
+    let alt = format!("{name}: {what}.{attack}");
+    let picture = html! { img width=(width) height=(height) alt=(alt) src=(address); };
+    figure(&picture, &html! { b { (what) "." } (attack) " " @if let Some(row) = row { (scores(row)) } })
+}
+
+fn scores(row: &RebuiltRow) -> String {
+    let lpips = row.lpips.map_or_else(String::new, |lpips| format!(", LPIPS {lpips:.3}"));
+    let objects = found_again(row.objects_found, row.objects.filter(|all| *all > 0));
+    let objects = objects.map_or_else(String::new, |objects| format!(", {objects} objects found again"));
+    format!("{:.2} dB, SSIM {:.3}{lpips}{objects}.", row.psnr, row.ssim)
+}
+
+fn how_to_read() -> Markup {
+    html! {
+        p {
+            "From keypoints and their descriptors a network can draw an image. A scheme hides the positions of the keypoints; an attack \
+             recovers positions, and the network draws an image from those. The more the result resembles the original, the more was \
+             given away."
+        }
+        p {
+            b { "A score near that of nothing means that no image was recovered" } ": that row is the network's answer without any \
+             descriptor. The closed form and the graph are given the true neighbours, which no real attacker has; the other rows need \
+             the query alone, or the images of its map. Larger networks, or networks trained longer, make better images: no row is an \
+             upper bound."
+        }
+        dl {
+            dt { "PSNR" } dd { "Peak signal-to-noise ratio, decibels: higher is closer in brightness and colour." }
+            dt { "SSIM" } dd { "Structural similarity, at most 1: higher is more alike in structure." }
+            dt { "LPIPS, feature distance" } dd { "Distances in the features of networks, from 0: lower is more alike. The two do not compare." }
+            dt { "Objects found again" } dd { "Of the objects that a detector finds in the originals, how many it finds again, of the same class at the same position." }
+            dt { "Wrong positions told apart" } dd { "Area under the ROC curve of the network's confidence in positions; 0.5 is chance." }
+            dt { "Share of the keypoints' gain" } dd { "The PSNR between nothing (0 %) and true keypoints (100 %)." }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use base64::Engine as _;
+    use base64::engine::general_purpose::STANDARD;
+    use veiloc_features::ColourImage;
+
+    use super::*;
+
+    const HOSTILE: &str = "<script>alert('x')</script>.png";
+
+    fn row(scheme: &str, attack: &'static str, psnr: f64) -> SummaryRow {
+        SummaryRow {
+            scheme: scheme.into(),
+            attack,
+            by: None,
+            mean_px: (scheme != "nothing").then_some(12.25),
+            median_px: None,
+            psnr,
+            ssim: psnr / 30.0,
+            lpips: None,
+            feature_distance: None,
+            objects: None,
+            objects_found: None,
+            told_apart: None,
+        }
+    }
+
+    fn shaded(shade: u8) -> Tile {
+        let data = (0..20 * 16).flat_map(|i| [shade, (10 * (i % 20)) as u8, (10 * (i / 20)) as u8]).collect();
+        Tile { image: ColourImage::new(20, 16, data).expect("three bytes a pixel"), boxes: Vec::new() }
+    }
+
+    fn evaluated() -> (EvaluationDocument, [Sheet; 2]) {
+        let rebuilt = |scheme: &str, attack| RebuiltRow {
+            image: HOSTILE.into(),
+            scheme: scheme.into(),
+            attack,
+            psnr: 14.0,
+            ssim: 0.5,
+            lpips: None,
+            feature_distance: None,
+            objects: None,
+            objects_found: None,
+            mean_px: None,
+        };
+        let network = NetworkRow {
+            form: "unet",
+            sees: "places",
+            scheme: "points".into(),
+            width: 4,
+            depth: 3,
+            side: 48,
+            parameters: 1234,
+        };
+        let document = EvaluationDocument {
+            version: 1,
+            command: "eval inversion",
+            images: 1,
+            k: 20,
+            seed: 7,
+            networks: vec![network],
+            summary: vec![
+                row("points", "none", 16.0),
+                row("dcl", "guess", 12.5),
+                SummaryRow { by: Some("transfer".into()), ..row("dcl", "realistic", 13.0) },
+                row("nothing", "none", 12.0),
+            ],
+            rows: vec![rebuilt("points", "none"), rebuilt("dcl", "guess")],
+        };
+        let columns = ["original", "points none", "dcl guess"].map(str::to_owned).to_vec();
+        let sheet = Sheet { columns, rows: vec![vec![shaded(1), shaded(2), shaded(3)]] };
+        (document, [sheet, Sheet::default()])
+    }
+
+    #[test]
+    fn the_table_has_the_rows_and_only_columns_with_values() {
+        let (mut document, sheets) = evaluated();
+        let page = inversion_page(&document, &sheets, &[]);
+        for text in [
+            "16.00 dB",
+            "12.2 px",
+            "Dual convergent lines",
+            "Strongest without an oracle (transfer)",
+            "1234 parameters",
+        ] {
+            assert!(page.contains(text), "{text}");
+        }
+        for share in ["100 %", "12 %", "25 %", "0 %"] {
+            assert!(page.contains(&format!("<td>{share}</td>")), "{share}");
+        }
+        let heads = |page: &str| page.matches("<th scope=\"col\"").count();
+        assert_eq!(heads(&page), 2 + 4, "judges that were not there have no column");
+        for row in &mut document.summary {
+            (row.lpips, row.feature_distance) = (Some(0.4321), Some(0.171));
+            (row.objects_found, row.objects) = (Some(3), Some(11));
+        }
+        document.summary[1].told_apart = Some(0.815);
+        let page = inversion_page(&document, &sheets, &[]);
+        assert_eq!(heads(&page), 2 + 8);
+        for text in ["0.432", "0.171", "3 of 11", "0.81", "–"] {
+            assert!(page.contains(&format!("<td>{text}</td>")), "{text}");
+        }
+    }
+
+    #[test]
+    fn images_are_inside_without_loss_and_their_names_are_text() {
+        let (document, sheets) = evaluated();
+        let page = inversion_page(&document, &sheets, &[("Seed".into(), "7".into())]);
+        let images: Vec<&str> =
+            page.split("data:image/png;base64,").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        assert_eq!(images.len(), 3);
+        for (encoded, shade) in images.iter().zip(1..) {
+            let bytes = STANDARD.decode(encoded).expect("base64");
+            let image = image::load_from_memory(&bytes).expect("an image").into_rgb8();
+            assert_eq!(image.as_raw(), shaded(shade).drawn().data());
+        }
+        assert!(page.contains("<b>This file contains images</b>"));
+        assert!(
+            !page.contains("<script")
+                && page.contains("alt=\"&lt;script&gt;alert('x')&lt;/script&gt;.png: Original.\"")
+        );
+
+        let none = [Sheet::default(), Sheet::default()];
+        let without = inversion_page(&document, &none, &[]);
+        assert!(!without.contains("data:image") && !without.contains("This file contains images"));
+    }
+}

@@ -1,0 +1,188 @@
+//! Fills a report from documents of evaluations, maps, and queries with their answers.
+
+use veiloc_evaluation::DrawnQuery;
+use veiloc_evaluation::results::metrics::median;
+use veiloc_evaluation::results::{PoseDocument, QueryResult, SchemeSummary};
+use veiloc_geometry::{CameraFromWorld, PlanePoint};
+use veiloc_localization::Localization;
+use veiloc_map::{MapFile, PointId};
+use veiloc_pose::State;
+use veiloc_protocol::SealedQuery;
+
+use super::data::{
+    LocalizationReport, MatchState, Method, QueryDrawing, QueryOutcome, SceneView, SentDrawing,
+};
+use crate::images::undistorted;
+use crate::numbers::{degrees, kilobytes, percent, scheme_name};
+use crate::page::Card;
+
+/// Map points kept for drawing; more only make the file larger.
+const MOST_POINTS: usize = 24_000;
+
+/// What tells methods apart.
+type Key<'a> = (Option<&'a str>, &'a str, &'a str, Option<&'a str>);
+
+impl LocalizationReport {
+    /// Adds a scene with its part of a document: methods and queries, each with its condition where the data set has such.
+    /// `truth` is the true pose of a query, where it is known.
+    pub fn add_scene<'a>(
+        &mut self,
+        view: SceneView,
+        methods: impl IntoIterator<Item = (Option<&'a str>, &'a SchemeSummary)>,
+        queries: impl IntoIterator<Item = (Option<&'a str>, &'a QueryResult)>,
+        truth: &dyn Fn(&str) -> Option<CameraFromWorld>,
+    ) {
+        let scene = self.scenes.len();
+        self.scenes.push(view);
+        let methods: Vec<_> = methods.into_iter().collect();
+        let several_scores = methods.iter().any(|(_, summary)| summary.score != methods[0].1.score);
+        let mut keys: Vec<(Key<'a>, usize)> = Vec::new();
+        for (condition, summary) in methods {
+            let gravity = summary.variant.gravity.as_deref();
+            keys.push(((condition, &summary.scheme, &summary.score, gravity), self.methods.len()));
+            let score = several_scores.then(|| summary.score.clone());
+            let variant: Vec<String> =
+                score.into_iter().chain(gravity.map(|gravity| format!("gravity {gravity}"))).collect();
+            self.methods.push(Method {
+                scene,
+                condition: condition.map(str::to_owned),
+                scheme: summary.scheme.clone(),
+                variant: variant.join(", "),
+                summary: Some(summary.clone()),
+            });
+        }
+        for (condition, result) in queries {
+            let gravity = result.variant.gravity.as_deref();
+            let key = (condition, result.scheme.as_str(), result.score.as_str(), gravity);
+            let Some((_, method)) = keys.iter().find(|(known, _)| *known == key) else { continue };
+            self.outcomes.push(QueryOutcome::of(result, *method, truth(&result.name)));
+        }
+    }
+
+    /// Fills the large numbers with those of dcl, or of the first scheme there is.
+    pub fn add_cards(&mut self) {
+        let is_dcl = |method: &Method| method.scheme.starts_with("dcl");
+        let Some(main) = self.methods.iter().find(|m| is_dcl(m)).or(self.methods.first()) else { return };
+        let is_main = |method: &Method| method.scheme == main.scheme && method.variant == main.variant;
+        let own: Vec<&QueryOutcome> =
+            self.outcomes.iter().filter(|o| self.methods.get(o.method).is_some_and(is_main)).collect();
+        if own.is_empty() {
+            return;
+        }
+        let card = |value: String, label: &str, note: String| Card { value, label: label.to_owned(), note };
+        let median_of = |of: &dyn Fn(&QueryOutcome) -> Option<f64>| {
+            let values: Vec<f64> = own.iter().filter_map(|outcome| of(outcome)).collect();
+            Some(median(&values)).filter(|_| !values.is_empty())
+        };
+        let localized = own.iter().filter(|outcome| outcome.estimate.is_some()).count();
+        let note = format!("Under {}.", scheme_name(&main.scheme).to_lowercase());
+        let mut cards = vec![card(format!("{localized} of {}", own.len()), "queries localized", note)];
+        let or_lost = |error: Option<f64>| Some(error.unwrap_or(f64::INFINITY));
+        if let Some(error) = median_of(&|o| o.truth.and_then(|_| or_lost(o.position_error))) {
+            let rotation = median_of(&|o| o.truth.and_then(|_| or_lost(o.rotation_error_deg)));
+            let rotation = rotation.filter(|r| r.is_finite());
+            let rotation = rotation.map_or_else(String::new, |r| format!(", {}", degrees(r)));
+            cards.push(card(
+                if error.is_finite() { self.unit.in_words(error) } else { "none".to_owned() },
+                &format!("median error of the position{rotation}"),
+                "A query without a pose counts as an infinite error.".to_owned(),
+            ));
+        }
+        let trusted = own.iter().filter(|outcome| outcome.state == Some(State::Trusted)).count();
+        if trusted > 0 {
+            let sd = median_of(&|o| o.position_sd.filter(|_| o.state == Some(State::Trusted)));
+            let note = sd.map_or_else(String::new, |sd| {
+                format!("The median ± of their positions is {}.", self.unit.in_words(sd))
+            });
+            cards.push(card(
+                percent(trusted as f64 / own.len() as f64),
+                "of queries have a trusted pose",
+                note,
+            ));
+        }
+        if let Some(bytes) = median_of(&|o| o.bytes.map(|bytes| bytes as f64)) {
+            let note = "Lines and descriptors; no image and no keypoint.".to_owned();
+            cards.push(card(kilobytes(bytes), "sent for a query", note));
+        }
+        self.cards.extend(cards);
+    }
+}
+
+impl QueryOutcome {
+    /// Of a document's query.
+    pub fn of(result: &QueryResult, method: usize, truth: Option<CameraFromWorld>) -> Self {
+        let sd = result.uncertainty;
+        Self {
+            method,
+            name: result.name.clone(),
+            truth,
+            estimate: result.cam_from_world.as_ref().and_then(PoseDocument::pose),
+            state: result.state,
+            position_error: result.translation_error,
+            rotation_error_deg: result.rotation_error_deg,
+            position_sd: sd.and_then(|sd| sd.position_sd),
+            rotation_sd_deg: sd.and_then(|sd| sd.rotation_sd_deg),
+            inliers: result.inliers,
+            matches: result.correspondences,
+            bytes: result.sent.map(|sent| sent.sent_bytes).or(result.sealed_bytes),
+            ms: (!result.ms.is_empty()).then(|| result.ms.values().sum()),
+            remark: result.failure.clone(),
+        }
+    }
+}
+
+impl SceneView {
+    /// Of a map; a part of its points where it has many.
+    pub fn of_map(name: &str, map: &MapFile) -> Self {
+        let step = map.point_count().div_ceil(MOST_POINTS).max(1);
+        let points = (0..map.point_count()).step_by(step);
+        Self {
+            name: name.to_owned(),
+            points: points.map(|i| map.point(PointId(i as u32)).coords.into()).collect(),
+            cameras: map.images().map(|image| *image.cam_from_world()).collect(),
+            up: map.down().map(|down| down.in_world().map(|x| -x)),
+        }
+    }
+}
+
+impl SentDrawing {
+    /// Of a sealed query, and its pose where it has one.
+    pub fn of(query: &SealedQuery, found: Option<&Localization>, map: &MapFile) -> Self {
+        let camera = query.camera();
+        let mut rows = vec![MatchState::Unmatched; query.len()];
+        let mut projected = Vec::new();
+        for pair in found.map_or(&[][..], |found| &found.matched) {
+            let Some(state) = rows.get_mut(pair.row) else { continue };
+            match (pair.agrees, *state) {
+                (true, _) => *state = MatchState::Inlier,
+                (false, MatchState::Unmatched) => *state = MatchState::Outlier,
+                _ => {}
+            }
+            let seen = found.map(|found| found.cam_from_world.transform(&map.point(pair.point)));
+            if let Some(seen) = seen.filter(|seen| pair.agrees && seen.depth() > 0.0) {
+                let at = seen.coords / seen.depth();
+                projected.push(camera.project(PlanePoint::new(at.x, at.y)));
+            }
+        }
+        Self {
+            scheme: query.scheme().to_string(),
+            sent: query.observations(),
+            size: (camera.width, camera.height),
+            rows,
+            projected,
+        }
+    }
+}
+
+impl QueryDrawing {
+    /// Of a query of an evaluation, with its image where that is wanted and can be read.
+    pub fn of(drawn: &DrawnQuery, scene: usize, map: &MapFile, with_image: bool) -> Self {
+        let camera = drawn.sent.first().map(|sent| sent.query.camera());
+        let image = camera.filter(|_| with_image).and_then(|camera| {
+            let image = image::open(&drawn.path).ok()?.to_rgb8();
+            Some(undistorted(&image, &drawn.camera, &camera))
+        });
+        let sent = drawn.sent.iter().map(|sent| SentDrawing::of(&sent.query, sent.found.as_ref(), map));
+        Self { scene, name: drawn.name.clone(), image, is_undistorted: true, sent: sent.collect() }
+    }
+}

@@ -1,0 +1,139 @@
+//! The report of localized queries: tables over all queries, the scenes in 3D, queries worst first. Its parts serve the demo's
+//! report too.
+
+mod data;
+mod fill;
+mod queries;
+mod tables;
+mod worst;
+
+use maud::{Markup, html};
+
+pub use data::{LocalizationReport, MatchState, Method, QueryDrawing, QueryOutcome, SceneView, SentDrawing};
+pub(crate) use queries::{figure, section as queries_section};
+pub use worst::worst_first;
+
+use crate::numbers::scheme_name;
+use crate::page::{Page, Section, fold};
+use crate::plots::{ErrorAxis, error_charts};
+use crate::space::{self, Budget, SpaceRow};
+
+/// Map points and queries drawn in 3D, over all scenes of a page.
+const BUDGET: Budget = Budget { points: 24_000, queries: 1500 };
+
+/// The report as one HTML document.
+pub fn localization_page(report: &LocalizationReport) -> String {
+    let page = Page {
+        title: &report.title,
+        lead: &report.lead,
+        notices: report.notices.iter().map(|notice| html! { (notice) }).collect(),
+        cards: &report.cards,
+        sections: vec![
+            Section::new("overview", "Overview", overview(report)),
+            Section::new("scene", scene_title(report), scenes(report)),
+            Section::new("queries", "Queries, worst first", queries_section(report)),
+        ],
+        facts: &report.facts,
+    };
+    page.html()
+}
+
+pub(crate) fn scene_title(report: &LocalizationReport) -> &'static str {
+    if report.scenes.len() > 1 { "The scenes in 3D" } else { "The scene in 3D" }
+}
+
+/// The name of a method for people.
+fn method_name(method: &Method) -> String {
+    let name = scheme_name(&method.scheme);
+    if method.variant.is_empty() { name } else { format!("{name} · {}", method.variant) }
+}
+
+/// Tables and curves over all queries.
+pub(crate) fn overview(report: &LocalizationReport) -> Markup {
+    let groups = tables::groups(report);
+    if groups.is_empty() {
+        return html! {};
+    }
+    let each = |table: &dyn Fn(&[&Method]) -> Markup| {
+        html! {
+            @for (heading, methods) in &groups {
+                @let table = table(methods);
+                @if groups.len() > 1 && !table.0.is_empty() { h4 { (heading) } }
+                (table)
+            }
+        }
+    };
+    let trust = each(&|methods| tables::trust(methods));
+    html! {
+        p {
+            "Each query was sent under every scheme, and the server answered with the pose of its camera. Errors are measured \
+             against the true pose; a query that was not localized counts as an infinite error."
+        }
+        (each(&|methods| tables::errors(methods, report.unit)))
+        (curves(report))
+        @if !trust.0.is_empty() {
+            h3 { "Trust" }
+            p { "A pose is trusted, doubtful or not found. A trusted pose outside every bound of the table above is wrong." }
+            (trust)
+        }
+        (fold("Time of a query, median of each stage", false, &each(&|methods| tables::stage_times(methods))))
+    }
+}
+
+fn curves(report: &LocalizationReport) -> Markup {
+    let Some(data) = &report.data else { return html! {} };
+    let charts =
+        [ErrorAxis::Position, ErrorAxis::Orientation].map(|axis| error_charts(data, axis, report.unit));
+    let drawn = html! {
+        @for chart in charts.iter().flatten() { figure { (chart.svg()) } }
+    };
+    html! {
+        @if charts[0].len() > 1 { (fold("Curves of errors", false, &html! { div.row { (drawn) } })) }
+        @else if !drawn.0.is_empty() { h3 { "Curves of errors" } div.two { (drawn) } }
+    }
+}
+
+/// Each scene in 3D.
+pub(crate) fn scenes(report: &LocalizationReport) -> Markup {
+    let count = report.scenes.len().max(1);
+    let budget =
+        Budget { points: (BUDGET.points / count).max(3000), queries: (BUDGET.queries / count).max(100) };
+    let mut drawn = Vec::new();
+    for (index, scene) in report.scenes.iter().enumerate() {
+        let mut rows: Vec<SpaceRow<'_>> = Vec::new();
+        for (at, method) in report.methods.iter().enumerate().filter(|(_, method)| method.scene == index) {
+            let own = report.outcomes.iter().filter(|outcome| outcome.method == at);
+            let name = method_name(method);
+            // Conditions of one scheme share a drawing.
+            match rows.iter_mut().find(|known| known.name == name) {
+                Some(known) => known.outcomes.extend(own),
+                None => rows.push(SpaceRow { name, outcomes: own.collect() }),
+            }
+        }
+        // The scheme that the program is for stands first.
+        rows.sort_by_key(|row| !row.name.starts_with("Dual convergent lines"));
+        let anchor = |name: &str| {
+            report.drawings.iter().position(|d| d.scene == index && d.name == name).map(queries::anchor)
+        };
+        let figure = space::figure(scene, &rows, index, budget, report.unit, &anchor);
+        if !figure.0.is_empty() {
+            drawn.push((&scene.name, figure));
+        }
+    }
+    if drawn.is_empty() {
+        return html! {};
+    }
+    let judged = report.outcomes.iter().any(|outcome| outcome.truth.is_some());
+    html! {
+        p {
+            @if judged { "Hollow cameras stand at the true poses, filled ones at the estimates; a red line joins the two. " }
+            @else { "Filled cameras stand at the estimated poses. " }
+            "Green is trusted, yellow doubtful, a red cross has no pose. The disc around an estimate is its ±, enlarged as the \
+             control below the drawing says."
+        }
+        @for (name, figure) in &drawn {
+            @if count > 1 { h3 { (name) } }
+            (figure)
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Tables over all queries: errors, trust, times.
+
+use std::collections::BTreeSet;
+
+use maud::{Markup, html};
+use veiloc_evaluation::results::STAGES;
+
+use super::data::{LocalizationReport, Method};
+use super::method_name;
+use crate::numbers::{
+    LengthUnit, degrees, kilobytes, milliseconds, percent, scheme_explanation, significant,
+};
+use crate::table::{Cell, Table, bar, cell, number, words};
+
+/// Methods of each scene and condition that have figures, with what they share.
+pub(super) fn groups(report: &LocalizationReport) -> Vec<(String, Vec<&Method>)> {
+    let mut groups: Vec<(String, Vec<&Method>)> = Vec::new();
+    for method in report.methods.iter().filter(|method| method.summary.is_some()) {
+        let scene = report.scenes.get(method.scene).map_or("", |scene| scene.name.as_str());
+        let shared = [scene, method.condition.as_deref().unwrap_or_default()];
+        let heading = shared.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ");
+        match groups.iter_mut().find(|(known, _)| *known == heading) {
+            Some((_, methods)) => methods.push(method),
+            None => groups.push((heading, vec![method])),
+        }
+    }
+    groups
+}
+
+/// Errors and recall.
+pub(super) fn errors(methods: &[&Method], unit: LengthUnit) -> Markup {
+    let keys = methods.iter().filter_map(|m| m.summary.as_ref()).flat_map(|summary| summary.recall.keys());
+    let mut bounds: Vec<&String> = keys.collect::<BTreeSet<_>>().into_iter().collect();
+    let length = |bound: &str| bound.split_once('/').and_then(|(t, _)| t.parse::<f64>().ok());
+    bounds.sort_by(|a, b| length(a).unwrap_or(f64::INFINITY).total_cmp(&length(b).unwrap_or(f64::INFINITY)));
+    let mut columns = vec![
+        words("Scheme"),
+        number("Localized"),
+        number(unit.head("Median position\nerror")),
+        number("Median rotation\nerror"),
+    ];
+    columns.extend(bounds.iter().map(|bound| number(format!("Recall at\n{}", bound_words(bound, unit)))));
+    columns.extend([number("Inliers of\nmatches"), number("Query\nsize")]);
+    let mut table = Table::new("Errors and recall", columns);
+    for method in methods {
+        let Some(summary) = &method.summary else { continue };
+        let lost = || Some(html! { span.none { "not localized" } });
+        let error = |text: Option<String>| cell(text).or_else(lost);
+        let finite = |value: Option<f64>| value.filter(|v| v.is_finite());
+        let mut cells = vec![
+            cell(format!("{} of {}", summary.localized, summary.queries)),
+            error(finite(summary.median_translation).map(|e| unit.length(e))),
+            error(finite(summary.median_rotation_deg).map(degrees)),
+        ];
+        cells.extend(bounds.iter().map(|bound| {
+            let share = *summary.recall.get(*bound)?;
+            Some(html! { (percent(share)) (bar(share)) })
+        }));
+        cells.push(cell(summary.mean_inlier_ratio.map(percent)));
+        cells.push(cell(summary.sealed_bytes.map(|bytes| kilobytes(bytes as f64))));
+        let head = html! { (method_name(method)) small { (scheme_explanation(&method.scheme)) } };
+        table.push("", head, cells);
+    }
+    table.html()
+}
+
+/// `"0.05/5"` as `5 cm, 5°`.
+fn bound_words(bound: &str, unit: LengthUnit) -> String {
+    let parsed = bound.split_once('/').and_then(|(t, d)| Some((t.parse().ok()?, d.parse::<f64>().ok()?)));
+    parsed.map_or_else(|| bound.to_owned(), |(t, d)| format!("{}, {d}°", unit.length(t)))
+}
+
+/// What the estimator says of its poses, and whether that is right; nothing where it was not asked.
+pub(super) fn trust(methods: &[&Method]) -> Markup {
+    let columns = vec![
+        words("Scheme"),
+        number("Trusted"),
+        number("Trusted,\nyet wrong"),
+        number("Doubtful"),
+        number("Not found"),
+        number("Median of\nerror over ±"),
+        number("Truth within the\n90 % region"),
+    ];
+    let mut table = Table::new("Trust", columns);
+    for method in methods {
+        let Some(summary) = method.summary.as_ref().filter(|summary| summary.trusted.is_some()) else {
+            continue;
+        };
+        let count = |n: Option<usize>| cell(n.map(|n| n.to_string()));
+        let wrong = summary.trusted_wrong.map(|n| html! { span.leak[n > 0] { (n) } });
+        let known = summary.uncertainty.as_ref();
+        let cells: Vec<Cell> = vec![
+            count(summary.trusted),
+            wrong,
+            count(summary.doubtful),
+            count(summary.not_found),
+            cell(known.and_then(|u| u.center_error_over_sd).map(significant)),
+            cell(known.and_then(|u| u.coverage.get("90").copied()).map(percent)),
+        ];
+        table.push("", html! { (method_name(method)) }, cells);
+    }
+    table.html()
+}
+
+/// Median time of each stage, in the order of the pipeline.
+pub(super) fn stage_times(methods: &[&Method]) -> Markup {
+    let known: BTreeSet<&String> =
+        methods.iter().filter_map(|m| m.summary.as_ref()).flat_map(|s| s.median_ms.keys()).collect();
+    let order = |stage: &str| STAGES.iter().position(|known| *known == stage).unwrap_or(STAGES.len());
+    let mut stages: Vec<&String> = known.into_iter().collect();
+    stages.sort_by_key(|stage| order(stage));
+    if stages.is_empty() {
+        return html! {};
+    }
+    let columns = std::iter::once(words("Scheme")).chain(stages.iter().map(|stage| number(stage.as_str())));
+    let mut table = Table::new("Times", columns.collect());
+    for method in methods {
+        let Some(summary) = &method.summary else { continue };
+        let cells = stages.iter().map(|stage| cell(summary.median_ms.get(*stage).copied().map(milliseconds)));
+        table.push("", html! { (method_name(method)) }, cells.collect());
+    }
+    table.html()
+}

@@ -1,0 +1,155 @@
+//! Numbers and names as they stand on pages.
+
+use veiloc_protocol::Scheme;
+
+/// The unit of lengths of a report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LengthUnit {
+    /// That of the map: structure from motion knows no scale.
+    #[default]
+    Map,
+    /// Metres.
+    Metres,
+}
+
+impl LengthUnit {
+    /// A length: of a map unit three significant digits, of metres with its unit.
+    pub(crate) fn length(self, value: f64) -> String {
+        match self {
+            _ if !value.is_finite() => "–".to_owned(),
+            Self::Map => significant(value),
+            Self::Metres if value.abs() < 0.01 => format!("{} mm", significant(1e3 * value)),
+            Self::Metres if value.abs() < 1.0 => format!("{} cm", significant(1e2 * value)),
+            Self::Metres => format!("{} m", significant(value)),
+        }
+    }
+
+    /// The same in a sentence, where no column's head says the unit.
+    pub(crate) fn in_words(self, value: f64) -> String {
+        match self {
+            Self::Map => format!("{} map units", significant(value)),
+            Self::Metres => self.length(value),
+        }
+    }
+
+    /// The head of a column of lengths.
+    pub(crate) fn head(self, name: &str) -> String {
+        match self {
+            Self::Map => format!("{name}\n(map units)"),
+            Self::Metres => name.to_owned(),
+        }
+    }
+}
+
+/// Three significant digits, no zeros at the end of a fraction: `0.0123`, `4.2`, `1230`, `1.2e-7`.
+pub fn significant(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return if value == 0.0 { "0".to_owned() } else { "–".to_owned() };
+    }
+    if value.abs() < 1e-5 {
+        return format!("{value:.1e}");
+    }
+    let digits = (2 - value.abs().log10().floor() as i32).max(0) as usize;
+    let text = format!("{value:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// An angle in degrees.
+pub(crate) fn degrees(value: f64) -> String {
+    if value.is_finite() { format!("{}°", significant(value)) } else { "–".to_owned() }
+}
+
+/// A distance in the image.
+pub(crate) fn pixels(value: f64) -> String {
+    match value {
+        v if !v.is_finite() => "–".to_owned(),
+        v if v < 100.0 => format!("{v:.1} px"),
+        v => format!("{v:.0} px"),
+    }
+}
+
+/// A share of 1 in percent.
+pub(crate) fn percent(share: f64) -> String {
+    match share {
+        s if !s.is_finite() => "–".to_owned(),
+        s if s > 0.0 && s < 0.1 => format!("{:.1} %", 100.0 * s),
+        s => format!("{:.0} %", 100.0 * s),
+    }
+}
+
+/// Milliseconds.
+pub(crate) fn milliseconds(value: f64) -> String {
+    if value.is_finite() { format!("{} ms", significant(value)) } else { "–".to_owned() }
+}
+
+/// Bytes in kilobytes.
+pub(crate) fn kilobytes(bytes: f64) -> String {
+    format!("{} kB", significant(bytes / 1e3))
+}
+
+/// Counted things: `1 image`, `2 images`; of a query `queries`.
+pub(crate) fn count(n: usize, what: &str) -> String {
+    match (n, what.strip_suffix('y')) {
+        (1, _) => format!("1 {what}"),
+        (_, Some(stem)) => format!("{n} {stem}ies"),
+        (_, None) => format!("{n} {what}s"),
+    }
+}
+
+/// The text with a capital in front.
+pub(crate) fn capital(text: &str) -> String {
+    let mut chars = text.chars();
+    chars.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + chars.as_str())
+}
+
+/// A scheme's name for people, with its layout. What is no scheme's name is returned as it is.
+pub(crate) fn scheme_name(scheme: &str) -> String {
+    let setting = scheme.split_once(':').map(|(_, setting)| setting);
+    match (scheme.parse::<Scheme>(), setting) {
+        (Ok(known), None) => known.words().to_owned(),
+        (Ok(known), Some(setting)) => format!("{} ({setting})", known.words()),
+        (Err(_), _) => scheme.to_owned(),
+    }
+}
+
+/// What a scheme does, in one sentence; empty for what is no scheme's name.
+pub(crate) fn scheme_explanation(scheme: &str) -> &'static str {
+    scheme.parse::<Scheme>().map_or("", Scheme::explanation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_lengths_keep_their_digits_and_units_are_those_of_the_map() {
+        let digits = [
+            (0.1 + 0.2, "0.3"),
+            (0.000_043_21, "0.0000432"),
+            (1.2e-7, "1.2e-7"),
+            (-4.2, "-4.2"),
+            (1234.5, "1234"),
+            (20.0, "20"),
+            (0.0, "0"),
+            (f64::NAN, "–"),
+        ];
+        for (value, text) in digits {
+            assert_eq!(significant(value), text);
+        }
+        assert_eq!(LengthUnit::Map.length(0.042), "0.042");
+        assert_eq!(LengthUnit::Map.in_words(1.2), "1.2 map units");
+        assert_eq!([0.0042, 0.042, 4.2].map(|m| LengthUnit::Metres.length(m)), ["4.2 mm", "4.2 cm", "4.2 m"]);
+    }
+
+    #[test]
+    fn numbers_have_units_and_names_are_for_people() {
+        assert_eq!([0.004, 0.5, f64::NAN].map(percent), ["0.4 %", "50 %", "–"]);
+        assert_eq!((pixels(f64::INFINITY), milliseconds(f64::NAN)), ("–".into(), "–".into()));
+        assert_eq!(
+            (count(1, "query"), count(2, "query"), count(0, "image")),
+            ("1 query".into(), "2 queries".into(), "0 images".into())
+        );
+        assert_eq!(scheme_name("dcl:s=2"), "Dual convergent lines (s=2)");
+        assert_eq!((scheme_name("<x>"), scheme_explanation("<x>")), ("<x>".into(), ""));
+    }
+}
