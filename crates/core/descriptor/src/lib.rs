@@ -29,6 +29,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod binary_codes;
 mod encoding;
 mod error;
 mod global;
@@ -41,7 +42,6 @@ mod name;
 mod neighbours;
 mod packed;
 mod prior;
-mod signs;
 mod storage;
 #[cfg(test)]
 mod test_data;

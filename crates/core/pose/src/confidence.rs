@@ -351,7 +351,7 @@ pub(crate) fn gains(matches: &Matches<'_>, likelihoods: &[f64]) -> Vec<f64> {
         let prior = matches.weight[i];
         let (right, explained): &mut (f64, f64) = &mut keypoints[matches.keypoint[i]];
         *right += prior;
-        *explained += (1.0 - prior) * (llr - matches.crowding[i]).exp();
+        *explained += (1.0 - prior) * (llr - matches.log_clutter_density[i]).exp();
     }
     keypoints
         .iter()

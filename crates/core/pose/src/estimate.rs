@@ -5,10 +5,10 @@ use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::{assess, free_direction};
 use crate::error::PoseError;
-use crate::focal_search::{OfImage, Settled, over_focal_lengths};
+use crate::focal_search::{FocalRefinement, OfImage, over_focal_lengths};
 use crate::likelihood::{
-    Beliefs, Correspondences, FocalKnowledge, Matches, PoseProblem, Scale, Verdict, Zoomed, free_along,
-    with_shift,
+    Correspondences, FocalKnowledge, FocalVerdict, Matches, PosePriors, PoseProblem, Scale, Zoomed,
+    free_along, with_shift,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::pose_estimate::PoseEstimate;
@@ -59,20 +59,20 @@ fn search_at<R: Rng + ?Sized>(
     // What is told beside the matches is searched with, and then without: were it wrong, it would hide the pose, or poses
     // that the matches explain as well.
     let budget = match options.fixed_hypotheses {
-        Some(samples) if !search.beliefs().is_empty() => Budget::fixed(samples.div_ceil(2)),
+        Some(samples) if !search.priors().is_empty() => Budget::fixed(samples.div_ceil(2)),
         _ => options.budget(1),
     };
     let mut found = lo_ransac(&mut search, &budget, rng);
-    if !search.beliefs().is_empty() {
+    if !search.priors().is_empty() {
         let without = Minimal::new(&zoomed, solver(options), None, options.noise_px);
-        let known = search.forget(without);
+        let known = search.without_priors(without);
         let alone = lo_ransac(&mut search, &budget, rng);
         let cost = alone.model.as_ref().map_or(f64::INFINITY, |pose| alone.cost + known.loss(pose));
         if cost < found.cost {
             found.model = alone.model;
         }
         found.samples += alone.samples;
-        search.remember(known);
+        search.with_priors(known);
     }
     if options.stop.is_set() {
         return Err(PoseError::Stopped);
@@ -140,11 +140,11 @@ fn search<'a>(matches: &'a Matches<'a>, problem: &PoseProblem, options: &PoseOpt
         ScoreKind::Likelihood => Scale::Likelihood { noise: options.noise_px },
     };
     let minimal = Minimal::new(matches, solver(options), problem.gravity.as_ref(), options.noise_px);
-    let beliefs = match kind {
-        ScoreKind::Msac => Beliefs::default(),
-        ScoreKind::Likelihood => Beliefs::of(problem),
+    let priors = match kind {
+        ScoreKind::Msac => PosePriors::default(),
+        ScoreKind::Likelihood => PosePriors::of(problem),
     };
-    Search::new(matches, scale, minimal, beliefs).until(&options.stop)
+    Search::new(matches, scale, minimal, priors).until(&options.stop)
 }
 
 /// Final refinement of the best pose, and what is said of it.
@@ -162,9 +162,9 @@ fn conclude<'a>(
         |inliers| PoseError::NoConsensus { inliers, required: options.min_inliers, hypotheses };
     let Some(start) = start else { return Err(no_consensus(0)) };
     let seen = matches.as_seen_from(&start.pose);
-    let Settled { search, polished, factor, verdict } =
-        Settled::new(search, &seen, &start, focal, options.estimate_noise);
-    let focal_sd = (verdict == Verdict::Wrong && search.is_likelihood()).then(|| focal.sd());
+    let FocalRefinement { search, polished, factor, verdict } =
+        FocalRefinement::new(search, &seen, &start, focal, options.estimate_noise);
+    let focal_sd = (verdict == FocalVerdict::Wrong && search.is_likelihood()).then(|| focal.sd());
     let matches = search.matches();
     let likelihoods = search.likelihoods(&polished);
     let inliers = search.agreeing(&polished.pose, &likelihoods);
@@ -176,22 +176,23 @@ fn conclude<'a>(
     for &i in &inliers {
         mask[i] = true;
     }
-    let uncertainty =
-        |known: &Beliefs, free| search.uncertainty(known, &polished, &likelihoods, &inliers, focal_sd, free);
+    let uncertainty = |known: &PosePriors, free| {
+        search.uncertainty(known, &polished, &likelihoods, &inliers, focal_sd, free)
+    };
     // Trust is told by the matches alone: what somebody says of the camera beside them never strengthens it.
-    let nothing = Beliefs::default();
+    let nothing = PosePriors::default();
     let (noise_px, mut by_matches) = uncertainty(&nothing, None);
     let free = free_direction(matches, &polished.pose, &inliers, &likelihoods, &by_matches);
     if free.is_some() {
         by_matches = uncertainty(&nothing, free).1;
     }
-    let known = search.beliefs();
+    let known = search.priors();
     let mut covariance = if known.is_empty() { by_matches } else { uncertainty(known, free).1 };
     let margin = search.margin(&polished, &by_matches, options.estimate_noise);
     let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &by_matches, margin)
         .with_covariances(&covariance, &by_matches);
     confidence.log_evidence -= known.loss(&polished.pose);
-    if let Verdict::Suspicious(other) = verdict {
+    if let FocalVerdict::Suspicious(other) = verdict {
         let shift = polished.pose.step_to(&other.pose);
         (covariance, by_matches) = (with_shift(&covariance, &shift), with_shift(&by_matches, &shift));
         confidence = confidence.with_covariances(&covariance, &by_matches);

@@ -6,7 +6,7 @@
 
 use crate::confidence::{Confidence, Doubt};
 use crate::error::PoseError;
-use crate::likelihood::{Correspondences, FocalKnowledge, Matches, Verdict, ZoomObjective, Zoomed};
+use crate::likelihood::{Correspondences, FocalKnowledge, FocalVerdict, Matches, ZoomObjective, Zoomed};
 use crate::pose_estimate::PoseEstimate;
 use crate::ransac::Estimator;
 use crate::ransac::search::{Polished, Search};
@@ -31,11 +31,11 @@ pub(crate) const PLENTY: f64 = 800.0;
 pub(crate) const ROUNDS: usize = 3;
 
 /// An estimate, as far as the choice of a focal length asks.
-pub(crate) trait Judged {
+pub(crate) trait WithConfidence {
     /// What speaks for and against it.
     fn confidence(&self) -> &Confidence;
 
-    /// What another focal length must gain before a calibrated one is called wrong, [`Verdict::least_gain`].
+    /// What another focal length must gain before a calibrated one is called wrong, [`FocalVerdict::least_gain`].
     fn least_gain(&self) -> f64;
 }
 
@@ -45,19 +45,19 @@ pub(crate) struct OfImage<'a> {
     pub(crate) observations: &'a Correspondences,
 }
 
-impl Judged for OfImage<'_> {
+impl WithConfidence for OfImage<'_> {
     fn confidence(&self) -> &Confidence {
         &self.estimate.confidence
     }
 
     fn least_gain(&self) -> f64 {
-        Verdict::least_gain(self.observations, self.estimate.inlier_count)
+        FocalVerdict::least_gain(self.observations, self.estimate.inlier_count)
     }
 }
 
 /// The best of a search with the given focal length and, where that leaves a doubt, of searches with others. `search_at` is
 /// told how many times the given one.
-pub(crate) fn over_focal_lengths<T: Judged>(
+pub(crate) fn over_focal_lengths<T: WithConfidence>(
     focal: FocalKnowledge,
     mut search_at: impl FnMut(f64) -> Result<T, PoseError>,
 ) -> Result<T, PoseError> {
@@ -78,7 +78,10 @@ pub(crate) fn over_focal_lengths<T: Judged>(
 /// Other focal lengths to search with, over the given one, when that leaves a doubt or does not show much evidence: all
 /// that a phone's guess may be wrong by when it is a guess, and for a measured one only when something was found that the
 /// focal length may have spoilt.
-fn other_focal_lengths<T: Judged>(focal: FocalKnowledge, found: &Result<T, PoseError>) -> &'static [f64] {
+fn other_focal_lengths<T: WithConfidence>(
+    focal: FocalKnowledge,
+    found: &Result<T, PoseError>,
+) -> &'static [f64] {
     if is_clear(found) {
         return &[];
     }
@@ -91,42 +94,42 @@ fn other_focal_lengths<T: Judged>(focal: FocalKnowledge, found: &Result<T, PoseE
 
 /// Evidence that a pose of another focal length must have over this one: a calibrated focal length gives way to much more
 /// only.
-fn least_surplus<T: Judged>(focal: FocalKnowledge, found: &Result<T, PoseError>) -> f64 {
+fn least_surplus<T: WithConfidence>(focal: FocalKnowledge, found: &Result<T, PoseError>) -> f64 {
     match focal {
         FocalKnowledge::Calibrated => {
-            JUMP_HANDICAP + found.as_ref().map_or(Verdict::least_gain_of([]), Judged::least_gain)
+            JUMP_HANDICAP + found.as_ref().map_or(FocalVerdict::least_gain_of([]), WithConfidence::least_gain)
         }
         FocalKnowledge::Exif | FocalKnowledge::Unknown => 0.0,
     }
 }
 
 /// Whether no other focal length needs to be asked.
-pub(crate) fn is_clear<T: Judged>(found: &Result<T, PoseError>) -> bool {
+pub(crate) fn is_clear<T: WithConfidence>(found: &Result<T, PoseError>) -> bool {
     // A suspicious focal length was looked at already.
     let other = |doubt: &Doubt| !matches!(doubt, Doubt::FocalLength { .. });
     found
         .as_ref()
-        .map(Judged::confidence)
+        .map(WithConfidence::confidence)
         .is_ok_and(|told| told.log_evidence > CLEAR && !told.doubts().iter().any(other))
 }
 
 /// Log evidence, least when nothing was found.
-fn worth<T: Judged>(found: &Result<T, PoseError>) -> f64 {
+fn worth<T: WithConfidence>(found: &Result<T, PoseError>) -> f64 {
     found.as_ref().map_or(f64::NEG_INFINITY, |estimate| estimate.confidence().log_evidence)
 }
 
 /// A refined pose, and the focal length it is told with.
-pub(crate) struct Settled<'a> {
+pub(crate) struct FocalRefinement<'a> {
     /// Over the correspondences as they are with that focal length.
     pub(crate) search: Search<'a>,
     pub(crate) polished: Polished,
     /// The focal length over the given one.
     pub(crate) factor: f64,
-    /// What is thought of the given one; [`Verdict::Wrong`] where another was estimated.
-    pub(crate) verdict: Verdict,
+    /// What is thought of the given one; [`FocalVerdict::Wrong`] where another was estimated.
+    pub(crate) verdict: FocalVerdict,
 }
 
-impl<'a> Settled<'a> {
+impl<'a> FocalRefinement<'a> {
     /// From where the search ended. `seen` are the correspondences as the start sees them, with the focal length as given.
     /// Under MSAC, which is the paper's recipe, the start's focal length stays.
     pub(crate) fn new(
@@ -136,20 +139,20 @@ impl<'a> Settled<'a> {
         focal: FocalKnowledge,
         estimate_noise: bool,
     ) -> Self {
-        search.settle(seen.with_focal(start.factor));
+        search.fix_visible(seen.with_focal(start.factor));
         let polished = search.polish(&start.pose, estimate_noise);
-        let mut settled = Self { search, polished, factor: start.factor, verdict: Verdict::Fine };
+        let mut settled = Self { search, polished, factor: start.factor, verdict: FocalVerdict::Fine };
         if !settled.search.is_likelihood() {
             return settled;
         }
         let is_open = focal != FocalKnowledge::Calibrated || start.factor != 1.0;
         settled.verdict = if is_open {
-            Verdict::Wrong
+            FocalVerdict::Wrong
         } else {
             settled.objective(seen, focal).verdict(&settled.polished.pose)
         };
         for _ in 0..MOST_JUMPS {
-            if settled.verdict == Verdict::Wrong {
+            if settled.verdict == FocalVerdict::Wrong {
                 for _ in 0..ROUNDS {
                     let from = Zoomed { pose: settled.polished.pose, factor: settled.factor };
                     let refined = settled.objective(seen, focal).refine(&from);
@@ -161,21 +164,21 @@ impl<'a> Settled<'a> {
                 break;
             }
             let Some((there, gain)) = settled.best_jump(seen, cost) else { break };
-            if settled.verdict == Verdict::Wrong {
+            if settled.verdict == FocalVerdict::Wrong {
                 // It is open: it goes where the likelihood is.
-                if gain <= Verdict::least_gain(settled.search.matches().observations, 0) {
+                if gain <= FocalVerdict::least_gain(settled.search.matches().observations, 0) {
                     break;
                 }
             } else {
-                match Verdict::of(gain, &there, settled.least_gain()) {
-                    Verdict::Wrong => settled.verdict = Verdict::Wrong,
-                    suspicious @ Verdict::Suspicious(_) => {
-                        if settled.verdict == Verdict::Fine {
+                match FocalVerdict::of(gain, &there, settled.least_gain()) {
+                    FocalVerdict::Wrong => settled.verdict = FocalVerdict::Wrong,
+                    suspicious @ FocalVerdict::Suspicious(_) => {
+                        if settled.verdict == FocalVerdict::Fine {
                             settled.verdict = suspicious;
                         }
                         break;
                     }
-                    Verdict::Fine => break,
+                    FocalVerdict::Fine => break,
                 }
             }
             settled.move_to(seen, &there, estimate_noise);
@@ -186,7 +189,7 @@ impl<'a> Settled<'a> {
     fn objective<'s>(&self, seen: &'s Matches<'a>, focal: FocalKnowledge) -> ZoomObjective<'s> {
         ZoomObjective {
             matches: seen,
-            beliefs: self.search.beliefs().clone(),
+            priors: self.search.priors().clone(),
             active: self.search.possible(&self.polished.pose, self.polished.noise),
             noise: self.polished.noise,
             sd: focal.sd(),
@@ -195,7 +198,7 @@ impl<'a> Settled<'a> {
 
     fn move_to(&mut self, seen: &Matches<'a>, there: &Zoomed, estimate_noise: bool) {
         self.factor = there.factor;
-        self.search.settle(seen.with_focal(there.factor));
+        self.search.fix_visible(seen.with_focal(there.factor));
         self.polished = self.search.polish(&there.pose, estimate_noise);
     }
 
@@ -204,7 +207,7 @@ impl<'a> Settled<'a> {
         JUMPS
             .iter()
             .map(|jump| jump * self.factor)
-            .map(|factor| self.search.probe(seen.with_focal(factor), &self.polished.pose, factor))
+            .map(|factor| self.search.try_focal(seen.with_focal(factor), &self.polished.pose, factor))
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .map(|(there, cost)| (there, own - cost - JUMP_HANDICAP))
     }
@@ -213,6 +216,6 @@ impl<'a> Settled<'a> {
     fn least_gain(&self) -> f64 {
         let agreeing =
             self.search.agreeing(&self.polished.pose, &self.search.likelihoods(&self.polished)).len();
-        Verdict::least_gain(self.search.matches().observations, agreeing)
+        FocalVerdict::least_gain(self.search.matches().observations, agreeing)
     }
 }

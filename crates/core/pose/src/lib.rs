@@ -47,28 +47,28 @@
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
-mod bound;
+mod ambiguity;
 mod confidence;
+mod cramer_rao;
 mod error;
 mod estimate;
 mod focal_search;
-mod given;
 pub mod likelihood;
 mod options;
 mod pose_estimate;
 pub mod ransac;
+mod refine_inliers;
 mod rig;
-mod rivals;
 pub mod solvers;
 
 pub use crate::likelihood::prior;
 pub use crate::likelihood::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};
-pub use bound::fisher_information;
 pub use confidence::{Confidence, Doubt, State};
+pub use cramer_rao::fisher_information;
 pub use error::PoseError;
 pub use estimate::{estimate_pose, optimize_pose};
-pub use given::refine_pose;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
 pub use pose_estimate::PoseEstimate;
 pub use ransac::Stop;
+pub use refine_inliers::refine_pose;
 pub use rig::{FrameEstimate, RigEstimate, RigFrame, estimate_rig_pose};

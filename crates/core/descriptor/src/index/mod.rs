@@ -1,23 +1,23 @@
 //! Which of many images may look like one, without reading every global descriptor.
 //!
 //! Of each image the signs of its rotated codes are kept (`signs`), one bit a code, and images that look alike lie in one list
-//! (`lists`). A query is compared with the middles of the lists, then with the first 2048 signs of the images of the lists
+//! (`lists`). A query is compared with the centroids of the lists, then with the first 2048 signs of the images of the lists
 //! that are most like it, then with all signs of the best of these; what remains is worth comparing code by code. A query is
-//! not made signs for that: three bits of each of its codes are (`question`).
+//! not made signs for that: three bits of each of its codes are (`query_code`).
 //!
 //! A query that is like some lists and unlike the rest looks at few images. One that all lists are about as unlike as each
 //! other looks at eight times as many. Beyond that nothing grows with the number of images but the number of lists, which
 //! grows with its square root. `docs/scale.md` has what that costs and loses, beside a graph (HNSW) and reading everything.
 
-mod lists;
-mod question;
+mod asymmetric_query;
+mod centroids;
 
 use rayon::prelude::*;
 
-use self::lists::Middles;
-use self::question::Question;
+use self::asymmetric_query::AsymmetricQuery;
+use self::centroids::Centroids;
 use crate::GlobalDescriptor;
-use crate::signs::Mixing;
+use crate::binary_codes::Mixing;
 
 /// Signs of the global descriptors of a map's images.
 #[derive(Clone)]
@@ -32,7 +32,7 @@ pub struct GlobalIndex {
     /// `[N, words - FIRST]`, the others.
     rest: Vec<u64>,
     /// None of few images, which are one list.
-    middles: Option<Middles>,
+    centroids: Option<Centroids>,
     /// `[K]`, where each list ends.
     ends: Vec<usize>,
 }
@@ -56,12 +56,12 @@ impl GlobalIndex {
         let mut signs = vec![0; count as usize * words];
         let rows = signs.par_chunks_exact_mut(words).zip(all.par_chunks_exact(codes));
         rows.for_each(|(own, codes)| write_signs(&mixing, codes, own));
-        let middles = (count >= LISTED).then(|| Middles::of(&signs, words, 4 * count.isqrt() as usize));
-        let lists = match &middles {
+        let centroids = (count >= LISTED).then(|| Centroids::of(&signs, words, 4 * count.isqrt() as usize));
+        let lists = match &centroids {
             None => vec![0; count as usize],
-            Some(middles) => middles.nearest_of(signs.par_chunks_exact(words)),
+            Some(centroids) => centroids.nearest_of(signs.par_chunks_exact(words)),
         };
-        let mut ends = vec![0; middles.as_ref().map_or(1, Middles::len)];
+        let mut ends = vec![0; centroids.as_ref().map_or(1, Centroids::len)];
         for list in &lists {
             ends[*list as usize] += 1;
         }
@@ -80,7 +80,7 @@ impl GlobalIndex {
             rows
         };
         let (first, rest) = (in_order(0..FIRST.min(words)), in_order(FIRST.min(words)..words));
-        Self { codes, mixing, images, first, rest, middles, ends }
+        Self { codes, mixing, images, first, rest, centroids, ends }
     }
 
     /// Images from which on an index is worth its memory; of fewer, comparing all takes no longer.
@@ -100,7 +100,7 @@ impl GlobalIndex {
     pub fn byte_count(&self) -> usize {
         let words = (self.first.len() + self.rest.len()) * size_of::<u64>();
         let lists =
-            self.ends.len() * size_of::<usize>() + self.middles.as_ref().map_or(0, Middles::byte_count);
+            self.ends.len() * size_of::<usize>() + self.centroids.as_ref().map_or(0, Centroids::byte_count);
         words + self.images.len() * size_of::<u32>() + lists
     }
 
@@ -117,9 +117,9 @@ impl GlobalIndex {
             return Vec::new();
         }
         let words = self.codes.div_ceil(64);
-        let question = Question::new(&self.mixing, query.as_codes());
-        let (first, rest) = (question.part(0..FIRST.min(words)), question.part(FIRST.min(words)..words));
-        let lists = self.lists_for(&question, count);
+        let query_code = AsymmetricQuery::new(&self.mixing, query.as_codes());
+        let (first, rest) = (query_code.part(0..FIRST.min(words)), query_code.part(FIRST.min(words)..words));
+        let lists = self.lists_for(&query_code, count);
         let mut distances = vec![0; lists.iter().map(|list| list.len()).sum()];
         let mut room = distances.as_mut_slice();
         for list in &lists {
@@ -148,16 +148,16 @@ impl GlobalIndex {
         second.into_iter().map(|(_, image)| image as usize).collect()
     }
 
-    /// The lists to look for so many candidates in: those whose middles are nearest, of equals the first.
-    fn lists_for(&self, question: &Question, count: usize) -> Vec<std::ops::Range<usize>> {
+    /// The lists to look for so many candidates in: those whose centroids are nearest, of equals the first.
+    fn lists_for(&self, query_code: &AsymmetricQuery, count: usize) -> Vec<std::ops::Range<usize>> {
         let list = |n: usize| n.checked_sub(1).map_or(0, |before| self.ends[before])..self.ends[n];
-        let Some(middles) = &self.middles else { return vec![list(0)] };
-        let mut distances = vec![0; middles.len()];
-        question.distances(middles.rows(), &mut distances);
+        let Some(centroids) = &self.centroids else { return vec![list(0)] };
+        let mut distances = vec![0; centroids.len()];
+        query_code.distances(centroids.rows(), &mut distances);
         let mut nearest: Vec<(u32, usize)> = distances.into_iter().zip(0..).collect();
         nearest.sort_unstable();
-        // Rows that have nothing in common with the question are half of the way to its opposite from it.
-        let half = (question.largest() / 2) as f64;
+        // Rows that have nothing in common with the query are half of the way to its opposite from it.
+        let half = (query_code.largest() / 2) as f64;
         let alike = |distance: u32| half - f64::from(distance);
         let enough = STANDING_OUT * alike(nearest[0].0);
         let (few, many) = (LOOKS.saturating_mul(count), MOST_LOOKS.saturating_mul(count));
@@ -271,7 +271,7 @@ mod tests {
         for place in (0..places.len()).step_by(512) {
             let query = again(&mut rng, &places[place]);
             let looked_at: usize = index
-                .lists_for(&Question::new(&index.mixing, query.as_codes()), 20)
+                .lists_for(&AsymmetricQuery::new(&index.mixing, query.as_codes()), 20)
                 .iter()
                 .map(|l| l.len())
                 .sum();

@@ -16,15 +16,15 @@
 //!   one error, so each has its share of `r`;
 //! - **the map's own error** takes part: `f` is a match's variance over the mean one, by the covariance of its map point
 //!   as it shows in the image;
-//! - `P` is what is known beside the matches ([`Beliefs`]);
+//! - `P` is what is known beside the matches ([`PosePriors`]);
 //! - a focal length that was estimated is a seventh number, and what it leaves open is in `C`.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
-use crate::likelihood::beliefs::Beliefs;
-use crate::likelihood::information::{NEGLIGIBLE, Symmetric6, infinite};
+use crate::likelihood::fisher::{NEGLIGIBLE, Symmetric6, infinite};
 use crate::likelihood::matches::{Matches, Residual};
+use crate::likelihood::pose_priors::PosePriors;
 
 type Matrix7 = SMatrix<f64, 7, 7>;
 
@@ -37,7 +37,7 @@ pub struct Estimated<'a> {
     /// The correspondences, as the pose sees them.
     pub matches: &'a Matches<'a>,
     /// What is known beside them.
-    pub beliefs: &'a Beliefs,
+    pub priors: &'a PosePriors,
     /// The pose.
     pub pose: &'a CameraFromWorld,
     /// Log likelihood ratios at the pose, `[N]`.
@@ -94,7 +94,7 @@ impl Estimated<'_> {
             }
         }
         let mut known = Matrix7::zeros();
-        known.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.beliefs.information(self.pose));
+        known.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.priors.information(self.pose));
         if let Some((direction, sd)) = self.free {
             let mut shift = known.fixed_view_mut::<3, 3>(3, 3);
             shift += direction * direction.transpose() / (sd * sd);

@@ -11,14 +11,14 @@ pub struct Descended<At, Here> {
 
 /// How long to descend.
 #[derive(Debug, Clone, Copy)]
-pub struct Patience {
+pub struct Convergence {
     /// Steps at most.
     pub steps: usize,
     /// A step that gains, or promises, no more than this share of the loss (and of 1) is the last.
     pub least_gain: f64,
 }
 
-impl Patience {
+impl Convergence {
     /// Where the focal length moves too.
     pub const OF_FOCAL: Self = Self { steps: 25, least_gain: 1e-9 };
 }
@@ -35,14 +35,14 @@ const MOST: f64 = 1e8;
 /// there is no such place.
 pub fn levenberg_marquardt<At, Here>(
     start: At,
-    patience: Patience,
+    convergence: Convergence,
     look: impl Fn(&At) -> Here,
     loss: impl Fn(&Here) -> f64,
     step: impl Fn(&At, &Here, f64) -> Option<(At, f64)>,
 ) -> Descended<At, Here> {
     let (mut here, mut at, mut damping) = (look(&start), start, FIRST);
-    for _ in 0..patience.steps {
-        let least = |here: &Here| patience.least_gain * (1.0 + loss(here).abs());
+    for _ in 0..convergence.steps {
+        let least = |here: &Here| convergence.least_gain * (1.0 + loss(here).abs());
         let next = step(&at, &here, damping);
         // What the quadratic model promises; when that is too little, this is the last step.
         let last = next.as_ref().map_or(f64::INFINITY, |(_, promised)| *promised) <= least(&here);

@@ -8,9 +8,9 @@
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{SMatrix, SVector};
 
-use crate::likelihood::beliefs::Beliefs;
-use crate::likelihood::descent::{Patience, levenberg_marquardt};
+use crate::likelihood::descent::{Convergence, levenberg_marquardt};
 use crate::likelihood::matches::Matches;
+use crate::likelihood::pose_priors::PosePriors;
 use crate::likelihood::problem::{Correspondences, FocalKnowledge};
 use crate::likelihood::refine::System;
 
@@ -41,7 +41,7 @@ const GAIN_A_LINE: f64 = 0.06;
 
 /// What is to be thought of a calibrated focal length.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Verdict {
+pub enum FocalVerdict {
     /// Nothing speaks against it.
     Fine,
     /// Another, at another pose, would explain the matches better, by too little to change it.
@@ -50,7 +50,7 @@ pub enum Verdict {
     Wrong,
 }
 
-impl Verdict {
+impl FocalVerdict {
     /// What another focal length must gain before the given one is called wrong, when so many matches agree.
     pub fn least_gain(observations: &Correspondences, agreeing: usize) -> f64 {
         Self::least_gain_of([(observations, agreeing)])
@@ -126,7 +126,7 @@ pub struct ZoomObjective<'a> {
     /// With the focal length as given.
     pub matches: &'a Matches<'a>,
     /// What is known beside them.
-    pub beliefs: Beliefs,
+    pub priors: PosePriors,
     /// The correspondences that may be right.
     pub active: Vec<usize>,
     /// Scale of the noise, pixels.
@@ -152,28 +152,28 @@ impl ZoomObjective<'_> {
     ///
     /// One linearized step tells whether to look; what is there is then refined, because the matches that a wrong focal
     /// length lost come back only on the way.
-    pub fn verdict(&self, pose: &CameraFromWorld) -> Verdict {
+    pub fn verdict(&self, pose: &CameraFromWorld) -> FocalVerdict {
         let given = Zoomed { pose: *pose, factor: 1.0 };
         let system = self.linearize(&given);
-        let Some(step) = solved(&system, 0.0) else { return Verdict::Fine };
-        if !Verdict::is_worth_a_look(-0.5 * step.dot(&system.gradient), step[6]) {
-            return Verdict::Fine;
+        let Some(step) = solved(&system, 0.0) else { return FocalVerdict::Fine };
+        if !FocalVerdict::is_worth_a_look(-0.5 * step.dot(&system.gradient), step[6]) {
+            return FocalVerdict::Fine;
         }
-        let other = self.descend(&given, Patience { steps: 12, least_gain: 1e-6 });
+        let other = self.descend(&given, Convergence { steps: 12, least_gain: 1e-6 });
         let gain = system.loss - self.linearize(&other).loss;
-        Verdict::of(gain, &other, Verdict::least_gain(self.matches.observations, system.agreeing))
+        FocalVerdict::of(gain, &other, FocalVerdict::least_gain(self.matches.observations, system.agreeing))
     }
 
     /// Levenberg–Marquardt from a start; never a larger loss than the start's.
     pub fn refine(&self, start: &Zoomed) -> Zoomed {
-        self.descend(start, Patience::OF_FOCAL)
+        self.descend(start, Convergence::OF_FOCAL)
     }
 
-    fn descend(&self, start: &Zoomed, patience: Patience) -> Zoomed {
+    fn descend(&self, start: &Zoomed, convergence: Convergence) -> Zoomed {
         let step = |at: &Zoomed, here: &ZoomSystem, damping| {
             Some((moved(at, &solved(here, damping)?)?, f64::INFINITY))
         };
-        levenberg_marquardt(*start, patience, |at| self.linearize(at), |here| here.loss, step).at
+        levenberg_marquardt(*start, convergence, |at| self.linearize(at), |here| here.loss, step).at
     }
 
     /// Loss and derivatives at a pose and focal length.
@@ -186,7 +186,8 @@ impl ZoomObjective<'_> {
         for &i in &self.active {
             let Some(residual) = matches.residual_of(&camera, i, &at.pose, true) else { continue };
             let squared = residual.squared();
-            let llr = matches.worth[i] + noise_term + residual.log_radius - 3.0 * (squared / scale).ln_1p();
+            let llr = matches.log_likelihood_const[i] + noise_term + residual.log_radius
+                - 3.0 * (squared / scale).ln_1p();
             let right = 1.0 / (1.0 + (-llr).exp());
             let weight = 6.0 * right / (scale + squared);
             system.agreeing += usize::from(llr > 0.0);
@@ -202,7 +203,7 @@ impl ZoomObjective<'_> {
             system.gradient -= column(&residual.radius_jacobian, residual.radius_by_log_focal) * right;
         }
         let mut six = System::empty();
-        self.beliefs.add_to(&at.pose, &mut six);
+        self.priors.add_to(&at.pose, &mut six);
         let log = at.factor.ln();
         system.loss += six.loss + 0.5 * (log / self.sd).powi(2);
         let mut first = system.gradient.fixed_rows_mut::<6>(0);

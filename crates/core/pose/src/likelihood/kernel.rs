@@ -222,7 +222,9 @@ pub fn promising_first(matches: &Matches<'_>, members: impl Iterator<Item = usiz
     let mixed = |i: usize| (i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(23);
     let mut members: Vec<usize> = members.collect();
     members.sort_unstable_by(|&i, &j| {
-        matches.worth[j].total_cmp(&matches.worth[i]).then(mixed(i).cmp(&mixed(j)))
+        matches.log_likelihood_const[j]
+            .total_cmp(&matches.log_likelihood_const[i])
+            .then(mixed(i).cmp(&mixed(j)))
     });
     members
 }
@@ -243,7 +245,9 @@ fn block(matches: &Matches<'_>, members: &[usize], center: &Vector3<f64>, scale:
         (block.a[l], block.b[l], block.c[l]) = (a as f32, b as f32, c as f32);
         block.worth[l] = match scale {
             Scale::Msac { .. } => 1.0,
-            Scale::Likelihood { noise } => (matches.worth[i] + matches.noise_term(*noise)) as f32,
+            Scale::Likelihood { noise } => {
+                (matches.log_likelihood_const[i] + matches.noise_term(*noise)) as f32
+            }
         };
     }
     block

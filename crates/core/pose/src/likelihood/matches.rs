@@ -23,7 +23,7 @@ use std::hash::Hash;
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
 
-use crate::likelihood::clutter;
+use crate::likelihood::outlier_density;
 use crate::likelihood::problem::{Correspondences, PoseProblem, SeenFrom};
 use crate::likelihood::visibility::visibility;
 
@@ -66,12 +66,12 @@ pub struct Matches<'a> {
     /// Anchor of each line, `[N]`; `First` for all where there are none.
     pub anchor: Vec<Anchor>,
     /// Log likelihood ratio of each without `σ`, `e` and the distance from the anchor, `[N]`.
-    pub worth: Vec<f64>,
+    pub log_likelihood_const: Vec<f64>,
     /// Probability that each is right before geometry is asked, `[N]`: how often it is drawn.
     pub weight: Vec<f64>,
     /// Logarithm of how crowded the query is where each was observed, 0 where its matches are spread evenly: what
-    /// [`Self::worth`] would be less by if wrong matches were as the query shows them. For the evidence alone.
-    pub crowding: Vec<f64>,
+    /// [`Self::log_likelihood_const`] would be less by if wrong matches were as the query shows them. For the evidence alone.
+    pub log_clutter_density: Vec<f64>,
 }
 
 /// One correspondence under one pose.
@@ -149,9 +149,11 @@ impl<'a> Matches<'a> {
             points: problem.points.iter().map(|p| p.coords).collect(),
             observed,
             anchor,
-            worth: (0..n).map(|i| (prior(i) / (1.0 - prior(i))).ln() + spread[i].ln()).collect(),
+            log_likelihood_const: (0..n)
+                .map(|i| (prior(i) / (1.0 - prior(i))).ln() + spread[i].ln())
+                .collect(),
             weight: (0..n).map(prior).collect(),
-            crowding: clutter::crowding(&problem.observations, &camera),
+            log_clutter_density: outlier_density::log_density(&problem.observations, &camera),
         }
     }
 
@@ -159,7 +161,7 @@ impl<'a> Matches<'a> {
     pub fn as_seen_from(&self, pose: &CameraFromWorld) -> Self {
         let mut seen = self.clone();
         if self.seen_from.is_some() {
-            for (i, worth) in seen.worth.iter_mut().enumerate() {
+            for (i, worth) in seen.log_likelihood_const.iter_mut().enumerate() {
                 *worth += self.visibility(i, pose).max(UNSEEN).ln();
             }
         }
@@ -230,7 +232,7 @@ impl<'a> Matches<'a> {
         }
     }
 
-    /// `−log σ` as often as the noise (pixels) enters, for [`Self::worth`].
+    /// `−log σ` as often as the noise (pixels) enters, for [`Self::log_likelihood_const`].
     pub fn noise_term(&self, noise: f64) -> f64 {
         -(self.residuals() as f64) * noise.ln()
     }
@@ -354,7 +356,7 @@ impl<'a> Matches<'a> {
         };
         let squared = self.squared_distance(i, &pixel);
         let tail = 3.0 * (squared / (self.freedom() * noise * noise)).ln_1p();
-        Some(self.worth[i] + self.noise_term(noise) + log_radius - tail)
+        Some(self.log_likelihood_const[i] + self.noise_term(noise) + log_radius - tail)
     }
 }
 

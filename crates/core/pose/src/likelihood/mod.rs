@@ -11,15 +11,15 @@
 //! Nothing is drawn at random here: equal input gives equal results.
 #![forbid(unsafe_code)]
 
-mod beliefs;
 mod by_anchor;
-mod clutter;
 mod covariance;
 mod descent;
+mod fisher;
 mod focal;
-mod information;
 mod kernel;
 mod matches;
+mod outlier_density;
+mod pose_priors;
 pub mod prior;
 mod problem;
 mod refine;
@@ -27,12 +27,12 @@ mod refine;
 mod test_data;
 mod visibility;
 
-pub use beliefs::Beliefs;
 pub use covariance::{Estimated, free_along, with_shift};
-pub use descent::{Descended, Patience, levenberg_marquardt};
-pub use focal::{Verdict, ZoomObjective, ZoomSystem, Zoomed, stretched};
-pub use information::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
+pub use descent::{Convergence, Descended, levenberg_marquardt};
+pub use fisher::{NEGLIGIBLE, Symmetric6, inverse_or_infinite};
+pub use focal::{FocalVerdict, ZoomObjective, ZoomSystem, Zoomed, stretched};
 pub use kernel::{Kernel, Scale, log_farthest, median_point, promising_first};
 pub use matches::Matches;
+pub use pose_priors::PosePriors;
 pub use problem::{Correspondences, FocalKnowledge, Gravity, PoseProblem, PositionPrior, SeenFrom};
 pub use refine::{Loss, Refined, System, descend, linearize, refine};

@@ -3,7 +3,7 @@
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 
-use crate::likelihood::descent::{Descended, Patience, levenberg_marquardt};
+use crate::likelihood::descent::{Convergence, Descended, levenberg_marquardt};
 use crate::likelihood::matches::{Matches, Residual};
 
 /// What is minimised over the chosen correspondences.
@@ -70,7 +70,7 @@ pub fn descend(
         Some((pose.perturbed(&step.into()), -0.5 * step.dot(&system.gradient)))
     };
     let Descended { at: pose, here } =
-        levenberg_marquardt(*start, Patience { steps, least_gain }, objective, |here| here.loss, step);
+        levenberg_marquardt(*start, Convergence { steps, least_gain }, objective, |here| here.loss, step);
     Refined { pose: reorthonormalized(&pose), loss: here.loss }
 }
 
@@ -114,7 +114,8 @@ pub fn linearize(matches: &Matches<'_>, active: &[usize], loss: Loss, pose: &Cam
             }
             Loss::Likelihood { noise } => {
                 let scale = matches.freedom() * noise * noise;
-                let llr = matches.worth[i] + noise_term + residual.log_radius - 3.0 * (e2 / scale).ln_1p();
+                let llr = matches.log_likelihood_const[i] + noise_term + residual.log_radius
+                    - 3.0 * (e2 / scale).ln_1p();
                 let right = 1.0 / (1.0 + (-llr).exp());
                 let softplus = llr.max(0.0) + (-llr.abs()).exp().ln_1p();
                 (-softplus, 6.0 * right / (scale + e2), right)

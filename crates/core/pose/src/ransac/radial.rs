@@ -294,7 +294,7 @@ fn block(
         let p = matches.points[i] - center;
         (block.x[l], block.y[l], block.z[l]) = (p.x as f32, p.y as f32, p.z as f32);
         (block.u[l], block.v[l]) = (directions[i].x as f32, directions[i].y as f32);
-        block.worth[l] = (matches.worth[i] + extra) as f32;
+        block.worth[l] = (matches.log_likelihood_const[i] + extra) as f32;
     }
     block
 }

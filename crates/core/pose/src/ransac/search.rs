@@ -9,15 +9,15 @@ use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector3};
 
+use crate::ambiguity::margin;
 use crate::confidence::LEAST_MARGIN;
 use crate::likelihood::{
-    Beliefs, Estimated, Kernel, Loss, Matches, NEGLIGIBLE, Scale, Symmetric6, System, Zoomed, descend,
+    Estimated, Kernel, Loss, Matches, NEGLIGIBLE, PosePriors, Scale, Symmetric6, System, Zoomed, descend,
     inverse_or_infinite, linearize, refine,
 };
 use crate::ransac::Estimator;
 use crate::ransac::Stop;
 use crate::ransac::minimal::Minimal;
-use crate::rivals::margin;
 
 /// MSAC's threshold in multiples of the noise it stands for: the likelihood that its evidence is told by.
 const MSAC_THRESHOLD_IN_NOISE: f64 = 2.5;
@@ -61,7 +61,7 @@ pub(crate) struct Search<'a> {
     /// How hypotheses are made; none any more once a pose was found.
     minimal: Option<Minimal>,
     /// What is known beside the matches; nothing under MSAC, which is the paper's recipe.
-    beliefs: Beliefs,
+    priors: PosePriors,
     /// Optimised poses met on the way, with their costs by the matches alone.
     optima: Vec<(CameraFromWorld, f64)>,
     stop: Stop,
@@ -78,10 +78,10 @@ pub(crate) struct Polished {
 }
 
 impl<'a> Search<'a> {
-    pub(crate) fn new(matches: &'a Matches<'a>, scale: Scale, minimal: Minimal, beliefs: Beliefs) -> Self {
+    pub(crate) fn new(matches: &'a Matches<'a>, scale: Scale, minimal: Minimal, priors: PosePriors) -> Self {
         let kernel = Kernel::new(matches, scale);
         let (minimal, stop) = (Some(minimal), Stop::default());
-        Self { matches: Cow::Borrowed(matches), kernel, scale, minimal, beliefs, optima: Vec::new(), stop }
+        Self { matches: Cow::Borrowed(matches), kernel, scale, minimal, priors, optima: Vec::new(), stop }
     }
 
     /// The same, given up once this is set.
@@ -106,21 +106,26 @@ impl<'a> Search<'a> {
 
     /// What is left to do when a pose was found, over the correspondences as that pose sees them: nothing is sampled any
     /// more.
-    pub(crate) fn settle(&mut self, matches: Matches<'a>) {
+    pub(crate) fn fix_visible(&mut self, matches: Matches<'a>) {
         self.kernel = Kernel::new(&matches, self.scale);
         self.matches = Cow::Owned(matches);
         self.minimal = None;
     }
 
     /// Where the pose goes with another focal length, and the cost there.
-    pub(crate) fn probe(&self, matches: Matches<'a>, pose: &CameraFromWorld, factor: f64) -> (Zoomed, f64) {
+    pub(crate) fn try_focal(
+        &self,
+        matches: Matches<'a>,
+        pose: &CameraFromWorld,
+        factor: f64,
+    ) -> (Zoomed, f64) {
         let kernel = Kernel::new(&matches, self.scale);
         let probe = Search {
             matches: Cow::Owned(matches),
             kernel,
             scale: self.scale,
             minimal: None,
-            beliefs: self.beliefs.clone(),
+            priors: self.priors.clone(),
             optima: Vec::new(),
             stop: self.stop.clone(),
         };
@@ -130,14 +135,14 @@ impl<'a> Search<'a> {
 
     /// Goes on by the matches alone, with hypotheses of theirs; returns what was known beside them. Optima that were met
     /// stay.
-    pub(crate) fn forget(&mut self, minimal: Minimal) -> Beliefs {
+    pub(crate) fn without_priors(&mut self, minimal: Minimal) -> PosePriors {
         self.minimal = Some(minimal);
-        std::mem::take(&mut self.beliefs)
+        std::mem::take(&mut self.priors)
     }
 
     /// The opposite: knows this from here on.
-    pub(crate) fn remember(&mut self, known: Beliefs) {
-        self.beliefs = known;
+    pub(crate) fn with_priors(&mut self, known: PosePriors) {
+        self.priors = known;
     }
 
     /// The correspondences it is about.
@@ -183,7 +188,7 @@ impl<'a> Search<'a> {
             pose = match self.scale {
                 Scale::Likelihood { noise } => {
                     let objective = |pose: &CameraFromWorld| {
-                        self.believed(pose, self.kernel.linearize_coarsely(pose, noise * factor))
+                        self.with_prior_terms(pose, self.kernel.linearize_coarsely(pose, noise * factor))
                     };
                     descend(objective, &pose, LADDER_STEPS, COARSE_GAIN).pose
                 }
@@ -208,12 +213,12 @@ impl<'a> Search<'a> {
     /// The guard: the refined pose must not be worse in the score it was refined for, over all correspondences. Without
     /// it a robust polish may slide into the collapse.
     pub(crate) fn polish(&self, start: &CameraFromWorld, estimate_noise: bool) -> Polished {
-        self.polish_knowing(&self.beliefs, start, estimate_noise)
+        self.polish_knowing(&self.priors, start, estimate_noise)
     }
 
     /// The same with this known beside the matches.
-    fn polish_knowing(&self, known: &Beliefs, start: &CameraFromWorld, estimate_noise: bool) -> Polished {
-        let believed = |pose: &CameraFromWorld, mut system: System| {
+    fn polish_knowing(&self, known: &PosePriors, start: &CameraFromWorld, estimate_noise: bool) -> Polished {
+        let with_prior_terms = |pose: &CameraFromWorld, mut system: System| {
             known.add_to(pose, &mut system);
             system
         };
@@ -229,7 +234,7 @@ impl<'a> Search<'a> {
                 let (mut pose, mut noise) = (*start, assumed);
                 for _ in 0..POLISH_ROUNDS {
                     let objective =
-                        |pose: &CameraFromWorld| believed(pose, self.kernel.linearize(pose, noise).0);
+                        |pose: &CameraFromWorld| with_prior_terms(pose, self.kernel.linearize(pose, noise).0);
                     pose = descend(objective, &pose, ROUND_STEPS, 1e-7).pose;
                     if !estimate_noise {
                         break;
@@ -244,7 +249,10 @@ impl<'a> Search<'a> {
                 }
                 let active = self.possible(&pose, noise);
                 let objective = |pose: &CameraFromWorld| {
-                    believed(pose, linearize(&self.matches, &active, Loss::Likelihood { noise }, pose))
+                    with_prior_terms(
+                        pose,
+                        linearize(&self.matches, &active, Loss::Likelihood { noise }, pose),
+                    )
                 };
                 pose = descend(objective, &pose, FINAL_STEPS, FINAL_GAIN).pose;
                 let cost = |pose| self.kernel.cost_at(pose, noise) + known.loss(pose);
@@ -261,21 +269,21 @@ impl<'a> Search<'a> {
     }
 
     /// The objective with what is known beside the matches.
-    fn believed(&self, pose: &CameraFromWorld, mut system: System) -> System {
-        self.beliefs.add_to(pose, &mut system);
+    fn with_prior_terms(&self, pose: &CameraFromWorld, mut system: System) -> System {
+        self.priors.add_to(pose, &mut system);
         system
     }
 
     /// What is known beside the matches.
-    pub(crate) fn beliefs(&self) -> &Beliefs {
-        &self.beliefs
+    pub(crate) fn priors(&self) -> &PosePriors {
+        &self.priors
     }
 
     /// Standard deviation of the agreeing residuals, pixels, and the covariance of the pose by the matches and what is
     /// known beside them.
     pub(crate) fn uncertainty(
         &self,
-        known: &Beliefs,
+        known: &PosePriors,
         polished: &Polished,
         likelihoods: &[f64],
         inliers: &[usize],
@@ -301,7 +309,7 @@ impl<'a> Search<'a> {
                 let shown = if count > 0.0 { (sum / count).sqrt() } else { *noise };
                 let estimated = Estimated {
                     matches: &self.matches,
-                    beliefs: known,
+                    priors: known,
                     pose,
                     likelihoods,
                     noise: *noise,
@@ -317,8 +325,8 @@ impl<'a> Search<'a> {
     /// what is known beside them may choose between two poses, and does not make the choice sure.
     pub(crate) fn margin(&self, polished: &Polished, covariance: &Symmetric6, estimate_noise: bool) -> f64 {
         let pose = &polished.pose;
-        let own = self.cost(pose, f64::INFINITY) - self.beliefs.loss(pose);
-        let nothing = Beliefs::default();
+        let own = self.cost(pose, f64::INFINITY) - self.priors.loss(pose);
+        let nothing = PosePriors::default();
         let refined = |other: &CameraFromWorld| self.polish_knowing(&nothing, other, estimate_noise).pose;
         margin(&self.optima, pose, own, covariance, LEAST_MARGIN, refined)
     }
@@ -338,7 +346,7 @@ impl Estimator for Search<'_> {
     }
 
     fn cost(&self, model: &CameraFromWorld, best: f64) -> f64 {
-        let known = self.beliefs.loss(model);
+        let known = self.priors.loss(model);
         self.kernel.cost(model, best - known) + known
     }
 
@@ -378,7 +386,7 @@ impl Estimator for Search<'_> {
             keep(self.descend(&best.0), &mut best);
         }
         best.1 = self.cost_as_seen(&best.0, best.1);
-        self.optima.push((best.0, best.1 - self.beliefs.loss(&best.0)));
+        self.optima.push((best.0, best.1 - self.priors.loss(&best.0)));
         best
     }
 }

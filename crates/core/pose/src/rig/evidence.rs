@@ -27,7 +27,7 @@ use crate::confidence::{
     Confidence, LEAST_MARGIN, free_direction, gains, least_log_evidence, log_det, log_poses,
 };
 use crate::likelihood::{
-    Beliefs, Correspondences, Estimated, Matches, Symmetric6, inverse_or_infinite, with_shift,
+    Correspondences, Estimated, Matches, PosePriors, Symmetric6, inverse_or_infinite, with_shift,
 };
 use crate::ransac::search::Search;
 
@@ -54,7 +54,7 @@ pub(super) struct Witness<'a> {
 }
 
 /// What is said of a rig's pose.
-pub(super) struct Verdict {
+pub(super) struct FocalVerdict {
     /// Of the rig's pose, by the matches and what is known beside them.
     pub(super) covariance: Symmetric6,
     /// The same by the matches alone.
@@ -97,7 +97,7 @@ impl<'a> Witness<'a> {
             .collect();
         Self {
             search,
-            known: search.beliefs().information(cam),
+            known: search.priors().information(cam),
             information: held_by(search, cam, &likelihoods, &inliers, noise, focal_sd),
             likelihoods,
             inliers,
@@ -151,9 +151,9 @@ fn held_by(
     noise: f64,
     focal_sd: Option<f64>,
 ) -> Matrix6<f64> {
-    let (matches, nothing) = (search.matches(), &Beliefs::default());
+    let (matches, nothing) = (search.matches(), &PosePriors::default());
     let estimated =
-        Estimated { matches, beliefs: nothing, pose: cam, likelihoods, noise, focal_sd, free: None };
+        Estimated { matches, priors: nothing, pose: cam, likelihoods, noise, focal_sd, free: None };
     let information = estimated.information();
     let covariance = estimated.covariance();
     let free = (covariance[3][3] < f64::INFINITY)
@@ -181,7 +181,7 @@ fn compare(witnesses: &mut [Witness<'_>]) {
 }
 
 /// What the frames say of the rig's pose, `[F]` in both lists.
-pub(super) fn verdict(witnesses: &mut [Witness<'_>], ties: &[Tie]) -> Verdict {
+pub(super) fn verdict(witnesses: &mut [Witness<'_>], ties: &[Tie]) -> FocalVerdict {
     compare(witnesses);
     let all = |_: usize| 1.0;
     let once = |frames: usize| (frames as f64).recip();
@@ -219,7 +219,7 @@ pub(super) fn verdict(witnesses: &mut [Witness<'_>], ties: &[Tie]) -> Verdict {
         let gained: f64 = w.gains.iter().map(|(gain, _)| gain.max(0.0)).sum();
         (total + gained, single + gained * w.mean(&once))
     });
-    Verdict {
+    FocalVerdict {
         covariance: inverse_or_infinite(&with_known),
         by_matches: inverse_or_infinite(&held),
         share: if total > 0.0 { single / total } else { 1.0 },
@@ -234,7 +234,7 @@ fn over_rig(witnesses: &[Witness<'_>], ties: &[Tie], share: &dyn Fn(usize) -> f6
     witnesses.iter().zip(ties).map(of).collect()
 }
 
-impl Verdict {
+impl FocalVerdict {
     /// The pose may be off by this step beside its noise.
     pub(super) fn shift(&mut self, step: &[f64; 6]) {
         self.covariance = with_shift(&self.covariance, step);

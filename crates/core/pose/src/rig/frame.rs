@@ -6,7 +6,7 @@ use veiloc_geometry::statistics::upper_median;
 use super::RigFrame;
 use crate::error::PoseError;
 use crate::likelihood::{
-    Beliefs, Correspondences, FocalKnowledge, Matches, Scale, System, log_farthest, median_point,
+    Correspondences, FocalKnowledge, Matches, PosePriors, Scale, System, log_farthest, median_point,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::ransac::minimal::Minimal;
@@ -70,7 +70,7 @@ impl<'a> Frame<'a> {
         let solver = options.anchored_solver.unwrap_or(AnchoredSolver::default_for(ScoreKind::Likelihood));
         // By the matches alone: gravity that is wrong would hide the pose, or poses that the matches explain as well.
         let minimal = Minimal::new(matches, solver, None, options.noise_px);
-        let beliefs = Beliefs::of(&frame.problem);
+        let priors = PosePriors::of(&frame.problem);
         let all = WeightedSampler::new(matches.weight.iter().copied().enumerate());
         let promise =
             all.expected_share().powi(i32::try_from(matches.observations.sample_size()).unwrap_or(i32::MAX));
@@ -79,7 +79,7 @@ impl<'a> Frame<'a> {
             given,
             seen: given.clone(),
             focal: frame.problem.focal,
-            search: Search::new(matches, Scale::Likelihood { noise: rigid_noise }, minimal, beliefs),
+            search: Search::new(matches, Scale::Likelihood { noise: rigid_noise }, minimal, priors),
             rigid_noise,
             most: most_gain(matches, rigid_noise),
             promise: if stands_alone { promise } else { 0.0 },
@@ -93,12 +93,12 @@ impl<'a> Frame<'a> {
 
     /// What is left to do is done with a focal length so many times the given one: nothing is sampled any more.
     pub(super) fn zoom(&mut self, factor: f64) {
-        self.search.settle(self.seen.with_focal(factor));
+        self.search.fix_visible(self.seen.with_focal(factor));
     }
 
     /// Adds what is known of the camera beside its matches.
     pub(super) fn believed(&self, cam: &CameraFromWorld, mut system: System) -> System {
-        self.search.beliefs().add_to(cam, &mut system);
+        self.search.priors().add_to(cam, &mut system);
         system
     }
 
@@ -127,5 +127,5 @@ fn most_gain(matches: &Matches<'_>, noise: f64) -> f64 {
         Correspondences::Points { .. } | Correspondences::Lines { .. } => 0.0,
     };
     let extra = matches.noise_term(noise) + log_farthest;
-    matches.worth.iter().map(|worth| (worth + extra).max(0.0)).sum()
+    matches.log_likelihood_const.iter().map(|worth| (worth + extra).max(0.0)).sum()
 }

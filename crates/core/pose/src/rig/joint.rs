@@ -13,7 +13,7 @@ use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector6};
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 
 use super::odometry::{Pull, Tie};
-use crate::likelihood::{Patience, System, levenberg_marquardt};
+use crate::likelihood::{Convergence, System, levenberg_marquardt};
 
 /// Where a rig and its frames are.
 #[derive(Debug, Clone)]
@@ -98,8 +98,8 @@ pub(super) fn descend(
         let step = damped_step(ties, here, damping)?;
         Some((poses.moved(ties, &step), step.promised))
     };
-    let patience = Patience { steps, least_gain };
-    let found = levenberg_marquardt(start.clone(), patience, linearize, |here| here.loss, step);
+    let convergence = Convergence { steps, least_gain };
+    let found = levenberg_marquardt(start.clone(), convergence, linearize, |here| here.loss, step);
     found.at.reorthonormalized(ties)
 }
 

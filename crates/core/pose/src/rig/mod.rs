@@ -24,11 +24,11 @@ use self::frame::{Frame, scene_size, stands_alone};
 use self::joint::Poses;
 use self::odometry::Tie;
 use self::search::RigSearch;
-use self::zoom::{Lens, SettledRig, settle, worst_known};
+use self::zoom::{Lens, RefinedRig, refine_focal_lengths, worst_known};
 use crate::confidence::Confidence;
 use crate::error::PoseError;
-use crate::focal_search::{Judged, is_clear, over_focal_lengths};
-use crate::likelihood::{FocalKnowledge, Matches, PoseProblem, Verdict};
+use crate::focal_search::{WithConfidence, is_clear, over_focal_lengths};
+use crate::likelihood::{FocalKnowledge, FocalVerdict, Matches, PoseProblem};
 use crate::options::{PoseOptions, ScoreKind};
 use crate::ransac::lo_ransac;
 
@@ -217,7 +217,7 @@ impl Asked<'_> {
             hypotheses: found.samples,
         };
         let Some(best) = found.model else { return Err(no_consensus(0)) };
-        let SettledRig { polished, lenses } = settle(&mut search, &best, factor, options);
+        let RefinedRig { polished, lenses } = refine_focal_lengths(&mut search, &best, factor, options);
         let poses = &polished.poses;
         let lens_of = |f: usize| lenses.iter().find(|lens| lens.frames.contains(&f));
         let mut witnesses: Vec<Witness<'_>> = search
@@ -240,7 +240,7 @@ impl Asked<'_> {
         confidence.log_evidence -= search.disbelief(&poses.cams);
         // A pose may be off by what another focal length would do to it, where that is too little to be estimated.
         for lens in &lenses {
-            if let Verdict::Suspicious(other) = lens.verdict {
+            if let FocalVerdict::Suspicious(other) = lens.verdict {
                 let rig = RigFromWorld::new(*other.pose.rotation(), *other.pose.translation());
                 verdict.shift(&poses.rig.step_to(&rig));
             }
@@ -270,14 +270,16 @@ struct OfFrames<'a> {
     frames: &'a [RigFrame],
 }
 
-impl Judged for OfFrames<'_> {
+impl WithConfidence for OfFrames<'_> {
     fn confidence(&self) -> &Confidence {
         &self.estimate.confidence
     }
 
     fn least_gain(&self) -> f64 {
         let told = self.frames.iter().zip(&self.estimate.frames);
-        Verdict::least_gain_of(told.map(|(frame, told)| (&frame.problem.observations, told.inlier_count)))
+        FocalVerdict::least_gain_of(
+            told.map(|(frame, told)| (&frame.problem.observations, told.inlier_count)),
+        )
     }
 }
 

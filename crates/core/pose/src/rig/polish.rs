@@ -45,7 +45,7 @@ pub(super) fn polish_knowing(
         if known { frames[i].believed(cam, system) } else { system }
     };
     let loss =
-        |i: usize, cam: &CameraFromWorld| if known { frames[i].search.beliefs().loss(cam) } else { 0.0 };
+        |i: usize, cam: &CameraFromWorld| if known { frames[i].search.priors().loss(cam) } else { 0.0 };
     let assumed = options.noise_px;
     let mut poses = start.clone();
     let mut noise = vec![assumed; frames.len()];

@@ -7,13 +7,13 @@ use super::frame::Frame;
 use super::joint::{Poses, descend};
 use super::odometry::Tie;
 use super::polish::polish_knowing;
+use crate::ambiguity::margin;
 use crate::likelihood::Symmetric6;
 use crate::options::PoseOptions;
 use crate::ransac::Estimator;
 use crate::ransac::Stop;
 use crate::ransac::sampler::WeightedSampler;
 use crate::ransac::search::{COARSE_GAIN, LADDER, LADDER_STEPS};
-use crate::rivals::margin;
 
 /// Gain of a frame from which on more of it counts less, natural logarithm: many frames that agree outvote one that
 /// contradicts them, however many matches that one has. A pose with this gain in one frame is hardly chance.
@@ -128,7 +128,7 @@ impl<'a> RigSearch<'a> {
 
     /// What the poses cost in what is known beside the matches.
     pub(super) fn disbelief(&self, cams: &[CameraFromWorld]) -> f64 {
-        self.frames.iter().zip(cams).map(|(frame, cam)| frame.search.beliefs().loss(cam)).sum()
+        self.frames.iter().zip(cams).map(|(frame, cam)| frame.search.priors().loss(cam)).sum()
     }
 
     /// What the poses strain the odometry and contradict what is known, less what they gain by all frames.

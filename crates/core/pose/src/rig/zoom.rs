@@ -13,7 +13,8 @@
 //! that two frames of one camera would both rather have is told for all of them.
 
 use crate::likelihood::{
-    FocalKnowledge, Patience, Verdict, ZoomObjective, ZoomSystem, Zoomed, levenberg_marquardt, stretched,
+    Convergence, FocalKnowledge, FocalVerdict, ZoomObjective, ZoomSystem, Zoomed, levenberg_marquardt,
+    stretched,
 };
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Cholesky, Const, Matrix6, SMatrix, SVector, Vector6};
@@ -35,8 +36,8 @@ pub(super) struct Lens {
     pub(super) focal: FocalKnowledge,
     /// Its focal length over the given one.
     pub(super) factor: f64,
-    /// What is thought of the given one; [`Verdict::Wrong`] where another was estimated.
-    pub(super) verdict: Verdict,
+    /// What is thought of the given one; [`FocalVerdict::Wrong`] where another was estimated.
+    pub(super) verdict: FocalVerdict,
 }
 
 impl Lens {
@@ -56,7 +57,7 @@ impl Lens {
                     frames: vec![i],
                     focal: frame.focal,
                     factor: if frame.focal == worst { factor } else { 1.0 },
-                    verdict: Verdict::Fine,
+                    verdict: FocalVerdict::Fine,
                 }),
             }
         }
@@ -65,7 +66,7 @@ impl Lens {
 
     /// Standard deviation that the logarithm of its focal length had before; `None` when it was not estimated.
     pub(super) fn estimated_sd(&self) -> Option<f64> {
-        (self.verdict == Verdict::Wrong).then(|| self.focal.sd())
+        (self.verdict == FocalVerdict::Wrong).then(|| self.focal.sd())
     }
 }
 
@@ -80,18 +81,18 @@ pub(super) fn worst_known(all: impl Iterator<Item = FocalKnowledge>) -> FocalKno
 }
 
 /// Refined poses, and the focal lengths that they are told with. The search's frames are as these see them.
-pub(super) struct SettledRig {
+pub(super) struct RefinedRig {
     pub(super) polished: PolishedRig,
     pub(super) lenses: Vec<Lens>,
 }
 
 /// Refines from where the search ended, which took `factor` times the focal length; see [`Lens::all`].
-pub(super) fn settle(
+pub(super) fn refine_focal_lengths(
     search: &mut RigSearch<'_>,
     start: &Poses,
     factor: f64,
     options: &PoseOptions,
-) -> SettledRig {
+) -> RefinedRig {
     let lenses = Lens::all(&search.frames, factor);
     for (i, cam) in start.cams.iter().enumerate() {
         let of_frame = lenses.iter().find(|lens| lens.frames.contains(&i)).map_or(1.0, |lens| lens.factor);
@@ -99,16 +100,16 @@ pub(super) fn settle(
         search.frames[i].zoom(of_frame);
     }
     let polished = polish(&search.frames, &search.ties, start, options);
-    let mut settled = SettledRig { polished, lenses };
-    let mut unjudged: Vec<usize> = (0..settled.lenses.len()).collect();
+    let mut refined = RefinedRig { polished, lenses };
+    let mut unjudged: Vec<usize> = (0..refined.lenses.len()).collect();
     while !unjudged.is_empty() {
-        let lens = unjudged.remove(settled.most_to_blame(search, &unjudged));
-        settled.judge(search, lens, options);
+        let lens = unjudged.remove(refined.most_to_blame(search, &unjudged));
+        refined.judge(search, lens, options);
     }
-    settled
+    refined
 }
 
-impl SettledRig {
+impl RefinedRig {
     /// Which of these lenses explains most when its focal length is free, its place in the list: a wrong one spoils the
     /// poses, and makes the others look wrong as well.
     fn most_to_blame(&self, search: &RigSearch<'_>, lenses: &[usize]) -> usize {
@@ -128,10 +129,13 @@ impl SettledRig {
     fn judge(&mut self, search: &mut RigSearch<'_>, lens: usize, options: &PoseOptions) {
         let is_open =
             self.lenses[lens].focal != FocalKnowledge::Calibrated || self.lenses[lens].factor != 1.0;
-        self.lenses[lens].verdict =
-            if is_open { Verdict::Wrong } else { self.objective(search, lens).verdict(&self.polished.poses) };
+        self.lenses[lens].verdict = if is_open {
+            FocalVerdict::Wrong
+        } else {
+            self.objective(search, lens).verdict(&self.polished.poses)
+        };
         for _ in 0..MOST_JUMPS {
-            if self.lenses[lens].verdict == Verdict::Wrong {
+            if self.lenses[lens].verdict == FocalVerdict::Wrong {
                 for _ in 0..ROUNDS {
                     let from = (self.polished.poses.clone(), self.lenses[lens].factor);
                     let (poses, factor) = self.objective(search, lens).refine(from);
@@ -143,21 +147,21 @@ impl SettledRig {
                 break;
             }
             let Some((poses, factor, gain)) = self.best_jump(search, lens, cost) else { break };
-            if self.lenses[lens].verdict == Verdict::Wrong {
+            if self.lenses[lens].verdict == FocalVerdict::Wrong {
                 // It is open: it goes where the likelihood is.
-                if gain <= Verdict::least_gain_of([]) {
+                if gain <= FocalVerdict::least_gain_of([]) {
                     break;
                 }
             } else {
-                match Verdict::of(gain, &of_rig(&poses, factor), self.least_gain(search, lens)) {
-                    Verdict::Wrong => self.lenses[lens].verdict = Verdict::Wrong,
-                    suspicious @ Verdict::Suspicious(_) => {
-                        if self.lenses[lens].verdict == Verdict::Fine {
+                match FocalVerdict::of(gain, &of_rig(&poses, factor), self.least_gain(search, lens)) {
+                    FocalVerdict::Wrong => self.lenses[lens].verdict = FocalVerdict::Wrong,
+                    suspicious @ FocalVerdict::Suspicious(_) => {
+                        if self.lenses[lens].verdict == FocalVerdict::Fine {
                             self.lenses[lens].verdict = suspicious;
                         }
                         break;
                     }
-                    Verdict::Fine => break,
+                    FocalVerdict::Fine => break,
                 }
             }
             self.move_to(search, lens, &poses, factor, options);
@@ -202,7 +206,7 @@ impl SettledRig {
                 search.kernel().likelihoods(&self.polished.poses.cams[i], self.polished.noise[i]);
             (search.matches().observations, likelihoods.iter().filter(|llr| **llr > 0.0).count())
         };
-        Verdict::least_gain_of(self.lenses[lens].frames.iter().map(agreeing))
+        FocalVerdict::least_gain_of(self.lenses[lens].frames.iter().map(agreeing))
     }
 
     fn objective<'s, 'a>(&self, search: &'s RigSearch<'a>, lens: usize) -> RigZoom<'s> {
@@ -213,7 +217,7 @@ impl SettledRig {
             let is_first = self.lenses[lens].frames.first() == Some(&i);
             let objective = ZoomObjective {
                 matches: &frame.seen,
-                beliefs: frame.search.beliefs().clone(),
+                priors: frame.search.priors().clone(),
                 active: frame.search.possible(cam, noise),
                 noise,
                 sd: if is_first { self.lenses[lens].focal.sd() } else { f64::INFINITY },
@@ -264,18 +268,19 @@ struct Eliminated {
 impl RigZoom<'_> {
     /// What the likelihood says of the given focal length, at the optimum for it: one linearized step tells whether to look,
     /// and what is there is then refined.
-    fn verdict(&self, poses: &Poses) -> Verdict {
+    fn verdict(&self, poses: &Poses) -> FocalVerdict {
         let here = self.linearize(poses, 1.0);
-        let Some(step) = self.solved(&here, 0.0) else { return Verdict::Fine };
-        if !Verdict::is_worth_a_look(step.poses.promised, step.log_focal) {
-            return Verdict::Fine;
+        let Some(step) = self.solved(&here, 0.0) else { return FocalVerdict::Fine };
+        if !FocalVerdict::is_worth_a_look(step.poses.promised, step.log_focal) {
+            return FocalVerdict::Fine;
         }
         let (there, factor) = self.refine((poses.clone(), 1.0));
         let gain = here.loss - self.linearize(&there, factor).loss;
         let agreeing = self.frames.iter().zip(&here.systems).filter(|(frame, _)| frame.fixed.is_none());
-        let least =
-            Verdict::least_gain_of(agreeing.map(|(f, s)| (f.objective.matches.observations, s.agreeing)));
-        Verdict::of(gain, &of_rig(&there, factor), least)
+        let least = FocalVerdict::least_gain_of(
+            agreeing.map(|(f, s)| (f.objective.matches.observations, s.agreeing)),
+        );
+        FocalVerdict::of(gain, &of_rig(&there, factor), least)
     }
 
     /// Levenberg–Marquardt from a start; never a larger loss than the start's.
@@ -286,7 +291,7 @@ impl RigZoom<'_> {
             Some(((poses.moved(self.ties, &step.poses), factor), f64::INFINITY))
         };
         let look = |(poses, factor): &(Poses, f64)| self.linearize(poses, *factor);
-        levenberg_marquardt(start, Patience::OF_FOCAL, look, |here| here.loss, step).at
+        levenberg_marquardt(start, Convergence::OF_FOCAL, look, |here| here.loss, step).at
     }
 
     fn linearize(&self, poses: &Poses, factor: f64) -> Linearized {

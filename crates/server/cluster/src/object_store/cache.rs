@@ -136,7 +136,7 @@ impl Cache {
         if self.has(&path, object).await? {
             return Ok((path, false));
         }
-        storage.patience.attempt(async || self.fetch(storage, object, &path).await).await?;
+        storage.retry_policy.attempt(async || self.fetch(storage, object, &path).await).await?;
         Ok((path, true))
     }
 
@@ -253,7 +253,7 @@ impl Cache {
         let mut pieces = storage.read(&entry, AGAIN).await?;
         let mut file = tokio::fs::File::create_new(to).await.map_err(ClusterError::io(to))?;
         let (mut hash, mut length) = (Sha256::new(), 0_u64);
-        while let Some(piece) = storage.patience.await_next(pieces.next(), &entry.address).await? {
+        while let Some(piece) = storage.retry_policy.await_next(pieces.next(), &entry.address).await? {
             let piece = piece.map_err(|source| entry.error(source, AGAIN))?;
             length += piece.len() as u64;
             if length > object.bytes {

@@ -52,7 +52,7 @@ impl Storage {
         let (id, total) = (manifest.id(), manifest.byte_count());
         let done = AtomicU64::new(0);
         let one = async |object: ObjectRef| -> Result<(ObjectRef, bool), ClusterError> {
-            let is_new = self.patience.attempt(async || self.object(folder, &object).await).await?;
+            let is_new = self.retry_policy.attempt(async || self.object(folder, &object).await).await?;
             watch(done.fetch_add(object.bytes, Ordering::Relaxed) + object.bytes, total);
             Ok((object, is_new))
         };
@@ -75,7 +75,7 @@ impl Storage {
     /// Whether it had to be sent.
     async fn object(&self, folder: &Folder, object: &ObjectRef) -> Result<bool, ClusterError> {
         let entry = self.object_entry(object.sha256);
-        match self.patience.await_next(self.store.head(&entry.location), &entry.address).await? {
+        match self.retry_policy.await_next(self.store.head(&entry.location), &entry.address).await? {
             Ok(there) if there.size == object.bytes => return Ok(false),
             Ok(_) | Err(object_store::Error::NotFound { .. }) => {}
             Err(source) => return Err(entry.error(source, MEANWHILE)),
@@ -97,11 +97,12 @@ impl Storage {
                 let ended = std::io::Error::from(std::io::ErrorKind::UnexpectedEof);
                 return Err(ClusterError::io(&path)(ended));
             }
-            let written = self.patience.await_next(writer.write_all(&piece[..read]), &entry.address).await?;
+            let written =
+                self.retry_policy.await_next(writer.write_all(&piece[..read]), &entry.address).await?;
             written.map_err(|error| entry.error(cause_of(error), MEANWHILE))?;
             left -= read as u64;
         }
-        let ended = self.patience.await_next(writer.shutdown(), &entry.address).await?;
+        let ended = self.retry_policy.await_next(writer.shutdown(), &entry.address).await?;
         ended.map_err(|error| entry.error(cause_of(error), MEANWHILE))?;
         Ok(true)
     }
@@ -109,11 +110,13 @@ impl Storage {
     async fn put(&self, entry: &Entry, bytes: Vec<u8>) -> Result<(), ClusterError> {
         let put = async || {
             let payload = PutPayload::from(bytes.clone());
-            let answer =
-                self.patience.await_next(self.store.put(&entry.location, payload), &entry.address).await?;
+            let answer = self
+                .retry_policy
+                .await_next(self.store.put(&entry.location, payload), &entry.address)
+                .await?;
             answer.map(|_| ()).map_err(|source| entry.error(source, MEANWHILE))
         };
-        self.patience.attempt(put).await
+        self.retry_policy.attempt(put).await
     }
 }
 

@@ -6,7 +6,7 @@ use crate::ClusterError;
 
 /// How often, how long between, and how long nothing may come.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Patience {
+pub(crate) struct RetryPolicy {
     pub(crate) attempts: u32,
     /// Before the second attempt; twice as long before each further one.
     pub(crate) pause: Duration,
@@ -14,13 +14,13 @@ pub(crate) struct Patience {
     pub(crate) stall: Duration,
 }
 
-impl Default for Patience {
+impl Default for RetryPolicy {
     fn default() -> Self {
         Self { attempts: 4, pause: Duration::from_millis(500), stall: Duration::from_secs(60) }
     }
 }
 
-impl Patience {
+impl RetryPolicy {
     /// The first success, or the last failure.
     pub(crate) async fn attempt<T>(
         &self,
@@ -65,7 +65,7 @@ mod tests {
     async fn pauses_double_until_the_last_attempt() {
         for (failures, attempts, waited_ms) in [(0, 1, 0), (1, 2, 500), (3, 4, 3500), (9, 4, 3500)] {
             let (begun, tried) = (Instant::now(), Cell::new(0));
-            let done = Patience::default()
+            let done = RetryPolicy::default()
                 .attempt(async || {
                     tried.set(tried.get() + 1);
                     if tried.get() > failures { Ok(()) } else { Err(stalled()) }
@@ -79,7 +79,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn what_stalls_is_given_up() {
         let begun = Instant::now();
-        let stalled = Patience::default().await_next(std::future::pending::<()>(), "memory://maps").await;
+        let stalled = RetryPolicy::default().await_next(std::future::pending::<()>(), "memory://maps").await;
         assert!(matches!(stalled, Err(ClusterError::Stalled { seconds: 60, .. })));
         assert_eq!(begun.elapsed(), Duration::from_secs(60));
     }

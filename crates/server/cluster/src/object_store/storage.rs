@@ -13,7 +13,7 @@ use crate::ClusterError;
 use crate::object_store::address::place_of;
 use crate::object_store::pointer::Pointer;
 use crate::object_store::refusal::{Refusal, refusal_of};
-use crate::object_store::retry::Patience;
+use crate::object_store::retry::RetryPolicy;
 
 /// A place where regions of maps are published.
 #[derive(Debug, Clone)]
@@ -21,7 +21,7 @@ pub struct Storage {
     pub(crate) store: Arc<dyn ObjectStore>,
     root: Location,
     address: String,
-    pub(crate) patience: Patience,
+    pub(crate) retry_policy: RetryPolicy,
 }
 
 impl Storage {
@@ -47,18 +47,23 @@ impl Storage {
 
     /// Storage of your own, below `root`; `address` is how messages call it.
     pub fn of(store: Arc<dyn ObjectStore>, root: Location, address: &str) -> Self {
-        Self { store, root, address: address.trim_end_matches('/').to_owned(), patience: Patience::default() }
+        Self {
+            store,
+            root,
+            address: address.trim_end_matches('/').to_owned(),
+            retry_policy: RetryPolicy::default(),
+        }
     }
 
-    /// With less patience: so many attempts, pauses that begin so, and so long without an answer.
+    /// With less retry_policy: so many attempts, pauses that begin so, and so long without an answer.
     #[must_use]
-    pub fn with_patience(
+    pub fn with_retry_policy(
         self,
         attempts: u32,
         pause: std::time::Duration,
         stall: std::time::Duration,
     ) -> Self {
-        Self { patience: Patience { attempts: attempts.max(1), pause, stall }, ..self }
+        Self { retry_policy: RetryPolicy { attempts: attempts.max(1), pause, stall }, ..self }
     }
 
     /// How messages call it.
@@ -119,7 +124,7 @@ impl Storage {
         let read = async || {
             let mut bytes = Vec::new();
             let mut pieces = self.read(entry, remedy).await?;
-            while let Some(piece) = self.patience.await_next(pieces.next(), &entry.address).await? {
+            while let Some(piece) = self.retry_policy.await_next(pieces.next(), &entry.address).await? {
                 bytes.extend_from_slice(&piece.map_err(|source| entry.error(source, remedy))?);
                 if bytes.len() as u64 > most {
                     return Err(ClusterError::ObjectTooLong { address: entry.address.clone(), most });
@@ -127,7 +132,7 @@ impl Storage {
             }
             Ok(bytes)
         };
-        self.patience.attempt(read).await
+        self.retry_policy.attempt(read).await
     }
 
     /// What is there, piece by piece.
@@ -138,7 +143,7 @@ impl Storage {
     ) -> Result<futures_util::stream::BoxStream<'static, object_store::Result<bytes::Bytes>>, ClusterError>
     {
         let asked = self.store.get(&entry.location);
-        let answer = self.patience.await_next(asked, &entry.address).await?;
+        let answer = self.retry_policy.await_next(asked, &entry.address).await?;
         Ok(answer.map_err(|source| entry.error(source, remedy))?.into_stream())
     }
 }

@@ -230,7 +230,7 @@ async fn machines_start_with_what_they_had_while_the_storage_is_away() {
     let (store, cache) = (folder.path().join("store"), folder.path().join("cache"));
     let url = store.to_str().expect("text");
     let storage = || {
-        veiloc_cluster::object_store::Storage::open(url).expect("a folder").with_patience(
+        veiloc_cluster::object_store::Storage::open(url).expect("a folder").with_retry_policy(
             1,
             Duration::from_millis(1),
             Duration::from_secs(3600),

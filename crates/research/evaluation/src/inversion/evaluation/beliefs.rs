@@ -6,12 +6,12 @@ const WRONG_CELLS: f64 = 2.0;
 
 /// What was believed of keypoints, by whether they were put where they belong.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Beliefs {
+pub(super) struct PosePriors {
     right: Vec<f32>,
     wrong: Vec<f32>,
 }
 
-impl Beliefs {
+impl PosePriors {
     /// Adds keypoints of an image: what is believed of each, NaN for one that was not placed, and how far off it is, pixels.
     /// `cell`: side of a cell, pixels. Those of which it cannot be said whether they are right are left out.
     pub(super) fn add(&mut self, beliefs: &[f32], errors: &[f64], cell: f64) {
@@ -48,7 +48,7 @@ mod tests {
     #[test]
     fn right_ones_are_believed_more_or_not() {
         let of = |beliefs: &[f32], errors: &[f64]| {
-            let mut all = Beliefs::default();
+            let mut all = PosePriors::default();
             all.add(beliefs, errors, 8.0);
             all.told_apart()
         };

@@ -3,7 +3,7 @@
 use crate::results::text_table::TextTable;
 use serde::Serialize;
 
-use super::beliefs::Beliefs;
+use super::beliefs::PosePriors;
 use super::judges::Scores;
 use crate::inversion::inverter::Inverter;
 
@@ -151,7 +151,7 @@ impl Column {
     }
 
     /// Means over its rows.
-    pub(super) fn summary(&self, rows: &[RebuiltRow], beliefs: &Beliefs) -> SummaryRow {
+    pub(super) fn summary(&self, rows: &[RebuiltRow], beliefs: &PosePriors) -> SummaryRow {
         let mean =
             |of: &dyn Fn(&RebuiltRow) -> f64| rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64;
         let maybe = |of: fn(&RebuiltRow) -> Option<f64>| {

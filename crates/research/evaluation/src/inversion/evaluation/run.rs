@@ -9,7 +9,7 @@ use veiloc_geometry::Pixel;
 use veiloc_protocol::{ExtractionLimits, Scheme};
 
 use super::attacked::{Answer, Attacked, Realistic, attack};
-use super::beliefs::Beliefs;
+use super::beliefs::PosePriors;
 use super::document::{Column, EvaluationDocument, RebuiltRow};
 use super::judges::Judges;
 use super::sheet::{Sheet, Tile};
@@ -113,7 +113,7 @@ pub fn evaluate_inversion(
 
     progress.start("Making images", images.len() * jobs.len());
     let mut rows: Vec<Vec<RebuiltRow>> = jobs.iter().map(|_| Vec::new()).collect();
-    let mut beliefs = vec![Beliefs::default(); jobs.len()];
+    let mut beliefs = vec![PosePriors::default(); jobs.len()];
     let mut sheets = [Sheet::default(), Sheet::default()];
     for sheet in &mut sheets {
         sheet.columns.push("original".to_owned());
@@ -205,7 +205,7 @@ impl<'a> Job<'a> {
     }
 
     /// Adds what the network believes of the places that it is given for an image, where it judges places.
-    fn believes(&self, at: usize, image: &KeypointImage, to: &mut Beliefs) -> Result<(), EvalError> {
+    fn believes(&self, at: usize, image: &KeypointImage, to: &mut PosePriors) -> Result<(), EvalError> {
         let (Input::Places(answers), Some(errors)) = (&self.input, &self.column.errors) else {
             return Ok(());
         };

@@ -72,7 +72,7 @@ impl fmt::Display for Faulty {
 /// The same memory with this fault.
 pub fn storage(inner: &Arc<InMemory>, fault: Fault) -> Storage {
     let store = Faulty { inner: inner.clone(), fault, asked: AtomicUsize::new(0) };
-    Storage::of(Arc::new(store), Location::from("maps"), "memory://maps").with_patience(
+    Storage::of(Arc::new(store), Location::from("maps"), "memory://maps").with_retry_policy(
         3,
         Duration::from_millis(500),
         Duration::from_secs(60),

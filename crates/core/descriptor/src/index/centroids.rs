@@ -1,45 +1,45 @@
 //! Images that look alike in one list: a query then looks at some lists, and at no more of them the more images there are.
 //!
-//! Each list has a middle, which is a vector of signs as those of images are: of each sign, the one that most of its images
+//! Each list has a centroid, which is a vector of signs as those of images are: of each sign, the one that most of its images
 //! have (k-majority; Grana and others, *A fast approach for integrating ORB descriptors in the bag of words model*, SPIE
 //! 2013). All in integers and without chance: equal images give equal lists, whatever the number of threads.
 
 use rayon::prelude::*;
 use veiloc_simd::hamming;
 
-/// The middles of lists.
+/// The centroids of lists.
 #[derive(Clone)]
-pub(super) struct Middles {
+pub(super) struct Centroids {
     words: usize,
     /// `[K, words]`
     all: Vec<u64>,
-    /// `[K, FIRST]`, the first words alone: they tell which middles are near at all.
+    /// `[K, FIRST]`, the first words alone: they tell which centroids are near at all.
     first: Vec<u64>,
 }
 
-impl Middles {
-    /// `count` middles of signs `[N, words]`: as many images, evenly spaced, then each the majority of the images that are
+impl Centroids {
+    /// `count` centroids of signs `[N, words]`: as many images, evenly spaced, then each the majority of the images that are
     /// nearest to it, several times over.
     pub(super) fn of(signs: &[u64], words: usize, count: usize) -> Self {
         let images = signs.len() / words;
         // One of so many images that are evenly spaced.
         let row = |i: usize, of: usize| &signs[i * images / of * words..][..words];
-        let mut middles = Self::new(words, (0..count).flat_map(|i| row(i, count)).copied().collect());
+        let mut centroids = Self::new(words, (0..count).flat_map(|i| row(i, count)).copied().collect());
         for samples in ROUNDS {
             let samples = images.min(samples * count);
             let row = |i: usize| row(i, samples);
             let mut of_middle = vec![Vec::new(); count];
-            let lists = middles.nearest_of((0..samples).into_par_iter().map(row));
+            let lists = centroids.nearest_of((0..samples).into_par_iter().map(row));
             for (sample, list) in lists.into_iter().enumerate() {
                 of_middle[list as usize].push(sample);
             }
-            let mut all = middles.all;
-            all.par_chunks_exact_mut(words).zip(&of_middle).for_each(|(middle, samples)| {
-                majority(middle, samples.iter().map(|sample| row(*sample)));
+            let mut all = centroids.all;
+            all.par_chunks_exact_mut(words).zip(&of_middle).for_each(|(centroid, samples)| {
+                majority(centroid, samples.iter().map(|sample| row(*sample)));
             });
-            middles = Self::new(words, all);
+            centroids = Self::new(words, all);
         }
-        middles
+        centroids
     }
 
     fn new(words: usize, all: Vec<u64>) -> Self {
@@ -67,7 +67,7 @@ impl Middles {
         rows.map_init(|| vec![0; self.len()], |room, row| self.nearest(row, room)).collect()
     }
 
-    /// The middle that the fewest signs differ from, of equals the first. Only those are compared in whole whose first signs
+    /// The centroid that the fewest signs differ from, of equals the first. Only those are compared in whole whose first signs
     /// are about as near as any; the others are hardly ever nearer.
     fn nearest(&self, row: &[u64], room: &mut [u32]) -> u32 {
         let first = FIRST.min(self.words);
@@ -85,12 +85,12 @@ impl Middles {
     }
 }
 
-/// Makes a middle the majority of these rows; a sign that half of them have stays as it was, and all do when there are none.
-fn majority<'a>(middle: &mut [u64], rows: impl Iterator<Item = &'a [u64]>) {
+/// Makes a centroid the majority of these rows; a sign that half of them have stays as it was, and all do when there are none.
+fn majority<'a>(centroid: &mut [u64], rows: impl Iterator<Item = &'a [u64]>) {
     // How many rows have a sign, in binary: the first plane has the lowest bit of each number, the next the second.
     let mut planes: Vec<Vec<u64>> = Vec::new();
     let mut count = 0_u32;
-    let mut carried = vec![0; middle.len()];
+    let mut carried = vec![0; centroid.len()];
     for row in rows {
         count += 1;
         carried.copy_from_slice(row);
@@ -103,7 +103,7 @@ fn majority<'a>(middle: &mut [u64], rows: impl Iterator<Item = &'a [u64]>) {
             planes.push(carried.clone());
         }
     }
-    for (word, signs) in middle.iter_mut().enumerate() {
+    for (word, signs) in centroid.iter_mut().enumerate() {
         for bit in 0..64 {
             let have = planes.iter().rev().fold(0_u32, |n, plane| 2 * n + (plane[word] >> bit & 1) as u32);
             match (2 * have).cmp(&count) {
@@ -115,11 +115,11 @@ fn majority<'a>(middle: &mut [u64], rows: impl Iterator<Item = &'a [u64]>) {
     }
 }
 
-/// Rounds of learning, by how many images a middle is learned from in each: the first move middles far, whatever the images.
+/// Rounds of learning, by how many images a centroid is learned from in each: the first move centroids far, whatever the images.
 const ROUNDS: [usize; 5] = [16, 16, 32, 32, 64];
-/// Words that tell which middles are near at all: 512 signs.
+/// Words that tell which centroids are near at all: 512 signs.
 const FIRST: usize = 8;
-/// Signs of these by which the nearest middle may be farther than another: by chance alone they spread by eleven.
+/// Signs of these by which the nearest centroid may be farther than another: by chance alone they spread by eleven.
 const MARGIN: u32 = 14;
 
 #[cfg(test)]
@@ -132,11 +132,11 @@ mod tests {
     #[test]
     fn majorities_are_counted() {
         let rows: [&[u64]; 5] = [&[0b1110], &[0b0110], &[0b0010], &[0b0010], &[0b0110]];
-        let mut middle = [0b1001];
-        majority(&mut middle, rows.into_iter());
-        assert_eq!(middle, [0b0110]);
-        majority(&mut middle, rows[1..].iter().copied());
-        assert_eq!(middle, [0b0110], "two of four have the third sign, which stays");
+        let mut centroid = [0b1001];
+        majority(&mut centroid, rows.into_iter());
+        assert_eq!(centroid, [0b0110]);
+        majority(&mut centroid, rows[1..].iter().copied());
+        assert_eq!(centroid, [0b0110], "two of four have the third sign, which stays");
         let mut none = [0b1001];
         majority(&mut none, rows[..0].iter().copied());
         assert_eq!(none, [0b1001]);
@@ -163,14 +163,14 @@ mod tests {
         let listed = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             pool.install(|| {
-                let middles = Middles::of(&rows, words, 20);
-                let lists = middles.nearest_of(rows.par_chunks_exact(words));
-                (middles.all, lists)
+                let centroids = Centroids::of(&rows, words, 20);
+                let lists = centroids.nearest_of(rows.par_chunks_exact(words));
+                (centroids.all, lists)
             })
         };
-        let (middles, lists) = listed(1);
-        assert_eq!((&middles, &lists), (&listed(3).0, &listed(3).1));
-        // Middles begin as images, so some groups have two lists and some share one; nobody is between groups.
+        let (centroids, lists) = listed(1);
+        assert_eq!((&centroids, &lists), (&listed(3).0, &listed(3).1));
+        // Centroids begin as images, so some groups have two lists and some share one; nobody is between groups.
         let pure = (0..20).filter(|group| {
             let of = |image: &usize| lists[*image];
             let own: Vec<usize> = (0..600).filter(|image| image * 7 % 20 == *group).collect();

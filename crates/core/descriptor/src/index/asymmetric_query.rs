@@ -5,16 +5,16 @@
 
 use veiloc_simd::{dot_i8, hamming_of_three_bits};
 
-use crate::signs::{Mixing, blocks};
+use crate::binary_codes::{Mixing, blocks};
 
 /// The rotated codes of a query in three bits each.
-pub(super) struct Question {
+pub(super) struct AsymmetricQuery {
     words: usize,
     /// `[3, words]`, as [`hamming_of_three_bits`] takes them.
     planes: Vec<u64>,
 }
 
-impl Question {
+impl AsymmetricQuery {
     /// Of a descriptor of as many codes as the rotation is for.
     pub(super) fn new(mixing: &Mixing, codes: &[i8]) -> Self {
         let rotated = mixing.rotated(codes);

@@ -18,7 +18,7 @@ const FREEDOM: f64 = 4.0;
 
 /// Everything known; an empty one changes nothing.
 #[derive(Debug, Clone, Default)]
-pub struct Beliefs {
+pub struct PosePriors {
     /// Unit vectors in the camera and in the world, standard deviation in radians.
     gravity: Option<(Vector3<f64>, Vector3<f64>, f64)>,
     /// Middle and standard deviation, map units.
@@ -44,7 +44,7 @@ impl Term {
     }
 }
 
-impl Beliefs {
+impl PosePriors {
     /// Of a problem that has passed its check.
     pub fn of(problem: &PoseProblem) -> Self {
         Self {
@@ -112,8 +112,8 @@ mod tests {
     use veiloc_geometry::nalgebra::Rotation3;
     use veiloc_geometry::{Point3, Rigid3};
 
-    fn beliefs() -> Beliefs {
-        Beliefs {
+    fn priors() -> PosePriors {
+        PosePriors {
             gravity: Some((
                 Vector3::new(0.1, 0.9, 0.2).normalize(),
                 Vector3::new(0.0, 0.1, -1.0).normalize(),
@@ -131,15 +131,15 @@ mod tests {
 
     #[test]
     fn derivatives_agree_with_finite_differences() {
-        let (beliefs, pose) = (beliefs(), pose());
+        let (priors, pose) = (priors(), pose());
         let mut system = System::empty();
-        beliefs.add_to(&pose, &mut system);
-        assert!((system.loss - beliefs.loss(&pose)).abs() < 1e-12);
+        priors.add_to(&pose, &mut system);
+        assert!((system.loss - priors.loss(&pose)).abs() < 1e-12);
         for k in 0..6 {
             let at = |h: f64| {
                 let mut step = [0.0; 6];
                 step[k] = h;
-                beliefs.loss(&pose.perturbed(&step))
+                priors.loss(&pose.perturbed(&step))
             };
             let numeric = (at(1e-6) - at(-1e-6)) / 2e-6;
             assert!((numeric - system.gradient[k]).abs() < 1e-4 * (1.0 + numeric.abs()), "{k}");
@@ -149,9 +149,9 @@ mod tests {
 
     #[test]
     fn nothing_known_changes_nothing_and_gross_errors_lose_their_say() {
-        let none = Beliefs::default();
+        let none = PosePriors::default();
         assert_eq!((none.loss(&pose()), none.information(&pose())), (0.0, Matrix6::zeros()));
-        let near = beliefs();
+        let near = priors();
         let mut far = near.clone();
         far.position = Some((Vector3::new(500.0, 0.0, 0.0), 0.7));
         assert!(far.information(&pose())[(3, 3)] < 0.01 * near.information(&pose())[(3, 3)]);

@@ -33,7 +33,7 @@ const SMOOTHING: [f64; 3] = [0.30, 0.23, 0.12];
 
 /// Logarithm of how much likelier a wrong match is to observe what each correspondence did than if wrong matches were spread
 /// evenly, `[N]`.
-pub(crate) fn crowding(observations: &Correspondences, camera: &Pinhole) -> Vec<f64> {
+pub(crate) fn log_density(observations: &Correspondences, camera: &Pinhole) -> Vec<f64> {
     let size = [f64::from(camera.width), f64::from(camera.height)];
     let density = match observations {
         Correspondences::Points { pixels } => {
