@@ -12,7 +12,7 @@ corpus="$(mktemp -d)"
 trap 'rm -rf "$corpus"' EXIT
 
 # Seeds: the known answers that are committed anyway.
-mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap,tokens,settings,manifest,index}
+mkdir "$corpus"/{sealed_query,profile,answer,map_file,colmap,tokens,manifest,index}
 cp ../crates/core/protocol/tests/data/*.vquery "$corpus/sealed_query/"
 cp ../crates/core/protocol/tests/data/*.profile "$corpus/profile/"
 cp ../crates/core/protocol/tests/data/*.answer "$corpus/answer/"
@@ -20,7 +20,6 @@ cp ../crates/server/map/tests/data/map*.bin "$corpus/map_file/"
 cp ../crates/server/service/tests/data/auth/*.tokens "$corpus/tokens/"
 cp ../crates/server/map/tests/data/regions/manifest/*.json "$corpus/manifest/"
 cp ../crates/server/map/tests/data/regions/index/*.index "$corpus/index/"
-cp ../deploy/*.toml ../crates/tools/cli/tests/data/args/*.toml "$corpus/settings/"
 for kind in txt:T bin:O; do # the last bit of the first byte says which
     for folder in $(find ../crates/server/map/tests/data/colmap -name "cameras.${kind%:*}" -exec dirname {} \;); do
         {
@@ -35,7 +34,7 @@ done
 echo "| target | seconds | executions | edges | peak memory | findings |"
 echo "|---|---|---|---|---|---|"
 shift || true
-[ $# -gt 0 ] || set -- sealed_query profile answer map_file colmap tokens settings manifest index
+[ $# -gt 0 ] || set -- sealed_query profile answer map_file colmap tokens manifest index
 for target in "$@"; do
     log="$corpus/$target.log"
     findings=0

@@ -7,7 +7,6 @@
 
 pub mod damage;
 mod regions;
-mod settings;
 mod tokens;
 
 use std::fs;
@@ -19,7 +18,6 @@ use veiloc_protocol::{Answer, Profile, SealedQuery};
 use xxhash_rust::xxh3::xxh3_64;
 
 pub use regions::{index, manifest};
-pub use settings::{is_settings, settings};
 pub use tokens::tokens;
 
 /// A sealed query.

@@ -119,12 +119,6 @@ fn tokens() {
 }
 
 #[test]
-fn settings() {
-    let seeds = files("crates/tools/cli/tests/data/args", ".toml");
-    run("settings", &seeds, veiloc_fuzz::is_settings, veiloc_fuzz::settings);
-}
-
-#[test]
 fn manifest() {
     let seeds = files("crates/server/map/tests/data/regions/manifest", ".json");
     run("manifest", &seeds, |bytes| Manifest::decode(bytes).is_ok(), veiloc_fuzz::manifest);

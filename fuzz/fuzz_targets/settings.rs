@@ -1,4 +1,0 @@
-//! A file of settings, as an operator may have written it.
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::settings(bytes));
