@@ -1,0 +1,1 @@
+"""Training of the networks of veiloc's attacks: inversion, positions, neighbours."""
