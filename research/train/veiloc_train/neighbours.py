@@ -1,0 +1,112 @@
+"""Which descriptors are of keypoints near each other: embeddings whose products are large for neighbours.
+
+The loss is the cross entropy between a keypoint's nearest neighbours, all alike, and the softmax of its products with all others of
+the draw (InfoNCE with several right answers).
+"""
+
+import argparse
+
+import numpy as np
+import torch
+
+from . import loop
+from .data import Known, read_keypoints, scaled, split
+from .export import export
+from .models import Neighbours, parameters
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    loop.add_arguments(parser, steps=20_000, batch=4, rate=1e-3)
+    parser.add_argument("--nearest", type=int, default=20, help="so many are a keypoint's neighbours (%(default)s)")
+    parser.add_argument("--rows", type=int, default=512, help="keypoints drawn from an image (%(default)s)")
+    parser.add_argument("--width", type=int, default=192, help="of what stands for a row in the network (%(default)s)")
+    parser.add_argument("--outputs", type=int, default=96, help="length of an embedding (%(default)s)")
+    parser.add_argument("--heads", type=int, default=6, help="(%(default)s)")
+    parser.add_argument("--layers", type=int, default=4, help="(%(default)s)")
+    parser.add_argument("--dropout", type=float, default=0.1, help="(%(default)s)")
+
+
+def nearest(keypoints: np.ndarray, count: int) -> np.ndarray:
+    """The nearest others of each, unordered. `[N, count]`"""
+    count = min(count, len(keypoints) - 1)
+    squares = (keypoints**2).sum(axis=1)
+    away = squares[:, None] + squares[None] - 2.0 * keypoints @ keypoints.T
+    np.fill_diagonal(away, np.inf)
+    return np.argpartition(away, count - 1, axis=1)[:, :count]
+
+
+def targets(near: np.ndarray, order: np.ndarray, total: int) -> np.ndarray:
+    """Shares of those neighbours of the drawn ones that were drawn; a row of zeros where none was. `[n, n]`"""
+    place = np.full(total, -1)
+    place[order] = np.arange(len(order))
+    row = np.repeat(np.arange(len(order)), near.shape[1])
+    column = place[near[order]].reshape(-1)
+    shares = np.zeros((len(order), len(order)), np.float32)
+    shares[row[column >= 0], column[column >= 0]] = 1.0
+    return shares / np.maximum(shares.sum(axis=1, keepdims=True), 1.0)
+
+
+def cross_entropy(network: Neighbours, descriptors: torch.Tensor, present: torch.Tensor, shares: torch.Tensor) -> torch.Tensor:
+    """`[images, N, D]`, `[images, N]`, `[images, N, N]`"""
+    embedded = network(descriptors, present)
+    logits = embedded @ embedded.transpose(1, 2) * network.log_scale.exp()
+    itself = torch.eye(logits.shape[1], dtype=torch.bool, device=logits.device)
+    logs = torch.log_softmax(logits.masked_fill(itself | ~present[:, None, :], -1e9), dim=-1)
+    rows = shares.sum(dim=-1) > 0.0
+    return -(shares * logs).sum(dim=-1)[rows].mean()
+
+
+class Judge:
+    """Of the true nearest, the share that are among as many of the largest products, in whole validation images."""
+
+    def __init__(self, images: list[Known], network: Neighbours, args: argparse.Namespace):
+        rng = np.random.default_rng(0)
+        self.network, self.images = network, []
+        for image in images:
+            order = rng.permutation(len(image.keypoints))[:1024]
+            near = nearest(image.keypoints[order], args.nearest)
+            descriptors = torch.from_numpy(scaled(image.descriptors[order]))[None].to(args.device)
+            self.images.append((descriptors, torch.from_numpy(near).to(args.device)))
+
+    def __call__(self) -> dict[str, float]:
+        found, chance = [], []
+        for descriptors, near in self.images:
+            embedded = self.network(descriptors)[0]
+            products = (embedded @ embedded.T).fill_diagonal_(-2.0)
+            best = products.topk(near.shape[1], dim=1).indices
+            hits = (best.unsqueeze(2) == near.unsqueeze(1)).any(dim=1).float()
+            found.append(hits.mean().item())
+            chance.append(near.shape[1] / (len(near) - 1))
+        return {"minus_recall": -float(np.mean(found)), "chance": float(np.mean(chance))}
+
+
+def run(args: argparse.Namespace) -> None:
+    loop.begin(args)
+    training, validation = split(read_keypoints(args.keypoints, args.images, args.nearest + 2), args.validation)
+    dimension = training[0].descriptors.shape[1]
+    network = Neighbours(dimension, args.outputs, args.width, args.heads, args.layers, args.dropout)
+    print(f"{parameters(network)} numbers, {len(training)} + {len(validation)} images of {dimension} numbers")
+    known: dict[int, np.ndarray] = {}
+
+    def loss(rng: np.random.Generator) -> torch.Tensor:
+        orders = []
+        chosen = rng.integers(len(training), size=args.batch)
+        for i in chosen:
+            if i not in known:
+                known[i] = nearest(training[i].keypoints, args.nearest).astype(np.int32)
+            orders.append(rng.permutation(len(training[i].keypoints))[: args.rows])
+        most = max(map(len, orders))
+        descriptors = np.zeros((args.batch, most, dimension), np.float32)
+        shares = np.zeros((args.batch, most, most), np.float32)
+        present = np.zeros((args.batch, most), bool)
+        for row, (i, order) in enumerate(zip(chosen, orders)):
+            n = len(order)
+            descriptors[row, :n] = scaled(training[i].descriptors[order])
+            shares[row, :n, :n] = targets(known[i], order, len(training[i].keypoints))
+            present[row, :n] = True
+        batch = [torch.from_numpy(x).to(args.device) for x in (descriptors, present, shares)]
+        return cross_entropy(network, *batch)
+
+    network.to(args.device)
+    trained = loop.train(loop.Task(network, loss, Judge(validation, network, args)), args)
+    export(trained, args.out, "neighbours", args.features, dimension)
