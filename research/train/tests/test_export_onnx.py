@@ -1,0 +1,109 @@
+"""`scripts/export_onnx.py` against the numbers that the program is tested by."""
+
+import importlib.util
+import json
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+onnxruntime = pytest.importorskip("onnxruntime")
+
+ROOT = Path(__file__).resolve().parents[3]
+DATA = ROOT / "crates/device/features/tests/data/learned"
+
+
+@pytest.fixture(scope="module")
+def exports():
+    spec = importlib.util.spec_from_file_location("export_onnx", ROOT / "scripts/export_onnx.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["export_onnx"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def drawn(width: int, height: int) -> np.ndarray:
+    """The image of `scripts/oracle_networks.py`."""
+    y, x = np.mgrid[:height, :width]
+    a, b = x // 11, y // 13
+    return (((a * 7 + b * 11 + (a ^ b) * 37) % 160 + (x * 7 + y * 13 + x * y) % 31 + x % 50) / 255).astype(np.float32)
+
+
+def continued(gray: np.ndarray, multiple: int, margin: int = 32) -> np.ndarray:
+    """With mirror images around it, to sides that are multiples."""
+    whole = [-(-(side + 2 * margin) // multiple) * multiple for side in gray.shape]
+    pads = [((w - s) // 2, w - s - (w - s) // 2) for w, s in zip(whole, gray.shape)]
+    return np.pad(gray, pads, mode="symmetric")
+
+
+def written(exports, monkeypatch, path, *arguments):
+    monkeypatch.setattr(sys, "argv", ["export_onnx.py", *map(str, arguments), str(path)])
+    exports.main()
+    return onnxruntime.InferenceSession(str(path))
+
+
+def weights(name: str) -> Path:
+    """A file beside the folder of VEILOC_DATA."""
+    file = Path(os.environ.get("VEILOC_DATA", "")) / "../weights" / name
+    if "VEILOC_DATA" not in os.environ or not file.exists():
+        pytest.skip(f"VEILOC_DATA names no folder with ../weights/{name} beside it")
+    return file
+
+
+def test_netvlad_gives_the_vector_of_the_oracle(exports, monkeypatch, tmp_path):
+    pytest.importorskip("scipy")
+    session = written(exports, monkeypatch, tmp_path / "netvlad.onnx", "netvlad", DATA / "netvlad.mat")
+    known = json.loads((DATA / "netvlad.json").read_text())
+    image = np.repeat(drawn(*known["size"])[None, None], 3, axis=1)
+    assert np.allclose(session.run(["vector"], {"image": image})[0][0], known["vector"], atol=2e-5)
+
+
+@pytest.mark.parametrize("name, file", [("alike", "alike/alike-n.npz"), ("alike-t", "alike/alike-t.pth")])
+def test_alike_gives_the_layers_of_the_oracle(exports, monkeypatch, tmp_path, name, file):
+    session = written(exports, monkeypatch, tmp_path / "alike.onnx", "alike", weights(file))
+    known = json.loads((DATA / "oracle.json").read_text())[name]
+    gray = continued(drawn(*known["size"]), 32)
+    for layer in ("scores", "level1", "level2", "level3", "level4"):
+        value = session.run([layer], {"image": np.repeat(gray[None, None], 3, axis=1)})[0]
+        entry = known["layers"][layer]
+        assert list(value.shape) == entry["shape"]
+        assert np.abs(value.ravel()[entry["at"]] - entry["values"]).max() < 1e-4 * max(entry["largest"], 1.0), layer
+    head = session.run(["head"], {"image": np.zeros((1, 3, 32, 32), np.float32)})[0]
+    assert head.shape[0] == head.shape[1] == 4 * known["layers"]["level1"]["shape"][1]
+
+
+def test_alike_descriptors_of_all_pixels_are_the_head_of_the_enlarged_levels(exports, monkeypatch, tmp_path):
+    session = written(exports, monkeypatch, tmp_path / "alike.onnx", "alike", "--dense", weights("alike/alike-t.pth"))
+    image = np.repeat(drawn(96, 64)[None, None], 3, axis=1)
+    names = ["level1", "level2", "level3", "level4", "head", "descriptors"]
+    *levels, head, dense = (torch.from_numpy(x) for x in session.run(names, {"image": image}))
+    size = image.shape[-2:]
+    joined = torch.cat([torch.nn.functional.interpolate(x, size, mode="bilinear", align_corners=True) for x in levels], 1)
+    assert (torch.einsum("od,bdhw->bohw", head, joined) - dense).abs().max() < 1e-3
+
+
+def test_superpoint_gives_the_layers_of_the_oracle(exports, monkeypatch, tmp_path):
+    # Its detector head is made up: no weights of one may be had for tests.
+    folder = weights("superpoint/superpoint_v1_encoder_desc.npz").parents[1]
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    from beside import superpoint_weights
+
+    np.savez(tmp_path / "superpoint.npz", **superpoint_weights(folder))
+    session = written(exports, monkeypatch, tmp_path / "s.onnx", "superpoint", tmp_path / "superpoint.npz")
+    known = json.loads((DATA / "oracle.json").read_text())["superpoint"]
+    gray = continued(drawn(*known["size"]), 8)
+    for layer in ("scores", "descriptors"):
+        value = session.run([layer], {"image": gray[None, None]})[0]
+        entry = known["layers"][layer]
+        assert list(value.shape) == entry["shape"]
+        assert np.abs(value.ravel()[entry["at"]] - entry["values"]).max() < 1e-4 * max(entry["largest"], 1.0), layer
+
+
+def test_weights_of_another_network_are_refused(exports, monkeypatch, tmp_path):
+    torch.save({"conv1a.weight": torch.zeros(1)}, tmp_path / "other.pth")
+    monkeypatch.setattr(sys, "argv", ["export_onnx.py", "superpoint", str(tmp_path / "other.pth"), str(tmp_path / "o.onnx")])
+    with pytest.raises(SystemExit, match="lacks"):
+        exports.main()
