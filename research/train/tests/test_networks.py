@@ -1,0 +1,222 @@
+"""Networks, what is fed to them, and training that is interrupted."""
+
+import base64
+import gzip
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from veiloc_train import __main__ as command
+from veiloc_train import data, inversion, models, neighbours, positions
+from veiloc_train.export import export
+from veiloc_train.schemes import Scheme
+
+onnxruntime = pytest.importorskip("onnxruntime")
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def line(name="a.png", count=60, dimension=128, size=(96, 64), seed=0):
+    rng = np.random.default_rng(seed)
+    return {
+        "name": name, "width": size[0], "height": size[1],
+        "keypoints": (rng.random((count, 2)) * size).round(3).tolist(),
+        "descriptors": base64.b64encode(rng.integers(0, 256, count * dimension, dtype=np.uint8).tobytes()).decode(),
+        "descriptor_dim": dimension,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Four images and their keypoints."""
+    with gzip.open(tmp_path / "keypoints.jsonl.gz", "wt") as out:
+        for i in range(4):
+            out.write(json.dumps(line(f"{i}.png", seed=i)) + "\n")
+            pixels = np.random.default_rng(i).integers(0, 256, (64, 96, 3), dtype=np.uint8)
+            Image.fromarray(pixels).save(tmp_path / f"{i}.png")
+    return tmp_path
+
+
+def known(**more):
+    return data.inside(line(**more))
+
+
+def test_keypoint_files_are_read_and_split(files):
+    images = data.read_keypoints([files / "keypoints.jsonl.gz"])
+    assert [len(i.keypoints) for i in images] == [60] * 4 and images[0].descriptors.shape == (60, 128)
+    training, judged = data.split(images, 1)
+    again = data.split(images[::-1], 1)
+    assert len(training) == 3 and judged[0].name == again[1][0].name
+    outside = line()
+    outside["keypoints"][3] = [96.0, 10.0]
+    assert len(data.inside(outside).keypoints) == 59
+
+
+def test_descriptors_have_the_length_that_networks_expect():
+    rows = np.array([[3, 4, 0, 0], [0, 0, 0, 0]], np.uint8)
+    assert np.allclose(data.scaled(rows), [[1.2, 1.6, 0, 0], [0, 0, 0, 0]])
+
+
+def test_mirrored_descriptors_mirror_back():
+    rows = np.random.default_rng(0).integers(0, 256, (5, 128))
+    once = data.mirrored(rows)
+    assert (data.mirrored(once) == rows).all()
+    # Number of row 0, column 1, direction 1 comes from row 3, column 1, direction 7.
+    assert (once[:, 1 * 8 + 1] == rows[:, 3 * 32 + 1 * 8 + 7]).all()
+
+
+@pytest.mark.parametrize("sees", models.SEES)
+def test_positions_say_the_guess_before_they_have_learned(sees):
+    network = models.Positions(128, sees, waves=6, width=16, heads=2, layers=1).eval()
+    rng = np.random.default_rng(0)
+    image = known()
+    batch = positions.Sent([positions.draw(image, 40, True, rng)], Scheme.parse("dcl"), rng, "cpu")
+    assert (network(batch.descriptors, batch.places, batch.guess) == 0).all()
+    assert batch.gain(batch.shares(network)).abs().max() < 1e-5
+
+
+def test_answers_are_sums_of_products_of_cosines():
+    network = models.Positions(4, "row", waves=3, width=8, heads=2, layers=1).eval()
+    answers = torch.randn(3, 3)
+    torch.nn.init.zeros_(network.encoder.last.weight)
+    network.encoder.last.bias.data = answers.flatten()
+    places = torch.rand(1, 2, 5, 2)
+    logits = network(torch.randn(1, 2, 4), places, torch.zeros(1, 2, 5))
+    for b in range(5):
+        x, y = places[0, 1, b].tolist()
+        expected = sum(answers[i, j].item() * math.cos(math.pi * i * x) * math.cos(math.pi * j * y) for i in range(3) for j in range(3))
+        assert abs(logits[0, 1, b].item() - expected) < 1e-5
+
+
+def test_rows_that_are_not_there_change_nothing():
+    torch.manual_seed(1)
+    rng = np.random.default_rng(0)
+    small, large = (positions.draw(known(count=n, seed=n), 200, False, rng) for n in (30, 55))
+    network = models.Positions(128, "set", waves=4, width=16, heads=2, layers=2).eval()
+    torch.nn.init.normal_(network.encoder.last.weight)
+    both = positions.Sent([small, large], Scheme.parse("random-lines"), np.random.default_rng(1), "cpu")
+    alone = positions.Sent([small], Scheme.parse("random-lines"), np.random.default_rng(1), "cpu")
+    assert torch.allclose(both.shares(network)[0, :30], alone.shares(network)[0], atol=1e-4)
+
+
+def test_targets_are_the_nearest_that_were_drawn():
+    keypoints = np.array([[0.0, 0], [1, 0], [10, 0], [11, 0]])
+    near = neighbours.nearest(keypoints, 1)
+    assert near[:, 0].tolist() == [1, 0, 3, 2]
+    shares = neighbours.targets(near, np.array([2, 0, 1]), 4)
+    assert shares.tolist() == [[0, 0, 0], [0, 0, 1], [0, 1, 0]]
+
+
+def test_embeddings_have_length_one():
+    network = models.Neighbours(16, outputs=8, width=16, heads=2, layers=1).eval()
+    assert torch.allclose(network(torch.randn(1, 9, 16)).norm(dim=-1), torch.ones(1, 9), atol=1e-5)
+
+
+def test_grid_averages_the_descriptors_of_a_cell():
+    places = np.array([[0.2, 0.9], [0.8, 0.1], [2.5, 1.5]])
+    descriptors = np.array([[2.0, 0], [0, 4], [6, 6]], np.float32)
+    grid = inversion.features(places, descriptors, (2, 3))
+    assert grid.shape == (3, 2, 3)
+    assert grid[:, 0, 0].tolist() == pytest.approx([1, 2, math.log(3)])
+    assert grid[:, 1, 2].tolist() == pytest.approx([6, 6, math.log(2)]) and np.count_nonzero(grid) == 6
+    # Shares below one in all are no average.
+    grid = inversion.features(places[:1], descriptors[:1], (2, 3), np.array([0.5]))
+    assert grid[:, 0, 0].tolist() == pytest.approx([1, 0, math.log(1.5)])
+    right = inversion.right_share(places, np.array([True, False, True]), (2, 3))
+    assert right[0, 0, 0] == 0.5 and right[0, 1, 2] == 1 and np.isnan(right).sum() == 4
+
+
+def test_grid_size_is_the_nearest_multiple():
+    assert inversion.grid_size(640, 480, 256, 16) == (256, 192)
+    assert inversion.grid_size(100, 1000, 128, 16) == (16, 128)
+    assert inversion.grid_size(1000, 10, 128, 16) == (128, 16)
+
+
+@pytest.mark.parametrize("form", models.FORMS)
+def test_papers_networks_have_the_papers_channels(form):
+    network = models.inversion(form, 128, 64, 5)
+    unet = network.network if form == "unet" else network.coarse
+    assert [stage[0].out_channels for stage in unet.down] == [64, 128, 256, 512, 1024]
+
+
+def test_exported_inversion_takes_other_sizes(tmp_path):
+    network = models.InvSfm(8, width=4, levels=3).eval()
+    export(network, tmp_path / "x", "inversion", "sift", 8, side=32, multiple=4, visible=True)
+    grid = torch.randn(1, 9, 12, 20)
+    session = onnxruntime.InferenceSession(str(tmp_path / "x.onnx"))
+    found = session.run(["image", "visible"], {"features": grid.numpy()})
+    for own, other in zip(network(grid), found):
+        assert np.allclose(own.detach().numpy(), other, atol=1e-5)
+
+
+def test_committed_networks_answer_what_pytorch_said():
+    folder = ROOT / "crates/research/attacks/tests/data/networks"
+    for name, entry in json.loads((folder / "expected.json").read_text()).items():
+        session = onnxruntime.InferenceSession(str(folder / f"{name}.onnx"))
+        tensor = lambda t: np.array(t["data"], np.float32).reshape(t["shape"])
+        found = session.run(list(entry["outputs"]), {k: tensor(v) for k, v in entry["inputs"].items()})
+        for value, expected in zip(found, entry["outputs"].values()):
+            assert np.allclose(value, tensor(expected), atol=2e-5), name
+
+
+SMALL = ["--validation", "1", "--batch", "2", "--every", "2", "--device", "cpu"]
+KINDS = {
+    "positions": ["--width", "8", "--heads", "2", "--layers", "1", "--waves", "3", "--rows", "30", "--mirror"],
+    "neighbours": ["--width", "8", "--heads", "2", "--layers", "1", "--rows", "30", "--nearest", "5"],
+    "inversion": ["--width", "2", "--levels", "2", "--side", "32", "--form", "invsfm", "--wrong", "0.5"],
+}
+
+
+def run(monkeypatch, kind, files, stem, *more):
+    folder = ["--image-folder", str(files)] if kind == "inversion" else []
+    arguments = [kind, str(files / "keypoints.jsonl.gz"), "-o", str(stem), *SMALL, *KINDS[kind], *folder, *more]
+    monkeypatch.setattr(sys, "argv", ["veiloc_train", *arguments])
+    command.main()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_training_goes_on_where_it_was_interrupted(kind, files, monkeypatch):
+    run(monkeypatch, kind, files, files / "whole", "--steps", "4")
+    # Stopped by an error after the second step, as by a person.
+    real = torch.optim.AdamW.step
+    calls = []
+
+    def interrupted(self, *args, **kwargs):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return real(self, *args, **kwargs)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch.optim.AdamW, "step", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run(patch, kind, files, files / "part", "--steps", "4")
+    run(monkeypatch, kind, files, files / "part", "--steps", "4", "--resume")
+    curves = [[row.split(",")[0::2] for row in (files / f"{n}.csv").read_text().splitlines()] for n in ("whole", "part")]
+    assert curves[0] == curves[1] and len(curves[0]) == 4
+    assert f'kind = "{kind}"' in (files / "part.toml").read_text()
+    with pytest.raises(SystemExit, match="other options"):
+        run(monkeypatch, kind, files, files / "part", "--steps", "6", "--resume")
+
+
+def test_positions_learn_what_there_is_to_learn(monkeypatch, files):
+    """Keypoints whose descriptor says where they are."""
+    with gzip.open(files / "told.jsonl.gz", "wt") as out:
+        for i in range(12):
+            fields = line(f"{i}.png", count=100, dimension=16, size=(400, 300), seed=i)
+            places = np.array(fields["keypoints"]) / [400, 300]
+            told = np.clip(255 * np.concatenate([np.cos(np.pi * k * places) * 0.5 + 0.5 for k in range(1, 9)], axis=1), 0, 255)
+            fields["descriptors"] = base64.b64encode(told.astype(np.uint8).tobytes()).decode()
+            out.write(json.dumps(fields) + "\n")
+    more = ["--steps", "150", "--every", "150", "--batch", "4", "--rows", "60", "--width", "48", "--heads", "4", "--layers", "2", "--dropout", "0", "--rate", "3e-3"]
+    arguments = ["positions", str(files / "told.jsonl.gz"), "-o", str(files / "told"), "--validation", "2", "--device", "cpu", *more]
+    monkeypatch.setattr(sys, "argv", ["veiloc_train", *arguments])
+    command.main()
+    header, first, last = (row.split(",") for row in (files / "told.csv").read_text().splitlines())
+    bits = -float(last[header.index("minus_bits")])
+    assert float(first[header.index("minus_bits")]) == pytest.approx(0, abs=1e-4) and bits > 0.5, bits
