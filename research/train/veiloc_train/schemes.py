@@ -116,19 +116,30 @@ def clipped(origin: np.ndarray, direction: np.ndarray, size: np.ndarray) -> tupl
 
 
 def random_lines(places: np.ndarray, size: np.ndarray, _: Scheme, rng: np.random.Generator) -> Candidates:
-    """A line of random direction, `-sin u + cos v = offset` from the centre, the offset in quarter pixels."""
-    levels = 1 << ANGLE_BITS
-    angle = (rng.integers(levels, size=len(places)) + 0.5) * math.pi / levels
+    """A line of random direction."""
+    code = rng.integers(1 << ANGLE_BITS, size=len(places))
+    angle = (code + 0.5) * math.pi / (1 << ANGLE_BITS)
     normal = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
-    offset = rounded(((places - size / 2.0) * normal).sum(axis=-1))
-    points = size / 2.0 + offset[:, None] * normal
+    return lines_of_rows(code, rounded(((places - size / 2.0) * normal).sum(axis=-1)), size)
+
+
+def lines_of_rows(code: np.ndarray, offset: np.ndarray, size: np.ndarray) -> Candidates:
+    """What rows of `random-lines` say: `-sin u + cos v = offset` from the centre, pixels."""
+    angle = (code + 0.5) * math.pi / (1 << ANGLE_BITS)
     directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    normal = np.stack([-directions[:, 1], directions[:, 0]], axis=-1)
+    points = size / 2.0 + offset[:, None] * normal
     return chords(points[:, None], directions[:, None], size, 1.0)
 
 
 def permuted(places: np.ndarray, size: np.ndarray, _: Scheme, rng: np.random.Generator) -> Candidates:
     """Pairs exchange one coordinate: the keypoint is on the horizontal or on the vertical line through what was sent."""
-    points = rounded(exchanged(places - size / 2.0, size / 2.0, rng)) + size / 2.0
+    return crosses_of_rows(rounded(exchanged(places - size / 2.0, size / 2.0, rng)), size)
+
+
+def crosses_of_rows(from_center: np.ndarray, size: np.ndarray) -> Candidates:
+    """What rows of `coordinate-permutation` say: positions from the centre, pixels."""
+    points = from_center + size / 2.0
     directions = np.broadcast_to(np.array([[1.0, 0.0], [0.0, 1.0]]), (len(points), 2, 2)).copy()
     return chords(np.repeat(points[:, None], 2, axis=1), directions, size, 0.5)
 
@@ -158,21 +169,24 @@ def convergent(places: np.ndarray, size: np.ndarray, scheme: Scheme, _: np.rando
     An anchor is a direction in space, of a camera whose focal length is the image's longer side, and the angle that is rounded is
     that of the plane through it and the keypoint. Functionals act on `(u, v, 1)`.
     """
-    focal = size.max()
-    along = exact(scheme.degrees)  # of the dividing line
-    levels = 2 << ANGLE_BITS
+    focal, levels = size.max(), 2 << ANGLE_BITS
     homogeneous = np.concatenate([places, np.ones((len(places), 1))], axis=1)
-    side = np.array([-along[1], along[0], 0.0])
-    side[2] = -(side[:2] * size / 2.0).sum()
-    first = homogeneous @ side >= 0.0
-    origin, direction = np.empty_like(places), np.empty_like(places)
-    own = np.where(first, 1.0, -1.0)
-    for chosen, sign in ((first, -1.0), (~first, 1.0)):
-        anchor = sign * 0.5 * scheme.s * size[1] * along
+    first = (places - size / 2.0) @ side_of(scheme) >= 0.0
+    code = np.zeros(len(places), np.int64)
+    for chosen, anchor in zip((first, ~first), anchors(scheme, size)):
         zero, quarter = pencil(anchor, size, focal)
-        code = np.floor(np.mod(np.arctan2(homogeneous[chosen] @ quarter, homogeneous[chosen] @ zero), TURN) / TURN * levels)
-        angle = (np.clip(code, 0, levels - 1) + 0.5) * TURN / levels
-        cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+        angle = np.mod(np.arctan2(homogeneous[chosen] @ quarter, homogeneous[chosen] @ zero), TURN)
+        code[chosen] = np.clip(np.floor(angle / TURN * levels), 0, levels - 1)
+    return half_lines_of_rows(first, code, size, scheme, focal)
+
+
+def half_lines_of_rows(first: np.ndarray, code: np.ndarray, size: np.ndarray, scheme: Scheme, focal: float) -> Candidates:
+    """What rows of `dcl` say: whether the first anchor is theirs, and the code of the angle about it."""
+    angle = (code + 0.5) * TURN / (2 << ANGLE_BITS)
+    origin, direction = np.empty((len(code), 2)), np.empty((len(code), 2))
+    for chosen, anchor in zip((first, ~first), anchors(scheme, size)):
+        zero, quarter = pencil(anchor, size, focal)
+        cos, sin = np.cos(angle[chosen])[:, None], np.sin(angle[chosen])[:, None]
         normal, ahead = quarter * cos - zero * sin, zero * cos + quarter * sin
         line = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
         line /= np.linalg.norm(line, axis=1, keepdims=True)
@@ -182,12 +196,23 @@ def convergent(places: np.ndarray, size: np.ndarray, scheme: Scheme, _: np.rando
     near, far = clipped(origin, direction, size)
     near = np.maximum(near, 0.0)
     # All of a half-line from a point of the dividing line is in one half: where it was rounded across, nothing is left.
-    across = (direction @ side[:2]) * own < 0.0
+    across = (direction @ side_of(scheme)) * np.where(first, 1.0, -1.0) < 0.0
     far = np.where(across | (far - near <= 1e-9), -np.inf, far)
-    growth = np.broadcast_to(np.array([0.0, 1.0]), (len(places), 2)).copy()
-    share = np.ones(len(places))
-    fields = dict(origin=origin, direction=direction, near=near, far=far, growth=growth, share=share)
+    growth = np.broadcast_to(np.array([0.0, 1.0]), (len(code), 2)).copy()
+    fields = dict(origin=origin, direction=direction, near=near, far=far, growth=growth, share=np.ones(len(code)))
     return Candidates(**{name: value[:, None] for name, value in fields.items()})
+
+
+def anchors(scheme: Scheme, size: np.ndarray) -> list[np.ndarray]:
+    """The two of `dcl`, from the centre."""
+    far = 0.5 * scheme.s * size[1] * exact(scheme.degrees)
+    return [-far, far]
+
+
+def side_of(scheme: Scheme) -> np.ndarray:
+    """Normal of the dividing line, towards the half of the first anchor."""
+    along = exact(scheme.degrees)
+    return np.array([-along[1], along[0]])
 
 
 def exact(degrees: float) -> np.ndarray:
