@@ -27,11 +27,11 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
     let columns = vec![
         words("Scheme"),
         words("Attacker"),
-        words("Strongest attack"),
         words("Result"),
         number("Median\nerror"),
         number("Within\n10 px"),
         number("Bits beyond\nthe baseline"),
+        words("Strongest attack"),
     ];
     let mut table = Table::new("The strongest attack on each scheme", columns);
     for (index, StrongestAttacks { scheme, without_oracle, with_oracle }) in
@@ -49,11 +49,11 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
             let is_baseline = row.attack == Attack::PRIOR;
             let cells = vec![
                 cell(attacker.to_owned()),
-                cell(Some(capital(row.attack.words)).filter(|_| !is_baseline)),
                 Some(result(row, baseline)).filter(|_| !is_baseline),
                 cell(pixels(row.median_px)),
                 Some(html! { (percent(row.under_10px)) (bar(row.under_10px)) }),
                 bits(row),
+                cell(Some(capital(row.attack.words)).filter(|_| !is_baseline)),
             ];
             let head = html! { @if is_first { (scheme_name(scheme)) small { (scheme) } } };
             table.push(row_class(is_baseline, is_first && index > 0), head, cells);

@@ -17,6 +17,8 @@ const TALL: f64 = 210.0;
 const LINE: f64 = 18.0;
 /// Colours there are; more series use them again.
 const COLORS: usize = 8;
+/// An axis has at most this many ticks.
+const MOST_TICKS: usize = 12;
 /// Curves have at most this many corners.
 const MOST_CORNERS: usize = 400;
 
@@ -86,10 +88,8 @@ impl Axis {
             return all.filter(|tick| *tick >= 0.999 * low && *tick <= 1.001 * high).collect();
         }
         let step = round_step((high - low) / 5.0);
-        let first = (low / step - 1e-9).ceil() as i64;
-        let last = (high / step + 1e-9).floor() as i64;
-        // Never more than fit, whatever the ends are.
-        (first..=last).take(12).map(|k| k as f64 * step).collect()
+        let (first, last) = ((low / step - 1e-9).ceil() as i64, (high / step + 1e-9).floor() as i64);
+        (first..=last).take(MOST_TICKS).map(|k| k as f64 * step).collect()
     }
 }
 

@@ -122,7 +122,7 @@ fn lines(query: &QueryDrawing) -> Markup {
             b { "What crosses the network." } " All that the server gets about positions, under each scheme. Rows are shuffled, and \
              some schemes add decoys."
         }
-        div.gallery {
+        div.two {
             @for sent in &query.sent {
                 @let name = scheme_name(&sent.scheme);
                 @let (drawn, remark) = drawing::sent(&sent.sent, sent.size);
@@ -143,7 +143,7 @@ fn matched(query: &QueryDrawing) -> Markup {
              (green); others do not (orange). The dots are the map points of inliers as the pose projects them, which a server that has \
              found the pose knows of the image."
         }
-        div.gallery { @for sent in &query.sent { (figure(sent, &html! {})) } }
+        div.two { @for sent in &query.sent { (figure(sent, &html! {})) } }
     }
 }
 

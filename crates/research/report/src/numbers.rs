@@ -24,9 +24,10 @@ impl LengthUnit {
         }
     }
 
-    /// The same in a sentence, where no column's head says the unit.
-    pub(crate) fn in_words(self, value: f64) -> String {
+    /// The same with its unit, where no column's head says it.
+    pub fn in_words(self, value: f64) -> String {
         match self {
+            Self::Map if value == 1.0 => "1 map unit".to_owned(),
             Self::Map => format!("{} map units", significant(value)),
             Self::Metres => self.length(value),
         }

@@ -170,7 +170,7 @@ impl Attack {
     /// The guess that uses no neighbours, keypoints taken to be spread evenly: the zero line of every table.
     pub const PRIOR: Self = Self {
         name: "prior",
-        words: "guess from the single line",
+        words: "prior-only baseline, from the single line",
         holds: "",
         needs: Needs::NOTHING,
         run: |a, _| Ok(a.guess().into()),

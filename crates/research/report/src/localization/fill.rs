@@ -83,8 +83,8 @@ impl LocalizationReport {
             let rotation = rotation.filter(|r| r.is_finite());
             let rotation = rotation.map_or_else(String::new, |r| format!(", {}", degrees(r)));
             cards.push(card(
-                if error.is_finite() { self.unit.in_words(error) } else { "none".to_owned() },
-                &format!("median error of the position{rotation}"),
+                if error.is_finite() { self.unit.length(error) } else { "none".to_owned() },
+                &format!("{}{rotation}", self.unit.head("median error of the position")),
                 "A query without a pose counts as an infinite error.".to_owned(),
             ));
         }

@@ -13,7 +13,7 @@
 
   /** A length for people, as the tables write it: three significant digits. */
   const digits = (x) => String(Number(x.toPrecision(3)));
-  const length = (x, metres) => !metres ? `${digits(x)} map units` : x < 0.01 ? `${digits(1e3 * x)} mm` : x < 1 ? `${digits(100 * x)} cm` : `${digits(x)} m`;
+  const length = (x, metres) => !metres ? `${digits(x)} map unit${x === 1 ? "" : "s"}` : x < 0.01 ? `${digits(1e3 * x)} mm` : x < 1 ? `${digits(100 * x)} cm` : `${digits(x)} m`;
 
   /** Points, [n][3], of 16 bits an axis. */
   function points(data) {

@@ -8,8 +8,7 @@ use veiloc_evaluation::audit::Attack;
 use veiloc_evaluation::results::tables::TableData;
 use veiloc_evaluation::results::{Evaluation, SchemeSummary};
 use veiloc_report::{
-    Card, DemoReport, LengthUnit, LocalizationReport, QueryDrawing, SceneView, SeenQuery, significant,
-    worst_first,
+    Card, DemoReport, LengthUnit, LocalizationReport, QueryDrawing, SceneView, SeenQuery, worst_first,
 };
 
 use crate::demo::attack::Attacked;
@@ -89,9 +88,7 @@ fn cards(evaluation: &Evaluation, attacked: &Attacked) -> Vec<Card> {
             note: "The server saw lines, never keypoints.".to_owned(),
         });
         cards.push(Card {
-            value: dcl
-                .median_translation
-                .map_or("–".to_owned(), |t| format!("{} cm", significant(100.0 * t))),
+            value: dcl.median_translation.map_or("–".to_owned(), |t| LengthUnit::Metres.in_words(t)),
             label: "median error of the position".to_owned(),
             note: "Half of the views were placed better than this, in a room of several metres.".to_owned(),
         });
