@@ -1,4 +1,4 @@
-//! What can be wrong with the input of an attack, with a network and its training, or with images that are compared.
+//! What can be wrong with the input of an attack, with a network, or with images that are compared.
 
 /// Why an attack refused its input, or there is no network or no measure of images.
 #[derive(Debug, thiserror::Error)]
@@ -125,43 +125,18 @@ pub enum AttackError {
         /// What it may be.
         allowed: &'static str,
     },
-    /// Training left the numbers that can be computed with.
-    #[error("the loss of step {step} is not finite; a smaller learning rate may help")]
-    Diverged {
-        /// Step, from 0.
-        step: usize,
+    /// A file that does not describe a network of an attacker, or one of another kind.
+    #[error(
+        "{}: this does not describe the network that is needed: {reason}; give the .toml that research/train writes \
+         beside the .onnx",
+        path.display()
+    )]
+    Description {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong with it.
+        reason: String,
     },
-    /// The bytes do not begin as such a file does.
-    #[error("this is no {expected}")]
-    NotANetwork {
-        /// What was to be read, and what writes it.
-        expected: &'static str,
-    },
-    /// The file is of another version.
-    #[error("the file is of version {found}, this program reads version {expected}; train again")]
-    Version {
-        /// The version in the file.
-        found: u32,
-        /// The version that is read.
-        expected: u32,
-    },
-    /// The file is cut short, or too long.
-    #[error("the file has {found} bytes, {expected} are expected; copy it again")]
-    Length {
-        /// Bytes that are there.
-        found: usize,
-        /// Bytes that such a file has.
-        expected: u64,
-    },
-    /// The bytes are not those that were written.
-    #[error("the file is damaged (checksum); copy it again")]
-    Checksum,
-    /// A learned number is not finite.
-    #[error("the file holds a number that is not finite; train again")]
-    NotFinite,
-    /// A training cannot go on with other options or images than it began with.
-    #[error("the training that is to go on was begun with other options or images; begin anew without it")]
-    OtherTraining,
     /// An image cannot be obfuscated under the scheme.
     #[cfg(feature = "networks")]
     #[error(transparent)]

@@ -58,6 +58,12 @@ impl Descriptors {
         self.columns.nrows()
     }
 
+    /// Some of them, in this order; all indices are of descriptors that there are.
+    #[cfg(feature = "networks")]
+    pub(crate) fn select(&self, which: &[usize]) -> Self {
+        Self { columns: self.columns.select_columns(which) }
+    }
+
     pub(crate) fn columns(&self) -> &DMatrix<f32> {
         &self.columns
     }

@@ -8,8 +8,8 @@
 //!   with true neighbours it recovers half-lines to a pixel or two where [`closed_form`] errs by hundreds;
 //! - [`prior_only`]: the best guess that uses no neighbours at all, and [`Density::guess`], the same with a density
 //!   of keypoints learned from other images;
-//! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's (networks that learn them,
-//!   and positions, are in the crate `veiloc_attacks::learned`);
+//! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, in place of the oracle's (networks for these,
+//!   and for positions and images, are in [`learned`], cargo feature `networks`);
 //! - [`transfer`](transfer()): positions and neighbours taken over from map images with similar descriptors;
 //! - [`server_side()`], [`iterative`], [`guided_transfer`]: what a server can do that has found the pose, and so
 //!   knows the keypoints that matched its map.
@@ -56,8 +56,6 @@ mod prior;
 mod ranking;
 mod server_side;
 mod tracks;
-#[cfg(feature = "networks")]
-pub mod training;
 mod transfer;
 
 pub use density::{Density, PlaceCounts};

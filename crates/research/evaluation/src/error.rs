@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Why an evaluation, an audit or a training could not run.
+/// Why an evaluation or an audit could not run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvalError {
@@ -10,56 +10,11 @@ pub enum EvalError {
     /// What was asked for makes no sense together.
     #[error("{0}")]
     Options(String),
-    /// Images are both learned from and judged by.
-    #[error(
-        "{images} images are among those learned from and among those judged by; give images of different places"
-    )]
-    SharedImages {
-        /// How many.
-        images: usize,
-    },
-    /// There is nothing to learn from, or nothing to choose the best step by.
-    #[error("there are no images to {0}; give some with keypoints")]
-    Nothing(&'static str),
-    /// No network takes places.
-    #[error("none of the networks takes places; train one with `veiloc train inversion`")]
-    NoNetwork,
-    /// Several networks would answer the same, and only one can.
-    #[error("two of the networks are given {0}; give one, and evaluate the other by itself")]
-    TwoNetworks(String),
-    /// A network that is given no places was to learn which places are wrong.
-    #[error(
-        "which places are wrong is learned by networks that are given places, and this one is given {sees}; use --sees places"
-    )]
-    NoPlaces {
-        /// What it is given.
-        sees: &'static str,
-    },
-    /// A network that sees lines was not told the scheme, or another was.
-    #[error("{found}: {expected}")]
-    Scheme {
-        /// What was given.
-        found: String,
-        /// What would do.
-        expected: &'static str,
-    },
 
     // What was given.
     /// A data set is not whole.
     #[error("{0}")]
     DataSet(String),
-    /// Descriptors are missing, or of another length than those learned from.
-    #[error(
-        "{image}: descriptors of {found} numbers where {expected} are expected; use the features it was trained with"
-    )]
-    Descriptors {
-        /// The image.
-        image: String,
-        /// Length of its descriptors; 0 where it has none.
-        found: usize,
-        /// Length that was learned.
-        expected: usize,
-    },
     /// An image that is attacked by a server has no matches.
     #[error("{image}: no problem with matches has this name; the server's file must be of the same images")]
     NoMatches {
@@ -182,7 +137,7 @@ pub enum EvalError {
     /// A map or model file could not be read or written.
     #[error(transparent)]
     Map(#[from] veiloc_map::MapError),
-    /// An attack could not run, a network could not be trained or read, or an image could not be judged.
+    /// An attack could not run, a network could not be read or run, or an image could not be judged.
     #[error(transparent)]
     Attack(#[from] veiloc_attacks::AttackError),
 }

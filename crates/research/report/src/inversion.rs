@@ -1,9 +1,7 @@
 //! The report of `veiloc eval inversion`: the paper's Table 1, and each image beside what a network made of its descriptors.
 
 use maud::{Markup, html};
-use veiloc_evaluation::inversion::evaluation::{
-    EvaluationDocument, NetworkRow, RebuiltRow, Sheet, SummaryRow, Tile,
-};
+use veiloc_evaluation::inversion::{EvaluationDocument, NetworkRow, RebuiltRow, Sheet, SummaryRow, Tile};
 
 use crate::images::lossless_address;
 use crate::numbers::{capital, count, percent, pixels, scheme_name};
@@ -18,9 +16,11 @@ const MEASURES: [Measure; 8] = [
     ("Mean error\nof positions", |row, _| cell(row.mean_px.map(pixels))),
     ("PSNR", |row, _| cell(format!("{:.2} dB", row.psnr))),
     ("SSIM", |row, _| cell(format!("{:.3}", row.ssim))),
-    ("LPIPS", |row, _| cell(row.lpips.map(|v| format!("{v:.3}")))),
-    ("Feature\ndistance", |row, _| cell(row.feature_distance.map(|v| format!("{v:.3}")))),
+    ("ST-LPIPS", |row, _| cell(row.st_lpips.map(|v| format!("{v:.3}")))),
     ("Objects\nfound again", |row, _| cell(found_again(row.objects_found, row.objects))),
+    ("Recognised,\ntop-1 / top-5", |row, _| {
+        cell(row.top_1.zip(row.top_5).map(|(one, five)| format!("{one} / {five}")))
+    }),
     ("Wrong positions\ntold apart (AUC)", |row, _| cell(row.told_apart.map(|v| format!("{v:.2}")))),
     ("Share of the\nkeypoints' gain", |row, rows| cell(gain(rows, row).map(percent))),
 ];
@@ -55,9 +55,10 @@ pub fn inversion_page(
     let has_rows = !document.summary.is_empty();
     let means = html! {
         @if has_rows {
-            p { "Means over " (images) ", on the grids of the networks." }
+            p { "Means over " (images) ", on the network's grid." }
             (table.html())
-            @for network in &document.networks { p.note { (network_words(network)) } }
+            p.note { (network_words(&document.network)) }
+            @if let Some(classes) = &document.classes { p.note { (classes.words()) } }
         }
     };
     let page = Page {
@@ -126,17 +127,17 @@ fn attack_words(attack: &str, by: Option<&str>) -> String {
         "closed-form" => "closed form, given the true neighbours",
         "graph" => "graph, given the true neighbours",
         "realistic" => "strongest without an oracle",
-        "lines" => "none: lines as they are sent",
+        "lines" => "none: each descriptor spread over its line",
         other => other,
     };
     capital(&by.map_or_else(|| words.to_owned(), |by| format!("{words} ({by})")))
 }
 
 fn network_words(of: &NetworkRow) -> String {
-    let form = if of.form == "invsfm" { "Three U-Nets in a row (InvSfM)" } else { "U-Net" };
+    let judges = if of.judges_places { " It also says how likely each position is right." } else { "" };
     format!(
-        "{form}, given {}: {} channels, {} levels, {} cells on the longer side, {} parameters.",
-        of.sees, of.width, of.depth, of.side, of.parameters
+        "{}: trained on {} descriptors of {} numbers; images of {} pixels on the longer side.{judges}",
+        of.file, of.features, of.dimension, of.side
     )
 }
 
@@ -195,10 +196,16 @@ fn tile_figure(name: &str, tile: &Tile, row: Option<&RebuiltRow>) -> Markup {
 }
 
 fn scores(row: &RebuiltRow) -> String {
-    let lpips = row.lpips.map_or_else(String::new, |lpips| format!(", LPIPS {lpips:.3}"));
+    let lpips = row.st_lpips.map_or_else(String::new, |lpips| format!(", ST-LPIPS {lpips:.3}"));
+    let class = match (row.top_1, row.top_5) {
+        (Some(true), _) => ", class recognised",
+        (_, Some(true)) => ", class among the five likeliest",
+        (Some(false), _) => ", class not recognised",
+        _ => "",
+    };
     let objects = found_again(row.objects_found, row.objects.filter(|all| *all > 0));
     let objects = objects.map_or_else(String::new, |objects| format!(", {objects} objects found again"));
-    format!("{:.2} dB, SSIM {:.3}{lpips}{objects}.", row.psnr, row.ssim)
+    format!("{:.2} dB, SSIM {:.3}{lpips}{objects}{class}.", row.psnr, row.ssim)
 }
 
 fn how_to_read() -> Markup {
@@ -217,8 +224,9 @@ fn how_to_read() -> Markup {
         dl {
             dt { "PSNR" } dd { "Peak signal-to-noise ratio, decibels: higher is closer in brightness and colour." }
             dt { "SSIM" } dd { "Structural similarity, at most 1: higher is more alike in structure." }
-            dt { "LPIPS, feature distance" } dd { "Distances in the features of networks, from 0: lower is more alike. The two do not compare." }
+            dt { "ST-LPIPS" } dd { "Shift-tolerant perceptual distance in the features of AlexNet, from 0: lower is more alike." }
             dt { "Objects found again" } dd { "Of the objects that a detector finds in the originals, how many it finds again, of the same class at the same position." }
+            dt { "Recognised" } dd { "Of how many images an ImageNet classifier names the right class first, and among its five likeliest." }
             dt { "Wrong positions told apart" } dd { "Area under the ROC curve of the network's confidence in positions; 0.5 is chance." }
             dt { "Share of the keypoints' gain" } dd { "The PSNR between nothing (0 %) and true keypoints (100 %)." }
         }
@@ -244,8 +252,9 @@ mod tests {
             median_px: None,
             psnr,
             ssim: psnr / 30.0,
-            lpips: None,
-            feature_distance: None,
+            st_lpips: None,
+            top_1: None,
+            top_5: None,
             objects: None,
             objects_found: None,
             told_apart: None,
@@ -264,20 +273,19 @@ mod tests {
             attack,
             psnr: 14.0,
             ssim: 0.5,
-            lpips: None,
-            feature_distance: None,
+            st_lpips: None,
+            top_1: None,
+            top_5: None,
             objects: None,
             objects_found: None,
             mean_px: None,
         };
         let network = NetworkRow {
-            form: "unet",
-            sees: "places",
-            scheme: "points".into(),
-            width: 4,
-            depth: 3,
+            file: "unet.toml".into(),
+            features: "sift".into(),
+            dimension: 128,
             side: 48,
-            parameters: 1234,
+            judges_places: false,
         };
         let document = EvaluationDocument {
             version: 1,
@@ -285,7 +293,8 @@ mod tests {
             images: 1,
             k: 20,
             seed: 7,
-            networks: vec![network],
+            network,
+            classes: None,
             summary: vec![
                 row("points", "none", 16.0),
                 row("dcl", "guess", 12.5),
@@ -308,7 +317,7 @@ mod tests {
             "12.2 px",
             "Dual convergent lines",
             "Strongest without an oracle (transfer)",
-            "1234 parameters",
+            "unet.toml",
         ] {
             assert!(page.contains(text), "{text}");
         }
@@ -318,13 +327,13 @@ mod tests {
         let heads = |page: &str| page.matches("<th scope=\"col\"").count();
         assert_eq!(heads(&page), 2 + 4, "judges that were not there have no column");
         for row in &mut document.summary {
-            (row.lpips, row.feature_distance) = (Some(0.4321), Some(0.171));
+            (row.st_lpips, row.top_1, row.top_5) = (Some(0.4321), Some(2), Some(5));
             (row.objects_found, row.objects) = (Some(3), Some(11));
         }
         document.summary[1].told_apart = Some(0.815);
         let page = inversion_page(&document, &sheets, &[]);
         assert_eq!(heads(&page), 2 + 8);
-        for text in ["0.432", "0.171", "3 of 11", "0.81", "–"] {
+        for text in ["0.432", "2 / 5", "3 of 11", "0.81", "–"] {
             assert!(page.contains(&format!("<td>{text}</td>")), "{text}");
         }
     }

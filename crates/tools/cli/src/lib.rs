@@ -74,9 +74,6 @@ enum Command {
     Attack(commands::attack::Args),
     /// Attack what would be sent of your images, and write a report on it.
     Audit(commands::audit::Args),
-    /// Teach a machine what an attacker would: to tell neighbours from descriptors.
-    #[command(subcommand)]
-    Train(commands::train::Command),
     /// Rendered places, written as data sets.
     #[command(subcommand)]
     Synth(commands::synth::Command),
@@ -122,7 +119,6 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Eval(command) => commands::eval::run(command, &ui),
         Command::Attack(args) => commands::attack::run(args, &ui),
         Command::Audit(args) => commands::audit::run(args, &ui),
-        Command::Train(command) => commands::train::run(command, &ui),
         Command::Synth(command) => commands::synth::run(command, &ui),
     });
     let exit = result.unwrap_or_else(|failure| told(&failure, &ui));

@@ -3,18 +3,19 @@
 use std::path::Path;
 
 use crate::FeatureError;
-use crate::learned::engine::{Engine, Run};
+use crate::learned::engine::{Engine, Input, Run};
 use crate::learned::{Layer, Tensor};
 
 /// Most bytes of an ONNX file that are read.
 const MOST_BYTES: u64 = 512 << 20;
 
-/// A network whose input is an image, or several.
+/// A network in an engine. Most are given an image, or several.
 pub struct Network {
     engine: Engine,
     running: Box<dyn Run>,
-    /// `[N, C, H, W]` of each input; `None` where a side is open.
-    inputs: Vec<Vec<Option<usize>>>,
+    inputs: Vec<Input>,
+    /// Names of its outputs.
+    outputs: Vec<String>,
 }
 
 impl std::fmt::Debug for Network {
@@ -36,7 +37,7 @@ impl Network {
     /// The same of what is in memory; what is wrong with it in words.
     pub(crate) fn of_onnx(bytes: Vec<u8>, engine: Engine) -> Result<Self, String> {
         let running = engine.load(bytes)?;
-        Ok(Self { engine, inputs: running.inputs(), running })
+        Ok(Self { engine, inputs: running.inputs(), outputs: running.outputs(), running })
     }
 
     /// What runs it.
@@ -51,12 +52,22 @@ impl Network {
 
     /// The same of any of its inputs; none of one that it lacks.
     pub(crate) fn sides_of(&self, input: usize) -> &[Option<usize>] {
-        self.inputs.get(input).map(Vec::as_slice).unwrap_or_default()
+        self.inputs.get(input).map(|input| &input.sides[..]).unwrap_or_default()
     }
 
     /// How many inputs and outputs it has.
     pub fn ends(&self) -> [usize; 2] {
-        self.running.ends()
+        [self.inputs.len(), self.outputs.len()]
+    }
+
+    /// Sides of the input of this name, `None` for a side that is open; `None` where there is no such input.
+    pub fn input_named(&self, name: &str) -> Option<&[Option<usize>]> {
+        self.inputs.iter().find(|input| input.name == name).map(|input| &input.sides[..])
+    }
+
+    /// Names of its outputs, in the file's order.
+    pub fn outputs(&self) -> &[String] {
+        &self.outputs
     }
 
     /// What the file says of itself under a key.
@@ -74,13 +85,44 @@ impl Network {
 
     /// The same of a network with several inputs, each `[1, C, H, W]`, in the file's order.
     pub(crate) fn run_on(&self, images: &[&Tensor], layers: &[Layer]) -> Result<Vec<Tensor>, FeatureError> {
-        let broken = |reason: String| FeatureError::NetworkRun { reason };
-        let inputs: Option<Vec<([usize; 3], &[f32])>> =
-            images.iter().map(|image| Some((image.image()?, &image.data[..]))).collect();
-        let inputs = inputs.ok_or_else(|| broken("what it is given is no image".to_owned()))?;
-        if inputs.len() > self.inputs.len() {
-            return Err(broken("it has fewer inputs than it is given".to_owned()));
+        let broken = |reason: &str| FeatureError::NetworkRun { reason: reason.to_owned() };
+        if images.iter().any(|image| image.image().is_none()) {
+            return Err(broken("what it is given is no image"));
         }
-        self.running.run(&inputs, layers).map_err(broken)
+        if images.len() > self.inputs.len() {
+            return Err(broken("it has fewer inputs than it is given"));
+        }
+        self.running.run(images, layers).map_err(|reason| FeatureError::NetworkRun { reason })
+    }
+
+    /// Runs it on inputs of any shape, by their names; results of these outputs, in their order.
+    ///
+    /// # Errors
+    /// [`FeatureError::NetworkRun`], also for an input or output that it lacks or that is not given, and for one of other sides.
+    pub fn run_named(
+        &self,
+        given: &[(&str, &Tensor)],
+        outputs: &[&str],
+    ) -> Result<Vec<Tensor>, FeatureError> {
+        let broken = |reason: String| FeatureError::NetworkRun { reason };
+        if let Some((name, _)) = given.iter().find(|(name, _)| self.input_named(name).is_none()) {
+            return Err(broken(format!("it has no input {name}")));
+        }
+        if let Some(name) = outputs.iter().find(|name| self.outputs.iter().all(|own| own != *name)) {
+            return Err(broken(format!("it has no output {name}")));
+        }
+        let of = |input: &Input| {
+            let Input { name, sides } = input;
+            let found = given.iter().find(|(own, _)| own == name);
+            let (_, tensor) = found.ok_or_else(|| broken(format!("its input {name} is not given")))?;
+            let alike = |(own, side): (&Option<usize>, &usize)| own.is_none_or(|own| own == *side);
+            if sides.len() != tensor.shape.len() || !sides.iter().zip(&tensor.shape).all(alike) {
+                return Err(broken(format!("its input {name} is not of the sides {:?}", tensor.shape)));
+            }
+            Ok(*tensor)
+        };
+        let inputs = self.inputs.iter().map(of).collect::<Result<Vec<_>, _>>()?;
+        let layers: Vec<Layer> = outputs.iter().map(|name| Layer::from(*name)).collect();
+        self.running.run(&inputs, &layers).map_err(broken)
     }
 }

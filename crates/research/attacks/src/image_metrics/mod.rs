@@ -1,24 +1,73 @@
-//! How alike two images of one size are.
+//! How alike two images of one size are, and whether what they show is still recognised.
 //!
 //! | measure | what it compares | range |
 //! |---|---|---|
 //! | [`psnr`] | pixels | decibels, infinite for equal images |
 //! | [`ssim`] | mean, spread and correlation in small windows | to 1 for equal images |
-//! | [`Lpips`] | layers of a network trained on a million images, weighted by what people call alike | from 0 for equal images |
-//! | [`FeatureDistance`] | layers of SuperPoint's encoder, all alike | from 0 for equal images to 1 |
+//! | [`PerceptualDistance`] | ST-LPIPS: layers of a network, weighted by what people call alike | from 0 for equal images |
+//! | [`Classifier`] | the class that a network of ImageNet's classes gives | right or wrong |
 //!
-//! PSNR and SSIM are those of scikit-image to the last digits that are printed, LPIPS that of its authors
-//! (`scripts/oracle_judge.py`). LPIPS needs two files that nobody may pass on with a program: the user brings them.
+//! PSNR and SSIM are those of scikit-image to the last digits that are printed (`scripts/oracle_judge.py`). The two networks are
+//! ONNX files that users bring; `scripts/export_onnx.py` makes them of their authors' files.
 #![forbid(unsafe_code)]
 
-mod feature_distance;
-mod layers;
-mod lpips;
+mod classifier;
+mod perceptual;
 mod psnr;
 mod size;
 mod ssim;
 
-pub use feature_distance::FeatureDistance;
-pub use lpips::{Lpips, LpipsNetwork};
+use std::path::{Path, PathBuf};
+
+use veiloc_features::FeatureError;
+use veiloc_features::learned::{Engine, Network, Tensor};
+
+use crate::AttackError;
+
+pub use classifier::{Classifier, class_named};
+pub use perceptual::PerceptualDistance;
 pub use psnr::psnr;
 pub use ssim::ssim;
+
+/// A network that judges images.
+#[derive(Debug)]
+struct Judge {
+    path: PathBuf,
+    network: Network,
+}
+
+impl Judge {
+    /// Reads a network that has these inputs and no others, and this output.
+    fn open(path: &Path, inputs: &[&str], output: &str) -> Result<Self, AttackError> {
+        let judge = Self { path: path.to_owned(), network: Network::open(path, Engine::default())? };
+        let [count, _] = judge.network.ends();
+        let lacks = inputs.iter().any(|name| judge.network.input_named(name).is_none());
+        if count != inputs.len() || lacks || judge.network.outputs().iter().all(|own| own != output) {
+            let reason = format!("it does not have the inputs {inputs:?} and the output {output:?}");
+            return Err(judge.unusable(reason));
+        }
+        Ok(judge)
+    }
+
+    /// The numbers of its output, as many as are `expected`, all of them finite.
+    fn ask(
+        &self,
+        inputs: &[(&str, &Tensor)],
+        output: &str,
+        expected: usize,
+    ) -> Result<Vec<f32>, AttackError> {
+        let results = self.network.run_named(inputs, &[output]).map_err(|error| match error {
+            FeatureError::NetworkRun { reason } => self.unusable(reason),
+            other => other.into(),
+        })?;
+        let numbers = results.into_iter().next().map(|result| result.data).unwrap_or_default();
+        if numbers.len() != expected || numbers.iter().any(|number| !number.is_finite()) {
+            return Err(self.unusable(format!("its output {output:?} is not {expected} finite numbers")));
+        }
+        Ok(numbers)
+    }
+
+    fn unusable(&self, reason: String) -> AttackError {
+        FeatureError::Network { path: self.path.clone(), reason }.into()
+    }
+}

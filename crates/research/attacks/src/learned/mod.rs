@@ -1,20 +1,40 @@
-//! An outsider who learns: whoever sees sealed queries alone, has other people's images and the time to train.
+//! Attackers that are networks: trained in PyTorch on images of elsewhere (`research/train`), run here by rten.
 //!
-//! He knows no place and no pose. What he can have is what images have in common, and two networks learn it:
-//! - [`neighbours`]: from the descriptors of an image to who is near whom, for the attacks of `veiloc-attacks` that
-//!   live on neighbours;
-//! - [`positions`]: end to end, from all rows of a query, descriptors and lines, to where on its line each keypoint
-//!   lies.
+//! - [`neighbours`]: from the descriptors of an image to who is near whom, for the attacks that live on neighbours;
+//! - [`positions`]: from all rows of a query, descriptors and lines, to where on its line each keypoint lies;
+//! - [`inversion`]: from descriptors and what is known of their places to an image.
 //!
-//! Both are trained on the CPU by the engine of `veiloc_attacks::training`, with derivatives by hand: equal seeds give equal
-//! networks, whatever the number of threads, and a training that was interrupted goes on as if it had not been
-//! ([`TrainingState`]). Decision 0021 says why no library does this.
-#![forbid(unsafe_code)]
+//! A network is an ONNX file with a short text file beside it, its description:
+//!
+//! ```toml
+//! version = 1
+//! kind = "inversion"            # or "positions", "neighbours"
+//! model = "dcl.onnx"            # the name of a file beside this one
+//! features = "sift"             # kind of descriptors it learned from
+//! dimension = 128               # their length
+//! # of inversion:
+//! side = 256                    # cells of the longer side of the grid, pixels of the image
+//! multiple = 16                 # sides of the grid are multiples of this; it divides `side`
+//! # of positions:
+//! scheme = "dcl"                # under which it learned, as `--scheme` has it
+//! sees = "set"                  # of a query: all rows ("set"), each row alone ("row"), each line alone ("line")
+//! ```
+//!
+//! All networks are given descriptors whose squares sum up to their length; a descriptor of zeros stays zero.
+//! What is wrong with a description or a network is an error that names the file, whatever the file holds.
 
-mod engine;
+mod description;
+pub mod inversion;
 pub mod neighbours;
-mod options;
 pub mod positions;
 
-pub use crate::training::{CurvePoint, Progress, Trained, TrainingState};
-pub use options::TrainingOptions;
+use veiloc_features::learned::Tensor;
+
+use crate::Descriptors;
+
+/// `[1, N, dimension]`, the squares of a row summing up to its length.
+fn rows(descriptors: &Descriptors) -> Tensor {
+    let scale = (descriptors.dimension() as f32).sqrt();
+    let shape = vec![1, descriptors.len(), descriptors.dimension()];
+    Tensor { shape, data: descriptors.columns().iter().map(|x| x * scale).collect() }
+}

@@ -2,7 +2,6 @@
 //!
 //! - [`evaluate_attacks`] runs attacks (the table [`ATTACKS`]) on files of keypoints; [`AttackDocument`] is what they found.
 //! - [`run_audit`] does so for an audit: with the strongest attack on each scheme, and the positions that a report draws.
-//! - [`training`]: the networks of an outsider who learns.
 //!
 //! Nothing here is for devices or servers: it knows the truth, to judge attacks by.
 #![forbid(unsafe_code)]
@@ -23,7 +22,6 @@ mod run;
 mod server;
 mod sightings;
 mod strongest;
-pub mod training;
 mod view;
 
 pub use attacks::{ATTACKS, Attack, Needs, UnknownAttack};
@@ -31,6 +29,7 @@ pub use attempt::{Answers, Attempt};
 pub use document::{AttackDocument, AttackSummary, ServerSummary, attacks_table};
 pub use gallery::{Gallery, RowErrors, ShownAttack, ShownImage, ShownScheme};
 pub use image_audit::{Audit, AuditDocument, AuditOptions, AuditPart, run_audit};
+pub(crate) use neighbours::descriptors;
 pub use neighbours::{NeighbourSource, Neighbours};
 pub use observer::{AttackObserver, AttackTrial, ImageGroup, Stage};
 pub use options::{AttackEvaluation, Measured, ServerKnowledge};

@@ -1,9 +1,10 @@
 //! Who tells the attacker which keypoints are neighbours: an oracle, a predictor, or a map.
 
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde::Serialize;
+use veiloc_attacks::learned::neighbours::NeighbourNetwork;
 use veiloc_attacks::{
     AttackError, Descriptors, KnownImage, NeighbourLists, NeighbourPredictor, Transfer, transfer,
 };
@@ -22,9 +23,9 @@ pub enum NeighbourSource {
         /// Files of keypoints with descriptors.
         train: Vec<PathBuf>,
     },
-    /// A trained attention network, see `veiloc train neighbours`.
+    /// A trained network ([`veiloc_attacks::learned::neighbours`]).
     Network {
-        /// The network's file.
+        /// The file of its description.
         model: PathBuf,
     },
     /// The other images of the same file, taken for the map of a server: keypoints whose matches are near each
@@ -80,7 +81,7 @@ impl NeighbourSource {
     ) -> Result<Option<Predictor>, EvalError> {
         match self {
             Self::Oracle | Self::Transferred => Ok(None),
-            Self::Network { model } => read_network(model).map(Some),
+            Self::Network { model } => Ok(Some(Predictor::Network(Box::new(NeighbourNetwork::open(model)?)))),
             Self::Predicted { train } => {
                 let mut images = Vec::new();
                 for file in train {
@@ -100,7 +101,7 @@ pub(super) enum Predictor {
     /// Canonical correlations.
     Statistic(NeighbourPredictor),
     /// A trained network.
-    Network(Box<veiloc_attacks::learned::neighbours::NeighbourNetwork>),
+    Network(Box<NeighbourNetwork>),
 }
 
 impl Predictor {
@@ -111,13 +112,6 @@ impl Predictor {
             Self::Network(network) => network.predict(descriptors, k),
         }
     }
-}
-
-fn read_network(model: &Path) -> Result<Predictor, EvalError> {
-    let bytes = std::fs::read(model).map_err(|source| EvalError::Io { path: model.to_owned(), source })?;
-    let network = veiloc_attacks::learned::neighbours::NeighbourNetwork::decode(&bytes)
-        .map_err(|e| EvalError::DataSet(format!("{}: {e}", model.display())))?;
-    Ok(Predictor::Network(Box::new(network)))
 }
 
 /// An image with everything that is known of it.
@@ -138,7 +132,7 @@ pub(super) fn from_others(
     transfer(known[own].descriptors(), &map, size, MAP_IMAGES, k)
 }
 
-pub(super) fn descriptors(image: &KeypointImage) -> Result<Descriptors, EvalError> {
+pub(crate) fn descriptors(image: &KeypointImage) -> Result<Descriptors, EvalError> {
     let Some((bytes, dimension)) = &image.descriptors else {
         return Err(EvalError::Options(format!(
             "{} comes without descriptors, and this attack reads them",

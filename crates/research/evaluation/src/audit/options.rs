@@ -23,8 +23,8 @@ pub struct AttackEvaluation {
     pub attacks: Vec<Attack>,
     /// Who tells the neighbours.
     pub neighbours: NeighbourSource,
-    /// Files of networks of positions, as `veiloc train positions` writes them, one a scheme at most. Where a scheme has
-    /// none, the attack `trained-positions` is left out.
+    /// Descriptions of networks of positions, one a scheme at most. Where a scheme has none, the attack
+    /// `trained-positions` is left out.
     pub positions: Vec<PathBuf>,
     /// Neighbours a keypoint.
     pub k: usize,

@@ -1,33 +1,32 @@
-//! Networks of positions that attack: read from their files, one for each scheme that has one.
+//! Networks of positions that attack, one for each scheme that has one.
 
 use std::path::PathBuf;
 
+use veiloc_attacks::learned::positions::{PositionNetwork, recover};
 use veiloc_attacks::{Descriptors, Observation};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::Scheme;
 
 use crate::EvalError;
 
-/// What an outsider has trained, see `veiloc train positions`.
+/// Networks of positions that an outsider has trained.
 #[derive(Debug, Default)]
 pub struct TrainedPositions {
-    networks: Vec<veiloc_attacks::learned::positions::PositionNetwork>,
+    networks: Vec<PositionNetwork>,
 }
 
 impl TrainedPositions {
-    /// From their files.
+    /// By the files of their descriptions.
     ///
     /// # Errors
-    /// [`EvalError`] when a file is no network, or there are two of one scheme.
+    /// [`EvalError`] when a file describes no such network, or there are two of one scheme.
     pub fn read(files: &[PathBuf]) -> Result<Self, EvalError> {
-        let mut networks: Vec<veiloc_attacks::learned::positions::PositionNetwork> = Vec::new();
+        let mut networks: Vec<PositionNetwork> = Vec::new();
         for file in files {
-            let fault = |why: String| EvalError::DataSet(format!("{}: {why}", file.display()));
-            let bytes = std::fs::read(file).map_err(|source| EvalError::Io { path: file.clone(), source })?;
-            let network = veiloc_attacks::learned::positions::PositionNetwork::decode(&bytes)
-                .map_err(|e| fault(e.to_string()))?;
+            let network = PositionNetwork::open(file)?;
             if networks.iter().any(|other| other.scheme() == network.scheme()) {
-                return Err(fault(format!("another network of {} is given too", network.scheme())));
+                let (file, scheme) = (file.display(), network.scheme());
+                return Err(EvalError::DataSet(format!("{file}: another network of {scheme} is given too")));
             }
             networks.push(network);
         }
@@ -48,8 +47,7 @@ impl TrainedPositions {
         (width, height): (u32, u32),
     ) -> Result<Option<Vec<Pixel>>, EvalError> {
         let Some(network) = self.networks.iter().find(|n| n.scheme() == scheme) else { return Ok(None) };
-        let found =
-            veiloc_attacks::learned::positions::recover(network, observations, descriptors, width, height)?;
+        let found = recover(network, observations, descriptors, width, height)?;
         Ok(Some(found.iter().map(|e| e.pixel).collect()))
     }
 }

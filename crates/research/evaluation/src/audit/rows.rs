@@ -38,7 +38,7 @@ pub(super) fn check(evaluation: &AttackEvaluation) -> Result<(), EvalError> {
     if evaluation.positions.is_empty()
         && let Some(attack) = evaluation.attacks.iter().find(|a| a.needs.trained)
     {
-        return refuse(format!("{attack} needs a network that `veiloc train positions` wrote"));
+        return refuse(format!("{attack} needs a network of positions, as research/train exports them"));
     }
     if matches!(evaluation.neighbours, NeighbourSource::Oracle | NeighbourSource::Transferred)
         && let Some(attack) = evaluation.attacks.iter().find(|a| a.needs.near_angles)

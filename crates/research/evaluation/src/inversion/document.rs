@@ -1,130 +1,264 @@
-//! What a training gave: the stable JSON document, and the table for people.
+//! What an evaluation found: the stable JSON document, and the table for people.
 
 use crate::results::text_table::TextTable;
 use serde::Serialize;
-use veiloc_attacks::training::{Course, CurvePoint, Trained};
+use veiloc_attacks::learned::inversion::InversionNetwork;
 
-use crate::inversion::example::Example;
-use crate::inversion::inverter::Inverter;
-use crate::inversion::task::InversionTask;
+use super::beliefs::Beliefs;
+use super::judges::{Class, Scores};
 
-/// The document that `veiloc train inversion --json` writes.
+/// The document that `veiloc eval inversion --json` writes.
 #[derive(Debug, Clone, Serialize)]
-pub struct InversionDocument {
+pub struct EvaluationDocument {
     /// Version of this document; a field is never removed or given another meaning under the same number.
     pub version: u32,
-    /// `train inversion`.
+    /// `eval inversion`.
     pub command: &'static str,
-    /// Images that were learned from, and that chose the step.
-    pub images: [usize; 2],
-    /// Keypoints of the images that were learned from.
-    pub keypoints: usize,
-    /// How the network is built: `unet` or `invsfm`.
-    pub form: &'static str,
-    /// What the network is given of places: `places`, `lines` or `bag`.
-    pub sees: &'static str,
-    /// Percent of an image's descriptors that at most stood in wrong places while it was learned from.
-    pub wrong_percent: u8,
-    /// Scheme of the lines; `points` where it sees none.
-    pub scheme: String,
-    /// Length of the descriptors.
-    pub dimension: usize,
-    /// Channels of the finest level.
-    pub width: usize,
-    /// Levels.
-    pub depth: usize,
-    /// Cells of the longer side.
-    pub side: usize,
-    /// Numbers that were learned.
-    pub parameters: usize,
-    /// Steps that were asked for.
-    pub steps: usize,
-    /// Images of a step.
-    pub images_a_step: usize,
-    /// Highest learning rate.
-    pub learning_rate: f64,
-    /// Decay of weights.
-    pub weight_decay: f64,
-    /// Seed of weights and draws.
+    /// Images.
+    pub images: usize,
+    /// Neighbours a keypoint that attacks are told.
+    pub k: usize,
+    /// Seed of obfuscation and attacks.
     pub seed: u64,
-    /// Steps done when the network was the best on the validation images.
-    pub best_step: usize,
-    /// Steps done; fewer than asked for when the training was broken off.
-    pub steps_done: usize,
-    /// Wall-clock seconds of this run, looks at the validation images included.
-    pub seconds: f64,
-    /// Every look at the validation images.
-    pub curve: Vec<CurveRow>,
+    /// The network.
+    pub network: NetworkRow,
+    /// How images are classified as they are; `null` without a classifier.
+    pub classes: Option<ClassesRow>,
+    /// Means over images.
+    pub summary: Vec<SummaryRow>,
+    /// One for each image, scheme and attack.
+    pub rows: Vec<RebuiltRow>,
 }
 
-/// One look at the validation images.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct CurveRow {
-    /// Steps done.
-    pub step: usize,
-    /// Mean loss of the steps since the last look.
-    pub loss: f64,
-    /// Mean PSNR of the validation images on the network's grid, decibels.
-    pub psnr: f64,
+/// A network.
+#[derive(Debug, Clone, Serialize)]
+pub struct NetworkRow {
+    /// The file of its description.
+    pub file: String,
+    /// Kind of the descriptors it learned from.
+    pub features: String,
+    /// Their length.
+    pub dimension: usize,
+    /// Cells of the longer side of an image.
+    pub side: usize,
+    /// Whether it says how likely descriptors stand rightly.
+    pub judges_places: bool,
 }
 
-impl From<&CurvePoint> for CurveRow {
-    fn from(point: &CurvePoint) -> Self {
-        Self { step: point.step, loss: point.loss, psnr: point.judged }
-    }
-}
-
-impl InversionDocument {
-    /// Of a training; `images` are those learned from and those that chose the step.
-    pub fn new(
-        trained: &Trained<Inverter>,
-        (task, course): (&InversionTask, &Course),
-        images: [&[Example]; 2],
-        seconds: f64,
-    ) -> Self {
-        let wrong_percent = task.wrong_percent();
-        let shape = trained.network.shape();
+impl From<&InversionNetwork> for NetworkRow {
+    fn from(network: &InversionNetwork) -> Self {
         Self {
-            version: 1,
-            command: "train inversion",
-            images: images.map(<[Example]>::len),
-            keypoints: images[0].iter().map(Example::keypoints).sum(),
-            form: shape.form.name(),
-            sees: shape.sees.name(),
-            wrong_percent,
-            scheme: trained.network.scheme().to_string(),
-            dimension: shape.dimension,
-            width: shape.width,
-            depth: shape.depth,
-            side: shape.side,
-            parameters: trained.network.parameters(),
-            steps: course.steps,
-            images_a_step: course.images,
-            learning_rate: course.learning_rate,
-            weight_decay: course.weight_decay,
-            seed: course.seed,
-            best_step: trained.best_step,
-            steps_done: trained.state.step(),
-            seconds,
-            curve: trained.curve.iter().map(CurveRow::from).collect(),
+            file: network.file().display().to_string(),
+            features: network.features().to_owned(),
+            dimension: network.dimension(),
+            side: network.side(),
+            judges_places: network.judges_places(),
         }
     }
 }
 
-/// The curve as a table for people.
-pub fn inversion_table(document: &InversionDocument) -> String {
-    let mut table = TextTable::new(["step", "loss", "validation PSNR dB"], 0);
-    for row in &document.curve {
-        table.push(vec![row.step.to_string(), format!("{:.4}", row.loss), format!("{:.3}", row.psnr)]);
+/// How a classifier does on the originals, on the network's grid.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct ClassesRow {
+    /// Images whose class their file's or folder's name tells, as an ImageNet synset.
+    pub named: usize,
+    /// Of those, how many originals the classifier gets right.
+    pub named_top_1: usize,
+    /// Of how many originals the right one is among the five likeliest.
+    pub named_top_5: usize,
+    /// Images whose class is the classifier's own answer on the original: what is counted is whether it stays.
+    pub answered: usize,
+}
+
+impl ClassesRow {
+    /// Counts an original.
+    pub(super) fn add(&mut self, class: &Class) {
+        if class.is_named {
+            self.named += 1;
+            self.named_top_1 += usize::from(class.recognised[0]);
+            self.named_top_5 += usize::from(class.recognised[1]);
+        } else {
+            self.answered += 1;
+        }
     }
-    let [train, validate] = document.images;
+
+    /// In a sentence.
+    pub fn words(&self) -> String {
+        let Self { named, named_top_1, named_top_5, answered } = self;
+        format!(
+            "Classes: {named} images are named by their ImageNet synset, of which the classifier recognises {named_top_1} \
+             originals (top-1) and {named_top_5} (top-5); of {answered} others the class is the classifier's own answer on the \
+             original."
+        )
+    }
+}
+
+/// An image made of another's descriptors, and how alike it is.
+#[derive(Debug, Clone, Serialize)]
+pub struct RebuiltRow {
+    /// The image.
+    pub image: String,
+    /// Scheme it was sent under; `bag` for descriptors alone, `nothing` for no descriptor at all.
+    pub scheme: String,
+    /// `none` where nothing need be recovered, `guess`, `closed-form` and `graph` with true neighbours, `realistic`, or
+    /// `lines` where each descriptor is spread over its line.
+    pub attack: &'static str,
+    /// Peak signal-to-noise ratio, decibels.
+    pub psnr: f64,
+    /// Structural similarity.
+    pub ssim: f64,
+    /// ST-LPIPS; `null` without its network.
+    pub st_lpips: Option<f64>,
+    /// Whether the image's class is the likeliest to a classifier; `null` without one.
+    pub top_1: Option<bool>,
+    /// Whether it is among the five likeliest.
+    pub top_5: Option<bool>,
+    /// Objects found in the original; `null` without a detector.
+    pub objects: Option<usize>,
+    /// Of those, found again.
+    pub objects_found: Option<usize>,
+    /// Mean error of the positions that the network was given, pixels; `null` where it was given none.
+    pub mean_px: Option<f64>,
+}
+
+/// Means over images.
+#[derive(Debug, Clone, Serialize)]
+pub struct SummaryRow {
+    /// As in [`RebuiltRow`].
+    pub scheme: String,
+    /// As in [`RebuiltRow`].
+    pub attack: &'static str,
+    /// Which realistic attack was the best.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub by: Option<String>,
+    /// Mean error of the positions, over images, pixels.
+    pub mean_px: Option<f64>,
+    /// Median over all keypoints of all images, pixels.
+    pub median_px: Option<f64>,
+    /// Means of the rows.
+    pub psnr: f64,
+    /// Mean of the rows.
+    pub ssim: f64,
+    /// Mean of the rows.
+    pub st_lpips: Option<f64>,
+    /// Of how many images the class is the likeliest.
+    pub top_1: Option<usize>,
+    /// Of how many it is among the five likeliest.
+    pub top_5: Option<usize>,
+    /// Sum of the rows.
+    pub objects: Option<usize>,
+    /// Sum of the rows.
+    pub objects_found: Option<usize>,
+    /// How often the network believes a keypoint that was put where it belongs more than one that was not, 0.5 by chance; `null`
+    /// where it judges no places, or all are right or wrong.
+    pub told_apart: Option<f64>,
+}
+
+/// What was put through a network: its name in rows, and errors of positions by image, `[images][N]`.
+pub(super) struct Column {
+    pub(super) scheme: String,
+    pub(super) attack: &'static str,
+    pub(super) by: Option<String>,
+    pub(super) errors: Option<Vec<Vec<f64>>>,
+}
+
+impl Column {
+    /// Mean error of an image.
+    fn mean_px(&self, image: usize) -> Option<f64> {
+        let errors = self.errors.as_ref()?.get(image)?;
+        Some(errors.iter().sum::<f64>() / errors.len().max(1) as f64)
+    }
+
+    /// The row of an image.
+    pub(super) fn row(&self, (image, name): (usize, &str), scores: &Scores) -> RebuiltRow {
+        RebuiltRow {
+            image: name.to_owned(),
+            scheme: self.scheme.clone(),
+            attack: self.attack,
+            psnr: scores.psnr,
+            ssim: scores.ssim,
+            st_lpips: scores.st_lpips,
+            top_1: scores.recognised.map(|[first, _]| first),
+            top_5: scores.recognised.map(|[_, five]| five),
+            objects: scores.objects,
+            objects_found: scores.objects_found,
+            mean_px: self.mean_px(image),
+        }
+    }
+
+    /// Means over its rows.
+    pub(super) fn summary(&self, rows: &[RebuiltRow], beliefs: &Beliefs) -> SummaryRow {
+        let mean =
+            |of: &dyn Fn(&RebuiltRow) -> f64| rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64;
+        let maybe = |of: fn(&RebuiltRow) -> Option<f64>| {
+            let values: Option<Vec<f64>> = rows.iter().map(of).collect();
+            values.filter(|v| !v.is_empty()).map(|v| v.iter().sum::<f64>() / v.len() as f64)
+        };
+        let sum = |of: fn(&RebuiltRow) -> Option<usize>| rows.iter().map(of).sum::<Option<usize>>();
+        let mut all: Vec<f64> = self.errors.iter().flatten().flatten().copied().collect();
+        all.sort_by(f64::total_cmp);
+        SummaryRow {
+            scheme: self.scheme.clone(),
+            attack: self.attack,
+            by: self.by.clone(),
+            mean_px: maybe(|row| row.mean_px),
+            median_px: all.get(all.len() / 2).copied(),
+            psnr: mean(&|row| row.psnr),
+            ssim: mean(&|row| row.ssim),
+            st_lpips: maybe(|row| row.st_lpips),
+            top_1: sum(|row| row.top_1.map(usize::from)),
+            top_5: sum(|row| row.top_5.map(usize::from)),
+            objects: sum(|row| row.objects),
+            objects_found: sum(|row| row.objects_found),
+            told_apart: beliefs.told_apart(),
+        }
+    }
+}
+
+/// The means as a table for people.
+pub fn evaluation_table(document: &EvaluationDocument) -> String {
+    let head = [
+        "scheme",
+        "attack",
+        "mean px",
+        "median px",
+        "PSNR dB",
+        "SSIM",
+        "ST-LPIPS",
+        "objects",
+        "top-1",
+        "top-5",
+        "told apart",
+    ];
+    // Only where a network judges places.
+    let columns = head.len() - usize::from(document.summary.iter().all(|row| row.told_apart.is_none()));
+    let mut table = TextTable::new(head.into_iter().take(columns), 2);
+    let count = |value: Option<usize>| value.map_or("-".to_owned(), |v| v.to_string());
+    let maybe = |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    for row in &document.summary {
+        let by = row.by.as_ref().map_or_else(String::new, |by| format!(" ({by})"));
+        let objects = row.objects_found.zip(row.objects);
+        let mut cells = vec![
+            row.scheme.clone(),
+            format!("{}{by}", row.attack),
+            maybe(row.mean_px, 1),
+            maybe(row.median_px, 1),
+            format!("{:.2}", row.psnr),
+            format!("{:.3}", row.ssim),
+            maybe(row.st_lpips, 3),
+            objects.map_or("-".to_owned(), |(found, all)| format!("{found} of {all}")),
+            count(row.top_1),
+            count(row.top_5),
+            maybe(row.told_apart, 3),
+        ];
+        cells.truncate(columns);
+        table.push(cells);
+    }
+    let classes = document.classes.map_or_else(String::new, |classes| classes.words() + "\n");
     format!(
-        "{}\n{} numbers ({}), given {}: learned from {train} images, best of {} steps on {validate}: {}.\n",
+        "{}\n{classes}Means over {} images on the network's grid. Closed form and graph are told the true neighbours; nothing: the network \
+         is given no descriptor.\n",
         table.render(),
-        document.parameters,
-        document.form,
-        document.sees,
-        document.steps_done,
-        document.best_step
+        document.images
     )
 }

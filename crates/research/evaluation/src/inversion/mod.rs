@@ -1,37 +1,29 @@
-//! Images from descriptors: what whoever has keypoints, or only what was sent, can make of a query.
+//! Images from descriptors: what whoever has keypoints, or only what was sent, can make of a query. The paper's Table 1 and more:
+//! image → keypoints → scheme → attack → network → image → how alike it is to the first.
 //!
-//! - [`train`]: a U-Net, or three in a row ([`Form`]), learn from images of elsewhere; equal seeds give equal networks, whatever the number of threads, and
-//!   an interrupted training goes on as if it had not been.
-//! - [`Inverter`]: the network, from descriptors and what is known of their places to an image. Places may be those of the
-//!   keypoints (the paper's upper bound), those an attack recovered, lines as they were sent, or nothing at all ([`Sees`]).
-//! - [`evaluation`]: the paper's Table 1 and more, image by image, with contact sheets.
+//! What is put through the network, beside what the paper puts there (keypoints themselves, and the closed form with true
+//! neighbours):
+//! - the graph attack with true neighbours, and the best attack of those who are told nothing ([`Realistic`]);
+//! - the guess from the single line, and the line itself, each descriptor spread over it;
+//! - descriptors in a bag, and nothing at all: what the network answers that was given no descriptor. A score says something
+//!   about leaks only beside that of nothing.
 //!
-//! How well it does is measured on images of places it never saw: `docs/inversion.md`.
-#![forbid(unsafe_code)]
+//! The network is trained in PyTorch (`research/train`) on images of places that are not judged: `docs/inversion.md`.
 
+mod attacked;
+mod beliefs;
 mod document;
-pub mod evaluation;
-mod example;
-mod inverter;
-mod loss;
-mod network;
+mod judges;
 mod pixels;
-mod places;
-mod read;
-mod task;
-mod training;
+mod run;
+mod sheet;
 
-pub use document::{CurveRow, InversionDocument, inversion_table};
-pub use example::Example;
-pub use inverter::{Inverter, Known};
-pub use network::{Form, Grid, Sees, Shape};
-pub use read::{read_examples, refuse_shared};
-pub use task::InversionTask;
-pub use training::train;
-/// Who judges images: what an [`evaluation`] takes.
-pub mod judges {
-    pub use veiloc_attacks::image_metrics::{FeatureDistance, Lpips, LpipsNetwork};
-    pub use veiloc_features::detector::Detector;
-}
+pub use attacked::Realistic;
+pub use document::{ClassesRow, EvaluationDocument, NetworkRow, RebuiltRow, SummaryRow, evaluation_table};
+pub use judges::{Judges, Scores};
+pub use run::{InversionEvaluation, evaluate_inversion};
+pub use sheet::{Sheet, Tile};
 
-pub use veiloc_attacks::training::{Course, CurvePoint, Progress, Trained, TrainingState};
+pub use veiloc_attacks::image_metrics::{Classifier, PerceptualDistance};
+pub use veiloc_attacks::learned::inversion::InversionNetwork;
+pub use veiloc_features::detector::Detector;

@@ -1,12 +1,10 @@
-//! Colours as the network has them, and images as files have them.
+//! Originals on the grid of a network.
 
-use veiloc_attacks::training::Matrix;
+use veiloc_attacks::learned::inversion::Grid;
 use veiloc_features::ColourImage;
 
-use crate::inversion::network::Grid;
-
-/// The image on a grid, each cell the mean of the pixels it covers, parts of pixels by their area: `[3, cells]` from 0 to 1.
-pub(crate) fn on_grid(image: &ColourImage, grid: Grid) -> Matrix {
+/// The image on a grid, each cell the mean of the pixels it covers, parts of pixels by their area.
+pub(super) fn on_grid(image: &ColourImage, grid: Grid) -> ColourImage {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let columns = covered(width, grid.width);
     let rows = covered(height, grid.height);
@@ -21,14 +19,16 @@ pub(crate) fn on_grid(image: &ColourImage, grid: Grid) -> Matrix {
             }
         }
     }
-    let mut colours = Matrix::zeros(3, grid.cells());
+    let mut colours = vec![0.0f32; 3 * grid.cells()];
     let wide = 3 * grid.width;
-    for (parts, out) in rows.iter().zip(colours.as_mut_slice().chunks_exact_mut(wide)) {
+    for (parts, out) in rows.iter().zip(colours.chunks_exact_mut(wide)) {
         for (y, share) in parts {
             out.iter_mut().zip(&narrow[wide * y..wide * (y + 1)]).for_each(|(o, v)| *o += share * v);
         }
     }
-    colours
+    let bytes = colours.iter().map(|v| (255.0 * v).round() as u8).collect();
+    ColourImage::new(grid.width as u32, grid.height as u32, bytes)
+        .expect("three bytes for each cell of a grid that has some")
 }
 
 /// Which pixels each cell covers, and by what share of the cell.
@@ -47,17 +47,6 @@ fn covered(pixels: usize, cells: usize) -> Vec<Vec<(usize, f32)>> {
     (0..cells).map(of).collect()
 }
 
-/// Colours `[3, cells]` as bytes, what is darker than black or brighter than white cut off.
-pub(crate) fn to_bytes(colours: &Matrix) -> Vec<u8> {
-    colours.as_slice().iter().map(|v| (255.0 * v.clamp(0.0, 1.0)).round() as u8).collect()
-}
-
-/// The same as an image.
-pub(crate) fn to_image(colours: &Matrix, grid: Grid) -> ColourImage {
-    let image = ColourImage::new(grid.width as u32, grid.height as u32, to_bytes(colours));
-    image.expect("three bytes for each cell of a grid that has some")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,15 +56,14 @@ mod tests {
         let bytes = (0..4 * 2).flat_map(|i| [i * 10, 100, 255 - i * 10]).collect();
         let image = ColourImage::new(4, 2, bytes).expect("as many as there are");
         let same = on_grid(&image, Grid { width: 4, height: 2 });
-        assert_eq!(to_bytes(&same), image.data());
-        let half = to_bytes(&on_grid(&image, Grid { width: 2, height: 1 }));
-        assert_eq!(half, [25, 100, 230, 45, 100, 210]);
+        assert_eq!(same.data(), image.data());
+        let half = on_grid(&image, Grid { width: 2, height: 1 });
+        assert_eq!(half.data(), [25, 100, 230, 45, 100, 210]);
         // Three cells over four pixels: a whole one and a third of the next.
-        let third = to_bytes(&on_grid(&image, Grid { width: 3, height: 2 }));
-        assert_eq!(&third[..3], [3, 100, 253]);
+        let third = on_grid(&image, Grid { width: 3, height: 2 });
+        assert_eq!(&third.data()[..3], [3, 100, 253]);
         // Larger than the image: pixels are repeated.
-        assert_eq!(to_bytes(&on_grid(&image, Grid { width: 8, height: 2 }))[..6], [0, 100, 255, 0, 100, 255]);
-        let beyond = Matrix::from_column_slice(3, 1, &[-1.0, 0.5, 7.0]);
-        assert_eq!(to_image(&beyond, Grid { width: 1, height: 1 }).data(), [0, 128, 255]);
+        let larger = on_grid(&image, Grid { width: 8, height: 2 });
+        assert_eq!(larger.data()[..6], [0, 100, 255, 0, 100, 255]);
     }
 }

@@ -1,15 +1,11 @@
 //! Documents of evaluations as charts, each an SVG file.
 
-mod training;
-
 use veiloc_evaluation::pose::crb::{BoundCell, BoundEvaluation};
 use veiloc_evaluation::privacy::layouts::{LayoutRow, LayoutsDocument};
 use veiloc_evaluation::results::tables::{ErrorCurve, TableData};
 
 use crate::chart::{Axis, Chart, Mark, Series, stacked_bars, standalone};
 use crate::numbers::LengthUnit;
-
-pub use training::{course, positions, training};
 
 /// The document holds nothing to draw.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -62,10 +62,10 @@ pub(super) struct AdversaryArgs {
     /// Keypoints with descriptors that teach the predictor of neighbours; attacked images among them are left out.
     #[arg(long, value_name = "FILE", required_if_eq("neighbours", "predicted"))]
     train: Vec<PathBuf>,
-    /// A trained network, as `veiloc train neighbours` writes it.
+    /// Description (.toml) of a network of neighbours, as research/train exports it.
     #[arg(long, value_name = "FILE", required_if_eq("neighbours", "network"))]
     model: Option<PathBuf>,
-    /// Networks of positions, as `veiloc train positions` writes them, one a scheme, for the attack trained-positions.
+    /// Descriptions (.toml) of networks of positions, as research/train exports them, one a scheme, for trained-positions.
     /// Schemes without one are attacked without. Default: none.
     #[arg(long, num_args = 1.., value_name = "FILE")]
     positions: Vec<PathBuf>,
@@ -112,7 +112,7 @@ enum Source {
     Oracle,
     /// A statistic of which descriptors occur side by side, learned from the images of `--train`.
     Predicted,
-    /// The attention network of `--model`.
+    /// The network of `--model`.
     Network,
     /// A server that has the other images of the file for a map.
     Transferred,

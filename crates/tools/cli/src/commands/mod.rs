@@ -26,7 +26,6 @@ mod session_args;
 mod settled;
 pub(crate) mod synth;
 pub(crate) mod token;
-pub(crate) mod train;
 mod voice;
 #[cfg(feature = "cluster")]
 pub(crate) mod worker;

@@ -2,6 +2,8 @@
 
 use super::common;
 
+use std::path::Path;
+
 use common::{folder, keys};
 
 const SMALL: &str = "attack --synthetic 500 --schemes random-lines,dcl:s=2 --attacks closed-form,graph";
@@ -174,39 +176,30 @@ fn keypoints_of_images_are_what_attack_reads() {
     }
 }
 
-/// A build without the network says how to get one; a build with it trains one, and attacks with it.
+/// A network that predicts neighbours is used, and where it does not fit, that is said.
 #[test]
-fn a_network_is_trained_and_used_or_the_remedy_is_named() {
+fn a_network_of_neighbours_is_used_or_the_remedy_is_named() {
     let place = common::place();
     place.run("eval keypoints images --max-keypoints 150 --max-size 300 -o network-all.jsonl").succeeded();
-    let all = String::from_utf8(place.read("network-all.jsonl")).expect("text");
-    for (at, line) in all.lines().take(3).enumerate() {
-        place.write(&format!("network-{at}.jsonl"), line);
-    }
-    let train = "train neighbours --train network-0.jsonl --validate network-1.jsonl --test network-2.jsonl -o n.net \
-                 --steps 4 --every 2 --keypoints 64 --width 16 --heads 2 --layers 1";
-    let attack =
-        "attack network-2.jsonl --schemes dcl --attacks closed-form --neighbours network --model n.net";
-    assert_eq!(place.run(&attack.replace("--model n.net", "")).code, Some(2), "a model must be named");
-    let run = place.run(&format!("{train} --plot n.svg --json n.json")).succeeded();
-    assert!(run.stdout.contains("network") && run.stdout.contains("statistic"), "{run}");
-    assert!(run.stderr.contains("step 4"), "{run}");
-    let document: serde_json::Value = serde_json::from_slice(&place.read("n.json")).expect("a document");
-    assert_eq!(document["curve"].as_array().map(Vec::len), Some(2));
-    let precision = document["precision"].as_array().expect("a list");
-    let of = |predictor: &str| precision.iter().filter(|row| row["predictor"] == predictor).count();
-    assert_eq!((of("network"), of("statistic"), of("angles")), (2, 2, 2), "two places: {document}");
-    assert_eq!(precision.len(), 10, "network and statistic once more with angles: {document}");
-    assert!(place.read("n.svg").starts_with(b"<svg"));
-    let run = place.run(attack).succeeded();
+    let model = |name: &str| {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../research/attacks/tests/data/learned");
+        folder.join(name).display().to_string()
+    };
+    let attack = |model: &str| {
+        place.run(&format!(
+            "attack network-all.jsonl --images 1 --schemes dcl --attacks closed-form --neighbours network {model}"
+        ))
+    };
+    assert_eq!(attack("").code, Some(2), "a model must be named");
+    let run = attack(&format!("--model {}", model("embedding.toml"))).succeeded();
     assert!(run.stdout.contains("of the neighbours are true"), "{run}");
-    for (arguments, says) in [
-        (train.replace("--test network-2", "--test network-0"), "different places"),
-        (train.replace("--heads 2", "--heads 3"), "divisor"),
-        (attack.replace("n.net", "network-0.jsonl"), "no network"),
-        (attack.replace("n.net", "none.net"), "none.net"),
+    for (name, says) in [
+        (model("neighbours.toml"), "descriptors of dimension 12 are expected, these have 128"),
+        (model("inversion.toml"), "of kind \"inversion\""),
+        ("network-all.jsonl".to_owned(), "network-all.jsonl"),
+        ("none.onnx".to_owned(), "none.toml"),
     ] {
-        let run = place.run(&arguments);
+        let run = attack(&format!("--model {name}"));
         assert!(run.code == Some(1) && run.stderr.contains(says), "{says}: {run}");
     }
 }

@@ -63,13 +63,9 @@ const COMMANDS: &[(&str, &str)] = &[
     ),
     ("token list", "token list --tokens tokens --json"),
     (
-        "train inversion",
-        "train inversion --train images/map-00.png --validate images/query-0.png --steps 2 --every 1 --images 1 --width 2 \
-         --depth 2 --side 16 -o documents.net --json",
-    ),
-    (
         "eval inversion",
-        "eval inversion images/query-1.png --network documents.net --max-keypoints 64 -k 5 --schemes dcl --json",
+        "eval inversion images/query-1.png --features sift --network {networks}/learned/inversion.toml --classifier \
+         {networks}/image_metrics/classifier.onnx --max-keypoints 64 -k 5 --schemes dcl --json",
     ),
     ("eval compare", "eval compare compared.json compared.json --json"),
     ("attack", "attack --synthetic 60 --schemes dcl --attacks closed-form --json"),
@@ -132,7 +128,8 @@ fn ready() -> &'static Place {
 
 fn words(command: &str) -> String {
     let seal = format!("--camera {CAMERA} --profile place.vprofile");
-    command.replace("{seal}", &seal).replace("{few}", &EXTRACTION.join(" "))
+    let networks = concat!(env!("CARGO_MANIFEST_DIR"), "/../../research/attacks/tests/data");
+    command.replace("{seal}", &seal).replace("{few}", &EXTRACTION.join(" ")).replace("{networks}", networks)
 }
 
 #[test]

@@ -1,13 +1,15 @@
-//! `veiloc train inversion` and `veiloc eval inversion`: a training in pieces, and what is made of its network.
+//! `veiloc eval inversion`: images that a network makes of what attacks recover, and how they are judged.
 
 use std::path::Path;
 use std::process::Command;
 
-/// Runs a command in words; what looks like a file stands in the folder.
+/// Runs a command in words; what looks like a file stands in the folder, and below `data/` among those of the attacks' tests.
 fn run(folder: &Path, words: &str) -> Result<(), String> {
-    let at = |word: &str| {
-        let is_file = word.contains('.') && !word.starts_with(|c: char| c.is_ascii_digit());
-        if is_file { folder.join(word).display().to_string() } else { word.to_owned() }
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../research/attacks/tests/data");
+    let at = |word: &str| match word.strip_prefix("data/") {
+        Some(name) => tests.join(name).display().to_string(),
+        None if word.contains('.') => folder.join(word).display().to_string(),
+        None => word.to_owned(),
     };
     let output = Command::new(env!("CARGO_BIN_EXE_veiloc")).args(words.split_whitespace().map(at)).output();
     let output = output.expect("the binary runs");
@@ -24,62 +26,66 @@ fn draw(folder: &Path, name: &str, shift: u32) {
 }
 
 #[test]
-fn a_training_in_pieces_writes_the_same_network_and_images_are_made_of_it() {
+fn images_are_made_and_judged() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let folder = folder.path();
-    for shift in 0..4 {
-        draw(folder, &format!("image-{shift}.png"), 31 * shift);
-    }
-    let common = "train inversion --train image-0.png image-1.png image-2.png --validate image-3.png --steps 4 --every 2 \
-                  --images 2 --width 2 --depth 2 --side 16 --json document.json";
-    run(folder, &format!("{common} -o whole.net --plot curve.svg")).expect("trained");
+    draw(folder, "image-1.png", 31);
+    draw(folder, "n01440764_tench.png", 93);
     let read = |name: &str| std::fs::read(folder.join(name)).expect("written");
-    assert!(read("curve.svg").starts_with(b"<svg"));
-    for steps in 1..=4 {
-        run(folder, &format!("{common} -o pieces.net --resume --minutes 0.0000001")).expect("a piece");
-        assert_eq!(folder.join("pieces.net.state").exists(), steps < 4, "{steps}");
-        let document = String::from_utf8(read("document.json")).expect("text");
-        assert!(document.contains(&format!("\"steps_done\": {steps}")), "{document}");
-    }
-    assert_eq!(read("pieces.net"), read("whole.net"));
-    let shared = run(folder, &format!("{common} -o other.net --validate image-0.png")).expect_err("in both");
-    assert!(shared.contains("1 images are among those learned from"), "{shared}");
-    let lines = run(folder, &format!("{common} -o other.net --sees lines")).expect_err("of what");
-    assert!(lines.contains("needs a scheme"), "{lines}");
-
-    let eval =
-        "eval inversion image-1.png image-3.png --network whole.net --schemes points,dcl -k 5 --shown 2";
-    run(folder, &format!("{eval} --sheet sheet.png --report page.html --json rows.json")).expect("evaluated");
+    let text = |name: &str| String::from_utf8(read(name)).expect("text");
+    let eval = "eval inversion image-1.png n01440764_tench.png --features sift --network data/learned/inversion.toml --schemes points,dcl -k 5";
+    run(folder, &format!("{eval} --shown 2 --sheet sheet.png --report page.html --json rows.json"))
+        .expect("evaluated");
     assert!(read("sheet.png").starts_with(b"\x89PNG"));
-    let page = String::from_utf8(read("page.html")).expect("text");
-    // Two images: the originals and five rows of each, and those that are given places in the wide view.
-    assert_eq!(page.matches("data:image/png;base64,").count(), 2 * (1 + 5) + 2 * (1 + 4));
+    let page = text("page.html");
+    // Two images: the originals and seven rows of each, and those that are given places in the wide view.
+    assert_eq!(page.matches("data:image/png;base64,").count(), 2 * (1 + 7) + 2 * (1 + 4));
     assert!(page.contains("This file contains images") && page.contains("Dual convergent lines"));
-    let bare = eval.replace("--shown 2", "--shown 0");
-    run(folder, &format!("{bare} --report bare.html --json rows.json")).expect("evaluated");
-    assert!(!String::from_utf8(read("bare.html")).expect("text").contains("data:image"));
-    let document = String::from_utf8(read("rows.json")).expect("text");
+    let document = text("rows.json");
     for field in [
-        "\"image\": \"image-3.png\"",
+        "\"image\": \"image-1.png\"",
         "\"scheme\": \"dcl\"",
         "\"attack\": \"closed-form\"",
-        "\"lpips\": null",
+        "\"attack\": \"lines\"",
+        "\"st_lpips\": null",
+        "\"classes\": null",
+        "\"judges_places\": true",
+        "\"told_apart\": 0.",
     ] {
         assert!(document.contains(field), "{field} {document}");
     }
-    run(folder, &format!("{common} --shape invsfm -o staged.net")).expect("trained");
-    run(folder, &format!("{} --json rows.json", eval.replace("whole", "staged"))).expect("evaluated");
-    let document = String::from_utf8(read("rows.json")).expect("text");
+    let judged =
+        "--perceptual data/image_metrics/distance.onnx --classifier data/image_metrics/classifier.onnx";
+    run(folder, &format!("{eval} --shown 0 {judged} --report bare.html --json rows.json"))
+        .expect("evaluated");
+    let page = text("bare.html");
     assert!(
-        document.contains("\"form\": \"invsfm\"") && document.contains("\"told_apart\": 0."),
-        "{document}"
+        !page.contains("data:image") && page.contains("ST-LPIPS</th>") && page.contains("Recognised<br>")
     );
-    let bag =
-        run(folder, &format!("{common} -o other.net --shape invsfm --sees bag")).expect_err("no places");
-    assert!(bag.contains("use --sees places"), "{bag}");
-    let none = run(folder, "eval inversion image-1.png --network image-1.png").expect_err("no network");
-    assert!(none.contains("image-1.png") && none.contains("no inversion network"), "{none}");
-    let half = run(folder, "eval inversion image-1.png --network whole.net --lpips alex.npz")
-        .expect_err("no backbone");
-    assert!(half.contains("--lpips-backbone"), "{half}");
+    assert!(page.contains("1 images are named by their ImageNet synset"));
+    let document = text("rows.json");
+    for field in ["\"named\": 1", "\"answered\": 1", "\"st_lpips\": 0.", "\"top_5\": true", "\"top_5\": 2"] {
+        assert!(document.contains(field), "{field} {document}");
+    }
+}
+
+#[test]
+fn networks_that_cannot_be_used_are_named() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    draw(folder, "image-1.png", 31);
+    for (words, file, says) in [
+        ("--network image-1.png", "image-1.png", "research/train"),
+        ("--network data/learned/positions.toml", "positions.toml", "one of \"inversion\" is needed"),
+        ("--network gone.onnx", "gone.toml", "cannot be read"),
+        ("--network data/learned/nan.toml", "nan.onnx", "not finite"),
+        ("--network data/learned/plain.toml --features compact", "plain.toml", "--features sift"),
+        ("--network data/learned/plain.toml --classifier image-1.png", "image-1.png", "cannot be used"),
+        ("--network data/learned/plain.toml --perceptual gone.onnx", "gone.onnx", "cannot read"),
+    ] {
+        let features = if words.contains("--features") { "" } else { "--features sift" };
+        let refused = run(folder, &format!("eval inversion image-1.png --schemes dcl {features} {words}"))
+            .expect_err(words);
+        assert!(refused.contains(file) && refused.contains(says), "{words}: {refused}");
+    }
 }

@@ -30,7 +30,6 @@ mod models;
 mod pose_files;
 mod regions;
 mod report;
-mod resume;
 mod rig;
 mod road;
 mod service;

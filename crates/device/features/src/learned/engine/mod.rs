@@ -10,7 +10,7 @@ mod run;
 use std::str::FromStr;
 
 use crate::FeatureError;
-pub(crate) use run::Run;
+pub(crate) use run::{Input, Run};
 
 /// What runs networks. An engine rounds in its own way: a device and its map do best with one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -8,7 +8,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use ort::session::{Session, SessionInputValue};
 use ort::value::{TensorRef, ValueType};
 
-use super::run::Run;
+use super::run::{Input, Run};
 use crate::learned::onnx::with_outputs;
 use crate::learned::{Layer, Tensor};
 
@@ -18,8 +18,7 @@ const LIBRARY: &str = "ORT_DYLIB_PATH";
 /// A network. A session gives the outputs that its model declares, so a layer that is none needs a model that says it is one.
 pub(super) struct OnnxRuntime {
     onnx: Vec<u8>,
-    /// Name and sides of each input.
-    inputs: Vec<(String, Vec<Option<usize>>)>,
+    inputs: Vec<Input>,
     /// Names of what the file itself declares.
     outputs: Vec<String>,
     threads: usize,
@@ -32,8 +31,9 @@ impl OnnxRuntime {
         library()?;
         let threads = rayon::current_num_threads();
         let session = session(&onnx, threads)?;
-        let inputs = session.inputs().iter().map(|input| (input.name().to_owned(), sides(input.dtype())));
-        let inputs = inputs.collect();
+        let of =
+            |input: &ort::value::Outlet| Input { name: input.name().to_owned(), sides: sides(input.dtype()) };
+        let inputs = session.inputs().iter().map(of).collect();
         let outputs = session.outputs().iter().map(|output| output.name().to_owned()).collect();
         let sessions = Mutex::new(vec![(Vec::new(), session)]);
         Ok(Self { onnx, inputs, outputs, threads, sessions })
@@ -41,12 +41,12 @@ impl OnnxRuntime {
 }
 
 impl Run for OnnxRuntime {
-    fn inputs(&self) -> Vec<Vec<Option<usize>>> {
-        self.inputs.iter().map(|(_, sides)| sides.clone()).collect()
+    fn inputs(&self) -> Vec<Input> {
+        self.inputs.clone()
     }
 
-    fn ends(&self) -> [usize; 2] {
-        [self.inputs.len(), self.outputs.len()]
+    fn outputs(&self) -> Vec<String> {
+        self.outputs.clone()
     }
 
     fn metadata(&self, key: &str) -> Option<String> {
@@ -54,7 +54,7 @@ impl Run for OnnxRuntime {
         sessions.first()?.1.metadata().ok()?.custom(key)
     }
 
-    fn run(&self, images: &[([usize; 3], &[f32])], layers: &[Layer]) -> Result<Vec<Tensor>, String> {
+    fn run(&self, inputs: &[&Tensor], layers: &[Layer]) -> Result<Vec<Tensor>, String> {
         let name = |layer: &Layer| match layer {
             Layer::Output(number) => {
                 let output = self.outputs.get(*number).cloned();
@@ -75,14 +75,10 @@ impl Run for OnnxRuntime {
             sessions.push((inner, session(&onnx, self.threads)?));
         }
         let session = &mut sessions[at].1;
-        let inputs = self
-            .inputs
-            .iter()
-            .zip(images)
-            .map(|((name, _), ([channels, height, width], data))| {
-                let view =
-                    TensorRef::from_array_view(([1, *channels, *height, *width], *data)).map_err(words)?;
-                Ok((name.clone(), SessionInputValue::from(view)))
+        let inputs = (self.inputs.iter().zip(inputs))
+            .map(|(input, tensor)| {
+                let view = TensorRef::from_array_view((tensor.shape.clone(), &tensor.data[..]));
+                Ok((input.name.clone(), SessionInputValue::from(view.map_err(words)?)))
             })
             .collect::<Result<Vec<_>, String>>()?;
         let results = session.run(inputs).map_err(words)?;

@@ -5,10 +5,10 @@
 use std::sync::Arc;
 
 use rten::{Dimension, Model, ModelOptions, NodeId, RunOptions, ThreadPool, ValueOrView};
-use rten_tensor::NdTensorView;
+use rten_tensor::TensorView;
 use rten_tensor::prelude::*;
 
-use super::run::Run;
+use super::run::{Input, Run};
 use crate::learned::onnx::exact;
 use crate::learned::{Layer, Tensor};
 
@@ -28,30 +28,32 @@ impl Rten {
     }
 }
 
+impl Rten {
+    fn name(&self, id: NodeId) -> String {
+        let info = self.model.node_info(id);
+        info.as_ref().and_then(|info| info.name()).unwrap_or_default().to_owned()
+    }
+}
+
 impl Run for Rten {
-    fn inputs(&self) -> Vec<Vec<Option<usize>>> {
+    fn inputs(&self) -> Vec<Input> {
         let sides = |input| self.model.input_shape(input).unwrap_or_default().iter().map(fixed).collect();
-        (0..self.model.input_ids().len()).map(sides).collect()
+        let of = |(at, id): (usize, &NodeId)| Input { name: self.name(*id), sides: sides(at) };
+        self.model.input_ids().iter().enumerate().map(of).collect()
     }
 
-    fn ends(&self) -> [usize; 2] {
-        [self.model.input_ids().len(), self.model.output_ids().len()]
+    fn outputs(&self) -> Vec<String> {
+        self.model.output_ids().iter().map(|id| self.name(*id)).collect()
     }
 
     fn metadata(&self, key: &str) -> Option<String> {
         self.model.metadata().get(key).map(str::to_owned)
     }
 
-    fn run(&self, images: &[([usize; 3], &[f32])], layers: &[Layer]) -> Result<Vec<Tensor>, String> {
-        let inputs: Vec<(NodeId, ValueOrView<'_>)> = self
-            .model
-            .input_ids()
-            .iter()
-            .zip(images)
-            .map(|(id, ([channels, height, width], data))| {
-                (*id, NdTensorView::from_data([1, *channels, *height, *width], *data).as_dyn().into())
-            })
-            .collect();
+    fn run(&self, inputs: &[&Tensor], layers: &[Layer]) -> Result<Vec<Tensor>, String> {
+        let inputs: Vec<(NodeId, ValueOrView<'_>)> = (self.model.input_ids().iter().zip(inputs))
+            .map(|(id, tensor)| Ok((*id, view(tensor)?.into())))
+            .collect::<Result<_, String>>()?;
         let of = |layer: &Layer| match layer {
             Layer::Output(number) => {
                 let output = self.model.output_ids().get(*number).copied();
@@ -66,7 +68,7 @@ impl Run for Rten {
         let run = || self.model.run(inputs, &outputs, Some(options));
         let results = match std::thread::scope(|scope| scope.spawn(run).join()) {
             Ok(results) => results.map_err(|error| error.to_string())?,
-            Err(_) => return Err("it does not fit this image".to_owned()),
+            Err(_) => return Err("it does not fit what it is given".to_owned()),
         };
         let tensor = |value: rten::Value| {
             let tensor: rten_tensor::Tensor<f32> =
@@ -82,4 +84,8 @@ fn fixed(dimension: &Dimension) -> Option<usize> {
         Dimension::Fixed(size) => Some(*size),
         Dimension::Symbolic(_) => None,
     }
+}
+
+fn view(tensor: &Tensor) -> Result<TensorView<'_>, String> {
+    TensorView::try_from_data(&tensor.shape[..], &tensor.data[..]).map_err(|error| error.to_string())
 }

@@ -2,17 +2,26 @@
 
 use crate::learned::{Layer, Tensor};
 
+/// An input of a network.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Input {
+    pub(crate) name: String,
+    /// Its sides; `None` for a side that is open.
+    pub(crate) sides: Vec<Option<usize>>,
+}
+
 /// A network in an engine.
 pub(crate) trait Run: Send + Sync {
-    /// Sides of each input; `None` for a side that is open.
-    fn inputs(&self) -> Vec<Vec<Option<usize>>>;
+    /// Its inputs, in the file's order.
+    fn inputs(&self) -> Vec<Input>;
 
-    /// How many inputs and outputs it has.
-    fn ends(&self) -> [usize; 2];
+    /// Names of its outputs, in the file's order.
+    fn outputs(&self) -> Vec<String>;
 
     /// What the file says of itself under a key.
     fn metadata(&self, key: &str) -> Option<String>;
 
-    /// Results of these layers on images of `[channels, height, width]`, no more than it has inputs; what went wrong in words.
-    fn run(&self, images: &[([usize; 3], &[f32])], layers: &[Layer]) -> Result<Vec<Tensor>, String>;
+    /// Results of these layers; `inputs` in the file's order, no more than it has, each with as many numbers as its shape says.
+    /// What went wrong in words.
+    fn run(&self, inputs: &[&Tensor], layers: &[Layer]) -> Result<Vec<Tensor>, String>;
 }

@@ -16,8 +16,6 @@ pub(super) struct Bins {
     pub(super) places: Vec<Pixel>,
     /// Logarithm of how likely the guess finds each among those of its row.
     pub(super) guess: Vec<f32>,
-    /// `[N]`: pixels in which the keypoint may be, all candidates together.
-    pub(super) lengths: Vec<f64>,
     pieces: Vec<Vec<Piece>>,
 }
 
@@ -32,17 +30,9 @@ struct Piece {
 impl Bins {
     /// About `count` bins a row; one alone where the line misses the image or the position is known.
     pub(super) fn of(observations: &[Observation], [width, height]: [u32; 2], count: usize) -> Self {
-        let mut bins = Self {
-            offsets: vec![0],
-            places: Vec::new(),
-            guess: Vec::new(),
-            lengths: Vec::new(),
-            pieces: Vec::new(),
-        };
+        let mut bins = Self { offsets: vec![0], places: Vec::new(), guess: Vec::new(), pieces: Vec::new() };
         for observation in observations {
             let candidates = KnownSegment::of(observation, width, height);
-            let extent = |s: &KnownSegment| if s.is_empty() { 0.0 } else { s.far - s.near };
-            bins.lengths.push(candidates.iter().map(extent).sum());
             let whole: f64 = candidates.iter().map(|s| s.share).sum();
             let pieces = candidates.into_iter().map(|segment| bins.cut(segment, whole, count)).collect();
             bins.pieces.push(pieces);

@@ -1,81 +1,43 @@
-//! End to end: from all rows of one obfuscated image to where on its line each keypoint lies.
+//! From all rows of one obfuscated image to where on its line each keypoint lies.
 //!
-//! A row is told by its descriptor and by its line, as functions over the image ([`waves`]). A network over the set of
-//! rows answers for each with a sum of the same functions, which is asked at places along the row's own candidates and
-//! **added to the exact guess** there, as logarithms. So a network that has not learned says the guess to the last
-//! bit, under any scheme and layout, and what it says beyond that was learned.
+//! A row is told by its descriptor and by where on its line the keypoint can be: places, each with the exact guess's
+//! share. What a network answers at these places is **added to the logarithms of the guess**. So a network that
+//! answers zeros says the guess to the last bit, under any scheme and layout, and what it says beyond that was learned.
 //!
 //! ```text
-//! log p(bin b of row i) = log guess_i(b) + ⟨network(all rows)_i, waves(place of b)⟩ + constant
-//! loss = mean over rows of −log p(bin of the keypoint)
+//! descriptors [1, N, dimension]
+//! places      [1, N, B, 2]       (u − w/2) / max(w, h) + 1/2 and (v − h/2) / max(w, h) + 1/2 of each bin
+//! guess       [1, N, B]          log of the guess's share of the bin; where a row has fewer bins its last place again, −1e9
+//! → logits    [1, N, B]          log p(bin b of row i) = guess_i(b) + logits_i(b) + constant
 //! ```
-//!
-//! What the set of rows tells is measured against the same network without attention: the row alone ([`Sees::Row`]), and
-//! its line alone ([`Sees::Line`]), which learns where keypoints usually are.
 
 mod bins;
-mod file;
-mod lessons;
-mod mirror;
 mod recover;
 mod told;
-mod training;
-mod waves;
 
-use std::fmt;
-use std::str::FromStr;
+use std::path::Path;
 
-use crate::AttackError;
-use crate::Observation;
-use crate::training::layers::Places;
-use veiloc_protocol::{AngleBits, Scheme};
+use serde::Deserialize;
+use veiloc_features::learned::Tensor;
+use veiloc_protocol::Scheme;
 
-use crate::learned::engine::Matrix;
-use crate::learned::engine::encoder::{Encoder, Shape};
-use crate::learned::options::TrainingOptions;
+use super::description::{Described, Kind};
+use super::rows;
+use crate::{AttackError, Descriptors, Observation};
 
 pub use recover::{Estimate, recover};
 pub use told::{Told, told};
-pub use training::train;
 
 use bins::Bins;
-use waves::Waves;
 
-/// What is learned.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct PositionTask {
-    /// Under which images are sent.
-    pub scheme: Scheme,
-    /// Bits of a line's angle, as devices send them.
-    pub angle_bits: AngleBits,
-    /// What the network is shown.
-    pub sees: Sees,
-    /// Whether half of the draws are of a part of an image, as an image of its own. Default true.
-    pub crop: bool,
-    /// Whether half of the draws are mirrored. Right for SIFT descriptors alone, so default false.
-    pub mirror: bool,
-}
+/// The guess's logarithm where a row has no bin.
+const NO_BIN: f32 = -1e9;
 
-impl PositionTask {
-    /// Of a scheme, everything else as by default.
-    ///
-    /// # Errors
-    /// [`AttackError::Scheme`] for a scheme that sends positions.
-    pub fn new(scheme: Scheme) -> Result<Self, AttackError> {
-        if !scheme.hides_positions() {
-            let expected = "positions are sent openly, there is nothing to learn".to_owned();
-            return Err(AttackError::Scheme { found: scheme.to_string(), expected });
-        }
-        Ok(Self { scheme, angle_bits: AngleBits::default(), sees: Sees::Set, crop: true, mirror: false })
-    }
-}
-
-/// What the network is shown of an image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// What a network is shown of a query.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Sees {
     /// All rows: descriptors and lines.
-    #[default]
     Set,
     /// Each row alone: its descriptor and its line.
     Row,
@@ -83,47 +45,37 @@ pub enum Sees {
     Line,
 }
 
-impl Sees {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Set, Self::Row, Self::Line];
-
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Set => "set",
-            Self::Row => "row",
-            Self::Line => "line",
-        }
-    }
-}
-
-impl fmt::Display for Sees {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-/// Nothing that a network can be shown has this name.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("a network is shown `set`, `row` or `line`, not {0:?}")]
-pub struct UnknownSees(String);
-
-impl FromStr for Sees {
-    type Err = UnknownSees;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Self::ALL.into_iter().find(|s| s.name() == text).ok_or_else(|| UnknownSees(text.to_owned()))
-    }
-}
-
-/// Says where on its line each keypoint lies; made by [`train`] or [`Self::decode`].
-#[derive(Debug, Clone)]
+/// Says where on its line each keypoint lies.
+#[derive(Debug)]
 pub struct PositionNetwork {
-    layers: Layers,
-    numbers: Vec<f32>,
+    network: Described,
     scheme: Scheme,
+    sees: Sees,
 }
 
 impl PositionNetwork {
+    /// Reads a network by its description, or by the ONNX file that has one beside it.
+    ///
+    /// # Errors
+    /// [`AttackError::Description`] and [`AttackError::Features`], which name the file.
+    pub fn open(path: &Path) -> Result<Self, AttackError> {
+        let (network, description) = Described::open(path, Kind::Positions)?;
+        let name = description.scheme.unwrap_or_default();
+        let scheme: Scheme =
+            name.parse().map_err(|error| network.misdescribed(format!("its scheme is {name:?}: {error}")))?;
+        if !scheme.hides_positions() {
+            return Err(network.misdescribed(format!("under its scheme, {name}, positions are sent openly")));
+        }
+        let sees = description.sees.unwrap_or(Sees::Set);
+        let inputs: [(&str, &[Option<usize>]); 3] = [
+            ("descriptors", &[Some(1), None, Some(network.dimension())]),
+            ("places", &[Some(1), None, None, Some(2)]),
+            ("guess", &[Some(1), None, None]),
+        ];
+        network.check(&inputs, &["logits"])?;
+        Ok(Self { network, scheme, sees })
+    }
+
     /// Under which scheme it learned; of other schemes it knows nothing.
     pub fn scheme(&self) -> Scheme {
         self.scheme
@@ -131,117 +83,58 @@ impl PositionNetwork {
 
     /// What it is shown.
     pub fn sees(&self) -> Sees {
-        self.layers.sees
+        self.sees
     }
 
-    /// Length of the descriptors it learned from.
-    pub fn dimension(&self) -> usize {
-        self.layers.dimension
-    }
-
-    /// How many numbers were learned.
-    pub fn parameters(&self) -> usize {
-        self.numbers.len()
-    }
-}
-
-/// The layers, by where their numbers stand, and the functions lines and answers are told in.
-#[derive(Debug, Clone)]
-struct Layers {
-    dimension: usize,
-    sees: Sees,
-    shape: Shape,
-    encoder: Encoder,
-    waves: Waves,
-}
-
-/// Numbers a row is told by beside descriptor and line: width and height of the image, and how long the line is in it.
-const MORE: usize = 3;
-/// What functions are worth on a line is small beside entries of descriptors.
-const LINE_SCALE: f32 = 3.0;
-
-impl Layers {
-    fn new(
-        dimension: usize,
-        sees: Sees,
-        [width, heads, layers]: [usize; 3],
-    ) -> Result<(Self, Places), AttackError> {
-        let waves = Waves::new();
-        let shape = Shape {
-            inputs: dimension + waves.len() + MORE,
-            width,
-            outputs: waves.len(),
-            heads,
-            layers,
-            attends: sees == Sees::Set,
-        };
-        shape.check()?;
-        let mut places = Places::default();
-        let encoder = Encoder::new(&shape, &mut places);
-        Ok((Self { dimension, sees, shape, encoder, waves }, places))
-    }
-
-    fn of_options(
-        dimension: usize,
-        sees: Sees,
-        options: &TrainingOptions,
-    ) -> Result<(Self, Places), AttackError> {
-        Self::new(dimension, sees, [options.width, options.heads, options.layers])
-    }
-
-    /// What each function is worth at each bin: `[functions, bins]`.
-    fn at_bins(&self, bins: &Bins, size: [u32; 2]) -> Matrix {
-        let mut values = Matrix::zeros(self.waves.len(), bins.places.len());
-        let columns = values.as_mut_slice().chunks_exact_mut(self.waves.len());
-        columns.zip(&bins.places).for_each(|(column, place)| self.waves.at(*place, size, column));
-        values
-    }
-
-    /// What the network is told of the rows of an image, `[inputs, N]`; `descriptors` are `[dimension, N]`.
-    fn input(&self, descriptors: &Matrix, bins: &Bins, at_bins: &Matrix, size: [u32; 2]) -> Matrix {
+    /// How likely each bin of each row is, `[bins]`.
+    fn shares(
+        &self,
+        descriptors: &Descriptors,
+        bins: &Bins,
+        size: [u32; 2],
+    ) -> Result<Vec<f32>, AttackError> {
+        let count = bins.rows();
+        let most = (0..count).map(|row| bins.of_row(row).len()).max().unwrap_or(0);
+        if most == 0 {
+            return Ok(Vec::new());
+        }
         let [width, height] = size.map(f64::from);
         let longer = width.max(height).max(1.0);
-        let functions = self.waves.len();
-        let mut input = Matrix::zeros(self.shape.inputs, bins.rows());
-        for (row, column) in input.as_mut_slice().chunks_exact_mut(self.shape.inputs).enumerate() {
-            let (own, rest) = column.split_at_mut(self.dimension);
-            if self.sees != Sees::Line {
-                own.copy_from_slice(descriptors.column(row).as_slice());
+        let mut places = Tensor { shape: vec![1, count, most, 2], data: Vec::new() };
+        let mut guess = Tensor { shape: vec![1, count, most], data: Vec::new() };
+        for row in 0..count {
+            let own = bins.of_row(row);
+            for bin in 0..most {
+                let at = own.start + bin.min(own.len() - 1);
+                let place = bins.places[at];
+                let along = |at: f64, side: f64| ((at - side / 2.0) / longer + 0.5) as f32;
+                places.data.extend([along(place.u, width), along(place.v, height)]);
+                guess.data.push(if bin < own.len() { bins.guess[at] } else { NO_BIN });
             }
-            let (line, more) = rest.split_at_mut(functions);
-            for bin in bins.of_row(row) {
-                let share = LINE_SCALE * bins.guess[bin].exp();
-                line.iter_mut().zip(at_bins.column(bin).iter()).for_each(|(l, v)| *l += share * v);
-            }
-            more.copy_from_slice(
-                &[width / longer, height / longer, bins.lengths[row] / longer].map(|x| x as f32),
-            );
         }
-        input
+        let sides = [Some(1), Some(count), Some(most)];
+        let descriptors = rows(descriptors);
+        let given = [("descriptors", &descriptors), ("places", &places), ("guess", &guess)];
+        let logits = self.network.run(&given, &[("logits", &sides)])?.remove(0);
+        let mut shares = bins.guess.clone();
+        for (row, logits) in logits.data.chunks_exact(most).enumerate() {
+            let own = &mut shares[bins.of_row(row)];
+            own.iter_mut().zip(logits).for_each(|(share, logit)| *share += logit);
+            softmax(own);
+        }
+        Ok(shares)
     }
+}
 
-    /// Logarithms, up to a constant each row, of how likely each bin is, from the network's answers `[functions, N]`.
-    fn logits(answers: &Matrix, bins: &Bins, at_bins: &Matrix) -> Vec<f32> {
-        let mut logits = bins.guess.clone();
-        for row in 0..bins.rows() {
-            let answer = answers.column(row);
-            for bin in bins.of_row(row) {
-                logits[bin] += answer.dot(&at_bins.column(bin));
-            }
-        }
-        logits
+/// Logarithms, up to a constant, to shares.
+fn softmax(values: &mut [f32]) {
+    let most = values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    for x in values.iter_mut() {
+        *x = (*x - most).exp();
     }
-
-    /// How likely each bin of each row is, `[bins]`; descriptors `[dimension, N]`.
-    fn shares(&self, numbers: &[f32], descriptors: &Matrix, bins: &Bins, size: [u32; 2]) -> Vec<f32> {
-        let at_bins = self.at_bins(bins, size);
-        let input = self.input(descriptors, bins, &at_bins, size);
-        let answers = self.encoder.apply(numbers, &input);
-        let mut shares = Self::logits(&answers, bins, &at_bins);
-        for row in 0..bins.rows() {
-            crate::learned::engine::exponential::softmax(&mut shares[bins.of_row(row)]);
-        }
-        shares
+    let whole: f32 = values.iter().sum();
+    for x in values.iter_mut() {
+        *x /= whole;
     }
 }
 
@@ -252,5 +145,52 @@ fn fits(scheme: Scheme, observation: &Observation) -> bool {
         Observation::EitherLine(_) => scheme == Scheme::CoordinatePermutation,
         Observation::Pencil(_) => matches!(scheme, Scheme::Dcl(_)),
         Observation::Known(_) => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use veiloc_geometry::PixelLine;
+
+    use super::*;
+
+    /// The network of `scripts/tiny_networks.py`: each bin by its distance from the middle of a field, and its guess.
+    #[test]
+    fn bins_have_the_guess_times_what_the_network_says_of_their_places() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/learned/positions.toml");
+        let network = PositionNetwork::open(&path).expect("a network");
+        let size = [320, 240];
+        // Rows of unlike numbers of bins: a line, one position, and two lines.
+        let line = |u, v, angle| PixelLine::through(veiloc_geometry::Pixel::new(u, v), angle);
+        let rows = [
+            Observation::Line(line(30.0, 70.0, 0.3)),
+            Observation::Known(veiloc_geometry::Pixel::new(200.0, 20.0)),
+            Observation::EitherLine([line(90.0, 100.0, 0.0), line(90.0, 100.0, 1.57)]),
+        ];
+        let fields = [4, 0, 11];
+        let bytes: Vec<u8> = fields.iter().flat_map(|f| (0..12).map(move |i| u8::from(i == *f))).collect();
+        let descriptors = Descriptors::new(&bytes, 12).expect("three");
+        let bins = Bins::of(&rows, size, 20);
+        let shares = network.shares(&descriptors, &bins, size).expect("it runs");
+        for (row, field) in fields.iter().enumerate() {
+            let middle = [(80 * (field % 4) + 40) as f64, (80 * (field / 4) + 40) as f64];
+            let own = bins.of_row(row);
+            let odds: Vec<f64> = own
+                .clone()
+                .map(|bin| {
+                    let (place, guess) = (bins.places[bin], f64::from(bins.guess[bin]).exp());
+                    let square = (place.u - middle[0]).powi(2) + (place.v - middle[1]).powi(2);
+                    guess * (-50.0 * square / 320.0 / 320.0 + guess).exp()
+                })
+                .collect();
+            let whole: f64 = odds.iter().sum();
+            for (share, odds) in shares[own].iter().zip(&odds) {
+                assert!(
+                    (f64::from(*share) - odds / whole).abs() < 1e-5,
+                    "row {row}: {share} {}",
+                    odds / whole
+                );
+            }
+        }
     }
 }

@@ -6,10 +6,8 @@ use veiloc_geometry::Pixel;
 
 use super::bins::Bins;
 use super::{PositionNetwork, fits};
-use crate::learned::engine::Matrix;
-use crate::learned::neighbours::input;
 
-/// Bins of a row: finer than in training, so that places between them are told apart.
+/// Bins of a row: finer than the networks learn with, so that places between them are told apart.
 const BINS: usize = 160;
 
 /// Where a keypoint is said to be.
@@ -27,7 +25,8 @@ pub struct Estimate {
 ///
 /// # Errors
 /// an [`AttackError`] when there is not one descriptor for each observation, or they are of another dimension than
-/// those learned from, [`AttackError::Scheme`] when a row was not sent under the network's scheme.
+/// those learned from, [`AttackError::Scheme`] when a row was not sent under the network's scheme,
+/// [`AttackError::Features`] when the network cannot run.
 pub fn recover(
     network: &PositionNetwork,
     observations: &[Observation],
@@ -42,29 +41,16 @@ pub fn recover(
     if observations.is_empty() {
         return Ok(Vec::new());
     }
-    let (expected, found) = (network.dimension(), descriptors.dimension());
-    if found != expected {
-        return Err(AttackError::Dimensions { expected, found });
-    }
+    network.network.fits(descriptors)?;
     if let Some(row) = observations.iter().position(|o| !fits(network.scheme, o)) {
         return Err(AttackError::Scheme {
             found: format!("row {row} was not sent under {}", network.scheme),
             expected: "the network learned nothing else".to_owned(),
         });
     }
-    Ok(of_columns(network, observations, &input(descriptors), [width, height]))
-}
-
-/// The same from descriptors as the network sees them, `[dimension, N]`, of rows that fit.
-pub(super) fn of_columns(
-    network: &PositionNetwork,
-    observations: &[Observation],
-    descriptors: &Matrix,
-    size: [u32; 2],
-) -> Vec<Estimate> {
+    let size = [width, height];
     let bins = Bins::of(observations, size, BINS);
-    let shares = network.layers.shares(&network.numbers, descriptors, &bins, size);
-    estimates(&bins, &shares)
+    Ok(estimates(&bins, &network.shares(descriptors, &bins, size)?))
 }
 
 /// What a network that has learned nothing would say.

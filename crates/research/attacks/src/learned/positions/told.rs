@@ -1,12 +1,14 @@
 //! What a network tells of images whose keypoints are known: in bits, and in pixels beside the guess.
 
-use crate::AttackError;
-use crate::{ErrorSummary, KnownImage, bits_over_prior, errors_px, prior_only};
 use rand_chacha::ChaCha8Rng;
+use veiloc_geometry::Pixel;
+use veiloc_obfuscation::audit::obfuscate_points;
+use veiloc_protocol::AngleBits;
+
+use crate::{AttackError, ErrorSummary, KnownImage, Observation, bits_over_prior, errors_px, prior_only};
 
 use super::bins::Bins;
-use super::lessons::Lesson;
-use super::{PositionNetwork, PositionTask, recover};
+use super::{PositionNetwork, recover};
 
 /// Bins in which information is measured.
 const BINS: usize = 64;
@@ -34,35 +36,47 @@ pub struct Told {
     pub by_image: Vec<f64>,
 }
 
-/// What a network tells of these images, each obfuscated by this generator; `None` without a keypoint.
+/// What a network tells of these images, each obfuscated under its scheme by this generator; `None` without a keypoint
+/// that lies in its image.
 ///
 /// # Errors
-/// As [`recover`], and [`AttackError::Seal`] when an image cannot be obfuscated.
+/// As [`recover()`](super::recover()), and [`AttackError::Seal`] when an image cannot be obfuscated.
 pub fn told(
     network: &PositionNetwork,
     images: &[KnownImage],
-    task: &PositionTask,
+    angle_bits: AngleBits,
     rng: &mut ChaCha8Rng,
 ) -> Result<Option<Told>, AttackError> {
     let (mut errors, mut guesses) = (Vec::new(), Vec::new());
     let (mut told, mut told_rows) = (0.0, 0);
     let (mut bits, mut of_mean, mut untrained, mut by_image) = (0.0, 0.0, 0.0, Vec::new());
     for image in images {
-        let Some(lesson) = Lesson::new(image) else { continue };
-        let drawn = lesson.whole(task, rng)?;
-        let (bins, truth) = drawn.bins(BINS);
-        let shares = network.layers.shares(&network.numbers, &drawn.descriptors, &bins, drawn.size);
-        let (own, rows) = information(&shares, &bins, &truth);
-        (told, told_rows) = (told + own, told_rows + rows);
-        by_image.push(own / (rows as f64).max(1.0));
+        let size @ [width, height] = image.size();
+        let inside =
+            |p: &Pixel| (0.0..f64::from(width)).contains(&p.u) && (0.0..f64::from(height)).contains(&p.v);
+        let kept: Vec<usize> =
+            (0..image.keypoints().len()).filter(|i| inside(&image.keypoints()[*i])).collect();
+        if kept.is_empty() {
+            continue;
+        }
+        let truth: Vec<Pixel> = kept.iter().map(|i| image.keypoints()[*i]).collect();
+        let descriptors = image.descriptors().select(&kept);
+        let sent = obfuscate_points(&truth, width, height, &network.scheme(), angle_bits, rng)?;
+        let sent = Observation::of_sent(&sent);
 
-        let [width, height] = drawn.size;
-        let found = recover::of_columns(network, &drawn.observations, &drawn.descriptors, drawn.size);
-        let error = errors_px(found.iter().map(|e| e.pixel), &drawn.truth);
-        let mean = errors_px(found.iter().map(|e| e.mean), &drawn.truth);
-        let before = recover::of_guess(&drawn.observations, drawn.size);
-        let before = errors_px(before.iter().map(|e| e.pixel), &drawn.truth);
-        let guess = errors_px(prior_only(&drawn.observations, width, height), &drawn.truth);
+        let bins = Bins::of(&sent, size, BINS);
+        let shares = network.shares(&descriptors, &bins, size)?;
+        let held: Vec<usize> =
+            truth.iter().enumerate().filter_map(|(row, place)| bins.holding(row, *place)).collect();
+        let own = information(&shares, &bins, &held);
+        (told, told_rows) = (told + own, told_rows + held.len());
+        by_image.push(own / (held.len() as f64).max(1.0));
+
+        let found = recover(network, &sent, &descriptors, width, height)?;
+        let error = errors_px(found.iter().map(|e| e.pixel), &truth);
+        let mean = errors_px(found.iter().map(|e| e.mean), &truth);
+        let before = errors_px(recover::of_guess(&sent, size).iter().map(|e| e.pixel), &truth);
+        let guess = errors_px(prior_only(&sent, width, height), &truth);
         let rows = error.len() as f64;
         bits += rows * bits_over_prior(&error, &guess, width, height);
         untrained += rows * bits_over_prior(&before, &guess, width, height);
@@ -83,11 +97,11 @@ pub fn told(
     }))
 }
 
-/// Sum over the rows that have a truth of `log2` of its share over the guess's, and how many rows they are.
-pub(super) fn information(shares: &[f32], bins: &Bins, truth: &[Option<usize>]) -> (f64, usize) {
+/// Sum over the bins in which keypoints are of `log2` of their share over the guess's.
+fn information(shares: &[f32], bins: &Bins, held: &[usize]) -> f64 {
     let of_bin = |bin: &usize| {
         let said = f64::from(shares[*bin]).max(f64::from(f32::MIN_POSITIVE)).ln();
         (said - f64::from(bins.guess[*bin])) / std::f64::consts::LN_2
     };
-    (truth.iter().flatten().map(of_bin).sum(), truth.iter().flatten().count())
+    held.iter().map(of_bin).sum()
 }

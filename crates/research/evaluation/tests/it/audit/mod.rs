@@ -1,5 +1,5 @@
 //! Tests of `audit`.
 
 mod attack_server;
+mod outsiders;
 mod shown_in_browsers;
-mod training;

@@ -44,10 +44,10 @@ pub(crate) struct Args {
     /// left out.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     train: Vec<PathBuf>,
-    /// A network of `train neighbours`, for `outsider-neighbours`; it must have been trained elsewhere.
+    /// Description (.toml) of a network of neighbours, for `outsider-neighbours`; it must have been trained elsewhere.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Networks of `train positions`, one a scheme at most, for `outsider-network`.
+    /// Descriptions (.toml) of networks of positions, one a scheme at most, for `outsider-network`.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     positions: Vec<PathBuf>,
     /// Attack N images of each place or file only, spread evenly. Default: all.

@@ -3,11 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_datasets::problem_files::keypoints_of_images;
-use veiloc_evaluation::inversion::Inverter;
-use veiloc_evaluation::inversion::evaluation::{
-    InversionEvaluation, Judges, Realistic, evaluate_inversion, evaluation_table,
+use veiloc_evaluation::inversion::{
+    Classifier, Detector, InversionEvaluation, InversionNetwork, Judges, PerceptualDistance, Realistic,
+    evaluate_inversion, evaluation_table,
 };
-use veiloc_evaluation::inversion::judges::{Detector, FeatureDistance, Lpips, LpipsNetwork};
 use veiloc_protocol::{ExtractionLimits, Scheme};
 use veiloc_report::inversion_page;
 
@@ -24,9 +23,9 @@ use super::html;
 
 /// Images made of what attacks recover from queries of every scheme, and how alike they are to those they were made of.
 ///
-/// The paper's Table 1 and more. Each image's keypoints are sent under each scheme, attacked, put through a network of `train
-/// inversion`, and the result is judged beside the original on the network's grid: PSNR, SSIM, LPIPS and a distance of features
-/// where their weights are given, and objects that a detector still finds. Give images that no network learned from.
+/// The paper's Table 1 and more. Each image's keypoints are sent under each scheme, attacked, put through a network that makes
+/// images of descriptors (research/train), and the result is judged beside the original on the network's grid: PSNR, SSIM, ST-LPIPS, the objects that a
+/// detector still finds, and whether a classifier still recognises what it shows. Give images that the network did not learn from.
 #[derive(clap::Args)]
 #[command(after_long_help = ATTACKS)]
 pub(crate) struct Args {
@@ -39,16 +38,16 @@ pub(crate) struct Args {
     /// Use N of the images only, spread evenly. Default: all.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     most: Option<u32>,
-    /// Networks of `train inversion`: one that takes places, and any of lines or of a bag.
-    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
-    network: Vec<PathBuf>,
+    /// Description (.toml) of the network that makes images of descriptors, as research/train exports it.
+    #[arg(long, value_name = "FILE")]
+    network: PathBuf,
     /// Schemes, in the order of the table. Default: all.
     #[arg(long, value_delimiter = ',', value_name = "SCHEME,…")]
     schemes: Vec<Scheme>,
     /// Keypoints of elsewhere, as `eval keypoints` writes them: an attacker learns from them which descriptors are neighbours.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     elsewhere: Vec<PathBuf>,
-    /// Networks of `train positions`, one a scheme at most.
+    /// Descriptions (.toml) of networks of positions, one a scheme at most.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     positions: Vec<PathBuf>,
     /// Images of the map of the place, relative to the one folder given, one a line: what a server can compare with.
@@ -65,18 +64,14 @@ pub(crate) struct Args {
     max_keypoints: u32,
     #[command(flatten)]
     features: ImageFeatureArgs,
-    /// Weights for the distance of features: `superpoint_v1.pth`, or its encoder as `.npz`.
+    /// ST-LPIPS as an ONNX network, which `scripts/export_onnx.py` makes.
     #[arg(long, value_name = "FILE")]
-    feature_distance: Option<PathBuf>,
-    /// LPIPS's own weights: `alex.pth` or `vgg.pth` of its version 0.1, or the same as `.npz`.
-    #[arg(long, value_name = "FILE", requires = "lpips_backbone")]
-    lpips: Option<PathBuf>,
-    /// torchvision's file of the network that LPIPS looks through: AlexNet or VGG16.
-    #[arg(long, value_name = "FILE", requires = "lpips")]
-    lpips_backbone: Option<PathBuf>,
-    /// Which of them: alex or vgg.
-    #[arg(long, default_value = "alex", value_name = "NAME")]
-    lpips_network: LpipsNetwork,
+    perceptual: Option<PathBuf>,
+    /// A classifier of ImageNet's classes as an ONNX network, which `scripts/export_onnx.py` makes of EfficientNet-Lite0. The class
+    /// of an image is the synset that its file or folder is named by (`n01440764_tench.jpg`), or the classifier's own answer on
+    /// the original.
+    #[arg(long, value_name = "FILE")]
+    classifier: Option<PathBuf>,
     /// A detector, as `seal --hide` takes one; objects are counted.
     #[arg(long, value_name = "FILE")]
     detector: Option<PathBuf>,
@@ -103,20 +98,15 @@ Rows of the table:
   guess                 the expected place on the single line
   closed-form, graph    attacks that are told the true neighbours, which nobody is: the paper's, and a stronger one
   realistic             the best of the attacks that --elsewhere, --positions and --map-list allow
-  lines                 no attack: a network that was trained on what is sent
+  lines                 no attack: each descriptor spread over its line
   bag, none             descriptors without any place
-  nothing, none         no descriptor at all: what a network answers that was told nothing
+  nothing, none         no descriptor at all: what the network answers that was told nothing
 
-Example: veiloc train inversion --train photos --validate others -o places.net
-         veiloc eval inversion images --list query.txt --map-list map.txt --network places.net --sheet sheet.png";
+Example: veiloc eval inversion images --list query.txt --map-list map.txt --network inversion.toml --sheet sheet.png";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let extractor = args.features.extractor()?;
-    let read = |path: &PathBuf| -> Result<Inverter, Failure> {
-        Inverter::decode(&files::read(path)?)
-            .map_err(|e| Failure::refused(format!("{}: {e}", path.display())))
-    };
-    let networks = args.network.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let network = InversionNetwork::open(&args.network)?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, ..ExtractionLimits::default() };
     let judges = judges(args)?;
     let mut realistic =
@@ -134,7 +124,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = InversionEvaluation {
         images: (0..most).map(|i| all[i * all.len() / most].clone()).collect(),
         schemes: if args.schemes.is_empty() { Scheme::ALL.to_vec() } else { args.schemes.clone() },
-        networks: &networks,
+        network: &network,
         extractor: extractor.as_ref(),
         limits,
         realistic,
@@ -166,11 +156,9 @@ fn listed(folders: &[PathBuf], list: &Path) -> Result<Vec<PathBuf>, Failure> {
 }
 
 fn judges(args: &Args) -> Result<Judges, Failure> {
-    let lpips = match (&args.lpips, &args.lpips_backbone) {
-        (Some(own), Some(backbone)) => Some(Lpips::open(args.lpips_network, backbone, own)?),
-        _ => None,
-    };
-    let feature_distance = args.feature_distance.as_deref().map(FeatureDistance::open).transpose()?;
+    let perceptual = args.perceptual.as_deref().map(PerceptualDistance::open).transpose()?;
+    let classifier = args.classifier.as_deref().map(Classifier::open).transpose()?;
     let detector = args.detector.as_deref().map(Detector::open).transpose()?;
-    Ok(Judges { lpips, feature_distance, detector: detector.map(|detector| (detector, args.least_score)) })
+    let detector = detector.map(|detector| (detector, args.least_score));
+    Ok(Judges { perceptual, classifier, detector })
 }

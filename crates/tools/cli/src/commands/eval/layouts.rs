@@ -38,10 +38,10 @@ pub(crate) struct Args {
     /// left out. Default: the images of the map.
     #[arg(long, value_name = "FILE")]
     train: Vec<PathBuf>,
-    /// A network of `train neighbours` that predicts neighbours as well.
+    /// Description (.toml) of a network that predicts neighbours as well, as research/train exports it.
     #[arg(long, value_name = "FILE")]
     network: Option<PathBuf>,
-    /// Networks of `train positions`, one a layout at most, for `outsider-network`.
+    /// Descriptions (.toml) of networks of positions, one a layout at most, for `outsider-network`.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     positions: Vec<PathBuf>,
     /// Attack N queries only, spread evenly; poses and the guess are of all.

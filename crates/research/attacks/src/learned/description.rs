@@ -1,0 +1,218 @@
+//! A network's description, and the network as it says.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use veiloc_features::FeatureError;
+use veiloc_features::learned::{Engine, Network, Tensor};
+
+use super::positions::Sees;
+use crate::{AttackError, Descriptors};
+
+/// The version that is read.
+const VERSION: i64 = 1;
+/// Most bytes of a description that are read.
+const MOST_BYTES: u64 = 1 << 16;
+/// Longest descriptor.
+const MOST_DIMENSION: usize = 8192;
+
+/// What a network does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Kind {
+    Inversion,
+    Positions,
+    Neighbours,
+}
+
+impl Kind {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Inversion => "inversion",
+            Self::Positions => "positions",
+            Self::Neighbours => "neighbours",
+        }
+    }
+}
+
+/// All that a description can say; what another kind of network needs is refused where it stands.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Description {
+    #[serde(rename = "version")]
+    _version: i64,
+    kind: Kind,
+    model: String,
+    features: String,
+    dimension: usize,
+    pub(super) side: Option<usize>,
+    pub(super) multiple: Option<usize>,
+    pub(super) scheme: Option<String>,
+    pub(super) sees: Option<Sees>,
+}
+
+impl Description {
+    fn parse(text: &str, expected: Kind) -> Result<Self, String> {
+        let table: toml::Table = toml::from_str(text).map_err(|error| error.to_string().trim().to_owned())?;
+        match table.get("version").and_then(toml::Value::as_integer) {
+            Some(VERSION) => {}
+            Some(other) => return Err(format!("it is of version {other}, and {VERSION} is read here")),
+            None => return Err("it does not say its version".to_owned()),
+        }
+        let read: Self = table.try_into().map_err(|error| error.to_string().trim().to_owned())?;
+        if read.kind != expected {
+            let (found, expected) = (read.kind.name(), expected.name());
+            return Err(format!("it is of a network of kind {found:?}, and one of {expected:?} is needed"));
+        }
+        let plain = Path::new(&read.model).file_name().is_some_and(|own| own == read.model.as_str());
+        if !plain {
+            return Err(format!("its model is {:?}, and not the name of a file beside it", read.model));
+        }
+        if !(1..=MOST_DIMENSION).contains(&read.dimension) {
+            return Err(format!("its dimension is {}, and not from 1 to {MOST_DIMENSION}", read.dimension));
+        }
+        let given =
+            [read.side.is_some(), read.multiple.is_some(), read.scheme.is_some(), read.sees.is_some()];
+        for ((name, of), given) in OF_KINDS.into_iter().zip(given) {
+            if given != (of == expected) {
+                let what = if given { "says" } else { "does not say" };
+                return Err(format!("it {what} `{name}`, which descriptions of kind {:?} do", of.name()));
+            }
+        }
+        Ok(read)
+    }
+}
+
+/// What descriptions of one kind say, in the order of the fields.
+const OF_KINDS: [(&str, Kind); 4] = [
+    ("side", Kind::Inversion),
+    ("multiple", Kind::Inversion),
+    ("scheme", Kind::Positions),
+    ("sees", Kind::Positions),
+];
+
+/// A network with its description.
+#[derive(Debug)]
+pub(super) struct Described {
+    file: PathBuf,
+    model: PathBuf,
+    network: Network,
+    features: String,
+    dimension: usize,
+}
+
+/// Sides of an input or output; `None` for one that is open.
+pub(super) type Sides<'a> = &'a [Option<usize>];
+
+impl Described {
+    /// Reads a description, or of an ONNX file the description beside it, and the network that it names.
+    pub(super) fn open(path: &Path, kind: Kind) -> Result<(Self, Description), AttackError> {
+        let is_model = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("onnx"));
+        let file = if is_model { path.with_extension("toml") } else { path.to_owned() };
+        let refused = |reason: String| AttackError::Description { path: file.clone(), reason };
+        let text = text_of(&file).map_err(refused)?;
+        let description = Description::parse(&text, kind).map_err(refused)?;
+        let model = file.parent().unwrap_or(Path::new("")).join(&description.model);
+        let network = Network::open(&model, Engine::default())?;
+        let (features, dimension) = (description.features.clone(), description.dimension);
+        Ok((Self { file, model, network, features, dimension }, description))
+    }
+
+    /// The description's file.
+    pub(super) fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// The kind of descriptors it learned from.
+    pub(super) fn features(&self) -> &str {
+        &self.features
+    }
+
+    /// Their length.
+    pub(super) fn dimension(&self) -> usize {
+        self.dimension
+    }
+
+    /// What is wrong with the description, where only its kind of network can tell.
+    pub(super) fn misdescribed(&self, reason: String) -> AttackError {
+        AttackError::Description { path: self.file.clone(), reason }
+    }
+
+    fn unusable(&self, reason: String) -> AttackError {
+        FeatureError::Network { path: self.model.clone(), reason }.into()
+    }
+
+    /// Refuses a network that has other inputs than these, or lacks one of these outputs.
+    pub(super) fn check(&self, inputs: &[(&str, Sides<'_>)], outputs: &[&str]) -> Result<(), AttackError> {
+        let [count, _] = self.network.ends();
+        if count != inputs.len() {
+            return Err(self.unusable(format!("it has {count} inputs, and {} are given", inputs.len())));
+        }
+        for (name, expected) in inputs {
+            let refused = |what: &str| {
+                let sides = expected.iter().map(|side| side.map_or("any".to_owned(), |s| s.to_string()));
+                let sides = sides.collect::<Vec<_>>().join(", ");
+                Err(self.unusable(format!("it {what} the input {name:?} of sides [{sides}]")))
+            };
+            let Some(own) = self.network.input_named(name) else { return refused("lacks") };
+            // A side that it leaves open takes any number.
+            let fits = |(own, expected): (&Option<usize>, &Option<usize>)| own.is_none() || own == expected;
+            if own.len() != expected.len() || !own.iter().zip(*expected).all(fits) {
+                return refused("does not take");
+            }
+        }
+        match outputs.iter().find(|name| !self.gives(name)) {
+            Some(name) => Err(self.unusable(format!("it lacks the output {name:?}"))),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether it has an output of this name.
+    pub(super) fn gives(&self, output: &str) -> bool {
+        self.network.outputs().iter().any(|own| own == output)
+    }
+
+    /// Refuses descriptors of another length than those learned from.
+    pub(super) fn fits(&self, descriptors: &Descriptors) -> Result<(), AttackError> {
+        let (expected, found) = (self.dimension, descriptors.dimension());
+        if found == expected { Ok(()) } else { Err(AttackError::Dimensions { expected, found }) }
+    }
+
+    /// Runs it; each output must have these sides, and finite numbers alone.
+    pub(super) fn run(
+        &self,
+        inputs: &[(&str, &Tensor)],
+        outputs: &[(&str, Sides<'_>)],
+    ) -> Result<Vec<Tensor>, AttackError> {
+        let names: Vec<&str> = outputs.iter().map(|(name, _)| *name).collect();
+        let results = self.network.run_named(inputs, &names).map_err(|error| match error {
+            FeatureError::NetworkRun { reason } => self.unusable(reason),
+            other => other.into(),
+        })?;
+        for (result, (name, expected)) in results.iter().zip(outputs) {
+            let fits =
+                |(own, expected): (&usize, &Option<usize>)| expected.is_none_or(|expected| *own == expected);
+            if result.shape.len() != expected.len() || !result.shape.iter().zip(*expected).all(fits) {
+                let shape = &result.shape;
+                return Err(self.unusable(format!("its output {name:?} is of other sides, {shape:?}")));
+            }
+            if result.data.iter().any(|x| !x.is_finite()) {
+                return Err(self.unusable(format!("its output {name:?} has numbers that are not finite")));
+            }
+        }
+        Ok(results)
+    }
+}
+
+/// The text of a description.
+fn text_of(file: &Path) -> Result<String, String> {
+    let mut bytes = Vec::new();
+    let opened = File::open(file).and_then(|file| file.take(MOST_BYTES + 1).read_to_end(&mut bytes));
+    opened.map_err(|error| format!("it cannot be read: {error}"))?;
+    if bytes.len() as u64 > MOST_BYTES {
+        return Err(format!("it has more than {MOST_BYTES} bytes"));
+    }
+    String::from_utf8(bytes).map_err(|_| "it is no text".to_owned())
+}

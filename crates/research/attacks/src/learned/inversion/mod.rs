@@ -1,0 +1,282 @@
+//! From descriptors, and what is known of their places, to an image.
+//!
+//! ```text
+//! features [1, dimension + 1, H, W]    descriptors in the cells of a grid over the image; the last channel says how full a cell is
+//! → image [1, 3, H, W]                 red, green and blue of each cell, sRGB from 0 to 1
+//! → visible [1, 1, H, W]               of some networks: how likely what stands in the cell stands rightly, 0 to 1
+//! ```
+//!
+//! Places may be those of the keypoints (the paper's upper bound), those an attack recovered, or lines as they were
+//! sent, each descriptor spread over its line by how likely the guess finds the keypoint there. Of a cell that holds
+//! descriptors with shares `sᵢ` the channels are `Σ sᵢ dᵢ / max(Σ sᵢ, 1)`, and the last is `ln(1 + Σ sᵢ)`.
+
+mod places;
+
+use std::path::Path;
+
+use veiloc_features::ColourImage;
+use veiloc_features::learned::Tensor;
+use veiloc_geometry::Pixel;
+
+use super::description::{Described, Kind};
+use crate::{AttackError, Descriptors, Observation};
+
+/// Cells of the longer side.
+const SIDES: std::ops::RangeInclusive<usize> = 16..=2048;
+/// Most numbers of a grid: a gibibyte.
+const MOST_NUMBERS: usize = 1 << 28;
+
+/// Sides of a grid, cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Grid {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl Grid {
+    /// Of about `side` cells on the longer side of an image of this size; both sides are multiples of `multiple`.
+    fn of_image([width, height]: [u32; 2], side: usize, multiple: usize) -> Self {
+        let scale = side as f64 / f64::from(width.max(height).max(1));
+        let along = |pixels: u32| {
+            let whole = (f64::from(pixels) * scale / multiple as f64).round() as usize;
+            whole.max(1) * multiple
+        };
+        Self { width: along(width), height: along(height) }
+    }
+
+    /// How many cells.
+    pub fn cells(self) -> usize {
+        self.width * self.height
+    }
+}
+
+/// What is known of the places of descriptors.
+#[derive(Debug, Clone, Copy)]
+pub enum Known<'a> {
+    /// A place each, `[N]`, pixels; one that is not finite or lies beyond the image is left out.
+    Places(&'a [Pixel]),
+    /// What was sent, `[N]`.
+    Lines(&'a [Observation]),
+    /// Nothing: all stand in all cells, evenly.
+    Nothing,
+}
+
+/// What a network makes of descriptors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Inverted {
+    /// A pixel for each cell.
+    pub image: ColourImage,
+    /// How likely each descriptor stands rightly where it was placed, `[N]`, 0 to 1; NaN for one beyond the image.
+    /// `None` of a network that judges no places, and where no places were given.
+    pub beliefs: Option<Vec<f32>>,
+}
+
+/// Makes an image of descriptors.
+#[derive(Debug)]
+pub struct InversionNetwork {
+    network: Described,
+    side: usize,
+    multiple: usize,
+}
+
+impl InversionNetwork {
+    /// Reads a network by its description, or by the ONNX file that has one beside it.
+    ///
+    /// # Errors
+    /// [`AttackError::Description`] and [`AttackError::Features`], which name the file.
+    pub fn open(path: &Path) -> Result<Self, AttackError> {
+        let (network, description) = Described::open(path, Kind::Inversion)?;
+        let (side, multiple) = (description.side.unwrap_or(0), description.multiple.unwrap_or(0));
+        if !SIDES.contains(&side) {
+            let (least, most) = (SIDES.start(), SIDES.end());
+            return Err(network.misdescribed(format!("its side is {side}, and not from {least} to {most}")));
+        }
+        if multiple == 0 || !side.is_multiple_of(multiple) {
+            return Err(network.misdescribed(format!("its multiple, {multiple}, does not divide its side")));
+        }
+        let channels = network.dimension() + 1;
+        if channels * side * side > MOST_NUMBERS {
+            let reason = format!("a grid of side {side} would hold more than {MOST_NUMBERS} numbers");
+            return Err(network.misdescribed(reason));
+        }
+        network.check(&[("features", &[Some(1), Some(channels), None, None])], &["image"])?;
+        Ok(Self { network, side, multiple })
+    }
+
+    /// The description's file.
+    pub fn file(&self) -> &Path {
+        self.network.file()
+    }
+
+    /// The kind of descriptors it learned from.
+    pub fn features(&self) -> &str {
+        self.network.features()
+    }
+
+    /// Their length.
+    pub fn dimension(&self) -> usize {
+        self.network.dimension()
+    }
+
+    /// Cells of the longer side.
+    pub fn side(&self) -> usize {
+        self.side
+    }
+
+    /// Whether it says how likely descriptors stand rightly.
+    pub fn judges_places(&self) -> bool {
+        self.network.gives("visible")
+    }
+
+    /// The grid of an image of this size, pixels.
+    pub fn grid(&self, size: [u32; 2]) -> Grid {
+        Grid::of_image(size, self.side, self.multiple)
+    }
+
+    /// The image, on the grid of one of `size` pixels, of its descriptors and what is `known` of their places. `times`: of
+    /// the view, each side so many times the image's, the image in its middle; 1 for the image itself.
+    ///
+    /// # Errors
+    /// [`AttackError::Dimensions`] for descriptors of another length than those learned from,
+    /// [`AttackError::DescriptorCount`] where there is not one for each place, [`AttackError::Features`] when the network
+    /// cannot run.
+    pub fn invert(
+        &self,
+        descriptors: &Descriptors,
+        size: [u32; 2],
+        known: Known<'_>,
+        times: u32,
+    ) -> Result<Inverted, AttackError> {
+        self.network.fits(descriptors)?;
+        let one = self.grid(size);
+        let grid = Grid { width: one.width * times as usize, height: one.height * times as usize };
+        let view = size.map(|side| side * times);
+        let margin = size.map(|side| f64::from(side) * 0.5 * f64::from(times - 1));
+        let placed = match known {
+            Known::Places(at) => {
+                let moved: Vec<Pixel> =
+                    at.iter().map(|p| Pixel::new(p.u + margin[0], p.v + margin[1])).collect();
+                Some((at.len(), places::at(&moved, view, grid)))
+            }
+            Known::Lines(sent) => Some((sent.len(), places::along(sent, view, grid))),
+            Known::Nothing => None,
+        };
+        let given = match &placed {
+            Some((count, _)) if *count != descriptors.len() => {
+                let (keypoints, descriptors) = (*count, descriptors.len());
+                return Err(AttackError::DescriptorCount { keypoints, descriptors });
+            }
+            Some((_, shares)) => placed_on(grid, descriptors, shares),
+            None => spread_over(grid, descriptors),
+        };
+        let sides = |channels| [Some(1), Some(channels), Some(grid.height), Some(grid.width)];
+        let (of_image, of_visible) = (sides(3), sides(1));
+        let mut outputs: Vec<(&str, &[Option<usize>])> = vec![("image", &of_image)];
+        if self.judges_places() && matches!(known, Known::Places(_)) {
+            outputs.push(("visible", &of_visible));
+        }
+        let mut results = self.network.run(&[("features", &given)], &outputs)?.into_iter();
+        let colours = results.next().map(|colours| colours.data).unwrap_or_default();
+        let beliefs = results.next().zip(placed).map(|(visible, (count, shares))| {
+            let mut beliefs = vec![f32::NAN; count];
+            for (descriptor, cell, _) in shares {
+                beliefs[descriptor as usize] = visible.data[cell as usize].clamp(0.0, 1.0);
+            }
+            beliefs
+        });
+        Ok(Inverted { image: image_of(&colours, grid), beliefs })
+    }
+}
+
+/// Descriptors in their cells, `[1, dimension + 1, H, W]`.
+fn placed_on(grid: Grid, descriptors: &Descriptors, shares: &[places::Share]) -> Tensor {
+    let (cells, dimension) = (grid.cells(), descriptors.dimension());
+    let mut full = vec![0.0f32; cells];
+    for (_, cell, share) in shares {
+        full[*cell as usize] += share;
+    }
+    let scale = (dimension as f32).sqrt();
+    let mut data = vec![0.0; (dimension + 1) * cells];
+    for (descriptor, cell, share) in shares {
+        let cell = *cell as usize;
+        let share = scale * share / full[cell].max(1.0);
+        let channels = data[cell..].iter_mut().step_by(cells);
+        let from = descriptors.columns().column(*descriptor as usize);
+        channels.zip(from.iter()).for_each(|(to, from)| *to += share * from);
+    }
+    for (to, full) in data[dimension * cells..].iter_mut().zip(&full) {
+        *to = full.ln_1p();
+    }
+    tensor(grid, data)
+}
+
+/// All descriptors in all cells, each with the same share: what is told by descriptors without any place.
+fn spread_over(grid: Grid, descriptors: &Descriptors) -> Tensor {
+    let (cells, dimension) = (grid.cells(), descriptors.dimension());
+    let full = descriptors.len() as f32 / cells as f32;
+    let share = (dimension as f32).sqrt() / cells as f32 / full.max(1.0);
+    let mut data = Vec::with_capacity((dimension + 1) * cells);
+    for row in descriptors.columns().row_iter() {
+        data.extend(std::iter::repeat_n(share * row.sum(), cells));
+    }
+    data.extend(std::iter::repeat_n(full.ln_1p(), cells));
+    tensor(grid, data)
+}
+
+fn tensor(grid: Grid, data: Vec<f32>) -> Tensor {
+    Tensor { shape: vec![1, data.len() / grid.cells(), grid.height, grid.width], data }
+}
+
+/// `[3, cells]` from 0 to 1, what is darker than black or brighter than white cut off.
+fn image_of(colours: &[f32], grid: Grid) -> ColourImage {
+    let cells = grid.cells();
+    let byte = |value: f32| (255.0 * value.clamp(0.0, 1.0)).round() as u8;
+    let pixel = |cell: usize| [0, 1, 2].map(|colour| byte(colours[colour * cells + cell]));
+    let image = ColourImage::new(grid.width as u32, grid.height as u32, (0..cells).flat_map(pixel).collect());
+    image.expect("three bytes for each cell of a grid that has some")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grids_are_of_the_images_shape() {
+        let of = |size| Grid::of_image(size, 256, 16);
+        assert_eq!(of([640, 480]), Grid { width: 256, height: 192 });
+        assert_eq!(of([480, 640]), Grid { width: 192, height: 256 });
+        assert_eq!(of([512, 333]), Grid { width: 256, height: 160 });
+        assert_eq!(of([5000, 3]), Grid { width: 256, height: 16 }, "at least one multiple");
+    }
+
+    #[test]
+    fn cells_hold_weighted_means_and_how_full_they_are() {
+        let descriptors = Descriptors::new(&[3, 4, 0, 0, 8, 6], 2).expect("three of them");
+        let grid = Grid { width: 2, height: 1 };
+        // The first and the last share a cell; of the middle one, all zeros, nothing but its share is seen.
+        let shares = [(0, 0, 1.0), (2, 0, 0.5), (1, 1, 0.25)];
+        let placed = placed_on(grid, &descriptors, &shares);
+        assert_eq!(placed.shape, [1, 3, 1, 2]);
+        let scale = 2f32.sqrt();
+        let expected = [
+            scale * (0.6 + 0.5 * 0.8) / 1.5,
+            0.0,
+            scale * (0.8 + 0.5 * 0.6) / 1.5,
+            0.0,
+            1.5f32.ln_1p(),
+            0.25f32.ln_1p(),
+        ];
+        assert!(
+            placed.data.iter().zip(expected).all(|(own, other)| (own - other).abs() < 1e-6),
+            "{expected:?}"
+        );
+
+        let everywhere: Vec<places::Share> =
+            (0..3).flat_map(|i| (0..2).map(move |cell| (i, cell, 0.5))).collect();
+        let spread = spread_over(grid, &descriptors);
+        let same = placed_on(grid, &descriptors, &everywhere);
+        assert!(spread.data.iter().zip(&same.data).all(|(own, other)| (own - other).abs() < 1e-6));
+    }
+}

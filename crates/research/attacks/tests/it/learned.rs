@@ -1,0 +1,306 @@
+//! Networks of attackers: what they are given and what is made of their answers, and files that are refused.
+//!
+//! The networks are those of `scripts/tiny_networks.py`, which says what each computes.
+
+use std::path::{Path, PathBuf};
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use veiloc_attacks::learned::inversion::{InversionNetwork, Known};
+use veiloc_attacks::learned::neighbours::NeighbourNetwork;
+use veiloc_attacks::learned::positions::{PositionNetwork, Sees, recover, told};
+use veiloc_attacks::{AttackError, Descriptors, KnownImage, Observation, prior_only};
+use veiloc_geometry::Pixel;
+use veiloc_obfuscation::audit::obfuscate_points;
+use veiloc_protocol::{AngleBits, Scheme};
+
+const SIZE: [u32; 2] = [320, 240];
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/learned").join(name)
+}
+
+/// The script's numbers.
+fn made_up(count: usize, seed: u64, scale: f64) -> Vec<f32> {
+    let number = |i: u64| ((i + seed * 7919) * 2_654_435_761 % (1 << 32)) as f64 / (1_u64 << 32) as f64 - 0.5;
+    (0..count as u64).map(|i| (number(i) * scale) as f32).collect()
+}
+
+/// Keypoints whose descriptors say which of 4 x 3 fields they are in.
+fn image(seed: u64) -> KnownImage {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let keypoints: Vec<Pixel> =
+        (0..120).map(|_| Pixel::new(rng.random_range(0.0..320.0), rng.random_range(0.0..240.0))).collect();
+    let bytes: Vec<u8> =
+        keypoints.iter().flat_map(|p| (0..12).map(move |i| 200 * u8::from(i == field(*p)))).collect();
+    let descriptors = Descriptors::new(&bytes, 12).expect("whole");
+    KnownImage::new(keypoints, descriptors, SIZE[0], SIZE[1]).expect("one each")
+}
+
+fn field(p: Pixel) -> usize {
+    (p.u / 80.0) as usize + 4 * (p.v / 80.0) as usize
+}
+
+fn sent(image: &KnownImage, scheme: &Scheme) -> Vec<Observation> {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let [width, height] = SIZE;
+    let sent = obfuscate_points(image.keypoints(), width, height, scheme, AngleBits::default(), &mut rng)
+        .expect("inside");
+    Observation::of_sent(&sent)
+}
+
+#[test]
+fn positions_are_where_the_network_finds_them_likely() {
+    let network = PositionNetwork::open(&data("positions.toml")).expect("a network");
+    assert_eq!((network.scheme().to_string().as_str(), network.sees()), ("dcl", Sees::Row));
+    let images = [image(1), image(2)];
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    let found = told(&network, &images, AngleBits::default(), &mut rng).expect("sent").expect("keypoints");
+    // Of a line as long as the image a field leaves a third.
+    assert!(found.information > 0.9 && found.bits > found.bits_untrained + 0.9, "{found:?}");
+    assert!(found.errors.median_px < 0.5 * found.guess.median_px, "{found:?}");
+    assert_eq!((found.keypoints, found.by_image.len()), (240, 2));
+}
+
+#[test]
+fn a_network_that_has_learned_nothing_says_the_guess() {
+    let network = PositionNetwork::open(&data("untrained.onnx")).expect("the description is beside it");
+    let image = image(3);
+    let sent = sent(&image, &network.scheme());
+    let found = recover(&network, &sent, image.descriptors(), 320, 240).expect("recovered");
+    let guess = prior_only(&sent, 320, 240);
+    assert!(found.iter().zip(&guess).all(|(own, guess)| own.mean.distance(guess) < 1e-3));
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    let told = told(&network, &[image], AngleBits::default(), &mut rng).expect("sent").expect("keypoints");
+    assert!(told.information.abs() < 1e-6 && told.bits_of_mean.abs() < 1e-9, "{told:?}");
+}
+
+#[test]
+fn positions_of_other_schemes_and_descriptors_are_refused() {
+    let network = PositionNetwork::open(&data("positions.toml")).expect("a network");
+    let image = image(1);
+    let lines = sent(&image, &Scheme::RandomLines);
+    let refused = recover(&network, &lines, image.descriptors(), 320, 240).expect_err("another scheme");
+    assert!(matches!(refused, AttackError::Scheme { .. }), "{refused}");
+    let sent = sent(&image, &network.scheme());
+    let short = Descriptors::new(&[1; 120 * 5], 5).expect("whole");
+    let refused = recover(&network, &sent, &short, 320, 240).expect_err("another length");
+    assert_eq!(refused, AttackError::Dimensions { expected: 12, found: 5 });
+    let few = recover(&network, &sent[1..], image.descriptors(), 320, 240).expect_err("one too many");
+    assert!(matches!(few, AttackError::DescriptorCount { .. }), "{few}");
+    let none = Descriptors::new(&[], 12).expect("none");
+    assert!(recover(&network, &[], &none, 320, 240).expect("nothing to do").is_empty());
+}
+
+#[test]
+fn neighbours_are_those_of_near_embeddings() {
+    let network = NeighbourNetwork::open(&data("neighbours.toml")).expect("a network");
+    let image = image(5);
+    let lists = network.predict(image.descriptors(), 5).expect("predicted");
+    let count = image.keypoints().len();
+    assert_eq!(lists.len(), count);
+    for i in 0..count {
+        let own = field(image.keypoints()[i]);
+        let others = (0..count).filter(|j| *j != i && field(image.keypoints()[*j]) == own).count();
+        assert_eq!(lists.of(i).len(), 5);
+        let same = lists.of(i).iter().filter(|j| field(image.keypoints()[**j as usize]) == own).count();
+        assert_eq!(same, others.min(5), "keypoint {i}: equal descriptors are the likeliest");
+    }
+    let none = Descriptors::new(&[], 12).expect("none");
+    assert_eq!(network.predict(&none, 5).expect("nothing to do").len(), 0);
+    let short = Descriptors::new(&[1; 10], 5).expect("whole");
+    assert!(matches!(network.predict(&short, 5), Err(AttackError::Dimensions { expected: 12, found: 5 })));
+}
+
+/// What the network of inversion gives where descriptors were placed, by its formula.
+#[test]
+fn images_are_made_of_what_stands_in_cells() {
+    let network = InversionNetwork::open(&data("inversion.toml")).expect("a network");
+    assert!(network.judges_places() && network.features() == "sift");
+    let grid = network.grid(SIZE);
+    assert_eq!((grid.width, grid.height, network.side(), network.dimension()), (32, 24, 32, 128));
+    // Two keypoints in one cell, one in another, one beyond the image.
+    let places =
+        [Pixel::new(5.0, 5.0), Pixel::new(9.9, 0.0), Pixel::new(300.0, 235.0), Pixel::new(320.0, 5.0)];
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let bytes: Vec<u8> = (0..4 * 128).map(|_| rng.random_range(0..=255)).collect();
+    let descriptors = Descriptors::new(&bytes, 128).expect("whole");
+    let made = network.invert(&descriptors, SIZE, Known::Places(&places), 1).expect("made");
+
+    let kernel = made_up(3 * 129, 1, 0.5);
+    let sigmoid = |x: f64| 1.0 / (1.0 + (-x).exp());
+    let unit: Vec<Vec<f64>> = bytes
+        .chunks(128)
+        .map(|row| {
+            let length = row.iter().map(|b| f64::from(*b).powi(2)).sum::<f64>().sqrt();
+            row.iter().map(|b| f64::from(*b) / length * 128f64.sqrt()).collect()
+        })
+        .collect();
+    for (cell, own) in [([0, 0], &[0, 1][..]), ([30, 23], &[2]), ([31, 0], &[])] {
+        let count = own.len() as f64;
+        for colour in 0..3 {
+            let row = &kernel[colour * 129..][..129];
+            let mut sum = f64::from(row[128]) * count.ln_1p();
+            for i in own {
+                let product: f64 = unit[*i].iter().zip(row).map(|(x, w)| x * f64::from(*w)).sum();
+                sum += product / count;
+            }
+            let at = 3 * (cell[1] * 32 + cell[0]) + colour;
+            let (found, expected) = (f64::from(made.image.data()[at]), 255.0 * sigmoid(sum));
+            assert!((found - expected).abs() < 0.51, "{cell:?} {colour}: {found} {expected}");
+        }
+    }
+    let beliefs = made.beliefs.expect("it judges places");
+    for (belief, count) in beliefs.iter().zip([2.0f64, 2.0, 1.0]) {
+        assert!((f64::from(*belief) - sigmoid(count.ln_1p())).abs() < 1e-6);
+    }
+    assert!(beliefs[3].is_nan(), "it stands nowhere");
+
+    // A view twice as wide and high: what lies beyond the image is there too.
+    let wide = network.invert(&descriptors, SIZE, Known::Places(&places), 2).expect("made");
+    assert_eq!((wide.image.width(), wide.image.height()), (64, 48));
+    assert!(wide.beliefs.expect("it judges places").iter().all(|belief| belief.is_finite()));
+    // Without a place, and without a descriptor: one colour.
+    let none = Descriptors::new(&[], 128).expect("none");
+    for (descriptors, known) in [(&descriptors, Known::Nothing), (&none, Known::Places(&[]))] {
+        let made = network.invert(descriptors, SIZE, known, 1).expect("made");
+        assert!(made.image.data().chunks(3).all(|pixel| *pixel == made.image.data()[..3]));
+    }
+    let lines = sent(&image(1), &Scheme::default());
+    let refused = network.invert(&descriptors, SIZE, Known::Lines(&lines), 1).expect_err("more lines");
+    assert!(matches!(refused, AttackError::DescriptorCount { keypoints: 120, descriptors: 4 }), "{refused}");
+    let made = network.invert(&descriptors, SIZE, Known::Lines(&lines[..4]), 1).expect("made");
+    assert!(made.beliefs.is_none(), "a line is no place");
+
+    let plain = InversionNetwork::open(&data("plain.toml")).expect("a network");
+    let made = plain.invert(&descriptors, SIZE, Known::Places(&places), 1).expect("made");
+    assert!(!plain.judges_places() && made.beliefs.is_none());
+}
+
+#[test]
+fn what_networks_answer_is_checked() {
+    let descriptors = Descriptors::new(&[7; 128], 128).expect("whole");
+    for (name, says) in [("nan.toml", "numbers that are not finite"), ("half.toml", "other sides")] {
+        let network = InversionNetwork::open(&data(name)).expect("it can be read");
+        let places = [Pixel::new(5.0, 5.0)];
+        let refused =
+            network.invert(&descriptors, SIZE, Known::Places(&places), 1).expect_err(name).to_string();
+        assert!(refused.contains(says) && refused.contains(&name.replace("toml", "onnx")), "{refused}");
+    }
+}
+
+/// Opens a description of these lines as a network of all three kinds; what the one that is meant says.
+fn refused(folder: &Path, kind: &str, text: &str) -> String {
+    let path = folder.join("described.toml");
+    std::fs::write(&path, text).expect("written");
+    let error = match kind {
+        "inversion" => InversionNetwork::open(&path).expect_err(text),
+        "positions" => PositionNetwork::open(&path).expect_err(text),
+        _ => NeighbourNetwork::open(&path).expect_err(text),
+    };
+    error.to_string()
+}
+
+#[test]
+fn descriptions_that_are_wrong_are_refused_by_name_and_with_a_remedy() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let folder = folder.path();
+    for name in ["inversion.onnx", "positions.onnx", "neighbours.onnx"] {
+        std::fs::copy(data(name), folder.join(name)).expect("copied");
+    }
+    std::fs::write(folder.join("broken.onnx"), "no network").expect("written");
+    let inversion = "version = 1\nkind = \"inversion\"\nmodel = \"inversion.onnx\"\nfeatures = \"sift\"\n\
+                     dimension = 128\nside = 32\nmultiple = 4\n";
+    let positions = "version = 1\nkind = \"positions\"\nmodel = \"positions.onnx\"\nfeatures = \"a\"\n\
+                     dimension = 12\nscheme = \"dcl\"\nsees = \"set\"\n";
+    let neighbours =
+        "version = 1\nkind = \"neighbours\"\nmodel = \"neighbours.onnx\"\nfeatures = \"a\"\ndimension = 12\n";
+    let cases: &[(&str, &str, &str, &str, &str)] = &[
+        ("inversion", inversion, "version = 1", "version = 2", "version 2"),
+        ("inversion", inversion, "version = 1", "", "does not say its version"),
+        ("inversion", inversion, "version = 1", "version = \"1\"", "does not say its version"),
+        ("inversion", inversion, "version = 1", "version = = 1", "described.toml"),
+        ("inversion", inversion, "dimension = 128", "dimension = 0", "dimension is 0"),
+        ("inversion", inversion, "dimension = 128", "dimension = 9999999999", "from 1 to 8192"),
+        ("inversion", inversion, "dimension = 128", "dimension = -4", "described.toml"),
+        ("inversion", inversion, "dimension = 128", "dimension = 64", "does not take the input \"features\""),
+        ("inversion", inversion, "side = 32", "side = 4000000000", "its side is 4000000000"),
+        ("inversion", inversion, "side = 32", "", "does not say `side`"),
+        ("inversion", inversion, "dimension = 128\nside = 32", "dimension = 8192\nside = 2048", "numbers"),
+        ("inversion", inversion, "multiple = 4", "multiple = 0", "does not divide"),
+        ("inversion", inversion, "multiple = 4", "multiple = 5", "does not divide"),
+        ("inversion", inversion, "multiple = 4", "multiple = 4\nscheme = \"dcl\"", "it says `scheme`"),
+        ("inversion", inversion, "multiple = 4", "multiple = 4\nwidth = 3", "width"),
+        (
+            "inversion",
+            inversion,
+            "\"inversion.onnx\"",
+            "\"../inversion.onnx\"",
+            "the name of a file beside it",
+        ),
+        ("inversion", inversion, "\"inversion.onnx\"", "\"/dev/zero\"", "the name of a file beside it"),
+        ("inversion", inversion, "\"inversion.onnx\"", "\"gone.onnx\"", "gone.onnx"),
+        ("inversion", inversion, "\"inversion.onnx\"", "\"broken.onnx\"", "broken.onnx"),
+        ("inversion", inversion, "\"inversion.onnx\"", "\"positions.onnx\"", "positions.onnx"),
+        ("inversion", inversion, "\"inversion.onnx\"", "\"neighbours.onnx\"", "lacks the input \"features\""),
+        ("positions", inversion, "", "", "kind \"inversion\", and one of \"positions\""),
+        ("inversion", inversion, "\"inversion\"", "\"images\"", "images"),
+        ("positions", positions, "\"dcl\"", "\"squares\"", "squares"),
+        ("positions", positions, "\"dcl\"", "\"points\"", "sent openly"),
+        ("positions", positions, "\"set\"", "\"all\"", "all"),
+        ("positions", positions, "sees = \"set\"", "", "does not say `sees`"),
+        (
+            "positions",
+            positions,
+            "\"positions.onnx\"",
+            "\"inversion.onnx\"",
+            "it has 1 inputs, and 3 are given",
+        ),
+        ("neighbours", neighbours, "dimension = 12", "dimension = 12\nside = 32", "it says `side`"),
+        (
+            "neighbours",
+            neighbours,
+            "\"neighbours.onnx\"",
+            "\"inversion.onnx\"",
+            "lacks the input \"descriptors\"",
+        ),
+    ];
+    for (kind, text, from, to, says) in cases {
+        assert!(from.is_empty() || text.contains(from), "{from}");
+        let words = refused(folder, kind, &text.replacen(from, to, 1));
+        assert!(words.contains(says), "{says}: {words}");
+        assert!(words.contains("described.toml") || words.contains(".onnx"), "{words}");
+    }
+    assert!(refused(folder, "neighbours", &"#".repeat(1 << 17)).contains("more than"));
+    let gone = InversionNetwork::open(&folder.join("gone.onnx")).expect_err("no description").to_string();
+    assert!(gone.contains("gone.toml") && gone.contains("research/train"), "{gone}");
+    let binary = InversionNetwork::open(&folder.join("described.png")).expect_err("nothing").to_string();
+    assert!(binary.contains("described.png"), "{binary}");
+}
+
+/// Whatever is changed in a network's file: it is refused, or gives something.
+#[test]
+fn damaged_networks_never_end_the_program() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let text = std::fs::read_to_string(data("inversion.toml")).expect("text");
+    std::fs::write(folder.path().join("inversion.toml"), text).expect("written");
+    let whole = std::fs::read(data("inversion.onnx")).expect("bytes");
+    let descriptors = Descriptors::new(&[7; 128], 128).expect("whole");
+    let places = [Pixel::new(5.0, 5.0)];
+    let run = |bytes: &[u8]| {
+        std::fs::write(folder.path().join("inversion.onnx"), bytes).expect("written");
+        let network = InversionNetwork::open(&folder.path().join("inversion.toml"));
+        network.and_then(|network| network.invert(&descriptors, SIZE, Known::Places(&places), 1)).is_ok()
+    };
+    assert!(run(&whole));
+    for end in (0..whole.len()).step_by(41) {
+        run(&whole[..end]);
+    }
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    for _ in 0..200 {
+        let mut changed = whole.clone();
+        let at = rng.random_range(0..changed.len());
+        changed[at] ^= 1 << rng.random_range(0..8);
+        run(&changed);
+    }
+}

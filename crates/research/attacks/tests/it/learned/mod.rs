@@ -1,4 +1,0 @@
-//! Tests of `learned`.
-
-mod neighbours;
-mod positions;

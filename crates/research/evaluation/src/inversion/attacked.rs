@@ -1,0 +1,150 @@
+//! Where attacks put the keypoints.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use crate::EvalError;
+use crate::audit::{
+    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, ImageGroup, NeighbourSource,
+    attack_groups,
+};
+use veiloc_attacks::Observation;
+use veiloc_datasets::problem_files::KeypointImage;
+use veiloc_features::Progress;
+use veiloc_geometry::Pixel;
+use veiloc_protocol::Scheme;
+
+/// What attackers have who are told nothing of the image.
+#[derive(Debug, Clone, Default)]
+pub struct Realistic {
+    /// Files of keypoints of elsewhere: a statistic of which descriptors occur side by side is learned from them.
+    pub elsewhere: Vec<PathBuf>,
+    /// Descriptions of networks of positions, one a scheme at most.
+    pub positions: Vec<PathBuf>,
+    /// Images of the place with keypoints, as a server has them of its map.
+    pub map: Vec<KeypointImage>,
+}
+
+/// Attacks with true neighbours; the guess is always there.
+const TOLD: [&str; 2] = ["closed-form", "graph"];
+/// What the statistic, the network and the map are used for.
+const BY_STATISTIC: [&str; 2] = ["learned-prior", "closed-form-consensus"];
+const BY_NETWORK: [&str; 1] = ["trained-positions"];
+const BY_MAP: [&str; 1] = ["transfer"];
+
+/// What an attack made of each image under a scheme.
+#[derive(Debug, Clone)]
+pub(super) struct Attacked {
+    pub(super) scheme: Scheme,
+    /// `guess`, `closed-form`, `graph` or `realistic`.
+    pub(super) attack: &'static str,
+    /// Which of the realistic attacks was the best.
+    pub(super) by: Option<String>,
+    /// By image.
+    pub(super) images: Vec<Answer>,
+}
+
+/// Of one image, `[N]` each.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Answer {
+    /// Where the attack puts the keypoints.
+    pub(super) places: Vec<Pixel>,
+    /// What was sent.
+    pub(super) sent: Vec<Observation>,
+    /// How far off the places are, pixels.
+    pub(super) errors: Vec<f64>,
+}
+
+/// Writes down every answer, and tells how far the work is.
+struct Book<'a> {
+    answers: BTreeMap<(String, &'static str), Vec<Answer>>,
+    progress: &'a dyn Progress,
+}
+
+impl AttackObserver for Book<'_> {
+    fn advance(&mut self, _done: usize, _total: usize) {
+        self.progress.advance(1);
+    }
+
+    fn saw(&mut self, trial: &AttackTrial<'_>) {
+        self.answers.entry((trial.scheme.to_string(), trial.attack.name)).or_default().push(Answer {
+            places: trial.answers.to_vec(),
+            sent: trial.observations.to_vec(),
+            errors: trial.errors.to_vec(),
+        });
+    }
+}
+
+/// Attacks these images under all schemes that hide positions. By scheme: the guess, the attacks with true neighbours, the
+/// best of the realistic ones.
+pub(super) fn attack(
+    images: &[KeypointImage],
+    schemes: &[Scheme],
+    realistic: &Realistic,
+    (k, seed): (usize, u64),
+    progress: &dyn Progress,
+) -> Result<Vec<Attacked>, EvalError> {
+    let schemes: Vec<Scheme> = schemes.iter().copied().filter(|scheme| scheme.hides_positions()).collect();
+    if schemes.is_empty() {
+        return Ok(Vec::new());
+    }
+    let run = |stage: &str, names: &[&str], neighbours, positions: &[PathBuf], map: &[KeypointImage]| {
+        let attacks: Vec<Attack> = names.iter().filter_map(|name| name.parse().ok()).collect();
+        progress.start(stage, images.len() * schemes.len() * (attacks.len() + 1));
+        let evaluation = AttackEvaluation {
+            images: Some(images.len()),
+            schemes: schemes.clone(),
+            attacks,
+            neighbours,
+            positions: positions.to_vec(),
+            k,
+            seed,
+            ..AttackEvaluation::default()
+        };
+        let all = images.iter().chain(map).cloned().collect();
+        let mut book = Book { answers: BTreeMap::new(), progress };
+        let groups = vec![ImageGroup { name: "images".to_owned(), images: all }];
+        let document = attack_groups(&evaluation, groups, &mut book)?;
+        progress.finish();
+        Ok::<_, EvalError>((document, book.answers))
+    };
+
+    let mut runs = vec![run("Attacking with true neighbours", &TOLD, NeighbourSource::Oracle, &[], &[])?];
+    if !realistic.elsewhere.is_empty() {
+        let learned = NeighbourSource::Predicted { train: realistic.elsewhere.clone() };
+        runs.push(run("Attacking with a statistic", &BY_STATISTIC, learned, &[], &[])?);
+    }
+    if !realistic.positions.is_empty() {
+        let (oracle, files) = (NeighbourSource::Oracle, &realistic.positions);
+        runs.push(run("Attacking with a network", &BY_NETWORK, oracle, files, &[])?);
+    }
+    if !realistic.map.is_empty() {
+        let map = &realistic.map;
+        runs.push(run("Attacking with a map", &BY_MAP, NeighbourSource::Transferred, &[], map)?);
+    }
+    let mut attacked = Vec::new();
+    for scheme in schemes {
+        let name = scheme.to_string();
+        let answers = |(_, all): &(AttackDocument, BTreeMap<(String, &'static str), Vec<Answer>>), attack| {
+            all.get(&(name.clone(), attack)).cloned().unwrap_or_default()
+        };
+        let mut push = |attack, by, images: Vec<Answer>| {
+            if !images.is_empty() {
+                attacked.push(Attacked { scheme, attack, by, images });
+            }
+        };
+        push("guess", None, answers(&runs[0], Attack::PRIOR.name));
+        for told in TOLD {
+            push(told, None, answers(&runs[0], told));
+        }
+        let tried = runs[1..].iter().flat_map(|run| {
+            let of_scheme = run.0.attacks.iter().filter(|row| row.scheme == name);
+            of_scheme.filter(|row| row.attack != Attack::PRIOR).map(move |row| (row, run))
+        });
+        let best = tried.max_by(|a, b| a.0.bits_over_prior.total_cmp(&b.0.bits_over_prior));
+        if let Some((row, run)) = best {
+            push("realistic", Some(row.attack.to_string()), answers(run, row.attack.name));
+        }
+    }
+    Ok(attacked)
+}

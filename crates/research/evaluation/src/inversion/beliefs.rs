@@ -1,0 +1,62 @@
+//! Whether a network that judges places judges them well, on the places that attacks give.
+
+/// An error below a cell is none that a network could see, one of two cells is what it learned to see.
+const RIGHT_CELLS: f64 = 1.0;
+const WRONG_CELLS: f64 = 2.0;
+
+/// What was believed of keypoints, by whether they were put where they belong.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Beliefs {
+    right: Vec<f32>,
+    wrong: Vec<f32>,
+}
+
+impl Beliefs {
+    /// Adds keypoints of an image: what is believed of each, NaN for one that was not placed, and how far off it is, pixels.
+    /// `cell`: side of a cell, pixels. Those of which it cannot be said whether they are right are left out.
+    pub(super) fn add(&mut self, beliefs: &[f32], errors: &[f64], cell: f64) {
+        for (belief, error) in beliefs.iter().zip(errors).filter(|(belief, _)| belief.is_finite()) {
+            if *error <= RIGHT_CELLS * cell {
+                self.right.push(*belief);
+            } else if *error >= WRONG_CELLS * cell {
+                self.wrong.push(*belief);
+            }
+        }
+    }
+
+    /// How often a right one is believed more than a wrong one; equal beliefs count half.
+    pub(super) fn told_apart(&self) -> Option<f64> {
+        if self.right.is_empty() || self.wrong.is_empty() {
+            return None;
+        }
+        let mut wrong = self.wrong.clone();
+        wrong.sort_by(f32::total_cmp);
+        let below = |belief: &f32| {
+            let less = wrong.partition_point(|w| w < belief);
+            let equal = wrong.partition_point(|w| w <= belief) - less;
+            less as f64 + 0.5 * equal as f64
+        };
+        let won: f64 = self.right.iter().map(below).sum();
+        Some(won / (self.right.len() as f64 * wrong.len() as f64))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn right_ones_are_believed_more_or_not() {
+        let of = |beliefs: &[f32], errors: &[f64]| {
+            let mut all = Beliefs::default();
+            all.add(beliefs, errors, 8.0);
+            all.told_apart()
+        };
+        assert_eq!(of(&[0.9, 0.8, 0.2], &[0.0, 8.0, 16.0]), Some(1.0));
+        assert_eq!(of(&[0.1, 0.8], &[0.0, 90.0]), Some(0.0));
+        assert_eq!(of(&[0.5, 0.5, 0.5], &[0.0, 20.0, 30.0]), Some(0.5));
+        assert_eq!(of(&[0.6, 0.5, 0.7, f32::NAN], &[0.0, 20.0, 20.0, 500.0]), Some(0.5));
+        assert_eq!(of(&[0.6, 0.5], &[0.0, 12.0]), None, "between right and wrong");
+        assert_eq!(of(&[], &[]), None);
+    }
+}

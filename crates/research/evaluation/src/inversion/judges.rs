@@ -1,0 +1,151 @@
+//! How alike an image is to the one it was made of, and what is still found and recognised in it.
+
+use veiloc_attacks::image_metrics::{Classifier, PerceptualDistance, psnr, ssim};
+use veiloc_features::ColourImage;
+use veiloc_features::detector::{Detection, Detector};
+
+use crate::EvalError;
+
+/// Boxes of one class that overlap by at least this are of one object.
+const SAME: f32 = 0.5;
+
+/// Who judges; PSNR and SSIM need nothing.
+#[derive(Debug, Default)]
+pub struct Judges {
+    /// ST-LPIPS.
+    pub perceptual: Option<PerceptualDistance>,
+    /// What images show.
+    pub classifier: Option<Classifier>,
+    /// The detector, and the least score that counts.
+    pub detector: Option<(Detector, f32)>,
+}
+
+/// What they say; `None` where the judge is not there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scores {
+    /// Peak signal-to-noise ratio, decibels.
+    pub psnr: f64,
+    /// Structural similarity, to 1.
+    pub ssim: f64,
+    /// ST-LPIPS, from 0.
+    pub st_lpips: Option<f64>,
+    /// Whether the class of the image is the likeliest, and whether it is among the five likeliest.
+    pub recognised: Option<[bool; 2]>,
+    /// Objects in the original, on the same grid.
+    pub objects: Option<usize>,
+    /// Of those, how many are found again: same class, same place.
+    pub objects_found: Option<usize>,
+}
+
+impl Judges {
+    /// What is found in an image; nothing without a detector.
+    pub(super) fn objects(&self, image: &ColourImage) -> Result<Vec<Detection>, EvalError> {
+        match &self.detector {
+            Some((detector, least)) => Ok(detector.detect(image, *least)?),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    /// What is found in an original on the grid, and its class: the one that its file is named by, or the classifier's own
+    /// answer.
+    pub(super) fn look(&self, image: ColourImage, named: Option<usize>) -> Result<Original, EvalError> {
+        let objects = self.objects(&image)?;
+        let mut class = None;
+        if let Some(classifier) = &self.classifier {
+            let classes = classifier.classes(&image)?;
+            class = named.or(classes.first().copied()).map(|class| Class {
+                number: class,
+                is_named: named.is_some(),
+                recognised: recognised(class, &classes),
+            });
+        }
+        Ok(Original { image, objects, class })
+    }
+
+    /// Judges an image beside its original on the same grid.
+    pub(super) fn judge(
+        &self,
+        original: &Original,
+        rebuilt: &ColourImage,
+        seen: &[Detection],
+    ) -> Result<Scores, EvalError> {
+        let Original { image: original, objects, class } = original;
+        let st_lpips = self.perceptual.as_ref().map(|p| p.between(original, rebuilt)).transpose()?;
+        let classes = self.classifier.as_ref().map(|c| c.classes(rebuilt)).transpose()?;
+        let detects = self.detector.is_some();
+        Ok(Scores {
+            psnr: psnr(original, rebuilt)?,
+            ssim: ssim(original, rebuilt)?,
+            st_lpips,
+            recognised: class.as_ref().zip(classes).map(|(class, found)| recognised(class.number, &found)),
+            objects: detects.then_some(objects.len()),
+            objects_found: detects.then(|| found(objects, seen)),
+        })
+    }
+}
+
+/// An original on the grid, and what is in it.
+#[derive(Debug, Clone)]
+pub(super) struct Original {
+    pub(super) image: ColourImage,
+    pub(super) objects: Vec<Detection>,
+    /// Where a classifier is given.
+    pub(super) class: Option<Class>,
+}
+
+/// The class of an original.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Class {
+    number: usize,
+    /// Whether its file is named by it.
+    pub(super) is_named: bool,
+    /// Whether the classifier recognises the original itself, first and among five.
+    pub(super) recognised: [bool; 2],
+}
+
+/// Whether a class is the first of the five likeliest, and whether it is one of them.
+fn recognised(class: usize, likeliest: &[usize]) -> [bool; 2] {
+    [likeliest.first() == Some(&class), likeliest.contains(&class)]
+}
+
+/// How many objects are among those seen; each of those counts once.
+fn found(objects: &[Detection], seen: &[Detection]) -> usize {
+    let mut left: Vec<&Detection> = seen.iter().collect();
+    let mut count = 0;
+    for object in objects {
+        let overlap = |s: &&Detection| if s.class == object.class { s.overlap(object) } else { 0.0 };
+        let best = (0..left.len()).max_by(|a, b| overlap(&left[*a]).total_cmp(&overlap(&left[*b])));
+        if let Some(at) = best.filter(|at| overlap(&left[*at]) >= SAME) {
+            left.remove(at);
+            count += 1;
+        }
+    }
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(class: usize, left: f32) -> Detection {
+        Detection { class, score: 0.5, corners: [left, 0.0, left + 10.0, 10.0] }
+    }
+
+    #[test]
+    fn the_first_and_the_first_five_count() {
+        let found = [7, 3, 9, 1, 4];
+        assert_eq!(recognised(7, &found), [true, true]);
+        assert_eq!(recognised(4, &found), [false, true]);
+        assert_eq!(recognised(5, &found), [false, false]);
+    }
+
+    #[test]
+    fn objects_are_found_by_class_and_place_and_once() {
+        let objects = [at(0, 0.0), at(0, 1.0), at(1, 50.0)];
+        assert_eq!(found(&objects, &objects), 3);
+        assert_eq!(found(&objects, &[at(0, 0.5)]), 1, "one is not two");
+        assert_eq!(found(&objects, &[at(0, 50.0), at(1, 0.0)]), 0, "of another class");
+        assert_eq!(found(&objects, &[at(1, 53.0), at(0, 30.0)]), 1);
+        assert_eq!(found(&[], &objects), 0);
+    }
+}

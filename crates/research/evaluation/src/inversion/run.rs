@@ -1,0 +1,227 @@
+//! Runs it all.
+
+use std::path::PathBuf;
+
+use veiloc_attacks::Descriptors;
+use veiloc_attacks::image_metrics::class_named;
+use veiloc_attacks::learned::inversion::{Grid, InversionNetwork, Inverted, Known};
+use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images};
+use veiloc_features::{ColourImage, Extractor, Progress, load_colour};
+use veiloc_protocol::{ExtractionLimits, Scheme};
+
+use super::attacked::{Answer, Attacked, Realistic, attack};
+use super::beliefs::Beliefs;
+use super::document::{ClassesRow, Column, EvaluationDocument, NetworkRow, RebuiltRow};
+use super::judges::Judges;
+use super::pixels::on_grid;
+use super::sheet::{Sheet, Tile};
+use crate::EvalError;
+use crate::audit::descriptors;
+
+/// How much larger the wide view is than the image.
+const WIDE: u32 = 2;
+/// What is beyond the image in the wide view of the original.
+const BEYOND: u8 = 128;
+
+/// What to evaluate.
+pub struct InversionEvaluation<'a> {
+    /// Files of images that no network learned from.
+    pub images: Vec<PathBuf>,
+    /// Schemes, in the order of the table.
+    pub schemes: Vec<Scheme>,
+    /// What makes images of descriptors.
+    pub network: &'a InversionNetwork,
+    /// What makes the features, of the kind that the network learned from.
+    pub extractor: &'a dyn Extractor,
+    /// How many keypoints, and how large an image.
+    pub limits: ExtractionLimits,
+    /// What attackers have who are told nothing.
+    pub realistic: Realistic,
+    /// Neighbours a keypoint.
+    pub k: usize,
+    /// Seed of obfuscation and attacks.
+    pub seed: u64,
+    /// Images on the contact sheets, from the first.
+    pub shown: usize,
+}
+
+/// Something that is put through the network.
+struct Job {
+    column: Column,
+    input: Input,
+}
+
+enum Input {
+    /// Places, by image.
+    Places(Vec<Answer>),
+    /// What was sent, by image.
+    Lines(Vec<Answer>),
+    Bag,
+    Nothing,
+}
+
+/// Evaluates; also the contact sheets, of the images and of the wide view.
+///
+/// # Errors
+/// [`EvalError`] when a file is no image, an attack cannot run, or the network learned from other features.
+pub fn evaluate_inversion(
+    evaluation: &InversionEvaluation<'_>,
+    judges: &Judges,
+    progress: &dyn Progress,
+) -> Result<(EvaluationDocument, [Sheet; 2]), EvalError> {
+    let network = evaluation.network;
+    let (learned, given) = (network.features(), evaluation.extractor.kind());
+    if learned != given.name() {
+        return Err(EvalError::Options(format!(
+            "{}: it learned from features {learned}, and these are {}; use --features {learned}",
+            network.file().display(),
+            given.name()
+        )));
+    }
+    let images = keypoints_of_images(&evaluation.images, evaluation.extractor, evaluation.limits, progress)?;
+    let originals = evaluation.images.iter().map(|path| load_colour(path)).collect::<Result<Vec<_>, _>>()?;
+    let how = (evaluation.k, evaluation.seed);
+    let attacked = attack(&images, &evaluation.schemes, &evaluation.realistic, how, progress)?;
+    let mut jobs = Vec::new();
+    for scheme in &evaluation.schemes {
+        if scheme.hides_positions() {
+            let own = || attacked.iter().filter(|a| a.scheme == *scheme);
+            jobs.extend(own().map(Job::of));
+            jobs.extend(own().next().map(Job::lines));
+        } else {
+            jobs.push(Job::points(*scheme, &images));
+        }
+    }
+    jobs.push(Job::told_nothing("bag", Input::Bag));
+    jobs.push(Job::told_nothing("nothing", Input::Nothing));
+
+    progress.start("Making images", images.len() * jobs.len());
+    let mut rows: Vec<Vec<RebuiltRow>> = jobs.iter().map(|_| Vec::new()).collect();
+    let mut beliefs = vec![Beliefs::default(); jobs.len()];
+    let mut classes = judges.classifier.is_some().then(ClassesRow::default);
+    let mut sheets = [Sheet::default(), Sheet::default()];
+    for sheet in &mut sheets {
+        sheet.columns.push("original".to_owned());
+    }
+    let wide: Vec<bool> = jobs.iter().map(|job| matches!(job.input, Input::Places(_))).collect();
+    for (job, wide) in jobs.iter().zip(&wide) {
+        let name = format!("{} {}", job.column.scheme, job.column.attack);
+        if *wide {
+            sheets[1].columns.push(name.clone());
+        }
+        sheets[0].columns.push(name);
+    }
+    for (i, image) in images.iter().enumerate() {
+        let grid = network.grid([image.width, image.height]);
+        let original = judges.look(on_grid(&originals[i], grid), class_named(&evaluation.images[i]))?;
+        if let (Some(counts), Some(class)) = (&mut classes, &original.class) {
+            counts.add(class);
+        }
+        let mut lines = [
+            vec![Tile { image: original.image.clone(), boxes: original.objects.clone() }],
+            vec![Tile { image: amid(&original.image, grid), boxes: Vec::new() }],
+        ];
+        let own = descriptors(image)?;
+        for ((job, rows), beliefs) in jobs.iter().zip(&mut rows).zip(&mut beliefs) {
+            let Inverted { image: rebuilt, beliefs: believed } = job.image(network, i, image, &own, 1)?;
+            let seen = judges.objects(&rebuilt)?;
+            let scores = judges.judge(&original, &rebuilt, &seen)?;
+            rows.push(job.column.row((i, &image.name), &scores));
+            if let (Some(believed), Some(errors)) = (believed, &job.column.errors) {
+                beliefs.add(&believed, &errors[i], f64::from(image.width) / grid.width as f64);
+            }
+            if i < evaluation.shown {
+                lines[0].push(Tile { image: rebuilt, boxes: seen });
+                if matches!(job.input, Input::Places(_)) {
+                    let wide = job.image(network, i, image, &own, WIDE)?.image;
+                    lines[1].push(Tile { image: wide, boxes: Vec::new() });
+                }
+            }
+            progress.advance(1);
+        }
+        if i < evaluation.shown {
+            for (sheet, line) in sheets.iter_mut().zip(lines) {
+                sheet.rows.push(line);
+            }
+        }
+    }
+    progress.finish();
+    let document = EvaluationDocument {
+        version: 1,
+        command: "eval inversion",
+        images: images.len(),
+        k: evaluation.k,
+        seed: evaluation.seed,
+        network: NetworkRow::from(network),
+        classes,
+        summary: jobs
+            .iter()
+            .zip(&rows)
+            .zip(&beliefs)
+            .map(|((job, rows), beliefs)| job.column.summary(rows, beliefs))
+            .collect(),
+        rows: rows.into_iter().flatten().collect(),
+    };
+    Ok((document, sheets))
+}
+
+impl Job {
+    fn of(attacked: &Attacked) -> Self {
+        let errors = Some(attacked.images.iter().map(|answer| answer.errors.clone()).collect());
+        let (scheme, by) = (attacked.scheme.to_string(), attacked.by.clone());
+        let column = Column { scheme, attack: attacked.attack, by, errors };
+        Self { column, input: Input::Places(attacked.images.clone()) }
+    }
+
+    fn lines(attacked: &Attacked) -> Self {
+        let scheme = attacked.scheme.to_string();
+        let column = Column { scheme, attack: "lines", by: None, errors: None };
+        Self { column, input: Input::Lines(attacked.images.clone()) }
+    }
+
+    fn points(scheme: Scheme, images: &[KeypointImage]) -> Self {
+        let errors = Some(images.iter().map(|image| vec![0.0; image.keypoints.len()]).collect());
+        let column = Column { scheme: scheme.to_string(), attack: "none", by: None, errors };
+        let answer = |image: &KeypointImage| Answer { places: image.keypoints.clone(), ..Answer::default() };
+        Self { column, input: Input::Places(images.iter().map(answer).collect()) }
+    }
+
+    fn told_nothing(name: &str, input: Input) -> Self {
+        let column = Column { scheme: name.to_owned(), attack: "none", by: None, errors: None };
+        Self { column, input }
+    }
+
+    /// What the network makes of an image, in a view so many times as wide and high.
+    fn image(
+        &self,
+        network: &InversionNetwork,
+        at: usize,
+        image: &KeypointImage,
+        descriptors: &Descriptors,
+        times: u32,
+    ) -> Result<Inverted, EvalError> {
+        let size = [image.width, image.height];
+        let known = match &self.input {
+            Input::Places(answers) => Known::Places(&answers[at].places),
+            Input::Lines(answers) => Known::Lines(&answers[at].sent),
+            Input::Bag => Known::Nothing,
+            Input::Nothing => {
+                let none = Descriptors::new(&[], descriptors.dimension())?;
+                return Ok(network.invert(&none, size, Known::Places(&[]), times)?);
+            }
+        };
+        Ok(network.invert(descriptors, size, known, times)?)
+    }
+}
+
+/// The original in the middle of the wide view.
+fn amid(image: &ColourImage, grid: Grid) -> ColourImage {
+    let times = WIDE as usize;
+    let (width, height) = (times * grid.width, times * grid.height);
+    let mut data = vec![BEYOND; 3 * width * height];
+    let (left, upper) = ((width - grid.width) / 2, (height - grid.height) / 2);
+    for (row, line) in image.data().chunks_exact(3 * grid.width).enumerate() {
+        data[3 * ((upper + row) * width + left)..][..line.len()].copy_from_slice(line);
+    }
+    ColourImage::new(width as u32, height as u32, data).expect("three bytes a pixel")
+}

@@ -1,0 +1,88 @@
+//! Outsiders with networks: from the files of their descriptions to rows of the table, and what is missing is said.
+
+use std::path::{Path, PathBuf};
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
+use veiloc_evaluation::audit::{ATTACKS, Attack, AttackEvaluation, NeighbourSource, evaluate_attacks};
+use veiloc_geometry::Pixel;
+
+/// Of the networks of `scripts/tiny_networks.py`.
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../attacks/tests/data/learned").join(name)
+}
+
+/// Images whose descriptors tell which of 4 x 3 fields a keypoint is in.
+fn file(folder: &Path) -> PathBuf {
+    let images: Vec<KeypointImage> = (0..2)
+        .map(|seed| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let keypoints: Vec<Pixel> = (0..160)
+                .map(|_| Pixel::new(rng.random_range(0.0..320.0), rng.random_range(0.0..240.0)))
+                .collect();
+            let field = |p: &Pixel| (p.u / 80.0) as usize + 4 * (p.v / 80.0) as usize;
+            let bytes = keypoints.iter().flat_map(|p| (0..12).map(move |i| 200 * u8::from(i == field(p))));
+            let descriptors = Some((bytes.collect(), 12));
+            KeypointImage { name: format!("image-{seed}"), width: 320, height: 240, keypoints, descriptors }
+        })
+        .collect();
+    let path = folder.join("keypoints.jsonl");
+    std::fs::write(&path, encode_keypoints(&images, false).expect("encoded")).expect("written");
+    path
+}
+
+fn attack(name: &str) -> Attack {
+    *ATTACKS.iter().find(|a| a.name == name).expect("an attack")
+}
+
+#[test]
+fn a_network_of_positions_attacks_its_scheme() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let model = data("positions.toml");
+    let mut evaluation = AttackEvaluation {
+        files: vec![file(folder.path())],
+        schemes: ["random-lines", "dcl"].map(|s| s.parse().expect("a scheme")).to_vec(),
+        attacks: vec![attack("trained-positions")],
+        positions: vec![model.clone()],
+        ..AttackEvaluation::default()
+    };
+    let found = evaluate_attacks(&evaluation, |_, _| ()).expect("attacked").attacks;
+    let rows: Vec<(String, Attack)> = found.iter().map(|r| (r.scheme.clone(), r.attack)).collect();
+    let expected =
+        [("random-lines", Attack::PRIOR), ("dcl", Attack::PRIOR), ("dcl", attack("trained-positions"))];
+    assert_eq!(rows, expected.map(|(s, a)| (s.to_owned(), a)), "no network of random lines");
+    assert!(found[2].bits_over_prior > 0.7, "{:?}", found[2]);
+
+    evaluation.positions = vec![model.clone(), data("untrained.toml")];
+    let twice = evaluate_attacks(&evaluation, |_, _| ()).expect_err("two of one scheme").to_string();
+    assert!(twice.contains("another network of dcl"), "{twice}");
+    evaluation.positions = Vec::new();
+    let none = evaluate_attacks(&evaluation, |_, _| ()).expect_err("no network").to_string();
+    assert!(none.contains("research/train"), "{none}");
+    evaluation.positions = vec![evaluation.files[0].clone()];
+    let other = evaluate_attacks(&evaluation, |_, _| ()).expect_err("no network").to_string();
+    assert!(other.contains("keypoints.jsonl") && other.contains("does not describe"), "{other}");
+    evaluation.positions = vec![data("neighbours.toml")];
+    let other = evaluate_attacks(&evaluation, |_, _| ()).expect_err("another kind").to_string();
+    assert!(other.contains("neighbours.toml") && other.contains("\"positions\" is needed"), "{other}");
+}
+
+#[test]
+fn a_network_of_neighbours_predicts_them() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let evaluation = AttackEvaluation {
+        files: vec![file(folder.path())],
+        schemes: vec!["dcl".parse().expect("a scheme")],
+        attacks: vec![Attack::CLOSED_FORM],
+        neighbours: NeighbourSource::Network { model: data("neighbours.onnx") },
+        k: 8,
+        ..AttackEvaluation::default()
+    };
+    let found = evaluate_attacks(&evaluation, |_, _| ()).expect("attacked");
+    let text = serde_json::to_string(&found).expect("a document");
+    assert!(text.contains("\"neighbours\":\"network\""), "{text}");
+    // Eight of a field of some thirteen keypoints: far more than by chance.
+    let (precision, chance) = (found.precision, found.chance);
+    assert!(precision.zip(chance).is_some_and(|(precision, chance)| precision > 4.0 * chance), "{text}");
+}

@@ -1,0 +1,199 @@
+//! The paper's Table 1 end to end, on drawn images and tiny networks.
+
+use std::path::{Path, PathBuf};
+
+use veiloc_evaluation::EvalError;
+use veiloc_evaluation::inversion::{
+    Classifier, EvaluationDocument, InversionEvaluation, InversionNetwork, Judges, PerceptualDistance,
+    Realistic, Sheet, SummaryRow, evaluate_inversion, evaluation_table,
+};
+use veiloc_features::{Compact, Extractor, Sift};
+use veiloc_protocol::{ExtractionLimits, Scheme};
+
+/// Of the networks of `scripts/tiny_networks.py`.
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../attacks/tests/data").join(name)
+}
+
+fn network(name: &str) -> InversionNetwork {
+    InversionNetwork::open(&data(name)).expect("a network")
+}
+
+/// Squares on a slope, with corners for SIFT to find.
+fn draw(folder: &Path, shift: u32) -> PathBuf {
+    let value = |x: u32, y: u32| {
+        let square = ((x + shift) / 9 * 37 + (y + 2 * shift) / 7 * 61) % 5 * 40;
+        image::Rgb([square as u8, (x + 60) as u8, (y + 90) as u8])
+    };
+    let path = folder.join(format!("image-{shift}.png"));
+    image::RgbImage::from_fn(128, 96, value).save(&path).expect("written");
+    path
+}
+
+fn evaluate(
+    images: &[PathBuf],
+    network: &InversionNetwork,
+    realistic: Realistic,
+    judges: &Judges,
+) -> Result<(EvaluationDocument, [Sheet; 2]), EvalError> {
+    evaluate_inversion(&evaluation(images, network, realistic, &Sift::default()), judges, &())
+}
+
+fn evaluation<'a>(
+    images: &[PathBuf],
+    network: &'a InversionNetwork,
+    realistic: Realistic,
+    extractor: &'a dyn Extractor,
+) -> InversionEvaluation<'a> {
+    InversionEvaluation {
+        images: images.to_vec(),
+        schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
+        network,
+        extractor,
+        limits: ExtractionLimits::default(),
+        realistic,
+        k: 10,
+        seed: 3,
+        shown: 1,
+    }
+}
+
+#[test]
+fn every_scheme_and_attack_has_its_rows() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let paths: Vec<PathBuf> = (0..6).map(|i| draw(folder.path(), 31 * i)).collect();
+    let plain = network("learned/plain.toml");
+    let limits = ExtractionLimits::default();
+    let map = veiloc_datasets::problem_files::keypoints_of_images(&paths[5..], &Sift::default(), limits, &())
+        .expect("images");
+    let (document, sheets) =
+        evaluate(&paths[3..5], &plain, Realistic { map, ..Realistic::default() }, &Judges::default())
+            .expect("it runs");
+    let names: Vec<String> =
+        document.summary.iter().map(|row| format!("{} {}", row.scheme, row.attack)).collect();
+    let dcl = Scheme::default().to_string();
+    let expected = [
+        "points none",
+        "random-lines guess",
+        "random-lines closed-form",
+        "random-lines graph",
+        "random-lines realistic",
+        "random-lines lines",
+        &format!("{dcl} guess"),
+        &format!("{dcl} closed-form"),
+        &format!("{dcl} graph"),
+        &format!("{dcl} realistic"),
+        &format!("{dcl} lines"),
+        "bag none",
+        "nothing none",
+    ];
+    assert_eq!(names, expected);
+    assert_eq!(document.rows.len(), 2 * expected.len());
+    let row =
+        |name: &str| -> &SummaryRow { &document.summary[names.iter().position(|n| n == name).expect(name)] };
+    assert_eq!((row("points none").mean_px, row("points none").median_px), (Some(0.0), Some(0.0)));
+    let graph = row("random-lines graph").mean_px.expect("places");
+    assert!(graph > 0.0 && graph < row("random-lines guess").mean_px.expect("places"), "{graph}");
+    assert_eq!(row("random-lines realistic").by.as_deref(), Some("transfer"));
+    for name in ["random-lines lines", "bag none", "nothing none"] {
+        assert_eq!((row(name).mean_px, row(name).median_px), (None, None));
+    }
+    for row in &document.rows {
+        assert!(row.psnr > 0.0 && row.psnr < 60.0 && row.ssim < 1.0, "{row:?}");
+        assert_eq!((row.st_lpips, row.top_1, row.objects), (None, None, None), "nobody judged it");
+    }
+    let of = |scheme: &str, attack: &str| {
+        let own = document.rows.iter().filter(|row| row.scheme == scheme && row.attack == attack);
+        own.map(|row| row.psnr).sum::<f64>() / 2.0
+    };
+    assert!((of("points", "none") - row("points none").psnr).abs() < 1e-9);
+
+    let [sheet, wide] = sheets;
+    assert_eq!(sheet.columns.len(), 1 + expected.len());
+    assert_eq!(wide.columns.len(), 1 + 9, "what is given places");
+    for sheet in [&sheet, &wide] {
+        assert_eq!((sheet.rows.len(), sheet.rows[0].len()), (1, sheet.columns.len()), "one image is shown");
+    }
+    let side = |sheet: &Sheet| sheet.rows[0][1].image.width();
+    assert_eq!((side(&sheet), side(&wide)), (32, 64));
+    assert!(sheet.png().expect("small").expect("tiles").starts_with(b"\x89PNG"));
+    let table = evaluation_table(&document);
+    assert!(table.contains("realistic (transfer)") && table.contains("Means over 2 images"), "{table}");
+
+    assert!(document.summary.iter().all(|row| row.told_apart.is_none()) && !table.contains("told apart"));
+
+    assert!(document.classes.is_none() && !document.network.judges_places);
+
+    // The same again to the last digit.
+    let again = evaluate(&paths[3..5], &plain, Realistic::default(), &Judges::default()).expect("it runs").0;
+    let psnr = |d: &EvaluationDocument| d.rows.iter().find(|r| r.attack == "graph").map(|r| r.psnr);
+    assert_eq!(psnr(&again), psnr(&document), "other attackers change nothing");
+}
+
+#[test]
+fn a_network_that_judges_places_is_judged_by_what_it_believes() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let paths: Vec<PathBuf> = (3..5).map(|i| draw(folder.path(), 31 * i)).collect();
+    let judging = network("learned/inversion.toml");
+    let (document, _) =
+        evaluate(&paths, &judging, Realistic::default(), &Judges::default()).expect("it runs");
+    assert!(document.network.judges_places && document.network.file.ends_with("inversion.toml"));
+    for row in &document.summary {
+        // Keypoints as they are hold nothing wrong, graph may bring all back, and where no places are given none is judged.
+        match (row.scheme.as_str(), row.attack) {
+            ("points" | "nothing" | "bag", _) | (_, "lines") => assert_eq!(row.told_apart, None, "{row:?}"),
+            (_, "guess" | "closed-form") => assert!(row.told_apart.is_some(), "{row:?}"),
+            _ => {}
+        }
+        assert!(row.told_apart.is_none_or(|told| told > 0.0 && told < 1.0), "{row:?}");
+    }
+    assert!(evaluation_table(&document).contains("told apart"));
+}
+
+#[test]
+fn judges_say_how_far_images_are_and_what_they_show() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let first = draw(folder.path(), 31);
+    // The tiny classifier knows classes 10, 20 and 30, by colour; the drawn images are brightest in blue.
+    let named = folder.path().join("n01530575_brambling.png");
+    std::fs::copy(&first, &named).expect("copied");
+    let wrong = folder.path().join("n01440764_tench.png");
+    std::fs::copy(&first, &wrong).expect("copied");
+    let judges = Judges {
+        perceptual: Some(PerceptualDistance::open(&data("image_metrics/distance.onnx")).expect("a network")),
+        classifier: Some(Classifier::open(&data("image_metrics/classifier.onnx")).expect("a network")),
+        detector: None,
+    };
+    let plain = network("learned/plain.toml");
+    let images = [first, named, wrong];
+    let (document, _) = evaluate(&images, &plain, Realistic::default(), &judges).expect("it runs");
+    let classes = document.classes.expect("classified");
+    assert_eq!((classes.named, classes.answered), (2, 1));
+    assert!(classes.named_top_1 <= classes.named_top_5 && classes.named_top_5 == 2, "{classes:?}");
+    for row in &document.rows {
+        let (first, five) = (row.top_1.expect("classified"), row.top_5.expect("classified"));
+        // Of five, three are the colours and the others 0 and 1.
+        assert!(five && (!first || row.image != "n01440764_tench.png"), "{row:?}");
+        assert!(row.st_lpips.is_some_and(|distance| distance > 0.0), "{row:?}");
+    }
+    for row in &document.summary {
+        assert_eq!(row.top_5, Some(3), "{row:?}");
+    }
+    let table = evaluation_table(&document);
+    assert!(
+        table.contains("ST-LPIPS") && table.contains("2 images are named by their ImageNet synset"),
+        "{table}"
+    );
+}
+
+#[test]
+fn features_are_those_that_the_network_learned_from() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let paths = [draw(folder.path(), 31)];
+    let plain = network("learned/plain.toml");
+    let compact = Compact::default();
+    let other = evaluation(&paths, &plain, Realistic::default(), &compact);
+    let refused =
+        evaluate_inversion(&other, &Judges::default(), &()).expect_err("other features").to_string();
+    assert!(refused.contains("plain.toml") && refused.contains("--features sift"), "{refused}");
+}

@@ -1,4 +1,0 @@
-//! Tests of `inversion`.
-
-mod evaluation;
-mod training;
