@@ -13,13 +13,16 @@ Weights are `.pth` or `.npz` of the same tensors. Layers are written after the p
 Normalizations over a training's images end up in the convolutions before them. Every file that is written is run by ONNX Runtime
 beside PyTorch, where ONNX Runtime is installed, and the largest difference is printed.
 
-| network | inputs | outputs |
-|---|---|---|
-| alike | `image` [1, 3, H, W], 0 to 1; sides are multiples of 32 | `scores` [1, 1, H, W], `level1` to `level4` at the sizes 1, 1/2, 1/8, 1/32, `head` [dim, dim]: of the joined levels at a keypoint, enlarged corner upon corner, it makes the descriptor; with --dense `descriptors` [1, dim, H, W], where it did so everywhere |
-| superpoint | `image` [1, 1, H, W], 0 to 1; multiples of 8 | `scores` [1, 65, H/8, W/8] before the softmax, `descriptors` [1, 256, H/8, W/8] before they get length 1 |
-| netvlad | `image` [1, 3, H, W], 0 to 1 | `vector` [1, numbers] of length 1; with --features alone `features` [1, 512, H/16, W/16] |
-| st-lpips, lpips | `a`, `b` [1, 3, H, W], sRGB, 0 to 1 | `distance` [1] |
-| efficientnet-lite0 | `image` [1, 3, 224, 224], (x - 127) / 128 of 0 to 255 | `logits` [1, 1000] |
+Inputs and outputs:
+
+- alike: `image` [1, 3, H, W], 0 to 1, sides multiples of 32 -> `scores` [1, 1, H, W]; `level1` to `level4` [1, dim/4, ...], of the sizes
+  1, 1/2, 1/8 and 1/32; `head` [dim, dim], which makes a descriptor of the joined levels at a keypoint, each enlarged corner upon
+  corner; with --dense `descriptors` [1, dim, H, W], those of all pixels.
+- superpoint: `image` [1, 1, H, W], 0 to 1, sides multiples of 8 -> `scores` [1, 65, H/8, W/8] before the softmax; `descriptors`
+  [1, 256, H/8, W/8] before they get length 1.
+- netvlad: `image` [1, 3, H, W], 0 to 1 -> `vector` [1, numbers] of length 1; with --features alone `features` [1, 512, H/16, W/16].
+- st-lpips, lpips: `a` and `b` [1, 3, H, W], sRGB, 0 to 1 -> `distance` [1].
+- efficientnet-lite0: `image` [1, 3, 224, 224], (x - 127) / 128 of 0 to 255 -> `logits` [1, 1000].
 """
 
 import argparse
@@ -159,12 +162,14 @@ class NetVlad(nn.Module):
 
         super().__init__()
         net = scipy.io.loadmat(path, struct_as_record=False, squeeze_me=True)["net"]
-        weights = {n: [np.asarray(w, np.float32) for w in net.layers[n].weights] for n in (*self.CONVOLUTIONS, self.WORDS, self.WHITENING)}
+        layers = (*self.CONVOLUTIONS, self.WORDS, self.WHITENING)
+        weights = {n: [np.asarray(w, np.float32) for w in net.layers[n].weights] for n in layers}
         mean = np.asarray(net.meta.normalization.averageImage, np.float32).reshape(-1, 3)[0]
         self.register_buffer("mean", torch.from_numpy(mean.copy()).reshape(1, 3, 1, 1))
         self.convolutions = nn.ModuleList()
         for number in self.CONVOLUTIONS:
-            kernel, bias = (torch.from_numpy(np.ascontiguousarray(w)) for w in (weights[number][0].transpose(3, 2, 0, 1), weights[number][1].ravel()))
+            kernel, bias = weights[number][0].transpose(3, 2, 0, 1), weights[number][1].ravel()
+            kernel, bias = (torch.from_numpy(np.ascontiguousarray(w)) for w in (kernel, bias))
             layer = nn.Conv2d(kernel.shape[1], kernel.shape[0], 3, padding=1)
             layer.load_state_dict({"weight": kernel, "bias": bias})
             self.convolutions.append(layer)
@@ -206,7 +211,13 @@ class Lpips(nn.Module):
     """
 
     #: Number among torchvision's layers, channels in and out, side, padding, stride, whether a pool (3, stride 2) is before it.
-    LAYERS = ((0, 3, 64, 11, 2, 4, False), (3, 64, 192, 5, 2, 1, True), (6, 192, 384, 3, 1, 1, True), (8, 384, 256, 3, 1, 1, False), (10, 256, 256, 3, 1, 1, False))  # fmt: skip
+    LAYERS = (
+        (0, 3, 64, 11, 2, 4, False),
+        (3, 64, 192, 5, 2, 1, True),
+        (6, 192, 384, 3, 1, 1, True),
+        (8, 384, 256, 3, 1, 1, False),
+        (10, 256, 256, 3, 1, 1, False),
+    )
     SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
 
     def __init__(self, linear: dict[str, torch.Tensor], backbone: dict[str, torch.Tensor]):
@@ -274,7 +285,15 @@ class EfficientNetLite0(nn.Module):
     """Tan and Le, EfficientNet, ICML 2019, without squeeze and excitation and with ReLU6."""
 
     #: Expansion, channels, times, side, stride of the first.
-    BLOCKS = ((1, 16, 1, 3, 1), (6, 24, 2, 3, 2), (6, 40, 2, 5, 2), (6, 80, 3, 3, 2), (6, 112, 3, 5, 1), (6, 192, 4, 5, 2), (6, 320, 1, 3, 1))  # fmt: skip
+    BLOCKS = (
+        (1, 16, 1, 3, 1),
+        (6, 24, 2, 3, 2),
+        (6, 40, 2, 5, 2),
+        (6, 80, 3, 3, 2),
+        (6, 112, 3, 5, 1),
+        (6, 192, 4, 5, 2),
+        (6, 320, 1, 3, 1),
+    )
 
     def __init__(self, tensors: dict[str, torch.Tensor]):
         super().__init__()
@@ -326,7 +345,8 @@ def write(network: nn.Module, given: dict[str, torch.Tensor], results: list[str]
             print("not compared: onnxruntime is not installed", file=sys.stderr)
             return
         session = onnxruntime.InferenceSession(str(path))
-        other = given if fixed else {name: torch.rand(*value.shape[:2], value.shape[2] + 32, value.shape[3]) for name, value in given.items()}
+        larger = lambda value: torch.rand(*value.shape[:2], value.shape[2] + 32, value.shape[3])
+        other = given if fixed else {name: larger(value) for name, value in given.items()}
         answers = of_all(network(*other.values()))
         found = session.run(results, {name: value.numpy() for name, value in other.items()})
         for name, a, b in zip(results, answers, found):
@@ -368,7 +388,8 @@ def main() -> None:
     elif args.network == "lpips":
         write(Lpips(tensors_of(args.weights), tensors_of(args.backbone)), pair, ["distance"], args.out)
     else:
-        write(EfficientNetLite0(tensors_of(args.weights)), {"image": torch.rand(1, 3, 224, 224) * 2 - 1}, ["logits"], args.out, fixed=True)
+        square = {"image": torch.rand(1, 3, 224, 224) * 2 - 1}
+        write(EfficientNetLite0(tensors_of(args.weights)), square, ["logits"], args.out, fixed=True)
 
 
 if __name__ == "__main__":

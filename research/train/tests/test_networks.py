@@ -89,7 +89,8 @@ def test_answers_are_sums_of_products_of_cosines():
     logits = network(torch.randn(1, 2, 4), places, torch.zeros(1, 2, 5))
     for b in range(5):
         x, y = places[0, 1, b].tolist()
-        expected = sum(answers[i, j].item() * math.cos(math.pi * i * x) * math.cos(math.pi * j * y) for i in range(3) for j in range(3))
+        wave = lambda i, j: math.cos(math.pi * i * x) * math.cos(math.pi * j * y)
+        expected = sum(answers[i, j].item() * wave(i, j) for i in range(3) for j in range(3))
         assert abs(logits[0, 1, b].item() - expected) < 1e-5
 
 
@@ -213,9 +214,9 @@ def test_positions_learn_what_there_is_to_learn(monkeypatch, files):
             told = np.clip(255 * np.concatenate([np.cos(np.pi * k * places) * 0.5 + 0.5 for k in range(1, 9)], axis=1), 0, 255)
             fields["descriptors"] = base64.b64encode(told.astype(np.uint8).tobytes()).decode()
             out.write(json.dumps(fields) + "\n")
-    more = ["--steps", "150", "--every", "150", "--batch", "4", "--rows", "60", "--width", "48", "--heads", "4", "--layers", "2", "--dropout", "0", "--rate", "3e-3"]
-    arguments = ["positions", str(files / "told.jsonl.gz"), "-o", str(files / "told"), "--validation", "2", "--device", "cpu", *more]
-    monkeypatch.setattr(sys, "argv", ["veiloc_train", *arguments])
+    options = "--steps 150 --every 150 --batch 4 --rows 60 --width 48 --heads 4 --layers 2 --dropout 0 --rate 3e-3"
+    arguments = ["positions", str(files / "told.jsonl.gz"), "-o", str(files / "told"), "--validation", "2", "--device", "cpu"]
+    monkeypatch.setattr(sys, "argv", ["veiloc_train", *arguments, *options.split()])
     command.main()
     header, first, last = (row.split(",") for row in (files / "told.csv").read_text().splitlines())
     bits = -float(last[header.index("minus_bits")])

@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +48,8 @@ def test_keypoints_lie_on_what_their_rows_say(program, image, name, monkeypatch)
     out = folder / name.replace(":", "-")
     profile = ROOT / "crates/core/protocol/tests/data/sift.profile"
     # A camera that is the canonical one already, so that nothing is rectified.
-    run(program, "seal", folder / "images", "--profile", profile, "-o", out, "--camera", "SIMPLE_PINHOLE,512,384,512,256,192", "--scheme", name)
+    camera = "SIMPLE_PINHOLE,512,384,512,256,192"
+    run(program, "seal", folder / "images", "--profile", profile, "-o", out, "--camera", camera, "--scheme", name)
     message = reader.fields(next(out.rglob("*.vquery")).read_bytes())
     assert message["angle_bits"] == schemes.ANGLE_BITS
     assert [32 * message["camera_width"], 32 * message["camera_height"]] == SIZE.tolist()

@@ -5,6 +5,7 @@ with `--wrong` some stand where they do not belong, as an attack puts them.
 """
 
 import argparse
+import io
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,8 @@ from .perceptual import StLpips, unit
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_arguments(parser, steps=100_000, batch=8, rate=3e-4)
-    parser.add_argument("--image-folder", type=Path, action="append", required=True, help="where the names of the keypoint files begin; may be given again")
+    parser.add_argument("--image-folder", type=Path, action="append", required=True,
+                        help="where the names of the keypoint files begin; may be given again")  # fmt: skip
     parser.add_argument("--form", choices=FORMS, default="unet", help="(%(default)s)")
     parser.add_argument("--width", type=int, default=64, help="channels at the largest size (%(default)s)")
     parser.add_argument("--levels", type=int, default=5, help="sizes (%(default)s)")
@@ -83,8 +85,6 @@ class Photographs:
 
     def window(self, image: Known, box: tuple[float, float, float, float], shape: tuple[int, int]) -> np.ndarray:
         """This part of an image, in the pixels of its keypoints, so high and wide. `[3, H, W]`, 0 to 1."""
-        import io
-
         if image.name not in self.read:
             self.read[image.name] = find_image(self.folders, image.name).read_bytes()
         with Image.open(io.BytesIO(self.read[image.name])) as opened:

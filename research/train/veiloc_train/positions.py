@@ -27,7 +27,8 @@ FEWEST = 48
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_arguments(parser, steps=20_000, batch=4, rate=1e-3)
-    parser.add_argument("--scheme", default="dcl", help="dcl (also dcl:vertical, dcl:angle=…,s=…), random-lines or coordinate-permutation")
+    schemes = "dcl (also dcl:horizontal, dcl:angle=…,s=…), random-lines or coordinate-permutation"
+    parser.add_argument("--scheme", default="dcl", help=f"{schemes} (%(default)s)")
     parser.add_argument("--sees", choices=SEES, default="set", help="all rows, each row alone, or its line alone (%(default)s)")
     parser.add_argument("--rows", type=int, default=512, help="keypoints drawn from an image (%(default)s)")
     parser.add_argument("--width", type=int, default=192, help="of what stands for a row in the network (%(default)s)")
