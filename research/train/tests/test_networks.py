@@ -75,7 +75,7 @@ def test_positions_say_the_guess_before_they_have_learned(sees):
     network = models.Positions(128, sees, waves=6, width=16, heads=2, layers=1).eval()
     rng = np.random.default_rng(0)
     image = known()
-    batch = positions.Sent([positions.draw(image, 40, True, rng)], Scheme.parse("dcl"), rng, "cpu")
+    batch = positions.Sent([positions.draw(image, 40, True, rng)], Scheme.parse("dcl"), rng)
     assert (network(batch.descriptors, batch.places, batch.guess) == 0).all()
     assert batch.gain(batch.shares(network)).abs().max() < 1e-5
 
@@ -100,8 +100,8 @@ def test_rows_that_are_not_there_change_nothing():
     small, large = (positions.draw(known(count=n, seed=n), 200, False, rng) for n in (30, 55))
     network = models.Positions(128, "set", waves=4, width=16, heads=2, layers=2).eval()
     torch.nn.init.normal_(network.encoder.last.weight)
-    both = positions.Sent([small, large], Scheme.parse("random-lines"), np.random.default_rng(1), "cpu")
-    alone = positions.Sent([small], Scheme.parse("random-lines"), np.random.default_rng(1), "cpu")
+    both = positions.Sent([small, large], Scheme.parse("random-lines"), np.random.default_rng(1))
+    alone = positions.Sent([small], Scheme.parse("random-lines"), np.random.default_rng(1))
     assert torch.allclose(both.shares(network)[0, :30], alone.shares(network)[0], atol=1e-4)
 
 
@@ -197,7 +197,7 @@ def test_training_goes_on_where_it_was_interrupted(kind, files, monkeypatch):
         patch.setattr(torch.optim.AdamW, "step", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(patch, kind, files, files / "part", "--steps", "4")
-    run(monkeypatch, kind, files, files / "part", "--steps", "4", "--resume")
+    run(monkeypatch, kind, files, files / "part", "--steps", "4", "--resume", "--workers", "0")
     curves = [[row.split(",")[0::2] for row in (files / f"{n}.csv").read_text().splitlines()] for n in ("whole", "part")]
     assert curves[0] == curves[1] and len(curves[0]) == 4
     assert f'kind = "{kind}"' in (files / "part.toml").read_text()

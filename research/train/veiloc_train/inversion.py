@@ -122,7 +122,7 @@ class Draws:
 
     def batch(self, rng: np.random.Generator) -> list[torch.Tensor]:
         drawn = [self.one(rng) for _ in range(self.args.batch)]
-        return [torch.from_numpy(np.stack(x)).to(self.args.device) for x in zip(*drawn)]
+        return [torch.from_numpy(np.stack(x)) for x in zip(*drawn)]
 
     def whole(self, image: Known, rng: np.random.Generator) -> list[torch.Tensor]:
         """All of an image, as the program feeds it, with half of `--wrong` misplaced."""
@@ -187,6 +187,6 @@ def run(args: argparse.Namespace) -> None:
             figures["visible"] = np.mean(certain)
         return {name: float(value) for name, value in figures.items()}
 
-    trained = loop.train(loop.Task(network, lambda rng: loss(*draws.batch(rng)), judge), args)
+    trained = loop.train(loop.Task(network, draws.batch, lambda batch: loss(*(x.to(args.device) for x in batch)), judge), args)
     more = {"side": args.side, "multiple": multiple, "visible": args.form == "invsfm"}
     export(trained, args.out, "inversion", args.features, dimension, **more)

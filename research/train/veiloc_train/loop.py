@@ -5,9 +5,12 @@ import csv
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,8 +22,10 @@ class Task:
     """What is learned."""
 
     network: nn.Module
-    #: The loss of a draw; the generator says which.
-    loss: Callable[[np.random.Generator], torch.Tensor]
+    #: What a step learns from; the generator says which. Runs beside the training.
+    draw: Callable[[np.random.Generator], Any]
+    #: The loss of a draw.
+    loss: Callable[[Any], torch.Tensor]
     #: What the network is worth now: names and values, the first of which is made small.
     judge: Callable[[], dict[str, float]]
 
@@ -42,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser, steps: int, batch: int, rate:
     parser.add_argument("--resume", action="store_true", help="go on from STEM.pt, if there is one")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu", help="(%(default)s)")
     parser.add_argument("--threads", type=int, help="of PyTorch on a processor")
+    parser.add_argument("--workers", type=int, default=2, help="threads that draw in advance; 0: none (%(default)s)")
     parser.add_argument("--seed", type=int, default=0)
 
 
@@ -67,8 +73,33 @@ def decaying(network: nn.Module, decay: float) -> list[dict]:
 
 def identity(args: argparse.Namespace) -> str:
     """What must be the same for a training to go on."""
-    loose = {"out", "resume", "device", "threads", "minutes", "keypoints", "run", "image_folder"}
+    loose = {"out", "resume", "device", "threads", "workers", "minutes", "keypoints", "run", "image_folder"}
     return repr(sorted((k, str(v)) for k, v in vars(args).items() if k not in loose))
+
+
+def draws(task: Task, args: argparse.Namespace, step: int) -> Iterator[Any]:
+    """What the steps from this one on learn from.
+
+    Each draws by its own number, so that a training that goes on draws what it would have drawn, however many workers there are.
+    """
+
+    def draw(number: int) -> Any:
+        return task.draw(np.random.default_rng([args.seed, number]))
+
+    if args.workers == 0:
+        while True:
+            yield draw(step)
+            step += 1
+    with ThreadPoolExecutor(args.workers) as pool:
+        waiting = deque(pool.submit(draw, step + i) for i in range(2 * args.workers))
+        step += 2 * args.workers
+        try:
+            while True:
+                yield waiting.popleft().result()
+                waiting.append(pool.submit(draw, step))
+                step += 1
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def train(task: Task, args: argparse.Namespace) -> nn.Module:
@@ -92,6 +123,7 @@ def train(task: Task, args: argparse.Namespace) -> nn.Module:
         return max(state["step"] / args.steps, by_time)
 
     losses: list[float] = []
+    drawn = draws(task, args, state["step"])
     while True:
         whole = state["step"] % args.every == 0 or done() >= 1.0
         if whole and (losses or state["step"] == 0):
@@ -105,8 +137,7 @@ def train(task: Task, args: argparse.Namespace) -> nn.Module:
         network.train()
         for group in optimizer.param_groups:
             group["lr"] = args.rate * rate_at(done())
-        # Each step draws by its own number, so that a training that goes on draws what it would have drawn.
-        loss = task.loss(np.random.default_rng([args.seed, state["step"]]))
+        loss = task.loss(next(drawn))
         if not torch.isfinite(loss):
             sys.exit(f"the loss is no number at step {state['step']}")
         optimizer.zero_grad(set_to_none=True)
@@ -116,6 +147,7 @@ def train(task: Task, args: argparse.Namespace) -> nn.Module:
         losses.append(loss.item())
         state["step"] += 1
         state["seconds"] += time.monotonic() - started
+    drawn.close()
     network.load_state_dict(state["weights"])
     return network.eval()
 

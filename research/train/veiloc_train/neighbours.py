@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> None:
     print(f"{parameters(network)} numbers, {len(training)} + {len(validation)} images of {dimension} numbers")
     known: dict[int, np.ndarray] = {}
 
-    def loss(rng: np.random.Generator) -> torch.Tensor:
+    def drawn(rng: np.random.Generator) -> list[torch.Tensor]:
         orders = []
         chosen = rng.integers(len(training), size=args.batch)
         for i in chosen:
@@ -104,9 +104,11 @@ def run(args: argparse.Namespace) -> None:
             descriptors[row, :n] = scaled(training[i].descriptors[order])
             shares[row, :n, :n] = targets(known[i], order, len(training[i].keypoints))
             present[row, :n] = True
-        batch = [torch.from_numpy(x).to(args.device) for x in (descriptors, present, shares)]
-        return cross_entropy(network, *batch)
+        return [torch.from_numpy(x) for x in (descriptors, present, shares)]
+
+    def loss(batch: list[torch.Tensor]) -> torch.Tensor:
+        return cross_entropy(network, *(x.to(args.device) for x in batch))
 
     network.to(args.device)
-    trained = loop.train(loop.Task(network, loss, Judge(validation, network, args)), args)
+    trained = loop.train(loop.Task(network, drawn, loss, Judge(validation, network, args)), args)
     export(trained, args.out, "neighbours", args.features, dimension)

@@ -61,7 +61,7 @@ def draw(image: Known, most: int, mirror: bool, rng: np.random.Generator) -> tup
 class Sent:
     """Images as an attacker holds them, as one batch; the true bin is -1 for rows that are not there or have one bin."""
 
-    def __init__(self, drawn: list[tuple], scheme: Scheme, rng: np.random.Generator, device: str):
+    def __init__(self, drawn: list[tuple], scheme: Scheme, rng: np.random.Generator):
         rows = max(len(places) for places, _, _ in drawn)
         self.bins, self.truth_places, self.sizes = [], [], []
         dimension = drawn[0][1].shape[1]
@@ -82,8 +82,13 @@ class Sent:
             self.bins.append(bins)
             self.truth_places.append(places)
             self.sizes.append(size)
-        tensors = [torch.from_numpy(x).to(device) for x in (descriptors, where, guess, truth, present)]
+        tensors = [torch.from_numpy(x) for x in (descriptors, where, guess, truth, present)]
         self.descriptors, self.places, self.guess, self.truth, self.present = tensors
+
+    def to(self, device: str) -> "Sent":
+        for name in ("descriptors", "places", "guess", "truth", "present"):
+            setattr(self, name, getattr(self, name).to(device))
+        return self
 
     def shares(self, network: Positions) -> torch.Tensor:
         """Logarithm of how likely each bin is. `[images, N, B]`"""
@@ -107,7 +112,7 @@ class Judge:
         for image in images:
             order = rng.permutation(len(image.keypoints))[:1024]
             drawn = (image.keypoints[order], image.descriptors[order], (image.width, image.height))
-            self.sent.append(Sent([drawn], scheme, rng, args.device))
+            self.sent.append(Sent([drawn], scheme, rng).to(args.device))
 
     def __call__(self) -> dict[str, float]:
         gains, errors, guesses = [], [], []
@@ -138,12 +143,14 @@ def run(args: argparse.Namespace) -> None:
     network = Positions(dimension, args.sees, args.waves, args.width, args.heads, args.layers, args.dropout)
     print(f"{parameters(network)} numbers, {len(training)} + {len(validation)} images of {dimension} numbers")
 
-    def loss(rng: np.random.Generator) -> torch.Tensor:
+    def drawn(rng: np.random.Generator) -> Sent:
         chosen = rng.integers(len(training), size=args.batch)
-        drawn = [draw(training[i], args.rows, args.mirror, rng) for i in chosen]
-        batch = Sent(drawn, scheme, rng, args.device)
+        return Sent([draw(training[i], args.rows, args.mirror, rng) for i in chosen], scheme, rng)
+
+    def loss(batch: Sent) -> torch.Tensor:
+        batch = batch.to(args.device)
         return -batch.gain(batch.shares(network)).mean()
 
     network.to(args.device)
-    trained = loop.train(loop.Task(network, loss, Judge(validation, network, args, scheme)), args)
+    trained = loop.train(loop.Task(network, drawn, loss, Judge(validation, network, args, scheme)), args)
     export(trained, args.out, "positions", args.features, dimension, scheme=args.scheme, sees=args.sees)
