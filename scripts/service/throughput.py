@@ -3,7 +3,7 @@
 
     VEILOC_DATA=../shared/data scripts/service/throughput.py [--veiloc PROGRAM] [--seconds 15]
 
-One sealed query of 1024 keypoints, over and over, by as many clients as keep all workers busy: HTTP/1.1 and HTTP/2, plain and
+One sealed query of 1024 keypoints, over and over, by as many clients as keep all workers busy: HTTP/1.1, plain and
 over TLS. *Library* is what the service itself measured of retrieval, matching and pose (`veiloc_stage_seconds`), so workers
 over its mean is the rate that no service could exceed; *share* is how much of that is reached. Needs `h2load` (Debian:
 nghttp2-client) and `openssl`. Client and service share the machine's cores: the share is a lower bound.
@@ -26,10 +26,10 @@ def library(server):
     return sum(read("sum", stage) for stage in STAGES), read("count", "pose")
 
 
-def load(url, query, seconds, clients, version):
+def load(url, query, seconds, clients):
     """Answers a second, and those that were no 200."""
     command = ["h2load", "--warm-up-time=2", "-D", str(seconds), "-c", str(clients), "-m", "1", "-d", query,
-               "-H", f"content-type: {PROTOBUF}", *(["--h1"] if version == 1 else []), url]
+               "-H", f"content-type: {PROTOBUF}", "--h1", url]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     rate = float(re.search(r"finished in [\d.]+\w*, ([\d.]+) req/s", said)[1])
     good, others = re.search(r"status codes: (\d+) 2xx, (.*)", said).groups()
@@ -52,17 +52,15 @@ def main():
         server = Server(place, "--log", "error", *(["--cert", cert, "--key", key] if tls else []))
         wait_for(lambda: ask(server.admin, "/readyz")[0] == 200, "readiness")
         url = f"{'https' if tls else 'http'}://127.0.0.1:{server.port}{LOCALIZE}"
-        for version in (1, 2):
-            before = library(server)
-            rate, good, others = load(url, query, given.seconds, 2 * workers, version)
-            after = library(server)
-            if not good:
-                sys.exit(f"no answer: {others}")
-            each = (after[0] - before[0]) / (after[1] - before[1])
-            share = rate * each / workers
-            worst = min(worst, share)
-            name = f"HTTP/{'1.1' if version == 1 else '2'}, {'TLS' if tls else 'plain'}"
-            row(name, f"{rate:.1f}", f"{1e3 * each:.1f}", f"{workers / each:.1f}", f"{share:.2f}")
+        before = library(server)
+        rate, good, others = load(url, query, given.seconds, 2 * workers)
+        after = library(server)
+        if not good:
+            sys.exit(f"no answer: {others}")
+        each = (after[0] - before[0]) / (after[1] - before[1])
+        share = rate * each / workers
+        worst = min(worst, share)
+        row("TLS" if tls else "plain", f"{rate:.1f}", f"{1e3 * each:.1f}", f"{workers / each:.1f}", f"{share:.2f}")
         server.stop()
     print(f"\nworst share {worst:.2f}")
 

@@ -17,7 +17,7 @@ use hyper_util::service::TowerToHyperService;
 use tokio::sync::watch;
 
 use crate::error::ServerError;
-use crate::http::{Conduct, Ending, ListenAddress, Listener, Protocol, serve_connection};
+use crate::http::{Conduct, ListenAddress, Listener, serve_connection};
 use crate::options::Timeouts;
 use crate::problem::Problem;
 use crate::queue::{Connections, Entry, Limits};
@@ -87,12 +87,12 @@ async fn metrics(State(probed): State<Arc<dyn Probed>>) -> Response {
 async fn serve_router(router: Router, conduct: Conduct, listener: Listener, mut stop: watch::Receiver<bool>) {
     let connections = Connections::new(Limits { total: CONNECTIONS, per_address: CONNECTIONS, reserved: 0 });
     let conduct = Conduct { unknown_life: LIFE, life: LIFE, ..conduct };
-    let ending = watch::Sender::new(Ending::Serving);
+    let ending = watch::Sender::new(false);
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
             _ = stop.wait_for(|stop| *stop) => {
-                ending.send_replace(Ending::Closing);
+                ending.send_replace(true);
                 return;
             }
         };
@@ -105,7 +105,7 @@ async fn serve_router(router: Router, conduct: Conduct, listener: Listener, mut 
         let (service, ending) = (TowerToHyperService::new(router.clone()), ending.subscribe());
         tokio::spawn(async move {
             let (stream, peer) = stream.share();
-            serve_connection(stream, peer, Protocol::Unknown, service, &place, conduct, ending).await;
+            serve_connection(stream, peer, service, &place, conduct, ending).await;
         });
     }
 }

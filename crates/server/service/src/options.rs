@@ -78,8 +78,8 @@ impl Default for Timeouts {
 impl Timeouts {
     /// Of connections. The last answer of one may take as long as any.
     pub(crate) fn conduct(&self) -> Conduct {
-        let Self { head, body, localize, write, unknown_life, life, .. } = *self;
-        Conduct { head, write, unknown_life, life, last: head + body + localize + write }
+        let Self { head, write, unknown_life, life, .. } = *self;
+        Conduct { head, write, unknown_life, life }
     }
 }
 

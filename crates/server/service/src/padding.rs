@@ -5,7 +5,6 @@
 //! fills these up, see [`fill_head`].
 //! `tests/lengths.rs` measures both on the wire, over TLS too.
 
-use crate::http::HeadBytes;
 use axum::body::HttpBody as _;
 use axum::http::header::{CACHE_CONTROL, CONTENT_LENGTH};
 use axum::http::{HeaderName, HeaderValue};
@@ -41,7 +40,6 @@ pub(crate) fn fill_head(mut response: Response) -> Response {
     let body = response.size_hint().exact().unwrap_or_default() as usize;
     let head = head_length(&response, body) + PADDING.as_str().len() + HEADER_FRAME;
     let missing = head.next_multiple_of(HEAD_UNIT) - head;
-    response.extensions_mut().insert(HeadBytes(head + missing));
     // Zeros are a header's value.
     if let Ok(value) = HeaderValue::try_from("0".repeat(missing)) {
         response.headers_mut().insert(PADDING, value);

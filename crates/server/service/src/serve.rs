@@ -10,7 +10,7 @@ use tokio::sync::watch;
 
 use crate::admin;
 use crate::error::ServerError;
-use crate::http::{Ending, ListenAddress, Listener, Protocol, Stream, serve_connection};
+use crate::http::{ListenAddress, Listener, Stream, serve_connection};
 use crate::options::ServerOptions;
 use crate::queue::{Entry, Place};
 use crate::routes::router;
@@ -160,14 +160,13 @@ impl Server {
         // Probes and metrics are answered until the very end.
         let end = watch::Sender::new(false);
         let admin = admin.map(|listener| tokio::spawn(admin::serve(app.clone(), listener, end.subscribe())));
-        let ending = watch::Sender::new(Ending::Serving);
+        let ending = watch::Sender::new(false);
         let listeners: Vec<Arc<Listener>> = listeners.into_iter().map(Arc::new).collect();
         let mut phase = stop.subscribe();
         tokio::select! {
             () = accept_all(&app, &listeners, &ending) => {}
             () = async {
                 wait_for(&mut phase, Phase::Leaving).await;
-                ending.send_replace(Ending::Leaving);
                 tokio::select! {
                     () = tokio::time::sleep(app.options.timeouts.drain) => {}
                     () = wait_for(&mut phase, Phase::Finishing) => {}
@@ -178,7 +177,7 @@ impl Server {
         for listener in listeners {
             take_those_waiting(&app, &listener, &ending);
         }
-        ending.send_replace(Ending::Closing);
+        ending.send_replace(true);
         tokio::select! {
             () = app.connections.all_closed() => {}
             () = tokio::time::sleep(app.options.timeouts.grace) => {}
@@ -229,7 +228,7 @@ async fn wait_for(phase: &mut watch::Receiver<Phase>, least: Phase) {
 }
 
 /// Takes the connections that came before the end, and waits for no more.
-fn take_those_waiting(app: &Arc<App>, listener: &Listener, ending: &watch::Sender<Ending>) {
+fn take_those_waiting(app: &Arc<App>, listener: &Listener, ending: &watch::Sender<bool>) {
     let router = router(app.clone());
     let mut context = Context::from_waker(Waker::noop());
     while let Poll::Ready(Ok((stream, from))) = listener.poll_accept(&mut context) {
@@ -242,7 +241,7 @@ fn take_those_waiting(app: &Arc<App>, listener: &Listener, ending: &watch::Sende
 }
 
 /// Takes connections of all listeners until it is dropped.
-async fn accept_all(app: &Arc<App>, listeners: &[Arc<Listener>], ending: &watch::Sender<Ending>) {
+async fn accept_all(app: &Arc<App>, listeners: &[Arc<Listener>], ending: &watch::Sender<bool>) {
     let mut accepting = JoinSet::new();
     for listener in listeners {
         accepting.spawn(accept(app.clone(), listener.clone(), ending.clone()));
@@ -251,7 +250,7 @@ async fn accept_all(app: &Arc<App>, listeners: &[Arc<Listener>], ending: &watch:
 }
 
 /// Takes connections of one listener until it is dropped.
-async fn accept(app: Arc<App>, listener: Arc<Listener>, ending: watch::Sender<Ending>) {
+async fn accept(app: Arc<App>, listener: Arc<Listener>, ending: watch::Sender<bool>) {
     let router = router(app.clone());
     let may_speak_tls = listener.may_speak_tls();
     loop {
@@ -314,15 +313,14 @@ async fn welcome(
     place: Place,
     app: Arc<App>,
     router: Router,
-    ending: watch::Receiver<Ending>,
+    ending: watch::Receiver<bool>,
 ) {
     let conduct = app.options.timeouts.conduct();
     let (stream, peer) = stream.share();
     let service = TowerToHyperService::new(router);
     match app.tls.as_ref().filter(|_| may_speak_tls) {
         None => {
-            let protocol = Protocol::Unknown;
-            tell(&app, serve_connection(stream, peer, protocol, service, &place, conduct, ending).await);
+            tell(&app, serve_connection(stream, peer, service, &place, conduct, ending).await);
         }
         Some(tls) => {
             let head = conduct.head;
@@ -334,10 +332,7 @@ async fn welcome(
                 () = place.guest().thrown_out() => return,
             };
             let fault = match stream {
-                Ok(Ok(stream)) => {
-                    let protocol = Protocol::from(&stream);
-                    serve_connection(stream, peer, protocol, service, &place, conduct, ending).await
-                }
+                Ok(Ok(stream)) => serve_connection(stream, peer, service, &place, conduct, ending).await,
                 Ok(Err(_)) => Some(ConnectionFault::TlsHandshake),
                 Err(_) => Some(ConnectionFault::TlsTimeout),
             };

@@ -7,21 +7,17 @@ use std::task::{Context, Poll};
 use crate::queue::Guest;
 use hyper::body::{Body, Frame, SizeHint};
 
-use crate::http::patient::Activity;
-
 /// Counts as being answered as long as it lives.
 pub(crate) struct Answering {
     guest: Arc<Guest>,
-    activity: Activity,
     /// Whether the answer was made, and not given up before.
     is_made: bool,
 }
 
 impl Answering {
-    pub(crate) fn begin(guest: Arc<Guest>, activity: Activity) -> Self {
+    pub(crate) fn begin(guest: Arc<Guest>) -> Self {
         guest.begin();
-        activity.mark();
-        Self { guest, activity, is_made: false }
+        Self { guest, is_made: false }
     }
 
     /// The answer is made; what is left is to send its body.
@@ -33,11 +29,10 @@ impl Answering {
 
 impl Drop for Answering {
     fn drop(&mut self) {
-        self.activity.mark();
         if self.is_made {
             self.guest.answered();
         } else {
-            // A client of HTTP/2 may take back one request of several: nothing will be written for it.
+            // Nothing will be written for it.
             self.guest.gave_up();
         }
     }

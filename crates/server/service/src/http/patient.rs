@@ -4,7 +4,6 @@
 use std::io;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
@@ -12,41 +11,18 @@ use crate::queue::Guest;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep};
 
-/// When something last went on: a request, or bytes of an answer that were taken.
-#[derive(Clone)]
-pub(crate) struct Activity {
-    begun: Instant,
-    last_ms: Arc<AtomicU64>,
-}
-
-impl Activity {
-    pub(crate) fn now() -> Self {
-        Self { begun: Instant::now(), last_ms: Arc::default() }
-    }
-
-    pub(crate) fn mark(&self) {
-        self.last_ms.store(self.begun.elapsed().as_millis() as u64, Ordering::Relaxed);
-    }
-
-    /// Since when nothing goes on.
-    pub(crate) fn last(&self) -> Instant {
-        self.begun + Duration::from_millis(self.last_ms.load(Ordering::Relaxed))
-    }
-}
-
 pub(crate) struct Patient<S> {
     stream: S,
     guest: Arc<Guest>,
-    activity: Activity,
     patience: Duration,
     deadline: Pin<Box<Sleep>>,
     waiting: bool,
 }
 
 impl<S> Patient<S> {
-    pub(crate) fn new(stream: S, patience: Duration, guest: Arc<Guest>, activity: Activity) -> Self {
+    pub(crate) fn new(stream: S, patience: Duration, guest: Arc<Guest>) -> Self {
         let deadline = Box::pin(tokio::time::sleep(patience));
-        Self { stream, guest, activity, patience, deadline, waiting: false }
+        Self { stream, guest, patience, deadline, waiting: false }
     }
 
     /// Passes on what a write said; one that has been pending for too long becomes an error.
@@ -86,9 +62,6 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         let polled = Pin::new(&mut self.stream).poll_write(context, bytes);
-        if matches!(polled, Poll::Ready(Ok(1..))) {
-            self.activity.mark();
-        }
         self.limit(polled, context)
     }
 

@@ -15,7 +15,6 @@ use tokio_rustls::TlsAcceptor;
 
 use crate::http::attempts::Attempts;
 use crate::http::expiry::not_after;
-use crate::http::protocol::Protocol;
 
 /// Certificate chain and private key, PEM; and who vouches for clients.
 #[derive(Debug, Clone)]
@@ -123,16 +122,6 @@ impl Tls {
     }
 }
 
-/// The name of HTTP/2 in a handshake.
-const HTTP2: &[u8] = b"h2";
-
-/// What was agreed on in this handshake.
-impl<S> From<&tokio_rustls::server::TlsStream<S>> for Protocol {
-    fn from(stream: &tokio_rustls::server::TlsStream<S>) -> Self {
-        if stream.get_ref().1.alpn_protocol() == Some(HTTP2) { Self::Http2 } else { Self::Http1 }
-    }
-}
-
 fn hash(bytes: &[u8]) -> [u8; 32] {
     Sha256::digest(bytes).into()
 }
@@ -194,7 +183,7 @@ impl Contents {
         };
         let mut config =
             builder.with_single_cert(chain, key).map_err(|e| wrong(&files.key, e.to_string()))?;
-        config.alpn_protocols = vec![HTTP2.to_vec(), b"http/1.1".to_vec()];
+        config.alpn_protocols = vec![b"http/1.1".to_vec()];
         Ok((config, ends))
     }
 }

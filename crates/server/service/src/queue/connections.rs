@@ -50,7 +50,7 @@ const IDLE: u32 = 0;
 const READING: u32 = 1;
 /// The answer is made, and not yet on its way.
 const ANSWERED: u32 = 2;
-/// A request is being answered; a connection of HTTP/2 may have several, and the states above count when there is none.
+/// A request is being answered; there may be several, and the states above count when there is none.
 const BUSY: u32 = 4;
 
 /// An open connection.

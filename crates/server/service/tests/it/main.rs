@@ -7,7 +7,6 @@ mod cors;
 mod echo;
 mod fairness;
 mod faults;
-mod http2;
 mod lengths;
 mod listeners;
 mod monitoring;
