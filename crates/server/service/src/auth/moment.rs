@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-const DAY: i64 = 86_400;
+use time::{Date, Duration, OffsetDateTime, Time};
 
 /// A second, counted from the beginning of 1970 in UTC without leap seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -33,11 +33,12 @@ impl Moment {
     /// no such second. A leap second counts as the first of the next minute.
     pub fn of_calendar(date: [i64; 3], time: [i64; 3]) -> Option<Self> {
         let [year, month, day] = date;
-        let [hour, minute, second] = time;
-        let days = days(year, month, day);
-        let exists = (1..=12).contains(&month) && (1..=31).contains(&day) && civil(days) == date;
-        let in_day = (0..24).contains(&hour) && (0..60).contains(&minute) && (0..=60).contains(&second);
-        (exists && in_day).then_some(Self(days * DAY + hour * 3600 + minute * 60 + second))
+        let [hour, minute, second] = time.map(|part| u8::try_from(part).ok());
+        let month = u8::try_from(month).ok()?.try_into().ok()?;
+        let date = Date::from_calendar_date(year.try_into().ok()?, month, day.try_into().ok()?).ok()?;
+        let is_leap = second == Some(60);
+        let time = Time::from_hms(hour?, minute?, second?.min(59)).ok().filter(|_| second <= Some(60))?;
+        Some(Self(date.with_time(time).assume_utc().unix_timestamp() + i64::from(is_leap)))
     }
 
     /// Seconds since the beginning of 1970.
@@ -47,17 +48,23 @@ impl Moment {
 
     /// So many days later; `None` beyond the year 9999, which has no written form.
     pub fn days_later(self, days: u32) -> Option<Self> {
-        let later = Self(self.0.checked_add(i64::from(days) * DAY)?);
-        (civil(later.0.div_euclid(DAY))[0] <= 9999).then_some(later)
+        let later = self.calendar()?.checked_add(Duration::days(days.into()))?;
+        Some(Self(later.unix_timestamp()))
+    }
+
+    /// `None` beyond the years -9999 to 9999.
+    fn calendar(self) -> Option<OffsetDateTime> {
+        OffsetDateTime::from_unix_timestamp(self.0).ok()
     }
 }
 
 impl fmt::Display for Moment {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [year, month, day] = civil(self.0.div_euclid(DAY));
-        let second = self.0.rem_euclid(DAY);
-        let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
-        write!(f, "{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z")
+        // Beyond the calendar's end no text could be read again.
+        let Some(time) = self.calendar() else { return write!(f, "{} s after 1970", self.0) };
+        let (year, month, day) = time.to_calendar_date();
+        let (hour, minute, second) = time.to_hms();
+        write!(f, "{year:04}-{:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z", u8::from(month))
     }
 }
 
@@ -89,26 +96,6 @@ fn numbers(text: &str, separator: char, digits: [usize; 3]) -> Option<[i64; 3]> 
     parts.next().is_none().then_some(numbers)
 }
 
-/// Days from 1970-01-01 in the Gregorian calendar (H. Hinnant, `days_from_civil`).
-fn days(year: i64, month: i64, day: i64) -> i64 {
-    let year = if month <= 2 { year - 1 } else { year };
-    let of_era = year.rem_euclid(400);
-    let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
-    year.div_euclid(400) * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468
-}
-
-/// Year, month and day of a day from 1970-01-01 (H. Hinnant, `civil_from_days`).
-fn civil(days: i64) -> [i64; 3] {
-    let days = days + 719_468;
-    let of_era = days.rem_euclid(146_097);
-    let year = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
-    let of_year = of_era - (365 * year + year / 4 - year / 100);
-    let shifted = (5 * of_year + 2) / 153;
-    let day = of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    [year + days.div_euclid(146_097) * 400 + i64::from(month <= 2), month, day]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,10 +115,8 @@ mod tests {
             assert_eq!(moment.unix(), seconds, "{text}");
             assert!(moment.to_string().starts_with(text), "{moment}");
         }
-        for day in -800_000..3_000_000 {
-            let [year, month, of_month] = civil(day);
-            assert_eq!(days(year, month, of_month), day);
-        }
+        let leap: Moment = "2016-12-31T23:59:60Z".parse().expect("a moment");
+        assert_eq!(leap.to_string(), "2017-01-01T00:00:00Z");
         let last: Moment = "9999-12-31".parse().expect("a moment");
         assert!(last.days_later(0).is_some() && last.days_later(1).is_none());
     }
