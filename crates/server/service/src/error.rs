@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use crate::http::{ListenAddress, ListenError, TlsError};
 use veiloc_map::MapError;
 
-/// Why the service could not start.
+/// Why the service could not start, or a file it needs could not be read or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ServerError {
@@ -100,7 +100,7 @@ pub enum ServerError {
         /// Which file.
         path: PathBuf,
         /// What is wrong with it; the line itself is not repeated, as it may hold a secret.
-        source: crate::auth::ListError,
+        source: crate::auth::TokensError,
     },
     /// Traces cannot be sent there.
     #[error("traces cannot be sent: {source}")]
@@ -123,5 +123,37 @@ pub enum ServerError {
         what: &'static str,
         /// What it said.
         source: std::io::Error,
+    },
+    /// The page is not where it is looked for.
+    #[error(
+        "the page is neither in {} nor in {}; build it with bindings/web/build.sh, or say where it is with \
+         --page-folder (the npm package has it in node_modules/veiloc/page)",
+        beside.display(), shared.display()
+    )]
+    NoPage {
+        /// Beside the program.
+        beside: PathBuf,
+        /// Where packages put it.
+        shared: PathBuf,
+    },
+    /// A folder that is no page.
+    #[error("{}: {missing} is missing, so this is no built page; build it with bindings/web/build.sh", path.display())]
+    PageIncomplete {
+        /// The folder.
+        path: PathBuf,
+        /// What is not there.
+        missing: &'static str,
+    },
+    /// A folder larger than any page.
+    #[error("{}: larger than any page, 64 MiB; give the folder that bindings/web/build.sh makes", path.display())]
+    PageTooLarge {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A name that is no file's of a page.
+    #[error("{name:?} is no file of a page: letters, digits, `-`, `_` and `.`, with a known ending")]
+    PageName {
+        /// It.
+        name: String,
     },
 }

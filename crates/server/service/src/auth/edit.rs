@@ -1,24 +1,24 @@
 //! Changing the text of a file of tokens; every line that is not meant stays as it is, comments included.
 
 use crate::auth::entry::Entry;
-use crate::auth::error::{EditError, ListError};
+use crate::auth::error::TokensError;
 use crate::auth::list::{Line, TokenList};
 
 /// The text with one more token; `nobody` goes, as somebody may ask now.
 ///
 /// # Errors
-/// [`EditError`]: the name or the token is there already, or the text is no file of tokens. An empty one is.
-pub fn added(text: &str, entry: &Entry) -> Result<String, EditError> {
+/// [`TokensError`]: the name or the token is there already, or the text is no file of tokens. An empty one is.
+pub fn added(text: &str, entry: &Entry) -> Result<String, TokensError> {
     entry.check()?;
     let list = match TokenList::parse(text.as_bytes()) {
-        Err(ListError::Empty) => TokenList::default(),
+        Err(TokensError::Empty) => TokenList::default(),
         read => read?,
     };
     if list.entries().iter().any(|other| other.name() == entry.name()) {
-        return Err(EditError::NameTaken);
+        return Err(TokensError::NameTaken);
     }
     if list.find(&entry.key()).is_some() {
-        return Err(EditError::TokenTaken);
+        return Err(TokensError::TokenTaken);
     }
     let mut new = without(text, |line| matches!(line, Line::Nobody)).0;
     if !new.is_empty() && !new.ends_with('\n') {
@@ -42,12 +42,12 @@ pub struct Revoked {
 /// by which the last valid tokens hold for a while.
 ///
 /// # Errors
-/// [`EditError`]: there is none of this name, or the text is no file of tokens.
-pub fn revoked(text: &str, name: &str) -> Result<Revoked, EditError> {
+/// [`TokensError`]: there is none of this name, or the text is no file of tokens.
+pub fn revoked(text: &str, name: &str) -> Result<Revoked, TokensError> {
     let count = TokenList::parse(text.as_bytes())?.entries().len();
     let (mut text, lines) = without(text, |line| matches!(line, Line::Token(entry) if entry.name() == name));
     if lines == 0 {
-        return Err(EditError::Unknown);
+        return Err(TokensError::Unknown);
     }
     let was_last = lines == count;
     if was_last {
@@ -88,13 +88,13 @@ mod tests {
         let text = format!("# phones\r\n\n  {a}  \n# the end");
         let two = added(&text, &entry("b")).expect("added");
         assert_eq!(two, format!("{text}\n{}\n", entry("b")));
-        assert_eq!(added(&two, &entry("b")), Err(EditError::NameTaken));
+        assert_eq!(added(&two, &entry("b")), Err(TokensError::NameTaken));
         let again = Entry::new("c", entry("a").key()).expect("a name");
-        assert_eq!(added(&two, &again), Err(EditError::TokenTaken));
+        assert_eq!(added(&two, &again), Err(TokensError::TokenTaken));
         let one = revoked(&two, "a").expect("revoked");
         assert_eq!(one.text, format!("# phones\r\n\n# the end\n{}\n", entry("b")));
         assert_eq!((one.lines, one.was_last), (1, false));
-        assert_eq!(revoked(&one.text, "a"), Err(EditError::Unknown));
+        assert_eq!(revoked(&one.text, "a"), Err(TokensError::Unknown));
         let none = revoked(&one.text, "b").expect("revoked");
         assert!(none.was_last && none.text.ends_with("# the end\nnobody\n"), "{none:?}");
         let back = added(&none.text, &entry("b")).expect("added");
@@ -109,15 +109,21 @@ mod tests {
         let gone = revoked(&text, "a").expect("revoked");
         assert_eq!((gone.text.as_str(), gone.lines, gone.was_last), ("nobody\n", 2, true));
         for wrong in ["a b\n", "nobody\nnobody x\n"] {
-            assert!(matches!(added(wrong, &entry("n")), Err(EditError::List(_))), "{wrong}");
-            assert!(matches!(revoked(wrong, "a"), Err(EditError::List(_))), "{wrong}");
+            assert!(
+                matches!(added(wrong, &entry("n")), Err(TokensError::Line { .. } | TokensError::Empty)),
+                "{wrong}"
+            );
+            assert!(
+                matches!(revoked(wrong, "a"), Err(TokensError::Line { .. } | TokensError::Empty)),
+                "{wrong}"
+            );
         }
         let mut bound = entry("b");
         bound.operator = true;
         bound.grant_maps(["m"]).expect("names");
-        assert!(matches!(added("", &bound), Err(EditError::Fault(_))));
+        assert!(matches!(added("", &bound), Err(TokensError::Fault(_))));
         for bad in ["", "nobody", "a b", "#a", "a\nb", "ä", &"x".repeat(65)] {
-            assert_eq!(Entry::new(bad, TokenKey::of_token(b"x")), Err(EditError::Name), "{bad:?}");
+            assert_eq!(Entry::new(bad, TokenKey::of_token(b"x")), Err(TokensError::Name), "{bad:?}");
         }
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
-use crate::auth::error::{EditError, LineFault};
+use crate::auth::error::{LineFault, TokensError};
 use crate::auth::key::TokenKey;
 use crate::auth::moment::Moment;
 use veiloc_map::is_map_name;
@@ -28,10 +28,10 @@ impl Entry {
     /// A client's token that may ask for every map, for ever.
     ///
     /// # Errors
-    /// [`EditError::Name`] for a name that is none.
-    pub fn new(name: &str, key: TokenKey) -> Result<Self, EditError> {
+    /// [`TokensError::Name`] for a name that is none.
+    pub fn new(name: &str, key: TokenKey) -> Result<Self, TokensError> {
         if !is_token_name(name) {
-            return Err(EditError::Name);
+            return Err(TokensError::Name);
         }
         Ok(Self { name: name.to_owned(), key, operator: false, maps: None, expires: None })
     }

@@ -38,10 +38,10 @@ pub enum LineFault {
     NobodyAndTokens,
 }
 
-/// Why a file of tokens cannot be used.
+/// Why a file of tokens cannot be used, or was not changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ListError {
+pub enum TokensError {
     /// A line that is none.
     #[error("line {line}: {fault}")]
     Line {
@@ -53,12 +53,6 @@ pub enum ListError {
     /// Nobody is let in, and nothing says that this is meant.
     #[error("holds no token, so nobody could ask; add one, or the line `nobody` if that is meant")]
     Empty,
-}
-
-/// Why a file of tokens was not changed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum EditError {
     /// A name that would break the line.
     #[error("a token's name has 1 to 64 letters, digits or `-`, `_`, `.`, `@`, `+`, and is not `nobody`")]
     Name,
@@ -74,7 +68,4 @@ pub enum EditError {
     /// What the line would say.
     #[error(transparent)]
     Fault(#[from] LineFault),
-    /// The file as it is.
-    #[error(transparent)]
-    List(#[from] ListError),
 }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use crate::auth::entry::Entry;
-use crate::auth::error::{LineFault, ListError};
+use crate::auth::error::{LineFault, TokensError};
 use crate::auth::key::TokenKey;
 
 /// All tokens, found by their hashes.
@@ -38,9 +38,9 @@ impl TokenList {
     /// Reads the bytes of a file.
     ///
     /// # Errors
-    /// [`ListError`]: a line that is none, two lines of one token, and a file without any token.
-    pub fn parse(bytes: &[u8]) -> Result<Self, ListError> {
-        let at = |line, fault| ListError::Line { line, fault };
+    /// [`TokensError`]: a line that is none, two lines of one token, and a file without any token.
+    pub fn parse(bytes: &[u8]) -> Result<Self, TokensError> {
+        let at = |line, fault| TokensError::Line { line, fault };
         let text = std::str::from_utf8(bytes).map_err(|error| {
             let before = String::from_utf8_lossy(&bytes[..error.valid_up_to()]);
             at(1 + before.matches('\n').count(), LineFault::NoText)
@@ -61,7 +61,7 @@ impl TokenList {
         }
         match (nobody, list.entries.is_empty()) {
             (Some(line), false) => Err(at(line, LineFault::NobodyAndTokens)),
-            (None, true) => Err(ListError::Empty),
+            (None, true) => Err(TokensError::Empty),
             _ => Ok(list),
         }
     }
@@ -85,7 +85,7 @@ mod tests {
     const SECRET: &str = "2bb80d537b1da3e38bd30361aa855686bde0eacd7162fef6a25fe97bf527a25b";
     const OTHER: &str = "d9298a10d1b0735837dc4bd85dac641b0f3cef27a47e5d53a54f2f3f5b2fcffa";
 
-    fn read(text: &str) -> Result<TokenList, ListError> {
+    fn read(text: &str) -> Result<TokenList, TokensError> {
         TokenList::parse(text.as_bytes())
     }
 
@@ -140,15 +140,15 @@ mod tests {
             (format!("a {SECRET}\nnobody"), 2, F::NobodyAndTokens),
         ] {
             let error = read(&text).expect_err(&text);
-            assert_eq!(error, ListError::Line { line, fault }, "{text}");
+            assert_eq!(error, TokensError::Line { line, fault }, "{text}");
             let told = error.to_string();
             assert!(!told.contains("hunter2") && !told.contains(&SECRET[..8]), "{told}");
         }
         let bytes = [b"a\nb\n".as_slice(), &[0xFF]].concat();
         let error = TokenList::parse(&bytes).expect_err("no text");
-        assert_eq!(error, ListError::Line { line: 3, fault: F::NoText });
+        assert_eq!(error, TokensError::Line { line: 3, fault: F::NoText });
         for empty in ["", "\n\n", "# phones\n"] {
-            assert_eq!(read(empty).expect_err(empty), ListError::Empty);
+            assert_eq!(read(empty).expect_err(empty), TokensError::Empty);
         }
     }
 }

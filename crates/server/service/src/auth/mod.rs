@@ -46,10 +46,10 @@ mod store;
 
 pub use edit::{Revoked, added, revoked};
 pub use entry::Entry;
-pub use error::{EditError, LineFault, ListError};
+pub use error::{LineFault, TokensError};
 pub use key::TokenKey;
 pub use list::TokenList;
 pub use moment::{BadMoment, Moment};
 pub use names::is_token_name;
 pub use secret::Secret;
-pub use store::{StoreError, TokenFile};
+pub use store::TokenFile;

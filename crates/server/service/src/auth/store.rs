@@ -4,8 +4,9 @@
 
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use crate::error::ServerError;
 use veiloc_map::atomic_file::{Readers, TargetLock, replace_file};
 
 /// A file of tokens that nobody else changes meanwhile.
@@ -15,23 +16,13 @@ pub struct TokenFile {
     text: String,
 }
 
-/// Why a file of tokens could not be read or replaced.
-#[derive(Debug, thiserror::Error)]
-#[error("{}: {source}", path.display())]
-pub struct StoreError {
-    /// Which file.
-    pub path: PathBuf,
-    /// What the system said.
-    pub source: io::Error,
-}
-
 impl TokenFile {
     /// Locks the file and reads it; one that is not there counts as empty. A link is followed: the file behind it is meant.
     ///
     /// # Errors
-    /// [`StoreError`]: the folder cannot be written, or the file not be read as text.
-    pub fn open(path: &Path) -> Result<Self, StoreError> {
-        let wrong = |source| StoreError { path: path.to_owned(), source };
+    /// [`ServerError::Io`]: the folder cannot be written, or the file not be read as text.
+    pub fn open(path: &Path) -> Result<Self, ServerError> {
+        let wrong = |source| ServerError::Io { path: path.to_owned(), source };
         let path = match fs::canonicalize(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => path.to_owned(),
             found => found.map_err(wrong)?,
@@ -52,9 +43,9 @@ impl TokenFile {
     /// Puts another text in its place. Whatever happens, the old or the new one is there, whole.
     ///
     /// # Errors
-    /// [`StoreError`]: it could not be written, or not be given to the owner of the old one; then the old one stays.
-    pub fn replace(&mut self, text: &str) -> Result<(), StoreError> {
-        let wrong = |source| StoreError { path: self.lock.target().to_owned(), source };
+    /// [`ServerError::Io`]: it could not be written, or not be given to the owner of the old one; then the old one stays.
+    pub fn replace(&mut self, text: &str) -> Result<(), ServerError> {
+        let wrong = |source| ServerError::Io { path: self.lock.target().to_owned(), source };
         replace_file(&self.lock, Readers::OwnerAndGroup, |out| out.write_all(text.as_bytes()))
             .map_err(wrong)?;
         text.clone_into(&mut self.text);

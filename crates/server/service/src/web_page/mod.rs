@@ -18,7 +18,6 @@
 #![forbid(unsafe_code)]
 
 mod content;
-mod error;
 mod points;
 
 use std::collections::BTreeMap;
@@ -28,8 +27,8 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
+use crate::error::ServerError;
 pub use content::Content;
-pub use error::PageError;
 pub use points::thinned;
 
 /// Most files of a page, and most bytes of all of them together.
@@ -73,9 +72,9 @@ impl Page {
     /// Reads a folder, without folders in it.
     ///
     /// # Errors
-    /// [`PageError`]: it cannot be read, lacks what every page has, or is larger than any page.
-    pub fn read(folder: &Path) -> Result<Self, PageError> {
-        let io = |source| PageError::Io { path: folder.to_owned(), source };
+    /// [`ServerError`]: it cannot be read, lacks what every page has, or is larger than any page.
+    pub fn read(folder: &Path) -> Result<Self, ServerError> {
+        let io = |source| ServerError::Io { path: folder.to_owned(), source };
         let mut page = Self::default();
         let mut left = MOST_BYTES;
         for entry in std::fs::read_dir(folder).map_err(io)? {
@@ -84,17 +83,17 @@ impl Page {
             if kind(name).is_none() || !path.is_file() {
                 continue;
             }
-            let io = |source| PageError::Io { path: path.clone(), source };
+            let io = |source| ServerError::Io { path: path.clone(), source };
             let mut bytes = Vec::new();
             std::fs::File::open(&path).map_err(io)?.take(left + 1).read_to_end(&mut bytes).map_err(io)?;
             left = left
                 .checked_sub(bytes.len() as u64)
                 .filter(|_| page.files.len() < MOST_FILES)
-                .ok_or_else(|| PageError::TooLarge { path: folder.to_owned() })?;
+                .ok_or_else(|| ServerError::PageTooLarge { path: folder.to_owned() })?;
             page.add(name, bytes)?;
         }
         match NEEDED.iter().find(|name| !page.files.contains_key(**name)) {
-            Some(missing) => Err(PageError::Missing { path: folder.to_owned(), missing }),
+            Some(missing) => Err(ServerError::PageIncomplete { path: folder.to_owned(), missing }),
             None => Ok(page),
         }
     }
@@ -102,25 +101,25 @@ impl Page {
     /// Where the folder of the page is when nobody says: beside the program, or in `share/veiloc` beside the program's folder.
     ///
     /// # Errors
-    /// [`PageError::Nowhere`] naming where it was looked for.
-    pub fn folder(program: &Path) -> Result<PathBuf, PageError> {
+    /// [`ServerError::NoPage`] naming where it was looked for.
+    pub fn folder(program: &Path) -> Result<PathBuf, ServerError> {
         let beside = program.parent().unwrap_or_else(|| Path::new("."));
         let shared = beside.parent().unwrap_or(beside).join("share").join("veiloc");
         let places = [beside.join(Self::FOLDER), shared.join(Self::FOLDER)];
         let found = places.iter().find(|place| place.join(NEEDED[0]).is_file()).cloned();
         found.ok_or_else(|| {
             let [beside, shared] = places;
-            PageError::Nowhere { beside, shared }
+            ServerError::NoPage { beside, shared }
         })
     }
 
     /// Adds a file.
     ///
     /// # Errors
-    /// [`PageError::Name`] for a name that is no file's of a page.
-    pub fn add(&mut self, name: &str, bytes: Vec<u8>) -> Result<(), PageError> {
+    /// [`ServerError::PageName`] for a name that is no file's of a page.
+    pub fn add(&mut self, name: &str, bytes: Vec<u8>) -> Result<(), ServerError> {
         let (content_type, is_compressible) =
-            kind(name).ok_or_else(|| PageError::Name { name: name.to_owned() })?;
+            kind(name).ok_or_else(|| ServerError::PageName { name: name.to_owned() })?;
         let gzip = is_compressible.then(|| compressed(&bytes)).flatten();
         self.files.insert(
             name.to_owned(),

@@ -7,7 +7,8 @@ use std::time::SystemTime;
 
 use serde::Serialize;
 use veiloc_map::is_map_name;
-use veiloc_service::auth::{Entry, Moment, Secret, StoreError, TokenFile, TokenList, added, revoked};
+use veiloc_service::ServerError;
+use veiloc_service::auth::{Entry, Moment, Secret, TokenFile, TokenList, added, revoked};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::ui::Ui;
@@ -105,7 +106,7 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     }
     let mut file = TokenFile::open(&args.tokens).map_err(|e| unreadable(&e))?;
     let text = added(file.text(), &entry).map_err(|e| wrong(&e))?;
-    file.replace(&text).map_err(|e| Failure::output(e.path.display(), &e.source))?;
+    file.replace(&text).map_err(unwritten)?;
     ui.print(format_args!("{}\n", secret.reveal()));
     ui.say(format_args!(
         "{} may ask{}. The line above is the token: it is nowhere else, so keep it now.\n\
@@ -123,8 +124,15 @@ fn too_late(days: u32) -> Failure {
     )
 }
 
-fn unreadable(error: &StoreError) -> Failure {
+fn unreadable(error: &ServerError) -> Failure {
     Failure::with_help(error, "check that the folder exists, and that both may be written")
+}
+
+fn unwritten(error: ServerError) -> Failure {
+    match error {
+        ServerError::Io { path, source } => Failure::output(path.display(), &source),
+        other => Failure::refused(other),
+    }
 }
 
 /// What a token is worth, in words.
@@ -196,7 +204,8 @@ fn list(args: &ListArgs, ui: &Ui) -> Outcome {
 }
 
 fn read(path: &Path) -> Result<TokenList, Failure> {
-    let bytes = fs::read(path).map_err(|source| unreadable(&StoreError { path: path.to_owned(), source }))?;
+    let bytes =
+        fs::read(path).map_err(|source| unreadable(&ServerError::Io { path: path.to_owned(), source }))?;
     TokenList::parse(&bytes).map_err(|error| Failure::refused(format!("{}: {error}", path.display())))
 }
 
@@ -206,7 +215,7 @@ fn revoke(args: &RevokeArgs, ui: &Ui) -> Outcome {
     let mut file = TokenFile::open(&args.tokens).map_err(|e| unreadable(&e))?;
     let done = revoked(file.text(), &args.name)
         .map_err(|error| Failure::refused(format!("{}: {}: {error}", args.tokens.display(), args.name)))?;
-    file.replace(&done.text).map_err(|e| Failure::output(e.path.display(), &e.source))?;
+    file.replace(&done.text).map_err(unwritten)?;
     let lines = if done.lines > 1 { format!(", {} lines", done.lines) } else { String::new() };
     let last = if done.was_last { "; it was the last: nobody may ask now" } else { "" };
     ui.say(format_args!("{} revoked{lines}{last}", args.name));

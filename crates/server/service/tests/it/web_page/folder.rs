@@ -2,14 +2,15 @@
 
 use std::fs;
 
-use veiloc_service::web_page::{Page, PageError};
+use veiloc_service::ServerError;
+use veiloc_service::web_page::Page;
 
 #[test]
 fn only_plain_files_of_known_forms_are_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str| fs::write(folder.path().join(name), name).expect("written");
-    let missing = |page: Result<Page, PageError>| match page {
-        Err(PageError::Missing { missing, .. }) => missing,
+    let missing = |page: Result<Page, ServerError>| match page {
+        Err(ServerError::PageIncomplete { missing, .. }) => missing,
         other => panic!("{other:?}"),
     };
     assert_eq!(missing(Page::read(folder.path())), "index.html");
@@ -25,7 +26,7 @@ fn only_plain_files_of_known_forms_are_read() {
     for none in ["secret.pem", "b c.js", ".js", "sub.js", "../index.html", "", "."] {
         assert_eq!(known(none), None, "{none}");
     }
-    assert!(matches!(Page::read(&folder.path().join("no")), Err(PageError::Io { .. })));
+    assert!(matches!(Page::read(&folder.path().join("no")), Err(ServerError::Io { .. })));
 }
 
 #[test]
@@ -33,7 +34,7 @@ fn a_folder_larger_than_any_page_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = fs::File::create(folder.path().join("index.html")).expect("made");
     file.set_len(1 << 40).expect("a hole");
-    assert!(matches!(Page::read(folder.path()), Err(PageError::TooLarge { .. })));
+    assert!(matches!(Page::read(folder.path()), Err(ServerError::PageTooLarge { .. })));
 }
 
 #[test]
