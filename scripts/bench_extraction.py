@@ -27,12 +27,11 @@ import numpy as np
 import onnxruntime
 
 import bench_sift
-from beside import child_seconds, one_thread, superpoint_weights
+from beside import child_seconds, one_thread
 
 SAME_PX, SAME_SHARE = 0.1, 0.99
 # Extractions timed at once; a network takes longer.
 REPEATS = 2
-HEAD = "its detector head made up"
 
 
 def library():
@@ -97,38 +96,31 @@ class Runtime:
         return None
 
 
-def networks(arguments, size, made):
-    """(model, file, note, input of the network on an image of this size) of each whose file is there."""
+def networks(arguments, size):
+    """(model, file, input of the network on an image of this size) of each whose file is there."""
     weights, (width, height) = arguments.weights, size
     whole = lambda side, multiple, margin: -(-(side + 2 * margin) // multiple) * multiple
     sides = lambda multiple, margin: (whole(height, multiple, margin), whole(width, multiple, margin))
     rows = [
-        ("xfeat", weights / "xfeat/xfeat_800x576.onnx", "", (1, 1, 576, 800)),
-        ("alike-t", weights / "alike/alike-t.pth", "", (1, 3, *sides(32, 96))),
-        ("alike", weights / "alike/alike-n.pth", "", (1, 3, *sides(32, 96))),
+        ("xfeat", weights / "xfeat/xfeat_800x576.onnx", (1, 1, 576, 800)),
+        ("alike-t", weights / "alike/alike-t.onnx", (1, 3, *sides(32, 96))),
+        ("alike", weights / "alike/alike-n.onnx", (1, 3, *sides(32, 96))),
     ]
-    if (weights / "superpoint/superpoint_v1_encoder_desc.npz").is_file():
-        file = made / "superpoint.npz"
-        np.savez(file, **superpoint_weights(weights))
-        rows.append(("superpoint", file, ", " + HEAD, (1, 1, *sides(8, 64))))
+    rows.append(("superpoint", weights / "superpoint/superpoint_v1.onnx", (1, 1, *sides(8, 64))))
     chosen = arguments.features.split(",")
     return [row for row in rows if row[1].is_file() and row[0] in chosen]
 
 
-def rivals_of(arguments, gray, made):
+def rivals_of(arguments, gray):
     """{features: their rivals, what they are compared with last}"""
     ours = lambda name, extra: Sift(bench_sift.Ours(arguments.extract, arguments.keypoints, extra, name))
     groups = {}
     if "sift" in arguments.features.split(","):
         sift = [ours("veiloc", []), ours("veiloc, compact", ["--compact"])]
         groups["sift"] = [*sift, Sift(bench_sift.OpenCv(arguments.keypoints, arguments.contrast))]
-    for model, file, note, shape in networks(arguments, gray.shape[::-1], made):
-        graph = file
-        if file.suffix != ".onnx":
-            graph = made / f"{model}.onnx"
-            child_seconds([arguments.layers, model, file, "onnx", graph])
+    for model, file, shape in networks(arguments, gray.shape[::-1]):
         own = [Ours(arguments.layers, model, file, engine, arguments.keypoints) for engine in ("rten", "onnxruntime")]
-        groups[f"{model}{note}, {shape[3]} x {shape[2]}"] = [*own, Runtime(graph, shape)]
+        groups[f"{model}, {shape[3]} x {shape[2]}"] = [*own, Runtime(file, shape)]
     return groups
 
 
@@ -154,7 +146,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         cv2.imwrite(str(folder / "gray.png"), gray)
-        groups = rivals_of(arguments, gray, folder)
+        groups = rivals_of(arguments, gray)
         times = {(name, rival): [] for name, rivals in groups.items() for rival in rivals}
         for _ in range(arguments.rounds):
             for (name, rival), seconds in times.items():

@@ -25,7 +25,7 @@ import numpy as np
 import onnxruntime
 from PIL import Image
 
-from oracle_netvlad import DATA, drawn
+from oracle_networks import DATA, drawn
 
 FOLDS = 5
 

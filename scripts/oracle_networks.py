@@ -1,16 +1,15 @@
 #!/usr/bin/env python3
-"""Networks by PyTorch and ONNX Runtime, layer by layer, for ours to be held against.
+"""XFeat by ONNX Runtime, layer by layer, for ours to be held against.
 
     .venv/bin/pip install numpy pillow onnx onnxruntime torch
     .venv/bin/python scripts/oracle_networks.py write --weights $VEILOC_DATA/../weights
     cargo build --release -p veiloc-features --example layers --features rten
     .venv/bin/python scripts/oracle_networks.py compare --weights $VEILOC_DATA/../weights --layers target/release/examples/layers
 
-`write` makes crates/device/features/tests/data/learned: `oracle.json` (numbers of layers, keypoints and descriptors of one drawn image) and
-small `.pth` and `.npz` files as PyTorch and NumPy write them. `compare` prints the largest difference of each layer over all its
-numbers (how long they take: `bench_extraction.py`). Networks are written here from their papers' programs, with the weights as
-they are: nothing is folded and nothing left out. SuperPoint's detector head is made of numbers by a formula, as the
-weights that may be had for tests lack it: what is found with it is not SuperPoint.
+`write` makes crates/device/features/tests/data/learned: `oracle.json` (numbers of layers, keypoints and descriptors of one drawn
+image) and networks by a formula. `compare` prints the largest difference of each layer over all its numbers (how long they take:
+`bench_extraction.py`). Networks whose authors publish weights alone are held against them where they are exported
+(`export_onnx.py`).
 """
 
 import argparse
@@ -26,12 +25,11 @@ import onnxruntime
 import torch
 import torch.nn.functional as F
 
-from beside import one_thread, superpoint_weights
+from beside import one_thread
 
 DATA = Path(__file__).parent.parent / "crates/device/features/tests/data/learned"
 MARGIN = 32
 BORDER = 4
-SMALL = (160, 128)
 XFEAT = (800 - 2 * MARGIN, 576 - 2 * MARGIN)
 KEPT = 60
 
@@ -59,54 +57,6 @@ class Names(OrderedDict):
     def keep(self, name, value):
         self[name] = value
         return value
-
-
-def alike(weights: dict, image: torch.Tensor) -> Names:
-    """ALNet with one head: nets/alnet.py of github.com/Shiaoming/ALIKE."""
-    layers = Names()
-    w = {k: torch.from_numpy(v) for k, v in weights.items()}
-
-    def norm(x, name):
-        return F.batch_norm(x, w[name + ".running_mean"], w[name + ".running_var"], w[name + ".weight"], w[name + ".bias"])
-
-    def block(x, name, residual):
-        y = norm(F.conv2d(x, w[name + ".conv1.weight"], padding=1), name + ".bn1")
-        layers.keep(name + ".first", y)
-        y = norm(F.conv2d(F.relu(y), w[name + ".conv2.weight"], padding=1), name + ".bn2")
-        layers.keep(name + ".second", y)
-        if residual:
-            y = y + F.conv2d(x, w[name + ".downsample.weight"], w[name + ".downsample.bias"])
-        return layers.keep(name, F.relu(y))
-
-    x1 = block(image, "block1", False)
-    x2 = block(F.max_pool2d(x1, 2), "block2", True)
-    x3 = block(F.max_pool2d(x2, 4), "block3", True)
-    x4 = block(F.max_pool2d(x3, 4), "block4", True)
-    levels = [layers.keep(f"level{i}", F.relu(F.conv2d(x, w[f"conv{i}.weight"]))) for i, x in enumerate((x1, x2, x3, x4), 1)]
-    up = lambda x, n: F.interpolate(x, scale_factor=n, mode="bilinear", align_corners=True)
-    joined = torch.cat([levels[0], up(levels[1], 2), up(levels[2], 8), up(levels[3], 32)], dim=1)
-    out = F.conv2d(joined, w["convhead2.weight"])
-    layers.keep("scores", torch.sigmoid(out[:, -1:]))
-    layers.keep("dense", F.normalize(out[:, :-1], dim=1))
-    return layers
-
-
-def superpoint(weights: dict, image: torch.Tensor) -> Names:
-    """SuperPointNet: demo_superpoint.py of github.com/magicleap/SuperPointPretrainedNetwork."""
-    layers = Names()
-    w = {k: torch.from_numpy(v) for k, v in weights.items()}
-
-    def conv(x, name):
-        return layers.keep(name, F.conv2d(x, w[name + ".weight"], w[name + ".bias"], padding=w[name + ".weight"].shape[-1] // 2))
-
-    x = image
-    for number in "1234":
-        x = F.relu(conv(F.relu(conv(x, f"conv{number}a")), f"conv{number}b"))
-        if number != "4":
-            x = F.max_pool2d(x, 2, 2)
-    for name, wide, own in [("scores", "convPa", "convPb"), ("descriptors", "convDa", "convDb")]:
-        layers.keep(name, F.conv2d(F.relu(conv(x, wide)), w[own + ".weight"], w[own + ".bias"]))
-    return layers
 
 
 def xfeat(path: Path, image: np.ndarray, inner: list[str]) -> tuple[Names, list[str]]:
@@ -164,39 +114,6 @@ def pixels(logits: torch.Tensor) -> torch.Tensor:
     return shares.permute(0, 2, 3, 1).reshape(b, h, w, 8, 8).permute(0, 1, 3, 2, 4).reshape(b, 1, h * 8, w * 8)
 
 
-def keypoints_of_alike(layers: Names, size: tuple[int, int]) -> tuple[np.ndarray, ...]:
-    """DKD of ALIKE's soft_detect.py: radius 2, temperature 0.1."""
-    scores = layers["scores"]
-    points, offset = peaks(scores, size, 2, 2, 0.05)
-    strength = scores[0, 0].numpy()[points[:, 1], points[:, 0]]
-    order = by_strength(points, strength)
-    points, strength = points[order], strength[order]
-    padded = F.pad(scores, (2, 2, 2, 2))[0, 0].numpy()
-    steps = np.arange(-2, 3)
-    exact = []
-    for x, y in points:
-        patch = padded[y : y + 5, x : x + 5].astype(float)
-        weight = np.exp((patch - patch.max()) / 0.1)
-        exact.append([x + (weight * steps[None]).sum() / weight.sum(), y + (weight * steps[:, None]).sum() / weight.sum()])
-    exact = np.array(exact)
-    height, width = scores.shape[-2:]
-    grid = torch.from_numpy(exact / [width - 1, height - 1] * 2 - 1).float()
-    return exact - offset + 0.5, strength, sampled(layers["dense"], grid, "bilinear", True)
-
-
-def keypoints_of_superpoint(layers: Names, size: tuple[int, int]) -> tuple[np.ndarray, ...]:
-    """superpoint.py of SuperGluePretrainedNetwork, as hloc calls it."""
-    scores = pixels(layers["scores"])
-    points, offset = peaks(scores, size, 3, 2, 0.005)
-    strength = scores[0, 0].numpy()[points[:, 1], points[:, 0]]
-    order = by_strength(points, strength)
-    points, strength = points[order], strength[order]
-    dense = F.normalize(layers["descriptors"], dim=1)
-    h, w = dense.shape[-2:]
-    grid = (points - 4 + 0.5) / np.array([w * 8 - 4 - 0.5, h * 8 - 4 - 0.5]) * 2 - 1
-    return points - offset + 0.5, strength, sampled(dense, torch.from_numpy(grid).float(), "bilinear", True)
-
-
 def keypoints_of_xfeat(layers: Names, outputs: list[str], size: tuple[int, int]) -> tuple[np.ndarray, ...]:
     """detectAndCompute of github.com/verlab/accelerated_features."""
     feats, logits, reliability = (layers[name] for name in outputs)
@@ -218,14 +135,7 @@ def xfeat_input(size: tuple[int, int]) -> np.ndarray:
 
 
 def runs(folder: Path):
-    """Name, file for ours (`None`: made here), input, layers, keypoints."""
-    for name, file in [("alike", "alike-n"), ("alike-t", "alike-t")]:
-        image = torch.from_numpy(continued(drawn(*SMALL), 32))[None, None].repeat(1, 3, 1, 1)
-        layers = alike(dict(np.load(folder / f"alike/{file}.npz")), image)
-        yield name, folder / f"alike/{file}.pth", image.numpy(), layers, keypoints_of_alike(layers, SMALL), SMALL
-    image = torch.from_numpy(continued(drawn(*SMALL), 8))[None, None]
-    layers = superpoint(superpoint_weights(folder), image)
-    yield "superpoint", None, image.numpy(), layers, keypoints_of_superpoint(layers, SMALL), SMALL
+    """Name, file, input, layers, keypoints."""
     path = folder / "xfeat/xfeat_800x576.onnx"
     layers, outputs = xfeat(path, xfeat_input(XFEAT), xfeat_inner(path))
     yield "xfeat", path, xfeat_input(XFEAT), layers, keypoints_of_xfeat(layers, outputs, XFEAT), XFEAT
@@ -237,8 +147,6 @@ def write(folder: Path) -> None:
     for name, _, _, layers, (points, strength, vectors), size in runs(folder):
         entry = {"size": size, "layers": {}}
         for layer, value in layers.items():
-            if layer == "dense":
-                continue
             flat = value.detach().numpy().ravel()
             at = np.sort(rng.choice(flat.size, 24, replace=False))
             entry["layers"][layer] = {
@@ -256,7 +164,6 @@ def write(folder: Path) -> None:
     (DATA / "oracle.json").write_text("{\n" + ",\n".join(lines) + "\n}\n")
     small_network("corners.onnx", {"strides": [1, 1], "dilations": [1, 1]})
     small_network("corners-plain.onnx", {})  # ONNX lets them be left out
-    small_files()
 
 
 def small_network(name: str, plain: dict) -> None:
@@ -303,25 +210,6 @@ def small_network(name: str, plain: dict) -> None:
     (DATA / name).write_bytes(model.SerializeToString())
 
 
-def small_files() -> None:
-    """Files of a few tensors: `plain` holds what `tests/weights.rs` expects of all of them."""
-    torch.manual_seed(3)
-    a = torch.arange(6, dtype=torch.float32).reshape(2, 3) / 4
-    tensors = OrderedDict([("a", a), ("turned", a.t()), ("part", a[1:]), ("count", torch.tensor(7))])
-    layer = torch.nn.Sequential(torch.nn.Conv2d(1, 2, 1), torch.nn.BatchNorm2d(2))
-    torch.save(tensors, DATA / "plain.pth")
-    torch.save(tensors, DATA / "old.pth", _use_new_zipfile_serialization=False)
-    torch.save({"epoch": 3, "best": 0.5, "state_dict": tensors}, DATA / "nested.pth")
-    torch.save(OrderedDict((k, v.half()) for k, v in list(tensors.items())[:3]), DATA / "half.pth")
-    torch.save(layer.state_dict(), DATA / "module.pth")
-    torch.save(torch.nn.ParameterDict({"a": torch.nn.Parameter(a)}).state_dict(), DATA / "parameters.pth")
-    torch.save(layer, DATA / "whole-module.pth")
-    torch.save(print, DATA / "function.pth")
-    np.savez(DATA / "plain.npz", a=a.numpy(), turned=np.ascontiguousarray(a.t().numpy()), part=a[1:].numpy(), count=np.array([7]))
-    np.savez_compressed(DATA / "packed.npz", a=a.numpy())
-    np.savez(DATA / "objects.npz", a=np.array([{"x": 1}], dtype=object))
-
-
 def ours(program: Path, model: str, file: Path, image: np.ndarray, layers: list[str]) -> list[np.ndarray]:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "in").write_bytes(np.ascontiguousarray(image, np.float32).tobytes())
@@ -334,22 +222,15 @@ def ours(program: Path, model: str, file: Path, image: np.ndarray, layers: list[
 
 
 def compare(args: argparse.Namespace) -> None:
-    torch.set_num_threads(1)
-    folder = args.weights
-    with tempfile.TemporaryDirectory() as made:
-        head = Path(made) / "superpoint_v1.pth"
-        weights = OrderedDict((k, torch.from_numpy(v)) for k, v in superpoint_weights(folder).items())
-        torch.save(weights, head, _use_new_zipfile_serialization=False)
-        print("| network | layer | numbers | largest number | largest difference |\n|---|---|--:|--:|--:|")
-        for name, file, image, layers, _, _ in runs(folder):
-            layers = {k: v for k, v in layers.items() if k != "dense"}
-            # Outputs of XFeat's files by number: some have a number for a name.
-            asked = [str(i) if name == "xfeat" and i < 3 else layer for i, layer in enumerate(layers)]
-            for (layer, theirs), own in zip(layers.items(), ours(args.layers, name, file or head, image, asked)):
-                theirs = theirs.detach().numpy()
-                assert theirs.shape == own.shape, (name, layer)
-                off = float(np.abs(theirs - own).max())
-                print(f"| {name} | {layer} | {own.size} | {np.abs(theirs).max():.3g} | {off:.1e} |")
+    print("| network | layer | numbers | largest number | largest difference |\n|---|---|--:|--:|--:|")
+    for name, file, image, layers, _, _ in runs(args.weights):
+        # Outputs by number: some have a number for a name.
+        asked = [str(i) if i < 3 else layer for i, layer in enumerate(layers)]
+        for (layer, theirs), own in zip(layers.items(), ours(args.layers, name, file, image, asked)):
+            theirs = theirs.detach().numpy()
+            assert theirs.shape == own.shape, (name, layer)
+            off = float(np.abs(theirs - own).max())
+            print(f"| {name} | {layer} | {own.size} | {np.abs(theirs).max():.3g} | {off:.1e} |")
 
 
 def main() -> None:

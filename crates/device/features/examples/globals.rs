@@ -1,5 +1,4 @@
-//! Writes global descriptors of images, and layers of the first network, for scripts/oracle_netvlad.py and
-//! scripts/global_descriptors.py.
+//! Writes global descriptors of images, and layers of the first network, for scripts/global_descriptors.py.
 //!
 //! ```text
 //! globals MODEL|FILE.toml vectors LIST OUT

@@ -4,12 +4,11 @@
 //! layers MODEL|FILE.toml NETWORK_FILE run INPUT C H W OUT_DIR LAYER…
 //! layers MODEL|FILE.toml NETWORK_FILE time IMAGE MAX REPEAT
 //! layers MODEL|FILE.toml NETWORK_FILE keypoints IMAGE MAX OUT
-//! layers MODEL|FILE.toml NETWORK_FILE onnx OUT
 //! ```
 //!
 //! INPUT: little endian `f32`, `[1, C, H, W]`. A layer is a name or the number of an output; layer `i` goes to `OUT_DIR/i.f32`, and
 //! its shape to stdout. `time` prints the fastest of REPEAT extractions, and of as many runs of the network alone, milliseconds.
-//! `keypoints` writes their positions, `[N, 2]` pixels, little endian `f32`, strongest first. `onnx` writes the graph that is made of weights, for other engines. RAYON_NUM_THREADS sets the threads, VEILOC_ENGINE the engine
+//! `keypoints` writes their positions, `[N, 2]` pixels, little endian `f32`, strongest first.  RAYON_NUM_THREADS sets the threads, VEILOC_ENGINE the engine
 //! (`rten` or `onnxruntime`).
 #![expect(clippy::print_stdout, reason = "a command-line program")]
 
@@ -17,7 +16,7 @@ use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
-use veiloc_features::learned::{Engine, Layer, Models, Tensor, Weights};
+use veiloc_features::learned::{Engine, Layer, Models, Tensor};
 use veiloc_features::{Extractor, Image, load_gray};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -58,11 +57,6 @@ fn main() -> Result<(), Box<dyn Error>> {
             let features = learned.extract(&Image::from(load_gray(Path::new(image))?), most.parse()?)?;
             let pixels = features.keypoints.iter().flat_map(|k| [k.pixel.u as f32, k.pixel.v as f32]);
             std::fs::write(out, pixels.flat_map(f32::to_le_bytes).collect::<Vec<u8>>())?;
-        }
-        ("onnx", [out]) => {
-            let weights = Weights::open(Path::new(file))?;
-            let onnx = learned.description().onnx(&weights).ok_or("its file is ONNX already")??;
-            std::fs::write(out, onnx)?;
         }
         _ => return Err("see the head of this file".into()),
     }

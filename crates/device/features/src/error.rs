@@ -153,15 +153,6 @@ pub enum FeatureError {
         /// What is wrong with it.
         reason: String,
     },
-    /// A file of tensors that cannot be used.
-    #[cfg(feature = "learned")]
-    #[error("{}: these weights cannot be used: {source}", path.display())]
-    Weights {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: Box<crate::learned::WeightsError>,
-    },
     /// A file that a description names as the projection of its descriptors, and is not.
     #[error("{}: this projection cannot be used: {source}", path.display())]
     Projection {

@@ -3,6 +3,7 @@
 //! ```toml
 //! name = "mine"                     # of the kind of descriptors, too
 //! source = "https://…"              # where its file is got
+//! export = "python …"               # what makes its file of what is got there; left out where nothing need be made
 //! licence = "MIT"
 //! files = ["mine.onnx"]             # the first that is found is taken
 //!
@@ -54,9 +55,8 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use veiloc_descriptor::{DescriptorError, DescriptorKind, Encoding};
 
-use crate::learned::graphs::Graph;
 use crate::learned::projected::Projected;
-use crate::learned::{Layer, Weights, WeightsError, built_in};
+use crate::learned::{Layer, built_in};
 
 /// A model: where its file is got, and how its numbers are meant.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -67,9 +67,9 @@ pub struct Description {
     #[serde(default)]
     about: String,
     source: String,
+    export: Option<String>,
     licence: String,
     files: Vec<String>,
-    pub(crate) graph: Option<Graph>,
     pub(crate) input: Input,
     pub(crate) scores: Scores,
     pub(crate) descriptors: Descriptors,
@@ -144,8 +144,7 @@ pub(crate) enum Refine {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Descriptors {
-    /// Left out for a graph that computes them at keypoints alone.
-    pub(crate) layer: Option<Layer>,
+    pub(crate) layer: Layer,
     #[serde(default)]
     pub(crate) channels_last: bool,
     pub(crate) numbers: usize,
@@ -261,6 +260,11 @@ impl Description {
         &self.source
     }
 
+    /// The command that makes its file of what is got there; `None` where nothing need be made.
+    pub fn export(&self) -> Option<&str> {
+        self.export.as_deref()
+    }
+
     /// On what terms.
     pub fn licence(&self) -> &str {
         &self.licence
@@ -280,12 +284,6 @@ impl Description {
     pub(crate) fn plain_kind(&self) -> DescriptorKind {
         let name = if self.projection.is_some() { PLAIN } else { &self.name };
         self.plain(name).expect("it was checked when it was read")
-    }
-
-    /// The graph of a model whose file holds weights alone, as ONNX, for other engines; `None` for a model whose file is ONNX.
-    /// Descriptors of `alike` are not in it: they are computed at keypoints alone.
-    pub fn onnx(&self, weights: &Weights) -> Option<Result<Vec<u8>, WeightsError>> {
-        Some(self.graph?.of(weights).map(|made| made.onnx))
     }
 
     fn checked_kind(&self) -> Result<DescriptorKind, String> {
@@ -328,16 +326,9 @@ impl Description {
                 "of a finite threshold, a radius of at most 64, 8 rounds, a border of 1024",
             );
         }
-        let Descriptors { layer, stride, sight, .. } = &self.descriptors;
+        let Descriptors { stride, sight, .. } = &self.descriptors;
         if !(1..=64).contains(stride) || !(0.0..=4096.0).contains(sight) {
             return refused("descriptors.stride and .sight", "1 to 64, and 0 to 4096");
-        }
-        // ALIKE's own head gives them.
-        if layer.is_none() != (self.graph == Some(Graph::Alike)) {
-            return refused(
-                "descriptors.layer",
-                "named, but for the graph alike, whose last layer is computed at keypoints",
-            );
         }
         Ok(())
     }

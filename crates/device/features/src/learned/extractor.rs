@@ -6,11 +6,10 @@ use crate::{Extractor, FeatureError, Features, Image, Keypoint};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::Pixel;
 
-use crate::learned::graphs::{self, Head};
 use crate::learned::keypoints::{Peak, ScoreMap};
 use crate::learned::prepare::prepare;
-use crate::learned::sample::{DescriptorMap, Scratch, by_head, bytes};
-use crate::learned::{Description, Engine, Layer, Network, Tensor, Weights};
+use crate::learned::sample::{DescriptorMap, bytes};
+use crate::learned::{Description, Engine, Network, Tensor};
 
 /// Learned local features: a description and the network it is of.
 ///
@@ -23,7 +22,6 @@ pub struct Learned {
     /// Before any projection.
     plain: DescriptorKind,
     network: Network,
-    head: Option<Head>,
     /// Width and height, where the network has one size.
     fixed: Option<[usize; 2]>,
 }
@@ -46,46 +44,13 @@ pub(crate) struct Said {
 }
 
 impl Learned {
-    /// Reads the network of a description from this file: ONNX, or weights where the description names a graph.
+    /// Reads the network of a description from this file, ONNX.
     ///
     /// # Errors
     /// [`FeatureError`] for a file that is no network, is damaged, or is not what the description says.
     pub fn open(description: Description, file: &Path, engine: Engine) -> Result<Self, FeatureError> {
-        match description.graph {
-            Some(_) => Self::of_weights(description, &Weights::open(file)?, file, engine),
-            None => Self::of(description, Network::open(file, engine)?, None, file),
-        }
-    }
-
-    /// The same of weights in memory; `file` is what messages are to call them.
-    ///
-    /// # Errors
-    /// As [`Self::open`]; [`FeatureError::Network`] for a description that names no graph.
-    pub fn of_weights(
-        description: Description,
-        weights: &Weights,
-        file: &Path,
-        engine: Engine,
-    ) -> Result<Self, FeatureError> {
-        let model = |reason: String| FeatureError::Network { path: file.to_owned(), reason };
-        let graph = description.graph.ok_or_else(|| model("its description names no graph".to_owned()))?;
-        let made = graph
-            .of(weights)
-            .map_err(|source| FeatureError::Weights { path: file.to_owned(), source: Box::new(source) })?;
-        Self::of(description, Network::of_onnx(made.onnx, engine).map_err(model)?, made.head, file)
-    }
-
-    fn of(
-        description: Description,
-        network: Network,
-        head: Option<Head>,
-        file: &Path,
-    ) -> Result<Self, FeatureError> {
+        let network = Network::open(file, engine)?;
         let refused = |reason: String| FeatureError::Network { path: file.to_owned(), reason };
-        if let Some(head) = head.as_ref().filter(|head| head.dim() != description.descriptors.numbers) {
-            let expected = description.descriptors.numbers;
-            return Err(refused(format!("its descriptors have {} numbers and not {expected}", head.dim())));
-        }
         let channels = description.input.channels;
         let (Some(&[None | Some(1), own, height, width]), [1, _]) =
             (network.input().first_chunk::<4>(), network.ends())
@@ -105,7 +70,7 @@ impl Learned {
             }
         };
         let (kind, plain) = (description.kind(), description.plain_kind());
-        Ok(Self { description, kind, plain, network, head, fixed })
+        Ok(Self { description, kind, plain, network, fixed })
     }
 
     /// What it is.
@@ -124,10 +89,7 @@ impl Learned {
         let [_, _, height, width] = samples.shape[..] else { unreachable!("an image has four sides") };
         let mut layers = vec![scores.layer.clone()];
         layers.extend(scores.factor.clone());
-        match &descriptors.layer {
-            Some(layer) => layers.push(layer.clone()),
-            None => layers.extend(graphs::LEVELS.map(Layer::from)),
-        }
+        layers.push(descriptors.layer.clone());
         let mut results = self.network.run(&samples, &layers)?.into_iter();
         let mut next = || results.next().expect("one result for each layer");
         let map = ScoreMap::of(next(), scores)?;
@@ -143,14 +105,8 @@ impl Learned {
         let peaks = map.peaks(scores, placed, factor_at, most);
         let mut vectors = vec![0.0; peaks.len() * descriptors.numbers];
         let of_peaks = peaks.iter().zip(vectors.chunks_exact_mut(descriptors.numbers));
-        if let Some(head) = &self.head {
-            let levels: Vec<Tensor> = results.collect();
-            let mut scratch = Scratch::default();
-            of_peaks.for_each(|(peak, vector)| by_head(head, &levels, peak, vector, &mut scratch));
-        } else {
-            let map = DescriptorMap::of(next(), descriptors)?;
-            of_peaks.for_each(|(peak, vector)| map.at(peak.position, [width, height], descriptors, vector));
-        }
+        let map = DescriptorMap::of(next(), descriptors)?;
+        of_peaks.for_each(|(peak, vector)| map.at(peak.position, [width, height], descriptors, vector));
         let positions = peaks.iter().map(|peak| placed.to_image(peak.position)).collect();
         Ok(Said { peaks, descriptors: vectors, pixel: placed.pixel(), positions })
     }

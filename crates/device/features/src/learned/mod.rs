@@ -8,23 +8,19 @@
 //! - [`Description`]: a model as a text file says it; any ONNX network that fits one is an extractor.
 //! - [`Learned`]: a described network as an [`Extractor`](crate::Extractor).
 //! - [`GlobalDescription`], [`LearnedGlobal`]: the same for one vector of a whole image ([`GlobalExtractor`](crate::GlobalExtractor)).
-//! - [`Network`]: an ONNX file or a graph made of weights, run by an [`Engine`]: rten (pure Rust), or ONNX Runtime where the
+//! - [`Network`]: an ONNX file, run by an [`Engine`]: rten (pure Rust), or ONNX Runtime where the
 //!   user brings it (cargo feature `onnxruntime`).
-//! - [`Backbone`]: networks whose layers images are compared by.
-//! - [`Weights`]: tensors of PyTorch's `.pth`, NumPy's `.npz` and MATLAB's `.mat`. Nothing in a file is ever executed.
 //!
-//! No network is part of the project, and none is downloaded. This room runs on the device and where maps are built; `features`
+//! No network is part of the project, and none is downloaded; `scripts/export_onnx.py` makes ONNX files of their authors' weights. This room runs on the device and where maps are built; `features`
 //! does without it, so that a device that uses SIFT needs no engine.
 #![forbid(unsafe_code)]
 
 mod built_in;
 mod description;
 mod engine;
-mod error;
 mod extractor;
 mod file;
 mod global;
-mod graphs;
 mod keypoints;
 mod layer;
 mod models;
@@ -34,16 +30,12 @@ mod prepare;
 mod projected;
 mod sample;
 mod tensor;
-mod weights;
 
 pub use description::Description;
 pub use engine::Engine;
-pub use error::WeightsError;
 pub use extractor::Learned;
 pub use global::{GlobalDescription, LearnedGlobal};
-pub use graphs::Backbone;
 pub use layer::Layer;
 pub use models::{Found, FoundGlobal, Models};
 pub use network::Network;
 pub use tensor::Tensor;
-pub use weights::Weights;

@@ -131,7 +131,7 @@ impl Models {
             let lacking = || FeatureError::NoGlobalFile {
                 name: description.name().to_owned(),
                 files: files.join(" or "),
-                source_of: format!("{} ({})", description.source(), description.licence()).into(),
+                source_of: got(description.source(), description.licence(), description.export()).into(),
                 looked: self.looked(&beside).into(),
             };
             self.found(description.name(), files, &beside).ok_or_else(lacking)
@@ -160,7 +160,7 @@ impl Models {
         FeatureError::NoModelFile {
             name: description.name().to_owned(),
             files: description.files().join(" or "),
-            source_of: format!("{} ({})", description.source(), description.licence()).into(),
+            source_of: got(description.source(), description.licence(), description.export()).into(),
             looked: self.looked(beside).into(),
         }
     }
@@ -170,6 +170,12 @@ impl Models {
             beside.iter().chain(&self.folders).map(|f| f.display().to_string()).collect();
         if looked.is_empty() { "no folder".to_owned() } else { looked.join(", ") }
     }
+}
+
+/// Where a file is got, on what terms, and what makes it of what is got there.
+fn got(source: &str, licence: &str, export: Option<&str>) -> String {
+    let made = export.map_or_else(String::new, |export| format!(", run `{export}` on it"));
+    format!("{source} ({licence}){made}")
 }
 
 fn is_description(name: &str) -> bool {

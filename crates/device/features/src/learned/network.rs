@@ -1,4 +1,4 @@
-//! A network that can be run: an ONNX file, or a graph made of weights, in an engine.
+//! A network that can be run: an ONNX file in an engine.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use crate::learned::engine::{Engine, Input, Run};
 use crate::learned::{Layer, Tensor};
 
 /// Most bytes of an ONNX file that are read.
-const MOST_BYTES: u64 = 512 << 20;
+const MOST_BYTES: u64 = 1 << 30;
 
 /// A network in an engine. Most are given an image, or several.
 pub struct Network {
@@ -30,13 +30,9 @@ impl Network {
     /// # Errors
     /// [`FeatureError::Read`], and [`FeatureError::Network`] for a file that is no network or is damaged, or an engine that is not there.
     pub fn open(path: &Path, engine: Engine) -> Result<Self, FeatureError> {
-        Self::of_onnx(crate::learned::file::read(path, MOST_BYTES)?, engine)
-            .map_err(|reason| FeatureError::Network { path: path.to_owned(), reason })
-    }
-
-    /// The same of what is in memory; what is wrong with it in words.
-    pub(crate) fn of_onnx(bytes: Vec<u8>, engine: Engine) -> Result<Self, String> {
-        let running = engine.load(bytes)?;
+        let bytes = crate::learned::file::read(path, MOST_BYTES)?;
+        let refused = |reason| FeatureError::Network { path: path.to_owned(), reason };
+        let running = engine.load(bytes).map_err(refused)?;
         Ok(Self { engine, inputs: running.inputs(), outputs: running.outputs(), running })
     }
 

@@ -5,16 +5,14 @@ use veiloc_descriptor::DescriptorKind;
 use crate::FeatureError;
 use crate::learned::Tensor;
 use crate::learned::description::{Descriptors, Grid, Interpolation};
-use crate::learned::graphs::Head;
-use crate::learned::keypoints::Peak;
 
-/// A map of vectors, each of length 1.
+/// A map of vectors, taken as of length 1 each. It may have one for each pixel, so none is touched that nobody asks for.
 pub(crate) struct DescriptorMap {
     rows: usize,
     columns: usize,
-    numbers: usize,
-    /// `[rows, columns, numbers]`
+    /// `[rows, columns, numbers]`, or `[numbers, rows, columns]`.
     data: Vec<f32>,
+    channels_last: bool,
 }
 
 impl DescriptorMap {
@@ -33,20 +31,16 @@ impl DescriptorMap {
         if map.data.iter().any(|number| !number.is_finite()) {
             return Err(broken("hold numbers that are none"));
         }
-        let mut data = if described.channels_last {
-            map.data
-        } else {
-            let cells = rows * columns;
-            let mut data = vec![0.0; map.data.len()];
-            for (number, plane) in map.data.chunks_exact(cells.max(1)).enumerate() {
-                for (cell, value) in plane.iter().enumerate() {
-                    data[cell * numbers + number] = *value;
-                }
-            }
-            data
-        };
-        data.chunks_exact_mut(numbers.max(1)).for_each(normalize);
-        Ok(Self { rows, columns, numbers, data })
+        Ok(Self { rows, columns, data: map.data, channels_last: described.channels_last })
+    }
+
+    /// The vector of a cell, of length 1, into `out`.
+    fn cell(&self, row: usize, column: usize, out: &mut [f32]) {
+        let cell = row * self.columns + column;
+        let (first, step) =
+            if self.channels_last { (cell * out.len(), 1) } else { (cell, self.rows * self.columns) };
+        out.iter_mut().zip(self.data[first..].iter().step_by(step)).for_each(|(out, value)| *out = *value);
+        normalize(out);
     }
 
     /// The descriptor at a position of the network's image of this width and height, into `out`, of length 1.
@@ -64,14 +58,15 @@ impl DescriptorMap {
         });
         let ([columns, across], [rows, down]) =
             (weights(x, described.interpolation), weights(y, described.interpolation));
+        let mut own = vec![0.0; out.len()];
         out.fill(0.0);
         for (row, down) in rows.iter().zip(down) {
             for (column, across) in columns.iter().zip(across) {
                 let (row, column, weight) = (*row as usize, *column as usize, (down * across) as f32);
                 // Cells outside count as zeros.
                 if weight != 0.0 && row < self.rows && column < self.columns {
-                    let cell = &self.data[(row * self.columns + column) * self.numbers..][..self.numbers];
-                    for (out, value) in out.iter_mut().zip(cell) {
+                    self.cell(row, column, &mut own);
+                    for (out, value) in out.iter_mut().zip(&own) {
                         *out += weight * value;
                     }
                 }
@@ -98,38 +93,6 @@ fn weights(at: f64, interpolation: Interpolation) -> [[f64; 4]; 2] {
         }
     };
     [cells, counts]
-}
-
-/// The descriptor of a peak where the last layer is computed at keypoints alone: linear between four pixels, into `out`.
-pub(crate) fn by_head(head: &Head, levels: &[Tensor], peak: &Peak, out: &mut [f32], scratch: &mut Scratch) {
-    let Some([_, height, width]) = levels.first().and_then(Tensor::image) else { return };
-    let [x, y] = [(peak.position[0], width), (peak.position[1], height)].map(|(at, side)| {
-        let at = at.clamp(0.0, side as f64 - 1.0);
-        let first = at as usize;
-        [(first, 1.0 - (at - first as f64)), ((first + 1).min(side - 1), at - first as f64)]
-    });
-    out.fill(0.0);
-    scratch.corner.resize(out.len(), 0.0);
-    for (row, down) in y {
-        for (column, across) in x {
-            let weight = (down * across) as f32;
-            if weight != 0.0 {
-                head.at(levels, [column, row], &mut scratch.joined, &mut scratch.corner);
-                normalize(&mut scratch.corner);
-                for (out, value) in out.iter_mut().zip(&scratch.corner) {
-                    *out += weight * value;
-                }
-            }
-        }
-    }
-    normalize(out);
-}
-
-/// Room for [`by_head`].
-#[derive(Default)]
-pub(crate) struct Scratch {
-    joined: Vec<f32>,
-    corner: Vec<f32>,
 }
 
 /// A unit vector in bytes of a kind: each number times the kind's length, rounded, cut at the ends of a byte.

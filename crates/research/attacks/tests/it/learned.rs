@@ -1,6 +1,7 @@
 //! Networks of attackers: what they are given and what is made of their answers, and files that are refused.
 //!
-//! The networks are those of `scripts/tiny_networks.py`, which says what each computes.
+//! The networks are those of `scripts/tiny_networks.py`, which says what each computes, and of `research/train/make_tiny.py`,
+//! with what PyTorch says they answer.
 
 use std::path::{Path, PathBuf};
 
@@ -10,6 +11,7 @@ use veiloc_attacks::learned::inversion::{InversionNetwork, Known};
 use veiloc_attacks::learned::neighbours::NeighbourNetwork;
 use veiloc_attacks::learned::positions::{PositionNetwork, Sees, recover, told};
 use veiloc_attacks::{AttackError, Descriptors, KnownImage, Observation, prior_only};
+use veiloc_features::learned::{Engine, Network, Tensor};
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::audit::obfuscate_points;
 use veiloc_protocol::{AngleBits, Scheme};
@@ -302,5 +304,44 @@ fn damaged_networks_never_end_the_program() {
         let at = rng.random_range(0..changed.len());
         changed[at] ^= 1 << rng.random_range(0..8);
         run(&changed);
+    }
+}
+
+/// Networks of the shapes that are trained: the very numbers that PyTorch wrote down.
+#[test]
+fn networks_of_pytorch_answer_here_what_they_answer_there() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/networks");
+    let text = std::fs::read_to_string(folder.join("expected.json")).expect("text");
+    let expected: serde_json::Value = serde_json::from_str(&text).expect("a document");
+    let tensor = |value: &serde_json::Value| Tensor {
+        shape: serde_json::from_value(value["shape"].clone()).expect("sides"),
+        data: serde_json::from_value(value["data"].clone()).expect("numbers"),
+    };
+    for (name, case) in expected.as_object().expect("networks") {
+        let network = Network::open(&folder.join(format!("{name}.onnx")), Engine::Rten).expect(name);
+        let tensors = |what: &str| -> Vec<(String, Tensor)> {
+            let all = case[what].as_object().expect("tensors");
+            all.iter().map(|(name, value)| (name.clone(), tensor(value))).collect()
+        };
+        let (inputs, outputs) = (tensors("inputs"), tensors("outputs"));
+        let given: Vec<(&str, &Tensor)> =
+            inputs.iter().map(|(name, tensor)| (name.as_str(), tensor)).collect();
+        let names: Vec<&str> = outputs.iter().map(|(name, _)| name.as_str()).collect();
+        let found = network.run_named(&given, &names).expect("it runs");
+        for ((output, expected), found) in outputs.iter().zip(&found) {
+            assert_eq!(found.shape, expected.shape, "{name} {output}");
+            let largest = expected.data.iter().fold(0.0f32, |most, x| most.max(x.abs()));
+            for (own, theirs) in found.data.iter().zip(&expected.data) {
+                assert!((own - theirs).abs() < 1e-4 * largest.max(1.0), "{name} {output}: {own} {theirs}");
+            }
+        }
+        let description = folder.join(format!("{name}.toml"));
+        match name.as_str() {
+            "inversion" => assert!(!InversionNetwork::open(&description).expect("a network").judges_places()),
+            "invsfm" => assert!(InversionNetwork::open(&description).expect("a network").judges_places()),
+            "positions" => assert_eq!(PositionNetwork::open(&description).expect("one").sees(), Sees::Set),
+            "neighbours" => drop(NeighbourNetwork::open(&description).expect("a network")),
+            other => panic!("{other} is not tested"),
+        }
     }
 }

@@ -36,6 +36,9 @@ struct GlobalDocument {
     name: String,
     about: String,
     source: String,
+    /// The command that makes its files of what is got there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    export: Option<String>,
     licence: String,
     /// For each of its networks, names of files that would do, the best first.
     files: Vec<Vec<String>>,
@@ -52,6 +55,7 @@ impl GlobalDocument {
             name: description.name().to_owned(),
             about: description.about().to_owned(),
             source: description.source().to_owned(),
+            export: description.export().map(str::to_owned),
             licence: description.licence().to_owned(),
             files: description.files().map(<[String]>::to_vec).collect(),
             found: files.iter().map(|f| f.as_ref().map(|path| path.display().to_string())).collect(),
@@ -64,11 +68,19 @@ impl GlobalDocument {
         for (names, found) in self.files.iter().zip(&self.found) {
             let _ = match found {
                 Some(file) => writeln!(text, "  there: {file}"),
-                None => writeln!(text, "  not there: {}, from {}", names.join(" or "), self.source),
+                None => {
+                    writeln!(text, "  not there: {}", missing(names, &self.source, self.export.as_deref()))
+                }
             };
         }
         text
     }
+}
+
+/// What would do, where it is got, and what makes it of that.
+fn missing(files: &[String], source: &str, export: Option<&str>) -> String {
+    let made = export.map_or_else(String::new, |export| format!("; {export}"));
+    format!("{}, from {source}{made}", files.join(" or "))
 }
 
 /// One model.
@@ -77,6 +89,9 @@ struct ModelDocument {
     name: String,
     about: String,
     source: String,
+    /// The command that makes its file of what is got there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    export: Option<String>,
     licence: String,
     /// Names of files that would do, the best first.
     files: Vec<String>,
@@ -93,6 +108,7 @@ impl ModelDocument {
             name: description.name().to_owned(),
             about: description.about().to_owned(),
             source: description.source().to_owned(),
+            export: description.export().map(str::to_owned),
             licence: description.licence().to_owned(),
             files: description.files().to_vec(),
             file: file.as_ref().map(|path| path.display().to_string()),
@@ -103,7 +119,7 @@ impl ModelDocument {
     fn line(&self) -> String {
         let file = match &self.file {
             Some(file) => format!("there: {file}"),
-            None => format!("not there: {}, from {}", self.files.join(" or "), self.source),
+            None => format!("not there: {}", missing(&self.files, &self.source, self.export.as_deref())),
         };
         format!("{}: {}; {} numbers; {}\n  {file}\n", self.name, self.about, self.numbers, self.licence)
     }

@@ -180,7 +180,9 @@ fn keypoints_of_images_are_what_attack_reads() {
 #[test]
 fn a_network_of_neighbours_is_used_or_the_remedy_is_named() {
     let place = common::place();
-    place.run("eval keypoints images --max-keypoints 150 --max-size 300 -o network-all.jsonl").succeeded();
+    place
+        .run("eval keypoints images --features sift --max-keypoints 150 --max-size 300 -o network-all.jsonl")
+        .succeeded();
     let model = |name: &str| {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../research/attacks/tests/data/learned");
         folder.join(name).display().to_string()

@@ -200,9 +200,10 @@ fn models_say_what_they_need_and_where_it_was_looked_for() {
     assert_eq!(there["models"][1]["file"], there["models"][0]["file"], "one file for both of its kinds");
     let text = place.run("models").succeeded().stdout;
     assert!(text.contains("superpoint") && text.contains("non-commercial"), "{text}");
+    assert!(text.contains("python scripts/export_onnx.py"), "what makes files is said: {text}");
     let missing = place.run("map build --posed posed --images images --features superpoint -o none.vmap");
-    assert!(missing.code == Some(1) && missing.stderr.contains("superpoint_v1.pth"), "{missing}");
+    assert!(missing.code == Some(1) && missing.stderr.contains("superpoint_v1.onnx"), "{missing}");
     assert!(missing.stderr.contains("VEILOC_MODELS"), "{missing}");
     let missing = place.run("map build --posed posed --images images --global netvlad -o none.vmap");
-    assert!(missing.code == Some(1) && missing.stderr.contains("VGG16-NetVLAD-Pitts30K.mat"), "{missing}");
+    assert!(missing.code == Some(1) && missing.stderr.contains("VGG16-NetVLAD-Pitts30K.onnx"), "{missing}");
 }

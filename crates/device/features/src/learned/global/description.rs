@@ -3,12 +3,12 @@
 //! ```toml
 //! name = "mine"                     # of the model of global descriptors
 //! source = "https://…"              # where its files are got
+//! export = "python …"               # what makes them of what is got there; left out where nothing need be made
 //! licence = "MIT"
 //! numbers = 512                     # of a vector
 //!
 //! [[networks]]                      # one, or several run one after the other
 //! files = ["mine.onnx"]             # the first that is found is taken
-//! graph = "netvlad"                 # for files that hold weights alone; left out for ONNX
 //! inputs = ["image"]                # in the file's order: "image", and "before" for what the network before gave.
 //!                                   # left out: "image" of the first, "before" of the others
 //! layer = 0                         # what it gives: a layer's name, or the number of an output
@@ -43,6 +43,7 @@ pub struct GlobalDescription {
     #[serde(default)]
     about: String,
     source: String,
+    export: Option<String>,
     licence: String,
     numbers: usize,
     pub(super) networks: Vec<Part>,
@@ -53,7 +54,6 @@ pub struct GlobalDescription {
 #[serde(deny_unknown_fields)]
 pub(super) struct Part {
     pub(super) files: Vec<String>,
-    pub(super) graph: Option<Graph>,
     #[serde(default)]
     inputs: Vec<From>,
     #[serde(default = "first")]
@@ -62,14 +62,6 @@ pub(super) struct Part {
     pub(super) channels_last: bool,
     pub(super) middle: Option<[usize; 2]>,
     pub(super) image: Option<Seen>,
-}
-
-/// Networks whose files hold no graph.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(super) enum Graph {
-    /// Arandjelović et al., *NetVLAD*, CVPR 2016.
-    Netvlad,
 }
 
 /// What an input is given.
@@ -118,7 +110,7 @@ impl Part {
         }
     }
 
-    fn check(&self, is_first: bool, is_last: bool) -> Result<(), String> {
+    fn check(&self, is_first: bool) -> Result<(), String> {
         let refused = |what: &str, allowed: &str| Err(format!("{what} must be {allowed}"));
         let plain = |name: &String| {
             !name.is_empty() && Path::new(name).file_name().is_some_and(|own| own == name.as_str())
@@ -133,9 +125,6 @@ impl Part {
         }
         if (of(From::Image) == 1) != self.image.is_some() {
             return refused("networks.image", "there for networks that are given the image, and no others");
-        }
-        if self.graph.is_some() && !(is_first && is_last) {
-            return refused("networks.graph", "of a network that is the only one");
         }
         if self.middle.is_some_and(|sides| sides.iter().any(|side| !(1..=8192).contains(side))) {
             return refused("networks.middle", "1 to 8192");
@@ -165,7 +154,7 @@ impl GlobalDescription {
             return Err(format!("networks must be 1 to {MOST_NETWORKS}"));
         }
         let mut parts = self.networks.iter().enumerate();
-        parts.try_for_each(|(at, part)| part.check(at == 0, at + 1 == count))
+        parts.try_for_each(|(at, part)| part.check(at == 0))
     }
 
     fn checked_model(&self) -> Result<NamedGlobal, String> {
@@ -185,6 +174,11 @@ impl GlobalDescription {
     /// Where its files are got.
     pub fn source(&self) -> &str {
         &self.source
+    }
+
+    /// The command that makes its files of what is got there; `None` where nothing need be made.
+    pub fn export(&self) -> Option<&str> {
+        self.export.as_deref()
     }
 
     /// On what terms.

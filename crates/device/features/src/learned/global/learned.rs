@@ -1,15 +1,14 @@
 //! Described networks as an extractor of global descriptors.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::{FeatureError, GlobalExtractor, GrayImage, Image};
 use veiloc_descriptor::{GlobalDescriptor, NamedGlobal};
 
 use super::GlobalDescription;
-use super::description::{From, Graph, Part, Seen};
-use crate::learned::graphs::{FEATURES, NetVlad, netvlad};
+use super::description::{From, Part, Seen};
 use crate::learned::prepare::{prepare, resized};
-use crate::learned::{Engine, Layer, Network, Tensor, Weights};
+use crate::learned::{Engine, Network, Tensor};
 
 /// Part of the root of the numbers: with 4 standard deviations of a number in a random direction a byte is full.
 const LENGTH: f64 = 32.0;
@@ -22,7 +21,6 @@ pub struct LearnedGlobal {
     description: GlobalDescription,
     model: NamedGlobal,
     networks: Vec<Network>,
-    head: Option<NetVlad>,
 }
 
 impl std::fmt::Debug for LearnedGlobal {
@@ -41,46 +39,15 @@ impl LearnedGlobal {
         files: &[PathBuf],
         engine: Engine,
     ) -> Result<Self, FeatureError> {
-        match (&description.networks[..], files) {
-            ([Part { graph: Some(Graph::Netvlad), .. }], [file]) => {
-                Self::of_weights(description, Weights::open(file)?, file, engine)
-            }
-            (parts, files) if parts.len() == files.len() => {
-                let networks =
-                    files.iter().map(|file| Network::open(file, engine)).collect::<Result<_, _>>()?;
-                let all = Self { model: description.model(), description, networks, head: None };
-                all.check(files)?;
-                Ok(all)
-            }
-            (parts, files) => {
-                let reason = format!("{} files are given for {} networks", files.len(), parts.len());
-                Err(FeatureError::Network { path: files.first().cloned().unwrap_or_default(), reason })
-            }
+        let count = description.networks.len();
+        if files.len() != count {
+            let reason = format!("{} files are given for {count} networks", files.len());
+            return Err(FeatureError::Network { path: files.first().cloned().unwrap_or_default(), reason });
         }
-    }
-
-    /// The same of weights in memory, for a description that names a graph; `file` is what messages are to call them.
-    ///
-    /// # Errors
-    /// As [`Self::open`].
-    pub fn of_weights(
-        description: GlobalDescription,
-        weights: Weights,
-        file: &Path,
-        engine: Engine,
-    ) -> Result<Self, FeatureError> {
-        let refused = |reason: String| FeatureError::Network { path: file.to_owned(), reason };
-        if description.networks.iter().all(|part| part.graph.is_none()) {
-            return Err(refused("its description names no graph".to_owned()));
-        }
-        let (onnx, head) = netvlad(weights)
-            .map_err(|source| FeatureError::Weights { path: file.to_owned(), source: Box::new(source) })?;
-        let (model, numbers) = (description.model(), head.numbers());
-        if numbers != model.dim() {
-            return Err(refused(format!("its vectors have {numbers} numbers and not {}", model.dim())));
-        }
-        let networks = vec![Network::of_onnx(onnx, engine).map_err(refused)?];
-        Ok(Self { description, model, networks, head: Some(head) })
+        let networks = files.iter().map(|file| Network::open(file, engine)).collect::<Result<_, _>>()?;
+        let all = Self { model: description.model(), description, networks };
+        all.check(files)?;
+        Ok(all)
     }
 
     /// What it is.
@@ -117,7 +84,7 @@ impl LearnedGlobal {
     pub fn vector(&self, image: &GrayImage) -> Result<Vec<f32>, FeatureError> {
         let mut before = None;
         for (at, (part, network)) in self.description.networks.iter().zip(&self.networks).enumerate() {
-            before = Some(self.step(part, network, at == 0, image, before)?);
+            before = Some(step(part, network, at == 0, image, before)?);
         }
         let last = before.map(|tensor| tensor.data).unwrap_or_default();
         if last.len() != self.model.dim() || last.iter().any(|number| !number.is_finite()) {
@@ -128,43 +95,37 @@ impl LearnedGlobal {
         let factor = if length > 0.0 { 1.0 / length } else { 0.0 };
         Ok(last.iter().map(|number| (f64::from(*number) * factor) as f32).collect())
     }
+}
 
-    fn step(
-        &self,
-        part: &Part,
-        network: &Network,
-        is_first: bool,
-        image: &GrayImage,
-        before: Option<Tensor>,
-    ) -> Result<Tensor, FeatureError> {
-        let broken = |reason: &str| FeatureError::NetworkRun { reason: reason.to_owned() };
-        let seen = match &part.image {
-            Some(seen) => {
-                let input = part.inputs(is_first).iter().position(|from| *from == From::Image).unwrap_or(0);
-                Some(shown(image, seen, network.sides_of(input)))
-            }
-            None => None,
-        };
-        let given = part.inputs(is_first).iter().map(|from| match from {
-            From::Image => seen.as_ref().ok_or_else(|| broken("it is given no image")),
-            From::Before => before.as_ref().ok_or_else(|| broken("there is no network before it")),
-        });
-        let given: Vec<&Tensor> = given.collect::<Result<_, _>>()?;
-        if let Some(head) = &self.head {
-            let features = network.run_on(&given, &[Layer::from(FEATURES)])?;
-            let vector = features.first().and_then(|features| head.describe(features));
-            let data = vector.ok_or_else(|| broken("the image is too small for it"))?;
-            return Ok(Tensor { shape: vec![1, data.len()], data });
+/// What a network gives of the image, and of what the network before it gave.
+fn step(
+    part: &Part,
+    network: &Network,
+    is_first: bool,
+    image: &GrayImage,
+    before: Option<Tensor>,
+) -> Result<Tensor, FeatureError> {
+    let broken = |reason: &str| FeatureError::NetworkRun { reason: reason.to_owned() };
+    let seen = match &part.image {
+        Some(seen) => {
+            let input = part.inputs(is_first).iter().position(|from| *from == From::Image).unwrap_or(0);
+            Some(shown(image, seen, network.sides_of(input)))
         }
-        let result = network.run_on(&given, std::slice::from_ref(&part.layer))?.pop();
-        let mut result = result.ok_or_else(|| broken("it gives nothing"))?;
-        if part.channels_last {
-            result = result.channels_first().ok_or_else(|| broken("what it gives is no image"))?;
-        }
-        match part.middle {
-            Some(sides) => middle(&result, sides).ok_or_else(|| broken("what it gives is too small")),
-            None => Ok(result),
-        }
+        None => None,
+    };
+    let given = part.inputs(is_first).iter().map(|from| match from {
+        From::Image => seen.as_ref().ok_or_else(|| broken("it is given no image")),
+        From::Before => before.as_ref().ok_or_else(|| broken("there is no network before it")),
+    });
+    let given: Vec<&Tensor> = given.collect::<Result<_, _>>()?;
+    let result = network.run_on(&given, std::slice::from_ref(&part.layer))?.pop();
+    let mut result = result.ok_or_else(|| broken("it gives nothing"))?;
+    if part.channels_last {
+        result = result.channels_first().ok_or_else(|| broken("what it gives is no image"))?;
+    }
+    match part.middle {
+        Some(sides) => middle(&result, sides).ok_or_else(|| broken("what it gives is too small")),
+        None => Ok(result),
     }
 }
 

@@ -1,8 +1,7 @@
-//! ONNX files as bytes: the graphs that are made here of weights alone, and what must change in a file before it is run.
+//! ONNX files as bytes: what must change in a file before it is run.
 
 #[cfg(feature = "rten")]
 mod exact;
-mod graph;
 #[cfg_attr(not(feature = "rten"), allow(dead_code, reason = "rten's graphs are changed before they are run"))]
 mod nodes;
 #[cfg(feature = "rten")]
@@ -14,6 +13,5 @@ mod protobuf;
 
 #[cfg(feature = "rten")]
 pub(crate) use exact::exact;
-pub(crate) use graph::{Graph, Padding};
 #[cfg(feature = "onnxruntime")]
 pub(crate) use outputs::with_outputs;

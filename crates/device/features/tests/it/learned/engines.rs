@@ -54,7 +54,7 @@ fn what_is_no_network_is_an_error_in_every_engine() {
 #[real_data_test]
 fn engines_find_the_same_keypoints(data: &Path) {
     let image = Image::from(drawn(300, 200));
-    for (name, file) in [("xfeat", "xfeat/xfeat_640x640.onnx"), ("alike-t", "alike/alike-t.pth")] {
+    for (name, file) in [("xfeat", "xfeat/xfeat_640x640.onnx")] {
         let of = |engine: Engine| {
             let models = Models::new(Vec::new()).with_engine(engine);
             let learned = models.open(name, Some(&data.join("../weights").join(file))).expect("a network");

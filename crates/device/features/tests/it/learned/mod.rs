@@ -6,4 +6,3 @@ mod globals;
 mod models;
 mod oracle;
 mod sealing;
-mod weights;

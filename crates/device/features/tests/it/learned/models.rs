@@ -30,6 +30,15 @@ fn all_descriptions_are_read_and_built_in() {
     for found in models.all() {
         assert!(found.file.is_none() && !found.description.licence().is_empty());
         assert!(found.description.source().starts_with("https://"));
+        let made =
+            found.description.export().is_none_or(|by| by.starts_with("python scripts/export_onnx.py "));
+        assert!(
+            made && found
+                .description
+                .files()
+                .iter()
+                .all(|file| Path::new(file).extension().is_some_and(|e| e == "onnx"))
+        );
     }
 }
 
@@ -51,7 +60,7 @@ fn what_is_no_description_is_refused_by_its_fault() {
         ("form = \"cells\"", "form = \"map\"", "stride"),
         ("sight = 32", "sight = -1", "sight"),
         ("files = [", "files = [\"../elsewhere.onnx\", ", "without folders"),
-        ("[descriptors]\nlayer = 0", "[descriptors]", "descriptors.layer"),
+        ("[descriptors]\nlayer = 0", "[descriptors]", "layer"),
         ("[scores]", "[score]", "score"),
     ] {
         let refused = described(part, by).expect_err(by);
@@ -79,7 +88,7 @@ fn a_file_that_is_not_there_says_where_it_is_got_and_was_looked_for() {
     );
     assert!(matches!(models.open("gone.toml", None), Err(FeatureError::Read { .. })));
     // Found in the folder, and in its sub-folder of the model's name.
-    std::fs::write(folder.path().join("alike-n.pth"), "no weights").expect("written");
+    std::fs::write(folder.path().join("alike-n.onnx"), "no network").expect("written");
     std::fs::create_dir(folder.path().join("xfeat")).expect("made");
     std::fs::write(folder.path().join("xfeat/xfeat_640x640.onnx"), "no network").expect("written");
     let found: Vec<bool> = models.all().map(|found| found.file.is_some()).collect();
@@ -88,7 +97,7 @@ fn a_file_that_is_not_there_says_where_it_is_got_and_was_looked_for() {
         [true, true, true, false, false, false],
         "compact kinds have the file of the plain ones"
     );
-    assert!(matches!(models.open("alike", None), Err(FeatureError::Weights { .. })));
+    assert!(matches!(models.open("alike", None), Err(FeatureError::Network { .. })));
     assert!(matches!(models.open("xfeat", None), Err(FeatureError::Network { .. })));
 }
 
@@ -113,11 +122,6 @@ fn networks_that_are_not_what_they_are_said_to_be_are_refused() {
     assert!(broken.to_string().contains("no output"), "{broken}");
     let opened = with("channels = 1\n", "channels = 3\n").expect("its input fits");
     assert!(!format!("{opened:?}").is_empty());
-    // Weights of another network.
-    for name in ["alike", "superpoint"] {
-        let refused = models.open(name, Some(&data("plain.pth"))).expect_err("other weights");
-        assert!(refused.to_string().contains("lacks the tensor"), "{refused}");
-    }
 }
 
 /// The description of corners with a projection in a folder of its own, beside what `file` holds.

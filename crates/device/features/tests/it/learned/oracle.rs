@@ -1,11 +1,11 @@
-//! Layers, keypoints and descriptors of real weights against PyTorch and ONNX Runtime (`scripts/oracle_networks.py`). Needs
+//! Layers, keypoints and descriptors of XFeat against ONNX Runtime (`scripts/oracle_networks.py`). Needs
 //! `VEILOC_DATA`, and `weights/` beside it, which the user brings.
 
 use super::common;
 
 use std::path::Path;
 
-use common::{drawn, engines, model, model_in};
+use common::{drawn, engines, made_up_alike, model, model_in};
 use serde_json::Value;
 use veiloc_features::learned::{Engine, Layer, Learned, Tensor};
 use veiloc_features::{Extractor, Image};
@@ -15,12 +15,7 @@ const MARGIN: usize = 32;
 
 /// A model with the margin that the oracle has.
 fn as_the_oracle(engine: Engine, data: &Path, name: &str) -> Learned {
-    let own = match name {
-        "xfeat" => "margin = 48",
-        "superpoint" => "margin = 64",
-        _ => "margin = 96",
-    };
-    model_in(engine, &data.join("../weights"), name, &[(own, "margin = 32")])
+    model_in(engine, &data.join("../weights"), name, &[("margin = 48", "margin = 32")])
 }
 
 fn oracle(name: &str) -> Value {
@@ -134,18 +129,6 @@ fn is_that_of_another_engine(data: &Path, name: &str, channels: usize, multiple:
 }
 
 #[real_data_test]
-fn alike_is_that_of_another_engine(data: &Path) {
-    for name in ["alike", "alike-t"] {
-        is_that_of_another_engine(data, name, 3, 32, false);
-    }
-}
-
-#[real_data_test]
-fn superpoint_is_that_of_another_engine(data: &Path) {
-    is_that_of_another_engine(data, "superpoint", 1, 8, false);
-}
-
-#[real_data_test]
 fn xfeat_is_that_of_another_engine(data: &Path) {
     is_that_of_another_engine(data, "xfeat", 1, 1, true);
 }
@@ -153,8 +136,8 @@ fn xfeat_is_that_of_another_engine(data: &Path) {
 /// The measure sees a network that is a little another.
 #[real_data_test]
 fn another_input_is_another_result(data: &Path) {
-    let (learned, oracle) = (as_the_oracle(Engine::Rten, data, "alike-t"), oracle("alike-t"));
-    let mut input = input(size(&oracle), 3, 32, false);
+    let (learned, oracle) = (as_the_oracle(Engine::Rten, data, "xfeat"), oracle("xfeat"));
+    let mut input = input(size(&oracle), 1, 1, true);
     input.data = input.data.iter().map(|sample| sample * 1.01).collect();
     let off = layers_off(&learned, &oracle, &input);
     assert!(off > 10.0 * ROUNDING, "a hundredth brighter, and no layer differs: {off}");
@@ -164,15 +147,23 @@ fn another_input_is_another_result(data: &Path) {
 #[real_data_test]
 fn any_number_of_threads_gives_the_same_features(data: &Path) {
     let image = Image::from(drawn(200, 150));
-    for name in ["alike-t", "xfeat", "superpoint"] {
-        let of = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            pool.install(|| model(&data.join("../weights"), name).extract(&image, 300).expect("extracted"))
-        };
-        let one = of(1);
-        assert!(one.keypoints.len() > 20, "{name}: {}", one.keypoints.len());
-        for threads in [2, 3, 7] {
-            assert!(of(threads) == one, "{name}: {threads} threads");
-        }
+    threads_change_nothing(&|| model(&data.join("../weights"), "xfeat"), &image);
+}
+
+/// The same of a network with convolutions of one channel, which need care (`one_channel.rs`).
+#[test]
+fn any_number_of_threads_gives_the_same_features_of_a_made_up_network() {
+    threads_change_nothing(&|| made_up_alike(&[]), &Image::from(drawn(200, 150)));
+}
+
+fn threads_change_nothing(open: &(dyn Fn() -> Learned + Sync), image: &Image) {
+    let of = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| open().extract(image, 300).expect("extracted"))
+    };
+    let one = of(1);
+    assert!(one.keypoints.len() > 20, "{}", one.keypoints.len());
+    for threads in [2, 3, 7] {
+        assert!(of(threads) == one, "{threads} threads");
     }
 }

@@ -28,9 +28,8 @@ fn images(data: &Path, learned: &Learned) -> Vec<Image> {
     images
 }
 
-/// Their files lie in one folder each.
 fn models(data: &Path) -> Models {
-    Models::new(["xfeat", "alike"].map(|folder| data.join("../weights").join(folder)).to_vec())
+    Models::new(vec![data.join("../weights/xfeat")])
 }
 
 fn hides(data: &Path, name: &str) {
@@ -54,21 +53,6 @@ fn decoys_of_xfeat_hide_as_well_as_the_document_says(data: &Path) {
 }
 
 #[real_data_test]
-fn decoys_of_alike_hide_as_well_as_the_document_says(data: &Path) {
-    hides(data, "alike");
-}
-
-#[real_data_test]
-fn decoys_of_alike_t_hide_as_well_as_the_document_says(data: &Path) {
-    hides(data, "alike-t");
-}
-
-#[real_data_test]
 fn decoys_of_xfeat_compact_hide_as_well_as_the_document_says(data: &Path) {
     hides(data, "xfeat-compact");
-}
-
-#[real_data_test]
-fn decoys_of_alike_t_compact_hide_as_well_as_the_document_says(data: &Path) {
-    hides(data, "alike-t-compact");
 }

@@ -1,9 +1,9 @@
-//! The drawn image of `scripts/oracle_networks.py`, and networks of the weights beside the real images.
+//! The drawn image of the oracles, a network that is made up, and the real one beside the real images.
 #![allow(dead_code)] // each test binary uses its own part
 
 use std::path::{Path, PathBuf};
 
-use veiloc_features::learned::{Description, Engine, Learned, Tensor, Weights};
+use veiloc_features::learned::{Description, Engine, Learned};
 use veiloc_features::{Extractor, GrayImage, Image};
 
 /// Blocks with noise, in whole numbers.
@@ -15,25 +15,6 @@ pub(crate) fn drawn(width: u32, height: u32) -> GrayImage {
     };
     let samples = (0..width * height).map(|i| sample(i % width, i / width));
     GrayImage::new(width, height, samples.collect()).expect("whole rows")
-}
-
-/// Numbers from -0.05 to 0.05 by a formula.
-fn made_up(shape: &[usize]) -> Tensor {
-    let count: usize = shape.iter().product();
-    let number = |i: u64| (((i * 2_654_435_761) % (1 << 32)) as f64 / (1_u64 << 32) as f64 - 0.5) * 0.1;
-    Tensor { shape: shape.to_vec(), data: (0..count as u64).map(|i| number(i) as f32).collect() }
-}
-
-/// SuperPoint's encoder and descriptors with a detector head that is made up: nothing found with it is SuperPoint's.
-fn superpoint_with_made_up_head(weights: &Path, changes: &[(&str, &str)], engine: Engine) -> Learned {
-    let file = weights.join("superpoint/superpoint_v1_encoder_desc.npz");
-    let mut tensors = Weights::open(&file).expect("weights beside the data");
-    for (name, shape) in [("convPa", [256, 128, 3, 3]), ("convPb", [65, 256, 1, 1])] {
-        tensors = tensors.with(&format!("{name}.weight"), made_up(&shape));
-        tensors = tensors.with(&format!("{name}.bias"), made_up(&shape[..1]));
-    }
-    let description = described("superpoint", changes);
-    Learned::of_weights(description, &tensors, &file, engine).expect("a network")
 }
 
 pub(crate) fn models_folder() -> PathBuf {
@@ -64,23 +45,13 @@ pub(crate) fn engines() -> Vec<Engine> {
 
 /// One of the models, with its file from the folder of weights.
 pub(crate) fn model(weights: &Path, name: &str) -> Learned {
-    model_with(weights, name, &[])
+    model_in(Engine::Rten, weights, name, &[])
 }
 
-/// The same with parts of its description replaced.
-pub(crate) fn model_with(weights: &Path, name: &str, changes: &[(&str, &str)]) -> Learned {
-    model_in(Engine::Rten, weights, name, changes)
-}
-
-/// The same in an engine.
+/// The same in an engine, with parts of its description replaced.
 pub(crate) fn model_in(engine: Engine, weights: &Path, name: &str, changes: &[(&str, &str)]) -> Learned {
-    let file = match name {
-        "superpoint" => return superpoint_with_made_up_head(weights, changes, engine),
-        "xfeat" | "xfeat-compact" => "xfeat/xfeat_800x576.onnx",
-        "alike" => "alike/alike-n.pth",
-        _ => "alike/alike-t.pth",
-    };
-    Learned::open(described(name, changes), &weights.join(file), engine).expect("a file beside the data")
+    let file = weights.join("xfeat/xfeat_800x576.onnx");
+    Learned::open(described(name, changes), &file, engine).expect("a file beside the data")
 }
 
 /// The made-up ALIKE with its 16 numbers projected to 48 of 4 bits (a real network has more than 16, and a row of so few coarse
@@ -111,48 +82,20 @@ pub(crate) fn made_up_compact() -> Learned {
     made_up_alike_in(&folder.path().join("own.toml"), &changes)
 }
 
-/// A network of ALIKE's form with few channels and weights by a formula: something for tests that need no real one.
+/// A network of ALIKE's form with few channels and weights by a formula (`scripts/tiny_networks.py`): something for tests that
+/// need no real one.
 pub(crate) fn made_up_alike(changes: &[(&str, &str)]) -> Learned {
     made_up_alike_in(&models_folder().join("alike.toml"), changes)
 }
 
 /// The same, with files of its description looked for beside this one.
 fn made_up_alike_in(file: &Path, changes: &[(&str, &str)]) -> Learned {
-    let mut weights = Weights::default();
-    let mut put = |name: String, shape: &[usize], scale: f32, shift: f32, seed: u64| {
-        let count: usize = shape.iter().product();
-        let number = |i: u64| {
-            let mixed = (i + seed * 7919).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            ((mixed ^ (mixed >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 24) as f32
-                - 0.5
-        };
-        let data = (0..count as u64).map(|i| number(i) * scale + shift).collect();
-        weights = std::mem::take(&mut weights).with(&name, Tensor { shape: shape.to_vec(), data });
-    };
-    let widths = [3, 8, 8, 8, 8];
-    for block in 1..5 {
-        let (from, to) = (widths[block - 1], widths[block]);
-        let name = |what: &str| format!("block{block}.{what}");
-        for (conv, from) in [(1, from), (2, to)] {
-            let seed = (10 * block + conv) as u64;
-            put(name(&format!("conv{conv}.weight")), &[to, from, 3, 3], 1.2, 0.0, seed);
-            put(name(&format!("bn{conv}.weight")), &[to], 0.0, 1.0, seed);
-            put(name(&format!("bn{conv}.bias")), &[to], 0.2, 0.0, seed + 5);
-            put(name(&format!("bn{conv}.running_mean")), &[to], 0.1, 0.0, seed + 7);
-            put(name(&format!("bn{conv}.running_var")), &[to], 0.0, 1.0, seed);
-        }
-        if block > 1 {
-            put(name("downsample.weight"), &[to, from, 1, 1], 1.0, 0.0, 80 + block as u64);
-            put(name("downsample.bias"), &[to], 0.1, 0.0, 90 + block as u64);
-        }
-        put(format!("conv{block}.weight"), &[4, to, 1, 1], 2.0, 0.0, 100 + block as u64);
-    }
-    put("convhead2.weight".to_owned(), &[17, 16, 1, 1], 2.0, 0.0, 200);
     let own = [
         ("name = \"alike\"", "name = \"made-up\""),
         ("numbers = 128", "numbers = 16"),
         ("length = 362", "length = 128"),
     ];
     let description = described_in(file, "alike", &[&own[..], changes].concat());
-    Learned::of_weights(description, &weights, Path::new("made up"), Engine::Rten).expect("a network")
+    let network = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/learned/made-up.onnx");
+    Learned::open(description, &network, Engine::Rten).expect("a network")
 }
