@@ -52,7 +52,7 @@ def test_maps_grow_and_shrink_and_show_themselves(rendered):
     assert len(model) == len(names) == len(model.poses) == len(rendered.mapped)
     assert model.poses[names[0]] == rendered.pose(names[0])
     assert model.points.shape[1] == 3 and len(model.points) > 300
-    assert model._repr_svg_().startswith("<svg") and "mapcam" in model._repr_svg_()
+    assert model._repr_svg_().startswith("<svg") and 'class="camera map"' in model._repr_svg_()
     smaller = model.remove(names[:2], self_test=False)
     assert len(smaller) == len(names) - 2 and smaller.profile == model.profile
     again = smaller.add(rendered.mapped, rendered.images, names=names[:1], self_test=False)
