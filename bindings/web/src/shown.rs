@@ -19,7 +19,7 @@ use crate::sealing::Kept;
 
 /// Attacks that can be shown: name and words of the audit's table, and whether true neighbours are told.
 pub const ATTACKS: [(&str, &str, bool); 4] = [
-    ("prior", "guess from the single line", false),
+    ("prior", "prior-only baseline, from the single line", false),
     ("closed-form", "the paper's attack (closed form)", true),
     ("closed-form-informed", "closed form that knows the scheme", true),
     ("graph", "layout of the neighbour graph", true),
