@@ -59,9 +59,7 @@ fn images_are_made_and_judged() {
     run(folder, &format!("{eval} --shown 0 {judged} --report bare.html --json rows.json"))
         .expect("evaluated");
     let page = text("bare.html");
-    assert!(
-        !page.contains("data:image") && page.contains("ST-LPIPS</th>") && page.contains("Recognised,")
-    );
+    assert!(!page.contains("data:image") && page.contains("ST-LPIPS</th>") && page.contains("Recognised,"));
     assert!(page.contains("1 images are named by their ImageNet synset"));
     let document = text("rows.json");
     for field in ["\"named\": 1", "\"answered\": 1", "\"st_lpips\": 0.", "\"top_5\": true", "\"top_5\": 2"] {
