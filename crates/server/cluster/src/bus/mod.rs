@@ -17,6 +17,7 @@
 //!
 //! ```
 //! use std::time::Duration;
+//! use veiloc_cluster::ClusterError;
 //! use veiloc_cluster::bus::{Bus, Subject};
 //!
 //! # let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
