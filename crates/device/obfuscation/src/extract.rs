@@ -30,7 +30,7 @@ pub fn extract(
 /// differ there only are the very same, and no keypoint is kept whose descriptor looks there (rule L13).
 ///
 /// # Errors
-/// As [`extract`]; [`FeatureError::MaskSize`] for a mask of another image.
+/// As [`extract`]; [`FeatureError::MaskSize`](veiloc_features::FeatureError::MaskSize) for a mask of another image.
 pub fn extract_masked(
     path: &Path,
     mask: &Mask,

@@ -56,7 +56,7 @@ impl<'a> FolderWriter<'a> {
     /// Takes the memory of the region twice.
     ///
     /// # Errors
-    /// [`MapError::Map`] when the map has no such region, [`MapError::Io`] when it cannot be written.
+    /// [`MapError::Model`] when the map has no such region, [`MapError::Io`] when it cannot be written.
     pub fn region(&self, region: &Region) -> Result<RegionEntry, MapError> {
         let model = self.map.region(region.clone())?;
         let file = MapFile::of_model(&model)?;
@@ -184,7 +184,7 @@ impl Folder {
     /// Opens a region, by its number in the manifest, and holds it against the manifest.
     ///
     /// # Errors
-    /// [`MapError::Map`] when it is no map, [`MapError::Mismatch`] when it is another region's or there is none of
+    /// [`MapError::NotAMap`] when it is no map, [`MapError::Mismatch`] when it is another region's or there is none of
     /// this number.
     pub fn open_region(&self, number: usize, memory: MapMemory) -> Result<MapFile, MapError> {
         let Some(entry) = self.manifest.regions.get(number) else {
