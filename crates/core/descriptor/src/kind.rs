@@ -299,8 +299,8 @@ mod tests {
         let kind = DescriptorKind::new("superpoint", 256, Encoding::Signed, 512).expect("a kind");
         assert!(kind.can_be_blended());
         assert_ne!(kind.match_prior(), DescriptorKind::ROOT_SIFT.match_prior());
-        let centroid = |prior: MatchPrior| -prior.full.offset / prior.full.ratio;
-        let (own, sift) = (centroid(kind.match_prior()), centroid(DescriptorKind::ROOT_SIFT.match_prior()));
+        let middle = |prior: MatchPrior| -prior.full.offset / prior.full.ratio;
+        let (own, sift) = (middle(kind.match_prior()), middle(DescriptorKind::ROOT_SIFT.match_prior()));
         assert!((own - sift).abs() < 0.03, "{own} {sift}");
         assert_eq!(DescriptorKind::match_prior_of("superpoint"), kind.match_prior());
         assert_eq!(DescriptorKind::match_prior_of("compact"), DescriptorKind::COMPACT.match_prior());

@@ -17,11 +17,11 @@ pub(crate) fn random_descriptors(count: usize, seed: u64) -> Descriptors {
 
 /// `count` rows near `centers` random ones, in turn.
 pub(crate) fn clustered_descriptors(count: usize, centers: usize, spread: i16, seed: u64) -> Descriptors {
-    let centroid = random_descriptors(centers, seed);
+    let middles = random_descriptors(centers, seed);
     let mut rng = ChaCha8Rng::seed_from_u64(!seed);
     let mut rows = Descriptors::empty(DescriptorKind::ROOT_SIFT);
     for i in 0..count {
-        let center = centroid.row(i % centers);
+        let center = middles.row(i % centers);
         let row: Vec<u8> = center
             .iter()
             .map(|&c| (i16::from(c) + rng.random_range(-spread..=spread)).clamp(0, 255) as u8)

@@ -102,7 +102,7 @@ pub enum Outcome {
     /// There is no pose, or there will be none; asking another worker of the group would give the same.
     Unanswered(Unanswered),
     /// This worker cannot answer; another worker of the group may.
-    Elsewhere(Why),
+    Rejected(Why),
 }
 
 /// A region to ask.
@@ -264,11 +264,11 @@ impl Reply {
             }
             Outcome::Pose(answer) => frame.answer = answer.encode().into(),
             Outcome::Unanswered(Unanswered::Busy { retry_after } | Unanswered::Unreached { retry_after })
-            | Outcome::Elsewhere(Why::Busy { retry_after }) => {
+            | Outcome::Rejected(Why::Busy { retry_after }) => {
                 frame.retry_after =
                     u32::try_from(retry_after.get()).unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT);
             }
-            Outcome::Here | Outcome::Unanswered(_) | Outcome::Elsewhere(_) => {}
+            Outcome::Here | Outcome::Unanswered(_) | Outcome::Rejected(_) => {}
         }
         if !matches!(self.outcome, Outcome::Here | Outcome::Regions(_)) {
             // Tag and length of the padding are three bytes where the whole is between 128 and 16384 bytes.
@@ -325,7 +325,7 @@ const fn code_of(outcome: &Outcome) -> u32 {
             Unanswered::TimedOut => 24,
             Unanswered::Broken => 25,
         },
-        Outcome::Elsewhere(why) => match why {
+        Outcome::Rejected(why) => match why {
             Why::Busy { .. } => 32,
             Why::AtIt => 33,
             Why::Leaving => 34,
@@ -362,12 +362,12 @@ fn said(frame: ReplyFrame) -> Result<Outcome, ClusterError> {
         23 => Outcome::Unanswered(Unanswered::Unreached { retry_after: retry_after()? }),
         24 => Outcome::Unanswered(Unanswered::TimedOut),
         25 => Outcome::Unanswered(Unanswered::Broken),
-        32 => Outcome::Elsewhere(Why::Busy { retry_after: retry_after()? }),
-        33 => Outcome::Elsewhere(Why::AtIt),
-        34 => Outcome::Elsewhere(Why::Leaving),
-        35 => Outcome::Elsewhere(Why::NotHeld),
-        36 => Outcome::Elsewhere(Why::Unread),
-        37 => Outcome::Elsewhere(Why::Broken),
+        32 => Outcome::Rejected(Why::Busy { retry_after: retry_after()? }),
+        33 => Outcome::Rejected(Why::AtIt),
+        34 => Outcome::Rejected(Why::Leaving),
+        35 => Outcome::Rejected(Why::NotHeld),
+        36 => Outcome::Rejected(Why::Unread),
+        37 => Outcome::Rejected(Why::Broken),
         _ => return Err(field("said")),
     })
 }

@@ -28,13 +28,13 @@ impl Centroids {
         for samples in ROUNDS {
             let samples = images.min(samples * count);
             let row = |i: usize| row(i, samples);
-            let mut of_middle = vec![Vec::new(); count];
+            let mut of_centroid = vec![Vec::new(); count];
             let lists = centroids.nearest_of((0..samples).into_par_iter().map(row));
             for (sample, list) in lists.into_iter().enumerate() {
-                of_middle[list as usize].push(sample);
+                of_centroid[list as usize].push(sample);
             }
             let mut all = centroids.all;
-            all.par_chunks_exact_mut(words).zip(&of_middle).for_each(|(centroid, samples)| {
+            all.par_chunks_exact_mut(words).zip(&of_centroid).for_each(|(centroid, samples)| {
                 majority(centroid, samples.iter().map(|sample| row(*sample)));
             });
             centroids = Self::new(words, all);
@@ -67,7 +67,7 @@ impl Centroids {
         rows.map_init(|| vec![0; self.len()], |room, row| self.nearest(row, room)).collect()
     }
 
-    /// The centroid that the fewest signs differ from, of equals the first. Only those are compared in whole whose first signs
+    /// The nearest centroid by Hamming distance, of equals the first. Only those are compared in whole whose first signs
     /// are about as near as any; the others are hardly ever nearer.
     fn nearest(&self, row: &[u64], room: &mut [u32]) -> u32 {
         let first = FIRST.min(self.words);
@@ -170,7 +170,7 @@ mod tests {
         };
         let (centroids, lists) = listed(1);
         assert_eq!((&centroids, &lists), (&listed(3).0, &listed(3).1));
-        // Centroids begin as images, so some groups have two lists and some share one; nobody is between groups.
+        // Centroids begin as images, so some groups have two lists and some share one; no list is between groups.
         let pure = (0..20).filter(|group| {
             let of = |image: &usize| lists[*image];
             let own: Vec<usize> = (0..600).filter(|image| image * 7 % 20 == *group).collect();

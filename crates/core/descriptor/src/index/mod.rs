@@ -148,7 +148,7 @@ impl GlobalIndex {
         second.into_iter().map(|(_, image)| image as usize).collect()
     }
 
-    /// The lists to look for so many candidates in: those whose centroids are nearest, of equals the first.
+    /// The lists to search for `count` candidates: those with the nearest centroids, of equals the first.
     fn lists_for(&self, query_code: &AsymmetricQuery, count: usize) -> Vec<std::ops::Range<usize>> {
         let list = |n: usize| n.checked_sub(1).map_or(0, |before| self.ends[before])..self.ends[n];
         let Some(centroids) = &self.centroids else { return vec![list(0)] };

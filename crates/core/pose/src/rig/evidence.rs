@@ -54,7 +54,7 @@ pub(super) struct Witness<'a> {
 }
 
 /// What is said of a rig's pose.
-pub(super) struct FocalVerdict {
+pub(super) struct FrameEvidence {
     /// Of the rig's pose, by the matches and what is known beside them.
     pub(super) covariance: Symmetric6,
     /// The same by the matches alone.
@@ -181,7 +181,7 @@ fn compare(witnesses: &mut [Witness<'_>]) {
 }
 
 /// What the frames say of the rig's pose, `[F]` in both lists.
-pub(super) fn verdict(witnesses: &mut [Witness<'_>], ties: &[Tie]) -> FocalVerdict {
+pub(super) fn verdict(witnesses: &mut [Witness<'_>], ties: &[Tie]) -> FrameEvidence {
     compare(witnesses);
     let all = |_: usize| 1.0;
     let once = |frames: usize| (frames as f64).recip();
@@ -219,7 +219,7 @@ pub(super) fn verdict(witnesses: &mut [Witness<'_>], ties: &[Tie]) -> FocalVerdi
         let gained: f64 = w.gains.iter().map(|(gain, _)| gain.max(0.0)).sum();
         (total + gained, single + gained * w.mean(&once))
     });
-    FocalVerdict {
+    FrameEvidence {
         covariance: inverse_or_infinite(&with_known),
         by_matches: inverse_or_infinite(&held),
         share: if total > 0.0 { single / total } else { 1.0 },
@@ -234,7 +234,7 @@ fn over_rig(witnesses: &[Witness<'_>], ties: &[Tie], share: &dyn Fn(usize) -> f6
     witnesses.iter().zip(ties).map(of).collect()
 }
 
-impl FocalVerdict {
+impl FrameEvidence {
     /// The pose may be off by this step beside its noise.
     pub(super) fn shift(&mut self, step: &[f64; 6]) {
         self.covariance = with_shift(&self.covariance, step);

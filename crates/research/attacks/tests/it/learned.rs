@@ -9,7 +9,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::learned::inversion::{InversionNetwork, Known};
 use veiloc_attacks::learned::neighbours::NeighbourNetwork;
-use veiloc_attacks::learned::positions::{PositionNetwork, Sees, recover, told};
+use veiloc_attacks::learned::positions::{PositionNetwork, Sees, position_accuracy, recover};
 use veiloc_attacks::{AttackError, Descriptors, KnownImage, Observation, prior_only};
 use veiloc_features::learned::{Engine, Network, Tensor};
 use veiloc_geometry::Pixel;
@@ -57,7 +57,9 @@ fn positions_are_where_the_network_finds_them_likely() {
     assert_eq!((network.scheme().to_string().as_str(), network.sees()), ("dcl", Sees::Row));
     let images = [image(1), image(2)];
     let mut rng = ChaCha8Rng::seed_from_u64(8);
-    let found = told(&network, &images, AngleBits::default(), &mut rng).expect("sent").expect("keypoints");
+    let found = position_accuracy(&network, &images, AngleBits::default(), &mut rng)
+        .expect("sent")
+        .expect("keypoints");
     // Of a line as long as the image a field leaves a third.
     assert!(found.information > 0.9 && found.bits > found.bits_untrained + 0.9, "{found:?}");
     assert!(found.errors.median_px < 0.5 * found.guess.median_px, "{found:?}");
@@ -73,7 +75,9 @@ fn a_network_that_has_learned_nothing_says_the_guess() {
     let guess = prior_only(&sent, 320, 240);
     assert!(found.iter().zip(&guess).all(|(own, guess)| own.mean.distance(guess) < 1e-3));
     let mut rng = ChaCha8Rng::seed_from_u64(8);
-    let told = told(&network, &[image], AngleBits::default(), &mut rng).expect("sent").expect("keypoints");
+    let told = position_accuracy(&network, &[image], AngleBits::default(), &mut rng)
+        .expect("sent")
+        .expect("keypoints");
     assert!(told.information.abs() < 1e-6 && told.bits_of_mean.abs() < 1e-9, "{told:?}");
 }
 

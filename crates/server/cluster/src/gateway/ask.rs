@@ -137,7 +137,7 @@ impl Route<'_> {
             Failed::BadReply
         })?;
         let fits = match (&outcome, &ask.wanted) {
-            (Outcome::Elsewhere(why), _) => return Err(Failed::TurnedAway(*why)),
+            (Outcome::Rejected(why), _) => return Err(Failed::TurnedAway(*why)),
             // Given up there and not here: somebody else goes on.
             (Outcome::Unanswered(Unanswered::Stopped), _) => return Err(Failed::TurnedAway(Why::Leaving)),
             (Outcome::Unanswered(_), Wanted::Search { .. } | Wanted::Pose { .. }) => true,

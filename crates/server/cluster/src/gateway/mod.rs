@@ -205,7 +205,7 @@ impl Inner {
         match self.ask(&active.groups.index, query, wanted, &self.searches).await? {
             Outcome::Regions(candidates) => Ok(candidates),
             Outcome::Unanswered(why) => Err(why),
-            Outcome::Here | Outcome::Pose(_) | Outcome::Elsewhere(_) => Err(Unanswered::Broken),
+            Outcome::Here | Outcome::Pose(_) | Outcome::Rejected(_) => Err(Unanswered::Broken),
         }
     }
 
@@ -221,7 +221,7 @@ impl Inner {
         match self.ask(group, query, wanted, &self.poses).await? {
             Outcome::Pose(answer) => Ok(*answer),
             Outcome::Unanswered(why) => Err(why),
-            Outcome::Here | Outcome::Regions(_) | Outcome::Elsewhere(_) => Err(Unanswered::Broken),
+            Outcome::Here | Outcome::Regions(_) | Outcome::Rejected(_) => Err(Unanswered::Broken),
         }
     }
 

@@ -58,7 +58,7 @@ fn all_said() -> Vec<Outcome> {
     let busy = Why::Busy { retry_after };
     let elsewhere = [busy, Why::AtIt, Why::Leaving, Why::NotHeld, Why::Unread, Why::Broken];
     all.extend(why.map(Outcome::Unanswered));
-    all.extend(elsewhere.map(Outcome::Elsewhere));
+    all.extend(elsewhere.map(Outcome::Rejected));
     all
 }
 
@@ -88,7 +88,7 @@ fn replies_are_read_as_they_were_written_and_tell_nothing_by_their_length() {
     for outcome in all_said() {
         let reply = reply(outcome);
         let bytes = reply.encode();
-        if matches!(reply.outcome, Outcome::Pose(_) | Outcome::Unanswered(_) | Outcome::Elsewhere(_)) {
+        if matches!(reply.outcome, Outcome::Pose(_) | Outcome::Unanswered(_) | Outcome::Rejected(_)) {
             assert_eq!(bytes.len(), REPLY_BYTES, "{:?}", reply.outcome);
         }
         assert_eq!(Reply::decode(bytes.clone(), &NAME).expect("read"), reply);

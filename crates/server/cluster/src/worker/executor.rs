@@ -81,10 +81,10 @@ impl Executor {
         self.counts.said(match outcome {
             Outcome::Here | Outcome::Regions(_) | Outcome::Pose(_) => "answered",
             Outcome::Unanswered(_) => "unanswered",
-            Outcome::Elsewhere(Why::Busy { .. } | Why::Leaving) => "busy",
-            Outcome::Elsewhere(Why::AtIt) => "twin",
-            Outcome::Elsewhere(Why::NotHeld | Why::Unread) => "unread",
-            Outcome::Elsewhere(Why::Broken) => "broken",
+            Outcome::Rejected(Why::Busy { .. } | Why::Leaving) => "busy",
+            Outcome::Rejected(Why::AtIt) => "twin",
+            Outcome::Rejected(Why::NotHeld | Why::Unread) => "unread",
+            Outcome::Rejected(Why::Broken) => "broken",
         });
     }
 
@@ -102,7 +102,7 @@ impl Executor {
                 let retrieve = self.localize.retrieve;
                 let order = Order { who: None, rows: 0, limit: within };
                 self.queued(&self.searches, name, order, Stop::default(), move || {
-                    let Content::Index(index) = &*content else { return Outcome::Elsewhere(Why::NotHeld) };
+                    let Content::Index(index) = &*content else { return Outcome::Rejected(Why::NotHeld) };
                     search(index, &globals, retrieve)
                 })
                 .await
@@ -110,7 +110,7 @@ impl Executor {
             Wanted::Pose { kind, body, near } => {
                 self.counts.asked("pose");
                 let Some(_here) = AtIt::begin(self, name, object) else {
-                    return Done::at_once(Outcome::Elsewhere(Why::AtIt));
+                    return Done::at_once(Outcome::Rejected(Why::AtIt));
                 };
                 let order = Order { who: None, rows: body.len() / ROW_BYTES, limit: within };
                 let mut options = self.localize.clone();
@@ -118,7 +118,7 @@ impl Executor {
                 let stop = options.pose.stop.clone();
                 let content = content.clone();
                 self.queued(&self.pool, name, order, stop, move || {
-                    let Content::Region(map) = &*content else { return Outcome::Elsewhere(Why::NotHeld) };
+                    let Content::Region(map) = &*content else { return Outcome::Rejected(Why::NotHeld) };
                     pose(map, kind, &body, near, options)
                 })
                 .await
@@ -152,7 +152,7 @@ impl Executor {
             Ok(result) => result,
             Err(refused) => {
                 job_of.ended = true;
-                return Done::at_once(Outcome::Elsewhere(match refused {
+                return Done::at_once(Outcome::Rejected(match refused {
                     Refused::Full { retry_after } | Refused::Late { retry_after } => {
                         Why::Busy { retry_after }
                     }
@@ -166,7 +166,7 @@ impl Executor {
             Ok(Ok(done)) => done,
             Ok(Err(_)) => {
                 tracing::error!("localization broke; this is a bug in veiloc, the line before says where");
-                Done::at_once(Outcome::Elsewhere(Why::Broken))
+                Done::at_once(Outcome::Rejected(Why::Broken))
             }
             Err(_) => Done::at_once(Outcome::Unanswered(Unanswered::TimedOut)),
         }
@@ -260,7 +260,7 @@ fn pose(
     mut options: LocalizeOptions,
 ) -> Outcome {
     // The gateway has read it; what cannot be read here is no sealed query of this version.
-    let Ok(asked) = Asked::decode(kind, body) else { return Outcome::Elsewhere(Why::Unread) };
+    let Ok(asked) = Asked::decode(kind, body) else { return Outcome::Rejected(Why::Unread) };
     if let Some(near) = near {
         let [x, y, z] = near.center();
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });

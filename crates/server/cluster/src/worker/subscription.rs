@@ -82,10 +82,10 @@ async fn answer(responder: Arc<Responder>, mut incoming: Incoming) {
                 () = incoming.cancelled() => return,
             }
         }
-        Ok(request) => (request.name, Done::at_once(Outcome::Elsewhere(Why::NotHeld))),
+        Ok(request) => (request.name, Done::at_once(Outcome::Rejected(Why::NotHeld))),
         Err(error) => {
             tracing::warn!(%error, "a request was not understood");
-            ([0; 16], Done::at_once(Outcome::Elsewhere(Why::Unread)))
+            ([0; 16], Done::at_once(Outcome::Rejected(Why::Unread)))
         }
     };
     responder.executor.said(&done.outcome);

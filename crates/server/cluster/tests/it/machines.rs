@@ -378,7 +378,7 @@ async fn who_is_told_to_go_elsewhere_goes_and_is_told_the_reason_when_there_is_n
         let machines = Machines::start(&town, bus.clone(), &["all", INDEX_ALONE]).await;
         let busy = impostor(&bus, &town.subject(0), move |incoming| async move {
             let request = understood(&incoming);
-            incoming.answer(reply(&request, Outcome::Elsewhere(why))).await.expect("sent");
+            incoming.answer(reply(&request, Outcome::Rejected(why))).await.expect("sent");
         })
         .await;
         for _ in 0..4 {
@@ -515,7 +515,7 @@ async fn a_worker_that_is_at_it_says_so_and_goes_on() {
     eventually("a queue", || is("veiloc_queue_length", 1)).await;
     for _ in 0..2 {
         let twin = ask(5, &query).await.expect("it ends");
-        assert!(matches!(twin, Outcome::Elsewhere(Why::AtIt)), "{twin:?}");
+        assert!(matches!(twin, Outcome::Rejected(Why::AtIt)), "{twin:?}");
     }
     at_work.iter().for_each(JoinHandle::abort);
     assert!(matches!(first.await.expect("it ends"), Outcome::Pose(_)));

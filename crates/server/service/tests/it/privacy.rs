@@ -75,7 +75,7 @@ fn nothing_of_a_query_is_ever_told() {
     broken.truncate(query.len() - 7);
     let other = {
         let mut files = Files::new();
-        files.place.profile = common::Place::new(2).profile;
+        files.place.profile = common::Place::new(2).profile.clone();
         marked(&files)
     };
     let localize = |body: &[u8]| Request::localize(body).token(PHONE);

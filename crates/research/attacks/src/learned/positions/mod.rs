@@ -11,9 +11,9 @@
 //! → logits    [1, N, B]          log p(bin b of row i) = guess_i(b) + logits_i(b) + constant
 //! ```
 
+mod accuracy;
 mod bins;
 mod recover;
-mod told;
 
 use std::path::Path;
 
@@ -25,8 +25,8 @@ use super::description::{Described, Kind};
 use super::rows;
 use crate::{AttackError, Descriptors, Observation};
 
+pub use accuracy::{PositionAccuracy, position_accuracy};
 pub use recover::{Estimate, recover};
-pub use told::{Told, told};
 
 use bins::Bins;
 

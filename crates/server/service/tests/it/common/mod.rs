@@ -7,23 +7,23 @@ pub mod http;
 pub mod mark;
 
 use std::net::SocketAddr;
+use std::ops::{Deref, DerefMut};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use rand::{Rng, SeedableRng};
-use rand_chacha::{ChaCha8Rng, ChaCha20Rng};
+use rand::SeedableRng;
+use rand_chacha::ChaCha20Rng;
 use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
-use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
-use veiloc_features::{Features, Keypoint};
-use veiloc_geometry::frames::World;
-use veiloc_geometry::nalgebra::{Rotation3, Vector3};
-use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3, Rigid3};
-use veiloc_map::{BuildSettings, MapImage, MapModel, MapPoint, Observation};
+use veiloc_descriptor::{DescriptorKind, Descriptors};
+use veiloc_features::Features;
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_protocol::{Profile, SealedQuery};
 use veiloc_service::{Clock, Listening, MapSource, Server, ServerHandle, ServerOptions, Stopped, Timeouts};
+
+use veiloc_testing::RandomPlace;
 
 use http::{Request, Response};
 
@@ -32,92 +32,26 @@ pub const PHONE: &str = "phone-token";
 /// The token that may read metrics.
 pub const OPERATOR: &str = "operator-token";
 
-/// Random points with random descriptors, seen exactly: the whole server side without an image.
-pub struct Place {
-    pub camera: Intrinsics,
-    pub profile: Profile,
-    points: Vec<Point3<World>>,
-    descriptors: Vec<[u8; 128]>,
+/// A place of 900 random points, and what a device sends of it.
+pub struct Place(RandomPlace);
+
+impl Deref for Place {
+    type Target = RandomPlace;
+
+    fn deref(&self) -> &RandomPlace {
+        &self.0
+    }
+}
+
+impl DerefMut for Place {
+    fn deref_mut(&mut self) -> &mut RandomPlace {
+        &mut self.0
+    }
 }
 
 impl Place {
     pub fn new(seed: u64) -> Self {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut within = |a: f64| rng.random_range(-a..a);
-        let points = (0..900).map(|_| Point3::new(within(3.0), within(2.0), 6.5 + within(2.5))).collect();
-        let descriptors: Vec<[u8; 128]> =
-            (0..900).map(|_| std::array::from_fn(|_| rng.random_range(0..120))).collect();
-        let rows = Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors.concat()).expect("whole rows");
-        let vocabulary = Vocabulary::train(rows.view(), 8, &mut rng).expect("enough samples");
-        let profile = Profile::vlad(vocabulary);
-        let camera = "SIMPLE_RADIAL,640,480,520,322,238,-0.04".parse().expect("a camera");
-        Self { camera, profile, points, descriptors }
-    }
-
-    fn seen(&self, pose: &CameraFromWorld) -> Vec<(usize, Pixel)> {
-        let inside = |p: &Pixel| p.u > 0.0 && p.v > 0.0 && p.u < 640.0 && p.v < 480.0;
-        (0..self.points.len())
-            .filter_map(|i| {
-                let plane = PlanePoint::from_camera_point(&pose.transform(&self.points[i]))?;
-                Some((i, self.camera.project(plane))).filter(|(_, p)| inside(p))
-            })
-            .collect()
-    }
-
-    fn observed(&self, seen: &[(usize, Pixel)], rng: &mut impl Rng) -> Descriptors {
-        let bytes = seen.iter().flat_map(|(p, _)| {
-            let noise: [u8; 128] = std::array::from_fn(|_| rng.random_range(0..12));
-            std::array::from_fn::<u8, 128, _>(|i| self.descriptors[*p][i].saturating_add(noise[i]))
-        });
-        Descriptors::new(DescriptorKind::ROOT_SIFT, bytes.collect()).expect("whole rows")
-    }
-
-    /// A map with this many images, at most ten.
-    pub fn map(&self, images: u32) -> MapModel {
-        let mut rng = ChaCha8Rng::seed_from_u64(99);
-        let mut model = MapModel::empty(self.profile.clone(), BuildSettings::default());
-        model.cameras.push(self.camera);
-        let mut tracks = vec![Vec::new(); self.points.len()];
-        for i in 0..images {
-            let pose = pose(f64::from(i) * 0.1 - 0.3, f64::from(i % 3) * 0.3);
-            let seen = self.seen(&pose);
-            let descriptors = self.observed(&seen, &mut rng);
-            for (keypoint, (point, _)) in seen.iter().enumerate() {
-                tracks[*point].push(Observation { image: i, keypoint: keypoint as u32 });
-            }
-            model.images.push(MapImage {
-                name: format!("{i}.jpg"),
-                camera: 0,
-                cam_from_world: pose,
-                keypoints: seen.iter().map(|(_, p)| [p.u as f32, p.v as f32]).collect(),
-                global: self.profile.global_model().of_rows(descriptors.view()).expect("VLAD"),
-                descriptors,
-                point_of_keypoint: vec![None; seen.len()],
-            });
-        }
-        for (position, track) in self.points.iter().zip(tracks) {
-            if track.len() >= 2 {
-                model.points.push(MapPoint { position: *position, track, error: 0.5 });
-            }
-        }
-        model.link_keypoints();
-        model
-    }
-
-    /// An image from this pose.
-    pub fn features(&self, pose: &CameraFromWorld) -> Features {
-        let seen = self.seen(pose);
-        let keypoint = |(i, (_, pixel)): (usize, &(usize, Pixel))| Keypoint {
-            pixel: *pixel,
-            scale: 2.0,
-            orientation: 0.0,
-            response: 1.0 / (1.0 + i as f32),
-        };
-        Features {
-            keypoints: seen.iter().enumerate().map(keypoint).collect(),
-            descriptors: self.observed(&seen, &mut ChaCha8Rng::seed_from_u64(5)),
-            global: None,
-        }
+        Self(RandomPlace::new(seed, 900, 8, "SIMPLE_RADIAL,640,480,520,322,238,-0.04"))
     }
 
     /// The bytes a device sends for it.
@@ -175,9 +109,7 @@ pub fn seal_features(
 }
 
 /// A camera within the mapped part of the place.
-pub fn pose(yaw: f64, shift: f64) -> CameraFromWorld {
-    Rigid3::new(Rotation3::from_scaled_axis(Vector3::new(0.05, yaw, -0.02)), Vector3::new(shift, 0.1, 0.4))
-}
+pub use veiloc_testing::pose_in_place as pose;
 
 /// A pose that no image of the map has.
 pub fn truth() -> CameraFromWorld {

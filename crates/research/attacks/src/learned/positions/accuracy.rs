@@ -15,7 +15,7 @@ const BINS: usize = 64;
 
 /// What a network tells of some images.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Told {
+pub struct PositionAccuracy {
     /// Keypoints.
     pub keypoints: usize,
     /// Mean over keypoints of `log2` of how likely the network finds the bin in which the keypoint is, over how likely the
@@ -41,12 +41,12 @@ pub struct Told {
 ///
 /// # Errors
 /// As [`recover()`](super::recover()), and [`AttackError::Seal`] when an image cannot be obfuscated.
-pub fn told(
+pub fn position_accuracy(
     network: &PositionNetwork,
     images: &[KnownImage],
     angle_bits: AngleBits,
     rng: &mut ChaCha8Rng,
-) -> Result<Option<Told>, AttackError> {
+) -> Result<Option<PositionAccuracy>, AttackError> {
     let (mut errors, mut guesses) = (Vec::new(), Vec::new());
     let (mut told, mut told_rows) = (0.0, 0);
     let (mut bits, mut of_mean, mut untrained, mut by_image) = (0.0, 0.0, 0.0, Vec::new());
@@ -85,7 +85,7 @@ pub fn told(
         guesses.extend(guess);
     }
     let keypoints = errors.len();
-    Ok((keypoints > 0).then(|| Told {
+    Ok((keypoints > 0).then(|| PositionAccuracy {
         keypoints,
         information: if told_rows > 0 { told / told_rows as f64 } else { 0.0 },
         errors: ErrorSummary::of(&errors),
