@@ -132,7 +132,7 @@ fn the_end_of_the_certificate_is_shown() {
 fn every_alert_has_its_section_of_the_runbook_and_its_test() {
     let alerts = alerts();
     assert!(alerts.len() >= 10);
-    let runbook = repository("docs/runbook.md");
+    let runbook = repository("docs/guide/runbook.md");
     let sections: Vec<&str> = runbook
         .lines()
         .filter_map(|line| line.strip_prefix("## "))
@@ -148,7 +148,7 @@ fn every_alert_has_its_section_of_the_runbook_and_its_test() {
     let rules = repository("deploy/prometheus/alerts.yml");
     let tests = repository("deploy/prometheus/alerts_test.yml");
     for alert in &alerts {
-        let link = format!("runbook: docs/runbook.md#{}\n", alert.to_lowercase());
+        let link = format!("runbook: docs/guide/runbook.md#{}\n", alert.to_lowercase());
         assert_eq!(rules.matches(&link).count(), 1, "{alert} names its section");
         assert!(tests.contains(&link), "{alert} is tested to fire");
     }
