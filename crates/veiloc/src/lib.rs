@@ -53,7 +53,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! How to bring a feature, an attack, a data set and more of one's own: `docs/extending.md`.
+//! How to bring a feature, an attack, a data set and more of one's own: `docs/guide/extending.md`.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "audit")]

@@ -103,7 +103,7 @@ pub(in crate::commands::eval) fn evaluate(
 
 /// A data set that cannot be read, in words.
 pub(in crate::commands::eval) fn refused(error: DatasetError) -> Failure {
-    Failure::with_help(error.to_string(), "see `docs/data-sets.md` for the layout of each data set")
+    Failure::with_help(error.to_string(), "see `docs/guide/data-sets.md` for the layout of each data set")
 }
 
 /// Prints, as the commands end.
