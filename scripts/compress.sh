@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints the tables of docs/scale.md: recall, medians and trust against bytes an image, on both real places, and what
+# Prints the tables of docs/results/scale.md: recall, medians and trust against bytes an image, on both real places, and what
 # images of elsewhere get in the small maps. Needs VEILOC_DATA.
 #
 #     VEILOC_DATA=../shared/data scripts/compress.sh [TIMES…] > compress.txt

@@ -3,7 +3,7 @@
 
 The same job as `veiloc eval scene --schemes points`, done by independent programs on the same split: pycolmap SIFT,
 triangulation under the given poses, VLAD retrieval of the top images, mutual nearest neighbours without ratio test,
-PoseLib's LO-RANSAC on points. Prints the figures that stand beside ours in docs/results.md.
+PoseLib's LO-RANSAC on points. Prints the figures that stand beside ours in docs/results/poses.md.
 
     python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
     .venv/bin/python scripts/oracle_scene.py --posed $VEILOC_DATA/redkitchen/posed \

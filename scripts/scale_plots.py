@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draws tables of docs/scale.md on log axes: small maps, and search.
+"""Draws tables of docs/results/scale.md on log axes: small maps, and search.
 
     scripts/scale_plots.py --compress compress.txt --search search.json     # into docs/images
 

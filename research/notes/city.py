@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What a map of many places costs and how far it can be believed, as it grows: the city of docs/scale.md.
+"""What a map of many places costs and how far it can be believed, as it grows: the city of docs/results/scale.md.
 
     cargo build --release
     VEILOC_DATA=../shared/data research/notes/city.py --out CITY              everything; two hours of two processors

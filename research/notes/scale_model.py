@@ -2,7 +2,7 @@
 """What a service of many machines costs, from measured constants: machines, memory, network, tail latency; up to 10^8 images and
 10^5 queries a second.
 
-    research/notes/scale_model.py                            the table of docs/scale.md
+    research/notes/scale_model.py                            the table of docs/results/scale.md
     research/notes/scale_model.py --check MEASURED.json      its predictions beside what `throughput.py --json` measured
     research/notes/scale_model.py --plot FILE.svg            the table drawn, on log axes
     research/notes/scale_model.py --set pose_ms=25 …         with other constants
@@ -12,7 +12,7 @@ that localize; a query waits for a thread, first come first served, and busy thr
 to the index (one search), then to its regions, then home; messages take `road_ms` each way. Time of a pose is drawn from what
 was measured of single queries (`pose_spread`: factors of the median). A machine fails at random and is away for `away_s`: what
 it was working on is sent to another one after the hedge's pause. What the constants are, and which command printed each, stands
-beside them; assumptions are in docs/scale.md.
+beside them; assumptions are in docs/results/scale.md.
 """
 
 import argparse
@@ -32,7 +32,7 @@ CONSTANTS = {
     "pose_ms": 45.7,
     # Factors of the median, equally likely; there p95 is 1.23 times the median.
     "pose_spread": [0.85, 0.93, 0.97, 1.0, 1.03, 1.08, 1.23],
-    # A search among a million images through the index, and among a hundred thousand: `veiloc eval search` (docs/scale.md).
+    # A search among a million images through the index, and among a hundred thousand: `veiloc eval retrieval` (docs/results/scale.md).
     "search_ms_at_million": 1.37,
     "search_ms_at_hundred_thousand": 0.67,
     # The gateway's work on a query: what the cluster's road takes longer there (3.5 ms) than its two messages and back do.
@@ -48,7 +48,7 @@ CONSTANTS = {
     "bytes_packed": 10_800,
     # Of an image in the index: its codes and its signs.
     "bytes_index": 4096 + 518 + 40,
-    # A sealed query of 1024 rows with the default descriptors (docs/features.md), and an answer.
+    # A sealed query of 1024 rows with the default descriptors (docs/results/features.md), and an answer.
     "bytes_query": 39_000,
     "bytes_answer": 5_000,
     # Assumed, not measured: a machine, what it is loaded to, its failures, images of one map (a town).

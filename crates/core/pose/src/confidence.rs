@@ -15,7 +15,7 @@
 //! with the pose's covariance `C` and the volume `V` of the region. If wrong matches were as random as the model says,
 //! a pose of evidence `B` would come up by chance at most once in `B` queries, whatever the scene: the number of poses
 //! that were tried is paid for. Real wrong matches are not random (repeated structures agree with each other), so
-//! [`Confidence::is_trusted`] asks for more than that; false positives are measured in `docs/trust.md`.
+//! [`Confidence::is_trusted`] asks for more than that; false positives are measured in `docs/results/trust.md`.
 
 use std::fmt;
 
@@ -28,7 +28,7 @@ use crate::likelihood::{Correspondences, Matches, Symmetric6};
 use crate::ransac::half_planes::direction;
 
 /// Least natural logarithm of the evidence of a trusted pose from lines: once in three million by chance. Of 1,550
-/// images of elsewhere none reached more than 1, right poses began at 17 (`docs/trust.md`).
+/// images of elsewhere none reached more than 1, right poses began at 17 (`docs/results/trust.md`).
 const LEAST_LOG_EVIDENCE: f64 = 15.0;
 
 /// The same from points. They tell so much that places which share an object have evidence of each other, by matches that

@@ -15,7 +15,7 @@
 //! anchor; the likelihood has not.
 //!
 //! An estimate comes with a covariance that covers what it claims and with a [`Confidence`] that says whether to trust
-//! it. Recall, errors and times: `docs/pose-engine.md`.
+//! it. Recall, errors and times: `docs/results/poses.md`.
 //!
 //! # Example
 //! A camera at the origin, and sixty keypoints of which it told no more than a line each:

@@ -32,7 +32,7 @@ impl Default for Extractors {
 
 impl Extractors {
     /// Name of the features of new maps, and of images that no map is asked for, where nobody says which: compact descriptors
-    /// take a quarter of RootSIFT's bytes at the same recall and exactness (`docs/features.md`).
+    /// take a quarter of RootSIFT's bytes at the same recall and exactness (`docs/results/features.md`).
     pub const DEFAULT: &'static str = "compact";
 
     /// The built-in ones as a device uses them for what it sends ([`Sift::for_sealing`], [`Compact::for_sealing`]).

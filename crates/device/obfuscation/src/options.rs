@@ -79,7 +79,7 @@ impl SealOptions {
     /// The same with at most so many keypoints, the strongest usable ones: what is not sent is not leaked.
     ///
     /// A number between two size classes is cut to the smaller; below the smallest class decoys fill up (L5).
-    /// `docs/audit.md` has what fewer keypoints cost and what they buy. This is the device's own word and takes the
+    /// `docs/results/privacy.md` has what fewer keypoints cost and what they buy. This is the device's own word and takes the
     /// place of [`DeviceLimits::max_keypoints`]; what the profile asks for still holds.
     #[must_use]
     pub const fn with_max_keypoints(mut self, most: usize) -> Self {

@@ -15,7 +15,7 @@ pub struct Retrieved {
 /// The `count` map images most similar to the query, best first; equal ones in the map's order.
 ///
 /// In a map of thousands only those are compared that its index names: of the best ten it names practically all
-/// (`docs/scale.md`).
+/// (`docs/results/scale.md`).
 pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec<Retrieved> {
     let found = match map.file().global_index() {
         None => query.most_similar(map.images().map(|(image, view)| (image, view.global())), count),

@@ -1,6 +1,6 @@
 //! What is asked for, as numbers of three bits: signs are all that is kept of an image, and more can be kept of a query.
 //!
-//! Three bits a code of the query leave about half of the error that its signs alone would leave (docs/scale.md), for three
+//! Three bits a code of the query leave about half of the error that its signs alone would leave (docs/results/scale.md), for three
 //! times the work on each word that is read.
 
 use veiloc_simd::{dot_i8, hamming_of_three_bits};

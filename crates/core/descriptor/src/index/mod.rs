@@ -7,7 +7,7 @@
 //!
 //! A query that is like some lists and unlike the rest looks at few images. One that all lists are about as unlike as each
 //! other looks at eight times as many. Beyond that nothing grows with the number of images but the number of lists, which
-//! grows with its square root. `docs/scale.md` has what that costs and loses, beside a graph (HNSW) and reading everything.
+//! grows with its square root. `docs/results/scale.md` has what that costs and loses, beside a graph (HNSW) and reading everything.
 
 mod asymmetric_query;
 mod centroids;

@@ -1,6 +1,6 @@
 //! Compact descriptors: RootSIFT projected to 64 numbers of 4 bits.
 //!
-//! A quarter of the bytes, and nearest neighbours that are right as often or oftener (`docs/features.md`): the projection
+//! A quarter of the bytes, and nearest neighbours that are right as often or oftener (`docs/results/features.md`): the projection
 //! keeps the directions in which descriptors of different places differ most, measured in how much those of one place
 //! differ (linear discriminant analysis). `scripts/train_compact.py` made it, from warped images of elsewhere.
 //! [`Projection`] is the same for any other kind, as those of networks.

@@ -35,7 +35,7 @@ impl Octave {
             padded[..width].copy_from_slice(row);
         }
         // Lowe takes off 0.5 pixels that the camera blurred already. Blurring in full repeats better on images
-        // (81 against 79 % of keypoints, 448 against 426 correct matches a pair: docs/features.md).
+        // (81 against 79 % of keypoints, 448 against 426 correct matches a pair: research/notes/features.md).
         if options.upsample {
             let source = Source::Doubled(&source, quarter_kernels(0.5 * FIRST_SIGMA));
             Self::of(&source, [0.5, 0.25], 0, options, backend)

@@ -9,7 +9,7 @@ pub struct SiftOptions {
     /// Doubles the image first. Default true: about three times as many keypoints, four times the work.
     pub upsample: bool,
     /// The least |difference of Gaussians| at a keypoint, for samples in [0, 1]. Default 0.004; COLMAP's 0.02 / 3 finds
-    /// fewer indoors and gives a seventh fewer correct matches there (docs/features.md).
+    /// fewer indoors and gives a seventh fewer correct matches there (research/notes/features.md).
     pub peak_threshold: f32,
     /// The largest ratio of principal curvatures; beyond it a keypoint is on an edge. Default 10, Lowe's.
     pub edge_threshold: f32,

@@ -8,7 +8,7 @@
 //! - descriptors in a bag, and nothing at all: what the network answers that was given no descriptor. A score says something
 //!   about leaks only beside that of nothing.
 //!
-//! The network is trained in PyTorch (`research/train`) on images of places that are not judged: `docs/inversion.md`.
+//! The network is trained in PyTorch (`research/train`) on images of places that are not judged: `docs/results/privacy.md`.
 
 mod attacked;
 mod beliefs;

@@ -1,5 +1,5 @@
 //! Regions of a real place: queries are localized in them as in the whole map. Needs `VEILOC_DATA`.
-#![expect(clippy::print_stdout, reason = "its figures are those of docs/scale.md")]
+#![expect(clippy::print_stdout, reason = "its figures are those of docs/results/scale.md")]
 
 use std::path::Path;
 
@@ -39,7 +39,7 @@ fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluatio
 }
 
 /// Every query in the regions that a gateway would ask: all are found and as many trusted as in the whole map, none wrongly, and
-/// nearly as exactly (a region of 20 holds fewer of the ten images that see most; docs/scale.md).
+/// nearly as exactly (a region of 20 holds fewer of the ten images that see most; docs/results/scale.md).
 #[real_data_test]
 fn queries_are_localized_in_their_region_as_in_the_whole_map(data: &Path) {
     let work = tempfile::tempdir().expect("a folder");

@@ -15,11 +15,11 @@ pub(crate) struct DeviceArgs {
     /// How keypoints are hidden: dcl, random-lines, coordinate-permutation, or points, which sends their positions as they
     /// are. The device decides, not the map or the service. dcl is the paper's two halves (dcl:horizontal,
     /// dcl:angle=DEGREES cut them elsewhere); dcl:axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y joins stripes to anchors of
-    /// your own, more exact and with other leaks (docs/layouts.md).
+    /// your own, more exact and with other leaks (research/notes/layouts.md).
     #[arg(long, default_value = "dcl")]
     scheme: Scheme,
     /// Send at most N keypoints, the strongest, cut to a size class (256, 512, 1024, 2048, 4096); what is not sent is
-    /// not leaked, and the pose gets a little less exact (docs/audit.md). Default: as many as the profile asks for,
+    /// not leaked, and the pose gets a little less exact (docs/results/privacy.md). Default: as many as the profile asks for,
     /// 2048 at most.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=4096))]
     max_keypoints: Option<u32>,

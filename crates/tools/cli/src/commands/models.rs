@@ -12,7 +12,7 @@ use crate::ui::Ui;
 /// Say which learned features and global descriptors are known, where their network files are got and on what terms, and whether they are there.
 ///
 /// Files are looked for in the folders of the environment variable VEILOC_MODELS, and in each in the sub-folder of the model's name.
-/// Nothing is downloaded. Any ONNX network of the same form can be used with a .toml file that describes it (docs/features.md).
+/// Nothing is downloaded. Any ONNX network of the same form can be used with a .toml file that describes it (docs/results/features.md).
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Print one JSON document to stdout.

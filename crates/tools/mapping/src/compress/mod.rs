@@ -30,7 +30,7 @@ use crate::progress::Progress;
 pub struct CompressOptions {
     /// Bytes of the file, at most.
     pub bytes: u64,
-    /// Descriptors that a point keeps, at most. Default 3 (`docs/scale.md` has the table).
+    /// Descriptors that a point keeps, at most. Default 3 (`docs/results/scale.md` has the table).
     pub descriptors_per_point: usize,
 }
 

@@ -31,7 +31,7 @@ pub struct LayoutsEvaluation {
 
 impl LayoutsEvaluation {
     /// Layouts that are compared when nothing else is asked for: the paper's, a diagonal with two corners, stripes, and
-    /// what the search of `docs/layouts.md` found.
+    /// what the search of `research/notes/layouts.md` found.
     pub const DEFAULT: [&str; 6] = [
         "dcl:paper",
         "dcl:axis=143.13:sectors=2:anchors=0.667/-0.5+0.667/0.5",

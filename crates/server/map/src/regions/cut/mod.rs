@@ -29,7 +29,7 @@ pub struct SplitOptions {
     /// holds many and a new one is there within seconds.
     pub images: usize,
     /// Share of these that is kept free for images of other regions, from 0 to 0.9; a core that fills less than the rest
-    /// leaves them more. Default 0.3: more costs bytes and gains nothing (docs/scale.md).
+    /// leaves them more. Default 0.3: more costs bytes and gains nothing (docs/results/scale.md).
     pub overlap: f64,
 }
 
