@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Prints every table of docs/results/poses.md, with the command above each. Needs VEILOC_DATA. Part names choose parts.
+# Prints tables of docs/results/poses.md and research/notes/pose-engine.md, with the command above each. Needs VEILOC_DATA. Part names
+# choose parts.
 #
 #     VEILOC_DATA=../shared/data scripts/pose_engine.sh [recipes] [speed] [gravity] [law] > pose_engine.txt
 #

@@ -38,6 +38,8 @@ def table_lines(path: Path) -> list[str]:
     if len(rows) < 2:
         raise WrongTable(f"{path.name} has no rows")
     header = rows[0]
+    if len(set(header)) != len(header):
+        raise WrongTable(f"{path.name}: two columns have one name")
     for number, row in enumerate(rows, start=1):
         if len(row) != len(header):
             raise WrongTable(f"{path.name}, row {number}: {len(row)} cells in place of {len(header)}")

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints every table of docs/results/poses.md, with the command above each. Needs VEILOC_DATA.
+# Prints tables of docs/results/poses.md and the coverage of docs/results/trust.md, with the command above each. Needs VEILOC_DATA.
 #
 #     VEILOC_DATA=../shared/data scripts/results.sh > results.txt
 set -euo pipefail

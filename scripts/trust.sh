@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints every table of docs/results/trust.md, with the command above each. Needs VEILOC_DATA. Part names choose parts.
+# Prints the tables of docs/results/trust.md, with the command above each. Needs VEILOC_DATA. Part names choose parts.
 #
 #     VEILOC_DATA=../shared/data scripts/trust.sh [negatives] [stress] [focal] [coverage] [frames] [gravity] > trust.txt
 #
