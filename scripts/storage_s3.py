@@ -1,4 +1,4 @@
-"""Regions to S3 and back, against a local S3 (moto) behind a road that can be made bad: what docs/regions.md says of it.
+"""Regions to S3 and back, against a local S3 (moto) behind a road that can be made bad: what docs/reference/map-format.md says of it.
 
     pip install "moto[server,s3]" boto3
     cargo build -p veiloc-cli --features clouds

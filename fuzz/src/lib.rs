@@ -55,7 +55,7 @@ pub fn map_file(bytes: &[u8]) {
     assert_eq!(MapFile::open(&again).expect("what is written opens").to_model(), model);
 }
 
-/// Header of 64 bytes, then as many entries of 32 as it says: `docs/map-format.md`.
+/// Header of 64 bytes, then as many entries of 32 as it says: `docs/reference/map-format.md`.
 fn with_checksums(bytes: &[u8]) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     let sections = bytes.get(12..16).and_then(|n| n.try_into().ok()).map_or(0, u32::from_le_bytes);

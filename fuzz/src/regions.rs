@@ -46,5 +46,5 @@ pub fn index(bytes: &[u8]) {
     assert_eq!(ranked.is_empty(), index.image_count() == 0);
 }
 
-/// Where the checksum stands in an index: `docs/regions.md`.
+/// Where the checksum stands in an index: `docs/reference/map-format.md`.
 const CHECKSUM: std::ops::Range<usize> = 56..64;

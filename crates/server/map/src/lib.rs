@@ -16,7 +16,7 @@
 //! # Who checks what
 //! A [`MapModel`] may be put together freely; [`MapModel::validate`] says whether it is a map, and [`write()`] asks it.
 //! A [`MapFile`] was checked whole when it was opened (checksums, indices, names, poses), so its accessors neither
-//! fail nor panic on what the file holds. The bytes of the format are specified in `docs/map-format.md`.
+//! fail nor panic on what the file holds. The bytes of the format are specified in `docs/reference/map-format.md`.
 //!
 //! # Changing a map
 //! ```

@@ -1,4 +1,4 @@
-//! `docs/wire-format.md` states how long messages are; here it is held to it.
+//! `docs/reference/wire-format.md` states how long messages are; here it is held to it.
 
 use super::common;
 
@@ -21,13 +21,13 @@ fn length(scheme: Scheme, class: SizeClass) -> usize {
 
 #[test]
 fn lengths_are_as_documented() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/wire-format.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/reference/wire-format.md");
     let document = std::fs::read_to_string(path).expect("the document is there");
     for scheme in Scheme::ALL {
         let cells: Vec<String> =
             SizeClass::ALL.into_iter().map(|class| length(scheme, class).to_string()).collect();
         let line = format!("| `{}` | {} |", scheme.name(), cells.join(" | "));
-        assert!(document.contains(&line), "docs/wire-format.md should say\n{line}");
+        assert!(document.contains(&line), "docs/reference/wire-format.md should say\n{line}");
     }
 }
 
@@ -55,7 +55,7 @@ fn the_sum_of_the_lengths_is_right() {
 }
 
 fn document() -> String {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/wire-format.md");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/reference/wire-format.md");
     std::fs::read_to_string(path).expect("the document is there")
 }
 

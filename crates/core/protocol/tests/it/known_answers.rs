@@ -1,7 +1,7 @@
 //! The wire format, pinned: these files must be read, and written back byte for byte.
 //!
 //! The files were made by `cargo run -p veiloc-protocol --example known_answers`. The hashes and the meaning of the rows
-//! below come from `proto/read_sealed_query.py`, a reader written from `docs/wire-format.md` alone.
+//! below come from `proto/read_sealed_query.py`, a reader written from `docs/reference/wire-format.md` alone.
 
 use std::fs;
 use std::path::PathBuf;

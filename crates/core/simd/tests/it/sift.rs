@@ -304,7 +304,7 @@ fn ramp(from: f32, orientation: f32) -> [u8; DESCRIPTOR] {
     Patches::new(Backend::best()).describe(view, [48.0, 48.0], 3.0, orientation, memory)
 }
 
-/// Which byte is which cell and direction, as docs/wire-format.md says.
+/// Which byte is which cell and direction, as docs/reference/wire-format.md says.
 #[test]
 fn bytes_are_in_the_order_of_the_document() {
     for eighth in 0..8 {

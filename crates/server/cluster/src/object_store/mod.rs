@@ -14,7 +14,7 @@
 //!
 //! Nothing that storage says is believed: names of objects are SHA-256 and nothing else, no more bytes are read than are
 //! expected, and a file gets its name only when its content is right. So storage that is wrong or hostile can withhold, and
-//! no more. `docs/regions.md` specifies what lies where.
+//! no more. `docs/reference/map-format.md` specifies what lies where.
 //!
 //! # Example
 //! ```

@@ -1,4 +1,4 @@
-//! The records of the map file. `docs/map-format.md` is the specification; the known-answer test holds both together.
+//! The records of the map file. `docs/reference/map-format.md` is the specification; the known-answer test holds both together.
 //!
 //! ```text
 //! header            64 bytes

@@ -1,7 +1,7 @@
 //! The section of a packed map: what most bytes of a small map go to, each in no more bits than it is worth.
 //!
 //! A map that no image joins or leaves needs no exact keypoints, and what follows from one thing (tracks, from the keypoints
-//! that see a point) need not be written twice. `docs/map-format.md` says what each number is.
+//! that see a point) need not be written twice. `docs/reference/map-format.md` says what each number is.
 
 use veiloc_descriptor::{Descriptors, GlobalDescriptor};
 use veiloc_geometry::Intrinsics;

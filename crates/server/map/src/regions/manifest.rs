@@ -21,7 +21,7 @@ pub const MOST_OBJECT_BYTES: u64 = 1 << 40;
 
 /// A map that was cut: its regions, the index of its images and its profile, each an object by its SHA-256.
 ///
-/// A JSON document (`docs/regions.md`). Equal maps that are cut with equal options have equal bytes; the SHA-256 of these
+/// A JSON document (`docs/reference/map-format.md`). Equal maps that are cut with equal options have equal bytes; the SHA-256 of these
 /// bytes is the manifest's id.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -12,7 +12,7 @@
 //!
 //! A region is a map file like any other ([`crate::Region`] says of what), with the profile of the whole map to the
 //! bit: a query that was sealed for the whole map fits every region. What the whole map knows of a point is remembered, so
-//! that a match counts in a region as it does in the whole. `docs/regions.md` specifies the manifest and the index.
+//! that a match counts in a region as it does in the whole. `docs/reference/map-format.md` specifies the manifest and the index.
 //!
 //! # From a folder to a pose
 //! ```no_run

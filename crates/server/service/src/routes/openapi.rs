@@ -32,7 +32,7 @@ pub fn openapi_json() -> String {
     info(
         title = "veiloc",
         description = "Where an image was taken, without the image: sealed queries in, poses out. \
-                       Bodies are described in docs/wire-format.md and proto/veiloc/v1."
+                       Bodies are described in docs/reference/wire-format.md and proto/veiloc/v1."
     ),
     paths(
         localize::localize,

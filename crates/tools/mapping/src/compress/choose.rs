@@ -93,7 +93,7 @@ impl PartialEq for Candidate {
 
 impl Eq for Candidate {}
 
-/// Bytes of a point in the file (`docs/map-format.md`, section 16).
+/// Bytes of a point in the file (`docs/reference/map-format.md`, section 16).
 const POINT_BYTES: u64 = 28;
 /// Bytes of a keypoint that sees a point, its descriptor aside.
 const KEYPOINT_BYTES: u64 = 8;

@@ -7,7 +7,7 @@ use veiloc_protocol::AngleBits;
 /// Variance of the dither, uniform over one pixel, along any direction.
 const DITHER: f64 = 1.0 / 12.0;
 
-/// Variance of rounding a position, or the offset of a line, to quarter pixels (`docs/wire-format.md`).
+/// Variance of rounding a position, or the offset of a line, to quarter pixels (`docs/reference/wire-format.md`).
 const ROUNDING: f64 = 0.25 * 0.25 / 12.0;
 
 /// Standard deviation of the chosen correspondences across their lines (of points along each axis), pixels.

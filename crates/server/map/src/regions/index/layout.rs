@@ -1,4 +1,4 @@
-//! How an index lies in its file. `docs/regions.md` is the specification.
+//! How an index lies in its file. `docs/reference/map-format.md` is the specification.
 //!
 //! ```text
 //! header     64 bytes
