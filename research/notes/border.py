@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Border bits: what a learner can tell from a sent descriptor about where its keypoint is (rule L11 of docs/privacy.md).
+"""Border bits: what a learner can tell from a sent descriptor about where its keypoint is (rule L11 of docs/reference/privacy-rules.md).
 
 A descriptor whose patch reaches over the image's border may show the border. For each way to treat such keypoints
 (`cut`, `sent`, `whole`: crates/device/obfuscation/examples/sent_rows.rs), images of elsewhere are sealed as a device does.

@@ -37,7 +37,7 @@ function say(text, state = "", detail = "") {
 
 /**
  * Why an image is not sealed though it could be: the third of a place that nobody can turn into the first one's axes. To send it
- * by itself would be easy, and two such images give away what both show (docs/privacy.md, rule L10), so it is not offered.
+ * by itself would be easy, and two such images give away what both show (docs/reference/privacy-rules.md, rule L10), so it is not offered.
  */
 function refused() {
   const why = el("oriented").checked

@@ -3,7 +3,7 @@
 //! [`seal_image`] does the first two, [`Client`] the third; several images of one place are sealed in one [`SessionFile`] or
 //! [`Session`]. Who has features of their own begins at [`seal`]; who speaks
 //! HTTP by other means sends [`SealedQuery::encode`] and reads [`Answer::decode`]. What an app must not do, and what leaks
-//! all the same, is in `docs/privacy.md`.
+//! all the same, is in `docs/reference/privacy-rules.md`.
 
 pub use veiloc_client::{
     Client, ClientError, ClientOptions, LocalizeRequest, Notice, Refusal, RetryPolicy, SealedImage,

@@ -14,7 +14,7 @@
 //! - [`CanonicalCamera`]: the camera all positions are told in, which names no individual lens.
 //!
 //! Each message has one version; another one is refused with what to do about it ([`QueryError::Version`]).
-//! The bytes are described in `docs/reference/wire-format.md` and `proto/veiloc/`, the reasons in `docs/privacy.md`.
+//! The bytes are described in `docs/reference/wire-format.md` and `proto/veiloc/`, the reasons in `docs/reference/privacy-rules.md`.
 //!
 //! ```
 //! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};

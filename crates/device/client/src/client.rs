@@ -91,7 +91,7 @@ impl Client {
 
     /// The pose of a device that took several images and measured how it moved between them: the answer's pose is that of
     /// the rig that the message's frames hang on. The queries are sent as they were sealed, and the same bytes whenever
-    /// they are sent again (rule L7). What a session tells beside its queries: `docs/privacy.md`.
+    /// they are sent again (rule L7). What a session tells beside its queries: `docs/reference/privacy-rules.md`.
     ///
     /// An image that cannot fix a pose is welcome beside one that can.
     ///

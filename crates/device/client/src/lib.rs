@@ -13,7 +13,7 @@
 //! - [`ClientOptions`] and [`RetryPolicy`]: limits, and [`Notice`] for what happens meanwhile.
 //!
 //! # What is never done
-//! An image is sealed once (rule L7 of `docs/privacy.md`): when the service is busy or the network fails, the same bytes
+//! An image is sealed once (rule L7 of `docs/reference/privacy-rules.md`): when the service is busy or the network fails, the same bytes
 //! are sent again, never a new query. Plain HTTP is spoken with this machine only, unless
 //! [`ClientOptions::insecure_http`] says that the way is safe. Nothing a service answers is believed: lengths, types and
 //! forms are checked, and its words are made fit for a screen ([`printable`]).

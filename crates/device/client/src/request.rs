@@ -9,7 +9,7 @@ pub struct LocalizeRequest {
     /// A doubtful pose is withheld: the answer has its doubts and no pose. It holds of services too that know nothing of
     /// it.
     pub trusted_only: bool,
-    /// Where the camera roughly is. It tells the service that much even when no pose is found (`docs/privacy.md`).
+    /// Where the camera roughly is. It tells the service that much even when no pose is found (`docs/reference/privacy-rules.md`).
     pub near: Option<PositionHint>,
 }
 

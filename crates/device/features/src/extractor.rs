@@ -27,7 +27,7 @@ pub trait Extractor: Send + Sync {
     /// How far from a keypoint its descriptor looks, as a multiple of the keypoint's scale.
     ///
     /// A descriptor that looks over the image's border shows that it does, and with that where its keypoint is: a device
-    /// leaves it out ([`Features::whole`], rule L11 of docs/privacy.md). 0 keeps all, and is right only for descriptors
+    /// leaves it out ([`Features::whole`], rule L11 of docs/reference/privacy-rules.md). 0 keeps all, and is right only for descriptors
     /// that show nothing of the kind.
     fn reach(&self) -> f64;
 

@@ -9,7 +9,7 @@ use crate::{FeatureError, Image};
 /// Makes global descriptors of images.
 ///
 /// A device sends none unless its owner consents to this very model: such a vector tells of more than the rows of a query do
-/// (rule L14 of docs/privacy.md).
+/// (rule L14 of docs/reference/privacy-rules.md).
 pub trait GlobalExtractor: Send + Sync {
     /// Which: its name and number of codes.
     fn model(&self) -> NamedGlobal;

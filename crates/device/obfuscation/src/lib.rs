@@ -1,7 +1,7 @@
 //! The only door from keypoint to line: obfuscation schemes and sealing.
 //!
 //! Of all rooms only this one sees both a keypoint's position and the line that is sent instead. It runs on the
-//! device. [`seal`] is the door; everything it may not let through is listed with its test in `docs/privacy.md`.
+//! device. [`seal`] is the door; everything it may not let through is listed with its test in `docs/reference/privacy-rules.md`.
 //!
 //! What happens to positions is said by [`SealOptions`], which are the device's own; a [`Profile`](veiloc_protocol::Profile)
 //! says what to extract, and is followed within [`DeviceLimits`] only.
@@ -31,7 +31,7 @@
 //!
 //! # Cargo features
 //! - `ground-truth` (off): obfuscation that keeps the answers, for attacks and evaluation. No device needs it, and a
-//!   program for devices must not turn it on; `docs/privacy.md` says how to look.
+//!   program for devices must not turn it on; `docs/reference/privacy-rules.md` says how to look.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "ground-truth")]

@@ -103,7 +103,7 @@ impl SealOptions {
     }
 
     /// The same for an image during which the device felt gravity so. It helps where few keypoints match; it tells how
-    /// the device was tilted, rounded to about a degree (`docs/privacy.md`).
+    /// the device was tilted, rounded to about a degree (`docs/reference/privacy-rules.md`).
     #[must_use]
     pub const fn with_gravity(mut self, gravity: Option<CoarseGravity>) -> Self {
         self.hints.gravity = gravity;
@@ -120,7 +120,7 @@ impl SealOptions {
 
     /// **The owner's consent** to send a global descriptor that this makes of the image, where the map asks for this very model.
     ///
-    /// It tells of more than the rows do: of the light, and of what shows no keypoints (decision 0024, `docs/privacy.md`, rule
+    /// It tells of more than the rows do: of the light, and of what shows no keypoints (decision 0024, `docs/reference/privacy-rules.md`, rule
     /// L14). Nothing a profile or a server says takes its place, and where the map asks for none, none is made.
     #[must_use]
     pub fn with_image_global(mut self, extractor: SharedGlobal) -> Self {
@@ -191,7 +191,7 @@ impl SealOptions {
     }
 }
 
-/// How far a device follows a profile, which somebody else wrote. `docs/privacy.md` has the table.
+/// How far a device follows a profile, which somebody else wrote. `docs/reference/privacy-rules.md` has the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DeviceLimits {
     /// Most keypoints that are extracted and sent, whatever the profile asks for. Default 2048, what maps ask for by

@@ -42,7 +42,7 @@
 //!
 //! # What is never told
 //! **Invariant, tested in `tests/privacy.rs`:** no log line, metric, or error holds anything of a query's content
-//! (rule L8 of `docs/privacy.md`). Log lines of requests are made in `routes/record.rs`, from names the operator chose, the
+//! (rule L8 of `docs/reference/privacy-rules.md`). Log lines of requests are made in `routes/record.rs`, from names the operator chose, the
 //! server's own name for the request, status and times; of a panic the place is logged (`panics.rs`), what it said goes nowhere for threads of the service. In a
 //! program that is more than the service, a panic in a thread of rayon's pool, which localization uses for a part of its
 //! work, also reaches that program's own panic hook. And this crate depends neither on `veiloc-features` nor on `veiloc-obfuscation` (`cargo xtask tidy`).

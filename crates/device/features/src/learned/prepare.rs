@@ -42,7 +42,7 @@ impl Placed {
 /// `[1, C, H, W]`, and where the image lies in it. `fixed`: width and height where the network has one size.
 ///
 /// The mirror image keeps the image's own border out of sight: convolutions continue what they are given by zeros, and what
-/// they make of those would tell a descriptor near the border from others (rule L11 of docs/privacy.md).
+/// they make of those would tell a descriptor near the border from others (rule L11 of docs/reference/privacy-rules.md).
 pub(crate) fn prepare(image: &GrayImage, input: &Input, fixed: Option<[usize; 2]>) -> (Tensor, Placed) {
     let own = [image.width() as usize, image.height() as usize];
     let margin = input.margin;

@@ -28,7 +28,7 @@ pub enum Border {
     #[default]
     Cut,
     /// By the image continued by its mirror image: what is sent of a device's images, which must not show the border (rule
-    /// L11 of docs/privacy.md).
+    /// L11 of docs/reference/privacy-rules.md).
     Mirrored,
 }
 

@@ -4,7 +4,7 @@
 //! are sent, and of nothing else: neither of others of the image, nor of anything that a profile says, which somebody could choose
 //! so that decoys stand out ([`blend`]).
 //!
-//! `docs/privacy.md` has the figures of how well they hide, `tests/decoys` measures them.
+//! `docs/reference/privacy-rules.md` has the figures of how well they hide, `tests/decoys` measures them.
 
 mod blend;
 

@@ -1,7 +1,7 @@
 //! L11, the image's end in descriptors: one that looks over the image's border has cells without gradients, which tells
 //! that its keypoint is near the border. What is sent is described by the image continued by its mirror image.
 //!
-//! Figures of a stronger learner: `research/notes/border.py`, docs/privacy.md.
+//! Figures of a stronger learner: `research/notes/border.py`, docs/reference/privacy-rules.md.
 
 use super::common;
 

@@ -8,7 +8,7 @@
 //! - `Traces`, with the cargo feature `opentelemetry`: spans of each request to a collector.
 //!
 //! Nothing here takes anything of a query: labels, fields and names are those that the operator chose, routes, statuses,
-//! names of problems, times and counts (rule L8 of `docs/privacy.md`). `veiloc-service` is the user.
+//! names of problems, times and counts (rule L8 of `docs/reference/privacy-rules.md`). `veiloc-service` is the user.
 //!
 //! ```
 //! use veiloc_service::telemetry::{MetricsOptions, Metrics, RequestIds};

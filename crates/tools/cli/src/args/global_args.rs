@@ -52,7 +52,7 @@ impl MapGlobalArgs {
 #[derive(clap::Args)]
 pub(crate) struct ConsentArgs {
     /// Consent to send the global descriptor of this model, made of the image, where the map asks for it: a name (`veiloc models`),
-    /// or a .toml file that describes it. It tells more than the rows do (docs/privacy.md, rule L14). Default: no consent, and
+    /// or a .toml file that describes it. It tells more than the rows do (docs/reference/privacy-rules.md, rule L14). Default: no consent, and
     /// maps that ask for one are refused.
     #[arg(long, value_name = "MODEL|FILE")]
     image_global: Option<String>,
@@ -75,7 +75,7 @@ impl ConsentArgs {
             None => {
                 options.image_global(profile).map_err(|refused| {
                     let help = format!(
-                        "to send it all the same give --image-global {asked}, after docs/privacy.md, rule L14; or ask for a map \
+                        "to send it all the same give --image-global {asked}, after docs/reference/privacy-rules.md, rule L14; or ask for a map \
                          without one"
                     );
                     Failure::with_help(refused, help)

@@ -7,7 +7,7 @@ use veiloc_protocol::Enough;
 pub(crate) struct ProgressiveArgs {
     /// Send the query in steps: 256 of its rows at random, then twice as many, and so on, only while the pose is not
     /// trusted. Rows that are not sent tell nobody anything; each step sends those before again, and the server, and who sees
-    /// how much is sent, learns how many steps it took (docs/privacy.md). Default: all rows at once.
+    /// how much is sent, learns how many steps it took (docs/reference/privacy-rules.md). Default: all rows at once.
     #[arg(long)]
     progressive: bool,
     /// Go on until the position is known to this standard deviation in its least certain direction, map units. Default:

@@ -24,7 +24,7 @@ use crate::ui::Ui;
 ///
 /// A sealed query holds descriptors and lines, never keypoints; it is all a server gets. Nothing of the file but its
 /// pixels is read, and, where no camera is given, the focal length in its EXIF: no time, no place. Everything random comes from the operating system's generator, so
-/// sealing one image twice gives two different queries; never send both (see docs/privacy.md, rule L7). Two images of one place
+/// sealing one image twice gives two different queries; never send both (see docs/reference/privacy-rules.md, rule L7). Two images of one place
 /// belong in one session (--session).
 ///
 /// Every image is answered for itself: one that cannot be sealed does not stop the others.

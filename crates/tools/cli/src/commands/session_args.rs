@@ -13,7 +13,7 @@ use crate::exit::Failure;
 #[derive(clap::Args)]
 pub(crate) struct SessionArgs {
     /// The session that the image is a frame of: a file that is made where there is none. Lines of two images of one place cross
-    /// in what both show, but for those of one session, whose anchors stay in the world (docs/privacy.md, rule L10). The file
+    /// in what both show, but for those of one session, whose anchors stay in the world (docs/reference/privacy-rules.md, rule L10). The file
     /// holds where keypoints were and is for this device alone; delete it to end the session.
     #[arg(long, value_name = "FILE")]
     session: Option<PathBuf>,

@@ -16,7 +16,7 @@ const LENGTH: f64 = 32.0;
 /// A learned global descriptor: a description and the networks it is of.
 ///
 /// Its codes are a unit vector times 32 √numbers in bytes. It is made of the image in gray, at the networks' size, from border to
-/// border. What leaves a device of it: rule L14 of docs/privacy.md.
+/// border. What leaves a device of it: rule L14 of docs/reference/privacy-rules.md.
 pub struct LearnedGlobal {
     description: GlobalDescription,
     model: NamedGlobal,

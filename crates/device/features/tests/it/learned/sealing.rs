@@ -1,4 +1,4 @@
-//! The rules of docs/privacy.md with learned features: what a network says beside descriptors leaves no device. Each test also
+//! The rules of docs/reference/privacy-rules.md with learned features: what a network says beside descriptors leaves no device. Each test also
 //! builds the leak and shows that its own measure finds it.
 
 use super::common;

@@ -25,7 +25,7 @@ use crate::ui::Ui;
 ///
 /// What is sent holds descriptors and lines, never pixels or keypoints. The image is sealed once; when the service
 /// is busy or the network fails, the very same bytes are sent again. Send an image once, and do not seal it in
-/// another way afterwards (see docs/privacy.md, rule L7).
+/// another way afterwards (see docs/reference/privacy-rules.md, rule L7).
 ///
 /// With `--progressive` no more rows leave than a trusted pose takes.
 ///

@@ -121,7 +121,7 @@ impl Stored for StoredFeatures {
 
 /// A unit vector times 32 roots of its numbers: as kinds of networks are (decision 0022).
 const LENGTH: f64 = 32.0;
-/// Pixels around a keypoint that a descriptor of SuperPoint shows (docs/privacy.md, rule L11).
+/// Pixels around a keypoint that a descriptor of SuperPoint shows (docs/reference/privacy-rules.md, rule L11).
 const SIGHT: f64 = 32.0;
 /// hloc's `resize_max` of most of its settings.
 const SIDE: f64 = 1024.0;
