@@ -187,7 +187,7 @@ export interface Step {
   outcome: "trusted" | "doubtful" | "not-found";
 }
 
-/** Field by field what `docs/service.md` lists. */
+/** Field by field what `docs/reference/http.md` lists. */
 export interface Answer {
   version: 1;
   map: string;

@@ -1,4 +1,4 @@
-//! An answer as JSON, the form that people and other programs read: field by field what `docs/service.md` lists.
+//! An answer as JSON, the form that people and other programs read: field by field what `docs/reference/http.md` lists.
 
 use serde::Serialize;
 

@@ -9,7 +9,7 @@ use serde_json::Value;
 pub struct Refusal {
     /// The HTTP status.
     pub status: u16,
-    /// The problem's name, as `docs/service.md` lists them; empty when the service gave none.
+    /// The problem's name, as `docs/reference/http.md` lists them; empty when the service gave none.
     pub name: String,
     /// The name in words; empty when the service gave none.
     pub title: String,

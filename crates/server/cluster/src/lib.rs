@@ -15,7 +15,7 @@
 //! seals of one image would tell more than one, two copies of one seal do not. This crate depends neither on
 //! `veiloc-features` nor on `veiloc-obfuscation`: like the service, it cannot name a keypoint of a query.
 //!
-//! `docs/cluster.md` is for operators, decision 0029 says why it is as it is.
+//! `docs/guide/cluster.md` is for operators, decision 0029 says why it is as it is.
 #![forbid(unsafe_code)]
 
 pub mod bus;

@@ -1,7 +1,7 @@
 //! Messages between gateway and workers: small frames around bytes that a device or the service wrote.
 //!
 //! Both ends are the operator's own machines. Nothing is trusted all the same: lengths, names and numbers are checked, and an
-//! invalid frame gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/cluster.md` lists the fields.
+//! invalid frame gives a [`ClusterError`] that names the field. Frames are protobuf; `docs/reference/configuration.md` lists the fields.
 
 use crate::ClusterError;
 use bytes::Bytes;

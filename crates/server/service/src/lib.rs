@@ -5,7 +5,7 @@
 //! - [`run_until_signal`]: the same for a program that is nothing but the service.
 //!
 //! This crate is for whoever builds a service into a program of their own; `veiloc serve` is the program for all others,
-//! and `docs/service.md` describes addresses, answers and refusals. A device's side is `veiloc-client`.
+//! and `docs/reference/http.md` describes addresses, answers and refusals. A device's side is `veiloc-client`.
 //!
 //! ```
 //! use std::io::{Read, Write};

@@ -106,7 +106,7 @@ pub struct ServerOptions {
     pub insecure_http: bool,
     /// Pages of these origins may ask from within a browser (CORS). None by default.
     pub cors: Vec<Origin>,
-    /// Who may ask: one token a line, see `docs/service.md`. Without it everybody on this machine may.
+    /// Who may ask: one token a line, see `docs/reference/configuration.md`. Without it everybody on this machine may.
     pub tokens: Option<PathBuf>,
     /// How long the last valid tokens hold when the file of tokens is gone, empty or wrong; then nobody may ask.
     pub stale_tokens: Duration,

@@ -203,7 +203,7 @@ pub(crate) fn sign(response: &mut Response, id: RequestId) {
     *response.body_mut() = Body::from(document.body());
 }
 
-/// The refusals that a query can get: status and name, as in the table of docs/service.md.
+/// The refusals that a query can get: status and name, as in the table of docs/reference/http.md.
 const OF_QUERIES: [(u16, &str); 23] = [
     (400, "malformed-query"),
     (400, "unsupported-version"),

@@ -1,4 +1,4 @@
-//! An answer as JSON: the fields of `docs/service.md`, and what JSON cannot say.
+//! An answer as JSON: the fields of `docs/reference/http.md`, and what JSON cannot say.
 
 use super::common;
 

@@ -18,7 +18,7 @@ use crate::telemetry::Trail;
 
 /// Where the device was that took the images of a session.
 ///
-/// The body holds up to 32 sealed queries with their relative poses (docs/service.md). The answer is that of a single query
+/// The body holds up to 32 sealed queries with their relative poses (docs/reference/http.md). The answer is that of a single query
 /// with the rig in the camera's place. After 408, 429, 503 or 504 the same bytes may be sent again.
 #[utoipa::path(post, path = "/v1/maps/{name}/localize-rig", security(("token" = [])),
     params(

@@ -154,13 +154,13 @@ fn every_alert_has_its_section_of_the_runbook_and_its_test() {
     }
 }
 
-/// The table of refusals in `docs/service.md` is what the service counts from the start.
+/// The table of refusals in `docs/reference/http.md` is what the service counts from the start.
 #[test]
 fn every_refusal_of_the_document_is_counted_from_the_start() {
     let files = Files::new();
     let server = Running::start(files.options());
     let text = server.get("/metrics", OPERATOR).text();
-    let document = repository("docs/service.md");
+    let document = repository("docs/reference/http.md");
     let (_, table) = document.split_once("### Refusals").expect("the section");
     let (table, _) = table.split_once("\n###").expect("its end");
     let mut named = BTreeSet::new();

@@ -31,7 +31,7 @@ use crate::ui::Ui;
 ///
 /// Stops on SIGINT or SIGTERM, after answering what it accepted; a second signal ends it at once. Map, token and certificate files may be replaced (by
 /// renaming others over them) while it runs; SIGHUP makes it read them at once. The log goes to stderr and never holds
-/// anything of a query. Addresses, answers and the file of tokens are described in docs/service.md.
+/// anything of a query. docs/reference/http.md describes endpoints and answers, docs/reference/configuration.md the token file.
 ///
 /// Every option may also stand in a file (--config), where `drain-delay = 5` is `--drain-delay 5`, or in the environment,
 /// where it is VEILOC_DRAIN_DELAY. The environment wins over the file, the command line over both. An option that may be

@@ -24,7 +24,7 @@ use crate::ui::Ui;
 ///
 /// Fetches its regions, verifies and opens them, and joins the group of each on the bus; follows what is published from then
 /// on. Stops on SIGINT or SIGTERM: leaves its groups and finishes what it was asked; a second signal ends it at once. The log
-/// goes to stderr and never holds anything of a query. docs/cluster.md describes a cluster.
+/// goes to stderr and never holds anything of a query. docs/guide/cluster.md describes a cluster.
 ///
 /// Every option may also stand in a file (--config) or in the environment, as for `veiloc serve`.
 #[derive(clap::Args)]
