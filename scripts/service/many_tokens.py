@@ -4,7 +4,7 @@
     VEILOC_DATA=../shared/data scripts/service/many_tokens.py [--requests 5000]
 
 One connection over loopback, requests one after the other; the token asked with stands at the end of the file, and the
-two services are asked in turns, so that what else the machine does falls on both. Prints the rows of docs/service.md.
+two services are asked in turns, so that what else the machine does falls on both. Prints the rows of docs/results/service.md.
 """
 
 import hashlib
