@@ -1,16 +1,18 @@
-//! Writes what is sent of images beside where it was in them: what research/notes/border.py learns from (rule L11).
+//! Writes the rows that are sent for images together with the keypoint positions. research/notes/border.py trains on
+//! these files (rule L11).
 //!
 //! ```text
 //! sent_rows cut|sent|whole IMAGE OUT [IMAGE OUT]...
 //! ```
 //!
-//! What becomes of keypoints whose descriptor looks over the image's border:
-//! - `cut`: they stay, described by what the image shows, as OpenCV and COLMAP do;
-//! - `sent`: they stay, described by the image continued by its mirror image, which is what a device does;
-//! - `whole`: they are left out.
+//! The first argument says how keypoints near the image border are treated, that is, those whose descriptor window
+//! crosses the border:
+//! - `cut`: they are sent; the descriptor uses only the pixels of the image, as OpenCV and COLMAP do;
+//! - `sent`: they are sent; the descriptor is computed on the image continued by its mirror image, as a device does;
+//! - `whole`: they are not sent.
 //!
-//! The camera is guessed. A file holds, little endian: `u32` N, width and height of the canonical camera;
-//! `f32` `[N, 2]`, positions in its image (u, v); `u8` `[N, 128]`. Decoys are left out.
+//! The camera is estimated from the image size. A file holds, little endian: `u32` N, width and height of the canonical
+//! camera; `f32` `[N, 2]`, positions in its image (u, v); `u8` `[N, 128]`. Decoys are not written.
 
 use std::error::Error;
 use std::path::Path;
@@ -23,26 +25,28 @@ use veiloc_geometry::Pixel;
 use veiloc_obfuscation::{SealOptions, extract, extract_with, seal_with_truth};
 use veiloc_protocol::Profile;
 
-type Fault = Box<dyn Error>;
+type BoxError = Box<dyn Error>;
 
-/// More than a device extracts before it drops what lies beyond its window.
-const MOST: usize = 4096;
+/// More keypoints than a device extracts, before those outside of its window are dropped.
+const MAX_KEYPOINTS: usize = 4096;
 
-fn main() -> Result<(), Fault> {
+const USAGE: &str = "the arguments are cut, sent or whole, then pairs of IMAGE and OUT";
+
+fn main() -> Result<(), BoxError> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let (border, paths) = arguments.split_first().ok_or("cut, sent or whole, then images and files")?;
+    let (border, paths) = arguments.split_first().ok_or(USAGE)?;
     for [image, out] in paths.as_chunks::<2>().0 {
         std::fs::write(out, rows(border, Path::new(image))?)?;
     }
     Ok(())
 }
 
-fn rows(border: &str, path: &Path) -> Result<Vec<u8>, Fault> {
-    // Any words do: the global descriptor is not looked at.
+fn rows(border: &str, path: &Path) -> Result<Vec<u8>, BoxError> {
+    // The vocabulary does not matter: the global descriptor is not used.
     let words = Descriptors::new(DescriptorKind::ROOT_SIFT, (0..=255).collect())?;
     let profile = Profile::vlad(Vocabulary::new(words)?);
     let options = SealOptions::default();
-    let (camera, most) = (guessed_camera(path)?, Limits { max_keypoints: MOST, max_side: 1600 });
+    let (camera, most) = (guessed_camera(path)?, Limits { max_keypoints: MAX_KEYPOINTS, max_side: 1600 });
     let (features, camera) = match border {
         "cut" => {
             let image = extract_image(path, Some((camera.width, camera.height)), &Sift::default(), most)?;
@@ -50,7 +54,7 @@ fn rows(border: &str, path: &Path) -> Result<Vec<u8>, Fault> {
         }
         "sent" => extract(path, &camera, &profile, &options)?,
         "whole" => extract_with(&Extractors::default(), path, &camera, &profile, &options)?,
-        other => return Err(format!("{other}: cut, sent or whole").into()),
+        other => return Err(format!("{other}: write cut, sent or whole").into()),
     };
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let (query, truth) = seal_with_truth(features, &camera, &profile, &options, &mut rng)?;

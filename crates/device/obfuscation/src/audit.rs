@@ -1,7 +1,7 @@
-//! **Never for devices.** Obfuscation that keeps the answers, for attacks and evaluation to be judged by.
+//! **Never for devices.** Obfuscation that also returns the ground truth, for attacks and evaluation.
 //!
-//! All run the code a device runs, line for line; they only do not forget. This module is there with the cargo feature
-//! `ground-truth` only, which no crate of the device's road turns on (`tests/device_build.rs`).
+//! All functions run the code of a device without changes; they only do not discard the ground truth. The module exists
+//! only with the cargo feature `ground-truth`, which no crate of a device build enables (`tests/device_build.rs`).
 
 use rand::{CryptoRng, Rng};
 use veiloc_descriptor::Descriptors;
@@ -10,29 +10,29 @@ use veiloc_geometry::{Intrinsics, Pinhole, Pixel};
 use veiloc_protocol::{AngleBits, LayoutTurn, Observations, Profile, Scheme, SealedQuery};
 
 use crate::decoy;
-use crate::places::{Places, dither};
+use crate::positions::{DistinctPositions, dither};
 use crate::rule::FrameRule;
 use crate::schemes::{lift, select};
-use crate::seal::{Hidden, seal_frame};
+use crate::seal::{HiddenState, seal_frame};
 use crate::{DeviceLimits, Orientation, SealError, SealOptions, Session};
 
-/// What a sealed query hides. `[N]` each, in the order of its rows.
+/// The ground truth of a sealed query. `[N]` each, in the order of its rows.
 #[derive(Clone, PartialEq)]
 pub struct SealTruth {
     /// Index of the feature in the input; `None` for a decoy.
     pub source: Vec<Option<usize>>,
-    /// Where the keypoint is in the canonical camera's image, before dither; of a decoy, where it was invented.
+    /// Keypoint position in the canonical camera's image, before dither; for a decoy, its generated position.
     pub pixels: Vec<Pixel>,
 }
 
-// L8 holds for the truth all the more.
+// Rule L8 (no positions in logs) applies to the ground truth as well.
 impl std::fmt::Debug for SealTruth {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "SealTruth({})", self.source.len())
     }
 }
 
-/// As [`crate::seal`], and returns what was hidden. For the audit and for evaluation only.
+/// As [`crate::seal`], and returns the ground truth. For the audit and for evaluation only.
 ///
 /// # Errors
 /// As [`crate::seal`].
@@ -47,7 +47,7 @@ pub fn seal_with_truth(
 }
 
 impl Session {
-    /// As [`Session::seal`], and returns what was hidden. For the audit and for evaluation only.
+    /// As [`Session::seal`], and returns the ground truth. For the audit and for evaluation only.
     ///
     /// # Errors
     /// As [`Session::seal`].
@@ -65,15 +65,23 @@ impl Session {
 }
 
 impl SealTruth {
-    fn of(hidden: &Hidden<'_>) -> Self {
+    fn of(hidden: &HiddenState<'_>) -> Self {
         Self {
-            source: hidden.order.iter().map(|&row| hidden.kept.get(row).map(|kept| kept.source)).collect(),
-            pixels: hidden.order.iter().map(|&row| hidden.places.pixels[hidden.places.of[row]]).collect(),
+            source: hidden
+                .order
+                .iter()
+                .map(|&row| hidden.selected.get(row).map(|selected| selected.source))
+                .collect(),
+            pixels: hidden
+                .order
+                .iter()
+                .map(|&row| hidden.positions.pixels[hidden.positions.index[row]])
+                .collect(),
         }
     }
 }
 
-/// How an evaluation seals under any scheme, `points` too, as many keypoints as the profile asks for.
+/// Seal options of an evaluation: any scheme, `points` too, and as many keypoints as the profile requests.
 pub fn options_for(scheme: Scheme) -> SealOptions {
     let options = match scheme {
         Scheme::Points => SealOptions::unprotected_points(),
@@ -89,7 +97,7 @@ pub fn options_for(scheme: Scheme) -> SealOptions {
     options.with_limits(everything)
 }
 
-/// Obfuscates bare positions in the order given, `[N]`: dither, line and quantization as in [`crate::seal`], but
+/// Obfuscates bare positions in the given order, `[N]`: dither, line and quantization as in [`crate::seal`], but
 /// nothing is dropped, filled up or shuffled. For evaluation on given correspondences.
 ///
 /// Equal positions get equal observations, as in [`crate::seal`].
@@ -107,30 +115,30 @@ pub fn obfuscate_points(
     if let Some(index) = points.iter().position(|p| !p.is_finite()) {
         return Err(SealError::NotFinite { index });
     }
-    let places = Places::new(points.iter().copied());
-    let dithered: Vec<Pixel> = places.pixels.iter().map(|p| dither(*p, rng)).collect();
-    // Of a bare image the focal length is not known, and taken to be the longer side.
+    let positions = DistinctPositions::new(points.iter().copied());
+    let dithered: Vec<Pixel> = positions.pixels.iter().map(|p| dither(*p, rng)).collect();
+    // The focal length of a bare image is unknown; the longer side stands for it.
     let focal = f64::from(width.max(height).max(1));
     let principal = [width, height].map(|side| 0.5 * f64::from(side));
     let camera = Pinhole { width: width.max(1), height: height.max(1), focal: [focal; 2], principal };
     let turn = LayoutTurn::default();
     let rows = lift(&dithered, &camera, *scheme, angle_bits, rng).map_err(|e| match e {
-        SealError::TooFar { index: place } => {
-            SealError::TooFar { index: places.of.iter().position(|p| *p == place).unwrap_or(place) }
-        }
+        SealError::TooFar { index: position } => SealError::TooFar {
+            index: positions.index.iter().position(|p| *p == position).unwrap_or(position),
+        },
         other => other,
     })?;
-    let rows = select(&rows, places.of.iter().copied());
+    let rows = select(&rows, positions.index.iter().copied());
     Ok(rows.observations(*scheme, angle_bits, &camera, turn).expect("the rows were lifted under this scheme"))
 }
 
-/// Decoys as [`crate::seal`] invents them beside rows with these keypoints and descriptors, `count` of each. For
-/// evaluation of how many more of them would do.
+/// Decoys as [`crate::seal`] makes them beside rows with these keypoints and descriptors: `count` positions and
+/// descriptors. For evaluation of larger numbers of decoys.
 ///
-/// Positions lie in the image. Nothing is invented for an image without keypoints.
+/// Positions lie in the image. An image without keypoints gets no decoys.
 ///
 /// # Errors
-/// [`SealError::NoDecoys`] for a kind of too few numbers, and for fewer rows than can be blended.
+/// [`SealError::NoDecoys`] for a descriptor kind with too few dimensions, and for too few rows to blend.
 pub fn decoys(
     keypoints: &[Pixel],
     descriptors: &Descriptors,
@@ -141,13 +149,14 @@ pub fn decoys(
     if keypoints.is_empty() || descriptors.is_empty() {
         return Ok((Vec::new(), Descriptors::empty(descriptors.kind())));
     }
-    let mut places = Places::new(keypoints.iter().copied());
+    let mut positions = DistinctPositions::new(keypoints.iter().copied());
     let [width, height] = size.map(f64::from);
     let inside = |p: Pixel| (0.0..width).contains(&p.u) && (0.0..height).contains(&p.v);
-    decoy::add_places(&mut places, keypoints.len(), count, size, inside, rng);
+    decoy::add_positions(&mut positions, keypoints.len(), count, size, inside, rng);
     let mut all = descriptors.clone();
     decoy::add_descriptors(&mut all, count, rng)?;
     let invented = all.select(descriptors.len()..all.len());
-    let pixels = places.of[keypoints.len()..].iter().map(|place| places.pixels[*place]).collect();
+    let pixels =
+        positions.index[keypoints.len()..].iter().map(|position| positions.pixels[*position]).collect();
     Ok((pixels, invented))
 }

@@ -1,4 +1,4 @@
-//! Where the camera of an image comes from: a calibration, the image's EXIF, or a guess, and what is said of it.
+//! Where the camera of an image comes from: a calibration, the image's EXIF data, or a default focal length.
 
 use std::path::Path;
 
@@ -6,8 +6,8 @@ use veiloc_features::{FeatureError, exif_camera, guessed_camera};
 use veiloc_geometry::Intrinsics;
 use veiloc_protocol::FocalKnowledge;
 
-/// An image's camera, and how well its focal length is known: what [`SealOptions::with_focal`](crate::SealOptions) is to
-/// be told.
+/// An image's camera, and how well its focal length is known. [`SealOptions::with_focal`](crate::SealOptions) takes the
+/// latter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownCamera {
     /// The camera.
@@ -17,24 +17,24 @@ pub struct KnownCamera {
 }
 
 impl KnownCamera {
-    /// One that was measured.
+    /// A calibrated camera.
     pub const fn calibrated(intrinsics: Intrinsics) -> Self {
         Self { intrinsics, focal: FocalKnowledge::Calibrated }
     }
 
-    /// The one that the image's EXIF tells the focal length of: a pinhole with its principal point in the middle. Nothing
-    /// else of EXIF is looked at, and nothing of it enters the query but the focal length's place on the ladder.
+    /// The camera with the focal length of the image's EXIF data: a pinhole with its principal point in the middle. No
+    /// other EXIF field is read, and only the rounded focal length enters the query.
     ///
     /// # Errors
-    /// [`FeatureError::NoFocal`] when EXIF does not tell it, and others when the file is no image.
+    /// [`FeatureError::NoFocal`] when the EXIF data holds no focal length; other errors when the file is not an image.
     pub fn from_exif(image: &Path) -> Result<Self, FeatureError> {
         Ok(Self { intrinsics: exif_camera(image)?, focal: FocalKnowledge::Exif })
     }
 
-    /// A guess: 1.2 times the longer side. The server is told that it is one.
+    /// A default focal length: 1.2 times the longer side. The query marks it as such, so the server estimates it.
     ///
     /// # Errors
-    /// [`FeatureError`] when the file is no image.
+    /// [`FeatureError`] when the file is not an image.
     pub fn guessed(image: &Path) -> Result<Self, FeatureError> {
         Ok(Self { intrinsics: guessed_camera(image)?, focal: FocalKnowledge::Unknown })
     }

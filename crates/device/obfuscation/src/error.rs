@@ -1,4 +1,4 @@
-//! Why nothing could be extracted from an image, or it could not be sealed, and what to do about it.
+//! Why an image could not be extracted or sealed, and what to do about it.
 
 use veiloc_features::FeatureError;
 use veiloc_protocol::QueryError;
@@ -13,7 +13,7 @@ pub enum SealError {
         /// Its index in the input.
         index: usize,
     },
-    /// A position further from the centre of the image than the wire format can tell.
+    /// A position that is farther from the image's centre than the wire format can express.
     #[error(
         "keypoint {index} is more than 8191 px from the centre of the image; extract from a smaller image"
     )]
@@ -21,7 +21,7 @@ pub enum SealError {
         /// Its index in the input.
         index: usize,
     },
-    /// Not one descriptor for each keypoint.
+    /// The numbers of keypoints and descriptors differ.
     #[error("{keypoints} keypoints but {descriptors} descriptors; both must come from one extraction")]
     Unpaired {
         /// Number of keypoints.
@@ -47,25 +47,26 @@ pub enum SealError {
         /// How many there are.
         keypoints: usize,
     },
-    /// `points` was asked for where a scheme that protects is expected.
+    /// `points` was requested where a scheme that hides positions is required.
     #[error(
-        "the scheme points sends positions as they are; ask for it by its own name (SealOptions::unprotected_points)"
+        "the scheme points sends positions unprotected; if that is intended, use SealOptions::unprotected_points"
     )]
     Unprotected,
     /// The profile's vocabulary is larger than the device allows.
     #[error(
-        "the profile has a vocabulary of {words} words, this device takes {allowed}; an operator has no need of more"
+        "the profile has a vocabulary of {words} words, this device accepts at most {allowed}; build the map with a \
+         smaller vocabulary"
     )]
     VocabularyTooLarge {
         /// How many it has.
         words: usize,
-        /// How many are taken.
+        /// How many are accepted.
         allowed: usize,
     },
-    /// The profile asks for a global descriptor that is made of the image and not of the rows that are sent.
+    /// The profile requests a global descriptor that is computed from the image and not from the rows that are sent.
     #[error(
-        "the profile asks for a global descriptor of the image ({name}, {codes} numbers), which tells of more than the rows \
-         that are sent; this device's owner did not consent to that very one"
+        "the profile requests a global descriptor of the image ({name}, {codes} numbers), which reveals more than the \
+         rows that are sent; the owner of this device did not consent to sending this model's descriptor"
     )]
     GlobalOfImage {
         /// Its name.
@@ -73,9 +74,10 @@ pub enum SealError {
         /// How many numbers it has.
         codes: usize,
     },
-    /// The owner consented to a global descriptor of the image, and the features come without one.
+    /// The owner consented to a global descriptor of the image, but the features come without one.
     #[error(
-        "the features come without the global descriptor of their image; extract them with the options they are sealed with"
+        "the features come without the global descriptor of their image; extract them with the options that they are \
+         sealed with"
     )]
     NoGlobal,
     /// There are too few keypoints, and decoys cannot be made.
@@ -89,71 +91,76 @@ pub enum SealError {
         /// Usable keypoints.
         keypoints: usize,
     },
-    /// The layout of a session would have to be put somewhere new once too often.
+    /// The layout of a session would have to be placed anew more often than is allowed.
     #[error(
-        "{starts} images of this place were sealed with anchors of their own, and {most} is the most: the lines of more cross in \
-         the keypoints. Tell how the camera was held (an orientation), or go to another place and begin another session"
+        "{starts} images of this scene were sealed with different anchors, and at most {most} are allowed: the lines of \
+         more images cross in the keypoints. Give the camera's orientation, or begin another session in another scene"
     )]
     TooManyStarts {
-        /// How many there were.
+        /// How often the layout was placed for this scene.
         starts: u32,
-        /// How many are allowed.
+        /// How often it may be placed.
         most: u32,
     },
-    /// The camera has turned so far from where the session's layout is that what is new lies on one side.
+    /// The camera has turned so far from the session's layout that nearly all new keypoints belong to one anchor.
     #[error(
-        "the camera has turned away from the session's anchors, and of what was not sent before only {few} keypoints lie on one \
-         side of the dividing line; turn on or back, or seal with a layout of sectors"
+        "the camera has turned away from the session's anchors, and only {few} new keypoints lie on one side of the \
+         dividing line; turn the camera on or back, or seal with a layout of sectors"
     )]
     TurnedAway {
         /// How many.
         few: usize,
     },
-    /// A scheme without anchors in a session whose anchors stay in the world.
-    #[error("the scheme {scheme} has no anchors that could stay in the world; seal as dcl")]
+    /// A scheme without anchors in a session whose anchors are fixed in the world.
+    #[error("the scheme {scheme} has no anchors that could be fixed in the world; seal with dcl")]
     SessionScheme {
         /// Its name.
         scheme: &'static str,
     },
-    /// Frames of one session must have one layout and one camera.
-    #[error("another {what} than that of the session's frames before; begin another session")]
+    /// All frames of a session must have the same layout and camera.
+    #[error("the {what} differs from that of the session's earlier frames; begin another session")]
     SessionChanged {
-        /// What is not as before.
+        /// What differs.
         what: &'static str,
     },
-    /// Anchors are tied to gravity, and the frame does not tell it.
-    #[error("the session's anchors are tied to gravity, and the frame does not say which way is down")]
+    /// Anchors are tied to gravity, but the frame gives no gravity direction.
+    #[error(
+        "the session's anchors are tied to gravity, but the frame gives no gravity direction; give it with the \
+         orientation"
+    )]
     NoGravity,
-    /// An orientation that is no rotation.
-    #[error("the orientation is no rotation of finite numbers")]
+    /// The given orientation is not a rotation.
+    #[error("the orientation is not a rotation with finite numbers")]
     NoOrientation,
     /// The operating system gave no random numbers.
-    #[error("the operating system gave no random numbers ({reason}); without them nothing can be sealed")]
+    #[error("the operating system gave no random numbers ({reason}); sealing needs them")]
     NoEntropy {
-        /// What the system said.
+        /// The message of the system.
         reason: String,
     },
-    /// Bytes that are no session.
-    #[error("this is no session of veiloc")]
+    /// The bytes are not a session.
+    #[error("this is not a session of veiloc")]
     NotASession,
     /// A session of another version of the format.
-    #[error("a session of version {found}, but this program reads version {supported}; begin a new session")]
+    #[error(
+        "the session has version {found}, but this program reads version {supported}; begin a new session"
+    )]
     SessionVersion {
-        /// The one it has.
+        /// Its version.
         found: u32,
-        /// The one this program reads.
+        /// The version that this program reads.
         supported: u32,
     },
-    /// A session that was cut off, changed, or put together by somebody else.
+    /// A session that was truncated, changed, or not written by this program.
     #[error("the session is damaged ({what})")]
     SessionDamaged {
-        /// Where.
+        /// Which part.
         what: &'static str,
     },
-    /// The file is no image that can be read, it is not of the camera's size, or no extractor makes what is asked for.
+    /// The file is not a readable image, it does not have the camera's size, or no extractor makes the requested kind.
     #[error(transparent)]
     Image(#[from] FeatureError),
-    /// Camera, profile and features do not go together.
+    /// Camera, profile and features do not fit together.
     #[error(transparent)]
     Query(#[from] QueryError),
 }

@@ -1,4 +1,4 @@
-//! What a device does before it seals: read the image, and extract what the profile asks for.
+//! What a device does before it seals: it reads the image and extracts the features that the profile requests.
 
 use std::path::Path;
 
@@ -8,15 +8,16 @@ use veiloc_protocol::Profile;
 
 use crate::{SealError, SealOptions};
 
-/// Features of an image as the profile asks for them, within what the device allows, with the global descriptor of the image where
-/// the owner consented to it, and the camera of the image they are in: an image larger than the limit is made smaller first, and its camera with it.
+/// Features of an image as the profile requests them, within the limits of the device, with the global descriptor of
+/// the image if the owner consented to it, and the camera of the features. An image larger than the limit is scaled
+/// down first, and its camera with it.
 ///
-/// Descriptors do not show the image's border (rule L11): the image is continued by its mirror image, and with another
-/// extractor keypoints that look over the border are left out.
+/// Descriptors do not show the image's border (rule L11): the image is continued by its mirror image; for other
+/// extractors, keypoints whose descriptor window crosses the border are dropped.
 ///
 /// # Errors
-/// [`SealError`] when the file is no image, or not of the camera's size, or the profile asks for features or limits
-/// this device does not have.
+/// [`SealError`] when the file is not an image or does not have the camera's size, or when the profile requests
+/// features or limits that this device does not offer.
 pub fn extract(
     path: &Path,
     camera: &Intrinsics,
@@ -26,11 +27,11 @@ pub fn extract(
     extract_with(options.extractors(), path, camera, profile, options)
 }
 
-/// As [`extract`], of an image of which a mask hides a part. Nothing of what it hides is looked at: features of two images that
-/// differ there only are the very same, and no keypoint is kept whose descriptor looks there (rule L13).
+/// As [`extract`], for an image of which a mask hides a part. Hidden pixels are never read: two images that differ only
+/// under the mask have equal features, and no keypoint is returned whose descriptor window touches the mask (rule L13).
 ///
 /// # Errors
-/// As [`extract`]; [`FeatureError::MaskSize`](veiloc_features::FeatureError::MaskSize) for a mask of another image.
+/// As [`extract`]; [`FeatureError::MaskSize`](veiloc_features::FeatureError::MaskSize) when the mask has another size.
 pub fn extract_masked(
     path: &Path,
     mask: &Mask,
@@ -42,7 +43,7 @@ pub fn extract_masked(
     extract_loaded(image, path, camera, profile, options)
 }
 
-/// As [`extract`], with other extractors than those of the options.
+/// As [`extract`], with the given extractors in place of those of the options.
 ///
 /// # Errors
 /// As [`extract`].
@@ -53,15 +54,15 @@ pub fn extract_with(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), SealError> {
-    let (extractor, limits) = asked(extractors, profile, options)?;
+    let (extractor, limits) = extraction_request(extractors, profile, options)?;
     extract_by(extractor, limits, Image::from(load_gray(path)?), path, camera, profile, options)
 }
 
-/// As [`extract`], of an image that is in memory already: `path` is the file it came from, or what messages are to call
-/// it. What was taken out of it with [`Image::without`] is in no feature.
+/// As [`extract`], for an image that is already in memory. `path` is the file it came from, or the name for messages.
+/// Parts that were removed with [`Image::without`] are in no feature.
 ///
 /// # Errors
-/// As [`extract`], but for reading the file.
+/// As [`extract`], except for reading the file.
 pub fn extract_loaded(
     image: Image,
     path: &Path,
@@ -69,7 +70,7 @@ pub fn extract_loaded(
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), SealError> {
-    let (extractor, limits) = asked(options.extractors(), profile, options)?;
+    let (extractor, limits) = extraction_request(options.extractors(), profile, options)?;
     extract_by(extractor, limits, image, path, camera, profile, options)
 }
 
@@ -83,32 +84,32 @@ fn extract_by(
     options: &SealOptions,
 ) -> Result<(Features, Intrinsics), SealError> {
     let size = Some((camera.width, camera.height));
-    // Of the image as it is seen here, without what masks hide (rules L13 and L14).
+    // Computed on the image after masking (rules L13 and L14).
     let global = options.image_global(profile)?.map(|own| own.describe(&image)).transpose()?;
     let image = veiloc_features::extract_loaded(image, path, size, extractor, limits)?;
-    let (features, camera) = whole(image, extractor, camera);
+    let (features, camera) = sealable(image, extractor, camera);
     Ok((Features { global, ..features }, camera))
 }
 
-/// What may be sealed of an image: no descriptor that shows the image's border, and with it where its keypoint is.
-fn whole(image: ExtractedImage, extractor: &dyn Extractor, camera: &Intrinsics) -> (Features, Intrinsics) {
+/// The features that may be sealed: those whose descriptor does not reveal the image's border.
+fn sealable(image: ExtractedImage, extractor: &dyn Extractor, camera: &Intrinsics) -> (Features, Intrinsics) {
     (image.features.whole(image.size, extractor.reach()), camera.resized(image.size.0, image.size.1))
 }
 
-/// One keypoint for so many that are sent is extracted beyond them: the window leaves out at most a ninth of an image of
-/// 640 x 480, and a session what it must not tell again.
+/// One keypoint in addition to this many is extracted: the window drops at most a ninth of an image of 640 x 480, and a
+/// session drops keypoints that must not be sent again.
 const SPARE: u32 = 3;
 
-/// What the profile asks for, within what the device allows.
-fn asked<'a>(
+/// The extraction limits of the profile, within those of the device.
+fn extraction_request<'a>(
     extractors: &'a Extractors,
     profile: &Profile,
     options: &SealOptions,
 ) -> Result<(&'a dyn Extractor, Limits), SealError> {
     let bounded = options.bounded(profile)?;
     let extractor = extractors.of_kind(profile.descriptor_kind())?;
-    // Some show the border, or lie beyond the window and are dropped when they are sealed (rule L11): without spare
-    // ones an image would fall a size class.
+    // Some keypoints lie at the border or beyond the window and are dropped during sealing (rule L11). Without spare
+    // ones an image would fall into a smaller size class.
     let spare = bounded.max_keypoints / SPARE;
     let limits =
         Limits { max_keypoints: (bounded.max_keypoints + spare) as usize, max_side: bounded.max_image_side };

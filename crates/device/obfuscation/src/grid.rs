@@ -1,4 +1,4 @@
-//! The grid that a session tells angles on: fixed with its anchors, moved by a secret of the session.
+//! The grid on which a session quantizes angles: fixed with its anchors, shifted by a secret of the session.
 
 use std::f64::consts::TAU;
 
@@ -6,21 +6,21 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha20Rng;
 use veiloc_geometry::Anchor;
 
-/// Cells of angle about each anchor. An angle is told as the middle of its cell, so that every frame tells the same of a keypoint
-/// that is seen again, however the detector moved it within the cell.
+/// Cells of angle about each anchor. The middle of the cell is sent instead of the angle, so every frame sends the same
+/// angle for a keypoint that is seen again, as long as detector noise keeps it within the cell.
 ///
-/// Where cells begin is drawn for each session and anchor from the session's key: cells of two sessions cut each other where
-/// nobody chose it, and those of one do not.
+/// The shift of the cells is drawn for each session and anchor from the session's key. Within a session all frames have
+/// the same cells; the cells of two sessions overlap at random offsets that no attacker can choose.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct AngleGrid {
-    /// Width of a cell, radians; a whole number of them is the circle.
+    /// Width of a cell, radians; the full circle is a whole number of cells.
     step: f64,
-    /// Where a cell begins about each anchor, in cells.
+    /// Offset of the first cell about each anchor, in cells.
     shift: [f64; Anchor::MOST],
 }
 
 impl AngleGrid {
-    /// Of a session's key, for the layout it put somewhere as the so manieth; cells of about `step` radians, above 0.
+    /// The grid of a session's key for its `start`-th layout, with cells of about `step` radians, above 0.
     pub(crate) fn new(key: &[u8; 32], start: u32, step: f64) -> Self {
         let cells = (TAU / step).round().max(1.0);
         let mut rng = ChaCha20Rng::from_seed(*key);
@@ -50,7 +50,7 @@ mod tests {
             assert!((grid.middle(Anchor::FIRST, middle) - middle).abs() < 1e-9);
             middles.insert((middle.rem_euclid(TAU) * 1e9).round() as i64);
         }
-        // The cell at the seam is met from both ends.
+        // The cell at the seam is reached from both sides.
         assert_eq!(middles.len(), (TAU / 0.004).round() as usize);
         assert_ne!(grid.shift[0], grid.shift[1]);
         assert_ne!(grid, AngleGrid::new(&[8; 32], 1, 0.004));

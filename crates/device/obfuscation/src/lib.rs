@@ -1,10 +1,10 @@
-//! The only door from keypoint to line: obfuscation schemes and sealing.
+//! Obfuscation schemes and sealing: the only code that turns keypoints into lines.
 //!
-//! Of all rooms only this one sees both a keypoint's position and the line that is sent instead. It runs on the
-//! device. [`seal`] is the door; everything it may not let through is listed with its test in `docs/reference/privacy-rules.md`.
+//! No other crate sees both a keypoint's position and the line that is sent for it. It runs on the device. [`seal`] is
+//! the entry point; `docs/privacy.md` lists each privacy rule with its test.
 //!
-//! What happens to positions is said by [`SealOptions`], which are the device's own; a [`Profile`](veiloc_protocol::Profile)
-//! says what to extract, and is followed within [`DeviceLimits`] only.
+//! [`SealOptions`] decide how positions are hidden; they belong to the device. A [`Profile`](veiloc_protocol::Profile)
+//! says what to extract, and is followed only within [`DeviceLimits`].
 //!
 //! ```
 //! use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
@@ -16,8 +16,8 @@
 //! let kind = DescriptorKind::ROOT_SIFT;
 //! let words = Descriptors::new(kind, vec![20; 2 * 128])?;
 //! let profile = veiloc_protocol::Profile::vlad(Vocabulary::new(words)?);
-//! let place = |i: u32| Pixel::new(f64::from(20 + i * 97 % 600), f64::from(20 + i * 61 % 440));
-//! let keypoints = (0..300).map(|i| Keypoint { pixel: place(i), scale: 2.0, orientation: 0.0, response: 1.0 });
+//! let pixel = |i: u32| Pixel::new(f64::from(20 + i * 97 % 600), f64::from(20 + i * 61 % 440));
+//! let keypoints = (0..300).map(|i| Keypoint { pixel: pixel(i), scale: 2.0, orientation: 0.0, response: 1.0 });
 //! let bytes = (0..300 * 128_u32).map(|i| (i * 31 % 90) as u8).collect();
 //! let features = Features { keypoints: keypoints.collect(), descriptors: Descriptors::new(kind, bytes)?, global: None };
 //!
@@ -30,8 +30,8 @@
 //! ```
 //!
 //! # Cargo features
-//! - `ground-truth` (off): obfuscation that keeps the answers, for attacks and evaluation. No device needs it, and a
-//!   program for devices must not turn it on; `docs/reference/privacy-rules.md` says how to look.
+//! - `ground-truth` (off): obfuscation that also returns the ground truth, for attacks and evaluation. No device needs
+//!   it, and a program for devices must not enable it; `docs/privacy.md` explains how to check this.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "ground-truth")]
@@ -42,7 +42,7 @@ mod error;
 mod extract;
 mod grid;
 mod options;
-mod places;
+mod positions;
 mod rng;
 mod rule;
 mod schemes;

@@ -6,9 +6,9 @@ use veiloc_protocol::{AngleBits, CoarseGravity, ExtractionLimits, FocalKnowledge
 
 use crate::SealError;
 
-/// How an image is sealed. All of it is the device's choice; nothing here comes from a profile.
+/// How an image is sealed. The device decides all of it; no option comes from a profile.
 ///
-/// `points`, which protects nothing, has a constructor of its own, so that it can be reached on purpose only:
+/// `points` hides nothing. It has a constructor of its own, so that it cannot be selected by accident:
 ///
 /// ```
 /// use veiloc_obfuscation::SealOptions;
@@ -32,9 +32,9 @@ pub struct SealOptions {
     image_global: Option<SharedGlobal>,
 }
 
-/// `dcl` with a vertical dividing line, 12-bit angles, as many keypoints as the profile asks for within
-/// [`DeviceLimits::default`]; the camera is calibrated, gravity is not told, features are SIFT's ([`Extractors::for_sealing`]), and
-/// no global descriptor of the image is sent.
+/// `dcl` with a vertical dividing line, 12-bit angles, as many keypoints as the profile requests within
+/// [`DeviceLimits::default`]; the camera is calibrated, gravity is not sent, features are SIFT
+/// ([`Extractors::for_sealing`]), and no global descriptor of the image is sent.
 impl Default for SealOptions {
     fn default() -> Self {
         Self {
@@ -50,7 +50,7 @@ impl Default for SealOptions {
 }
 
 impl SealOptions {
-    /// With a scheme that hides positions, all else as [`Self::default`].
+    /// With a scheme that hides positions, everything else as [`Self::default`].
     ///
     /// # Errors
     /// [`SealError::Unprotected`] for `points`.
@@ -63,96 +63,103 @@ impl SealOptions {
         }
     }
 
-    /// **No protection**: positions are sent as they are. The baseline of evaluations, and for places where the server
-    /// may see everything anyway.
+    /// **No protection**: positions are sent unchanged. The baseline of evaluations, and for scenes whose images the
+    /// server may see.
     pub fn unprotected_points() -> Self {
         Self { scheme: Scheme::Points, ..Self::default() }
     }
 
-    /// The same with another number of bits per angle.
+    /// These options with another number of bits per angle.
     #[must_use]
     pub const fn with_angle_bits(mut self, angle_bits: AngleBits) -> Self {
         self.angle_bits = angle_bits;
         self
     }
 
-    /// The same with at most so many keypoints, the strongest usable ones: what is not sent is not leaked.
+    /// These options with at most this many keypoints, the strongest usable ones: what is not sent cannot leak.
     ///
-    /// A number between two size classes is cut to the smaller; below the smallest class decoys fill up (L5).
-    /// `docs/results/privacy.md` has what fewer keypoints cost and what they buy. This is the device's own word and takes the
-    /// place of [`DeviceLimits::max_keypoints`]; what the profile asks for still holds.
+    /// A number between two size classes is rounded down to the smaller one; below the smallest class, decoys fill the
+    /// query up (L5). `docs/audit.md` reports what fewer keypoints cost and gain. This choice of the device replaces
+    /// [`DeviceLimits::max_keypoints`]; the profile's limit still applies.
     #[must_use]
     pub const fn with_max_keypoints(mut self, most: usize) -> Self {
         self.max_keypoints = Some(most);
         self
     }
 
-    /// The same, following a profile to another extent.
+    /// These options with other limits on what a profile may request.
     #[must_use]
     pub const fn with_limits(mut self, limits: DeviceLimits) -> Self {
         self.limits = limits;
         self
     }
 
-    /// The same for an image whose focal length is known so well ([`KnownCamera`](crate::KnownCamera) tells it). The server
-    /// estimates the focal length too where it is not calibrated.
+    /// These options for an image whose focal length is known this well ([`KnownCamera`](crate::KnownCamera) says how
+    /// well). The server also estimates the focal length where it is not calibrated.
     #[must_use]
     pub const fn with_focal(mut self, focal: FocalKnowledge) -> Self {
         self.hints.focal = focal;
         self
     }
 
-    /// The same for an image during which the device felt gravity so. It helps where few keypoints match; it tells how
-    /// the device was tilted, rounded to about a degree (`docs/reference/privacy-rules.md`).
+    /// These options with the gravity direction measured while the image was taken. It helps where few keypoints match.
+    /// It reveals the tilt of the device, rounded to about a degree (`docs/privacy.md`).
     #[must_use]
     pub const fn with_gravity(mut self, gravity: Option<CoarseGravity>) -> Self {
         self.hints.gravity = gravity;
         self
     }
 
-    /// The same with other extractors than SIFT alone: those a program has for what it sends ([`Extractors::sealing`]). Which of
-    /// them is used, the profile says by its kind of descriptors; a kind that is not among them is refused.
+    /// These options with other extractors than SIFT alone: those that a program has for sealing
+    /// ([`Extractors::sealing`]). The profile selects one by its descriptor kind; a kind without an extractor is an
+    /// error.
     #[must_use]
     pub fn with_extractors(mut self, extractors: Extractors) -> Self {
         self.extractors = extractors;
         self
     }
 
-    /// **The owner's consent** to send a global descriptor that this makes of the image, where the map asks for this very model.
+    /// **The owner's consent** to send a global descriptor of the image made by this extractor, where the map requests
+    /// exactly this model.
     ///
-    /// It tells of more than the rows do: of the light, and of what shows no keypoints (decision 0024, `docs/reference/privacy-rules.md`, rule
-    /// L14). Nothing a profile or a server says takes its place, and where the map asks for none, none is made.
+    /// It reveals more than the rows do: the lighting, and parts of the image without keypoints (decision 0024,
+    /// `docs/privacy.md`, rule L14). No profile and no server can give this consent, and for a map that requests none,
+    /// none is computed.
     #[must_use]
     pub fn with_image_global(mut self, extractor: SharedGlobal) -> Self {
         self.image_global = Some(extractor);
         self
     }
 
-    /// What makes the global descriptor of the image that this profile asks for; `None` where the rows say all it needs.
+    /// The extractor of the global descriptor that this profile requests; `None` where the server computes it from the
+    /// rows.
     ///
     /// # Errors
-    /// [`SealError::GlobalOfImage`] when the owner did not consent to this very model.
+    /// [`SealError::GlobalOfImage`] when the owner did not consent to this model.
     pub fn image_global(&self, profile: &Profile) -> Result<Option<&SharedGlobal>, SealError> {
         match profile.global_model() {
             GlobalModel::Vlad(_) => Ok(None),
-            GlobalModel::Named(asked) => match &self.image_global {
-                Some(own) if own.model() == *asked => Ok(Some(own)),
-                _ => Err(SealError::GlobalOfImage { name: asked.name().to_owned(), codes: asked.dim() }),
+            GlobalModel::Named(requested) => match &self.image_global {
+                Some(own) if own.model() == *requested => Ok(Some(own)),
+                _ => Err(SealError::GlobalOfImage {
+                    name: requested.name().to_owned(),
+                    codes: requested.dim(),
+                }),
             },
         }
     }
 
-    /// What makes features.
+    /// The feature extractors.
     pub const fn extractors(&self) -> &Extractors {
         &self.extractors
     }
 
-    /// What is said of the camera beside the rows.
+    /// What the query says about the camera beside its rows.
     pub const fn hints(&self) -> Hints {
         self.hints
     }
 
-    /// What happens to positions.
+    /// How positions are hidden.
     pub const fn scheme(&self) -> Scheme {
         self.scheme
     }
@@ -162,46 +169,46 @@ impl SealOptions {
         self.angle_bits
     }
 
-    /// How much of an image is extracted: what the profile asks for, within what the device allows.
+    /// How much of an image is extracted: what the profile requests, within the limits of the device.
     ///
     /// # Errors
-    /// [`SealError::VocabularyTooLarge`] when the profile's vocabulary is beyond what the device allows, and
-    /// [`SealError::GlobalOfImage`] when it asks for a global descriptor of the image that the owner did not consent to
+    /// [`SealError::VocabularyTooLarge`] when the profile's vocabulary exceeds the limit of the device, and
+    /// [`SealError::GlobalOfImage`] when it requests a global descriptor of the image without the owner's consent
     /// ([`Self::with_image_global`]).
     pub fn bounded(&self, profile: &Profile) -> Result<ExtractionLimits, SealError> {
-        let asked = profile.limits();
+        let requested = profile.limits();
         self.image_global(profile)?;
         let words = profile.vocabulary().map_or(0, Vocabulary::len);
         let allowed = self.limits.max_vocabulary_words;
         if words > allowed {
             return Err(SealError::VocabularyTooLarge { words, allowed });
         }
-        // Not cut to what is sent: some keypoints of the image have no place in the canonical camera.
+        // More than is sent: some keypoints of the image fall outside of the canonical camera's image.
         let most = self.max_keypoints.unwrap_or(0).max(self.limits.max_keypoints);
         Ok(ExtractionLimits {
-            max_keypoints: asked.max_keypoints.min(u32::try_from(most).unwrap_or(u32::MAX)),
-            max_image_side: asked.max_image_side.min(self.limits.max_image_side),
+            max_keypoints: requested.max_keypoints.min(u32::try_from(most).unwrap_or(u32::MAX)),
+            max_image_side: requested.max_image_side.min(self.limits.max_image_side),
         })
     }
 
-    /// Most keypoints that are sent.
+    /// The largest number of keypoints that is sent.
     pub(crate) fn most(&self, profile: &Profile) -> usize {
         let own = self.max_keypoints.unwrap_or(self.limits.max_keypoints);
         own.min(profile.limits().max_keypoints as usize)
     }
 }
 
-/// How far a device follows a profile, which somebody else wrote. `docs/reference/privacy-rules.md` has the table.
+/// How far a device follows a profile, which comes from another party. `docs/privacy.md` has the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DeviceLimits {
-    /// Most keypoints that are extracted and sent, whatever the profile asks for. Default 2048, what maps ask for by
-    /// default; twice as many would be twice as many to find.
+    /// Most keypoints that are extracted and sent, whatever the profile requests. Default 2048, the default request of
+    /// maps; twice as many would reveal twice as many to an attacker.
     pub max_keypoints: usize,
-    /// Longest side of the image that is extracted from, pixels. Default 2048: a larger side tells positions more
-    /// finely, in pixels that the dither is half of, and takes memory with its square.
+    /// Longest side of the image for extraction, pixels. Default 2048: a larger side gives finer positions while the
+    /// dither stays half a pixel, and memory grows with its square.
     pub max_image_side: u32,
-    /// Most words of a vocabulary. Default 512, the most that maps are built with. Each word is as many bytes of every
-    /// query as a descriptor has.
+    /// Most words of a vocabulary. Default 512, the most that maps are built with. Each word adds as many bytes to
+    /// every query as a descriptor has.
     pub max_vocabulary_words: usize,
 }
 

@@ -5,9 +5,9 @@ use rand_chacha::ChaCha20Rng;
 
 use crate::SealError;
 
-/// A cryptographic generator seeded by the operating system: what a device seals with.
+/// A cryptographic generator seeded by the operating system, with which a device seals.
 ///
-/// Order, dither, random directions, pairs and decoys all hang on it; a guessable generator would give them away.
+/// Order, dither, random directions, pairs and decoys depend on it; a predictable generator would reveal them.
 ///
 /// # Errors
 /// [`SealError::NoEntropy`] when the operating system has no random numbers.

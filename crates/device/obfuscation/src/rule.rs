@@ -1,37 +1,37 @@
-//! What a session changes in how one of its frames is sealed.
+//! How a session changes the sealing of one of its frames.
 
 use veiloc_protocol::LayoutTurn;
 
 use crate::grid::AngleGrid;
-use crate::schemes::dcl::Told;
+use crate::schemes::dcl::AnchorAngle;
 
-/// By default nothing: the layout is fixed in the image, and positions are dithered.
+/// By default nothing changes: the layout is fixed in the image, and positions are dithered.
 #[derive(Default)]
 pub(crate) struct FrameRule {
-    /// How the layout is turned against the camera.
+    /// Rotation of the layout relative to the camera.
     pub(crate) turn: LayoutTurn,
-    /// Half the width of what is left out along borders of sectors, radians about their axis.
+    /// Half the width of the band along sector borders whose keypoints are dropped, radians about the sectors' axis.
     pub(crate) band: f64,
-    /// What angles are told on; without it positions are dithered.
+    /// The grid on which angles are quantized; without one, positions are dithered.
     pub(crate) grid: Option<AngleGrid>,
-    /// By feature of the frame, what was told of it before; all are new when it is empty.
-    pub(crate) recalled: Vec<Recalled>,
+    /// By feature of the frame, the row that was sent for it earlier; empty when all features are new.
+    pub(crate) history: Vec<RowHistory>,
 }
 
 impl FrameRule {
-    /// What was told before of a feature.
-    pub(crate) fn recalled(&self, feature: usize) -> Recalled {
-        self.recalled.get(feature).copied().unwrap_or(Recalled::New)
+    /// The row that was sent earlier for a feature.
+    pub(crate) fn history(&self, feature: usize) -> RowHistory {
+        self.history.get(feature).copied().unwrap_or(RowHistory::New)
     }
 }
 
-/// What becomes of a keypoint by what was told of it in earlier frames.
+/// Whether and how a keypoint was sent in earlier frames, which decides how it is sent now.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Recalled {
-    /// Nothing that still holds was told of it.
+pub(crate) enum RowHistory {
+    /// No earlier row of it is still valid.
     New,
-    /// It is where it was, and is told as it was.
-    Same(Told),
-    /// It was told by a line of another anchor, which its new one would cross: it is left out.
-    Crossed,
+    /// It is at the same direction: the same row is sent again.
+    Repeat(AnchorAngle),
+    /// It was sent with another anchor, and the line of its new anchor would cross that one: it is dropped.
+    OtherAnchor,
 }

@@ -7,28 +7,27 @@ use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_protocol::{CanonicalCamera, Profile, QueryError, QueryParts, Scheme, SealedQuery, SizeClass};
 
 use crate::decoy;
-use crate::places::{Places, dither};
-use crate::rule::{FrameRule, Recalled};
-use crate::schemes::dcl::{DclLift, Told};
+use crate::positions::{DistinctPositions, dither};
+use crate::rule::{FrameRule, RowHistory};
+use crate::schemes::dcl::{AnchorAngle, DclLift};
 use crate::schemes::{lift, select};
 use crate::{SealError, SealOptions};
 
-/// Seals the features of one image: the only door from keypoint to line.
+/// Seals the features of one image: the only function that turns keypoints into lines.
 ///
-/// The scheme is that of `options`, whatever a profile says.
+/// The scheme is that of `options`, regardless of the profile.
 ///
 /// 1. Each keypoint is undistorted and re-projected into the canonical camera (L6). Those without a ray, outside
 ///    its window (L11), or within one pixel of an anchor are dropped.
-/// 2. The strongest are kept, as many as the largest size class not above the count, the profile's limit and the
-///    device's; below the smallest class the rest is filled with decoys made of the rows that are sent (L5).
-/// 3. Position, dithered by up to half a pixel (L2); anchor, line, code (L1, L9). Features with one position share
-///    one dither and one line (L7).
-/// 4. Rows are shuffled (L3); strength, scale and orientation have been left behind (L4).
-/// 5. A global descriptor of the image goes with them only where the map asks for one and the owner consented to it (L14).
+/// 2. The strongest are selected: as many as the largest size class not above their count, the profile's limit and the
+///    device's. Below the smallest class, decoys made of the sent rows fill the query up (L5).
+/// 3. Position, dithered by up to half a pixel (L2); anchor, line, code (L1, L9). Features with one position share one
+///    dither and one line (L7).
+/// 4. Rows are shuffled (L3); strength, scale and orientation are not sent (L4).
+/// 5. A global descriptor of the image is sent only where the map requests one and the owner consented to it (L14).
 ///
-/// The features are taken by value: an image is sealed once (L7). When the network fails, send the same bytes
-/// again; sealing a second time would draw second lines through the same keypoints, and their crossings are the
-/// keypoints.
+/// The features are taken by value: an image is sealed once (L7). When the network fails, send the same bytes again.
+/// Sealing a second time would draw second lines through the same keypoints, and these lines cross in the keypoints.
 ///
 /// ```compile_fail,E0382
 /// # use veiloc_obfuscation::{SealOptions, device_rng, seal};
@@ -42,9 +41,9 @@ use crate::{SealError, SealOptions};
 /// `rng`: [`crate::device_rng`] on a device; tests pass a seeded generator.
 ///
 /// # Errors
-/// [`SealError`]: no usable keypoint, all of one anchor (dcl), a position that is not finite, a
-/// camera that is not possible, descriptors of another kind than the profile's, a profile that asks for more than the
-/// device gives, or too few keypoints of a kind that has no decoys.
+/// [`SealError`]: no usable keypoint, all of one anchor (dcl), a position that is not finite, an invalid camera,
+/// descriptors of another kind than the profile's, a profile that requests more than the device allows, or too few
+/// keypoints of a kind that has no decoys.
 pub fn seal(
     features: Features,
     camera: &Intrinsics,
@@ -56,29 +55,29 @@ pub fn seal(
         .map(|(query, ())| query)
 }
 
-/// A keypoint that is kept.
+/// A keypoint that is selected for sending.
 #[derive(Clone, Copy)]
-pub(crate) struct Kept {
+pub(crate) struct SelectedKeypoint {
     pub(crate) source: usize,
     pixel: Pixel,
-    /// What is to be repeated of it.
-    told: Option<Told>,
+    /// The row to repeat, when the keypoint was sent in an earlier frame.
+    sent: Option<AnchorAngle>,
 }
 
-/// What is forgotten when a query is sealed. Only the build for evaluation looks at it.
-#[cfg_attr(not(feature = "ground-truth"), expect(dead_code, reason = "nobody but the audit reads it"))]
-pub(crate) struct Hidden<'a> {
+/// What a sealed query hides; discarded after sealing. Only the evaluation build reads it.
+#[cfg_attr(not(feature = "ground-truth"), expect(dead_code, reason = "only the audit reads it"))]
+pub(crate) struct HiddenState<'a> {
     /// The real keypoints, `[real]`.
-    pub(crate) kept: &'a [Kept],
+    pub(crate) selected: &'a [SelectedKeypoint],
     /// Positions of all rows, before dither.
-    pub(crate) places: &'a Places,
-    /// `[places]`: what was told of them, under `dcl`.
-    pub(crate) told: &'a [Told],
+    pub(crate) positions: &'a DistinctPositions,
+    /// `[positions]`: their anchor and angle, under `dcl`.
+    pub(crate) sent: &'a [AnchorAngle],
     /// `[rows]`: index before the shuffle, real keypoints first.
     pub(crate) order: &'a [usize],
 }
 
-/// Seals, and lets `look` see what is hidden before it is forgotten.
+/// Seals, and calls `look` with the hidden values before they are discarded.
 pub(crate) fn seal_frame<T>(
     features: &Features,
     camera: &Intrinsics,
@@ -86,7 +85,7 @@ pub(crate) fn seal_frame<T>(
     options: &SealOptions,
     rule: &FrameRule,
     rng: &mut impl CryptoRng,
-    look: impl FnOnce(&Hidden<'_>) -> T,
+    look: impl FnOnce(&HiddenState<'_>) -> T,
 ) -> Result<(SealedQuery, T), SealError> {
     options.bounded(profile)?;
     check(features, profile)?;
@@ -106,13 +105,13 @@ pub(crate) fn seal_frame<T>(
         .into_iter()
         .filter_map(|source| {
             let pixel = reproject(features.keypoints[source].pixel, camera, canonical)?;
-            let (is_sendable, told) = match rule.recalled(source) {
-                Recalled::New => (clear(pixel), None),
-                // Its row is out already; to leave it out now would tell that it came near a border.
-                Recalled::Same(told) => (window.contains(pixel), Some(told)),
-                Recalled::Crossed => (false, None),
+            let (is_sendable, sent) = match rule.history(source) {
+                RowHistory::New => (clear(pixel), None),
+                // It was sent before. Dropping it now would reveal that it came near a border.
+                RowHistory::Repeat(sent) => (window.contains(pixel), Some(sent)),
+                RowHistory::OtherAnchor => (false, None),
             };
-            is_sendable.then_some(Kept { source, pixel, told })
+            is_sendable.then_some(SelectedKeypoint { source, pixel, sent })
         })
         .take(options.most(profile))
         .collect::<Vec<_>>();
@@ -122,31 +121,31 @@ pub(crate) fn seal_frame<T>(
     let rows = SizeClass::for_count(usable.len()).rows();
     usable.truncate(rows);
 
-    let mut places = Places::new(usable.iter().map(|kept| kept.pixel));
-    let real_places = places.pixels.len();
+    let mut positions = DistinctPositions::new(usable.iter().map(|selected| selected.pixel));
+    let real_positions = positions.pixels.len();
     let decoys = rows - usable.len();
-    decoy::add_places(&mut places, usable.len(), decoys, size, clear, rng);
-    let mut descriptors = features.descriptors.select(usable.iter().map(|kept| kept.source));
+    decoy::add_positions(&mut positions, usable.len(), decoys, size, clear, rng);
+    let mut descriptors = features.descriptors.select(usable.iter().map(|selected| selected.source));
     decoy::add_descriptors(&mut descriptors, decoys, rng)?;
 
-    // On the grid of a session angles repeat, and what is dithered would not.
+    // With a session's grid, angles must repeat; dither would prevent that.
     let dithered: Vec<Pixel> = match rule.grid {
-        Some(_) => places.pixels.clone(),
-        None => places.pixels.iter().map(|p| dither(*p, rng)).collect(),
+        Some(_) => positions.pixels.clone(),
+        None => positions.pixels.iter().map(|p| dither(*p, rng)).collect(),
     };
-    let (lifted, told) = match &dcl {
+    let (lifted, sent) = match &dcl {
         Some(dcl) => {
-            let mut told = dcl.told_of_all(&dithered);
-            // Backwards, so that of keypoints that share a place the strongest says it.
-            for (kept, place) in usable.iter().zip(&places.of).rev() {
-                told[*place] = kept.told.unwrap_or(told[*place]);
+            let mut sent = dcl.anchor_angles(&dithered);
+            // In reverse order, so that the strongest of several keypoints at one position decides.
+            for (selected, position) in usable.iter().zip(&positions.index).rev() {
+                sent[*position] = selected.sent.unwrap_or(sent[*position]);
             }
-            let mut of = told[..real_places].iter().map(|told| told.anchor);
+            let mut of = sent[..real_positions].iter().map(|sent| sent.anchor);
             let first = of.next();
             if of.all(|anchor| Some(anchor) == first) {
                 return Err(SealError::OneSided { keypoints: usable.len() });
             }
-            (dcl.rows(&told), told)
+            (dcl.rows(&sent), sent)
         }
         None => (lift(&dithered, &pinhole, scheme, angle_bits, rng)?, Vec::new()),
     };
@@ -161,14 +160,14 @@ pub(crate) fn seal_frame<T>(
         camera: canonical,
         scheme,
         angle_bits,
-        rows: select(&lifted, order.iter().map(|&row| places.of[row])),
+        rows: select(&lifted, order.iter().map(|&row| positions.index[row])),
         descriptors: descriptors.select(order.iter().copied()),
         image_global,
         hints: options.hints(),
         turn,
     };
     let query = SealedQuery::new(profile, parts)?;
-    let seen = look(&Hidden { kept: &usable, places: &places, told: &told, order: &order });
+    let seen = look(&HiddenState { selected: &usable, positions: &positions, sent: &sent, order: &order });
     Ok((query, seen))
 }
 
@@ -191,7 +190,7 @@ pub(crate) fn check(features: &Features, profile: &Profile) -> Result<(), SealEr
     Ok(())
 }
 
-/// Indices by falling response, equal ones in the order given; a response that is no number counts as the weakest.
+/// Indices by falling response, equal ones in the given order; a response that is NaN counts as the weakest.
 fn strongest_first(features: &Features) -> Vec<usize> {
     let strength = |i: &usize| {
         let response = features.keypoints[*i].response;

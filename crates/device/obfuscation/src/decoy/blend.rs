@@ -1,16 +1,18 @@
 //! Descriptors of decoys: blends of the rows that are sent.
 //!
-//! A decoy is a row that is there, real or a decoy before it, and beside it a sum of all real rows with normal weights, in
-//! parts that leave mean and covariance what they are of real rows. It is as like the row it began from as real rows are like
-//! the nearest other one, and no row begins more than one. Numbers drawn each for itself from several rows, or quarters of
-//! RootSIFT's, as decoys were made before, lose how numbers depend on each other: products of two numbers then tell decoys of
-//! XFeat from real rows almost without fail (`tests/decoys`).
+//! A decoy is the weighted sum of an existing row, real or decoy, and a sum of all real rows with normally distributed
+//! weights. The weights preserve mean and covariance of the real rows. The similarity of a decoy to its base row is
+//! drawn from the similarities of real rows to their nearest neighbours, and no row is the base of more than one decoy.
+//! Drawing each dimension independently from several rows, or combining quarters of RootSIFT descriptors (the earlier
+//! method), loses the dependence between dimensions: a classifier on products of two dimensions then separates decoys
+//! of XFeat from real rows almost perfectly (`tests/decoys`).
 //!
-//! Numbers of coarse and of unsigned kinds are far from normal. Each is given the distribution that it has in real rows, and
-//! each row the length and the largest number of a real one. Coarse numbers are as good as independent: where there are
-//! fewer real rows than numbers, as much of a decoy lies outside of what they span as of a real row outside of what the others
-//! do, or the span would tell their count. Numbers of networks depend on each other so that all this would show: signed
-//! kinds of whole bytes only get lengths.
+//! The dimensions of coarse and unsigned kinds are far from normally distributed. Each is mapped to its distribution in
+//! the real rows, and each row gets the length and the largest value of a real row. The dimensions of coarse kinds are
+//! nearly independent. Where there are fewer real rows than dimensions, a decoy therefore gets as large a component
+//! outside of the span of the real rows as a real row has outside of the span of the others; otherwise the rank would
+//! reveal the number of real rows. The dimensions of network descriptors depend on each other, and these adjustments
+//! would be visible: signed kinds of full bytes only get their lengths adjusted.
 
 use rand::Rng;
 use rand::seq::SliceRandom as _;
@@ -19,27 +21,27 @@ use veiloc_descriptor::{Descriptors, Encoding};
 
 use super::normal;
 
-/// Fewer rows say too little of how numbers depend on each other, and decoys would come near to copies.
-pub(super) const FEWEST: usize = 3;
-/// So many are made, though fewer be wanted: their distribution is matched as a whole.
-const AT_LEAST: usize = 256;
-/// Rows among which the nearest is sought, to know how alike rows are.
-const LOOKED_AT: usize = 256;
-/// How much nearer to 1 the cosine to the row that it began from is of unsigned kinds: what their distributions are matched
-/// by takes a decoy away from it again.
-const NEARER: f64 = 0.5;
-/// Rounds of cutting and scaling that an unsigned row's length and largest number take.
-const CUTS: usize = 8;
-/// Rows that are left out in turn, to know how much of one the others do not span.
-const LEFT_OUT: usize = 20;
-/// A row is never more like the one that it began from.
-const MOST_ALIKE: f64 = 0.98;
-/// What is added, in parts of a number's usual size, to a decoy that came out as a copy.
+/// Fewer rows do not determine the dependence between dimensions, and decoys would be nearly copies.
+pub(super) const MIN_ROWS: usize = 3;
+/// At least this many are made, even if fewer are needed: their distribution is matched as a whole.
+const MIN_BLENDS: usize = 256;
+/// Number of rows searched for the nearest neighbour, to estimate how similar rows are.
+const NEIGHBOUR_SAMPLE: usize = 256;
+/// How much the cosine to the base row is moved towards 1 for unsigned kinds: matching the distributions moves a decoy
+/// away from its base row again.
+const COSINE_GAIN: f64 = 0.5;
+/// Iterations of clipping and scaling that give an unsigned row its length and largest value.
+const CLIP_ROUNDS: usize = 8;
+/// Rows that are left out in turn, to measure which part of a row the others do not span.
+const HELD_OUT: usize = 20;
+/// Largest cosine to the base row.
+const MAX_COSINE: f64 = 0.98;
+/// Noise added to a decoy that equals a real row, relative to the usual size of a value.
 const NOISE: f64 = 0.15;
-/// Nothing is divided by less.
-const TINY: f64 = 1e-9;
+/// Lower bound of divisors.
+const MIN_DIVISOR: f64 = 1e-9;
 
-/// `[count]` rows made of at least [`FEWEST`] real ones.
+/// `[count]` rows made of at least [`MIN_ROWS`] real ones.
 pub(super) fn decoys<R: Rng + ?Sized>(real: &Descriptors, count: usize, rng: &mut R) -> Vec<Vec<u8>> {
     let kind = real.kind();
     let rows: Vec<Vec<f64>> =
@@ -47,10 +49,10 @@ pub(super) fn decoys<R: Rng + ?Sized>(real: &Descriptors, count: usize, rng: &mu
     let (mean, centred) = centred(rows.iter());
     let (nearer, outside) = match kind.encoding() {
         Encoding::Signed => (0.0, 0.0),
-        Encoding::Unsigned => (NEARER, 0.0),
+        Encoding::Unsigned => (COSINE_GAIN, 0.0),
         Encoding::Coarse => (0.0, outside(&rows)),
     };
-    let mut blended = blend(centred, nearer, outside, count.max(AT_LEAST), rng);
+    let mut blended = blend(centred, nearer, outside, count.max(MIN_BLENDS), rng);
     for row in &mut blended {
         row.iter_mut().zip(&mean).for_each(|(value, mean)| *value += mean);
     }
@@ -59,12 +61,12 @@ pub(super) fn decoys<R: Rng + ?Sized>(real: &Descriptors, count: usize, rng: &mu
     }
     blended.truncate(count);
     for row in &mut blended {
-        let like = &rows[rng.random_range(0..rows.len())];
-        let (wanted, most) = (length(like), largest(like).1);
-        bring_to(row, wanted);
+        let reference = &rows[rng.random_range(0..rows.len())];
+        let (wanted, most) = (length(reference), largest(reference).1);
+        scale_to(row, wanted);
         match kind.encoding() {
             Encoding::Signed => (),
-            Encoding::Unsigned => cut(row, most, wanted),
+            Encoding::Unsigned => clip(row, most, wanted),
             Encoding::Coarse => match_largest(row, most, wanted),
         }
     }
@@ -75,7 +77,7 @@ pub(super) fn decoys<R: Rng + ?Sized>(real: &Descriptors, count: usize, rng: &mu
         if (0..real.len()).all(|other| real.row(other) != made) {
             return made;
         }
-        // Rows that are all alike blend to themselves.
+        // If all rows are equal, their blends equal them too.
         for value in &mut row {
             *value += NOISE * unit.max(1.0) * normal(rng);
         }
@@ -83,7 +85,7 @@ pub(super) fn decoys<R: Rng + ?Sized>(real: &Descriptors, count: usize, rng: &mu
     blended.into_iter().map(differing).collect()
 }
 
-/// `[count]` blends of rows whose mean is zero; of the sums, the part `outside` is of numbers drawn each for itself.
+/// `[count]` blends of centred rows; the share `outside` of each sum is independent noise per dimension.
 fn blend<R: Rng + ?Sized>(
     mut centred: Vec<Vec<f64>>,
     nearer: f64,
@@ -92,17 +94,17 @@ fn blend<R: Rng + ?Sized>(
     rng: &mut R,
 ) -> Vec<Vec<f64>> {
     centred.shuffle(rng);
-    let alike = likeness(&centred, rng);
+    let cosines = neighbour_cosines(&centred, rng);
     let deviation = |i: usize| mean_of(centred.iter().map(|row| row[i] * row[i])).sqrt();
     let deviations: Vec<f64> = (0..centred[0].len()).map(deviation).collect();
     let mut all = centred.clone();
-    for begins in 0..count {
-        let part = alike[rng.random_range(0..alike.len())];
+    for base in 0..count {
+        let part = cosines[rng.random_range(0..cosines.len())];
         let part = part + (1.0 - part) * nearer;
         let rest = (1.0 - part * part).sqrt();
         let weights: Vec<f64> = centred.iter().map(|_| normal(rng)).collect();
-        let inside = rest * (1.0 - outside).sqrt() / length(&weights).max(TINY);
-        let mut row = all[begins].clone();
+        let inside = rest * (1.0 - outside).sqrt() / length(&weights).max(MIN_DIVISOR);
+        let mut row = all[base].clone();
         scale(&mut row, part);
         for (other, weight) in centred.iter().zip(weights) {
             row.iter_mut().zip(other).for_each(|(value, other)| *value += inside * weight * other);
@@ -116,7 +118,7 @@ fn blend<R: Rng + ?Sized>(
     all.split_off(centred.len())
 }
 
-/// What of a row lies outside of what the others span, 0 to 1, in the mean of some rows.
+/// The share of a row that lies outside of the span of the others, 0 to 1, averaged over some rows.
 fn outside(rows: &[Vec<f64>]) -> f64 {
     if rows.len() > rows[0].len() + 1 {
         return 0.0;
@@ -129,7 +131,7 @@ fn outside(rows: &[Vec<f64>]) -> f64 {
         // Gram and Schmidt.
         while let Some(mut direction) = others.pop() {
             let own = length(&direction);
-            if own > TINY * whole {
+            if own > MIN_DIVISOR * whole {
                 scale(&mut direction, 1.0 / own);
                 others.iter_mut().chain([&mut left]).for_each(|row| {
                     let along = dot(row, &direction);
@@ -137,12 +139,12 @@ fn outside(rows: &[Vec<f64>]) -> f64 {
                 });
             }
         }
-        (length(&left) / whole.max(TINY)).powi(2).min(1.0)
+        (length(&left) / whole.max(MIN_DIVISOR)).powi(2).min(1.0)
     };
-    mean_of((0..rows.len().min(LEFT_OUT)).map(of_row))
+    mean_of((0..rows.len().min(HELD_OUT)).map(of_row))
 }
 
-/// The mean, and the rows less it.
+/// The mean, and the rows minus the mean.
 fn centred<'a>(rows: impl Iterator<Item = &'a Vec<f64>> + Clone) -> (Vec<f64>, Vec<Vec<f64>>) {
     let mut mean = Vec::new();
     let mut count = 0.0;
@@ -159,24 +161,24 @@ fn centred<'a>(rows: impl Iterator<Item = &'a Vec<f64>> + Clone) -> (Vec<f64>, V
     (mean, rows)
 }
 
-/// Of some rows, the cosine to the one that is most like it, 0 to [`MOST_ALIKE`].
-fn likeness<R: Rng + ?Sized>(centred: &[Vec<f64>], rng: &mut R) -> Vec<f64> {
-    let chosen = sample(rng, centred.len(), centred.len().min(LOOKED_AT)).into_vec();
+/// For some rows, the cosine to their nearest neighbour, 0 to [`MAX_COSINE`].
+fn neighbour_cosines<R: Rng + ?Sized>(centred: &[Vec<f64>], rng: &mut R) -> Vec<f64> {
+    let chosen = sample(rng, centred.len(), centred.len().min(NEIGHBOUR_SAMPLE)).into_vec();
     let directions: Vec<Vec<f64>> = (chosen.into_iter())
         .map(|row| {
             let mut direction = centred[row].clone();
-            bring_to(&mut direction, 1.0);
+            scale_to(&mut direction, 1.0);
             direction
         })
         .collect();
     let nearest = |(i, row): (usize, &Vec<f64>)| {
         let others = directions.iter().enumerate().filter(|(j, _)| i != *j);
-        others.map(|(_, other)| dot(row, other)).fold(0.0, f64::max).min(MOST_ALIKE)
+        others.map(|(_, other)| dot(row, other)).fold(0.0, f64::max).min(MAX_COSINE)
     };
     directions.iter().enumerate().map(nearest).collect()
 }
 
-/// Number `i` of each row becomes the one of the same rank among those of the real rows.
+/// Replaces value `i` of each row by the value of the same rank among the real rows.
 fn match_distribution(rows: &mut [Vec<f64>], real: &[Vec<f64>], i: usize) {
     let mut wanted: Vec<f64> = real.iter().map(|row| row[i]).collect();
     wanted.sort_by(f64::total_cmp);
@@ -190,26 +192,26 @@ fn match_distribution(rows: &mut [Vec<f64>], real: &[Vec<f64>], i: usize) {
     }
 }
 
-/// The largest number becomes `most` in magnitude, the others make up the rest of the length.
+/// Sets the largest value to magnitude `most` and scales the others so that the length is `wanted`.
 fn match_largest(row: &mut [f64], most: f64, wanted: f64) {
-    let (place, value) = largest(row);
+    let (index, value) = largest(row);
     let rest = (length(row).powi(2) - value * value).max(0.0).sqrt();
-    let sign = row[place].signum();
-    scale(row, (wanted * wanted - most * most).max(0.0).sqrt() / rest.max(TINY));
-    row[place] = sign * most;
+    let sign = row[index].signum();
+    scale(row, (wanted * wanted - most * most).max(0.0).sqrt() / rest.max(MIN_DIVISOR));
+    row[index] = sign * most;
 }
 
-/// No number is larger, and the length is this; about.
-fn cut(row: &mut [f64], most: f64, wanted: f64) {
-    for _ in 0..CUTS {
+/// Clips values to `most` and scales to length `wanted`, both approximately.
+fn clip(row: &mut [f64], most: f64, wanted: f64) {
+    for _ in 0..CLIP_ROUNDS {
         for value in row.iter_mut() {
             *value = value.min(most);
         }
-        bring_to(row, wanted);
+        scale_to(row, wanted);
     }
 }
 
-/// Where the number of largest magnitude stands, and this magnitude.
+/// Index of the value with the largest magnitude, and this magnitude.
 fn largest(row: &[f64]) -> (usize, f64) {
     let all = row.iter().map(|value| value.abs()).enumerate();
     all.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
@@ -223,10 +225,10 @@ fn length(row: &[f64]) -> f64 {
     dot(row, row).sqrt()
 }
 
-/// To this length.
-fn bring_to(row: &mut [f64], wanted: f64) {
+/// Scales to this length.
+fn scale_to(row: &mut [f64], wanted: f64) {
     let own = length(row);
-    scale(row, wanted / own.max(TINY));
+    scale(row, wanted / own.max(MIN_DIVISOR));
 }
 
 fn scale(row: &mut [f64], by: f64) {

@@ -1,10 +1,10 @@
 //! Decoys: features that fill a query up to the smallest size class (rule L5).
 //!
-//! Its position is drawn around the positions of real keypoints. Its descriptor is made of descriptors of real rows that
-//! are sent, and of nothing else: neither of others of the image, nor of anything that a profile says, which somebody could choose
-//! so that decoys stand out ([`blend`]).
+//! A decoy's position is drawn around the positions of real keypoints. Its descriptor is computed only from descriptors
+//! of real rows that are sent: not from other descriptors of the image, and not from anything in a profile, which an
+//! attacker could choose so that decoys stand out ([`blend`]).
 //!
-//! `docs/reference/privacy-rules.md` has the figures of how well they hide, `tests/decoys` measures them.
+//! `docs/privacy.md` reports how well decoys hide; `tests/decoys` measures it.
 
 mod blend;
 
@@ -13,47 +13,48 @@ use veiloc_descriptor::Descriptors;
 use veiloc_geometry::Pixel;
 
 use crate::SealError;
-use crate::places::Places;
+use crate::positions::DistinctPositions;
 
 /// Spread of a decoy about the keypoint it is drawn from, as a part of the image's longer side.
 const SPREAD: f64 = 0.05;
 
-/// Appends `count` decoys to the places of `real` keypoints.
+/// Appends `count` decoys to the positions of `real` keypoints.
 ///
-/// As often as real keypoints share a place, decoys do; else they lie around a real one, where `allowed`.
-pub(crate) fn add_places<R: Rng + ?Sized>(
-    places: &mut Places,
+/// Decoys share positions as often as real keypoints do; otherwise they lie around a real one, where `allowed`.
+pub(crate) fn add_positions<R: Rng + ?Sized>(
+    positions: &mut DistinctPositions,
     real: usize,
     count: usize,
     size: [u32; 2],
     allowed: impl Fn(Pixel) -> bool,
     rng: &mut R,
 ) {
-    let distinct = places.pixels.len();
+    let distinct = positions.pixels.len();
     let shared = 1.0 - distinct as f64 / real as f64;
     let spread = SPREAD * f64::from(size[0].max(size[1]));
     for decoy in 0..count {
         if decoy > 0 && rng.random::<f64>() < shared {
-            places.of.push(places.pixels.len() - 1);
+            positions.index.push(positions.pixels.len() - 1);
             continue;
         }
-        let place = places.of[rng.random_range(0..real)];
-        let around = places.pixels[place];
+        let position = positions.index[rng.random_range(0..real)];
+        let around = positions.pixels[position];
         let invented = (0..100)
             .map(|_| Pixel::new(around.u + spread * normal(rng), around.v + spread * normal(rng)))
             .find(|p| allowed(*p));
         match invented {
             Some(pixel) => {
-                places.of.push(places.pixels.len());
-                places.pixels.push(pixel);
+                positions.index.push(positions.pixels.len());
+                positions.pixels.push(pixel);
             }
-            // Hardly any surroundings are allowed: share the place, for a second one there would betray it.
-            None => places.of.push(place),
+            // Hardly any surrounding position is allowed: share the position, because a second one there would identify
+            // the decoy.
+            None => positions.index.push(position),
         }
     }
 }
 
-/// Appends `count` decoys made of the rows that are there, which are the real ones that are sent.
+/// Appends `count` decoys made of the rows in `sent`, which are the real ones.
 pub(crate) fn add_descriptors<R: Rng + ?Sized>(
     sent: &mut Descriptors,
     count: usize,
@@ -63,7 +64,7 @@ pub(crate) fn add_descriptors<R: Rng + ?Sized>(
         return Ok(());
     }
     let kind = sent.kind();
-    if !kind.can_be_blended() || sent.len() < blend::FEWEST {
+    if !kind.can_be_blended() || sent.len() < blend::MIN_ROWS {
         return Err(SealError::NoDecoys { kind: kind.name().to_owned(), keypoints: sent.len() });
     }
     let rows = blend::decoys(sent, count, rng);

@@ -1,6 +1,6 @@
-//! The obfuscation schemes, one a file: from dithered positions to rows. Shared by sealing and by evaluation.
+//! The obfuscation schemes, one per file: from dithered positions to rows. Sealing and evaluation share them.
 //!
-//! | scheme | what is sent of a keypoint `x` | file |
+//! | scheme | what is sent for a keypoint `x` | file |
 //! |---|---|---|
 //! | `points` | `x` | [`points`] |
 //! | `random-lines` | a line of random direction through `x` | [`random_lines`] |
@@ -21,10 +21,10 @@ use crate::SealError;
 use crate::rule::FrameRule;
 use dcl::DclLift;
 
-/// One row per place, of a frame for itself. `dithered` are positions in an image of this camera, whose principal point is the
-/// image's centre.
+/// One row per position, for a single frame outside of a session. `dithered` are positions in an image of this camera,
+/// whose principal point is the image's centre.
 ///
-/// The error names the index of a place.
+/// The error names the index of a position.
 ///
 /// # Panics
 /// For a camera without size or focal length.
@@ -44,7 +44,7 @@ pub(crate) fn lift<R: Rng + ?Sized>(
         Scheme::Dcl(layout) => {
             let rule = FrameRule::default();
             let dcl = DclLift::new(layout, camera, &rule, bits);
-            Ok(dcl.rows(&dcl.told_of_all(dithered)))
+            Ok(dcl.rows(&dcl.anchor_angles(dithered)))
         }
     }
 }
@@ -59,7 +59,7 @@ pub(crate) fn select(rows: &Rows, order: impl Iterator<Item = usize> + Clone) ->
     }
 }
 
-/// Rows of all places, or the first that has none.
-fn each<P, T>(places: &[P], row: impl Fn(&P) -> Option<T>) -> Result<Vec<T>, SealError> {
-    places.iter().enumerate().map(|(index, p)| row(p).ok_or(SealError::TooFar { index })).collect()
+/// Rows of all positions, or an error with the index of the first position that has none.
+fn each<P, T>(positions: &[P], row: impl Fn(&P) -> Option<T>) -> Result<Vec<T>, SealError> {
+    positions.iter().enumerate().map(|(index, p)| row(p).ok_or(SealError::TooFar { index })).collect()
 }

@@ -1,7 +1,7 @@
 //! `points`: no protection. The position itself is sent, from the centre of the image.
 //!
-//! The baseline that the paper compares with (hloc on plain keypoints, Sec. 5). Of what is sent here, all is a keypoint but for
-//! the dither of half a pixel and the rounding to quarter pixels ([`PositionRow`]).
+//! The baseline of the paper's comparison (hloc on plain keypoints, Sec. 5). Only the dither of half a pixel and the
+//! rounding to quarter pixels change the position ([`PositionRow`]).
 
 use veiloc_protocol::{PositionRow, Rows};
 

@@ -1,39 +1,42 @@
-//! How a frame is turned against what the session has seen: the rotation that the directions of matched keypoints agree on.
+//! Rotation of a frame relative to the session's layout, estimated from the directions of matched keypoints.
 //!
-//! A camera that rests or turns on the spot sees every direction turned by one rotation, which keypoints tell better than a
-//! gyroscope. A camera that moves sees parallax, no rotation fits, and what the device measured is believed.
+//! A camera that rests or turns on the spot sees all directions rotated by one rotation, which keypoints determine more
+//! accurately than a gyroscope. A moving camera sees parallax: no rotation fits, and the measured rotation is used.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// Directions of one thing: unit vectors in the layout's frame and in the camera's.
+/// Two directions of one scene point: unit vectors in the layout's frame and in the camera's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pair {
+pub(super) struct DirectionPair {
     pub(super) layout: Vector3<f64>,
     pub(super) camera: Vector3<f64>,
 }
 
-/// Angles within which pairs agree, from coarse to fine, degrees.
-const WITHIN_DEG: [f64; 5] = [2.0, 1.0, 0.5, 0.3, AGREE_DEG];
-/// Pairs that agree are at most this far apart, degrees: a pixel or two.
-const AGREE_DEG: f64 = 0.2;
-/// Fewest pairs that tell a rotation, and their share, with and without a measured one to compare with. Without, two thirds must
-/// agree, so that it is no chance and no surface that a moving camera sees like a turning one.
-const FEWEST: usize = 12;
-const SHARE: f64 = 0.4;
-const FEWEST_ALONE: usize = 30;
-const SHARE_ALONE: f64 = 0.67;
-/// Rotations of two pairs that are tried where none was measured.
-const DRAWS: usize = 300;
+/// Inlier thresholds of the successive refinements, from coarse to fine, degrees.
+const THRESHOLDS_DEG: [f64; 5] = [2.0, 1.0, 0.5, 0.3, INLIER_DEG];
+/// Final inlier threshold, degrees: a pixel or two.
+const INLIER_DEG: f64 = 0.2;
+/// Minimum number and share of inliers, with a measured rotation and without one. Without, two thirds must be inliers;
+/// this excludes chance, and surfaces whose parallax resembles a rotation.
+const MIN_INLIERS: usize = 12;
+const MIN_INLIER_SHARE: f64 = 0.4;
+const MIN_INLIERS_UNMEASURED: usize = 30;
+const MIN_SHARE_UNMEASURED: f64 = 0.67;
+/// Two-pair samples that are tried where no rotation was measured.
+const SAMPLES: usize = 300;
 
-/// The rotation near a measured one that the pairs agree on; the measured one where they agree on none within `limit` of it,
-/// radians.
-pub(super) fn refined(pairs: &[Pair], cam_from_layout: Rotation3<f64>, limit: f64) -> Rotation3<f64> {
-    match settled(pairs, cam_from_layout) {
+/// The rotation near a measured one that fits the pairs; the measured one if none within `limit` (radians) of it fits.
+pub(super) fn refine_rotation(
+    pairs: &[DirectionPair],
+    cam_from_layout: Rotation3<f64>,
+    limit: f64,
+) -> Rotation3<f64> {
+    match refit(pairs, cam_from_layout) {
         Some((found, agree))
-            if agree >= FEWEST
-                && agree as f64 >= SHARE * pairs.len() as f64
+            if agree >= MIN_INLIERS
+                && agree as f64 >= MIN_INLIER_SHARE * pairs.len() as f64
                 && found.angle_to(&cam_from_layout) <= limit =>
         {
             found
@@ -42,11 +45,12 @@ pub(super) fn refined(pairs: &[Pair], cam_from_layout: Rotation3<f64>, limit: f6
     }
 }
 
-/// The rotation that nearly all pairs agree on, where none was measured; `None` when the camera has moved, or sees something else.
+/// The rotation that fits nearly all pairs, without a measured one; `None` when the camera has moved, or sees another
+/// scene.
 ///
-/// Equal for equal pairs.
-pub(super) fn seen(pairs: &[Pair]) -> Option<Rotation3<f64>> {
-    if pairs.len() < FEWEST_ALONE {
+/// Deterministic: equal pairs give equal results.
+pub(super) fn estimate_rotation(pairs: &[DirectionPair]) -> Option<Rotation3<f64>> {
+    if pairs.len() < MIN_INLIERS_UNMEASURED {
         return None;
     }
     let mut rng = ChaCha8Rng::seed_from_u64(pairs.len() as u64);
@@ -59,36 +63,37 @@ pub(super) fn seen(pairs: &[Pair]) -> Option<Rotation3<f64>> {
         let rotation = frame(a.camera, b.camera)? * frame(a.layout, b.layout)?.transpose();
         Some(Rotation3::from_matrix_unchecked(rotation))
     };
-    let tried: Vec<Rotation3<f64>> = (0..DRAWS).filter_map(of_two).collect();
-    let best = tried.iter().max_by_key(|r| agreeing(pairs, r, WITHIN_DEG[2]).count())?;
-    let (found, agree) = settled(pairs, *best)?;
-    (agree >= FEWEST_ALONE && agree as f64 >= SHARE_ALONE * pairs.len() as f64).then_some(found)
+    let tried: Vec<Rotation3<f64>> = (0..SAMPLES).filter_map(of_two).collect();
+    let best = tried.iter().max_by_key(|r| inliers(pairs, r, THRESHOLDS_DEG[2]).count())?;
+    let (found, agree) = refit(pairs, *best)?;
+    (agree >= MIN_INLIERS_UNMEASURED && agree as f64 >= MIN_SHARE_UNMEASURED * pairs.len() as f64)
+        .then_some(found)
 }
 
-fn agreeing<'a>(
-    pairs: &'a [Pair],
+fn inliers<'a>(
+    pairs: &'a [DirectionPair],
     rotation: &Rotation3<f64>,
     degrees: f64,
-) -> impl Iterator<Item = &'a Pair> + use<'a> {
+) -> impl Iterator<Item = &'a DirectionPair> + use<'a> {
     let (rotation, within) = (*rotation, degrees.to_radians().cos());
     pairs.iter().filter(move |p| (rotation * p.layout).dot(&p.camera) >= within)
 }
 
-/// Least squares on the pairs that agree, again and again; and how many do in the end.
-fn settled(pairs: &[Pair], start: Rotation3<f64>) -> Option<(Rotation3<f64>, usize)> {
+/// Repeated least squares on the inliers; returns the rotation and the final number of inliers.
+fn refit(pairs: &[DirectionPair], start: Rotation3<f64>) -> Option<(Rotation3<f64>, usize)> {
     let mut rotation = start;
-    for degrees in WITHIN_DEG {
-        rotation = least_squares(agreeing(pairs, &rotation, degrees))?;
+    for degrees in THRESHOLDS_DEG {
+        rotation = least_squares(inliers(pairs, &rotation, degrees))?;
     }
-    Some((rotation, agreeing(pairs, &rotation, AGREE_DEG).count()))
+    Some((rotation, inliers(pairs, &rotation, INLIER_DEG).count()))
 }
 
 /// The rotation with the least sum of squares (Kabsch, 1976).
-fn least_squares<'a>(pairs: impl Iterator<Item = &'a Pair>) -> Option<Rotation3<f64>> {
+fn least_squares<'a>(pairs: impl Iterator<Item = &'a DirectionPair>) -> Option<Rotation3<f64>> {
     let covariance: Matrix3<f64> = pairs.map(|p| p.camera * p.layout.transpose()).sum();
     let svd = covariance.svd(true, true);
     let (u, v_t) = (svd.u?, svd.v_t?);
-    // Directions that all lie in a plane or less leave a rotation open.
+    // Coplanar directions do not determine a rotation.
     (svd.singular_values[1] > 1e-6).then_some(())?;
     let mirrored = (u * v_t).determinant() < 0.0;
     let fix = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, if mirrored { -1.0 } else { 1.0 }));
@@ -99,8 +104,8 @@ fn least_squares<'a>(pairs: impl Iterator<Item = &'a Pair>) -> Option<Rotation3<
 mod tests {
     use super::*;
 
-    /// Pairs seen by a camera turned so; those beyond `right` go wrong, all are moved by noise (radians).
-    fn pairs(turn: &Rotation3<f64>, count: usize, right: usize, noise: f64) -> Vec<Pair> {
+    /// Pairs of a camera with this rotation; those from index `right` on are outliers; all have noise (radians).
+    fn pairs(turn: &Rotation3<f64>, count: usize, right: usize, noise: f64) -> Vec<DirectionPair> {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let mut step = |most: f64| most * rng.random_range(-1.0..=1.0);
         (0..count)
@@ -109,39 +114,39 @@ mod tests {
                 let moved = Vector3::new(step(noise), step(noise), step(noise));
                 let wrong = Vector3::new(step(0.6), step(0.45), 1.0).normalize();
                 let camera = if i < right { (turn * layout + moved).normalize() } else { wrong };
-                Pair { layout, camera }
+                DirectionPair { layout, camera }
             })
             .collect()
     }
 
     #[test]
-    fn a_turn_is_found_among_wrong_pairs() {
+    fn rotation_is_found_among_outliers() {
         let turn = Rotation3::from_euler_angles(0.2, -0.3, 0.4);
         let pairs = pairs(&turn, 200, 160, 1e-3);
-        let found = seen(&pairs).expect("most agree");
+        let found = estimate_rotation(&pairs).expect("most agree");
         assert!(found.angle_to(&turn) < 3e-4, "{}", found.angle_to(&turn));
         let measured = Rotation3::from_euler_angles(0.2, -0.297, 0.4);
-        assert!(refined(&pairs, measured, 0.01).angle_to(&turn) < 3e-4);
-        // What is farther from the measured one than that errs is parallax.
-        assert_eq!(refined(&pairs, measured, 0.001), measured);
+        assert!(refine_rotation(&pairs, measured, 0.01).angle_to(&turn) < 3e-4);
+        // A rotation farther from the measured one than the allowed error is parallax.
+        assert_eq!(refine_rotation(&pairs, measured, 0.001), measured);
     }
 
     #[test]
-    fn what_agrees_on_no_rotation_tells_none() {
+    fn inconsistent_pairs_give_no_rotation() {
         let turn = Rotation3::from_euler_angles(0.2, -0.3, 0.4);
         for (count, right) in [(200, 100), (29, 29), (0, 0), (200, 0)] {
-            assert!(seen(&pairs(&turn, count, right, 1e-3)).is_none(), "{right} of {count}");
+            assert!(estimate_rotation(&pairs(&turn, count, right, 1e-3)).is_none(), "{right} of {count}");
         }
-        assert_eq!(refined(&pairs(&turn, 200, 60, 1e-3), turn, 0.01), turn);
-        assert_eq!(refined(&[], turn, 0.01), turn);
-        // All in one place.
-        let one = Pair { layout: Vector3::z(), camera: turn * Vector3::z() };
-        assert!(seen(&[one; 50]).is_none());
-        // A camera that moved sideways before things at different depths.
+        assert_eq!(refine_rotation(&pairs(&turn, 200, 60, 1e-3), turn, 0.01), turn);
+        assert_eq!(refine_rotation(&[], turn, 0.01), turn);
+        // All directions equal.
+        let one = DirectionPair { layout: Vector3::z(), camera: turn * Vector3::z() };
+        assert!(estimate_rotation(&[one; 50]).is_none());
+        // A camera that moved sideways in front of points at different depths.
         let parallax = pairs(&Rotation3::identity(), 200, 200, 0.0).into_iter().enumerate().map(|(i, p)| {
             let camera = (p.layout * (2.0 + i as f64 / 50.0) + Vector3::x() * 0.1).normalize();
-            Pair { camera, ..p }
+            DirectionPair { camera, ..p }
         });
-        assert!(seen(&parallax.collect::<Vec<_>>()).is_none());
+        assert!(estimate_rotation(&parallax.collect::<Vec<_>>()).is_none());
     }
 }

@@ -1,11 +1,13 @@
-//! A session as bytes, for the device's own disk: it holds a key and what the frames' keypoints saw, and is sent to nobody.
+//! A session as bytes, for the device's own disk: it holds a key and the directions of keypoints, and must never be
+//! sent.
 //!
 //! # Form
-//! Numbers are little endian; directions and rotations are `f64`. `VSESSION`, version (u32); anchors (u8), band, correction, step (f64), memory
-//! (u8), most starts (u32, all ones for any number); key (32 bytes); frames, starts (u32); 1 or 0 for a start, and if there is one
-//! the scheme as text (u16 length), camera (3 × u32), 1 or 0 for an orientation and its matrix by columns (9 × f64); number of
-//! landmarks (u32), and if there are any the descriptor kind, then of each direction (3 × f64), anchor (u8), angle (f64), start, frame
-//! (u32), and their descriptors; SHA-256 of all before.
+//! Numbers are little endian; directions and rotations are `f64`. `VSESSION`, version (u32); anchors (u8), band,
+//! correction, step (f64), memory (u8), most starts (u32, all ones for any number); key (32 bytes); frames, starts
+//! (u32); 1 or 0 for a start, and if there is one the scheme as text (u16 length), camera (3 × u32), 1 or 0 for an
+//! orientation and its matrix by columns (9 × f64); number of landmarks (u32), and if there are any the descriptor
+//! kind, then of each direction (3 × f64), anchor (u8), angle (f64), start, frame (u32), and their descriptors; SHA-256
+//! of all before.
 
 use crate::SealError;
 use sha2::{Digest as _, Sha256};
@@ -14,18 +16,18 @@ use veiloc_geometry::Anchor;
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_protocol::{CanonicalCamera, Scheme};
 
-use super::memory::{Landmark, MOST, Memory};
+use super::memory::{Landmark, MAX_LANDMARKS, Memory};
 use super::{Session, SessionAnchors, SessionOptions, Start};
-use crate::schemes::dcl::Told;
+use crate::schemes::dcl::AnchorAngle;
 
 const MAGIC: &[u8; 8] = b"VSESSION";
 const VERSION: u32 = 1;
 const SUM: usize = 32;
-/// Stands for any number of starts.
+/// Stands for an unlimited number of starts.
 const ANY: u32 = u32::MAX;
 
 impl Session {
-    /// All of it, its secrets too: for the device's own disk, readable by nobody else.
+    /// All of the session, including its secrets: for the device's own disk, in a file that only its owner can read.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut out = Writer(Vec::new());
         out.bytes(MAGIC);
@@ -60,10 +62,10 @@ impl Session {
         out.word(self.memory.landmarks.len() as u32);
         if let Some(descriptors) = self.memory.descriptors.as_ref().filter(|d| !d.is_empty()) {
             out.bytes(&descriptors.kind().to_bytes());
-            for Landmark { direction, told, start, seen } in &self.memory.landmarks {
+            for Landmark { direction, sent, start, seen } in &self.memory.landmarks {
                 out.numbers(direction.as_slice());
-                out.byte(told.anchor.index() as u8);
-                out.numbers(&[told.angle]);
+                out.byte(sent.anchor.index() as u8);
+                out.numbers(&[sent.angle]);
                 out.word(*start);
                 out.word(*seen);
             }
@@ -74,7 +76,7 @@ impl Session {
         out.0
     }
 
-    /// The reverse.
+    /// The inverse of [`Self::to_bytes`].
     ///
     /// # Errors
     /// [`SealError`] for anything but what [`Self::to_bytes`] wrote.
@@ -92,7 +94,7 @@ impl Session {
         if Sha256::digest(body).as_slice() != sum {
             return Err(damaged("checksum"));
         }
-        // Behind the checksum only a program that wrote nonsense is left; it is refused all the same.
+        // With a valid checksum, only a faulty program can have written invalid values; they are rejected all the same.
         let mut reader = Reader(body.get(MAGIC.len() + 4..).ok_or(damaged("length"))?);
         let anchors = match reader.byte()? {
             0 => SessionAnchors::Image,
@@ -185,7 +187,7 @@ impl<'a> Reader<'a> {
         Ok(u32::from_le_bytes(self.array()?))
     }
 
-    /// Finite ones.
+    /// Reads finite numbers.
     fn numbers<const N: usize>(&mut self) -> Result<[f64; N], SealError> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
@@ -225,7 +227,7 @@ impl<'a> Reader<'a> {
         if count == 0 {
             return Ok(Memory::default());
         }
-        if count > MOST {
+        if count > MAX_LANDMARKS {
             return Err(damaged());
         }
         let kind = DescriptorKind::from_bytes(&self.array()?).map_err(|_| damaged())?;
@@ -239,7 +241,7 @@ impl<'a> Reader<'a> {
             if (direction.norm() - 1.0).abs() > 1e-6 || start > starts {
                 return Err(damaged());
             }
-            landmarks.push(Landmark { direction, told: Told { anchor, angle }, start, seen });
+            landmarks.push(Landmark { direction, sent: AnchorAngle { anchor, angle }, start, seen });
         }
         let bytes = self.bytes(count * kind.dim())?.to_vec();
         let descriptors = Descriptors::new(kind, bytes).map_err(|_| damaged())?;

@@ -1,33 +1,33 @@
-//! Sessions: frames of one device and one place that share their anchors in the world (rule L10).
+//! Sessions: frames of one device in one scene that share their anchors in the world (rule L10).
 //!
-//! Two lines of one keypoint from anchors that turn with the camera meet in the keypoint. Where the anchors are directions
-//! held fixed in the **world**, every plane of a keypoint holds the same direction through every camera centre, and no number
-//! of frames fixes it. So the first frame of a session says where its layout is, and every later one turns the layout into its
-//! camera by the orientation that the device measured against the first ([`Orientation`]).
+//! If anchors turn with the camera, two lines of one keypoint meet in the keypoint. If the anchors are directions fixed
+//! in the **world**, all planes of a scene point contain that direction through every camera centre, and no number of
+//! frames determines the point. Therefore the first frame of a session defines the layout, and every later frame
+//! rotates the layout into its camera by the orientation that the device measured relative to the first frame
+//! ([`Orientation`]).
 //!
 //! What a session adds to [`crate::seal`]:
-//! - **The layout stays in the world**, anchors and sectors ([`SessionAnchors`]); the query tells how it is turned.
-//! - **A band** along the borders of sectors is left out: what lies there may belong to another anchor in the next frame, and
-//!   two lines of two anchors cross in the keypoint ([`SessionOptions::band_deg`]).
-//! - **Angles are told on a grid** that is fixed with the anchors, in place of a dither drawn anew: a keypoint that is seen again
-//!   at its angle is told by the same code, and does not scatter ([`SessionOptions::step`]).
+//! - **The layout is fixed in the world**, anchors and sectors ([`SessionAnchors`]); the query contains its rotation.
+//! - **Keypoints near sector borders are dropped**: in the next frame they may belong to another anchor, and two lines
+//!   of two anchors cross in the keypoint ([`SessionOptions::band_deg`]).
+//! - **Angles are quantized on a grid** that is fixed with the anchors, instead of a new dither per frame: a keypoint
+//!   that is seen again at the same angle gets the same code and does not scatter ([`SessionOptions::step`]).
+//! - **Sent rows are stored**: a keypoint that is seen again is sent as the same row, or dropped where it would now
+//!   belong to another anchor ([`SessionOptions::memory`]).
 //!
-//! - **What was told is remembered** and told again by the very same row, or left out where it would belong to another anchor now
-//!   ([`SessionOptions::memory`]).
+//! When the camera has turned so far that nearly all keypoints belong to one anchor, the layout is placed anew, and
+//! keypoints that were sent before are dropped.
 //!
-//! Where the camera has turned so far that nearly all keypoints belong to one anchor, the layout is put where it serves again, and
-//! what was told before is left out.
-//!
-//! A frame without orientation is still of the session when nearly all that is seen again says that the camera rested or turned on
-//! the spot. Otherwise it can share nothing with others and starts anew, and one place sees only so many starts
-//! ([`SessionOptions::most_starts`]).
+//! A frame without orientation still belongs to the session when nearly all recognized keypoints agree that the camera
+//! rested or turned on the spot. Otherwise it shares nothing with earlier frames and starts anew; the number of starts
+//! per scene is limited ([`SessionOptions::most_starts`]).
 
 mod align;
 mod bytes;
 mod memory;
 mod options;
 mod orientation;
-mod place;
+mod placement;
 
 use rand::CryptoRng;
 use veiloc_features::Features;
@@ -39,15 +39,15 @@ pub use options::{SessionAnchors, SessionAnchorsError, SessionOptions};
 pub use orientation::Orientation;
 
 use memory::Memory;
-use place::place;
+use placement::place_layout;
 
 use crate::grid::AngleGrid;
-use crate::rule::{FrameRule, Recalled};
+use crate::rule::{FrameRule, RowHistory};
 use crate::schemes::dcl::pencils;
-use crate::seal::{Hidden, Kept, check, seal_frame};
+use crate::seal::{HiddenState, SelectedKeypoint, check, seal_frame};
 use crate::{SealError, SealOptions};
 
-/// What the frames of one place share: held by the device, and by nobody else.
+/// What the frames of one scene share. Only the device holds it.
 ///
 /// ```
 /// # use rand::Rng;
@@ -58,8 +58,8 @@ use crate::{SealError, SealOptions};
 /// # let kind = DescriptorKind::ROOT_SIFT;
 /// # let profile = veiloc_protocol::Profile::vlad(Vocabulary::new(Descriptors::new(kind, vec![20; 2 * 128])?)?);
 /// # let features = || -> Features {
-/// #     let place = |i: u32| Pixel::new(f64::from(20 + i * 97 % 600), f64::from(20 + i * 61 % 440));
-/// #     let keypoints = (0..300).map(|i| Keypoint { pixel: place(i), scale: 2.0, orientation: 0.0, response: 1.0 });
+/// #     let pixel = |i: u32| Pixel::new(f64::from(20 + i * 97 % 600), f64::from(20 + i * 61 % 440));
+/// #     let keypoints = (0..300).map(|i| Keypoint { pixel: pixel(i), scale: 2.0, orientation: 0.0, response: 1.0 });
 /// #     let bytes = (0..300 * 128_u32).map(|i| (i * 31 % 90) as u8).collect();
 /// #     Features { keypoints: keypoints.collect(), descriptors: Descriptors::new(kind, bytes).expect("rows"), global: None }
 /// # };
@@ -67,7 +67,7 @@ use crate::{SealError, SealOptions};
 /// let camera = "SIMPLE_RADIAL,640,480,525,320,240,-0.01".parse()?;
 /// let (options, mut rng) = (SealOptions::default(), device_rng()?);
 /// let mut session = Session::new(SessionOptions::default(), &mut rng);
-/// // How the device held its camera, against any frame that stays in the world: from its gyroscope or odometry.
+/// // Orientation of the camera relative to any frame that is fixed in the world: from gyroscope or odometry.
 /// for quaternion in [[1.0, 0.0, 0.0, 0.0], [0.995, 0.0, 0.0998, 0.0]] {
 ///     let held = Orientation::from_quaternion(quaternion).ok_or("no rotation")?;
 ///     let sealed = session.seal(features(), &camera, &profile, &options, &held, &mut rng)?;
@@ -86,37 +86,37 @@ pub struct Session {
     memory: Memory,
 }
 
-/// Where the layout was put, and what has to stay the same for it to stay there.
+/// The layout of the current start, and what must not change while it is used.
 #[derive(Clone, Copy, PartialEq)]
 struct Start {
     scheme: Scheme,
-    /// Places of anchors are told in heights of its image.
+    /// Anchor positions are given in heights of its image.
     camera: CanonicalCamera,
-    /// As soon as a frame told how the camera was held.
+    /// Set as soon as a frame gives its orientation.
     layout_from_world: Option<Rotation3<f64>>,
 }
 
 impl Session {
-    /// One that has not begun. Its key is drawn from `rng`: [`crate::device_rng`] on a device.
+    /// A session without frames. Its key is drawn from `rng`: [`crate::device_rng`] on a device.
     pub fn new(options: SessionOptions, rng: &mut impl CryptoRng) -> Self {
         let mut key = [0; 32];
         rng.fill_bytes(&mut key);
         Self { options, key, start: None, frames: 0, starts: 0, memory: Memory::default() }
     }
 
-    /// Seals the next frame: as [`crate::seal`], with the layout where the session has it.
+    /// Seals the next frame: as [`crate::seal`], with the session's layout.
     ///
-    /// `held`: how the device held the camera. Without an orientation the frame goes on only where what is seen again says that
-    /// the camera rested or turned on the spot, and else starts anew.
+    /// `held`: orientation of the camera. Without one, the frame continues only where recognized keypoints agree that
+    /// the camera rested or turned on the spot; otherwise it starts anew.
     ///
-    /// Nothing of the session changes when this fails.
+    /// An error leaves the session unchanged.
     ///
     /// # Errors
-    /// [`SealError`] as of [`crate::seal`]; [`SealError::TooManyStarts`] when the layout would have to be put elsewhere once
-    /// more; [`SealError::SessionScheme`] for a scheme without anchors where they are to stay in the world;
-    /// [`SealError::SessionChanged`] for another layout or camera than the frames before;
-    /// [`SealError::TurnedAway`] where the layout has to be put anew and hardly anything new is seen;
-    /// [`SealError::NoGravity`] when anchors are tied to gravity and the frame that starts does not tell it.
+    /// [`SealError`] as for [`crate::seal`]; [`SealError::TooManyStarts`] when the layout would have to be placed anew
+    /// once more; [`SealError::SessionScheme`] for a scheme without anchors where they must be fixed in the world;
+    /// [`SealError::SessionChanged`] for another layout or camera than in earlier frames; [`SealError::TurnedAway`]
+    /// when the layout must be placed anew and hardly any new keypoint is seen; [`SealError::NoGravity`] when anchors
+    /// are tied to gravity and the frame that starts has no gravity direction.
     pub fn seal(
         &mut self,
         features: Features,
@@ -129,22 +129,22 @@ impl Session {
         self.seal_and(features, (camera, profile), options, held, rng, |_| ()).map(|(query, ())| query)
     }
 
-    /// Frames that were sealed.
+    /// Number of sealed frames.
     pub const fn frames(&self) -> u32 {
         self.frames
     }
 
-    /// How often the layout was put somewhere new.
+    /// How often the layout was placed.
     pub const fn starts(&self) -> u32 {
         self.starts
     }
 
-    /// How it was set up.
+    /// The options of this session.
     pub const fn options(&self) -> &SessionOptions {
         &self.options
     }
 
-    /// Seals, and lets `look` see what is hidden.
+    /// Seals, and calls `look` with the hidden values.
     pub(crate) fn seal_and<T>(
         &mut self,
         features: Features,
@@ -152,51 +152,51 @@ impl Session {
         options: &SealOptions,
         held: &Orientation,
         rng: &mut impl CryptoRng,
-        look: impl FnOnce(&Hidden<'_>) -> T,
+        look: impl FnOnce(&HiddenState<'_>) -> T,
     ) -> Result<(SealedQuery, T), SealError> {
         check(&features, profile)?;
-        let placed = place(self, &features, camera, options, held)?;
-        let cam_from_layout = placed.turn.cam_from_layout();
+        let placement = place_layout(self, &features, camera, options, held)?;
+        let cam_from_layout = placement.turn.cam_from_layout();
         let in_world = self.options.anchors != SessionAnchors::Image;
         let remembers = in_world && self.options.memory;
-        let mut recalled = match options.scheme() {
+        let mut history = match options.scheme() {
             Scheme::Dcl(layout) if remembers => {
                 let pinhole = CanonicalCamera::for_intrinsics(camera)?.pinhole();
-                let pencils = pencils(layout, &pinhole, placed.turn);
+                let pencils = pencils(layout, &pinhole, placement.turn);
                 let anchor_of = |i: usize| {
                     let pixel = pinhole.project(camera.unproject(features.keypoints[i].pixel)?);
                     Some(pencils.anchor_of(pixel))
                 };
-                let (matched, seen) = (&placed.matched, &placed.seen);
-                self.memory.recall(matched, &features.descriptors, seen, &cam_from_layout, anchor_of)
+                let (matched, seen) = (&placement.matched, &placement.seen);
+                self.memory.row_histories(matched, &features.descriptors, seen, &cam_from_layout, anchor_of)
             }
-            _ => vec![(Recalled::New, None); features.keypoints.len()],
+            _ => vec![(RowHistory::New, None); features.keypoints.len()],
         };
-        for (recalled, _) in recalled.iter_mut().zip(&placed.left_out).filter(|(_, left_out)| **left_out) {
-            recalled.0 = Recalled::Crossed;
+        for (history, _) in history.iter_mut().zip(&placement.dropped).filter(|(_, dropped)| **dropped) {
+            history.0 = RowHistory::OtherAnchor;
         }
         let rule = FrameRule {
-            turn: placed.turn,
+            turn: placement.turn,
             band: if in_world { self.options.band_deg.to_radians() } else { 0.0 },
             grid: (in_world && self.options.step > 0.0)
-                .then(|| AngleGrid::new(&self.key, placed.starts, self.options.step)),
-            recalled: recalled.iter().map(|(what, _)| *what).collect(),
+                .then(|| AngleGrid::new(&self.key, placement.starts, self.options.step)),
+            history: history.iter().map(|(what, _)| *what).collect(),
         };
-        let see = |hidden: &Hidden<'_>| {
-            let row = |(kept, place): (&Kept, &usize)| {
-                let direction = cam_from_layout.inverse() * placed.seen[kept.source]?;
-                Some((kept.source, recalled[kept.source].1, direction, *hidden.told.get(*place)?))
+        let see = |hidden: &HiddenState<'_>| {
+            let row = |(selected, position): (&SelectedKeypoint, &usize)| {
+                let direction = cam_from_layout.inverse() * placement.seen[selected.source]?;
+                Some((selected.source, history[selected.source].1, direction, *hidden.sent.get(*position)?))
             };
-            let rows: Vec<_> = hidden.kept.iter().zip(&hidden.places.of).filter_map(row).collect();
+            let rows: Vec<_> = hidden.selected.iter().zip(&hidden.positions.index).filter_map(row).collect();
             (rows, look(hidden))
         };
         let (query, (rows, looked)) = seal_frame(&features, camera, profile, options, &rule, rng, see)?;
-        if placed.turned_away || placed.left_out.contains(&true) {
-            // Kept, such a frame would put the layout where the next one is no better off.
+        if placement.turned_away || placement.dropped.contains(&true) {
+            // Not stored: the layout of such a frame would not serve the next one either.
             query.check_sides().map_err(|lopsided| SealError::TurnedAway { few: lopsided.few })?;
         }
         self.frames = self.frames.saturating_add(1);
-        (self.start, self.starts) = (placed.start, placed.starts);
+        (self.start, self.starts) = (placement.start, placement.starts);
         if remembers {
             let at = (self.starts, self.frames);
             self.memory.remember(rows.into_iter(), &features.descriptors, at);

@@ -1,4 +1,4 @@
-//! How a session is set up.
+//! Options of a session.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,18 +6,20 @@ use std::str::FromStr;
 /// What the anchors of a session are tied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum SessionAnchors {
-    /// The image: every frame for itself, as [`crate::seal`] does. Two frames of one place may give keypoints away.
+    /// The image: every frame is sealed for itself, as [`crate::seal`] does. Two frames of one scene may reveal
+    /// keypoints.
     Image,
-    /// The world: they stay where the first frame of the session has them.
+    /// The world: the anchors stay where the first frame of the session places them.
     #[default]
     World,
-    /// The world and gravity: the layout of the first frame is levelled first, its `y` axis down and its `z` axis where the camera
-    /// looks, as far as that is level. An anchor at infinity in the direction 90° is then the vertical in every session.
+    /// The world and gravity: the layout of the first frame is levelled, its `y` axis down and its `z` axis along the
+    /// horizontal component of the viewing direction. An anchor at infinity in the direction 90° is then the vertical
+    /// in every session.
     Gravity,
 }
 
 impl SessionAnchors {
-    /// All of them, with the word that people write.
+    /// All of them, with their names in text form.
     const WORDS: [(Self, &str); 3] =
         [(Self::Image, "image"), (Self::World, "world"), (Self::Gravity, "gravity")];
 }
@@ -28,7 +30,7 @@ impl fmt::Display for SessionAnchors {
     }
 }
 
-/// A word that says nothing of what anchors are tied to.
+/// An unknown name for what anchors are tied to.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("anchors cannot be tied to {0:?}; write image, world or gravity")]
 pub struct SessionAnchorsError(String);
@@ -42,28 +44,30 @@ impl FromStr for SessionAnchors {
     }
 }
 
-/// How a session is set up. [`Self::default`] is what devices use.
+/// Options of a session. Devices use [`Self::default`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct SessionOptions {
     /// What the anchors are tied to. Default [`SessionAnchors::World`].
     pub anchors: SessionAnchors,
-    /// Keypoints nearer to a border of sectors than this, degrees about the sectors' axis, are left out, for they may cross it
-    /// until the next frame: by the error of the orientation, by the detector's noise, by parallax. Default 0.5: that is twice what
-    /// a phone's gyroscope errs by between frames, and 4 pixels of a camera with a focal length of 500.
+    /// Keypoints nearer to a sector border than this, degrees about the sectors' axis, are dropped: orientation errors,
+    /// detector noise or parallax may carry them across until the next frame. Default 0.5: twice the error of a phone's
+    /// gyroscope between frames, and 4 pixels of a camera with a focal length of 500.
     pub band_deg: f64,
-    /// How far what is seen again may set an orientation right, degrees. Default 1.5: more than gyroscopes and odometry err by within a
-    /// session, and less than the parallax of a step. Without memory nothing is set right.
+    /// Largest correction of a measured orientation by recognized keypoints, degrees. Default 1.5: more than the error
+    /// of gyroscopes and odometry within a session, and less than the parallax of a step. Without memory nothing is
+    /// corrected.
     pub most_correction_deg: f64,
-    /// Width of the cells that angles are told on, radians; 0 tells them as [`crate::seal`] does, dithered anew in each frame, so
-    /// that those of a resting camera scatter. Default 0.002: coarser ones cost
+    /// Width of the cells on which angles are quantized, radians; 0 disables the grid, and angles are dithered anew in
+    /// each frame as in [`crate::seal`], so that those of a resting camera scatter. Default 0.002: coarser cells cost
     /// accuracy where images are sharp (decision 0019).
     pub step: f64,
-    /// Whether the device remembers what it told of which keypoint, to tell it the same way again (module docs). Default true; without
-    /// it angles of a resting camera scatter over neighbouring cells.
+    /// Whether the device stores the sent rows, to send the same row for a keypoint that is seen again (module docs).
+    /// Default true; without it, angles of a resting camera scatter over neighbouring cells.
     pub memory: bool,
-    /// How often the layout may be put somewhere new at one place; `None` for evaluations: any number. Places are told apart by what
-    /// is remembered; without memory the whole session is one. Default 2, an image and one retry.
+    /// How often the layout may be placed for one scene; `None`, for evaluations, means any number. Scenes are
+    /// recognized by the stored landmarks; without memory the whole session counts as one scene. Default 2: an image
+    /// and one retry.
     pub most_starts: Option<u32>,
 }
 
@@ -81,42 +85,42 @@ impl Default for SessionOptions {
 }
 
 impl SessionOptions {
-    /// The same with anchors tied to something else.
+    /// These options with other anchors.
     #[must_use]
     pub const fn with_anchors(mut self, anchors: SessionAnchors) -> Self {
         self.anchors = anchors;
         self
     }
 
-    /// The same with another band, degrees.
+    /// These options with another band, degrees.
     #[must_use]
     pub const fn with_band_deg(mut self, band_deg: f64) -> Self {
         self.band_deg = band_deg;
         self
     }
 
-    /// The same with orientations set right within another angle, degrees.
+    /// These options with another limit for the correction of orientations, degrees.
     #[must_use]
     pub const fn with_most_correction_deg(mut self, most: f64) -> Self {
         self.most_correction_deg = most;
         self
     }
 
-    /// The same with other cells, radians; 0 for none.
+    /// These options with another cell width, radians; 0 for no grid.
     #[must_use]
     pub const fn with_step(mut self, step: f64) -> Self {
         self.step = step;
         self
     }
 
-    /// The same with or without memory.
+    /// These options with or without memory.
     #[must_use]
     pub const fn with_memory(mut self, memory: bool) -> Self {
         self.memory = memory;
         self
     }
 
-    /// The same with another number of starts.
+    /// These options with another number of starts.
     #[must_use]
     pub const fn with_most_starts(mut self, most: Option<u32>) -> Self {
         self.most_starts = most;

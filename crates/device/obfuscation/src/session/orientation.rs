@@ -1,10 +1,10 @@
-//! How a device held its camera.
+//! Orientation of the camera.
 
 use veiloc_geometry::nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use veiloc_protocol::CoarseGravity;
 
-/// How a device held its camera during a frame, as far as it knows. Never sent: a query says how its layout is turned against the
-/// camera, which is the difference to the session's first frame.
+/// Orientation of the camera during a frame, as far as the device knows it. Never sent: a query contains the rotation
+/// of its layout relative to the camera, which is the difference to the session's first frame.
 ///
 /// Camera axes: `x` right, `y` down, `z` forward, of the image as its pixels are stored.
 #[derive(Clone, Copy, PartialEq, Default)]
@@ -20,19 +20,22 @@ impl Orientation {
         Self { cam_from_world: None, down: None }
     }
 
-    /// The rotation from a frame that stays in the world during the session, any one, to the camera; `None` when it is not finite.
+    /// The rotation to the camera from any frame that is fixed in the world during the session; `None` when it is not
+    /// finite.
     pub fn in_world(cam_from_world: Rotation3<f64>) -> Option<Self> {
         let is_finite = cam_from_world.matrix().iter().all(|x| x.is_finite());
         is_finite.then_some(Self { cam_from_world: Some(cam_from_world), down: None })
     }
 
-    /// The same as a Hamilton quaternion `[w, x, y, z]` of any length; `None` when it is zero or not finite.
+    /// As [`Self::in_world`], from a Hamilton quaternion `[w, x, y, z]` of any length; `None` when it is zero or not
+    /// finite.
     pub fn from_quaternion([w, x, y, z]: [f64; 4]) -> Option<Self> {
         let quaternion = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9)?;
         Self::in_world(quaternion.to_rotation_matrix())
     }
 
-    /// The same, and the direction in which things fall, in the camera's axes, of any length; `None` when it has no direction.
+    /// This orientation with the gravity direction in the camera's axes, of any length; `None` when it is zero or not
+    /// finite.
     pub fn with_down(self, down: [f64; 3]) -> Option<Self> {
         let down = Vector3::from(down).try_normalize(1e-9).filter(|d| d.iter().all(|x| x.is_finite()))?;
         Some(Self { down: Some(down), ..self })
@@ -43,11 +46,11 @@ impl Orientation {
         self.cam_from_world.as_ref()
     }
 
-    /// Rotation to the camera from a level frame: `y` down, `z` where the camera looks as far as that is level, or where the upper
-    /// end of its image points when it looks at the ground.
+    /// Rotation to the camera from a level frame: `y` down, `z` along the horizontal component of the viewing
+    /// direction, or where the upper end of the image points when the camera looks at the ground.
     ///
-    /// Down is rounded as [`CoarseGravity`] is: a query tells how the level frame is turned, and so what the sensor felt, which to
-    /// more digits would tell devices apart (rule L6).
+    /// Gravity is rounded as in [`CoarseGravity`]: a query reveals the rotation of the level frame and so the sensor's
+    /// value, whose further digits would identify the device (rule L6).
     pub(super) fn levelled(&self) -> Option<Rotation3<f64>> {
         let down =
             CoarseGravity::new(self.down?.into(), CoarseGravity::PHONE_SD_DEG).ok()?.in_camera().into();
@@ -55,7 +58,7 @@ impl Orientation {
     }
 }
 
-/// The same of an exact direction.
+/// The same for an exact direction.
 fn levelled(down: Vector3<f64>) -> Option<Rotation3<f64>> {
     // Looking at the ground the image's upper end points ahead, looking at the sky its lower end.
     let ahead = if down.z.abs() < MOST_STEEP { Vector3::z() } else { Vector3::y() * -down.z.signum() };
@@ -63,10 +66,10 @@ fn levelled(down: Vector3<f64>) -> Option<Rotation3<f64>> {
     Some(Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[down.cross(&ahead), down, ahead])))
 }
 
-/// Cosine between the direction of sight and the vertical from which on the latter says nothing of where the camera looks.
+/// Cosine between viewing direction and vertical above which the horizontal component of the former is undefined.
 const MOST_STEEP: f64 = 0.9;
 
-// How somebody held a device has no place in a log.
+// An orientation must not appear in logs.
 impl std::fmt::Debug for Orientation {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Orientation")
@@ -78,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_levelled_frame_has_the_vertical_and_looks_ahead() {
+    fn levelled_frame_is_vertical_and_faces_forward() {
         for (x, y, z) in
             [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (-0.9, 1.0, 0.2), (1.5, 0.4, 3.0), (-1.5, 0.0, 1.0)]
         {
@@ -89,7 +92,7 @@ mod tests {
             let held = held.with_down((down * 9.81).into()).expect("a direction");
             let cam_from_level = held.levelled().expect("a direction");
             assert!((cam_from_level.matrix().determinant() - 1.0).abs() < 1e-9);
-            // To about a degree, that of the rounding.
+            // The rounding is about a degree.
             assert!((cam_from_level * Vector3::y()).angle(&down) < 1.0_f64.to_radians());
             let exact = levelled(down).expect("a direction");
             assert!((exact * Vector3::y() - down).norm() < 1e-9);
@@ -100,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_direction_is_refused() {
+    fn invalid_directions_are_rejected() {
         assert!(Orientation::from_quaternion([0.0; 4]).is_none());
         assert!(Orientation::from_quaternion([f64::NAN, 0.0, 0.0, 1.0]).is_none());
         assert!(Orientation::unknown().with_down([0.0; 3]).is_none());

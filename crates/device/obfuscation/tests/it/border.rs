@@ -1,7 +1,8 @@
-//! L11, the image's end in descriptors: one that looks over the image's border has cells without gradients, which tells
-//! that its keypoint is near the border. What is sent is described by the image continued by its mirror image.
+//! L11, the image border in descriptors: a descriptor whose window crosses the image border has cells without
+//! gradients, which reveals that its keypoint is near the border. A device therefore describes the image continued by
+//! its mirror image.
 //!
-//! Figures of a stronger learner: `research/notes/border.py`, docs/reference/privacy-rules.md.
+//! `research/notes/border.py` trains a stronger classifier; docs/privacy.md reports its results.
 
 use super::common;
 
@@ -15,7 +16,7 @@ use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_obfuscation::{SealOptions, extract, extract_with, seal_with_truth};
 use veiloc_testdata::real_data_test;
 
-/// A row as the server sees it, beside the truth.
+/// A row as the server sees it, with the ground truth.
 struct Row {
     image: usize,
     descriptor: Vec<u8>,
@@ -23,12 +24,12 @@ struct Row {
     near: bool,
 }
 
-/// Of an image as a device extracts it.
+/// Features as a device extracts them.
 fn shipped(path: &Path, camera: &Intrinsics) -> (Features, Intrinsics) {
     extract(path, camera, &profile(), &SealOptions::default()).expect("extracted")
 }
 
-/// Of an image with all its keypoints: the leak.
+/// All features of the image, without continuing it: the leak.
 fn with_border(path: &Path, camera: &Intrinsics) -> (Features, Intrinsics) {
     let limits = Limits { max_keypoints: 4096, max_side: 1600 };
     let image = extract_image(path, Some((camera.width, camera.height)), &Sift::default(), limits);
@@ -36,8 +37,7 @@ fn with_border(path: &Path, camera: &Intrinsics) -> (Features, Intrinsics) {
     (image.features, camera.resized(image.size.0, image.size.1))
 }
 
-/// Share of the features whose descriptor has an empty cell, of those within 8 pixels of the border of an image of this
-/// size.
+/// Share of features with an empty descriptor cell, among those within 8 pixels of the border of an image of this size.
 fn empty_cells(features: &Features, size: &Intrinsics) -> f64 {
     let (width, height) = (f64::from(size.width), f64::from(size.height));
     let near = |i: &usize| {
@@ -50,7 +50,7 @@ fn empty_cells(features: &Features, size: &Intrinsics) -> f64 {
     empty as f64 / near.len() as f64
 }
 
-/// An image full of keypoints, up to its border.
+/// An image with keypoints everywhere, up to its border.
 fn noise(folder: &Path, width: u32, height: u32) -> PathBuf {
     let mut rng = rng(5);
     let path = folder.join("noise.png");
@@ -70,9 +70,9 @@ fn l11_descriptors_at_the_border_have_no_empty_cells() {
     assert!(empty_cells(&features, &size) < 0.01, "{}", empty_cells(&features, &size));
 }
 
-/// An extractor that does not continue the image leaves out what looks over its border.
+/// An extractor that does not continue the image drops keypoints whose window crosses the border.
 #[test]
-fn l11_other_extractors_send_whole_descriptors_alone() {
+fn l11_other_extractors_drop_border_keypoints() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = noise(folder.path(), 640, 480);
     let camera = guessed_camera(&path).expect("an image");
@@ -88,7 +88,7 @@ fn l11_other_extractors_send_whole_descriptors_alone() {
     assert_eq!(over(&features), 0);
 }
 
-/// Some of the images of elsewhere, from streets to single things.
+/// Some of the training photos, which show other scenes than the maps: landscapes, objects and streets.
 fn images(data: &Path) -> Vec<PathBuf> {
     let mut paths = Vec::new();
     for kind in ["nature", "objects", "streets"] {
@@ -105,7 +105,7 @@ fn sent(paths: &[PathBuf], extracted: impl Fn(&Path, &Intrinsics) -> (Features, 
         let (features, camera) = extracted(path, &guessed_camera(path).expect("an image"));
         let sealed =
             seal_with_truth(features, &camera, &profile(), &SealOptions::default(), &mut rng(image as u64));
-        // An image of few keypoints may have none on one side.
+        // An image with few keypoints may have none on one side.
         let Ok((query, truth)) = sealed else { continue };
         let size = query.camera();
         let (width, height) = (f64::from(size.width), f64::from(size.height));
@@ -118,32 +118,32 @@ fn sent(paths: &[PathBuf], extracted: impl Fn(&Path, &Intrinsics) -> (Features, 
     rows
 }
 
-/// The largest byte of each cell, those of the two emptiest cells.
+/// The largest byte of each cell, for the two emptiest cells.
 fn emptiest(descriptor: &[u8]) -> [u8; 2] {
     let mut most: Vec<u8> = descriptor.chunks(8).map(|cell| *cell.iter().max().expect("eight")).collect();
     most.sort_unstable();
     [most[0], most[1]]
 }
 
-/// What the two emptiest cells of a row tell of whether it is near the border, bits a row: of all, and of those that are.
-/// A table learned on every second image, judged on the others.
+/// Information that the two emptiest cells of a row give about whether it is near the border, bits per row: for all
+/// rows, and for those near the border. The table is estimated on every second image and tested on the others.
 fn border_bits(rows: &[Row]) -> [f64; 2] {
     const STEPS: [u8; 9] = [1, 2, 3, 4, 6, 8, 11, 15, 21];
     let step = |byte: u8| STEPS.iter().filter(|s| byte >= **s).count();
-    let place = |row: &Row| {
+    let bin = |row: &Row| {
         let [first, second] = emptiest(&row.descriptor).map(step);
         first * (STEPS.len() + 1) + second
     };
     let mut counts = vec![[0.0_f64; 2]; (STEPS.len() + 1).pow(2)];
     let mut all = [0.0_f64; 2];
     for row in rows.iter().filter(|row| row.image % 2 == 0) {
-        counts[place(row)][usize::from(row.near)] += 1.0;
+        counts[bin(row)][usize::from(row.near)] += 1.0;
         all[usize::from(row.near)] += 1.0;
     }
     let prior = all.map(|n| n / (all[0] + all[1]));
-    // Five rows at the prior in each place, so that what was never seen says nothing.
+    // Five pseudo-rows at the prior in each bin, so that bins without data give no information.
     let gain = |row: &Row| {
-        let (seen, near) = (counts[place(row)], usize::from(row.near));
+        let (seen, near) = (counts[bin(row)], usize::from(row.near));
         let share = (seen[near] + 5.0 * prior[near]) / (seen[0] + seen[1] + 5.0);
         (share / prior[near]).log2()
     };
@@ -154,25 +154,25 @@ fn border_bits(rows: &[Row]) -> [f64; 2] {
     [mean(&|_| true), mean(&|row| row.near)]
 }
 
-/// `cargo test -p veiloc-obfuscation --test it border -- --nocapture` prints the figures.
+/// `cargo test -p veiloc-obfuscation --test it border -- --nocapture` prints the results.
 #[real_data_test]
-fn l11_descriptors_do_not_tell_the_border(data: &Path) {
+fn l11_descriptors_do_not_reveal_the_border(data: &Path) {
     let paths = images(data);
     let (leak, real) = (sent(&paths, with_border), sent(&paths, shipped));
-    let (leaked, told) = (border_bits(&leak), border_bits(&real));
+    let (leaked, real_bits) = (border_bits(&leak), border_bits(&real));
     let empty = |rows: &[Row]| rows.iter().filter(|row| emptiest(&row.descriptor)[0] == 0).count();
-    let (all, kept) = (leak.len(), real.len());
+    let (all, sent) = (leak.len(), real.len());
     eprintln!(
-        "bits of all rows and of those near the border: {leaked:.4?} with all {all}, {told:.4?} as {kept} are sent"
+        "bits of all rows and of those near the border: {leaked:.4?} of all {all}, {real_bits:.4?} of the {sent} sent"
     );
     eprintln!("rows with an empty cell: {} and {}", empty(&leak), empty(&real));
-    // What everybody knows without looking at a descriptor: the margin is emptier.
+    // An attacker knows this prior without any descriptor: fewer keypoints lie near the border.
     let near = |rows: &[Row]| 100.0 * rows.iter().filter(|row| row.near).count() as f64 / rows.len() as f64;
     eprintln!("rows within 16 pixels of the border: {:.1} and {:.1} %", near(&leak), near(&real));
     assert!(leaked[0] > 0.008 && leaked[1] > 0.03, "the measure does not see the leak: {leaked:?}");
-    assert!(told[0] < 0.002 && told[1] < 0.02, "{told:?}");
+    assert!(real_bits[0] < 0.002 && real_bits[1] < 0.02, "{real_bits:?}");
     assert!(empty(&leak) > leak.len() / 500, "the measure does not see the leak: {}", empty(&leak));
     assert!(empty(&real) < real.len() / 10_000, "{} rows show an empty cell", empty(&real));
-    // It costs no rows.
-    assert!(kept * 100 > all * 99, "{kept} of {all}");
+    // Only few rows are lost.
+    assert!(sent * 100 > all * 99, "{sent} of {all}");
 }

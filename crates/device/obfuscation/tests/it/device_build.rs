@@ -1,8 +1,9 @@
-//! What a program for devices is built of never has the cargo feature `ground-truth`: the functions that keep the answers are not in it.
+//! Programs for devices are never built with the cargo feature `ground-truth`, so they do not contain the functions
+//! that return the ground truth.
 
 use std::process::Command;
 
-/// What apps link, and with which features; whatever it reaches must do without the answers.
+/// The packages that apps link, with their features; none of their dependencies may enable `ground-truth`.
 const DEVICE: [&[&str]; 5] = [
     &["veiloc-features"],
     &["veiloc-obfuscation"],
@@ -11,7 +12,7 @@ const DEVICE: [&[&str]; 5] = [
     &["veiloc", "--no-default-features", "--features", "device"],
 ];
 
-/// How a package is built: each crate in it, with its features, as cargo resolves them for this package alone.
+/// All crates that are built for a package, with their features, as cargo resolves them for this package alone.
 fn built(package: &[&str]) -> String {
     let output = Command::new(env!("CARGO"))
         .args([
@@ -34,13 +35,17 @@ fn built(package: &[&str]) -> String {
 }
 
 #[test]
-fn nothing_for_devices_is_built_with_the_answers() {
+fn device_packages_exclude_ground_truth() {
     for package in DEVICE {
         let tree = built(package);
         assert!(tree.contains(package[0]), "{tree}");
-        let with_answers: Vec<&str> = tree.lines().filter(|line| line.contains("ground-truth")).collect();
-        assert!(with_answers.is_empty(), "{package:?} would be built with the answers: {with_answers:?}");
+        let with_ground_truth: Vec<&str> =
+            tree.lines().filter(|line| line.contains("ground-truth")).collect();
+        assert!(
+            with_ground_truth.is_empty(),
+            "{package:?} would be built with the ground truth: {with_ground_truth:?}"
+        );
     }
-    // The search finds the feature where it is: the command line evaluates too.
-    assert!(built(&["veiloc-cli"]).contains("ground-truth"), "the search does not find what is there");
+    // Check of the search itself: the command line also evaluates, so it enables the feature.
+    assert!(built(&["veiloc-cli"]).contains("ground-truth"), "the search does not find the feature");
 }

@@ -1,4 +1,5 @@
-//! A profile comes from somebody else. Every field at its extreme: what leaves the device stays what the device decided.
+//! A profile comes from another party. With every field at its extreme, the device's own options still decide what is
+//! sent.
 
 use super::common;
 
@@ -16,28 +17,28 @@ fn limits(max_keypoints: u32, max_image_side: u32) -> ExtractionLimits {
     ExtractionLimits { max_keypoints, max_image_side }
 }
 
-/// What a refusal says.
-fn said<T: std::fmt::Debug>(refused: Result<T, SealError>) -> String {
+/// The error message.
+fn error_text<T: std::fmt::Debug>(refused: Result<T, SealError>) -> String {
     refused.expect_err("refused").to_string()
 }
 
-/// A profile has no field for it (`the_schema_has_these_fields_and_no_more`): a device that says nothing sends `dcl` with 12
-/// bits.
+/// A profile has no field for these (`the_schema_has_these_fields_and_no_more`): a device with default options sends
+/// `dcl` with 12 bits.
 #[test]
-fn no_profile_chooses_a_scheme_or_the_bits_of_an_angle() {
-    // As it comes over the wire.
+fn profile_cannot_choose_scheme_or_angle_bits() {
+    // As it is received.
     let hostile = Profile::decode(&profile().encode()).expect("a profile");
     let query = sealed(&hostile, &SealOptions::default(), 300).expect("sealed");
     assert_eq!((query.scheme(), query.angle_bits()), (Scheme::default(), AngleBits::default()));
     assert!(matches!(query.observations(), Observations::Anchored { .. }));
-    assert!(hostile.check(&query).is_ok(), "and the map takes it");
+    assert!(hostile.check(&query).is_ok(), "the map accepts it");
     let lines = sealed(&hostile, &options("random-lines"), 300).expect("sealed");
     assert_eq!(lines.scheme(), Scheme::RandomLines);
     assert!(hostile.check(&lines).is_ok());
 }
 
 #[test]
-fn points_must_be_asked_for_by_name() {
+fn points_scheme_requires_explicit_option() {
     assert!(matches!(SealOptions::new(Scheme::Points), Err(SealError::Unprotected)));
     assert!(SealOptions::default().scheme().hides_positions());
     let query = sealed(&profile(), &SealOptions::unprotected_points(), 300).expect("sealed");
@@ -45,14 +46,14 @@ fn points_must_be_asked_for_by_name() {
 }
 
 #[test]
-fn the_number_of_keypoints_is_bounded_by_the_device() {
+fn device_bounds_keypoint_count() {
     let greedy = profile().with_limits(limits(4096, 1600)).expect("allowed");
     let rows = |options: &SealOptions| sealed(&greedy, options, 4200).expect("sealed").len();
     assert_eq!(rows(&SealOptions::default()), 2048);
     assert_eq!(rows(&SealOptions::default().with_max_keypoints(512)), 512);
-    // Only the device's own word goes beyond its limit.
+    // Only the device's own option exceeds its default limit.
     assert_eq!(rows(&SealOptions::default().with_max_keypoints(4096)), 4096);
-    // A miserly profile gets few rows, but a whole class of them: nothing tells how many are real.
+    // A profile with a small limit gets few rows, but a full size class: the number of real rows stays hidden.
     let miserly = profile().with_limits(limits(256, 64)).expect("allowed");
     assert_eq!(sealed(&miserly, &SealOptions::default(), 4200).expect("sealed").len(), 256);
     let one = SealOptions::default().with_max_keypoints(40);
@@ -63,13 +64,13 @@ fn the_number_of_keypoints_is_bounded_by_the_device() {
 }
 
 #[test]
-fn the_side_of_the_image_is_bounded_by_the_device() {
+fn device_bounds_image_side() {
     let bounded = |side| {
         let profile = profile().with_limits(limits(2048, side)).expect("allowed");
         SealOptions::default().bounded(&profile).expect("a vocabulary of eight words").max_image_side
     };
     assert_eq!((bounded(8192), bounded(1600), bounded(64)), (2048, 1600, 64));
-    // The same through the door: a gradient of 3000 pixels is not extracted from as it is.
+    // The same through the extraction functions: an image 3000 pixels wide is scaled down before extraction.
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join("wide.png");
     image::GrayImage::from_fn(3000, 40, |x, y| image::Luma([(x * y % 251) as u8]))
@@ -79,36 +80,36 @@ fn the_side_of_the_image_is_bounded_by_the_device() {
     let wide = "SIMPLE_PINHOLE,3000,40,2000,1500,20".parse().expect("valid");
     let (_, camera) = extract(&path, &wide, &huge, &SealOptions::default()).expect("extracted");
     assert_eq!((camera.width, camera.height), (2048, 27));
-    // The door for images in memory is no wider.
+    // The function for images in memory applies the same limit.
     let image = Image::from(load_gray(&path).expect("an image"));
     let (_, camera) = extract_loaded(image, &path, &wide, &huge, &SealOptions::default()).expect("extracted");
     assert_eq!((camera.width, camera.height), (2048, 27));
 }
 
 #[test]
-fn the_vocabulary_is_bounded_by_the_device() {
+fn device_bounds_vocabulary_size() {
     let profile =
         |words: usize| Profile::vlad(Vocabulary::new(random_descriptors(words, &mut rng(3))).expect("words"));
     assert!(sealed(&profile(512), &SealOptions::default(), 300).is_ok());
     let huge = profile(Vocabulary::MAX_LEN);
     let refused = SealError::VocabularyTooLarge { words: 8192, allowed: 512 };
-    assert_eq!(said(sealed(&huge, &SealOptions::default(), 300)), refused.to_string());
+    assert_eq!(error_text(sealed(&huge, &SealOptions::default(), 300)), refused.to_string());
     let own = DeviceLimits { max_vocabulary_words: 8192, ..DeviceLimits::default() };
-    assert!(sealed(&huge, &SealOptions::default().with_limits(own), 300).is_ok(), "the device's own word");
+    assert!(sealed(&huge, &SealOptions::default().with_limits(own), 300).is_ok(), "the device's own limit");
 }
 
-/// A global descriptor of the image tells of more than the rows that are sent.
+/// A global descriptor of the image reveals more than the rows that are sent.
 #[test]
-fn a_global_descriptor_of_the_image_is_refused() {
+fn image_global_descriptor_is_rejected() {
     let global = GlobalModel::Named(NamedGlobal::new("all-of-it", 16_384).expect("a model"));
     let hostile = Profile::new(DescriptorKind::ROOT_SIFT, global).expect("a profile");
     let refused = SealError::GlobalOfImage { name: "all-of-it".to_owned(), codes: 16_384 };
-    assert_eq!(said(sealed(&hostile, &SealOptions::default(), 300)), refused.to_string());
+    assert_eq!(error_text(sealed(&hostile, &SealOptions::default(), 300)), refused.to_string());
 }
 
-/// Descriptors nobody here makes: an error that names what there is, before the image is read.
+/// A descriptor kind without an extractor: the error lists the available kinds, before the image is read.
 #[test]
-fn an_unknown_kind_is_an_error() {
+fn unknown_descriptor_kind_is_an_error() {
     let kind = DescriptorKind::new("everything", 512, Encoding::Signed, 1000).expect("a kind");
     let words = Descriptors::new(kind, vec![1; 512]).and_then(Vocabulary::new).expect("one word");
     let hostile = Profile::vlad(words);
@@ -121,10 +122,10 @@ fn an_unknown_kind_is_an_error() {
     assert!(matches!(missing, Err(SealError::Image(_))), "{missing:?}");
 }
 
-/// Other kinds get decoys too, made of the rows that are sent and never copies; a kind of too few numbers, and too few
-/// rows to mix, are errors.
+/// Other kinds get decoys too, made of the rows that are sent and never copies; kinds with too few dimensions, and too
+/// few rows to blend, are errors.
 #[test]
-fn decoys_of_other_kinds_are_no_copies() {
+fn decoys_of_other_kinds_are_not_copies() {
     let sealed = |dim: usize, count: usize| {
         let kind = DescriptorKind::new("own", dim, Encoding::Signed, 100).expect("a kind");
         let mut draw = rng(5);
@@ -148,7 +149,7 @@ fn decoys_of_other_kinds_are_no_copies() {
     let (of_real, of_decoys) =
         (mean(&mut (0..256).filter(|r| is_real(*r))), mean(&mut (0..256).filter(|r| !is_real(*r))));
     assert!((of_real / of_decoys - 1.0).abs() < 0.02, "{of_real} {of_decoys}");
-    // Decoys are as far from each other and from real rows as real rows are.
+    // Decoys are as far from each other and from real rows as real rows are from each other.
     let nearest = |row: usize| {
         let own: Vec<i16> = query.descriptors().values(row).collect();
         let to = |other: usize| -> i32 {
@@ -164,12 +165,13 @@ fn decoys_of_other_kinds_are_no_copies() {
     assert!(median(false) / median(true) > 0.6, "{} {}", median(false), median(true));
 
     let too_few = |keypoints| SealError::NoDecoys { kind: "own".to_owned(), keypoints }.to_string();
-    assert_eq!(said(sealed(64, 2)), too_few(2));
-    assert_eq!(said(sealed(8, 60)), too_few(60), "none of so short a vector");
-    assert!(sealed(8, 300).is_ok(), "and none needed");
+    assert_eq!(error_text(sealed(64, 2)), too_few(2));
+    assert_eq!(error_text(sealed(8, 60)), too_few(60), "no decoys for so few dimensions");
+    assert!(sealed(8, 300).is_ok(), "none needed");
 }
 
-/// What was not sent is in no decoy: with one and the same generator, other weak keypoints change nothing.
+/// Keypoints that are not sent have no influence on decoys: with the same generator, other weak keypoints change
+/// nothing.
 #[test]
 fn decoys_are_made_of_sent_rows() {
     let forty = SealOptions::default().with_max_keypoints(40);
@@ -186,9 +188,9 @@ fn decoys_are_made_of_sent_rows() {
     assert!(bytes(1, &profile()) == bytes(2, &profile()));
 }
 
-/// Words could be chosen so that what is made of them stands out: no row depends on them.
+/// An attacker could choose vocabulary words so that decoys made of them stand out: no row may depend on them.
 #[test]
-fn no_profile_has_a_part_in_decoys() {
+fn decoys_do_not_depend_on_profile() {
     let kind = DescriptorKind::new("own", 64, Encoding::Signed, 100).expect("a kind");
     let rows = |words: Vec<u8>| {
         let mut draw = rng(8);

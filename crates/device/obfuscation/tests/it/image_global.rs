@@ -1,5 +1,5 @@
-//! L14, the global descriptor of the image: none leaves the device without its owner's consent to that very model, and none tells
-//! of what a mask hides.
+//! L14, the global descriptor of the image: none is sent without the owner's consent to its model, and it does not
+//! depend on pixels under a mask.
 
 use super::common;
 
@@ -18,7 +18,7 @@ use veiloc_protocol::{Profile, SealedQuery, SizeClass};
 const WIDE: u32 = 16;
 const HIGH: u32 = 12;
 
-/// The image made tiny: every pixel of it has its share in a code.
+/// A thumbnail as global descriptor: every pixel of the image influences a code.
 struct Thumbnail(&'static str, usize);
 
 impl GlobalExtractor for Thumbnail {
@@ -45,11 +45,11 @@ fn asking(name: &str, codes: usize) -> Profile {
     Profile::new(DescriptorKind::ROOT_SIFT, model).expect("a profile")
 }
 
-fn asking_for_thumbnails() -> Profile {
+fn thumbnail_profile() -> Profile {
     asking("thumbnail", (WIDE * HIGH) as usize)
 }
 
-/// Blocks of gray, others in the part that is hidden.
+/// Gray blocks; the hidden part is filled with other ones, depending on `hidden`.
 fn scene(folder: &Path, hidden: u32) -> PathBuf {
     let mask = mask();
     let pixel = |x: u32, y: u32| {
@@ -66,9 +66,9 @@ fn mask() -> Mask {
     Mask::new(320, 240, |x, y| (100..180).contains(&x) && (45..165).contains(&y)).expect("a part")
 }
 
-/// Whatever a profile asks for: without consent to this very model nothing is extracted and nothing sealed.
+/// Whatever a profile requests: without consent to this model nothing is extracted and nothing is sealed.
 #[test]
-fn l14_none_is_made_without_consent_to_that_very_one() {
+fn l14_requires_consent_to_the_model() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = scene(folder.path(), 1);
     let others = [
@@ -76,7 +76,7 @@ fn l14_none_is_made_without_consent_to_that_very_one() {
         SealOptions::default().with_image_global(SharedGlobal::new(Thumbnail("another", 192))),
         SealOptions::default().with_image_global(SharedGlobal::new(Thumbnail("thumbnail", 191))),
     ];
-    let asking = asking_for_thumbnails();
+    let asking = thumbnail_profile();
     let refused = SealError::GlobalOfImage { name: "thumbnail".to_owned(), codes: 192 }.to_string();
     for own in &others {
         let extracted = extract(&image, &camera(), &asking, own).expect_err("no consent");
@@ -93,12 +93,12 @@ fn l14_none_is_made_without_consent_to_that_very_one() {
         assert_eq!(sealed.expect_err("no consent").to_string(), refused);
     }
     let own = SealOptions::default().with_image_global(thumbnail());
-    assert!(extract(&image, &camera(), &asking, &own).is_ok(), "the owner's word");
+    assert!(extract(&image, &camera(), &asking, &own).is_ok(), "the owner consented");
 }
 
-/// A map that asks for none gets none: to the byte what is sent without consent.
+/// A map that requests no global descriptor gets none: the bytes equal those without consent.
 #[test]
-fn l14_consent_sends_nothing_that_is_not_asked_for() {
+fn l14_consent_sends_only_requested_descriptors() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = scene(folder.path(), 1);
     let bytes = |own: &SealOptions| {
@@ -110,18 +110,18 @@ fn l14_consent_sends_nothing_that_is_not_asked_for() {
     assert!(bytes(&plain) == bytes(&plain.clone().with_image_global(thumbnail())));
 }
 
-/// Two images that differ under the mask only give the same bytes, with the image's vector in them.
+/// Two images that differ only under the mask give the same bytes, including the image's global descriptor.
 #[test]
-fn l14_what_is_hidden_is_not_in_it() {
+fn l14_masked_pixels_are_excluded() {
     let folder = tempfile::tempdir().expect("a folder");
     let images = [scene(folder.path(), 1), scene(folder.path(), 3)];
-    let (asking, own) = (asking_for_thumbnails(), options("dcl").with_image_global(thumbnail()));
+    let (asking, own) = (thumbnail_profile(), options("dcl").with_image_global(thumbnail()));
     let sealed = |image: &PathBuf| {
         let (features, seen) = extract_masked(image, &mask(), &camera(), &asking, &own).expect("extracted");
         seal(features, &seen, &asking, &own, &mut rng(5)).expect("sealed")
     };
     assert!(sealed(&images[0]).encode() == sealed(&images[1]).encode());
-    // The leak: the vector is made of the whole image, the rows of what is shown.
+    // The leak: a global descriptor of the whole image beside rows of the visible part.
     let leak = |image: &PathBuf| {
         let (features, seen) = extract_masked(image, &mask(), &camera(), &asking, &own).expect("extracted");
         let whole = Image::from(load_gray(image).expect("written"));
@@ -132,12 +132,13 @@ fn l14_what_is_hidden_is_not_in_it() {
     assert!(sealed(&images[0]).global() != leak(&images[0]).global(), "the mask hides a part of it");
 }
 
-/// It is what the extractor made, in every step of a progressive query and every frame of a session; rows know nothing of it.
+/// Every step of a progressive query and every frame of a session sends the extractor's descriptor; rows do not depend
+/// on it.
 #[test]
-fn l14_steps_and_sessions_send_the_images_own() {
+fn l14_steps_and_sessions_send_the_image_descriptor() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = scene(folder.path(), 1);
-    let (asking, own) = (asking_for_thumbnails(), options("dcl").with_image_global(thumbnail()));
+    let (asking, own) = (thumbnail_profile(), options("dcl").with_image_global(thumbnail()));
     let (features, seen) = extract(&image, &camera(), &asking, &own).expect("extracted");
     let made = thumbnail().describe(&Image::from(load_gray(&image).expect("written"))).expect("made");
     assert_eq!(features.global, Some(made.clone()));
@@ -151,19 +152,19 @@ fn l14_steps_and_sessions_send_the_images_own() {
     let held = Orientation::unknown();
     let frame = session.seal(features.clone(), &seen, &asking, &own, &held, &mut rng(7)).expect("sealed");
     assert_eq!(frame.global(), &made);
-    // One that came without its vector is not sent with another.
+    // Features without their global descriptor are not sent with another one.
     let without = Features { global: None, ..features.clone() };
     assert!(matches!(seal(without, &seen, &asking, &own, &mut rng(7)), Err(SealError::NoGlobal)));
-    // Rows are the same whatever the vector says.
+    // The rows are the same for every global descriptor.
     let other = Features { global: Some(GlobalDescriptor::new(vec![9; 192])), ..features };
     let other = seal(other, &seen, &asking, &own, &mut rng(7)).expect("sealed");
     assert!(other.descriptors().as_bytes() == query.descriptors().as_bytes());
     assert!(other.global() != query.global() && other.encode().len() == query.encode().len());
 }
 
-/// An extractor that does not make what it says is an error, not a query of another length.
+/// An extractor whose descriptor has another length than its model is an error, not a query of another length.
 #[test]
-fn a_vector_of_another_length_is_refused() {
+fn wrong_length_descriptor_is_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = scene(folder.path(), 1);
     let own = options("dcl").with_image_global(SharedGlobal::new(Thumbnail("short", 10)));

@@ -1,5 +1,5 @@
-//! Tests for each rule L1–L9 of the design, named after it. Every test also builds the leak and shows that its
-//! own measure finds it: a test that could not fail would prove nothing.
+//! Tests for the rules L1–L9 of the design, named after them. Every test also builds the leak and checks that its own
+//! measure detects it: a test that cannot fail proves nothing.
 
 use super::common;
 
@@ -18,13 +18,13 @@ use veiloc_protocol::{
 
 const LINE_SCHEMES: [&str; 3] = ["random-lines", "coordinate-permutation", "dcl"];
 
-/// L1: the number that is sent must not tell the distance from the anchor. The leak: the plain product `x × a`,
-/// whose norm is that distance.
+/// L1: the sent values must not reveal the distance from the anchor. The leak: the plain product `x × a`, whose norm is
+/// that distance.
 #[test]
-fn l1_a_line_tells_no_distance_from_its_anchor() {
+fn l1_line_reveals_no_distance_from_anchor() {
     let anchors = ImageAnchors::new(640, 480);
     let mut rng = rng(1);
-    // Any radius at any angle, so that the two are independent.
+    // Radius and angle are drawn independently.
     let pixels: Vec<Pixel> = (0..4096)
         .map(|i| {
             let anchor = Anchor::BOTH[i % 2];
@@ -59,7 +59,7 @@ fn l1_a_line_tells_no_distance_from_its_anchor() {
     assert!(correlation(&leak) > 0.999, "the measure does not see the leak");
     assert!(correlation(&sent).abs() < 0.06, "{}", correlation(&sent));
 
-    // And there is nothing else in the message than anchor and angle: 14 bits a row, all of them accounted for.
+    // The message holds only anchor and angle: 14 bits per row, all of which are checked here.
     assert_eq!(common::bytes_of_field(&query.encode(), common::POSITIONS).len(), 4096 * 14 / 8);
     for ((anchor, angle), pixel) in angles(&query.observations()).iter().zip(&truth.pixels) {
         let anchor = Anchor::BOTH[*anchor];
@@ -69,9 +69,9 @@ fn l1_a_line_tells_no_distance_from_its_anchor() {
     }
 }
 
-/// L2: extractors that report whole pixels put keypoints on a lattice, and an exact angle names the lattice point.
+/// L2: extractors with integer positions put keypoints on a lattice, and an exact angle identifies the lattice point.
 #[test]
-fn l2_an_angle_names_no_pixel() {
+fn l2_angle_identifies_no_pixel() {
     let small: Intrinsics = "SIMPLE_PINHOLE,160,128,128,80,64".parse().expect("valid");
     let anchors = ImageAnchors::new(160, 128);
     let mut rng = rng(2);
@@ -91,16 +91,16 @@ fn l2_an_angle_names_no_pixel() {
             (anchor.index(), anchors.angle_of(anchor, p), p)
         })
         .collect();
-    let named = |told: &dyn Fn(usize) -> (usize, f64)| -> usize {
+    let named = |sent_values: &dyn Fn(usize) -> (usize, f64)| -> usize {
         (0..256)
             .filter(|&row| {
-                let (anchor, angle) = told(row);
-                let guess = by_angle
+                let (anchor, angle) = sent_values(row);
+                let nearest = by_angle
                     .iter()
                     .filter(|(a, ..)| *a == anchor)
                     .min_by(|a, b| (a.1 - angle).abs().total_cmp(&(b.1 - angle).abs()))
                     .expect("every side has lattice points");
-                guess.2 == truth.pixels[row]
+                nearest.2 == truth.pixels[row]
             })
             .count()
     };
@@ -116,9 +116,9 @@ fn l2_an_angle_names_no_pixel() {
     assert!(real <= 8, "{real} of 256 pixels named");
 }
 
-/// L3: extractors go through the image row by row.
+/// L3: extractors scan the image row by row.
 #[test]
-fn l3_rows_are_in_no_order() {
+fn l3_rows_are_shuffled() {
     let mut pixels = uniform_pixels(512, 3);
     pixels.sort_by(|a, b| a.v.total_cmp(&b.v));
     let rank = |order: &[Option<usize>]| -> f64 {
@@ -137,12 +137,12 @@ fn l3_rows_are_in_no_order() {
         let (first, second) = (order(1), order(2));
         assert!(rank(&first).abs() < 0.15, "{scheme}: {}", rank(&first));
         assert_ne!(first, second, "{scheme}: another generator, another order");
-        let kept: BTreeSet<usize> = first.iter().copied().flatten().collect();
-        assert_eq!(kept.len(), 512, "{scheme}: each keypoint once");
+        let selected: BTreeSet<usize> = first.iter().copied().flatten().collect();
+        assert_eq!(selected.len(), 512, "{scheme}: each keypoint once");
     }
 }
 
-/// L4: strength, scale and orientation leave no trace; two images that differ in nothing else give the same bytes.
+/// L4: strength, scale and orientation leave no trace; two images that differ only in them give the same bytes.
 #[test]
 fn l4_strength_scale_and_orientation_are_not_sent() {
     let plain = features_at(&uniform_pixels(256, 4), 4);
@@ -157,7 +157,7 @@ fn l4_strength_scale_and_orientation_are_not_sent() {
             seal(f.clone(), &camera(), &profile(), &options(scheme), &mut rng(4)).expect("sealed").encode()
         };
         assert_eq!(bytes(&plain), bytes(&other), "{scheme}");
-        // The leak: the octave in a place that is sent, the first number of the descriptor.
+        // The leak: the octave in a field that is sent, the first value of the descriptor.
         let leaky = |f: &Features| {
             let dim = f.descriptors.kind().dim();
             let mut rows = f.descriptors.as_bytes().to_vec();
@@ -169,29 +169,29 @@ fn l4_strength_scale_and_orientation_are_not_sent() {
         };
         assert_ne!(leaky(&plain), leaky(&other), "the measure does not see the leak");
 
-        // Strength decides who is kept, and shows in the place of no row.
+        // Strength decides which keypoints are selected, but not the order of the rows.
         let (_, truth) = seal_with_truth(plain.clone(), &camera(), &profile(), &options(scheme), &mut rng(4))
             .expect("sealed");
         let strength = |source: usize| f64::from(plain.keypoints[source].response);
-        let told = |order: &[usize]| -> f64 {
+        let sent_values = |order: &[usize]| -> f64 {
             let pairs: Vec<_> = order.iter().enumerate().map(|(row, s)| (row as f64, strength(*s))).collect();
             correlation(&pairs).abs()
         };
         let order: Vec<usize> = truth.source.into_iter().flatten().collect();
         let mut strongest_first = order.clone();
         strongest_first.sort_by(|a, b| strength(*b).total_cmp(&strength(*a)));
-        assert!(told(&strongest_first) > 0.25, "the measure does not see the leak");
-        assert!(told(&order) < 0.2, "{scheme}: {}", told(&order));
+        assert!(sent_values(&strongest_first) > 0.25, "the measure does not see the leak");
+        assert!(sent_values(&order) < 0.2, "{scheme}: {}", sent_values(&order));
     }
 }
 
-/// L4, of the steps of a progressive query: which rows come first owes nothing to their strength. The leak: the strongest
-/// first, which would name to everybody those that are.
+/// L4 for the steps of a progressive query: the order of rows is independent of strength. The leak: the strongest
+/// first, which would reveal the strongest keypoints to the server.
 #[test]
-fn l4_the_first_rows_are_no_stronger() {
+fn l4_first_rows_are_not_stronger() {
     let features = features_at(&uniform_pixels(1024, 8), 8);
     let profile = profile();
-    // A strength is its rank here: the mean of 256 random ones of 1024 is 511.5 give or take 16.
+    // The strength is a rank here: the mean of 256 random ranks of 1024 is 511.5 ± 16.
     let mean = |rows: &[usize]| rows.iter().sum::<usize>() as f64 / rows.len() as f64;
     for scheme in LINE_SCHEMES {
         let (query, truth) =
@@ -207,9 +207,9 @@ fn l4_the_first_rows_are_no_stronger() {
     }
 }
 
-/// L5: the number of keypoints shows in nothing but one of five classes, and nothing marks a decoy.
+/// L5: only one of five size classes depends on the number of keypoints, and nothing marks a decoy.
 #[test]
-fn l5_size_tells_the_class_only_and_nothing_marks_decoys() {
+fn l5_size_reveals_only_the_class_and_decoys_are_unmarked() {
     for scheme in LINE_SCHEMES {
         let sealed = |count: usize| {
             let features = features_at(&uniform_pixels(count, 5), count as u64);
@@ -226,11 +226,11 @@ fn l5_size_tells_the_class_only_and_nothing_marks_decoys() {
 
         // The weakest are dropped.
         let (_, truth) = sealed(400);
-        let kept: BTreeSet<usize> = truth.source.iter().copied().flatten().collect();
-        assert_eq!(kept, (0..256).collect(), "{scheme}");
+        let selected: BTreeSet<usize> = truth.source.iter().copied().flatten().collect();
+        assert_eq!(selected, (0..256).collect(), "{scheme}");
 
-        // Decoys: as long as real descriptors, and part of the global descriptor like them. The leak would be a
-        // global descriptor of the real rows alone: rows it does not know are decoys.
+        // Decoys: as long as real descriptors, and included in the global descriptor. The leak would be a global
+        // descriptor of the real rows alone: rows that it does not include are decoys.
         let (query, truth) = sealed(100);
         let decoys: Vec<usize> = (0..256).filter(|&row| truth.source[row].is_none()).collect();
         assert_eq!(decoys.len(), 156, "{scheme}");
@@ -247,12 +247,12 @@ fn l5_size_tells_the_class_only_and_nothing_marks_decoys() {
     }
 }
 
-/// L6: devices of one model differ a little in every number of their calibration.
+/// L6: devices of one model differ slightly in every calibration value.
 #[test]
-fn l6_the_camera_names_no_device() {
+fn l6_camera_identifies_no_device() {
     let mut rng = rng(6);
     let pixels = uniform_pixels(256, 6);
-    let mut told = BTreeSet::new();
+    let mut sent_values = BTreeSet::new();
     let mut leak = BTreeSet::new();
     for i in 0..300 {
         let params = [
@@ -263,9 +263,9 @@ fn l6_the_camera_names_no_device() {
         ];
         let device = Intrinsics::new("SIMPLE_RADIAL", 640, 480, &params).expect("valid");
         leak.insert(params.map(f64::to_bits));
-        told.insert(CanonicalCamera::for_intrinsics(&device).expect("ordinary").codes());
+        sent_values.insert(CanonicalCamera::for_intrinsics(&device).expect("ordinary").codes());
         if i % 50 == 0 {
-            // Nothing is lost: the canonical pixel is the same ray.
+            // No information is lost: the canonical pixel is the same ray.
             let features = features_at(&pixels, 6);
             let (query, truth) =
                 seal_with_truth(features, &device, &profile(), &options("dcl"), &mut rng).expect("sealed");
@@ -277,11 +277,11 @@ fn l6_the_camera_names_no_device() {
         }
     }
     assert_eq!(leak.len(), 300, "the measure does not see the leak");
-    assert!(told.len() <= 9, "{} cameras for 300 devices of one model", told.len());
+    assert!(sent_values.len() <= 9, "{} cameras for 300 devices of one model", sent_values.len());
 }
 
-/// L6: accelerometers err, each in its own way by some tenths of a degree; rounding hides which. And nothing is told that
-/// nobody gave, nor does anything else change with it.
+/// L6: every accelerometer has its own error of some tenths of a degree; rounding hides it. Gravity is sent only if the
+/// caller gives it, and changes nothing else in the query.
 #[test]
 fn l6_gravity_is_rounded_and_not_sent_by_default() {
     let features = || features_at(&uniform_pixels(256, 6), 6);
@@ -290,7 +290,7 @@ fn l6_gravity_is_rounded_and_not_sent_by_default() {
     };
     let plain = sealed(&options("dcl"));
     assert_eq!((plain.gravity(), plain.focal_known()), (None, FocalKnowledge::Calibrated));
-    let (mut told, mut leak) = (BTreeSet::new(), BTreeSet::new());
+    let (mut sent_values, mut leak) = (BTreeSet::new(), BTreeSet::new());
     let mut rng_of_devices = rng(7);
     for _ in 0..300 {
         let mut error = || rng_of_devices.random_range(-0.003..0.003); // radians: a sixth of a degree
@@ -299,31 +299,32 @@ fn l6_gravity_is_rounded_and_not_sent_by_default() {
         let gravity = CoarseGravity::new(felt, 1.0).expect("a direction");
         let query = sealed(&options("dcl").with_gravity(Some(gravity)));
         assert_eq!(query.gravity(), Some(gravity));
-        told.insert(query.encode());
+        sent_values.insert(query.encode());
         assert_eq!(query.encode().len(), plain.encode().len(), "L5");
-        assert_eq!(query.observations(), plain.observations(), "the rows owe it nothing");
+        assert_eq!(query.observations(), plain.observations(), "the rows do not depend on it");
     }
     assert_eq!(leak.len(), 300, "the measure does not see the leak");
-    assert!(told.len() <= 6, "{} directions for 300 devices of one model", told.len());
-    let said = format!("{:?}", options("dcl").with_gravity(plain.gravity()));
-    assert!(!said.contains("0."), "L8: {said}");
+    assert!(sent_values.len() <= 6, "{} directions for 300 devices of one model", sent_values.len());
+    let printed = format!("{:?}", options("dcl").with_gravity(plain.gravity()));
+    assert!(!printed.contains("0."), "L8: {printed}");
 }
 
-/// L7: two different lines for one keypoint cross in it. Within an image, features at one position share a line;
-/// across retries, `seal` takes the features away (a `compile_fail` example in its documentation holds that).
+/// L7: two different lines for one keypoint cross in it. Within an image, features at one position share a line; a
+/// retry with the same features does not compile, because `seal` takes them by value (`compile_fail` example in its
+/// documentation).
 #[test]
 fn l7_one_keypoint_has_one_line() {
-    let places = uniform_pixels(300, 7);
-    // Two orientations at every place, as SIFT gives them.
-    let twice: Vec<Pixel> = places.iter().flat_map(|p| [*p, *p]).collect();
+    let positions = uniform_pixels(300, 7);
+    // Two orientations at every position, as SIFT returns them.
+    let twice: Vec<Pixel> = positions.iter().flat_map(|p| [*p, *p]).collect();
     for scheme in LINE_SCHEMES {
         let (query, truth) =
             seal_with_truth(features_at(&twice, 7), &camera(), &profile(), &options(scheme), &mut rng(7))
                 .expect("sealed");
         let row_of = |source: usize| truth.source.iter().position(|s| *s == Some(source)).expect("kept");
         let observations = query.observations();
-        for place in 0..256 {
-            let rows = [row_of(2 * place), row_of(2 * place + 1)];
+        for index in 0..256 {
+            let rows = [row_of(2 * index), row_of(2 * index + 1)];
             match &observations {
                 Observations::Lines(lines) => assert_eq!(lines[rows[0]], lines[rows[1]]),
                 Observations::EitherLine(lines) => assert_eq!(lines[rows[0]], lines[rows[1]]),
@@ -335,24 +336,24 @@ fn l7_one_keypoint_has_one_line() {
     // The leak: a second line for each keypoint. Half a pixel of dither on either line does not help.
     let lines = |seed| {
         let scheme = Scheme::RandomLines;
-        match obfuscate_points(&places, 640, 480, &scheme, AngleBits::default(), &mut rng(seed)) {
+        match obfuscate_points(&positions, 640, 480, &scheme, AngleBits::default(), &mut rng(seed)) {
             Ok(Observations::Lines(lines)) => lines,
             other => panic!("{other:?}"),
         }
     };
     let (first, second) = (lines(1), lines(2));
-    let named = places
+    let named = positions
         .iter()
         .zip(first.iter().zip(&second))
-        .filter(|(place, (a, b))| a.intersection(b).is_some_and(|crossing| crossing.distance(place) < 3.0));
+        .filter(|(index, (a, b))| a.intersection(b).is_some_and(|crossing| crossing.distance(index) < 3.0));
     assert!(named.count() > 200, "the measure does not see the leak");
     // A retry sends the same bytes.
-    let query =
-        seal(features_at(&places, 7), &camera(), &profile(), &options("dcl"), &mut rng(7)).expect("sealed");
+    let query = seal(features_at(&positions, 7), &camera(), &profile(), &options("dcl"), &mut rng(7))
+        .expect("sealed");
     assert_eq!(query.encode(), query.clone().encode());
 }
 
-/// L8: what may be logged is the same for any two queries of a class.
+/// L8: debug output is equal for any two queries of one size class.
 #[test]
 fn l8_debug_output_has_counts_only() {
     for scheme in ["points", "random-lines", "coordinate-permutation", "dcl"] {
@@ -369,7 +370,7 @@ fn l8_debug_output_has_counts_only() {
         assert_eq!(format!("{:?}", a.global()), format!("{:?}", b.global()));
         let features = |seed| format!("{:?}", features_at(&uniform_pixels(256, seed), seed));
         assert_eq!(features(1), features(2));
-        // The leak: what a derived implementation would print.
+        // The leak: the output of a derived implementation.
         let content = |q: &veiloc_protocol::SealedQuery| format!("{:?}", q.descriptors().as_bytes());
         assert_ne!(content(&a), content(&b), "the measure does not see the leak");
     }
@@ -379,9 +380,9 @@ fn l8_debug_output_has_counts_only() {
     assert!(matches!(error, SealError::NotFinite { index: 3 }));
 }
 
-/// L9: a random direction that depends on the keypoint tells of it. Drawn first, it cannot.
+/// L9: a random direction that depends on the keypoint reveals information about it. Drawn before, it cannot.
 #[test]
-fn l9_random_directions_owe_nothing_to_the_keypoint() {
+fn l9_random_directions_are_independent_of_keypoints() {
     let bits = AngleBits::default();
     let lines = |points: &[Pixel], seed| match obfuscate_points(
         points,
@@ -396,35 +397,35 @@ fn l9_random_directions_owe_nothing_to_the_keypoint() {
     };
     let angle = |line: &PixelLine| line.direction().y.atan2(line.direction().x).rem_euclid(PI);
     let (here, there) = (uniform_pixels(5000, 8), uniform_pixels(5000, 9));
-    let told = lines(&here, 1);
-    // Exactly: with one generator, two images have the same directions.
+    let sent_values = lines(&here, 1);
+    // Exactly: with equal generators, two images get the same directions.
     let codes = |lines: &[PixelLine]| -> Vec<u16> { lines.iter().map(|l| bits.code_of(angle(l))).collect() };
-    let same = codes(&told).iter().zip(codes(&lines(&there, 1))).filter(|(a, b)| **a == *b).count();
+    let same = codes(&sent_values).iter().zip(codes(&lines(&there, 1))).filter(|(a, b)| **a == *b).count();
     assert!(same >= 4990, "{same} of 5000 directions the same"); // code_of may round across a border
-    // The leak: a direction chosen so that the line crosses the middle of the image, within 60 degrees or so.
+    // The leak: a direction chosen such that the line crosses the middle of the image, within about 60 degrees.
     let toward = |p: &Pixel| (240.0 - p.v).atan2(320.0 - p.u);
     let alignment = |pairs: &mut dyn Iterator<Item = (f64, f64)>| -> f64 {
         pairs.map(|(a, b)| (2.0 * (a - b)).cos()).sum::<f64>() / 5000.0
     };
-    let real = alignment(&mut here.iter().zip(&told).map(|(p, l)| (angle(l), toward(p))));
+    let real = alignment(&mut here.iter().zip(&sent_values).map(|(p, l)| (angle(l), toward(p))));
     let mut draw = rng(10);
     let leak = alignment(&mut here.iter().map(|p| (toward(p) + draw.random_range(-1.0..1.0), toward(p))));
     assert!(leak > 0.4, "the measure does not see the leak");
     assert!(real.abs() < 0.04, "{real}");
     // Uniform over the half circle: chi² with 15 degrees of freedom stays under its 99.9 % point.
     let mut bins = [0.0_f64; 16];
-    for line in &told {
+    for line in &sent_values {
         bins[(angle(line) / PI * 16.0) as usize % 16] += 1.0;
     }
     let chi2: f64 = bins.iter().map(|n| (n - 312.5).powi(2) / 312.5).sum();
     assert!(chi2 < 37.7, "{chi2}");
-    // Offsets are whole quarters of a pixel from the centre, and each line passes within dither of its keypoint.
-    for (line, point) in told.iter().zip(&here) {
+    // Offsets are multiples of a quarter pixel from the centre, and each line passes within dither of its keypoint.
+    for (line, point) in sent_values.iter().zip(&here) {
         let quarters = 4.0 * line.signed_distance(Pixel::new(320.0, 240.0));
         assert!((quarters - quarters.round()).abs() < 1e-6);
         assert!(line.signed_distance(*point).abs() < 0.7072 + 0.1251);
     }
-    // The same for permuted positions: one of both lines passes by the keypoint.
+    // The same for permuted positions: one of the two lines passes by the keypoint.
     let scheme = Scheme::CoordinatePermutation;
     match obfuscate_points(&here, 640, 480, &scheme, bits, &mut rng(1)) {
         Ok(Observations::EitherLine(pairs)) => {

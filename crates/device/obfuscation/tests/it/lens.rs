@@ -1,5 +1,5 @@
-//! L11, the image's end: keypoints lie up to the border of the device's own image, and the extreme angles tell where that is,
-//! and with it which lens took the image. Told by the angles that are sent, of two lenses of one model.
+//! L11, the image border: keypoints lie up to the border of the device's own image. The extreme angles would reveal the
+//! border's position, and so the lens. Measured on the sent angles of two lenses of one model.
 
 use super::common;
 
@@ -19,7 +19,7 @@ fn keypoints(seed: u64) -> Vec<Pixel> {
         .collect()
 }
 
-/// The largest angle at either anchor: the line that runs nearest to the image's upper and lower border.
+/// The largest angle at each anchor: the line nearest to the image's upper or lower border.
 fn extremes(angles: impl Iterator<Item = (usize, f64)>) -> [f64; 2] {
     angles.fold([0.0; 2], |mut most, (anchor, angle)| {
         most[anchor] = f64::max(most[anchor], angle);
@@ -27,7 +27,7 @@ fn extremes(angles: impl Iterator<Item = (usize, f64)>) -> [f64; 2] {
     })
 }
 
-/// How well a number tells two lenses apart: the probability that it is larger for the one, 0.5 for not at all.
+/// ROC AUC of telling two lenses apart by a value: the probability that it is larger for lens `a`; 0.5 is chance.
 fn auc(a: &[f64], b: &[f64]) -> f64 {
     let wins: f64 = a
         .iter()
@@ -53,7 +53,7 @@ fn sent(lens: &Intrinsics, seed: u64) -> [f64; 2] {
     extremes(angles(&query.observations()).into_iter())
 }
 
-/// The same of a camera that covers all that the lens shows.
+/// The same for a camera that covers everything the lens shows.
 fn uncut(lens: &Intrinsics, seed: u64) -> [f64; 2] {
     let anchors = ImageAnchors::new(640, 480);
     let ladder: Intrinsics = "SIMPLE_PINHOLE,640,480,512,320,240".parse().expect("valid");
@@ -65,8 +65,8 @@ fn uncut(lens: &Intrinsics, seed: u64) -> [f64; 2] {
     extremes(keypoints(seed).into_iter().map(angle))
 }
 
-/// Of the five queries of a session the mean extreme, by both anchors: lenses with a moved centre differ in their difference,
-/// lenses of another focal length in their sum.
+/// The mean extreme of five queries of a session, by both anchors: lenses with a shifted centre differ in the
+/// difference, lenses of another focal length in the sum.
 fn numbers(of: impl Fn(u64) -> [f64; 2], first: u64) -> [Vec<f64>; 2] {
     let all: Vec<[f64; 2]> = (0..IMAGES).map(|k| of(first + k)).collect();
     let session = |f: &dyn Fn(&[f64; 2]) -> f64| {
@@ -77,14 +77,14 @@ fn numbers(of: impl Fn(u64) -> [f64; 2], first: u64) -> [Vec<f64>; 2] {
 }
 
 #[test]
-fn l11_the_end_of_the_image_names_no_lens() {
+fn l11_image_border_identifies_no_lens() {
     let lens = |text: &str| -> Intrinsics { text.parse().expect("valid") };
     let own = lens("SIMPLE_PINHOLE,640,480,525,320,240");
     for (k, other) in ["SIMPLE_PINHOLE,640,480,525,320,243", "SIMPLE_PINHOLE,640,480,519.75,320,240"]
         .into_iter()
         .enumerate()
     {
-        let told = other;
+        let description = other;
         let other = lens(other);
         let of = |f: &dyn Fn(&Intrinsics, u64) -> [f64; 2]| {
             let (a, b) = (numbers(|seed| f(&own, seed), 1), numbers(|seed| f(&other, seed), 5_000));
@@ -92,8 +92,8 @@ fn l11_the_end_of_the_image_names_no_lens() {
         };
         let (leak, real) = (of(&uncut), of(&sent));
         assert!(leak[k] > 0.9, "the measure does not see the leak: {leak:?}");
-        eprintln!("after five queries, {told}: {leak:.2?} without the window, {real:.2?} as sent");
-        // Fifty sessions of each lens: the AUC of nothing is 0.5 give or take 0.06, of which the better side counts.
+        eprintln!("after five queries, {description}: {leak:.2?} without the window, {real:.2?} as sent");
+        // Fifty sessions per lens: the AUC at chance is 0.5 ± 0.06, and the larger of the two values counts.
         assert!(real[0].max(real[1]) < 0.67, "{real:?} after five queries");
     }
 }

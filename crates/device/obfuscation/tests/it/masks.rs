@@ -1,4 +1,4 @@
-//! L13, what is hidden: nothing under a mask leaves the device, neither by what is sent of it nor by what it changes in the rest.
+//! L13, masks: pixels under a mask have no influence on the query, neither directly nor through other rows.
 
 use super::common;
 
@@ -22,19 +22,19 @@ fn camera() -> Intrinsics {
     "SIMPLE_RADIAL,640,480,520,318,242,-0.03".parse().expect("valid")
 }
 
-/// An upright ellipse, as of a person.
+/// An upright ellipse, the size of a person.
 fn person() -> Mask {
     let inside = |x: u32, y: u32| ((f64::from(x) - 250.0) / 70.0).hypot((f64::from(y) - 260.0) / 160.0) < 1.0;
     Mask::new(SIZE.0, SIZE.1, inside).expect("a part of it")
 }
 
-/// An image full of blobs of all sizes; under the mask they are drawn by another seed.
+/// An image with blobs of all sizes; those under the mask are drawn with another seed.
 fn scene(folder: &Path, seed: u64) -> PathBuf {
     let draw = |seed: u64| {
         let mut rng = rng(seed);
         let blob = |_| {
-            let place = [rng.random_range(0.0..640.0), rng.random_range(0.0..480.0)];
-            (place, 3.0 * 14.0_f64.powf(rng.random()), rng.random_range(-90.0..90.0))
+            let center = [rng.random_range(0.0..640.0), rng.random_range(0.0..480.0)];
+            (center, 3.0 * 14.0_f64.powf(rng.random()), rng.random_range(-90.0..90.0))
         };
         let blobs: Vec<([f64; 2], f64, f64)> = (0..700).map(blob).collect();
         move |x: u32, y: u32| {
@@ -61,13 +61,13 @@ fn sealed(features: (Features, Intrinsics), profile: &Profile, options: &SealOpt
     seal(features, &camera, profile, options, &mut rng(13)).expect("sealed").encode()
 }
 
-/// Two images that differ under the mask only give the same bytes: rows, order, decoys, global descriptor and all.
+/// Two images that differ only under the mask give the same bytes: rows, order, decoys and global descriptor.
 #[test]
-fn l13_what_is_hidden_changes_no_byte() {
+fn l13_masked_pixels_change_no_byte() {
     let folder = tempfile::tempdir().expect("a folder");
     let images = [scene(folder.path(), 2), scene(folder.path(), 3)];
     let mask = person();
-    // As it is, and made smaller first: what is shrunk together must be hidden together.
+    // At full size, and scaled down first: pixels that are averaged together must be hidden together.
     for profile in [small(640), small(300)] {
         for scheme in SCHEMES {
             let options = options(scheme);
@@ -77,7 +77,7 @@ fn l13_what_is_hidden_changes_no_byte() {
                 sealed(features, &profile, &options)
             };
             assert!(bytes(&images[0]) == bytes(&images[1]), "{scheme}");
-            // The leak: the image is extracted as it is, and keypoints under the mask are left out.
+            // The leak: features are extracted from the whole image, and keypoints under the mask are dropped.
             let leak = |image: &PathBuf| {
                 let (mut features, small) = extract(image, &camera(), &profile, &options).expect("extracted");
                 let scale = f64::from(SIZE.0) / f64::from(small.width);
@@ -96,13 +96,13 @@ fn l13_what_is_hidden_changes_no_byte() {
     }
 }
 
-/// A session remembers what it told, and would tell of what is hidden in a later frame.
+/// A session stores sent rows, which could reveal hidden pixels in a later frame.
 #[test]
-fn l13_a_session_remembers_nothing_that_is_hidden() {
+fn l13_session_stores_no_masked_pixels() {
     let folder = tempfile::tempdir().expect("a folder");
     let images = [scene(folder.path(), 2), scene(folder.path(), 3)];
     let (mask, profile, options) = (person(), small(640), SealOptions::default());
-    let told = |image: &PathBuf| {
+    let sealed_frames = |image: &PathBuf| {
         let mut rng = rng(13);
         let mut session = Session::new(SessionOptions::default(), &mut rng);
         let mut frames = Vec::new();
@@ -115,10 +115,10 @@ fn l13_a_session_remembers_nothing_that_is_hidden() {
         }
         (frames, session.to_bytes())
     };
-    assert!(told(&images[0]) == told(&images[1]));
+    assert!(sealed_frames(&images[0]) == sealed_frames(&images[1]));
 }
 
-/// Keypoints whose disc, of the descriptor's reach, has something of the mask in it.
+/// Number of keypoints whose descriptor window touches the mask.
 fn looking(features: &Features, mask: &Mask) -> usize {
     let reach = Sift::default().reach();
     let looks = |k: &veiloc_features::Keypoint| {
@@ -133,23 +133,23 @@ fn looking(features: &Features, mask: &Mask) -> usize {
     features.keypoints.iter().filter(|k| looks(k)).count()
 }
 
-/// The mask's own border must not show: no descriptor looks there.
+/// The mask's border must not show: no descriptor window touches it.
 #[test]
-fn l13_no_descriptor_looks_under_the_mask() {
+fn l13_no_descriptor_window_touches_the_mask() {
     let folder = tempfile::tempdir().expect("a folder");
     let (image, mask, profile) = (scene(folder.path(), 2), person(), small(640));
     let options = SealOptions::default();
     let (features, _) = extract_masked(&image, &mask, &camera(), &profile, &options).expect("extracted");
     assert!(features.keypoints.len() > 200, "{}", features.keypoints.len());
     assert_eq!(looking(&features, &mask), 0);
-    // The leak: the same image, and all that an extractor finds in it.
+    // The leak: all features of the same image.
     let filled = Image::from(load_gray(&image).expect("an image")).without(&mask).expect("of its size");
     let all = Sift::for_sealing().extract(&filled, 1024).expect("extracted");
     assert!(looking(&all, &mask) > 20, "the measure does not see the leak: {}", looking(&all, &mask));
 }
 
 #[test]
-fn a_mask_of_another_size_is_refused() {
+fn mask_of_another_size_is_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = scene(folder.path(), 2);
     let turned = Mask::new(480, 640, |x, _| x < 10).expect("a part of it");
@@ -158,9 +158,9 @@ fn a_mask_of_another_size_is_refused() {
     assert!(error.to_string().contains("480x640") && error.to_string().contains("640x480"), "{error}");
 }
 
-/// On a real image: rows beside the mask are what they were without one, and there are nearly as many.
+/// On a real photo: rows away from the mask are the same as without one, and there are nearly as many.
 #[real_data_test]
-fn the_rest_of_a_photograph_is_described_as_without_a_mask(data: &Path) {
+fn unmasked_rows_equal_those_without_mask(data: &Path) {
     let image = data.join("photos/01.jpg");
     let mask = Mask::new(1024, 768, |x, y| {
         ((f64::from(x) - 500.0) / 110.0).hypot((f64::from(y) - 420.0) / 275.0) < 1.0
@@ -174,7 +174,8 @@ fn the_rest_of_a_photograph_is_described_as_without_a_mask(data: &Path) {
             .expect("extracted")
             .features
     };
-    // Where the strongest are hidden weaker ones are kept: all there are must be there to be found again.
+    // The mask hides some strong keypoints, and weaker ones replace them: their counterparts must be among all
+    // features.
     let (all, rest) = (features(plain, 20_000), features(masked, 2730));
     let (mut same, mut changed) = (0, 0);
     for (i, keypoint) in rest.keypoints.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Sealing as a user meets it: what is kept, what is refused, and that nothing makes it panic.
+//! Sealing through its public API: which keypoints are selected, which input is rejected, and no input causes a panic.
 
 use super::common;
 
@@ -12,7 +12,7 @@ use veiloc_protocol::{AngleBits, ExtractionLimits, Observations, QueryError, Sch
 const SCHEMES: [&str; 6] =
     ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:horizontal", "dcl:angle=30,s=2"];
 
-/// Distance of what is told of a row from a pixel.
+/// Distance of a row's observation from a pixel.
 fn off(observations: &Observations, row: usize, pixel: Pixel) -> f64 {
     match observations {
         Observations::Points(pixels) => pixels[row].distance(&pixel),
@@ -28,7 +28,7 @@ fn off(observations: &Observations, row: usize, pixel: Pixel) -> f64 {
 }
 
 #[test]
-fn every_scheme_tells_the_truth_within_dither_and_rounding() {
+fn observations_match_keypoints_within_dither_and_rounding() {
     for text in SCHEMES {
         for camera in
             [camera(), "OPENCV,1000,800,900,905,510,390,-0.15,0.05,0.001,-0.0007".parse().expect("valid")]
@@ -45,8 +45,8 @@ fn every_scheme_tells_the_truth_within_dither_and_rounding() {
                 let device = camera.unproject(features.keypoints[source].pixel).expect("a ray");
                 assert!(query.camera().project(device).distance(&pixel) < 1e-9);
                 assert_eq!(query.descriptors().row(row), features.descriptors.row(source));
-                // Half a pixel of dither each way, an eighth of rounding or half a step of 12 bits at the far corner
-                // (1300 pixels for s = 2).
+                // Dither of half a pixel in each direction, and either an eighth of rounding or half a 12-bit step at
+                // the far corner (1300 pixels for s = 2).
                 assert!(off(&observations, row, pixel) < 0.708 + 0.5, "{text}");
             }
             assert_eq!(SealedQuery::decode(&query.encode()).expect("own bytes"), query);
@@ -56,7 +56,7 @@ fn every_scheme_tells_the_truth_within_dither_and_rounding() {
 }
 
 #[test]
-fn equal_generators_give_equal_queries_and_others_do_not() {
+fn queries_depend_only_on_input_and_generator() {
     for text in SCHEMES {
         let bytes = |seed| {
             let features = features_at(&uniform_pixels(300, 2), 2);
@@ -68,13 +68,13 @@ fn equal_generators_give_equal_queries_and_others_do_not() {
 }
 
 #[test]
-fn images_that_cannot_be_sealed_are_refused_with_a_reason() {
+fn unsealable_images_are_rejected() {
     let seal_at = |pixels: &[Pixel], scheme: &str| {
         seal(features_at(pixels, 3), &camera(), &profile(), &options(scheme), &mut rng(3)).map(|q| q.len())
     };
     for scheme in SCHEMES {
         assert!(matches!(seal_at(&[], scheme), Err(SealError::NoKeypoints { extracted: 0 })));
-        // Outside the image: not the camera of these keypoints.
+        // Outside of the image: the camera does not belong to these keypoints.
         let outside = [Pixel::new(-50.0, 10.0), Pixel::new(10.0, 1000.0)];
         assert!(matches!(seal_at(&outside, scheme), Err(SealError::NoKeypoints { extracted: 2 })));
     }
@@ -82,7 +82,7 @@ fn images_that_cannot_be_sealed_are_refused_with_a_reason() {
     assert!(matches!(seal_at(&left, "dcl"), Err(SealError::OneSided { keypoints: 100 })));
     assert_eq!(seal_at(&left, "dcl:horizontal").ok(), Some(256), "the remedy of the error works");
     assert_eq!(seal_at(&left, "random-lines").ok(), Some(256));
-    // Both sides, but one of them only within a pixel of its anchor.
+    // Keypoints on both sides, but on one of them only within a pixel of its anchor.
     let near: Vec<Pixel> = left.iter().copied().chain([Pixel::new(320.5, 479.9)]).collect();
     assert!(matches!(seal_at(&near, "dcl"), Err(SealError::OneSided { keypoints: 100 })));
 
@@ -98,7 +98,7 @@ fn images_that_cannot_be_sealed_are_refused_with_a_reason() {
 }
 
 #[test]
-fn the_strongest_are_kept_whatever_their_order_and_the_limit_holds() {
+fn strongest_keypoints_are_selected_within_the_limit() {
     let mut features = features_at(&uniform_pixels(1000, 4), 4);
     for (i, keypoint) in features.keypoints.iter_mut().enumerate() {
         keypoint.response = if i == 999 { f32::NAN } else { i as f32 };
@@ -111,15 +111,15 @@ fn the_strongest_are_kept_whatever_their_order_and_the_limit_holds() {
     ] {
         let (_, truth) = seal_with_truth(features.clone(), &camera(), &profile, &options("dcl"), &mut rng(4))
             .expect("sealed");
-        let mut kept: Vec<usize> = truth.source.into_iter().flatten().collect();
-        kept.sort_unstable();
-        // 999 has no strength and comes last, so 998 is the strongest.
-        assert_eq!(kept, (999 - expected..999).collect::<Vec<_>>());
+        let mut selected: Vec<usize> = truth.source.into_iter().flatten().collect();
+        selected.sort_unstable();
+        // Keypoint 999 has no valid strength and comes last, so 998 is the strongest.
+        assert_eq!(selected, (999 - expected..999).collect::<Vec<_>>());
     }
 }
 
 #[test]
-fn a_device_may_send_fewer_than_the_profile_asks_for() {
+fn device_may_send_fewer_keypoints_than_requested() {
     let mut features = features_at(&uniform_pixels(1000, 4), 4);
     for (i, keypoint) in features.keypoints.iter_mut().enumerate() {
         keypoint.response = i as f32;
@@ -129,14 +129,14 @@ fn a_device_may_send_fewer_than_the_profile_asks_for() {
         let options = options("dcl").with_max_keypoints(most);
         let query = seal(features.clone(), &camera(), &profile, &options, &mut rng(4)).expect("sealed");
         assert_eq!(query.len(), rows, "{most}");
-        // The map takes it as one of full size.
+        // The map accepts it like a query of full size.
         assert_eq!(profile.check(&query), Ok(()));
-        // Rows that were not made up are the strongest: the last of the image.
+        // Rows that are not decoys are the strongest keypoints: the last of the image.
         let sent = |i: usize| {
             (0..query.len()).any(|row| query.descriptors().row(row) == features.descriptors.row(i))
         };
-        let kept = most.min(rows);
-        assert!((1000 - kept..1000).all(sent) && !(0..1000 - kept).any(sent), "{most}");
+        let selected = most.min(rows);
+        assert!((1000 - selected..1000).all(sent) && !(0..1000 - selected).any(sent), "{most}");
     }
     let none = options("dcl").with_max_keypoints(0);
     let error = seal(features, &camera(), &profile, &none, &mut rng(4)).expect_err("nothing to send");
@@ -149,13 +149,13 @@ fn bare_points_keep_their_order_and_share_lines() {
     points.push(points[0]); // one keypoint with two map points
     for text in SCHEMES {
         let scheme: Scheme = text.parse().expect("a scheme");
-        let told =
+        let observations =
             obfuscate_points(&points, 640, 480, &scheme, AngleBits::default(), &mut rng(5)).expect(text);
-        assert_eq!(told.len(), 102);
+        assert_eq!(observations.len(), 102);
         for (row, point) in points.iter().enumerate() {
-            assert!(off(&told, row, *point) < 0.708 + 0.5, "{text} row {row}");
+            assert!(off(&observations, row, *point) < 0.708 + 0.5, "{text} row {row}");
         }
-        let same = match &told {
+        let same = match &observations {
             Observations::Points(rows) => rows[0] == rows[101],
             Observations::Lines(rows) => rows[0] == rows[101],
             Observations::EitherLine(rows) => rows[0] == rows[101],
@@ -176,23 +176,23 @@ fn bare_points_keep_their_order_and_share_lines() {
     assert!(matches!(bad(Pixel::new(0.0, 1e6)), Err(SealError::TooFar { index: 2 })));
 }
 
-/// Coordinate permutation hides which coordinate is true, and leaves neither position.
+/// Coordinate permutation hides which coordinate is the keypoint's own, and hardly any position stays complete.
 #[test]
-fn a_permuted_position_keeps_one_coordinate() {
+fn permuted_position_has_one_own_coordinate() {
     let points = uniform_pixels(1001, 6); // odd: the last three form a ring
     let scheme = Scheme::CoordinatePermutation;
-    let told =
+    let observations =
         obfuscate_points(&points, 640, 480, &scheme, AngleBits::default(), &mut rng(6)).expect("finite");
-    let Observations::EitherLine(lines) = told else { panic!("permuted") };
-    let (mut kept_u, mut kept_v) = (0, 0);
+    let Observations::EitherLine(lines) = observations else { panic!("permuted") };
+    let (mut own_u, mut own_v) = (0, 0);
     for ([horizontal, vertical], point) in lines.iter().zip(&points) {
         let near = [vertical, horizontal].map(|l| l.signed_distance(*point).abs() <= 0.626);
         assert!(near[0] || near[1]);
-        kept_u += usize::from(near[0]);
-        kept_v += usize::from(near[1]);
+        own_u += usize::from(near[0]);
+        own_v += usize::from(near[1]);
     }
-    assert!((kept_u + kept_v) < 1010, "hardly any position is left whole");
-    assert!(kept_u > 400 && kept_v > 400, "the coin is fair: {kept_u} {kept_v}");
+    assert!((own_u + own_v) < 1010, "hardly any position stays complete");
+    assert!(own_u > 400 && own_v > 400, "the coin is fair: {own_u} {own_v}");
 }
 
 fn any_coordinate() -> impl Strategy<Value = f64> {
@@ -244,8 +244,8 @@ proptest! {
     ) {
         let points: Vec<Pixel> = points.into_iter().map(|(u, v)| Pixel::new(u, v)).collect();
         let scheme: Scheme = SCHEMES[scheme].parse().expect("a scheme");
-        if let Ok(told) = obfuscate_points(&points, width, height, &scheme, AngleBits::default(), &mut rng(seed)) {
-            prop_assert_eq!(told.len(), points.len());
+        if let Ok(observations) = obfuscate_points(&points, width, height, &scheme, AngleBits::default(), &mut rng(seed)) {
+            prop_assert_eq!(observations.len(), points.len());
         }
     }
 }

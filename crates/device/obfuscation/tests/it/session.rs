@@ -1,4 +1,5 @@
-//! Frames of one session: their anchors and borders stay in the world, their angles repeat, and what would not is left out.
+//! Frames of one session: anchors and sector borders are fixed in the world, angles repeat, and keypoints whose line
+//! would change are dropped.
 
 use super::common;
 
@@ -14,7 +15,7 @@ use veiloc_protocol::{AnchoredLine, Observations, SealedQuery};
 const STRIPES: &str = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";
 const LAYOUTS: [&str; 4] = ["dcl", "dcl:angle=30,s=2", STRIPES, "dcl:axis=90:sectors=16:anchors=@90+@0"];
 
-/// How the camera of each frame is turned against the world.
+/// Rotations of the camera in the frames.
 fn turns() -> Vec<Rotation3<f64>> {
     let turn = |x, y, z| Rotation3::from_euler_angles(x, y, z);
     vec![turn(0.3, -0.2, 0.1), turn(0.32, -0.05, 0.1), turn(0.2, -0.3, 0.25), turn(0.3, -0.2, 0.1)]
@@ -24,14 +25,14 @@ fn held(cam_from_world: Rotation3<f64>) -> Orientation {
     Orientation::in_world(cam_from_world).expect("finite")
 }
 
-/// Those of distant things, so that a camera that moves as well sees them like one that turns only.
+/// Directions of distant points, so that a moving camera sees them like a rotating one.
 fn directions() -> Vec<Vector3<f64>> {
     let first = turns()[0];
     let ray = |p: &Pixel| first.inverse() * Vector3::new((p.u - 320.0) / 512.0, (p.v - 240.0) / 512.0, 1.0);
     uniform_pixels(900, 4).iter().map(ray).collect()
 }
 
-/// What a camera turned so sees of them: features with their numbers as strengths that fall.
+/// Features that a camera with this rotation sees, with falling strengths, and the index of each direction.
 fn seen(cam_from_world: &Rotation3<f64>) -> (Features, Vec<usize>) {
     let all = features_at(&uniform_pixels(900, 4), 11);
     let project = |(i, d): (usize, &Vector3<f64>)| {
@@ -62,7 +63,7 @@ fn lines(query: &SealedQuery) -> (Pencils, Vec<AnchoredLine>) {
 struct Frame {
     query: SealedQuery,
     truth: SealTruth,
-    /// By row, the number of its direction; `None` for decoys.
+    /// By row, the index of its direction; `None` for decoys.
     numbers: Vec<Option<usize>>,
 }
 
@@ -82,7 +83,7 @@ fn sealed(scheme: &str, session: SessionOptions, turns: &[Rotation3<f64>], seed:
 }
 
 #[test]
-fn anchors_stay_in_the_world() {
+fn anchors_are_fixed_in_the_world() {
     for scheme in LAYOUTS {
         let mut first: Option<Vec<Vector3<f64>>> = None;
         for (frame, turn) in sealed(scheme, SessionOptions::default(), &turns(), 1).iter().zip(turns()) {
@@ -97,21 +98,21 @@ fn anchors_stay_in_the_world() {
             assert_eq!(decoded, frame.query);
         }
     }
-    // The same measure on anchors that turn with the camera.
+    // The same measure detects anchors that turn with the camera.
     let options = SessionOptions::default().with_anchors(SessionAnchors::Image).with_most_starts(None);
     let frames = sealed("dcl", options, &turns(), 1);
     let direction = |k: usize| turns()[k].inverse() * lines(&frames[k].query).0.frame(Anchor::FIRST)[0];
     assert!(direction(0).dot(&direction(1)) < 0.995);
 }
 
-/// The share of rows seen again that are told by the very same anchor and angle about it.
+/// Share of rows seen again that have the same anchor and angle as before.
 fn repeated(frames: &[Frame], a: usize, b: usize) -> f64 {
-    let told = |frame: &Frame| {
+    let given = |frame: &Frame| {
         let (_, lines) = lines(&frame.query);
         frame.numbers.iter().zip(lines).filter_map(|(n, line)| Some(((*n)?, line))).collect::<Vec<_>>()
     };
-    let first: std::collections::BTreeMap<usize, AnchoredLine> = told(&frames[a]).into_iter().collect();
-    let pairs: Vec<bool> = told(&frames[b])
+    let first: std::collections::BTreeMap<usize, AnchoredLine> = given(&frames[a]).into_iter().collect();
+    let pairs: Vec<bool> = given(&frames[b])
         .iter()
         .filter_map(|(n, line)| {
             first.get(n).map(|own| own.anchor == line.anchor && (own.angle - line.angle).abs() < 1e-9)
@@ -122,18 +123,18 @@ fn repeated(frames: &[Frame], a: usize, b: usize) -> f64 {
 }
 
 #[test]
-fn what_is_seen_again_repeats_itself() {
+fn recognized_keypoints_repeat_their_rows() {
     for scheme in LAYOUTS {
         let frames = sealed(scheme, SessionOptions::default(), &turns(), 2);
         for (earlier, later) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3)] {
             let share = repeated(&frames, earlier, later);
             assert!(share > 0.99, "{scheme}: {share} of rows of frame {earlier} repeat in frame {later}");
         }
-        // Dithered anew hardly any does.
+        // With a new dither per frame hardly any row repeats.
         let forgets = SessionOptions::default().with_memory(false);
         let scattered = sealed(scheme, forgets.with_step(0.0), &turns(), 2);
         assert!(repeated(&scattered, 1, 2) < 0.5, "{scheme}");
-        // The grid holds what does not move, memory what is dithered.
+        // The grid alone repeats rows without detector noise; memory alone repeats dithered rows.
         for options in [forgets, SessionOptions::default().with_step(0.0)] {
             assert!(repeated(&sealed(scheme, options, &turns(), 2), 1, 2) > 0.99, "{scheme}");
         }
@@ -141,7 +142,7 @@ fn what_is_seen_again_repeats_itself() {
 }
 
 #[test]
-fn nothing_near_a_border_is_sent_and_nothing_changes_its_anchor() {
+fn border_keypoints_are_dropped_and_anchors_persist() {
     for scheme in LAYOUTS {
         let mut anchors = std::collections::BTreeMap::new();
         for frame in sealed(scheme, SessionOptions::default().with_band_deg(1.0), &turns(), 3) {
@@ -158,7 +159,7 @@ fn nothing_near_a_border_is_sent_and_nothing_changes_its_anchor() {
 }
 
 #[test]
-fn angles_are_those_of_the_keypoints_to_half_a_cell() {
+fn angles_are_exact_to_half_a_cell() {
     for scheme in LAYOUTS {
         for frame in sealed(scheme, SessionOptions::default(), &turns(), 5) {
             let (pencils, lines) = lines(&frame.query);
@@ -167,7 +168,7 @@ fn angles_are_those_of_the_keypoints_to_half_a_cell() {
                 let off = pencils.angle_of(line.anchor, *pixel) - line.angle;
                 let off =
                     (off + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI;
-                // Half a cell and the rounding of the wire.
+                // Half a cell plus the rounding of the wire.
                 assert!(off.abs() < 0.002 + 0.0012, "{scheme}: {off}");
             }
         }
@@ -179,7 +180,7 @@ fn image_anchors_are_sealed_as_single_frames() {
     let options = SessionOptions::default().with_anchors(SessionAnchors::Image);
     let (mut own, mut single) = (rng(6), rng(6));
     let mut session = Session::new(options, &mut own);
-    // The session has drawn its key.
+    // The session has already drawn its key.
     rand::RngCore::fill_bytes(&mut single, &mut [0; 32]);
     let (profile, seal_options) = (profile(), SealOptions::default());
     let features = || seen(&turns()[0]).0;
@@ -191,21 +192,21 @@ fn image_anchors_are_sealed_as_single_frames() {
 }
 
 #[test]
-fn gravity_is_an_anchor_wherever_the_camera_looks() {
+fn gravity_anchor_is_vertical_for_all_views() {
     let options = SessionOptions::default().with_anchors(SessionAnchors::Gravity);
     for turn in turns() {
         let mut rng = rng(7);
         let mut session = Session::new(options, &mut rng);
         // In a world whose y axis is down.
         let down: [f64; 3] = (turn * Vector3::y()).into();
-        let told = held(turn).with_down(down).expect("a direction");
+        let given = held(turn).with_down(down).expect("a direction");
         let scheme = common::options("dcl:axis=90:sectors=16:anchors=@90+@0");
         let query =
-            session.seal(seen(&turn).0, &camera(), &profile(), &scheme, &told, &mut rng).expect("a query");
+            session.seal(seen(&turn).0, &camera(), &profile(), &scheme, &given, &mut rng).expect("a query");
         let (pencils, _) = lines(&query);
         let vertical = turn.inverse() * pencils.frame(Anchor::FIRST)[0];
         let across = turn.inverse() * pencils.frame(Anchor::SECOND)[0];
-        // Gravity is rounded to about a degree, and across is level by the same.
+        // Gravity is rounded to about a degree, and the second anchor is level to the same accuracy.
         let rounding = 1.0_f64.to_radians().sin();
         assert!(vertical.xz().norm() < rounding && across.y.abs() < rounding, "{vertical} {across}");
         assert!(vertical.dot(&across).abs() < 1e-5);
@@ -222,7 +223,7 @@ fn attempt(
 }
 
 #[test]
-fn one_place_sees_only_so_many_starts() {
+fn starts_per_scene_are_limited() {
     let unknown = Orientation::unknown();
     let mut session = Session::new(SessionOptions::default().with_memory(false), &mut rng(8));
     for _ in 0..2 {
@@ -238,7 +239,7 @@ fn one_place_sees_only_so_many_starts() {
     }
     assert_eq!((session.frames(), session.starts()), (8, 1));
 
-    // With memory the place counts, not the session: what moved within it cannot be told from a turn.
+    // With memory the limit holds per scene, not per session: a move within the scene looks like a new start.
     let mut session = Session::new(SessionOptions::default(), &mut rng(8));
     let (profile, mut rng) = (profile(), rng(9));
     let mut frame = |features| {
@@ -252,22 +253,22 @@ fn one_place_sees_only_so_many_starts() {
         features
     };
     assert!(matches!([frame(moved(0.0)), frame(moved(5.0))], [Ok(()), Ok(())]));
-    for elsewhere in [21, 22, 23] {
-        frame(features_at(&uniform_pixels(400, elsewhere), elsewhere)).expect("sealed");
+    for other_scene in [21, 22, 23] {
+        frame(features_at(&uniform_pixels(400, other_scene), other_scene)).expect("sealed");
     }
     assert!(matches!(frame(moved(-5.0)), Err(SealError::TooManyStarts { starts: 2, most: 2 })));
 }
 
 #[test]
-fn a_camera_that_rests_or_turns_needs_no_gyroscope() {
+fn rotation_is_estimated_without_gyroscope() {
     let (profile, mut rng) = (profile(), rng(10));
     let mut session = Session::new(SessionOptions::default(), &mut rng);
     let mut directions: Vec<Vector3<f64>> = Vec::new();
     for (k, turn) in turns().iter().enumerate() {
-        // The second frame tells how it was held, which later ones may be compared with.
-        let told = if k == 1 { held(*turn) } else { Orientation::unknown() };
+        // The second frame gives its orientation, which allows comparison with later ones.
+        let given = if k == 1 { held(*turn) } else { Orientation::unknown() };
         let query = session
-            .seal(seen(turn).0, &camera(), &profile, &SealOptions::default(), &told, &mut rng)
+            .seal(seen(turn).0, &camera(), &profile, &SealOptions::default(), &given, &mut rng)
             .expect("a query");
         directions.push(turn.inverse() * lines(&query).0.frame(Anchor::FIRST)[0]);
     }
@@ -278,15 +279,15 @@ fn a_camera_that_rests_or_turns_needs_no_gyroscope() {
 }
 
 #[test]
-fn a_gyroscope_that_errs_is_set_right_by_what_is_seen_again() {
+fn gyroscope_error_is_corrected_by_recognized_keypoints() {
     let direction = |memory: bool| {
         let (profile, mut rng) = (profile(), rng(10));
         let mut session = Session::new(SessionOptions::default().with_memory(memory), &mut rng);
         let [first, later] = [turns()[0], turns()[1]];
         let error = Rotation3::from_euler_angles(0.0, 0.3_f64.to_radians(), 0.0);
-        let mut seal = |turn: &Rotation3<f64>, told: Rotation3<f64>| {
+        let mut seal = |turn: &Rotation3<f64>, given: Rotation3<f64>| {
             let query = session
-                .seal(seen(turn).0, &camera(), &profile, &SealOptions::default(), &held(told), &mut rng)
+                .seal(seen(turn).0, &camera(), &profile, &SealOptions::default(), &held(given), &mut rng)
                 .expect("a query");
             turn.inverse() * lines(&query).0.frame(Anchor::FIRST)[0]
         };
@@ -297,7 +298,7 @@ fn a_gyroscope_that_errs_is_set_right_by_what_is_seen_again() {
 }
 
 #[test]
-fn a_camera_that_turned_far_starts_anew_and_says_nothing_twice() {
+fn large_rotation_starts_anew_without_repeated_keypoints() {
     let (profile, mut rng) = (profile(), rng(13));
     let mut session = Session::new(SessionOptions::default(), &mut rng);
     // Points all around a camera that pans to the right.
@@ -309,7 +310,7 @@ fn a_camera_that_turned_far_starts_anew_and_says_nothing_twice() {
         })
         .collect();
     let whole = features_at(&uniform_pixels(4800, 4), 11);
-    let mut told = std::collections::BTreeMap::new();
+    let mut given = std::collections::BTreeMap::new();
     let mut answered = Vec::new();
     for k in 0..12 {
         let turn = Rotation3::from_euler_angles(0.0, -0.2 * f64::from(k), 0.0);
@@ -346,22 +347,22 @@ fn a_camera_that_turned_far_starts_anew_and_says_nothing_twice() {
         answered.push(k);
         assert!(query.check_sides().is_ok(), "frame {k}");
         for source in truth.source.iter().flatten() {
-            let start = *told.entry(numbers[*source]).or_insert(session.starts());
-            assert_eq!(start, session.starts(), "frame {k} tells what an earlier start told");
+            let start = *given.entry(numbers[*source]).or_insert(session.starts());
+            assert_eq!(start, session.starts(), "frame {k} repeats a keypoint of an earlier start");
         }
     }
     assert!(session.starts() > 1 && answered.len() > 5 && answered.last() > Some(&8), "{answered:?}");
 }
 
-/// Ambiguous matches are mostly wrong: leaving out what they name would cost rows, and tell nobody less.
+/// Most ambiguous matches are wrong: dropping their keypoints would cost rows without hiding anything.
 #[test]
-fn lookalikes_of_another_place_are_not_left_out() {
+fn similar_descriptors_of_another_scene_are_not_dropped() {
     let (profile, mut rng) = (profile(), rng(14));
     let mut session = Session::new(SessionOptions::default(), &mut rng);
     let held = held(turns()[0]);
     let mut sent = Vec::new();
     for seed in 0..4 {
-        // All of one distribution, and none twice.
+        // All of one distribution, without duplicates.
         let features = features_at(&uniform_pixels(600, 30 + seed), 40 + seed);
         let (_, truth) = session
             .seal_with_truth(features, &camera(), &profile, &options(STRIPES), &held, &mut rng)
@@ -372,8 +373,9 @@ fn lookalikes_of_another_place_are_not_left_out() {
 }
 
 #[test]
-fn what_the_detector_moves_repeats_itself_and_what_changes_its_side_is_left_out() {
-    // Frames of a camera at rest whose detector errs by up to a pixel each way, and whose keypoints creep to the right.
+fn detector_noise_repeats_rows_and_side_changes_are_dropped() {
+    // Frames of a camera at rest, a detector error of up to a pixel in each direction, and every fifth keypoint moving
+    // right.
     let shift = |k: usize, i: usize, by: f64| {
         let noise = |n: usize| ((n * 7919 + k * 104_729) % 1000) as f64 / 500.0 - 1.0;
         let creep = if i.is_multiple_of(5) { by * k as f64 } else { 0.0 };
@@ -382,7 +384,7 @@ fn what_the_detector_moves_repeats_itself_and_what_changes_its_side_is_left_out(
     for scheme in LAYOUTS {
         let (profile, mut rng) = (profile(), rng(12));
         let mut session = Session::new(SessionOptions::default(), &mut rng);
-        let mut told = std::collections::BTreeMap::new();
+        let mut given = std::collections::BTreeMap::new();
         let (mut again, mut same) = (0, 0);
         for k in 0..6 {
             let mut features = features_at(&uniform_pixels(900, 4), 11);
@@ -397,7 +399,7 @@ fn what_the_detector_moves_repeats_itself_and_what_changes_its_side_is_left_out(
             let (_, lines) = lines(&query);
             for (source, line) in truth.source.iter().zip(lines) {
                 let Some(source) = source else { continue };
-                let first = *told.entry(*source).or_insert(line);
+                let first = *given.entry(*source).or_insert(line);
                 assert_eq!(first.anchor, line.anchor, "{scheme}: keypoint {source} of frame {k}");
                 if k > 1 && !source.is_multiple_of(5) {
                     again += 1;
@@ -413,7 +415,7 @@ fn what_the_detector_moves_repeats_itself_and_what_changes_its_side_is_left_out(
 }
 
 #[test]
-fn what_cannot_share_anchors_is_refused() {
+fn incompatible_frames_are_rejected() {
     let start = || {
         let mut session = Session::new(SessionOptions::default(), &mut rng(8));
         attempt(&mut session, &camera(), "dcl", &held(turns()[0])).expect("a query");
@@ -434,7 +436,7 @@ fn what_cannot_share_anchors_is_refused() {
 }
 
 #[test]
-fn equal_seeds_give_equal_bytes_and_nothing_is_told_in_debug() {
+fn equal_seeds_give_equal_bytes_and_debug_is_redacted() {
     let bytes = |seed| -> Vec<Vec<u8>> {
         sealed(STRIPES, SessionOptions::default(), &turns(), seed).iter().map(|f| f.query.encode()).collect()
     };

@@ -1,4 +1,4 @@
-//! A session that is kept goes on as if it had never stopped; what is no session is refused.
+//! A stored session continues as if it had never been interrupted; invalid bytes are rejected.
 
 use super::common;
 
@@ -8,7 +8,7 @@ use veiloc_obfuscation::{Orientation, SealError, Session, SessionAnchors, Sessio
 
 const STRIPES: &str = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";
 
-/// A session after so many frames of a camera at rest.
+/// A session after this many frames of a camera at rest.
 fn after(frames: usize, options: SessionOptions, scheme: &str) -> Session {
     let mut rng = rng(3);
     let mut session = Session::new(options, &mut rng);
@@ -30,7 +30,7 @@ fn next(session: &mut Session, scheme: &str) -> Vec<u8> {
 }
 
 #[test]
-fn a_kept_session_goes_on() {
+fn stored_session_continues() {
     for anchors in [SessionAnchors::World, SessionAnchors::Gravity] {
         for scheme in ["dcl", STRIPES] {
             for frames in 0..3 {
@@ -49,7 +49,7 @@ fn a_kept_session_goes_on() {
 }
 
 #[test]
-fn what_is_no_session_is_refused() {
+fn invalid_bytes_are_rejected() {
     let bytes = after(2, SessionOptions::default(), STRIPES).to_bytes();
     for length in (0..bytes.len()).step_by(997).chain([8, 12, 13, bytes.len() - 1]) {
         assert!(Session::from_bytes(&bytes[..length]).is_err(), "{length} bytes");
@@ -70,11 +70,11 @@ fn what_is_no_session_is_refused() {
 }
 
 #[test]
-fn nonsense_with_a_right_checksum_is_refused() {
+fn invalid_fields_with_valid_checksum_are_rejected() {
     use sha2::{Digest as _, Sha256};
     let bytes = after(1, SessionOptions::default(), STRIPES).to_bytes();
     let mut refused = 0;
-    // Every byte of the head and of the first landmarks, all ones and with its highest bit changed.
+    // Every byte of the header and of the first landmarks, set to all ones and with its highest bit flipped.
     for at in 12..600 {
         for value in [0xFF, bytes[at] ^ 0x80] {
             let mut changed = bytes.clone();
@@ -82,7 +82,7 @@ fn nonsense_with_a_right_checksum_is_refused() {
             let body = changed.len() - 32;
             let sum = Sha256::digest(&changed[..body]);
             changed[body..].copy_from_slice(&sum);
-            // Never a panic, and what is taken can be gone on with.
+            // Never a panic, and an accepted session can be continued.
             match Session::from_bytes(&changed) {
                 Err(_) => refused += 1,
                 Ok(mut session) => {

@@ -1,8 +1,8 @@
-//! What the bytes of a query can tell about what it hides, looked for without knowing where.
+//! Searches the bytes of a query for information about what it hides, without an assumption about where it is.
 //!
-//! Two questions. Given the codes, do the bytes depend on anything else of the keypoints? And is there any field, byte
-//! or bit of the encoded message that goes with the hidden distance from the anchor? Every measure is also shown a
-//! message that does leak, and finds it.
+//! Two questions. Given the codes, do the bytes depend on any other property of the keypoints? Does any field, byte or
+//! bit of the encoded message correlate with the hidden distance from the anchor? Every measure is also applied to a
+//! message that leaks, and must detect it.
 
 use super::common;
 
@@ -19,8 +19,8 @@ fn sealed(pixels: &[Pixel], scheme: &str, seed: u64) -> (SealedQuery, SealTruth)
         .expect("sealed")
 }
 
-/// What a row tells of its position, as numbers that can be compared exactly.
-fn told(query: &SealedQuery) -> Vec<[u64; 3]> {
+/// The sent values of a row's position, as numbers that can be compared exactly.
+fn sent_codes(query: &SealedQuery) -> Vec<[u64; 3]> {
     match query.observations() {
         Observations::Anchored { lines, .. } => {
             lines.iter().map(|l| [l.anchor.index() as u64, l.angle.to_bits(), 0]).collect()
@@ -32,8 +32,8 @@ fn told(query: &SealedQuery) -> Vec<[u64; 3]> {
     }
 }
 
-/// Another set of keypoints that gives the same codes under the same coins: each is moved along its line where that
-/// leaves its code as it was. Returns the set and how many were moved by more than ten pixels.
+/// Another set of keypoints with the same codes for the same random numbers: each keypoint is moved along its line
+/// where that does not change its code. Returns the set and how many keypoints were moved by more than ten pixels.
 fn other_set_with_equal_codes(
     pixels: &[Pixel],
     scheme: &str,
@@ -41,16 +41,16 @@ fn other_set_with_equal_codes(
     moved: impl Fn(&SealedQuery, usize, Pixel) -> Pixel,
 ) -> (Vec<Pixel>, usize) {
     let (query, truth) = sealed(pixels, scheme, seed);
-    let codes = told(&query);
+    let codes = sent_codes(&query);
     let mut proposal = pixels.to_vec();
     for (row, source) in truth.source.iter().enumerate() {
         let source = source.expect("no decoys here");
         proposal[source] = moved(&query, row, pixels[source]);
     }
-    // A row's code owes nothing to the other rows, so rows that changed are put back one by one.
+    // A row's code does not depend on other rows, so rows that changed are reset one by one.
     let (changed, order) = sealed(&proposal, scheme, seed);
-    assert!(order.source == truth.source, "the order owes something to positions");
-    for (row, (after, before)) in told(&changed).iter().zip(&codes).enumerate() {
+    assert!(order.source == truth.source, "the order depends on positions");
+    for (row, (after, before)) in sent_codes(&changed).iter().zip(&codes).enumerate() {
         if after != before {
             let source = truth.source[row].expect("no decoys here");
             proposal[source] = pixels[source];
@@ -60,8 +60,8 @@ fn other_set_with_equal_codes(
     (proposal, far)
 }
 
-/// For random pairs of keypoint sets with equal codes the bytes are the same for the same coins, whatever the coins:
-/// so they are identically distributed, and nobody who sees them can tell one set from the other.
+/// For random pairs of keypoint sets with equal codes, the bytes are equal for the same random numbers. Therefore both
+/// sets have the same distribution of bytes, and no attacker can distinguish them.
 #[test]
 fn sets_with_equal_codes_give_equal_bytes() {
     let anchors = ImageAnchors::new(640, 480);
@@ -86,10 +86,13 @@ fn sets_with_equal_codes_give_equal_bytes() {
             let (other, far) = other_set_with_equal_codes(&pixels, scheme, pair, moved);
             total += far;
             let (a, b) = (sealed(&pixels, scheme, pair).0, sealed(&other, scheme, pair).0);
-            assert_eq!(told(&a), told(&b), "{scheme} {pair}: the codes were to be equal");
-            assert!(a.encode() == b.encode(), "{scheme} {pair}: the bytes tell more than the codes");
+            assert_eq!(sent_codes(&a), sent_codes(&b), "{scheme} {pair}: the codes must be equal");
+            assert!(a.encode() == b.encode(), "{scheme} {pair}: the bytes depend on more than the codes");
         }
-        assert!(total > 40 * ROWS / 10, "{scheme}: only {total} keypoints were moved, that says nothing");
+        assert!(
+            total > 40 * ROWS / 10,
+            "{scheme}: only {total} keypoints were moved, which is too few for a conclusion"
+        );
     }
 }
 
@@ -97,14 +100,14 @@ fn inside(p: Pixel) -> Option<Pixel> {
     (p.u > 3.0 && p.v > 3.0 && p.u < 637.0 && p.v < 477.0).then_some(p)
 }
 
-/// One row of a message, as everything a reader could make of its bytes.
+/// One row of a message, with all measures of its bytes.
 struct Row {
-    /// Name, number of byte or bit, and value of each measure.
+    /// Name, index of byte or bit, and value of each measure.
     measures: Vec<(&'static str, usize, f64)>,
     radius: f64,
 }
 
-/// A message taken apart, so that leaks can be put into it.
+/// A decoded message, into which leaks can be inserted.
 struct Message {
     /// 14 bits a row, the anchor first.
     positions: Vec<u16>,
@@ -123,7 +126,7 @@ impl Message {
         let row = |r: usize| (0..14).fold(0, |code, i| code << 1 | bit(14 * r + i));
         let anchors = ImageAnchors::new(640, 480);
         let positions: Vec<u16> = (0..query.len()).map(row).collect();
-        // The bits are read as the document says; that they are what the library reads is checked here.
+        // The bits are read as documented; this checks that the library reads the same values.
         let Observations::Anchored { lines, .. } = query.observations() else { panic!("dcl") };
         for (code, line) in positions.iter().zip(lines) {
             assert_eq!(usize::from(code >> 13), line.anchor.index());
@@ -177,8 +180,8 @@ impl Message {
     }
 }
 
-/// Keypoints whose distance from their anchor owes nothing to their angle there, as in no image: so whatever goes
-/// with the distance is a leak, and not geometry.
+/// Keypoints whose distance from their anchor is independent of their angle, unlike in real images: so any correlation
+/// with the distance is a leak and not geometry.
 fn free_radii(seed: u64) -> Vec<Pixel> {
     let anchors = ImageAnchors::new(640, 480);
     let mut rng = rng(seed);
@@ -192,7 +195,7 @@ fn free_radii(seed: u64) -> Vec<Pixel> {
         .collect()
 }
 
-/// The measure that goes most with the radius, or with its square or its reciprocal, and how much.
+/// The measure with the largest correlation with the radius, its square or its reciprocal, and this correlation.
 fn strongest(messages: &[Message]) -> (String, f64) {
     let rows: Vec<Row> = messages.iter().flat_map(Message::rows).collect();
     let transforms: [fn(f64) -> f64; 3] = [|r| r, |r| r * r, |r| 1.0 / r];
@@ -212,10 +215,10 @@ fn strongest(messages: &[Message]) -> (String, f64) {
     best
 }
 
-/// 60 messages of 256 rows. Of the roughly 1250 correlations looked at none may exceed five standard deviations, which
-/// chance does once in a thousand runs of this test; the seeds are fixed, so it either always does or never.
+/// 60 messages of 256 rows. None of the roughly 1250 correlations may exceed five standard deviations, which happens by
+/// chance in one of a thousand runs; the seeds are fixed, so the result is always the same.
 #[test]
-fn no_field_goes_with_the_hidden_radius() {
+fn no_field_correlates_with_the_hidden_radius() {
     type Leak<'a> = &'a dyn Fn(&mut Message);
     let messages = |change: &dyn Fn(&mut Message)| -> Vec<Message> {
         (0..60)
@@ -238,11 +241,11 @@ fn no_field_goes_with_the_hidden_radius() {
     let (name, found) = strongest(&messages(&|_| {}));
     assert!(found < limit, "{name}: {found}");
 
-    // Leaks, each small, each found.
+    // Each of these small leaks must be detected.
     let by_radius = |m: &mut Message| {
         let mut order: Vec<usize> = (0..ROWS).collect();
         order.sort_by(|a, b| m.radius[*a].total_cmp(&m.radius[*b]));
-        // Only one row in eight is out of the shuffle.
+        // Only one row in eight is not shuffled.
         for (i, row) in order.into_iter().enumerate().filter(|(i, _)| i % 8 == 0) {
             m.positions.swap(i, row);
             m.descriptors.swap(i, row);
@@ -278,9 +281,9 @@ fn no_field_goes_with_the_hidden_radius() {
     }
 }
 
-/// Whatever the keypoints, everything but rows, descriptors and what is made of them is the same.
+/// For any keypoints, everything except rows, descriptors and the global descriptor is the same.
 #[test]
-fn the_head_of_a_message_knows_nothing_of_keypoints() {
+fn message_header_is_independent_of_keypoints() {
     let head = |seed: u64, pixels: &[Pixel]| {
         let features = features_at(pixels, seed);
         let query = seal_with_truth(features, &camera(), &profile(), &options("dcl"), &mut rng(seed))

@@ -111,7 +111,7 @@ fn anchors_are_tied_to_what_is_asked_for() {
     let words = format!("--session level.session --anchors gravity {}", held(place, image));
     let run = place.run(&seal(image, &words, "level.vquery"));
     assert_eq!(run.code, Some(1), "{run}");
-    assert!(run.stderr.contains("which way is down"), "{run}");
+    assert!(run.stderr.contains("gives no gravity direction"), "{run}");
     let down: [f64; 3] = (place.pose_of(image).rotation() * Vector3::new(0.0, 0.0, -1.0)).into();
     let layout = "dcl:axis=90:sectors=16:anchors=@90+@0";
     let words = format!("{words} --scheme {layout} --gravity={},{},{}", down[0], down[1], down[2]);
@@ -138,7 +138,7 @@ fn what_is_no_session_or_orientation_is_told() {
     wrong("--session new.session --orientation 1,0,0", 2, &["quaternion"]);
     wrong("--session new.session --anchors moon", 2, &["gravity"]);
     place.write("other.session", "something else");
-    wrong("--session other.session", 1, &["no session of veiloc", "begin another"]);
+    wrong("--session other.session", 1, &["not a session of veiloc", "begin another"]);
     place.write("newer.session", [b"VSESSION".as_slice(), &9_u32.to_le_bytes(), &[0; 64]].concat());
     wrong("--session newer.session", 1, &["version 9"]);
     wrong("--session no/such/folder/a.session", 1, &["folder"]);

@@ -1,4 +1,4 @@
-//! Made-up features, cameras and profiles for the tests of this room.
+//! Synthetic features, cameras and profiles for the tests of this crate.
 #![allow(dead_code)] // each test binary uses its own part
 
 use rand::{Rng, SeedableRng};
@@ -23,7 +23,7 @@ pub(crate) fn profile() -> Profile {
     Profile::vlad(Vocabulary::new(random_descriptors(8, &mut rng(99))).expect("eight words"))
 }
 
-/// How a device seals that was told this scheme.
+/// Seal options of a device with this scheme.
 pub(crate) fn options(scheme: &str) -> SealOptions {
     match scheme.parse::<Scheme>().expect("a scheme") {
         Scheme::Points => SealOptions::unprotected_points(),
@@ -42,7 +42,7 @@ pub(crate) fn random_descriptors(count: usize, rng: &mut ChaCha8Rng) -> Descript
     Descriptors::new(DescriptorKind::ROOT_SIFT, bytes).expect("whole rows")
 }
 
-/// Features at these positions, the first the strongest.
+/// Features at these positions, in order of falling strength.
 pub(crate) fn features_at(pixels: &[Pixel], seed: u64) -> Features {
     let mut rng = rng(seed);
     let keypoints = pixels
@@ -73,8 +73,8 @@ pub(crate) fn correlation(pairs: &[(f64, f64)]) -> f64 {
     sxy / (sxx * syy).sqrt()
 }
 
-/// The paper's layout in the image alone, as the paper draws it and apart from how the library computes it: vertical midline,
-/// the first anchor in the middle of the top edge for what is left of the line, the second in the middle of the bottom edge.
+/// The paper's layout in the image, computed independently of the library: vertical midline, the first anchor in the
+/// middle of the top edge for the left half, the second in the middle of the bottom edge for the right half.
 pub(crate) struct ImageAnchors {
     size: [f64; 2],
 }

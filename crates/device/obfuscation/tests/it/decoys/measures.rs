@@ -1,4 +1,4 @@
-//! What looks for decoys among the rows of sealed queries, and how well it finds them.
+//! Classifiers that search for decoys among the rows of sealed queries, and their accuracy.
 
 use std::ops::Range;
 
@@ -8,18 +8,18 @@ use veiloc_descriptor::{DescriptorKind, Encoding};
 
 use crate::decoys::common::rng;
 
-/// Rows of a query that was filled up.
+/// Rows of a query that was filled up with decoys.
 const ROWS: usize = 256;
 
-/// One row of a sealed query as the attacker sees it, beside the truth.
+/// One row of a sealed query as the attacker sees it, with the ground truth.
 pub(crate) struct Row {
     pub(crate) image: usize,
     pub(crate) descriptor: Vec<f64>,
     pub(crate) decoy: bool,
 }
 
-/// What a measure is called, how well it tells decoys, and how well it may.
-pub(crate) type Found = (&'static str, f64, Range<f64>);
+/// Name of a measure, its AUC, and the allowed range of the AUC.
+pub(crate) type MeasureAuc = (&'static str, f64, Range<f64>);
 
 /// Probability that a decoy has a higher value than a real row: 0.5 is chance.
 fn auc(values: &[(f64, bool)]) -> f64 {
@@ -37,12 +37,12 @@ fn auc(values: &[(f64, bool)]) -> f64 {
     wins / (below * (sorted.len() as f64 - below))
 }
 
-/// How well a number of each row tells decoys.
+/// AUC of a scalar of each row.
 pub(crate) fn simple(rows: &[Row], value: impl Fn(&Row) -> f64) -> f64 {
     auc(&rows.iter().map(|row| (value(row), row.decoy)).collect::<Vec<_>>())
 }
 
-/// Logistic regression on features of a row, trained on even images and judged on odd ones.
+/// Logistic regression on features of a row, trained on even images and tested on odd ones.
 fn trained(rows: &[Row], features: impl Fn(&Row) -> Vec<f64>) -> f64 {
     let inputs: Vec<(Vec<f64>, bool, bool)> =
         rows.iter().map(|r| (features(r), r.decoy, r.image % 2 == 0)).collect();
@@ -81,15 +81,15 @@ fn sum(row: &Row) -> f64 {
     row.descriptor.iter().sum()
 }
 
-/// How near the nearest other row of the query is: the nearer, the higher.
+/// Negative distance to the nearest other row of the query: the nearer, the higher.
 fn nearness(rows: &[Row], row: &Row) -> f64 {
     let distance =
         |o: &&Row| row.descriptor.iter().zip(&o.descriptor).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
     -others(rows, row).iter().map(distance).fold(f64::INFINITY, f64::min)
 }
 
-/// The share of a row, less the mean, that three others explain, each taken in its turn as the one that explains most of what
-/// is left: what someone looks for who has read that decoys are sums of rows.
+/// The share of a centred row that three other rows explain, selected greedily by the most explained: an attack that
+/// knows that decoys are sums of rows.
 fn explained(row: &[f64], others: &[&[f64]], mean: &[f64]) -> f64 {
     let mut left = less(row, mean);
     let mut others: Vec<Vec<f64>> = others.iter().map(|other| less(other, mean)).collect();
@@ -97,9 +97,9 @@ fn explained(row: &[f64], others: &[&[f64]], mean: &[f64]) -> f64 {
     for _ in 0..3 {
         let part = |other: &Vec<f64>| dot(&left, other).powi(2) / dot(other, other).max(1e-6);
         let best = others.iter().max_by(|a, b| part(a).total_cmp(&part(b))).expect("a row").clone();
-        take_out(&mut left, &best);
+        remove_component(&mut left, &best);
         for other in &mut others {
-            take_out(other, &best);
+            remove_component(other, &best);
         }
     }
     1.0 - dot(&left, &left) / whole.max(1e-6)
@@ -109,8 +109,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// What of a row lies along a direction goes.
-fn take_out(row: &mut [f64], direction: &[f64]) {
+/// Removes the component of a row along a direction.
+fn remove_component(row: &mut [f64], direction: &[f64]) {
     let part = dot(row, direction) / dot(direction, direction).max(1e-6);
     row.iter_mut().zip(direction).for_each(|(value, along)| *value -= part * along);
 }
@@ -124,18 +124,18 @@ fn less(row: &[f64], mean: &[f64]) -> Vec<f64> {
     row.iter().zip(mean).map(|(value, mean)| value - mean).collect()
 }
 
-/// The share of images whose real rows are counted to within two; printed.
+/// The share of images whose number of real rows is estimated to within two; printed.
 #[expect(clippy::print_stderr, reason = "the figures of the document")]
-pub(crate) fn counted(kind: &str, rows: &[Row], count: usize) -> f64 {
-    let seems: Vec<usize> = rows.chunks(ROWS).map(seem_to_be).collect();
+pub(crate) fn share_counted(kind: &str, rows: &[Row], count: usize) -> f64 {
+    let seems: Vec<usize> = rows.chunks(ROWS).map(estimated_real_rows).collect();
     let share = seems.iter().filter(|n| n.abs_diff(count) <= 2).count() as f64 / seems.len() as f64;
-    eprintln!("{share:.2}  {kind}: images whose {count} real rows are counted");
+    eprintln!("{share:.2}  {kind}: images whose number of real rows, {count}, is estimated");
     share
 }
 
-/// How many real rows there seem to be: rows are taken out one after the other, each time the one of which most is left, and
-/// where suddenly next to nothing is left there were no more.
-fn seem_to_be(rows: &[Row]) -> usize {
+/// Estimated number of real rows: rows are removed one after the other, always the one with the largest remainder; a
+/// sudden drop of the remainder marks the end of the real rows.
+fn estimated_real_rows(rows: &[Row]) -> usize {
     let all: Vec<&[f64]> = rows.iter().map(|row| &row.descriptor[..]).collect();
     let mean = mean_of(&all);
     let mut left: Vec<Vec<f64>> = all.iter().map(|row| less(row, &mean)).collect();
@@ -143,7 +143,7 @@ fn seem_to_be(rows: &[Row]) -> usize {
         .map(|_| {
             let most = left.iter().max_by(|a, b| dot(a, a).total_cmp(&dot(b, b))).expect("a row").clone();
             for row in &mut left {
-                take_out(row, &most);
+                remove_component(row, &most);
             }
             dot(&most, &most)
         })
@@ -152,9 +152,9 @@ fn seem_to_be(rows: &[Row]) -> usize {
     (5..most_left.len()).max_by(|a, b| drop(a).total_cmp(&drop(b))).expect("a step")
 }
 
-/// What all kinds are judged by.
+/// The measures that are applied to all kinds.
 pub(crate) fn of_blends(kind: DescriptorKind, rows: &[Row]) -> [(&'static str, f64); 9] {
-    // Of about unit variance.
+    // Scaled to about unit variance.
     let unit = f64::from(kind.norm()) / (kind.dim() as f64).sqrt();
     let middle = if kind.encoding() == Encoding::Unsigned { 0.8 } else { 0.0 };
     let numbers = |r: &Row| r.descriptor.iter().map(|v| v / unit - middle).collect::<Vec<f64>>();
@@ -194,7 +194,7 @@ fn found_in(others: &[&Row], row: &Row) -> f64 {
     explained(&row.descriptor, &others, &mean_of(&others))
 }
 
-/// How well the search for the rows that one is a sum of finds one that is.
+/// AUC of the search for the three rows of a sum, on true sums of three rows: shows that the search can succeed.
 fn sums_of_three(rows: &[Row]) -> f64 {
     let mut draw = rng(3);
     let of_image = |image: usize| {
@@ -212,9 +212,9 @@ fn sums_of_three(rows: &[Row]) -> f64 {
     auc(&(0..rows.len() / ROWS).flat_map(of_image).collect::<Vec<_>>())
 }
 
-/// Prints what was found, and holds it within what the document says.
+/// Prints the results and checks them against the ranges that the documentation reports.
 #[expect(clippy::print_stderr, reason = "the figures of the document")]
-pub(crate) fn judge(kind: &str, rows: &[Row], found: &[Found]) {
+pub(crate) fn check_measures(kind: &str, rows: &[Row], found: &[MeasureAuc]) {
     eprintln!("AUC of telling decoys from real rows of {kind}, 0.5 is chance, {} images:", rows.len() / ROWS);
     for (what, found, _) in found {
         eprintln!("{found:.2}  {what}");

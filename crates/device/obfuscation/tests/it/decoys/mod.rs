@@ -1,5 +1,5 @@
-//! How well decoys hide among real keypoints, measured on real descriptors (`VEILOC_DATA`): the figures of
-//! `docs/reference/privacy-rules.md`. `cargo test -p veiloc-obfuscation --test it decoys -- --nocapture` prints them.
+//! How well decoys hide among real keypoints, measured on real descriptors (`VEILOC_DATA`): the numbers in
+//! `docs/privacy.md`. `cargo test -p veiloc-obfuscation --test it decoys -- --nocapture` prints them.
 
 mod measures;
 mod networks;
@@ -10,7 +10,7 @@ use std::path::Path;
 
 use base64::Engine;
 use common::{options, profile, rng};
-use measures::{Found, Row, counted, judge, of_blends, simple};
+use measures::{MeasureAuc, Row, check_measures, of_blends, share_counted, simple};
 use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalDescriptor, Vocabulary};
@@ -70,7 +70,8 @@ fn seal_some(
     seal_with_truth(features, &camera, profile, &options("dcl"), rng).expect("both sides have some")
 }
 
-/// Images of `count` keypoints drawn from real ones, sealed: those within the window, and decoys up to 256 rows.
+/// Sealed images with `count` keypoints drawn from the real ones: keypoints within the window, and decoys up to 256
+/// rows.
 fn sealed_rows(images: &[Image], count: usize, profile: &Profile) -> Vec<Row> {
     let mut rng = rng(1);
     let mut rows = Vec::new();
@@ -88,7 +89,7 @@ fn sealed_rows(images: &[Image], count: usize, profile: &Profile) -> Vec<Row> {
 }
 
 #[real_data_test]
-fn decoys_hide_as_well_as_the_document_says(data: &Path) {
+fn decoy_auc_matches_documentation(data: &Path) {
     let images = images(data);
     for count in [40, 100] {
         let rows = sealed_rows(&images, count, &profile());
@@ -99,11 +100,11 @@ fn decoys_hide_as_well_as_the_document_says(data: &Path) {
         });
         let more = [
             ("zeros", zeros, 0.35..0.65),
-            // Roughness: where quarters of several patches were pieced together, it showed.
+            // Roughness: it revealed decoys that were assembled from quarters of several patches.
             ("seams between the quarters", simple(&rows, seam), 0.35..0.65),
         ];
-        judge(&format!("RootSIFT of {count} keypoints"), &rows, &[&found[..], &more].concat());
-        let share = counted("RootSIFT", &rows, count);
+        check_measures(&format!("RootSIFT of {count} keypoints"), &rows, &[&found[..], &more].concat());
+        let share = share_counted("RootSIFT", &rows, count);
         assert!(share < 0.5, "{share}");
     }
 }
@@ -125,7 +126,7 @@ fn seam(row: &Row) -> f64 {
 }
 
 #[real_data_test]
-fn decoys_of_compact_descriptors_hide_as_well_as_the_document_says(data: &Path) {
+fn compact_decoy_auc_matches_documentation(data: &Path) {
     let mut images = images(data);
     for image in &mut images {
         image.features.descriptors = compact(&image.features.descriptors);
@@ -135,25 +136,25 @@ fn decoys_of_compact_descriptors_hide_as_well_as_the_document_says(data: &Path) 
     for count in [40, 100] {
         let rows = sealed_rows(&images, count, &profile);
         let found = of_blends(DescriptorKind::COMPACT, &rows);
-        judge(&format!("compact descriptors of {count} keypoints"), &rows, &within(found));
-        let share = counted("compact descriptors", &rows, count);
+        check_measures(&format!("compact descriptors of {count} keypoints"), &rows, &within(found));
+        let share = share_counted("compact descriptors", &rows, count);
         assert!(share < 0.5, "{share}");
     }
 }
 
-/// What the document says of rows that are blended.
-fn within(found: [(&'static str, f64); 9]) -> [Found; 9] {
+/// The ranges that the documentation reports for blended rows.
+fn within(found: [(&'static str, f64); 9]) -> [MeasureAuc; 9] {
     let [found @ .., mixed] = found;
     let [length, sum, largest, nearest, linear, products, hinges, search] =
         found.map(|(what, found)| (what, found, 0.35..0.65));
-    // It sees sums of rows, or it proves nothing.
+    // The search must detect true sums of rows; otherwise its result proves nothing.
     [length, sum, largest, nearest, linear, products, hinges, search, (mixed.0, mixed.1, 0.65..1.01)]
 }
 
-/// What it costs that the global descriptor is made from decoys too: each image is looked up by some of its
-/// keypoints among all images, which are known by their other keypoints.
+/// The cost of including decoys in the global descriptor: each image is retrieved by some of its keypoints among all
+/// images, which are represented by their other keypoints.
 #[real_data_test]
-fn decoys_cost_in_retrieval_what_the_document_says(data: &Path) {
+fn decoy_retrieval_cost_matches_documentation(data: &Path) {
     let images = images(data);
     let mut rng = rng(2);
     let mut samples = Descriptors::empty(DescriptorKind::ROOT_SIFT);
@@ -165,12 +166,12 @@ fn decoys_cost_in_retrieval_what_the_document_says(data: &Path) {
     let vocabulary = Vocabulary::train(samples.view(), 64, &mut rng).expect("enough samples");
     let profile = Profile::vlad(vocabulary.clone());
     const DRAWS: usize = 8;
-    for kept in [50, 100, 200] {
+    for count in [50, 100, 200] {
         let [mut plain, mut with_decoys] = [0.0; 2];
         for _ in 0..DRAWS {
             let chosen: Vec<Vec<usize>> = images
                 .iter()
-                .map(|p| sample(&mut rng, p.features.keypoints.len(), kept).into_vec())
+                .map(|p| sample(&mut rng, p.features.keypoints.len(), count).into_vec())
                 .collect();
             let known: Vec<GlobalDescriptor> = images
                 .iter()
@@ -180,7 +181,7 @@ fn decoys_cost_in_retrieval_what_the_document_says(data: &Path) {
                     vocabulary.aggregate(p.features.descriptors.select(rest).view())
                 })
                 .collect();
-            // One over the rank of the right image.
+            // Reciprocal rank of the right image.
             let found = |query: &GlobalDescriptor, right: usize| {
                 let own = query.similarity(known[right].as_codes());
                 1.0 / known.iter().filter(|k| query.similarity(k.as_codes()) >= own).count() as f64
@@ -189,13 +190,13 @@ fn decoys_cost_in_retrieval_what_the_document_says(data: &Path) {
                 let n = (DRAWS * images.len()) as f64;
                 let (query, truth) = seal_some(image, chosen, &profile, &mut rng);
                 with_decoys += found(query.global(), right) / n;
-                // Those that are sent: at the image's border some are dropped.
+                // The keypoints that are sent: some at the image's border are dropped.
                 let sent = truth.source.iter().flatten().map(|source| chosen[*source]);
                 let real = image.features.descriptors.select(sent);
                 plain += found(&vocabulary.aggregate(real.view()), right) / n;
             }
         }
-        eprintln!("{kept} keypoints: mean reciprocal rank {plain:.2} without decoys, {with_decoys:.2} with");
-        assert!(with_decoys > 0.2 && with_decoys > plain - 0.1, "{kept}: {plain} {with_decoys}");
+        eprintln!("{count} keypoints: mean reciprocal rank {plain:.2} without decoys, {with_decoys:.2} with");
+        assert!(with_decoys > 0.2 && with_decoys > plain - 0.1, "{count}: {plain} {with_decoys}");
     }
 }

@@ -1,38 +1,38 @@
-//! Where the layout of a session is in the next frame: where it was, turned into the camera, or somewhere new.
+//! Placement of a session's layout in the next frame: rotated from the previous frames, or placed anew.
 
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{Anchor, Intrinsics};
 use veiloc_protocol::{CanonicalCamera, LEAST_A_SIDE, LayoutTurn, Scheme};
 
-use super::align::{refined, seen};
-use super::memory::Matched;
+use super::align::{estimate_rotation, refine_rotation};
+use super::memory::LandmarkMatches;
 use super::{Orientation, Session, SessionAnchors, Start};
 use crate::schemes::dcl::pencils;
 use crate::{SealError, SealOptions};
 
-/// What is decided before a frame is sealed.
-pub(super) struct Placed {
+/// Decisions made before a frame is sealed.
+pub(super) struct LayoutPlacement {
     pub(super) turn: LayoutTurn,
     pub(super) start: Option<Start>,
     pub(super) starts: u32,
-    /// By feature, the direction in which the camera sees it.
+    /// By feature, its direction in the camera.
     pub(super) seen: Vec<Option<Vector3<f64>>>,
-    pub(super) matched: Matched,
-    /// Whether the camera has turned so far that the layout told one direction only, and was put anew.
+    pub(super) matched: LandmarkMatches,
+    /// Whether nearly all keypoints would belong to one anchor, and the layout was placed anew.
     pub(super) turned_away: bool,
-    /// By feature, whether it is left out because an earlier start told it; empty where none is.
-    pub(super) left_out: Vec<bool>,
+    /// By feature, whether it is dropped because an earlier start sent it; empty where no feature is.
+    pub(super) dropped: Vec<bool>,
 }
 
-/// How the layout is turned against the camera of the next frame, and where the session will stand with it.
-pub(super) fn place(
+/// Rotation of the layout relative to the camera of the next frame, and the state of the session after it.
+pub(super) fn place_layout(
     session: &Session,
     features: &Features,
     camera: &Intrinsics,
     options: &SealOptions,
     held: &Orientation,
-) -> Result<Placed, SealError> {
+) -> Result<LayoutPlacement, SealError> {
     let (scheme, canonical) = (options.scheme(), CanonicalCamera::for_intrinsics(camera)?);
     let descriptors = &features.descriptors;
     if session.memory.descriptors.as_ref().is_some_and(|known| known.kind() != descriptors.kind()) {
@@ -41,7 +41,7 @@ pub(super) fn place(
     let direction = |k: &Keypoint| camera.unproject(k.pixel).map(|p| p.bearing());
     let directions: Vec<Option<Vector3<f64>>> = features.keypoints.iter().map(direction).collect();
     let mut turned_away = false;
-    if let Some((start, cam_from_layout, matched)) = goes_on(session, features, &directions, held) {
+    if let Some((start, cam_from_layout, matched)) = continue_start(session, features, &directions, held) {
         if start.scheme != scheme {
             return Err(SealError::SessionChanged { what: "scheme or layout" });
         }
@@ -52,34 +52,35 @@ pub(super) fn place(
         turned_away = session.options.memory && is_one_sided(features, camera, canonical, scheme, turn);
         if !turned_away {
             let layout_from_world = start.layout_from_world.or(layout_from(turn, held));
-            return Ok(Placed {
+            return Ok(LayoutPlacement {
                 turn,
                 start: Some(Start { layout_from_world, ..start }),
                 starts: session.starts,
                 seen: directions,
-                left_out: session.memory.told_before(descriptors, session.starts, &matched),
+                dropped: session.memory.sent_before(descriptors, session.starts, &matched),
                 matched,
                 turned_away,
             });
         }
     }
-    let (turn, start) = anew(session, scheme, canonical, held)?;
+    let (turn, start) = new_start(session, scheme, canonical, held)?;
     let remembers = session.options.memory && session.options.anchors != SessionAnchors::Image;
     let before = if remembers { session.memory.overlapping(descriptors) } else { session.starts };
-    // What was told is left out where the camera turned away, so that nothing adds up. A retry after a step, without orientation,
-    // needs all that is seen to find its pose: that is what the number of starts is limited for.
+    // When the camera turned away, keypoints that were sent before are dropped, so that their lines do not add up. A
+    // retry after a step, without orientation, needs all keypoints to find its pose; the limit on starts exists for
+    // this case.
     if let Some(most) = session.options.most_starts.filter(|most| before >= *most && !turned_away) {
         return Err(SealError::TooManyStarts { starts: before, most });
     }
     let starts = session.starts.saturating_add(1);
     let matched = session.memory.matched(descriptors, starts);
-    Ok(Placed {
+    Ok(LayoutPlacement {
         turn,
         start,
         starts,
         seen: directions,
-        left_out: if turned_away {
-            session.memory.told_before(descriptors, starts, &matched)
+        dropped: if turned_away {
+            session.memory.sent_before(descriptors, starts, &matched)
         } else {
             Vec::new()
         },
@@ -88,27 +89,27 @@ pub(super) fn place(
     })
 }
 
-/// The rotation from the layout to the camera, where the frame can be of the start that is.
-fn goes_on(
+/// The rotation from the layout to the camera, when the frame can belong to the current start.
+fn continue_start(
     session: &Session,
     features: &Features,
     directions: &[Option<Vector3<f64>>],
     held: &Orientation,
-) -> Option<(Start, Rotation3<f64>, Matched)> {
+) -> Option<(Start, Rotation3<f64>, LandmarkMatches)> {
     let start = session.start?;
     let matched = session.memory.matched(&features.descriptors, session.starts);
     let pairs = session.memory.pairs(&matched, directions);
     let measured = held.cam_from_world().zip(start.layout_from_world).map(|(c, l)| c * l.inverse());
     let limit = session.options.most_correction_deg.to_radians();
     let cam_from_layout = match measured {
-        Some(measured) => refined(&pairs, measured, limit),
-        None => seen(&pairs)?,
+        Some(measured) => refine_rotation(&pairs, measured, limit),
+        None => estimate_rotation(&pairs)?,
     };
     Some((start, cam_from_layout, matched))
 }
 
-/// A layout put where the camera of this frame has it.
-fn anew(
+/// A layout placed at the camera of this frame.
+fn new_start(
     session: &Session,
     scheme: Scheme,
     camera: CanonicalCamera,
@@ -125,13 +126,13 @@ fn anew(
     };
     let turn = turn(&cam_from_layout)?;
     let stays = session.options.anchors != SessionAnchors::Image;
-    // Nothing shares a start that is not known in the world and not remembered either.
+    // If a start is neither located in the world nor remembered, no later frame can share it.
     let shared = stays && (held.cam_from_world().is_some() || session.options.memory);
     let layout_from_world = layout_from(turn, held);
     Ok((turn, shared.then_some(Start { scheme, camera, layout_from_world })))
 }
 
-/// Where the layout is in the world, as its turn is told, so that later frames are turned against the very same.
+/// The layout's rotation in the world, from the rounded rotation that is sent, so that later frames use the same.
 fn layout_from(turn: LayoutTurn, held: &Orientation) -> Option<Rotation3<f64>> {
     held.cam_from_world().map(|cam_from_world| turn.cam_from_layout().inverse() * cam_from_world)
 }
@@ -140,7 +141,7 @@ fn turn(cam_from_layout: &Rotation3<f64>) -> Result<LayoutTurn, SealError> {
     LayoutTurn::new(cam_from_layout).ok_or(SealError::NoOrientation)
 }
 
-/// Whether nearly all keypoints belong to one anchor, so that no pose is held.
+/// Whether nearly all keypoints belong to one anchor, so that the pose is not determined.
 fn is_one_sided(
     features: &Features,
     camera: &Intrinsics,
@@ -159,6 +160,6 @@ fn is_one_sided(
     }
     let all: usize = counts.iter().sum();
     let others = all - counts.iter().copied().max().unwrap_or(0);
-    // The strongest are sent, which may be fewer.
+    // Only the strongest are sent, possibly fewer than these.
     others < LEAST_A_SIDE.max(all / 16)
 }
